@@ -13,7 +13,7 @@ import numpy as np
 from jbw.campaign.document import commented, toml
 from jbw.campaign.settings import Identify
 from jbw.campaign.tables import Head, TestSpec
-from jbw.errors import ConfigError, DataError, JbwError
+from jbw.errors import ConfigError, DataError, JbwError, RunError
 from jbw.measurement.files.assemble import Wanted
 from jbw.measurement.files.paths import select
 from jbw.measurement.files.read import READERS, channels_of, opened, records
@@ -105,6 +105,13 @@ def write_campaign(draft: Draft, folder: str | Path) -> Path:
             f"`{path}` exists already, and is not overwritten.",
             remedy="See the draft with: jbw init --print FOLDER",
         ) from None
+    except OSError as error:
+        path.unlink(missing_ok=True)  # what a full disk left of it
+        raise RunError(
+            f"`{path}` cannot be written: {error.strerror or error}.",
+            remedy="Free some space, or make the folder writable; or keep the draft elsewhere: "
+            "jbw init --print FOLDER > campaign.toml",
+        ) from error
     return path
 
 

@@ -4,6 +4,7 @@ Results go to stdout, progress and messages to stderr. Exit codes: 0 ok, 1 inter
 configuration, 3 data, 4 finished but not trustworthy, 5 interrupted, 6 alarm of a watch.
 """
 
+import errno
 import json
 import os
 import shlex
@@ -50,6 +51,12 @@ COMMANDS = {
     "completion": ("about", "Print what completes jbw in a shell."),
 }
 # Commands that take a campaign, and those that take a run: what to type after their failures.
+# What a system says of a place that takes no more bytes, or none.
+UNWRITABLE = tuple(
+    getattr(errno, name)
+    for name in ("ENOSPC", "EFBIG", "EDQUOT", "EROFS", "EACCES", "EPERM")
+    if hasattr(errno, name)  # not of every system
+)
 OF_CAMPAIGNS = ("identify", "look", "identifiability", "compare", "laws", "predict")
 OF_RUNS = ("report", "predict", "export", "compare", "plan", "resume")
 
@@ -116,19 +123,34 @@ def run(arguments: Sequence[str] | None = None) -> int:
     except BrokenPipeError:  # the reader of stdout left, as `head` does
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
+    except OSError as error:  # of a disk or a folder, wherever something was written
+        if error.errno not in UNWRITABLE or os.environ.get("JBW_TRACEBACK"):
+            return _internal(error)
+        place = f"{error.filename}" if error.filename else "A file"
+        unwritten = RunError(
+            f"{place} cannot be written: {error.strerror}.",
+            remedy="Free some space, make the folder writable, or choose another place.",
+        )
+        _tell(unwritten, sys.argv[1:] if arguments is None else arguments)
+        return unwritten.exit_code
     except Exception as error:  # the boundary: anything else is a fault of jbw
-        if os.environ.get("JBW_TRACEBACK"):
-            raise
-        click.echo(f"Internal error: {type(error).__name__}: {error}", err=True)
-        click.echo("Set JBW_TRACEBACK=1 and run again to see where; please report it.", err=True)
-        return JbwError.exit_code
+        return _internal(error)
     return code if isinstance(code, int) else 0
+
+
+def _internal(error: Exception) -> int:
+    """What is said of a fault of jbw, and its exit code; the fault itself where that is asked."""
+    if os.environ.get("JBW_TRACEBACK"):
+        raise error
+    click.echo(f"Internal error: {type(error).__name__}: {error}", err=True)
+    click.echo("Set JBW_TRACEBACK=1 and run again to see where; please report it.", err=True)
+    return JbwError.exit_code
 
 
 def _tell(error: JbwError, arguments: Sequence[str]) -> None:
     """An error for people on stderr, and for programs on stdout where they asked for JSON."""
     following = next_command(arguments, str(error))
-    if following and isinstance(error, RunError) and arguments[0] in OF_CAMPAIGNS:
+    if following and isinstance(error, RunError) and arguments[0] in (*OF_CAMPAIGNS, "check"):
         # The place is at fault, and not the campaign: the same again, when there is room.
         following = f"jbw {shlex.join(arguments)}, after the change"
     click.echo(f"Error: {error}", err=True)

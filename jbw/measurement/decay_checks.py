@@ -94,8 +94,8 @@ def course_of(record: Record, band: Sequence[float] | None, settle: float) -> Co
     low, high = band or about_peak(record, settle)
     if not 0 < low < high < record.fs / 2:
         return None
-    chosen = band_filter((low, high), record.fs)
     try:
+        chosen = band_filter((low, high), record.fs)
         time, envelope = demodulate(x - np.mean(x), chosen)
     except DataError:
         return None

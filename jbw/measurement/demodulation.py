@@ -16,6 +16,7 @@ LEAST_VALUES = 5  # of a window: a parabola has three
 FEWEST = 5  # readings of a decay so slow that its time constant would leave fewer
 MISSED = 0.5  # of the response in a window: noise alone leaves more
 DECADE = 10.0  # the part of a decay that its time constant is read from
+MOST_TAPS = 2**24  # samples over those of half a band: its filter is five times as long
 LEAST_PER_PERIOD = 11  # samples of the fastest motion in the band that a solver is given
 
 
@@ -46,10 +47,20 @@ class BandFilter:
 
 
 def band_filter(band_hz: tuple[float, float], fs: float) -> BandFilter:
-    """Design the Kaiser filter of a band, of 80 dB."""
+    """Design the Kaiser filter of a band, of 80 dB.
+
+    Raises:
+        DataError: A band that no record resolves at such a sampling frequency.
+    """
     # Values are taken apart by 1 / B_eq, B_eq = f_s sum h^2 / (sum h)^2, the equivalent noise
     # bandwidth: there are as many of them as white noise has degrees of freedom in the band.
     half_band = (band_hz[1] - band_hz[0]) / 2
+    if half_band < fs / MOST_TAPS:
+        raise DataError(
+            f"A band of {2 * half_band:g} Hz at a sampling frequency of {fs:g} Hz takes a record "
+            f"of more than {MOST_TAPS} samples.",
+            remedy="Correct `fs` or `band`.",
+        )
     stride = max(1, whole_down(fs / (LEAST_PER_PERIOD * band_hz[1])))
     length, _ = kaiserord(ATTENUATION, half_band / (fs / 2))
     half = -(-length // (2 * stride)) * stride

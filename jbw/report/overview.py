@@ -129,6 +129,10 @@ def save_overviews(found: Iterable[tuple[str, Record]], folder: Path, dpi: int =
     written = []
     for place, (name, record) in enumerate(found, start=1):
         path = folder / f"{place:02d}_{re.sub(r'[^\w.-]+', '_', name)}.png"
-        channel_overview(record)[0, 0].figure.savefig(path, dpi=dpi, facecolor="white")
+        try:
+            channel_overview(record)[0, 0].figure.savefig(path, dpi=dpi, facecolor="white")
+        except OSError:
+            path.unlink(missing_ok=True)  # what a full disk left of it
+            raise
         written.append(path)
     return written

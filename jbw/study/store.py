@@ -110,5 +110,11 @@ def write_json(path: Path, value: Any) -> None:
 
 
 def write_figure(path: Path, drawn: Panels) -> None:
-    """A figure as PNG."""
-    figure_of(drawn).savefig(path, dpi=130, facecolor="white")
+    """A figure as PNG, there whole or not at all."""
+    part = path.with_name(f".{path.name}.part")
+    try:
+        figure_of(drawn).savefig(part, dpi=130, facecolor="white", format=path.suffix[1:])
+        os.replace(part, path)
+    except OSError:
+        part.unlink(missing_ok=True)
+        raise

@@ -10,6 +10,9 @@ from scipy.io import savemat
 from jbw.campaign.check import check_campaign
 from jbw.campaign.draft import start_campaign, write_campaign
 from jbw.cli import run
+from jbw.errors import DataError
+from jbw.measurement.decay_checks import course_of
+from jbw.measurement.demodulation import band_filter
 from jbw.measurement.records import Record
 from jbw.measurement.response_checks import band_about_peak, level_unlike
 
@@ -86,3 +89,30 @@ def test_a_level_that_is_not_stated_is_not_doubted(level):
 def test_a_level_of_the_response_that_was_held_is_one():
     channels = {"force": np.full(9, 22.0), "acceleration": np.full(9, 5.0)}
     assert list(level_unlike(Record(float("nan"), channels, {}), 5.0)) == []
+
+
+@pytest.mark.parametrize("fs", ["1e300", "1e13", "1e-7", "1e-300"])
+@pytest.mark.parametrize("kind", ["decay", "sweep", "noise", "multisine"])
+def test_a_sampling_frequency_that_no_recorder_has_is_refused(tmp_path, kind, fs):
+    """Before anything is made whose size follows from it."""
+    rng = np.random.default_rng(0)
+    np.savez(tmp_path / "a.npz", u=rng.standard_normal(4096), v=rng.standard_normal(4096))
+    (tmp_path / "campaign.toml").write_text(f"""[[test]]
+kind = "{kind}"
+files = "a.npz"
+channels = {{ force = "u", velocity = "v" }}
+units = {{ force = "N", velocity = "m/s" }}
+band = [10.0, 40.0]
+fs = {fs}
+""")
+    found = check_campaign(tmp_path / "campaign.toml")
+    (fault,) = (one for row in found.rows for one in row.findings)
+    assert "must lie between 1e-06 and 1e+12 Hz" in fault.what
+    assert "Correct `fs`" in fault.remedy
+
+
+def test_a_band_that_no_record_resolves_is_refused():
+    record = Record(1e12, {"velocity": decay(4096)}, {"velocity": "m/s"})
+    with pytest.raises(DataError, match="takes a record of more than"):
+        band_filter((10.0, 40.0), record.fs)
+    assert course_of(record, (10.0, 40.0), 0.0) is None

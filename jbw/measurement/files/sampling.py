@@ -13,6 +13,7 @@ from jbw.measurement.files.tree import WHOLE, Contents, Leaf, load, names
 from jbw.measurement.records import si_of
 from jbw.units import TIME, plain
 
+SLOWEST, FASTEST = 1e-6, 1e12  # [Hz] sampling frequencies that recorders have
 REGULARITY = 1e-3  # of a sampling interval: the largest deviation of a sample from the even grid
 LOOSEST_SNAP = 2e-5  # relative: however coarse the times are printed
 SNAP = 5e-6  # relative: what six printed digits of a sampling interval lose
@@ -62,6 +63,12 @@ def sampling_of(contents: Contents, sources: Sources, wanted: Wanted) -> tuple[f
             remedy="Give fs = <Hz>, or name a time column: channels = { time = ... }.",
         )
     (said, fs), *others = found.items()
+    if not SLOWEST <= fs <= FASTEST:
+        raise DataError(
+            f"the sampling frequency must lie between {SLOWEST:g} and {FASTEST:g} Hz, but {said} "
+            f"is {fs:g} Hz.",
+            remedy="Correct `fs`, or the unit of the times.",
+        )
     for other, value in others:
         if abs(value - fs) > 2e-5 * fs:
             raise DataError(
