@@ -25,6 +25,7 @@ from jbw.measurement.curves import forced_loop, response_curve
 from jbw.measurement.decay_checks import not_free
 from jbw.measurement.drive_noise import noisy_drive
 from jbw.measurement.kinds import KINDS, Kind
+from jbw.measurement.loop_checks import degrading, travels_freely
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
 from jbw.measurement.plausibility import doubts, swapped
 from jbw.measurement.records import INPUTS, Record
@@ -303,6 +304,8 @@ def _stated(record: Record, test: TestSpec, spec: CampaignSpec) -> Iterator[Faul
     driven = test.traits.is_transient and test.traits.is_driven
     if driven and test.band is None and spec.structure is None:
         yield from response_checks.several_resonances(record)
+    if test.traits.is_prescribed:
+        yield from travels_freely(forced_loop(record), spec.laws)
     if not test.traits.is_free:
         yield from response_checks.level_unlike(record, test.level)
 
@@ -326,5 +329,6 @@ def _believable(record: Record, test: TestSpec, per_unit: float | None) -> Itera
         yield from response_checks.impassive(response_curve(record))
     elif traits.is_prescribed:
         yield from response_checks.gives_energy(forced_loop(record))
+        yield from degrading(forced_loop(record))
     elif traits.is_free:
         yield from not_free(record, test.band, test.settle)

@@ -1,0 +1,140 @@
+r"""What force loops under a prescribed displacement show that a law may not have.
+
+Cycles of one amplitude that differ: compared by their peak-to-peak forces, which no offset or drift
+of a load cell changes. Free travel: each stroke becomes stiffer to its end, where slip alone makes
+it softer, and the mean of both strokes at each displacement has kinks, by the better of
+
+$$a + b\,y + c\,y^3, \quad a + b\,y + c\,y^5, \quad
+  a + b\,y + c\,\mathrm{sgn}(y)\,(|y| - g)_+$$
+"""
+
+from collections.abc import Iterator, Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from jbw.measurement.channels import Reals
+from jbw.measurement.checks import Fault, doubt
+from jbw.measurement.curves import ForcedLoop
+
+TURN = 0.1  # of the whole stroke: what goes back by less is no reversal
+ALIKE = 0.02  # of their stroke: cycles of one amplitude
+FEWEST = 3  # cycles of one amplitude, of which the first still remembers what was before
+DEGRADES = 0.05  # change of the peak-to-peak force from the second of them to the last
+SEEN = 0.1  # of the largest peak-to-peak force: what is less may be noise
+FREE = ("gap_series", "stop")  # laws that have contacts
+POINTS = 40  # of the mean of both strokes
+END = POINTS // 8  # of a stroke's values, over which a slope is read
+TWICE = 1.5  # slope at the end of a stroke over the least one, from where on it stiffens
+STIFFER = 1.0  # in contact, over what holds in the free travel: less is no gap
+GAPS = np.linspace(0.04, 0.9, 44)  # half the free travel over the amplitude
+BETTER = 0.4  # of the squares that a smooth spring leaves
+
+
+class Cycle(NamedTuple):
+    """Samples from one largest displacement to the next, its stroke and peak-to-peak force."""
+
+    samples: slice
+    stroke: float
+    force: float
+
+
+def cycles_of(loop: ForcedLoop) -> list[Cycle]:
+    """Whole cycles of a loop, from one upper turning point to the next."""
+    y = loop.displacement
+    least = TURN * np.ptp(y)
+    turns, rising, place = [], True, 0
+    for i in range(len(y)):
+        if (y[i] > y[place]) == rising and y[i] != y[place]:
+            place = i
+        elif abs(y[i] - y[place]) > least:
+            turns += [place] if rising else []
+            rising, place = not rising, i
+    parts = [slice(first, last + 1) for first, last in pairwise(turns)]
+    return [Cycle(p, float(np.ptp(y[p])), float(np.ptp(loop.force[p]))) for p in parts]
+
+
+def degrading(loop: ForcedLoop) -> Iterator[Fault]:
+    """The doubt that cycles of one amplitude differ, which they do under no law."""
+    cycles = cycles_of(loop)
+    felt = SEEN * max((cycle.force for cycle in cycles), default=0.0)
+    for alike in _of_one_amplitude([cycle for cycle in cycles if cycle.force > felt]):
+        _, second, *_, last = alike
+        change = last.force / second.force - 1 if second.force > 0 else 0.0
+        if len(alike) < FEWEST or abs(change) < DEGRADES:
+            continue
+        first, end = (alike[-2].samples.start / loop.fs, last.samples.stop / loop.fs)
+        yield doubt(
+            "restoring_force",
+            f"Cycles of {0.5 * last.stroke:.3g} m differ: from the second to number {len(alike)} "
+            f"the force {'falls' if change < 0 else 'rises'} by {abs(change):.0%}.",
+            "The joint changes as it is loaded; every law gives equal cycles the same loop.",
+            f"Put under [[test]]: `span = [{first:.6g}, {end:.6g}]`, its last cycles, and give "
+            "other states tests and assemblies of their own.",
+        )
+        return
+
+
+def _of_one_amplitude(cycles: Sequence[Cycle]) -> list[list[Cycle]]:
+    """Runs of three cycles or more whose strokes are alike."""
+    found: list[list[Cycle]] = []
+    for cycle in cycles:
+        if found and abs(cycle.stroke / found[-1][0].stroke - 1) < ALIKE:
+            found[-1].append(cycle)
+        else:
+            found.append([cycle])
+    return [each for each in found if len(each) >= FEWEST]
+
+
+def travels_freely(loop: ForcedLoop, laws: Sequence[str]) -> Iterator[Fault]:
+    """The doubt that a joint has free travel between two contacts, and its laws have none."""
+    cycles = cycles_of(loop)
+    if not cycles or set(laws) & set(FREE):
+        return
+    largest = max(cycles, key=lambda cycle: cycle.stroke)
+    gap = _gap_of(loop.displacement[largest.samples], loop.force[largest.samples])
+    if gap is None:
+        return
+    listed = ", ".join(f'"{name}"' for name in (*(n for n in laws if n != "bouc_wen"), FREE[0]))
+    yield doubt(
+        "restoring_force",
+        f"The joint travels freely over {2e3 * gap:.3g} of {1e3 * largest.stroke:.3g} mm and is "
+        "stiff beyond: a gap between two contacts.",
+        "No law of the campaign has a gap; a cubic spring bends where a contact kinks.",
+        f"Put under [joint]: `laws = [{listed}]`.",
+    )
+
+
+def _gap_of(y: Reals, force: Reals) -> float | None:
+    """Half the free travel of a cycle [m]; None where a smooth spring does as well."""
+    lowest = int(np.argmin(y))
+    centre, reach = 0.5 * (y.max() + y.min()), 0.5 * np.ptp(y)
+    if lowest < POINTS // 4 or len(y) - lowest < POINTS // 4:
+        return None
+    x = np.linspace(-0.97, 0.97, POINTS)
+    strokes = [
+        np.interp(x, (y[part] - centre) / reach, force[part])
+        for part in (slice(lowest, None), slice(lowest, None, -1))
+    ]
+    if not all(_stiffens(stroke) for stroke in (strokes[0], -strokes[1][::-1])):
+        return None
+    middle = np.mean(strokes, axis=0)
+
+    def fitted(bend: Reals) -> tuple[float, Reals]:
+        columns = np.stack([np.ones(POINTS), x, bend], axis=1)
+        values = np.linalg.lstsq(columns, middle)[0]
+        return float(np.sum((middle - columns @ values) ** 2)), values
+
+    smooth = min(fitted(x**power)[0] for power in (3, 5))
+    contacts = [(*fitted(np.sign(x) * np.maximum(np.abs(x) - g, 0)), g) for g in GAPS]
+    left, (_, free, contact), gap = min(contacts, key=lambda one: one[0])
+    if left > BETTER * smooth or contact < STIFFER * abs(free):
+        return None
+    return float(gap * reach)
+
+
+def _stiffens(stroke: Reals) -> bool:
+    """Whether the force along a stroke, at even steps of motion, is steeper at its end."""
+    slopes = stroke[END:] - stroke[:-END]
+    return bool(slopes[-1] > TWICE * np.min(slopes[:-END]))
