@@ -112,7 +112,11 @@ def other_mode(best: Fit, data: Dataset, places: Iterable[float] = ()) -> Cause 
 def _spectra(best: Fit, data: Dataset) -> dict[str, Spectrum]:
     """Spectra of every group whose misfit can be tried, by label."""
     left = left_by_label(best.residual, data)
-    return {label: one for part in data.parts for label, one in part.spectra(left).items()}
+    return {
+        label: one._replace(source_role="force" if part.drive == "force" else "input")
+        for part in data.parts
+        for label, one in part.spectra(left).items()
+    }
 
 
 def cause_finding(found: Sequence[Cause]) -> Finding | None:
@@ -203,7 +207,7 @@ def _apart(spectra: Spectra, missed: Sequence[str]) -> list[Cause]:
         return []
     now = {n: np.linalg.norm(spectra[n].left) / np.linalg.norm(spectra[n].values) for n in missed}
     explained = 1 - sum(alone[n][1] ** 2 for n in missed) / sum(x**2 for x in now.values())
-    text, action = factor_words(label, ratios[label])
+    text, action = factor_words(label, ratios[label], spectra[label].source_role)
     return [Cause(text, float(explained), action)]
 
 

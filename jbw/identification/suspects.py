@@ -103,14 +103,18 @@ def _clock(spectra: Spectra) -> Iterator[Suspect]:
 def _factor(label: str, one: Spectrum) -> Suspect:
     """One group's response times a factor: its sign, its unit, another gain."""
     columns = {label: as_columns(one.values - one.left)}
-    return Suspect(f"{FACTOR} of {label}", columns, lambda found: factor_words(label, 1 + found[0]))
+    return Suspect(
+        f"{FACTOR} of {label}",
+        columns,
+        lambda found: factor_words(label, 1 + found[0], one.source_role),
+    )
 
 
-def factor_words(label: str, factor: float) -> Words:
+def factor_words(label: str, factor: float, source: str = "input") -> Words:
     """What a group is whose response over its input is so many times that of others."""
     if abs(factor + 1) < TURNED:
         return f"{label} with its sign turned", (
-            f"Turn a channel of {label}, its input say. {put(TEST, 'scale.input', -1.0)}"
+            f"Turn a channel of {label}, its input say. {put(TEST, f'scale.{source}', -1.0)}"
         )
     size, turned = abs(factor), " and of the other sign" if factor < 0 else ""
     unit = next((name for f, name in UNITS.items() if abs(size / f - 1) < CLOSE), None)
@@ -118,7 +122,7 @@ def factor_words(label: str, factor: float) -> Words:
     return (
         f"{label} {size:.4g} times as large as by the others{turned}{hint}",
         f"Check units and amplifiers of {label}; if this is its input's, correct it. "
-        f"{put(TEST, 'scale.input', three(factor))}",
+        f"{put(TEST, f'scale.{source}', three(factor))}",
     )
 
 

@@ -227,7 +227,8 @@ def level_unlike(record: Record, level: float) -> Iterator[Fault]:
         f"{record.units.get(role, '')}".rstrip()
         + ".",
         "Predictions at a level, and tests of one level, take it for an amplitude.",
-        f"State what the rig held constant, say `level = {peak:.3g}`; a name goes into `name`.",
+        f"State what the rig held constant. Put under [[test]]: `level = {peak:.3g}`. A name goes "
+        "into `name`.",
     )
 
 

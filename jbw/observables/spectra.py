@@ -28,6 +28,7 @@ class Spectrum(NamedTuple):
         row: From a spectrum to what is compared.
         stretched: Time times the rate of the response: what a clock that is fast by a part takes
             from it for each unit of that part; None of what has no time.
+        source_role: Channel of the input in a campaign: input or force.
     """
 
     values: Row
@@ -39,6 +40,7 @@ class Spectrum(NamedTuple):
     factor: Spectral
     row: Callable[[Spectral], Row]
     stretched: Row | None = None
+    source_role: str = "input"
 
 
 def of_samples(

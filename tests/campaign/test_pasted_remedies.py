@@ -73,7 +73,11 @@ def pasted(path, remedies):
     text = path.read_text()
     for remedy in remedies:
         for table, line in PUT.findall(remedy):
+            if f"[{table}]\n" not in text:
+                text += f"[{table}]\n"
             assert text.count(f"[{table}]\n") == 1
+            key = line.partition(" = ")[0]  # stated otherwise before, it stands no more
+            text = re.sub(rf"^{re.escape(key)} = .*\n", "", text, flags=re.MULTILINE)
             text = text.replace(f"[{table}]\n", f"[{table}]\n{line}\n")
     path.write_text(text)
 
@@ -179,5 +183,182 @@ def test_a_pasted_clock_cures(tmp_path, ppm):
     np.savez(tmp_path / "sweep.npz", u=stored["u"], x=make_interp_spline(t, stored["x"], 5)(at))
     (fault,) = faults(path)
     assert f"ppm {'fast' if ppm > 0 else 'slow'}" in fault.what
+    pasted(path, [fault.remedy])
+    assert faults(path) == []
+
+
+def stopped(u, x):
+    x[-1500:] = x[-1501]
+    return u, x, ""
+
+
+def lost_block(u, x):
+    at = len(u) // 2
+    return u[:-4], np.delete(x, slice(at, at + 4)), ""
+
+
+def lagging(u, x):
+    return u[:-8], np.concatenate([np.zeros(8), x])[: len(u) - 8], ""
+
+
+def offset(u, x):
+    return u, x + 6 * np.abs(x).max(), ""
+
+
+def of_a_name(u, x):
+    return u, x, "level = 1000.0"
+
+
+@pytest.mark.parametrize(
+    ("edit", "key"),
+    [
+        (stopped, "span"),
+        (lost_block, "span"),
+        (lagging, "delay"),
+        (offset, "remove_mean"),
+        (of_a_name, "level"),
+    ],
+)
+def test_a_pasted_remedy_of_a_driven_record_cures(tmp_path, edit, key):
+    path = tmp_path / "campaign.toml"
+    of_two_modes(path, 0.0)
+    stored = np.load(tmp_path / "sweep.npz")
+    u, x, more = edit(stored["u"], np.array(stored["x"]))
+    np.savez(tmp_path / "sweep.npz", u=u, x=x)
+    path.write_text(path.read_text() + more + "\n")
+    (fault,) = faults(path)
+    ((_, line),) = PUT.findall(fault.remedy)
+    assert line.startswith(key)
+    pasted(path, [fault.remedy])
+    assert faults(path) == []
+
+
+def test_a_pasted_start_of_channels_cures(tmp_path):
+    nptdms = pytest.importorskip("nptdms")
+    path = tmp_path / "campaign.toml"
+    of_two_modes(path, 0.0)
+    stored = np.load(tmp_path / "sweep.npz")
+    start = np.datetime64("2026-03-01T10:00:00.000000")
+    late = start + np.timedelta64(round(1e6 * 4 / 512), "us")
+    with nptdms.TdmsWriter(tmp_path / "sweep.tdms") as writer:
+        writer.write_segment(
+            [
+                nptdms.ChannelObject("Log", name, samples, properties={
+                    "wf_increment": 1 / 512, "wf_start_time": begin, "wf_start_offset": 0.0,
+                    "unit_string": unit,
+                })
+                for name, samples, begin, unit in (
+                    ("u", stored["u"][:-4], start, "N"), ("x", stored["x"][4:], late, "m"),
+                )
+            ]
+        )  # fmt: skip
+    text = path.read_text().replace("sweep.npz", "sweep.tdms").replace("fs = 512.0\n", "")
+    path.write_text(text.replace('"u"', '"Log.u"').replace('"x"', '"Log.x"'))
+    (fault,) = faults(path)
+    assert "started" in fault.what
+    pasted(path, [fault.remedy])
+    assert faults(path) == []
+
+
+LOOP = """[campaign]
+name = "loop"
+[[test]]
+kind = "loop"
+files = "loop.npz"
+channels = { displacement = "y", restoring_force = "f" }
+units = { displacement = "m", restoring_force = "N" }
+fs = 50.0
+"""
+LOOP_TIME = np.arange(4000) / 50.0
+STROKE = 3e-3 * np.sin(2 * np.pi * LOOP_TIME / 8.0)  # ten cycles
+
+
+def slipping(y, stiffness=1e6, slip=1.5e-3):
+    """A spring and an elasto-plastic slider, sample by sample."""
+    force, held = np.zeros(len(y)), 0.0
+    for i in range(1, len(y)):
+        held = np.clip(held + y[i] - y[i - 1], -slip, slip)
+        force[i] = stiffness * (y[i] + held)
+    return force
+
+
+def written_loop(folder, force):
+    noise = 1e-3 * np.abs(force).max() * np.random.default_rng(0).standard_normal(len(force))
+    np.savez(folder / "loop.npz", y=STROKE, f=force + noise)
+    path = folder / "campaign.toml"
+    path.write_text(LOOP)
+    return path
+
+
+def turned(y):
+    return -slipping(y)
+
+
+def degrading(y):
+    return slipping(y) * np.exp(-LOOP_TIME / 400.0)
+
+
+def with_a_gap(y):
+    return slipping(np.sign(y) * np.maximum(np.abs(y) - 1e-3, 0.0)) + 1e5 * y
+
+
+def drifting(y):
+    """A load cell that drifts: no cycle differs from the others."""
+    return slipping(y) + 600.0 + 10.0 * LOOP_TIME
+
+
+def hardening(y):
+    return slipping(y) + 1e6 * y**3 / 3e-3**2
+
+
+@pytest.mark.parametrize(
+    ("made", "key", "said"),
+    [
+        (turned, "scale", "gives out"),
+        # exp(-8 s * 8 / 400 s): from the second cycle to the ninth, of ten.
+        (degrading, "span", "from the second to number 9 the force falls by 13%"),
+        # 2 mm, on a grid of gaps 0.06 mm apart, and what slips behind the contact.
+        (with_a_gap, "laws", "travels freely over 1.92 of 6 mm"),
+    ],
+)
+def test_a_pasted_remedy_of_a_loop_cures(tmp_path, made, key, said):
+    path = written_loop(tmp_path, made(STROKE))
+    (fault,) = faults(path)
+    assert said in fault.what
+    ((_, line),) = PUT.findall(fault.remedy)
+    assert line.startswith(key)
+    pasted(path, [fault.remedy])
+    assert faults(path) == []
+
+
+@pytest.mark.parametrize("made", [slipping, drifting, hardening])
+def test_a_loop_of_one_law_is_not_doubted(tmp_path, made):
+    assert faults(written_loop(tmp_path, made(STROKE))) == []
+
+
+@pytest.mark.parametrize(
+    ("sign", "conjugate", "keys"),
+    [(-1.0, False, ["scale"]), (1.0, True, ["conjugate"]), (-1.0, True, ["conjugate", "scale"])],
+)
+def test_a_pasted_remedy_of_a_curve_cures(tmp_path, sign, conjugate, keys):
+    """A linear receptance in closed form, of the other sign or counted as exp(-j omega t)."""
+    hz = np.linspace(17.0, 20.0, 61)
+    omega, natural = 2 * np.pi * hz, 2 * np.pi * 18.5
+    h = sign / (natural**2 - omega**2 + 0.02j * natural * omega)
+    h = np.conj(h) if conjugate else h
+    phase = np.unwrap(np.angle(h))
+    np.savez(tmp_path / "frf.npz", f=hz, force=np.ones(61), y=np.abs(h), phase=phase)
+    path = tmp_path / "campaign.toml"
+    path.write_text("""[campaign]
+name = "curve"
+[[test]]
+kind = "frf"
+files = "frf.npz"
+channels = { frequency = "f", force = "force", displacement = "y", phase = "phase" }
+units = { frequency = "Hz", force = "N", displacement = "m", phase = "rad" }
+""")
+    (fault,) = faults(path)
+    found = [line.split(" = ")[0] for _, line in PUT.findall(fault.remedy)]
+    assert sorted(found) == keys
     pasted(path, [fault.remedy])
     assert faults(path) == []

@@ -1,0 +1,133 @@
+"""Every remedy in the code that is a line of a campaign file, and the test that pastes it.
+
+Lines are found in the source as `Put under [table]: ...` within backquotes, as other backquoted
+`key = value`, and as calls of `put`. A line that stands in no row of `PASTED` fails
+`test_remedies.py`, and so does a row without its line or its test.
+"""
+
+import ast
+import re
+from pathlib import Path
+
+PACKAGE = Path(__file__).parents[1] / "jbw"
+LINE = re.compile(r"`([\w.]+) = [^`]*`")
+COMMAND = re.compile(r"\bjbw ([a-z]+)((?: --?[a-z-]+| [A-Z]+(?:\.toml)?| \{\})*)")
+CALLS = {"put": 1, "put_bounds": None}  # argument that is the key
+# Sentences that quote what a test, a run or a call has, and ask for no line to be pasted.
+QUOTES = {
+    ("campaign/check.py", "band"),
+    ("campaign/files.py", "files"),
+    ("oscillator/checks.py", "fs"),
+    ("oscillator/checks.py", "substeps"),
+    ("oscillator/modes/structure.py", "fs"),
+    ("oscillator/modes/structure.py", "substeps"),
+}
+
+CHECKS = "campaign/test_pasted_remedies.py::"
+DECAYS = CHECKS + "test_a_pasted_remedy_of_a_decay_cures"
+DRIVEN = CHECKS + "test_a_pasted_remedy_of_a_driven_record_cures"
+LOOPS = CHECKS + "test_a_pasted_remedy_of_a_loop_cures"
+CURVES = CHECKS + "test_a_pasted_remedy_of_a_curve_cures"
+VERDICT = "inference/test_verdict.py::"
+BOUNDS = VERDICT + "test_a_line_of_bounds_never_cuts_the_box"
+LINES = VERDICT + "test_every_remedy_is_a_line_that_a_campaign_file_takes"
+AT_ONCE = VERDICT + "test_remedies_of_samplers_that_draw_at_once_are_lines_too"
+CAUSES = "identification/test_causes.py::test_the_first_cause_is_what_was_done_to_the_data"
+OF_A_RUN = "test_remedies.py::test_a_line_of_a_finding_is_taken"
+PASTED = {
+    ("campaign/check.py", "delay"): DRIVEN,
+    ("identification/accuracy.py", "laws"): OF_A_RUN,
+    ("identification/accuracy.py", "substeps"): OF_A_RUN,
+    ("identification/equivalent.py", "laws"): OF_A_RUN,
+    ("identification/no_joint.py", "laws"): OF_A_RUN,
+    ("identification/paper/step4.py", "prior"): VERDICT
+    + "test_a_line_of_bounds_never_cuts_the_box",
+    ("identification/residual_terms.py", "residuals"): OF_A_RUN,
+    ("identification/suspects.py", "band"): CAUSES,
+    ("identification/suspects.py", "clock_ppm"): CAUSES,
+    ("identification/suspects.py", "delay"): CAUSES,
+    ("identification/suspects.py", "remove_mean"): CAUSES,
+    ("identification/suspects.py", "residuals"): CAUSES,
+    ("identification/suspects.py", "run"): CAUSES,
+    ("identification/suspects.py", "scale.{}"): "test_remedies.py::test_a_factor_is_pasted",
+    ("inference/posterior/modes.py", "sampler"): OF_A_RUN,
+    ("inference/posterior/remedies.py", "num_samples"): OF_A_RUN,
+    ("inference/posterior/remedies.py", "sampler"): AT_ONCE,
+    ("inference/posterior/remedies.py", "{}"): BOUNDS,
+    ("inference/posterior/verdict.py", "budget_s"): AT_ONCE,
+    ("inference/posterior/verdict.py", "num_chains"): AT_ONCE,
+    ("inference/posterior/verdict.py", "num_warmup"): LINES,
+    ("inference/posterior/verdict.py", "prior"): VERDICT + "test_the_bound_is_named_with_its_side",
+    ("inference/posterior/verdict.py", "sampler"): LINES,
+    ("inference/posterior/verdict.py", "substeps"): LINES,
+    ("measurement/checks.py", "span"): DRIVEN,
+    ("measurement/clocks.py", "clock_ppm"): CHECKS + "test_a_pasted_clock_cures",
+    ("measurement/clocks.py", "delay"): DRIVEN,
+    ("measurement/clocks.py", "span"): DRIVEN,
+    ("measurement/decay_checks.py", "exclude"): DECAYS,
+    ("measurement/decay_checks.py", "lines_hz"): DECAYS,
+    ("measurement/decay_checks.py", "settle"): DECAYS,
+    ("measurement/decay_checks.py", "window_s"): DECAYS,
+    ("measurement/loop_checks.py", "laws"): LOOPS,
+    ("measurement/loop_checks.py", "span"): LOOPS,
+    ("measurement/response_checks.py", "band"): CHECKS + "test_a_missing_band_is_pasted",
+    ("measurement/response_checks.py", "conjugate"): CURVES,
+    ("measurement/response_checks.py", "level"): DRIVEN,
+    ("measurement/response_checks.py", "remove_mean"): DRIVEN,
+    ("measurement/response_checks.py", "scale"): LOOPS,
+    ("verification/verify.py", "offsets"): OF_A_RUN,
+}
+
+
+def text_of(node: ast.AST) -> str:
+    """A string in the source, its placeholders as {}."""
+    if isinstance(node, ast.Constant) and isinstance(node.value, str):
+        return node.value
+    if isinstance(node, ast.JoinedStr):
+        return "".join(text_of(part) for part in node.values)
+    return "{}"
+
+
+def strings_of(tree: ast.AST) -> list[str]:
+    """Strings of a module but for docstrings and parts of others."""
+    skipped = set()
+    for node in ast.walk(tree):
+        body = getattr(node, "body", None)
+        if isinstance(body, list) and body and isinstance(body[0], ast.Expr):
+            skipped.add(body[0].value)
+        if isinstance(node, ast.JoinedStr):
+            skipped |= {part for part in ast.walk(node) if part is not node}
+    kept = (ast.Constant, ast.JoinedStr)
+    return [text_of(n) for n in ast.walk(tree) if isinstance(n, kept) and n not in skipped]
+
+
+def modules():
+    """Path within the package and syntax tree of every file."""
+    for path in sorted(PACKAGE.rglob("*.py")):
+        yield path.relative_to(PACKAGE).as_posix(), ast.parse(path.read_text(encoding="utf-8"))
+
+
+def lines_in(tree: ast.AST) -> set[str]:
+    """Keys of the lines that the strings and calls of a module propose."""
+    found = {key for text in strings_of(tree) for key in LINE.findall(text)}
+    for node in ast.walk(tree):
+        name = getattr(node.func, "id", "") if isinstance(node, ast.Call) else ""
+        if name in CALLS:
+            place = CALLS[name]
+            found.add("prior" if place is None else text_of(node.args[place]))
+    return found
+
+
+def lines():
+    """(file, key) of every remedy that is a line."""
+    return {(name, key) for name, tree in modules() for key in lines_in(tree)} - QUOTES
+
+
+def commands():
+    """(file, command, its options) of every `jbw ...` that a string of the code names."""
+    return {
+        (name, command, options.strip())
+        for name, tree in modules()
+        for text in strings_of(tree)
+        for command, options in COMMAND.findall(text)
+    }

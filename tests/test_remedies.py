@@ -1,0 +1,92 @@
+"""Every remedy that jbw can print: a line is pasted by a test, a command is one that there is."""
+
+import ast
+from pathlib import Path
+
+import click
+import pytest
+from pasted import lines_of, pasted
+from remedies import PASTED, commands, lines
+
+from jbw.cli import COMMANDS, cli
+from jbw.identification.accuracy import another_law
+from jbw.identification.suspects import factor_words
+from jbw.inference.posterior.modes import modes_findings
+from jbw.inference.posterior.remedies import more_draws, put
+
+TESTS = Path(__file__).parent
+# Words that follow the name of the program in prose.
+PROSE = {"makes", "never", "and", "in"}
+
+
+def test_every_line_has_a_test_that_pastes_it():
+    assert lines() - set(PASTED) == set(), "a remedy without a case: add one, and a row to PASTED"
+    assert set(PASTED) - lines() == set(), "a row of PASTED whose remedy is gone"
+
+
+@pytest.mark.parametrize("where", sorted(set(PASTED.values())))
+def test_the_tests_of_the_registry_are_there_and_paste(where):
+    file, _, name = where.partition("::")
+    tree = ast.parse((TESTS / file).read_text(encoding="utf-8"))
+    (test,) = (n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef) and n.name == name)
+    called = {ast.unparse(n.func) for n in ast.walk(test) if isinstance(n, ast.Call)}
+    assert called & {"pasted", "lines_of"}
+
+
+def options_of(command):
+    """Every option that a command and its own commands take."""
+    found = {option for one in command.params for option in (*one.opts, *one.secondary_opts)}
+    inner = getattr(command, "commands", {})
+    return found.union(*(options_of(each) for each in inner.values()))
+
+
+@pytest.mark.parametrize(("where", "command", "words"), sorted(commands()))
+def test_every_command_that_is_named_is_one(where, command, words):
+    if command in PROSE:
+        return
+    assert command in COMMANDS, where
+    found = cli.get_command(click.Context(cli), command)
+    assert found is not None
+    named = {word for word in words.split() if word.startswith("-")}
+    assert named <= options_of(found), where
+
+
+def test_a_factor_is_pasted():
+    """Of the channel that drives the test: another role would be refused."""
+    for factor in (-1.0, 9.80665):
+        _, action = factor_words("sweep", factor, "input")
+        (test,) = pasted(action).tests
+        assert test.scale["input"] == pytest.approx(factor, rel=1e-3)
+        assert lines_of(factor_words("sweep", factor, "force")[1])[0][1].startswith("scale.force")
+
+
+def crossing():
+    """Two chains, each in a mode of its own."""
+    import numpy as np
+
+    x = np.random.default_rng(0).standard_normal((4, 500))
+    x[2:] += 40.0
+    (finding,) = modes_findings({"x": x})
+    return finding.action
+
+
+# What findings of a run end with, each made by the function that they all call.
+OF_A_RUN = {
+    "accuracy laws": (another_law(("bouc_wen",)), lambda c: c.laws == ("bouc_wen", "cubic")),
+    "accuracy substeps": (put("identify", "substeps", 4), lambda c: c.settings.substeps == 4),
+    "equivalent laws": (
+        put("joint", "laws", ["quadratic_damping"]), lambda c: c.laws == ("quadratic_damping",)
+    ),
+    "no joint": (put("joint", "laws", []), lambda c: c.laws == ()),
+    "residuals": (put("[test]", "residuals", "none"), lambda c: c.tests[0].residuals == "none"),
+    "modes": (crossing(), lambda c: c.settings.sampler == "tempered_smc"),
+    "draws": (more_draws(1000, 200.0, 400.0), lambda c: c.settings.num_samples == 2000),
+    "offsets": (put("identify", "offsets", "runs"), lambda c: c.settings.offsets == "runs"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", OF_A_RUN)
+def test_a_line_of_a_finding_is_taken(what):
+    action, holds = OF_A_RUN[what]
+    assert lines_of(action)
+    assert holds(pasted(action))
