@@ -259,7 +259,7 @@ def short_lines(summary: Mapping[str, Any], tree: Any) -> Iterator[Text | str]:
 
 def summary_lines(summary: Mapping[str, Any]) -> Iterator[Table | str]:
     """The paper's Table 1, the statements and the prediction errors."""
-    from jbw.report.tables import parameters_table, predictions_table
+    from jbw.report.tables import parameters_table, table_of_tests
 
     yield parameters_table(summary, {})
     for part, found in (
@@ -268,4 +268,4 @@ def summary_lines(summary: Mapping[str, Any]) -> Iterator[Table | str]:
         ("routes", summary["comparison"]),
     ):
         yield from (f"{part}: {statement}" for statement in found.get("statements", ()))
-    yield predictions_table(summary)
+    yield table_of_tests(summary)

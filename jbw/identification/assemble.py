@@ -2,6 +2,7 @@
 
 import logging
 import warnings
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -183,6 +184,16 @@ def entered(seen: Measured) -> dict[str, bool]:
     if seen.linear is not None:
         names |= {seen.linear.test.name} & _names(seen.chosen)
     return {test.name: test.name in names for test in seen.tests}
+
+
+def fitted_repeats(seen: Measured) -> dict[str, int]:
+    """How many repeats of each sweep and free decay are fitted, by its name."""
+    sweeps = () if seen.sweeps is None else seen.sweeps.fitted
+    found = {test.name: len(test.records) for test in sweeps}
+    if seen.decays is not None:
+        first = seen.decays.names[: len(seen.decays.fitted.records)]
+        found |= Counter(name.rpartition(" ")[0] for name in first)
+    return found
 
 
 def single_records(seen: Measured) -> list[list[Observable]]:

@@ -160,7 +160,7 @@ def within_response(
     if not all(span <= KNOWN for span in spans):
         return found
     said = (
-        f"What they do together is known: at {y_peak:.2g} m the change of frequency to "
+        f"What they do together is known: at {1e3 * y_peak:.2g} mm the change of frequency to "
         f"{spans[0]:.0%} and the damping to {spans[1]:.0%} (half of the 99 % intervals); use "
         "products and responses, no parameter alone, and no motion much larger."
     )
@@ -171,8 +171,8 @@ def effects_sentence(found: Effects, y_peak: float) -> str:
     """What the joint does, in words."""
     shift, added = (_share(np.quantile(values, QUANTILES)) for values in found)
     return (
-        f"At {y_peak:.3g} m, the largest displacement fitted, the joint changes the natural "
-        f"frequency by {shift} and adds {added} of zeta to the damping."
+        f"At {1e3 * y_peak:.3g} mm, the largest displacement fitted, the joint changes the natural "
+        f"frequency by {shift} and the damping ratio by {added} of zeta."
     )
 
 

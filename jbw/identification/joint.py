@@ -213,8 +213,8 @@ def drawn(facts: Mapping[Any, Any]) -> list[str]:
     if "coordinates" not in facts:
         return []
     said = (
-        f"Drawn by {facts['sampler']} from {facts['num_evaluations']} evaluations, in the "
-        f"{facts['coordinates']} coordinates, the best of those that were tried."
+        f"Sampler: {facts['sampler']}, {facts['num_evaluations']} evaluations, parametrisation: "
+        f"{facts['coordinates']}, the best of those that were tried."
     )
     if "log_evidence" in facts:
         error = facts["log_evidence_error"]

@@ -89,8 +89,8 @@ def _error(run: str, without_it: Fit, prior: Box, data: Dataset) -> float:
 
 def left_out_sentence(left_out: xr.Dataset) -> str:
     """How well each run is predicted by the others, in words."""
-    said = [f"{error.run.item()} {error.item():.2g}" for error in left_out["error"]]
-    return "Left out and predicted from the others, error over rms: " + ", ".join(said) + "."
+    said = [f"{error.run.item()} {100 * error.item():.2g} %" for error in left_out["error"]]
+    return "RMS error of each session, predicted from the others: " + ", ".join(said) + "."
 
 
 def consistency_finding(left_out: xr.Dataset, laws: Sequence[str] = ()) -> Finding:

@@ -13,6 +13,8 @@ from jbw.report import style
 from jbw.report.loops import draw_loops, enclosed_areas
 from jbw.report.result import (
     BACKBONE,
+    HELD_OUT,
+    Parameter,
     branch,
     laws_of,
     node,
@@ -22,7 +24,7 @@ from jbw.report.result import (
     verified,
 )
 from jbw.report.style import INK, SOFT, VERMILLION, Panels, finish, panels, plain, title
-from jbw.report.text import NOTHING, number, percent, quantity, spread_text
+from jbw.report.text import NOTHING, number, percent, quantity, shown_as, spread_text
 
 # Of a law with memory: the stiffness that it takes over from the spring, and the rate of its force.
 RATES = {"bouc_wen": ("α", "Ż = α ẏ − γ |ẏ| Z − δ ẏ |Z|")}
@@ -70,8 +72,8 @@ def oscillator(tree: xr.DataTree, ax: Any = None) -> Panels:
     _write(left, 0.2, 4.1, rate, ha="left", color=VERMILLION)
     for row, each in enumerate(found[:MOST]):
         y = 3.0 - 0.6 * row
-        _write(left, 0.2, y, plain(each.symbol), ha="left", size=8)
-        _write(left, 1.2, y, spread_text(each.draws, each.unit), ha="left", size=8)
+        _write(left, 0.2, y, plain(_symbol(each)), ha="left", size=8)
+        _write(left, 1.2, y, _spread(each), ha="left", size=8)
         _write(left, 9.9, y, plain(each.meaning), ha="right", size=7, color=SOFT)
     title(left, "one mode, per unit mass")
     if loops:
@@ -119,6 +121,16 @@ def _write(ax: Axes, x: float, y: float, text: str, size: float = 9.0, **look: A
     ax.text(x, y, text, fontsize=size, **{"ha": "center", "va": "center", "color": INK, **look})
 
 
+def _spread(each: Parameter) -> str:
+    """Median of a parameter with half of its 99 % interval, as a page shows it."""
+    shown = shown_as(each.name, each.unit)
+    return spread_text(shown.factor * each.draws, shown.unit)
+
+
+def _symbol(each: Parameter) -> str:
+    return each.symbol + shown_as(each.name, each.unit).suffix
+
+
 class Outcome(NamedTuple):
     """What one sampler of a step came to: what it found, how it mixed, its verdict."""
 
@@ -128,7 +140,7 @@ class Outcome(NamedTuple):
 
 
 class Box(NamedTuple):
-    """One step of the procedure; without outcomes it was left out."""
+    """One step of the procedure; without outcomes it is not drawn."""
 
     name: str
     does: str
@@ -136,17 +148,15 @@ class Box(NamedTuple):
 
 
 def _height(box: Box) -> float:
-    """Return the height of a box [in]: two lines for its name, one where it was left out."""
-    lines = sum(1 + each.words.count("\n") for each in box.outcomes)
-    return 2 * PAD + LINE * (max(2, lines) if lines else 1)
+    """Return the height of a box [in]: two lines for its name at least."""
+    return 2 * PAD + LINE * max(2, sum(1 + each.words.count("\n") for each in box.outcomes))
 
 
 def procedure(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
     """What did each step of the procedure find?
 
-    From the linear regime to the prediction of hysteresis loops; medians with half of their 99 %
-    intervals, and for every sampler its verdict, the least number of effective draws and the
-    largest R-hat.
+    The steps that the tests allow; medians with half of their 99 % intervals, and for every sampler
+    its verdict, the least effective sample size and the largest R-hat.
 
     Reference:
         Fig. 2.
@@ -157,9 +167,10 @@ def procedure(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
         Box("Step 3", "third-order kernel\nH₃", _sampled(tree, facts, "third_order_")),
         Box("Step 4", "opening of the loop,\nγ alone", _sampled(tree, facts, "opening_")),
         Box("Joint", "all parameters\ntogether", _main(tree, facts)),
-        Box("Verification", "responses,\nfitted and not", _verified(tree)),
+        Box("Verification", "responses, fitted\nand held out", _verified(tree)),
         Box("Validation", "hysteresis loops,\nenclosed areas", _validated(tree)),
     ]
+    boxes = [each for each in boxes if each.outcomes]
     total = sum(map(_height, boxes)) + GAP * (len(boxes) - 1)
     only: Axes = panels(ax, 1, 1, height=total + 0.1)[0, 0]
     only.set(xlim=(0.0, 10.0), ylim=(-total - 0.02, 0.02))
@@ -175,15 +186,12 @@ def procedure(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
 
 
 def _draw(ax: Axes, box: Box, top: float) -> None:
-    edge, dashes = (INK, "-") if box.outcomes else (SOFT, "--")
-    shape: dict[str, Any] = {"boxstyle": "round,pad=0,rounding_size=0.06", "fc": "none", "ec": edge}
+    shape: dict[str, Any] = {"boxstyle": "round,pad=0,rounding_size=0.06", "fc": "none", "ec": INK}
     height, y = _height(box), top - PAD
-    ax.add_patch(FancyBboxPatch((0.03, top - height), 9.94, height, lw=0.8, ls=dashes, **shape))
-    ax.text(0.2, y, box.name, va="top", fontsize=9, color=edge, weight="bold")
+    ax.add_patch(FancyBboxPatch((0.03, top - height), 9.94, height, lw=0.8, **shape))
+    ax.text(0.2, y, box.name, va="top", fontsize=9, color=INK, weight="bold")
     look: dict[str, Any] = {"va": "top", "fontsize": 8, "linespacing": 1.5}
-    ax.text(1.7, y, box.does if box.outcomes else box.does.replace("\n", " "), color=SOFT, **look)
-    if not box.outcomes:
-        ax.text(9.85, y, "left out: no such tests", color=SOFT, ha="right", **look)
+    ax.text(1.7, y, box.does, color=SOFT, **look)
     for each in box.outcomes:
         ax.text(3.6, y, each.words, color=INK, **look)
         ax.text(8.7, y, each.mixing, color=SOFT, ha="right", **look)
@@ -200,7 +208,8 @@ def _line_fit(tree: xr.DataTree) -> list[Outcome]:
     if "pooled_zeta" in step.attrs:
         words += f", ζ = {percent(step.attrs['pooled_zeta'])}"
     repeats = step.sizes.get("repeat", 0)
-    return [Outcome(words, f"{repeats} repeats" if repeats else "")]
+    records = f"{repeats} repeats" if repeats > 1 else "1 record"
+    return [Outcome(words, records if repeats else "")]
 
 
 def _sampled(tree: xr.DataTree, facts: xr.Dataset, step: str) -> list[Outcome]:
@@ -221,7 +230,7 @@ def _main(tree: xr.DataTree, facts: xr.Dataset) -> list[Outcome]:
     """Return the main posterior's numbers, two in a line, and below them how it mixed."""
     stored = parameters(branch(tree, "posterior"))
     kept = [each for each in stored if "[" not in each.name and each.name not in GAINS]
-    texts = [f"{each.symbol} = {spread_text(each.draws, each.unit)}" for each in kept]
+    texts = [f"{_symbol(each)} = {_spread(each)}" for each in kept]
     mixing, status = _quality(facts, str(facts.attrs["main"]))
     lines = [",  ".join(texts[i : i + 2]) for i in range(0, len(texts), 2)]
     return [Outcome("\n".join(filter(None, (*lines, mixing))), status=status)]
@@ -236,7 +245,7 @@ def _quality(facts: xr.Dataset, name: str) -> tuple[str, str]:
 def _verified(tree: xr.DataTree) -> list[Outcome]:
     found = [test.attrs for _, _, test in verified(tree, "nrmse")]
     outcomes = []
-    for fitted, called in ((True, "fitted"), (False, "not fitted")):
+    for fitted, called in ((True, "fitted"), (False, HELD_OUT)):
         errors = [float(of["nrmse"]) for of in found if bool(of.get("fitted", 1)) == fitted]
         if errors:
             least, most = percent(min(errors), digits=2), percent(max(errors), digits=2)

@@ -8,6 +8,8 @@ as it is, as in `arviz.plot_rank(tree)`; unused here, they need pyplot and JAX a
 import io
 import re
 from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -16,6 +18,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
+from jbw.errors import DataError
 from jbw.report import (
     diagrams,
     identifiability,
@@ -38,42 +41,53 @@ class Entry(NamedTuple):
     draw: Callable[..., Any]  # of (tree, ax); its docstring begins with the other two
     question: str  # what it answers, its title on the page
     caption: str  # what is drawn and what to look for
+    about: str = "structure"  # the group in which it stands on the page, of `GROUPS`
+    rest: Callable[..., Any] | None = None  # of (tree): the tests that `draw` leaves
 
 
-def _entry(slug: str, draw: Callable[..., Any]) -> Entry:
+# Groups of figures on the page by name, with their headings, in the page's order.
+GROUPS = {
+    "tests": "Model against the tests",
+    "structure": "Structure and procedure",
+    "posterior": "Posterior and sampling",
+}
+
+
+def _entry(slug: str, about: str, draw: Callable[..., Any], *, parted: bool = False) -> Entry:
     kind, _, rest = slug.partition("_")
     name = rest if kind == "extra" else f"figure_{int(rest[:2])}"
     question, caption, *_ = f"{draw.__doc__}\n\n".split("\n\n")
-    return Entry(slug, name, draw, question, " ".join(caption.split()))
+    rest = partial(draw, part="rest") if parted else None
+    return Entry(slug, name, draw, question, " ".join(caption.split()), about, rest)
 
 
 FIGURE_LIST = (
-    _entry("figure_01_oscillator", diagrams.oscillator),
-    _entry("figure_02_procedure", diagrams.procedure),
-    _entry("extra_look", looking.look_figure),
-    _entry("figure_04_linear_frf", responses.linear_frf),
-    _entry("extra_stabilisation", stabilisation.diagram),
-    _entry("figure_05_softening", responses.softening),
-    _entry("figure_06_third_harmonic", kernel.harmonic_spectrum),
-    _entry("figure_07_third_order_posterior", posterior.third_order_densities),
-    _entry("figure_08_kernel_bands", kernel.kernel_bands),
-    _entry("figure_09_running_means", posterior.running_means),
-    _entry("figure_10_opening_posterior", posterior.opening_density),
-    _entry("figure_11_verification_frf", responses.verification_frf),
-    _entry("figure_12_verification_sweep", records.verification_sweep),
-    _entry("figure_13_validation_loops", loops.validation_loops),
-    _entry("extra_curves", responses.verification_curves),
-    _entry("extra_loops", loops.verification_loops),
-    _entry("extra_groups", responses.verification_groups),
-    _entry("extra_multisine", records.verification_multisine),
-    _entry("extra_decay", records.verification_decay),
-    _entry("extra_amplitude", loops.amplitude_curves),
-    _entry("extra_backbone", loops.backbone),
-    _entry("extra_ridge", posterior.ridge),
-    _entry("extra_routes", posterior.routes),
-    _entry("extra_identifiability", identifiability.information_spectrum),
-    _entry("extra_profiles", identifiability.profile_curves),
-    _entry("extra_trace_rank", posterior.trace_rank),
+    _entry("figure_01_oscillator", "structure", diagrams.oscillator),
+    _entry("figure_02_procedure", "structure", diagrams.procedure),
+    _entry("extra_look", "structure", looking.look_figure),
+    _entry("figure_04_linear_frf", "structure", responses.linear_frf),
+    _entry("extra_stabilisation", "structure", stabilisation.diagram),
+    _entry("figure_05_softening", "structure", responses.softening),
+    _entry("figure_06_third_harmonic", "tests", kernel.harmonic_spectrum),
+    _entry("figure_07_third_order_posterior", "posterior", posterior.third_order_densities),
+    _entry("figure_08_kernel_bands", "tests", kernel.kernel_bands),
+    _entry("figure_09_running_means", "posterior", posterior.running_means),
+    _entry("figure_10_opening_posterior", "posterior", posterior.opening_density),
+    _entry("figure_11_verification_frf", "tests", responses.verification_frf, parted=True),
+    _entry("figure_12_verification_sweep", "tests", records.verification_sweep, parted=True),
+    _entry("figure_13_validation_loops", "tests", loops.validation_loops),
+    _entry("extra_curves", "tests", responses.verification_curves),
+    _entry("extra_loops", "tests", loops.verification_loops),
+    _entry("extra_groups", "tests", responses.verification_groups),
+    _entry("extra_multisine", "tests", records.verification_multisine),
+    _entry("extra_decay", "tests", records.verification_decay),
+    _entry("extra_amplitude", "tests", loops.amplitude_curves),
+    _entry("extra_backbone", "tests", loops.backbone),
+    _entry("extra_ridge", "posterior", posterior.ridge),
+    _entry("extra_routes", "posterior", posterior.routes),
+    _entry("extra_identifiability", "posterior", identifiability.information_spectrum),
+    _entry("extra_profiles", "posterior", identifiability.profile_curves),
+    _entry("extra_trace_rank", "posterior", posterior.trace_rank),
 )
 FIGURES: dict[str, Callable[..., Any]] = {entry.name: entry.draw for entry in FIGURE_LIST}
 
@@ -102,6 +116,11 @@ def save_figures(tree: xr.DataTree, folder: Path, dpi: int = 130) -> None:
             # A run that left out a step has no such figure, and one that fails costs no other: the
             # page says why.
             path.unlink(missing_ok=True)
+            continue
+        with suppress(DataError):  # there are no further tests
+            if entry.rest is not None:
+                rest = path.with_stem(f"{path.stem}_rest")
+                figure_of(entry.rest(tree)).savefig(rest, dpi=dpi, facecolor="white")
 
 
 def svg(figure: Figure, name: str) -> str:

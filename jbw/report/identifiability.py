@@ -122,7 +122,7 @@ def directions_table(found: Row, known: Names) -> Table:
         found.get("spectrum") or [],
         Column("direction, strongest first", direction, align="left"),
         digits("information /\nprior's", "information"),
-        digits("sd / prior's", "ratio", 2),
+        shares("sd / prior's", "ratio"),
     )
 
 
@@ -141,7 +141,7 @@ def quantities_table(found: Row, known: Names) -> Table:
         by_sd("fit", "value", only="terminal"),
         digits("sd", "sd", 2, only="terminal"),
         shares("sd / value,\nby the fit", "relative"),
-        digits("sd / prior's,\nby the fit", "ratio", 2),
+        shares("sd / prior's,\nby the fit", "ratio"),
         Column("contraction,\nby the draws", lambda row: percent(row["contraction"]), CONTRACTION),
         Column("follows its bounds,\nin sds", partial(_shift, known=known), FOLLOWS),
         Column("99 % interval\nof the profile", _interval),
@@ -150,11 +150,14 @@ def quantities_table(found: Row, known: Names) -> Table:
 
 
 def _waterfall(found: Row) -> str:
+    """What the starts of the fit ended at, in words; once where all ended alike."""
     costs = (found.get("waterfall") or {}).get("costs") or []
     if len(costs) < 2:
         return ""
-    listed = ", ".join("none" if cost is None else number(cost, digits=4) for cost in costs)
-    return f"Costs from the starts of the fit, lowest first: {listed}."
+    shown = ["none" if cost is None else number(cost, digits=4) for cost in costs]
+    if len(set(shown)) == 1:
+        return f"All {len(shown)} starts of the fit ended at a cost of {shown[0]}."
+    return f"Costs from the starts of the fit, lowest first: {', '.join(shown)}."
 
 
 def _shift(row: Row, known: Names) -> str:

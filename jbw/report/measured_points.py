@@ -7,7 +7,7 @@ import xarray as xr
 from jaxtyping import Float
 from matplotlib.axes import Axes
 
-from jbw.report.result import node
+from jbw.report.result import HELD_OUT, node
 from jbw.report.style import INK, SKY, plain
 
 MARKERS = "osD^v<>"  # a kind of test each, again from the first on
@@ -80,7 +80,7 @@ def draw_points(ax: Axes, found: list[Points], name: str, factor: float, scale: 
         colour, known = INK if is_fitted else SKY, np.isfinite(std)
         look = {"ls": "", "color": colour, "mfc": "none", "mew": 0.9, "clip_on": False}
         marker = MARKERS[kinds.index(kind) % len(MARKERS)]
-        label = plain(kind) + ("" if is_fitted else ", not fitted")
+        label = plain(kind) + ("" if is_fitted else f", {HELD_OUT}")
         ax.plot(x, values, marker, ms=5 if len(x) == len(own) else 3.5, label=label, **look)
         if known.any():
             low, high = (values - std)[known], (values + std)[known]

@@ -1,7 +1,7 @@
 """What a run found, before any table: five sentences, the parameters that are known, one picture.
 
-The sentences: what the joint does, how the fitted tests are met, how those that no fit saw are
-predicted, what is not known, what to do next.
+The sentences: what the joint does, the errors of the fitted tests and of those held out, which
+parameters are not identified, what to do next.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -111,30 +111,29 @@ def _change(what: str, values: np.ndarray, unit: str) -> str:
 
 
 def _misfits(summary: Summary) -> Iterator[str]:
-    """Errors of the fitted tests, and of those that no fit saw."""
+    """Errors of the fitted tests, and of those held out."""
     tests = [one for one in (summary.get("predictions") or {}).values() if one.get("nrmse")]
     fitted = [one for one in tests if one.get("fitted")]
     held = [one for one in tests if not one.get("fitted")]
     if fitted:
-        yield f"The fit misses {_count(fitted)} by {_errors(fitted)}."
+        yield f"RMS error of the {_count(fitted)} that {_were(fitted)} fitted: {_errors(fitted)}."
     else:
-        yield "How well the fitted tests are met is not known of this run."
+        yield "The errors of the fitted tests are not known of this run."
     if not held:
-        yield "No test was held out; `hold_out` shows how well one is predicted that no fit saw."
+        yield "No test was held out; with `hold_out` the report shows how well one is predicted."
         return
-    verb = "is" if len(held) == 1 else "are"
     inside = [one["coverage"] for one in held if one.get("coverage") is not None]
-    band = f"; {_span(inside, 3)} of the values lie in the 99 % bands" if inside else ""
+    band = f"; the 99 % bands hold {_span(inside, 3)} of the values" if inside else ""
     if inside and (widths := [x for one in held if (x := one.get("half_width")) is not None]):
-        band += f", which reach {_span(widths)} of the rms to either side"
-    yield f"Of tests that no fit saw, {len(held)} {verb} predicted to {_errors(held)}{band}."
+        band += f" (half width: {_span(widths)} of the rms)"
+    yield f"RMS error of the {_count(held)} that {_were(held)} held out: {_errors(held)}{band}."
 
 
 def _errors(tests: Sequence[Summary]) -> str:
     """Errors over the rms of the record, of the joint and of the best linear oscillator."""
     linear = [x for one in tests if (x := one.get("nrmse_linear")) is not None]
-    beside = f" (the best linear oscillator: {_span(linear)})" if linear else ""
-    return f"{_span([one['nrmse'] for one in tests])} of the rms{beside}"
+    beside = f" (best linear oscillator: {_span(linear)})" if linear else ""
+    return f"{_span([one['nrmse'] for one in tests])} of the record's rms{beside}"
 
 
 def _span(parts: Sequence[float], digits: int = 2) -> str:
@@ -147,8 +146,12 @@ def _count(tests: Sequence[Summary]) -> str:
     return "one test" if len(tests) == 1 else f"{len(tests)} tests"
 
 
+def _were(tests: Sequence[Summary]) -> str:
+    return "was" if len(tests) == 1 else "were"
+
+
 def _unknown(summary: Summary) -> str:
-    """Which parameters the data do not tell, and which lean on a bound of their prior."""
+    """Which parameters the data do not identify, and which the prior truncates."""
     rows, found = _rows(summary), grades(summary)
     drawn = {name: grade for name, grade in found.items() if rows[name].get("kl") is not None}
     hidden = [name for name, grade in drawn.items() if grade > 1]
@@ -157,18 +160,18 @@ def _unknown(summary: Summary) -> str:
     if hidden:
         least = _per_cent(min(abs(rows[name]["cv"]) for name in hidden))
         beside = [name for name, grade in found.items() if name not in drawn and grade <= 1]
-        said = f"Not known: {_listed(hidden)} (standard deviations of {least} % and more)"
+        said = f"Not identified: {_listed(hidden)} (CV {least} % and more)"
         if beside:
             worst = _per_cent(max(abs(rows[name]["cv"]) for name in beside))
-            return f"{said}, though {_listed(beside)} to {worst} %."
+            return f"{said}; identified: {_listed(beside)} (CV {worst} % at most)."
         return f"{said}."
     if leaning:
         return f"Not sure: {leaning[0]}"
     if not drawn:
-        return "What the data know of each parameter is not known of this run."
+        return "Which parameters the data identify is not known of this run."
     worst = max(drawn, key=lambda name: abs(rows[name]["cv"]))
-    known = "known" if drawn[worst] == 0 else "known roughly"
-    return f"Every parameter is {known}, {worst} least: to {_per_cent(rows[worst]['cv'])} %."
+    known = "identified" if drawn[worst] == 0 else "identified, some roughly"
+    return f"All parameters {known}; least certain: {worst} (CV {_per_cent(rows[worst]['cv'])} %)."
 
 
 def _per_cent(cv: float) -> str:

@@ -1,7 +1,8 @@
 """The report as one HTML file that needs nothing else, and the same to zoom into by plotly."""
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ from markupsafe import Markup
 from jbw.errors import ConfigError, DataError, printable, reason_of
 from jbw.report import tables
 from jbw.report.charts import charts_of, shown_text
-from jbw.report.figures import FIGURE_LIST, Entry, figure_of, svg
+from jbw.report.figures import FIGURE_LIST, GROUPS, Entry, figure_of, svg
 from jbw.report.identifiability import directions_table, quantities_table
 from jbw.report.opening import lead, opening
 from jbw.report.result import laws_of, names_of
@@ -51,7 +52,7 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
     verdict, known = summary.get("verdict") or {}, names_of(tree, summary)
     identifiability = summary.get("identifiability") or {}
     status = badge(verdict)
-    parameters = tables.parameters_table(summary, known)
+    parameters = tables.parameters_table(summary, known, shown=True)
     drawn = [_draw(entry, tree) for entry in FIGURE_LIST]
     first = lead(summary, [one["entry"].name for one in drawn if one["svg"]])
     return ENVIRONMENT.get_template("page.html").render(
@@ -90,8 +91,11 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
         paper=_only(parameters, lambda name: tables.of_route(name, summary)),
         look={"statements": [], "seen": []} | (summary.get("look") or {}),
         looked=next(one for one in drawn if one["entry"].name == LOOK),
-        drawn=[one for one in drawn if one["entry"].name not in (first, LOOK)],
-        predictions=tables.predictions_table(summary),
+        groups=_groups(
+            [one for one in drawn if one["svg"] and one["entry"].name not in (first, LOOK)]
+        ),
+        missing=[one for one in drawn if one["missing"]],
+        predictions=tables.table_of_tests(summary, tree),
         directions=directions_table(identifiability, known),
         quantities=quantities_table(identifiability, known),
         identified=identified_words(summary, known),
@@ -103,6 +107,16 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
         provenance=_provenance(summary),
         inputs=_inputs(summary.get("inputs") or {}),
     )
+
+
+def _groups(drawn: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Figures by what they are about, in the order of the groups; none without a figure."""
+    found = (
+        {"id": f"figures-{name}", "title": title, "drawn": [
+            one for one in drawn if one["entry"].about == name]}
+        for name, title in GROUPS.items()
+    )  # fmt: skip
+    return [group for group in found if group["drawn"]]
 
 
 def _only(table: Table, chosen: Callable[[str], bool]) -> Table:
@@ -132,14 +146,22 @@ def campaign_name(summary: Mapping[str, Any]) -> str:
 def _draw(entry: Entry, tree: xr.DataTree) -> dict[str, Any]:
     """Return one figure as SVG, or the sentence that says why there is none."""
     number = entry.name.removeprefix("figure_") if entry.name.startswith("figure_") else ""
-    drawn = {"entry": entry, "number": number, "svg": "", "missing": ""}
+    drawn = {"entry": entry, "number": number, "svg": "", "rest": "", "missing": ""}
     try:
-        # The SVG is our own drawing of numbers, its texts outlines: safe to insert as it is.
-        return drawn | {"svg": Markup(svg(figure_of(entry.draw(tree)), entry.name))}
+        drawn["svg"] = _picture(entry.draw(tree), entry.name)
+        with suppress(DataError):  # there are no further tests
+            if entry.rest is not None:
+                drawn["rest"] = _picture(entry.rest(tree), f"{entry.name}-rest")
+        return drawn
     except DataError as cause:
         return drawn | {"missing": cause.what}
     except Exception as cause:  # a figure that fails costs neither the others nor the tables
         return drawn | {"missing": f"This figure could not be drawn: {reason_of(cause)}"}
+
+
+def _picture(axes: Any, name: str) -> Markup:
+    # The SVG is our own drawing of numbers, its texts outlines: safe to insert as it is.
+    return Markup(svg(figure_of(axes), name))
 
 
 def _provenance(summary: Mapping[str, Any]) -> dict[str, str]:

@@ -10,6 +10,7 @@ from matplotlib.axes import Axes
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from jbw.report import style
+from jbw.report.chosen import Part, part_of
 from jbw.report.result import fitted_text, frequency, level_text, quantiles, tests, unit_of
 from jbw.report.style import INK, MODEL, Panels, band_label, finish, panels, plain, shade, title
 from jbw.report.text import axis_label, percent
@@ -20,8 +21,8 @@ MOST_DECAYS = 6  # records drawn: the first held-out ones, then the fitted ones
 PERIODS, WIDE_PERIODS = 6, 8
 SPECTRA = (
     ("measured", INK, "measured"),
-    ("linear_error", style.SKY, "left by a linear oscillator"),
-    ("error", MODEL, "left by the model"),
+    ("linear_error", style.SKY, "residual of a linear oscillator"),
+    ("error", MODEL, "residual of the model"),
 )
 Samples = Float[np.ndarray, " time"]
 
@@ -106,23 +107,25 @@ def resonance_slice(measured: Samples, periods: int = PERIODS) -> slice:
     return around(measured, length_of(near, periods) // 2)
 
 
-def verification_sweep(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Does the model predict repeats that it never saw?
+def verification_sweep(tree: xr.DataTree, ax: Any = None, part: Part = "chosen") -> Panels:
+    """Does the model follow the sweeps, fitted and held out?
 
     From the left: the whole record, some periods around the largest response, and the same less the
     model's median, at a scale that shows the bands. The parameter band holds the model's
     uncertainty, the predictive band adds the noise and is the one that should hold 99 % of the
-    measured points.
+    measured points. Each title says whether the test was fitted or held out.
 
-    Panels: for each test a row of three (3 axes a test).
+    Panels: for each test a row of three (3 axes a test); of more than three tests the weakest, the
+    strongest and a held-out one, the `rest`, or `all` of them.
     """
     bands = ("measured_band", "model_band", "predictive_band")
-    found = tests(tree, "verification/sweep", "measured", *bands)
+    found = part_of(tests(tree, "verification/sweep", "measured", *bands), part)
     axes = panels(ax, len(found), 3, height=0.7 + 1.75 * len(found))
     for (whole, zoom, rest), (name, test) in zip(axes, found, strict=True):
         time, measured = (np.asarray(test[key], float) for key in ("time", "measured"))
-        repeats = "repeats not fitted" if "fitted" in test.attrs else "repeats"
-        label = f"measured, mean of the {repeats}"
+        if test.sizes.get("repeat", 2) < 2:  # one repeat has no band of its own
+            test = test.drop_vars("measured_band")
+        label = "measured, mean of the repeats" if "measured_band" in test else "measured"
         shade(whole, *extremes(time, measured, measured), INK, label, alpha=0.75)
         low, _, high = quantiles(test, "predictive_band")
         reach = max(3, time.size // 96)
@@ -132,9 +135,9 @@ def verification_sweep(tree: xr.DataTree, ax: Any = None) -> Panels:
             whole, time[shown], *edges, f"outline of the {band_label(test.attrs, noise=True)}"
         )
         whole.margins(x=0)
-        part = test.isel(time=resonance_slice(measured))
-        draw_record(zoom, part)
-        draw_record(rest, part, less=quantiles(part, "model_band")[1])
+        near = test.isel(time=resonance_slice(measured))
+        draw_record(zoom, near)
+        draw_record(rest, near, less=quantiles(near, "model_band")[1])
         whole.set_ylabel(response_label(test))
         words = (short(plain(name)), level_text(test), fitted_text(test))
         title(whole, ", ".join(filter(None, words)), size=8)
@@ -144,7 +147,7 @@ def verification_sweep(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def verification_decay(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Does the model predict free decays that it never saw?
+    """Does the model follow the free decays, fitted and held out?
 
     From the left: the whole record in the band of the mode, some late periods, and what is left
     less the model's median. Of a held-out record the model sees the first part, up to the dashed
@@ -171,18 +174,18 @@ def verification_decay(tree: xr.DataTree, ax: Any = None) -> Panels:
         for each in (whole, rest) if seen > 0 else ():
             each.axvline(float(test["time"][0]) + seen, color=style.SOFT, lw=0.8, ls="--")
         whole.set_ylabel(response_label(test))
-        known = "fitted" if int(test.attrs.get("fitted", 1)) else "held out"
-        title(whole, f"{short(plain(name))}, {known}", size=8)
+        words = (short(plain(name)), fitted_text(test) or "fitted")
+        title(whole, ", ".join(words), size=8)
         title(zoom, "some late periods", size=8)
-        title(rest, f"left by the model: {percent(test.attrs.get('nrmse'), 2)}", size=8)
+        title(rest, f"residual of the model: {percent(test.attrs.get('nrmse'), 2)}", size=8)
     return finish(axes, ax, "time [s]")
 
 
 def verification_multisine(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """What does the model leave of a multisine?
+    """What is the residual of a multisine?
 
     Left, the response around its largest swing; right, the amplitudes of the lines of one period,
-    and of what the model and the best linear oscillator leave of them.
+    and of the residuals of the model and of the best linear oscillator.
 
     Panels: for each test some periods around the largest response, and the spectra (2 axes a test).
     """

@@ -12,6 +12,7 @@ from matplotlib.colors import to_hex
 
 from jbw.errors import DataError
 from jbw.report import style
+from jbw.report.chosen import Part, part_of
 from jbw.report.records import bands_of, short
 from jbw.report.result import (
     beside,
@@ -88,22 +89,30 @@ def linear_frf(tree: xr.DataTree, ax: Any = None) -> Panels:
 def softening(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
     """Does the resonance move with the level?
 
-    Measured frequency responses, one line a level, each peak marked. A joint that slips pulls the
-    peak to lower frequencies and blunts it as the level rises.
+    Measured frequency responses: the mean of all tests of a kind and level, and the range of their
+    repeats. The mark stands at the largest line. A joint that slips pulls the peak to lower
+    frequencies and blunts it as the level rises.
     """
     found = tests(tree, "verification/frf", "measured_magnitude")
+    families: dict[str, list[xr.Dataset]] = {}
+    for _, test in found:
+        families.setdefault(_level_and_kind(test), []).append(test)
     axes = panels(ax, 1, 1, height=3.3)
     only: Axes = axes[0, 0]
-    lines = [(frequency(test), _mean_magnitude(test)) for _, test in found]
-    lows, highs = zip(*(resonance_window(*line) for line in lines), strict=True)
+    curves = [_family_of(family) for family in families.values()]
+    lows, highs = zip(*(resonance_window(freq, mean) for freq, (_, mean, _) in curves), strict=True)
     low, high = min(lows), max(highs)
-    for (_, test), line, colour in zip(found, lines, LEVELS * len(found), strict=False):
-        shown = (line[0] >= low) & (line[0] <= high)
-        freq, magnitude = (each[shown] for each in line)
-        peak = int(np.nanargmax(magnitude))
-        label = f"{_level_and_kind(test)}, peak at {number(freq[peak], digits=4)} Hz"
-        only.plot(freq, magnitude, color=colour, lw=1.1, label=label)
-        only.plot(freq[peak], magnitude[peak], "v", color=colour, ms=5)
+    for (label, family), (freq, band), colour in zip(
+        families.items(), curves, level_colours(len(families)), strict=True
+    ):
+        shown = (freq >= low) & (freq <= high)
+        freq, (least, mean, most) = freq[shown], (each[shown] for each in band)
+        peak = int(np.nanargmax(mean))
+        number_of = f"{len(family)} tests, " if len(family) > 1 else ""
+        label = f"{label}, {number_of}peak at {number(freq[peak], digits=4)} Hz"
+        style.shade(only, freq, least, most, colour, "_range", alpha=0.25)
+        only.plot(freq, mean, color=colour, lw=1.1, label=label)
+        only.plot(freq[peak], mean[peak], "v", color=colour, ms=5)
     log_y(only)
     only.set_xlim(low, high)
     unit = unit_of(found[0][1]["measured_magnitude"])
@@ -118,27 +127,42 @@ def _level_and_kind(test: xr.Dataset) -> str:
     return f"{level_text(test)} {plain(test.attrs.get('kind', ''))}"
 
 
-def verification_frf(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """Does the model predict the frequency response at every level?
+def _family_of(family: list[xr.Dataset]) -> tuple[Curve, Float[np.ndarray, "3 freq"]]:
+    """Frequencies of the first test [Hz], and there the least, mean and largest of all repeats."""
+    freq = frequency(family[0])
+    every = np.concatenate(
+        [
+            [np.interp(freq, frequency(test), each, np.nan, np.nan) for each in repeats]
+            for test in family
+            for repeats in [np.asarray(test["measured_magnitude"].transpose("repeat", ...), float)]
+        ]
+    )
+    # Frequencies at which another test has none keep what the first one has.
+    return freq, np.stack([np.nanmin(every, 0), np.nanmean(every, 0), np.nanmax(every, 0)])
+
+
+def verification_frf(tree: xr.DataTree, ax: Any = None, part: Part = "chosen") -> Panels:
+    """Does the model follow the frequency response at every level?
 
     Measured FRFs against the 99 % parameter band of the model, each draw simulated under the
-    measured input and passed through the same estimator; the lowest row is the magnitude over the
-    model's median. Tests marked as not fitted are predictions.
+    measured input and passed through the same estimator; the lowest row is how far the magnitude
+    lies from the model's median. Each title says whether the test was fitted or held out.
 
-    Panels: magnitude, phase and that ratio of each test (3 axes a test, row by row).
+    Panels: magnitude, phase and that distance of each test (3 axes a test, row by row); of more
+    than three tests the weakest, the strongest and a held-out one, the `rest`, or `all` of them.
     """
     needed = ("measured_magnitude", "measured_phase", "model_magnitude", "model_phase")
-    found = tests(tree, "verification/frf", *needed)
+    found = part_of(tests(tree, "verification/frf", *needed), part)
     axes, stack = stacks(ax, len(found), 3, height=5.0, height_ratios=[2, 1, 1.2])
     for column, (_, test) in zip(stack, found, strict=True):
         _frf_column(column, test)
     unit = unit_of(found[0][1]["measured_magnitude"])
-    labels = (axis_label("receptance", unit), "phase [°]", "over median [-]")
+    labels = (axis_label("receptance", unit), "phase [°]", "off the median [%]")
     return finish(axes, ax, "frequency [Hz]", labels)
 
 
 def _frf_column(column: Panels, test: xr.Dataset) -> None:
-    """Draw one test around its resonance: magnitude, phase, and magnitude over the median."""
+    """Draw one test around its resonance: magnitude, phase, and magnitude off the median."""
     freq = frequency(test)
     low, high = resonance_window(freq, _mean_magnitude(test), depth=0.05)
     shown = (freq >= low) & (freq <= high)
@@ -151,12 +175,13 @@ def _frf_column(column: Panels, test: xr.Dataset) -> None:
     for each, repeats, model in (
         (column[0], magnitude, band),
         (column[1], beside(phase, turned[1]), turned),
-        (column[2], magnitude / band[1], band / band[1]),
+        (column[2], 100 * (magnitude / band[1] - 1), 100 * (band / band[1] - 1)),
     ):
         if len(repeats) > 1:
             reach = (repeats.min(axis=0), repeats.max(axis=0))
             style.shade(each, freq, *reach, style.REPEATS, "range of all repeats", alpha=0.5)
-        each.plot(freq, repeats.mean(axis=0), color=INK, lw=0.8, label="mean of the repeats")
+        label = "measured" if len(repeats) == 1 else "measured, mean of the repeats"
+        each.plot(freq, repeats.mean(axis=0), color=INK, lw=0.8, label=label)
         style.draw_model(each, freq, model, ls="--", holds=style.band_label(test.attrs))
         each.margins(x=0)
     log_y(column[0])
@@ -169,7 +194,7 @@ def verification_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
 
     Measured harmonics, filled circles where fitted and open triangles where held out, with the
     model's 99 % bands, its median a line, dashed where held out. Where runs shift, the bands of
-    tests that no fit saw hold the scatter of runs, which the legend then says. Below, how far the
+    held-out tests hold the scatter of runs, which the legend then says. Below, how far the
     measured curve lies from the median, over the curve's peak.
 
     Panels: a column for each measured quantity and harmonic (3 axes a column, row by row).

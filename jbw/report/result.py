@@ -17,6 +17,7 @@ from jbw.run.integrity import MARK, SEAL, damaged, unsealed
 
 TURN = 360.0  # degrees
 BACKBONE = "verification/backbone"
+HELD_OUT = "held out"  # of every fit
 
 
 class Parameter(NamedTuple):
@@ -194,10 +195,15 @@ def level_text(test: xr.Dataset) -> str:
 
 
 def fitted_text(test: xr.Dataset) -> str:
-    """Return whether a test was fitted, empty where the run does not say."""
+    """Return whether a test was fitted or held out, empty where the run does not say.
+
+    Where some repeats of a test were fitted and the others are shown, that is said.
+    """
     if "fitted" not in test.attrs:
         return ""
-    return "fitted" if test.attrs["fitted"] else "not fitted"
+    if not test.attrs["fitted"]:
+        return HELD_OUT
+    return "fitted" if test.attrs.get("seen", 1) else f"fitted, {HELD_OUT} repeats"
 
 
 def wrap_degrees(phase: Any) -> Any:

@@ -86,7 +86,9 @@ def table(title: str, rows: Iterable[Any], *columns: Column, note: str = "") -> 
 def named(heading: str, known: Names) -> Column:
     """The column of names: symbols on the page, in the terminal as one types them."""
     return Column(
-        heading, lambda row: Cell(symbol(row["name"], known), typed=row["name"]), align="left"
+        heading,
+        lambda row: Cell(symbol(row["name"], known) + row.get("suffix", ""), typed=row["name"]),
+        align="left",
     )
 
 

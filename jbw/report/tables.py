@@ -24,11 +24,22 @@ from jbw.report.table import (
     table,
     words,
 )
-from jbw.report.text import NOTHING, Names, number, percent, seconds, step_name, symbol, unit_text
+from jbw.report.text import (
+    NOTHING,
+    Names,
+    number,
+    percent,
+    seconds,
+    shown_as,
+    step_name,
+    symbol,
+    unit_text,
+)
 from jbw.report.words import badge
 
 ROUTE = ("third_order_", "opening_")  # Steps 3 and 4 of the paper, with any sampler
 GOOD_R_HAT, FAR = 1.01, 2.576
+IN_UNIT = ("map", "mean", "sd", "q005", "q995", "truth")  # numbers in the unit of their row
 Summary = Mapping[str, Any]
 
 
@@ -48,11 +59,15 @@ def of_route(name: str, summary: Summary) -> bool:
     return name.startswith(ROUTE) and name != summary.get("main")
 
 
-def parameters_table(summary: Summary, known: Names) -> Table:
-    """Table 1: every step with its verdict and what it found of every parameter."""
+def parameters_table(summary: Summary, known: Names, *, shown: bool = False) -> Table:
+    """Table 1: every step with its verdict and what it found of every parameter.
+
+    Frequencies are `shown` in Hz and damping ratios in per cent, or as they are inferred.
+    """
     sections = []
     for name, step in main_first(summary):
         rows = [{"name": key, **facts} for key, facts in (step.get("parameters") or {}).items()]
+        rows = [_as_shown(row) if shown else row for row in rows]
         verdict = Cell(*badge(step["verdict"])) if step.get("verdict") else Cell("")
         wall = seconds(step.get("wall_time_s")).replace(NOTHING, "")
         sections.append(Section(rows, name, step_heading(name, summary), verdict, wall))
@@ -75,6 +90,13 @@ def parameters_table(summary: Summary, known: Names) -> Table:
         Column("z", _z, away, spared=4),
     )
     return Table(f"Campaign {summary.get('campaign', '')}", columns, tuple(sections), of="step")
+
+
+def _as_shown(row: dict[str, Any]) -> dict[str, Any]:
+    """A parameter's numbers in the unit in which a page shows them."""
+    shown = shown_as(row["name"], str(row.get("unit") or ""))
+    scaled = {key: shown.factor * row[key] for key in IN_UNIT if row.get(key) is not None}
+    return {**row, **scaled, "unit": shown.unit, "suffix": shown.suffix}
 
 
 def _unit(row: Summary) -> str:
@@ -117,27 +139,58 @@ def correlation_words(step: Summary, known: Names, strong: float = 0.9) -> list[
     ]
 
 
-def predictions_table(summary: Summary) -> Table:
-    """The prediction errors, a row a test."""
-    rows = [{"test": name, **row} for name, row in (summary.get("predictions") or {}).items()]
-    return table(
-        "Prediction errors",
-        rows,
+def table_of_tests(summary: Summary, tree: xr.DataTree | None = None) -> Table:
+    """Every test of a campaign: fitted or held out, and how well the model follows it."""
+    rows = sorted(every_test(summary, tree), key=_in_order)
+    parts = [(f"{word} ({count})", chosen) for word, keep in (("Fitted", True), ("Held out", False))
+             if (chosen := [row for row in rows if bool(row.get("fitted")) is keep])
+             for count in [_tests_counted(chosen)]]  # fmt: skip
+    columns = (
         words("test", "test", "left wrap"),
+        Column("kind", lambda row: str(row.get("kind") or "").replace("_", " "), align="left"),
+        Column("session", lambda row: str(row.get("run") or ""), align="left"),
         Column("level", level_of),
-        Column("used as", _fitted),
-        Column("inside the\n99 % predictive band", inside),
-        shares("its half width /\nrms of the record", "half_width", ""),
-        shares("error /\nrms of the record", "nrmse", ""),
+        Column(
+            "used as", lambda row: "fitted" if row.get("fitted") else "held out", only="terminal"
+        ),
+        Column("remark", _fitted, align="left"),
+        shares("RMS error /\nrms of the record", "nrmse", ""),
         shares("the same, best\nlinear oscillator", "nrmse_linear", ""),
-        shares("best\ncubic oscillator", "nrmse_cubic", ""),
+        shares("the same, best\ncubic oscillator", "nrmse_cubic", ""),
+        Column("inside the\n99 % band", inside),
+        shares("half width of the band /\nrms of the record", "half_width", ""),
     )
+    sections = tuple(Section(rows, heading, heading) for heading, rows in parts)
+    return Table("Tests: fitted and held out", columns, sections)
+
+
+def every_test(summary: Summary, tree: xr.DataTree | None = None) -> list[dict[str, Any]]:
+    """Every test with its prediction error, where there is one, as the summary tells it.
+
+    A run of an earlier version lists no tests: then those that were read and those predicted.
+    """
+    predicted = dict(summary.get("predictions") or {})
+    known = summary.get("tests")
+    if known is None:
+        read = None if tree is None else node(tree, "look")
+        every = [] if read is None else [dict(test.attrs) for test in read.children.values()]
+        known = [{**row, "fitted": int(row["fitted"])} for row in every if "fitted" in row]
+    rows = [{**predicted.pop(row["test"], {}), **row} for row in known]
+    return [*rows, *({"test": name, **row} for name, row in predicted.items())]
+
+
+def _in_order(row: Summary) -> tuple[str, float, str]:
+    return str(row.get("kind") or ""), float(row.get("level") or 0.0), str(row["test"])
+
+
+def _tests_counted(rows: list[dict[str, Any]]) -> str:
+    return "1 test" if len(rows) == 1 else f"{len(rows)} tests"
 
 
 def inside(row: Summary) -> str:
     """Share of the measured values in the predictive band, and of how many."""
     if row.get("coverage") is None:
-        return NOTHING
+        return ""
     count = row.get("num_values")
     return percent(row["coverage"]) + ("" if count is None else f" of {count:,.0f}")
 
@@ -150,13 +203,15 @@ def level_of(row: Summary) -> str:
 
 
 def _fitted(row: Summary) -> str:
-    """Whether a test was fitted, and how far beyond the fitted displacements it lies."""
-    if row.get("fitted"):
-        return "fitted"
+    """How many of its repeats were fitted, where not all; how far a test lies beyond the fitted."""
+    count, fitted = row.get("repeats"), row.get("fitted")
+    if fitted:
+        some = count is not None and int(fitted) < count
+        return f"{fitted} of {count} repeats fitted" if some else ""
     reach = row.get("extrapolation") or 0.0
     if reach <= BEYOND:
-        return "not fitted"
-    return f"not fitted, {reach:.2g} times the displacement that was"
+        return ""
+    return f"{reach:.2g} times the largest displacement fitted"
 
 
 def routes_table(summary: Summary, known: Names) -> Table:

@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -115,6 +115,22 @@ def spread_text(draws: Any, unit: str) -> str:
     half = 0.5 * (high - low)
     text = f"{number(middle, max(half, 1e-4 * abs(middle)))} {unit_text(unit)}".rstrip()
     return f"{text} ± {percent(half / abs(middle), digits=2)}" if middle else text
+
+
+class ShownAs(NamedTuple):
+    """How a page shows a parameter: times `factor`, in `unit`, its symbol with `suffix`."""
+
+    factor: float
+    unit: str
+    suffix: str
+
+
+def shown_as(name: str, unit: str) -> ShownAs:
+    """Frequencies in Hz, ωₙ/2π in place of ωₙ in rad/s, and damping ratios in per cent."""
+    if in_dialect(unit) == "rad/s":
+        return ShownAs(1.0 / (2.0 * math.pi), "Hz", "/2π")
+    is_ratio = unit in ("", "1") and re.match(r"zeta(_|\[|$)", name) is not None
+    return ShownAs(100.0, "%", "") if is_ratio else ShownAs(1.0, unit, "")
 
 
 def length_unit(largest: float) -> tuple[float, str]:

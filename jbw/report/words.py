@@ -10,7 +10,7 @@ from jbw.report.text import NOTHING, Names, number, percent, quantity, raised, s
 
 STATUS_WORDS = {
     "ok": "The main posterior can be used.",
-    "usable": "The main posterior can be used within the misfit that it states.",
+    "usable": "The main posterior can be used within the model discrepancy that it states.",
     "not assessed": "Some checks could not be made: hold the main posterior as provisional.",
     "failed": "The main posterior must not be used as it is.",
 }
@@ -22,10 +22,10 @@ SPELLED = {
 }
 UNCOUNTED = "noise_std"
 GRADES = (
-    "Known, with its standard deviation",
-    "Known roughly",
-    "Hardly known",
-    "Not known, its prior all but unchanged",
+    "Identified, with the coefficient of variation",
+    "Identified roughly",
+    "Hardly identified",
+    "Not identified, the prior all but unchanged",
 )
 # Laws that are called by people's names or by more than their own.
 LAWS = {"bouc_wen": "Bouc-Wen oscillator", "cubic": "cubic spring", "jenkins": "Jenkins array"}

@@ -8,7 +8,7 @@ import xarray as xr
 
 from jbw.campaign.settings import Identify
 from jbw.errors import Attempts
-from jbw.identification.assemble import Measured
+from jbw.identification.assemble import Measured, entered
 from jbw.identification.linear_step import LinearStep, linear_dataset, modes_dataset
 from jbw.identification.paper import step3, step4
 from jbw.identification.paper.step3 import KernelFit
@@ -67,9 +67,10 @@ def collect(
             {},
         )
     basis = basis_of(xr.DataTree.from_dict(groups))
+    names = {name for name, is_fitted in entered(seen).items() if is_fitted}
     groups |= attempts.make(
         "The comparison of the tests with the model",
-        lambda: verify(tests, found, basis, settings, seed, attempts, report),
+        lambda: verify(tests, names, found, basis, settings, seed, attempts, report),
         {},
     )
     curve = attempts.make(

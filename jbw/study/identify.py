@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from jbw.campaign.gains import force_per_unit
 from jbw.campaign.load import Campaign
 from jbw.errors import Attempts
-from jbw.identification.assemble import entered, measured_in
+from jbw.identification.assemble import Measured, entered, fitted_repeats, measured_in
 from jbw.identification.instruments import (
     Sensors,
     as_recorded,
@@ -134,6 +134,7 @@ def identify(
         "main": main.name,
         "steps": steps,
         "comparison": compared,
+        "tests": _tests(seen),
         "predictions": _predictions(tree),
         "loops": _loops(tree),
         "versions": {package: version(package) for package in VERSIONED},
@@ -306,6 +307,29 @@ def _step(step: Step, truth: Mapping[str, float], wide: xr.Dataset | None = None
     if "runs" in step.posterior.children:
         found["runs"] = runs_summary(step.posterior["runs"].to_dataset())
     return {**found, "wall_time_s": round(step.wall_s, 2)}
+
+
+def _tests(seen: Measured) -> list[dict[str, Any]]:
+    """Every test of the campaign, and how many of its repeats were fitted."""
+    used, counts = entered(seen), fitted_repeats(seen)
+    return [
+        {
+            "test": test.name,
+            "kind": test.kind,
+            "level": plain(test.level),
+            "level_unit": _unit_of_source(test),
+            "run": test.run or None,
+            "assembly": test.assembly or None,
+            "repeats": len(test.records),
+            "fitted": counts.get(test.name, len(test.records)) if used[test.name] else 0,
+        }
+        for test in seen.tests
+    ]
+
+
+def _unit_of_source(test: Test) -> str:
+    units = test.records[0].units
+    return next((units[role] for role in INPUTS if role in units), "")
 
 
 def _predictions(tree: xr.DataTree) -> dict[str, Any]:

@@ -17,7 +17,7 @@ from jbw.campaign.settings import Identify
 from jbw.errors import Attempts
 from jbw.identification.accuracy import CLOSE, another_law, within_unseen
 from jbw.identification.procedure import Identification, Report
-from jbw.identification.selection import DecaySplit, Sweeps, fitted, loop_tests
+from jbw.identification.selection import DecaySplit, Sweeps, loop_tests
 from jbw.inference.posterior.finding import Finding, Verdict, checked, judge
 from jbw.inference.posterior.remedies import put
 from jbw.measurement.records import Test, drive_of
@@ -56,6 +56,7 @@ Groups = dict[str, xr.Dataset]
 
 def verify(
     tests: Sequence[Test],
+    names: set[str],
     found: Identification,
     basis: Basis,
     settings: Identify,
@@ -65,7 +66,8 @@ def verify(
 ) -> Groups:
     """Every test beside the model and the oscillators without hysteresis, by path in the tree.
 
-    A comparison that cannot be made is left out, and `attempts` says so.
+    `names` are those of tests of which anything was fitted. A comparison that cannot be made is
+    left out, and `attempts` says so.
     """
 
     def simpler(draws: Draws, data: Dataset, *names: str) -> dict[str, Reference]:
@@ -77,7 +79,6 @@ def verify(
     groups: Groups = {}
     if found.data is not None:
         report("Verification and validation: every test against the model, and without hysteresis")
-        names = {test.name for test in fitted(tests, settings)}
         draws = basis.draws(NUM_DRAWS, seed=seed)
         source = Source(basis, draws, seed=seed)
         others = attempts.make(
@@ -147,6 +148,7 @@ def _verify_forced(
         natural_hz = found.linear.natural_hz
         loops = loop_tests(tests, natural_hz)
     names, sweeps = _compared_sweeps(names, found.sweeps)
+    unseen = () if found.sweeps is None else found.sweeps.held_out
     # Of the first mode as Step 2 has it, then of those beside it.
     bands = [(NEAR[0] * natural_hz, NEAR[1] * natural_hz), *bands_of_modes(source.draws)[1:]]
     basis = source.basis
@@ -181,7 +183,8 @@ def _verify_forced(
         motion = motion_of(own, test)
         attempt(test, partial(add_frf, motion), "frequency response of ")
         one = Predicted(compare_records(own, motion), motion.peak, motion.noise)
-        add("sweep", test.name, test, one)
+        shown = one.dataset.assign_attrs(seen=int(all(test is not each for each in unseen)))
+        add("sweep", test.name, test, replace(one, dataset=shown))
 
     def add_response(test: Test) -> None:
         add_frf(motion_of(replace(beside(test, NUM_FEW), references={}), test, substeps=1))

@@ -68,7 +68,7 @@ def test_every_kind_has_an_open_symbol_and_a_legend_entry():
     )
     left, right = backbone(tree).flat
     labels = [text.get_text() for text in left.figure.legends[0].get_texts()]
-    assert labels[2:] == ["noise", "sweep", "sweep, not fitted", "beyond what was fitted"]
+    assert labels[2:] == ["noise", "sweep", "sweep, held out", "beyond what was fitted"]
     points = left.lines[1:]
     found = [one.get_xdata().tolist() for one in points]
     assert found == [pytest.approx([0.2]), pytest.approx([1.0]), pytest.approx([2.0])]

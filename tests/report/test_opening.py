@@ -106,12 +106,12 @@ def test_errors_of_fitted_and_held_out_tests_stand_apart():
     }
     _, fit, held, *_ = opening(summary_of(predictions=tests), tree_of())
     assert fit == (
-        "The fit misses 2 tests by 1.2 to 3.4 % of the rms (the best linear oscillator: 20 to 30 "
-        "%)."
+        "RMS error of the 2 tests that were fitted: 1.2 to 3.4 % of the record's rms (best linear "
+        "oscillator: 20 to 30 %)."
     )
     assert held == (
-        "Of tests that no fit saw, 1 is predicted to 2.1 % of the rms; 98.5 % of the values lie in "
-        "the 99 % bands, which reach 4 % of the rms to either side."
+        "RMS error of the one test that was held out: 2.1 % of the record's rms; the 99 % bands "
+        "hold 98.5 % of the values (half width: 4 % of the rms)."
     )
     del tests["middle"]
     assert "hold_out" in opening(summary_of(predictions=tests), tree_of())[2]
@@ -126,8 +126,8 @@ def test_what_is_not_known_is_named_with_the_products_that_are():
     }
     told = opening(summary_of(ridge), tree_of())[3]
     assert told == (
-        "Not known: alpha and delta (standard deviations of 60 % and more), though alpha_delta to "
-        "2 %."
+        "Not identified: alpha and delta (CV 60 % and more); identified: alpha_delta (CV 2 % at "
+        "most)."
     )
     assert [one.split()[0] for one in known_parameters(summary_of(ridge))] == [
         "omega_n",
@@ -142,7 +142,7 @@ def test_where_all_is_known_the_least_known_is_named_and_no_product():
         "alpha_delta": facts(1.7e5, 0.02, kl=None),
     }
     assert opening(summary_of(known), tree_of())[3] == (
-        "Every parameter is known, alpha least: to 4 %."
+        "All parameters identified; least certain: alpha (CV 4 %)."
     )
     # 118 +- 2.576 * 0.118: two digits of a width of 0.61.
     assert known_parameters(summary_of(known)) == [
@@ -155,7 +155,7 @@ def test_a_parameter_that_leans_on_its_bound_is_not_called_known():
     leaning = summary_of(findings=[finding("at_bound", reason="alpha leans.")])
     assert opening(leaning, tree_of())[3] == "Not sure: alpha leans."
     fine = summary_of(findings=[finding("at_bound", "ok", "alpha does not lean.")])
-    assert opening(fine, tree_of())[3].startswith("Every parameter is known")
+    assert opening(fine, tree_of())[3].startswith("All parameters identified")
 
 
 def test_what_fails_is_to_be_done_before_what_is_only_limited():

@@ -12,7 +12,7 @@ from toy_summary import result_summary
 
 from jbw.cli.result import report
 from jbw.errors import RunError
-from jbw.report.figures import FIGURE_LIST
+from jbw.report.figures import FIGURE_LIST, GROUPS
 from jbw.report.page import render_page, write_page
 from jbw.report.tables import loops_table
 from jbw.run import files
@@ -77,10 +77,11 @@ def test_the_whole_page(whole):
     parsed = outline(text)
     figures = [facts["id"] for tag, facts in parsed.tags if tag == "figure"]
     # What stands first, or beside what the records say, is not drawn again below.
-    first, looked, *rest = figures
+    first, looked, *others = figures
     assert (first, looked) == ("extra_amplitude", "extra_look")
     assert "Nonlinear: yes, it softens." in text
-    assert rest == [entry.slug for entry in FIGURE_LIST if entry.slug not in (first, looked)]
+    grouped = [entry.slug for name in GROUPS for entry in FIGURE_LIST if entry.about == name]
+    assert others == [slug for slug in grouped if slug not in (first, looked)]
     identities = re.findall(r'\bid="([^"]+)"', text)
     assert len(identities) == len(set(identities))
     # Every link within the page leads somewhere.
@@ -125,19 +126,21 @@ def test_the_verdict_comes_first_then_what_is_known(small, summary):
     text = text[text.index("not assessed") :]  # below the links to the sections
     order = [
         "Some checks could not be made",
-        "The fit misses one test by 1.1\N{NO-BREAK SPACE}%",
+        "RMS error of the one test that was fitted: 1.1\N{NO-BREAK SPACE}%",
         "To do next: Look at figure 12",
         "Verdict: ",
         "What to do: Look at figure 12",
         "R-hat is at most 1.004",
         "What was identified, and what was not",
-        "Known, with its standard deviation: ωₙ",
-        "All five parameters are determined by the sweeps.",
+        "Identified, with the coefficient of variation: ωₙ",
         "Table 1",
         "340.3",
-        "Prediction errors",
-        "99 % predictive band",
-        "Figures",
+        "All five parameters are determined by the sweeps.",
+        "Tests: fitted and held out",
+        "inside the",
+        "Fitted (1 test)",
+        "Held out (1 test)",
+        "Posterior and sampling",
         "Not drawn",
         "The result has no group /steps/linear.",
         "Other posteriors",
@@ -159,18 +162,17 @@ def test_no_red_mark_stands_above_the_papers_route_when_the_main_answer_is_good(
     """Its steps fail in the toy; they are told within the one fold, which is closed."""
     summary["verdict"] = {"status": "ok", "findings": []}
     text = render_page(summary, small)
-    start = text.index('<section id="steps">')
-    fold = text[start : text.index("</section>", start)]
+    start = text.rindex("<details", 0, text.index('<div id="steps">'))
+    fold = text[start : text.rindex("<details", 0, text.index('<div id="provenance">'))]
     outside = text.replace(fold, "")
     outside = outside[outside.index("<main>") :]
-    assert fold.count("<details>") >= 1
-    assert "<details open" not in fold
+    assert fold.startswith('<details class="fold">')
     assert 'class="badge bad"' in fold
     assert 'class="badge bad"' not in outside
     # Where the main answer itself is bad, the mark is there to be seen.
     summary["verdict"] = {"status": "failed", "findings": []}
     text = render_page(summary, small)
-    assert 'class="badge bad"' in text[text.index("<main>") : text.index('<section id="steps">')]
+    assert 'class="badge bad"' in text[text.index("<main>") : text.index('<div id="steps">')]
 
 
 def test_a_failed_posterior_of_decays_is_not_excused_with_the_papers_route(small, summary):
@@ -178,8 +180,7 @@ def test_a_failed_posterior_of_decays_is_not_excused_with_the_papers_route(small
     failed = summary["steps"]["third_order_paper"]
     summary["steps"] = {"decay": failed, "joint": summary["steps"]["joint"]}
     text = render_page(summary, small)
-    others = text[text.index('<section id="others">') :]
-    others = others[: others.index("</section>")]
+    others = text[text.index('<div id="others">') : text.index('<div id="provenance">')]
     assert "Free decays" in others
     assert 'class="badge bad"' in others
     assert "The chains disagree" in others

@@ -13,7 +13,7 @@ from jbw.report.posterior import marginal_density
 from jbw.report.records import extremes, resonance_slice
 from jbw.report.responses import resonance_window
 from jbw.report.result import parameters, read_result, wrap_band, wrap_degrees
-from jbw.report.tables import predictions_table
+from jbw.report.tables import table_of_tests
 from jbw.report.text import number, percent, seconds, step_name, symbol, unit_text
 from jbw.verification.predict import warnings_of
 
@@ -156,13 +156,14 @@ def test_what_cannot_be_read_is_named(tmp_path):
         read_result(tmp_path)
 
 
-@pytest.mark.parametrize(("reach", "says"), [(1.04, "not fitted"), (1.06, "1.1 times")])
+@pytest.mark.parametrize(("reach", "says"), [(1.04, ""), (1.06, "1.1 times")])
 def test_a_twentieth_beyond_the_fitted_displacement_is_as_good_as_within(reach, says):
     """A peak is known to some per cent; from 1.05 on the table and a warning say so."""
     row = {"kind": "sweep", "fitted": False, "extrapolation": reach, "nrmse": 0.1, "coverage": 0.9}
-    shown = predictions_table({"predictions": {"strong": row}})
-    (used,) = (c.cell(shown.rows[0]).text for c in shown.columns if c.heading == "used as")
+    shown = table_of_tests({"predictions": {"strong": row}}, xr.DataTree())
+    (used,) = (c.cell(shown.rows[0]).text for c in shown.columns if c.heading == "remark")
     assert says in used
+    assert [section.heading for section in shown.sections] == ["Held out (1 test)"]
     assert ("times" in used) == (reach > 1.05)
     attrs = {"test": "strong", "extrapolation": reach, "y_peak": [0.9, 1.0, reach]}
     found = warnings_of(xr.Dataset(attrs={**attrs, "y_peak_fitted": 1.0}))

@@ -41,10 +41,10 @@ def test_parameters_are_graded_by_what_is_known_of_them():
         {"main": "joint", "steps": {"joint": {"parameters": parameters}}}, KNOWN
     )
     assert [each.partition(":")[0] for each in words] == [
-        "Known, with its standard deviation",
-        "Known roughly",
-        "Hardly known",
-        "Not known, its prior all but unchanged",
+        "Identified, with the coefficient of variation",
+        "Identified roughly",
+        "Hardly identified",
+        "Not identified, the prior all but unchanged",
     ]
     assert "natural frequency" in words[0]
     assert "noise" not in "".join(words)
