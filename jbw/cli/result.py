@@ -7,6 +7,7 @@ import click
 
 from jbw.cli.options import json_option, out_option, run_argument
 from jbw.cli.printing import answer
+from jbw.errors import ConfigError
 
 
 @click.command()
@@ -21,9 +22,19 @@ from jbw.cli.printing import answer
     is_flag=True,
     help="Write interactive.html beside it, with figures to zoom into; needs plotly.",
 )
+@click.option(
+    "--brief",
+    is_flag=True,
+    help="Write brief.pdf alone: one page with the verdict, frequency, damping ratio and Q.",
+)
 @json_option
-def report(folder: Path, out: Path | None, interactive: bool, json_: bool) -> None:
+def report(
+    folder: Path, out: Path | None, interactive: bool, brief: bool, json_: bool
+) -> None:  # fmt: skip
     """Write the one-file report of the finished run in DIR, and its figures beside it."""
+    if brief:
+        _write_brief(folder, out, json_, interactive=interactive)
+        return
     from jbw.report.page import campaign_name, write_interactive, write_page
     from jbw.report.result import read_result
     from jbw.study.store import save_report
@@ -40,6 +51,25 @@ def report(folder: Path, out: Path | None, interactive: bool, json_: bool) -> No
         write_interactive(tree, beside, campaign_name(summary))
         written["interactive"] = str(beside)
     answer(json_, written, saved="\n".join(written.values()))
+
+
+def _write_brief(folder: Path, out: Path | None, json_: bool, *, interactive: bool) -> None:
+    """Write the page of PDF of the finished run in a folder."""
+    if interactive:
+        raise click.UsageError("Options --brief and --interactive write different pages: give one.")
+    if out is not None and out.suffix.lower() != ".pdf":
+        raise ConfigError(
+            f"Option --out must end in .pdf with --brief, but is {out}.",
+            remedy="Name it so, for example --out brief.pdf.",
+        )
+    from jbw.report.brief import write_brief
+    from jbw.report.result import read_result
+    from jbw.run.files import write_whole
+
+    summary, tree = read_result(folder)
+    page = out or folder / "brief.pdf"
+    write_whole(page, write_brief(summary, tree))
+    answer(json_, {"brief": str(page)}, saved=str(page))
 
 
 @click.command()

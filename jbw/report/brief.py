@@ -1,0 +1,384 @@
+"""One page for whoever decides: verdict, frequency, damping, Q, and what was measured.
+
+A4 upright, drawn by matplotlib alone. Every text is measured before it is placed: it is broken or
+shortened to its room, so that nothing overlaps and nothing leaves the page, whatever names hold.
+"""
+
+import datetime
+import io
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import matplotlib
+import numpy as np
+import xarray as xr
+from matplotlib.figure import Figure
+from matplotlib.font_manager import FontProperties
+from matplotlib.patches import Rectangle
+from matplotlib.textpath import TextToPath
+
+from jbw import __version__
+from jbw.errors import printable
+from jbw.report import style
+from jbw.report.loops import backbone
+from jbw.report.opening import opening
+from jbw.report.result import BACKBONE, laws_of, names_of, node
+from jbw.report.style import GREEN, INK, ORANGE, RC, SOFT, VERMILLION
+from jbw.report.tables import every_test
+from jbw.report.text import NOTHING, interval, length_unit, number, percent, unit_text
+from jbw.report.words import badge, in_symbols, law_words
+
+WIDTH, HEIGHT = 8.27, 11.69  # A4 [in]
+MARGIN = 0.7  # on every side [in]
+ROOM = WIDTH - 2 * MARGIN  # for a line [in]
+LEADING = 1.45  # distance of two lines over their size
+POINT = 1 / 72  # [in]
+FIGURE = 3.1  # height of the backbone with its legend [in]
+FOOT = 0.5  # height kept for the last lines [in]
+PARTS = (0.1, 0.25, 0.5, 1.0)  # of the largest fitted amplitude: lines of the table
+USUAL = {"size": 9.0, "color": INK}
+USE = {
+    "ok": ("The numbers on this page may be used.", GREEN),
+    "usable": (
+        "The numbers may be used within the model discrepancy that is stated below.",
+        GREEN,
+    ),
+    "failed": ("The numbers on this page may not be used.", VERMILLION),
+}
+DOUBT = ("The numbers are provisional: some checks could not be made.", ORANGE)
+MEASURE = TextToPath()
+Summary = Mapping[str, Any]
+
+
+class Cells(NamedTuple):
+    """A small table: where its columns lie [part of the line], headings and rows."""
+
+    heading: str
+    places: Sequence[tuple[float, float, str]]  # where each begins and ends, and to which side
+    names: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+def write_brief(summary: Summary, tree: xr.DataTree, today: datetime.date | None = None) -> bytes:
+    """Return the page as PDF: one page of A4.
+
+    Args:
+        summary: Of a finished run.
+        tree: Of the same.
+        today: The date that is printed; this day when None.
+    """
+    figure = draw_brief(summary, tree, today)
+    buffer = io.BytesIO()
+    about = {"Title": _name(summary), "Creator": f"jbw {__version__}", "Producer": None}
+    with warnings.catch_warnings(), matplotlib.rc_context({"pdf.fonttype": 42}):
+        warnings.filterwarnings("ignore", message="Glyph")  # a letter that the font lacks is a box
+        figure.savefig(buffer, format="pdf", metadata={**about, "CreationDate": None})
+    return buffer.getvalue()
+
+
+def draw_brief(summary: Summary, tree: xr.DataTree, today: datetime.date | None = None) -> Figure:
+    """Draw the page; arguments as for `write_brief`."""
+    figure = Figure(figsize=(WIDTH, HEIGHT))
+    known = names_of(tree, summary)
+    top = HEIGHT - MARGIN
+    top = _line(figure, top, _name(summary), size=16, weight="bold")
+    day = (today or datetime.date.today()).isoformat()
+    law = law_words(laws_of(tree))
+    top = _line(
+        figure, top, f"Bolted joint, brief of {day}. Model: {law}. jbw {__version__}.", color=SOFT
+    )
+    top = _verdict(figure, top - 0.1, summary, known)
+    said = {one.get("reason") for one in (summary.get("verdict") or {}).get("findings", [])}
+    for sentence in (each for each in opening(summary, tree)[:4] if each not in said):
+        top = _paragraph(figure, top, in_symbols(sentence, known), most=2)
+    if node(tree, BACKBONE) is not None:
+        top = _draw_backbone(figure, top - 0.05, tree)
+        top = _table(figure, top, _levels(summary, tree), most=len(PARTS))
+    modes = _modes(tree)
+    if modes.rows:
+        top = _table(figure, top, modes, most=4)
+    _table(figure, top, _measured(summary, tree), floor=MARGIN + FOOT)
+    _foot(figure, summary, tree)
+    return figure
+
+
+def _name(summary: Summary) -> str:
+    campaign = summary.get("campaign")
+    name = campaign.get("name", "") if isinstance(campaign, Mapping) else campaign
+    return " ".join(printable(str(name or "Bolted joint")).split())
+
+
+def _verdict(figure: Figure, top: float, summary: Summary, known: Any) -> float:
+    """What the numbers may be used for, with the first reason against them, in a box."""
+    verdict = summary.get("verdict") or {}
+    word = badge(verdict).word
+    said, colour = USE.get(word, DOUBT)
+    start = top
+    top = _line(figure, top - 0.08, said, size=12, weight="bold", color=colour, indent=0.15)
+    against = [one for one in verdict.get("findings", []) if one.get("status") != "ok"]
+    against.sort(key=lambda one: one.get("status") != "failed")
+    for finding in against[:1]:
+        text = " ".join(filter(None, (finding.get("reason"), finding.get("action"))))
+        top = _paragraph(figure, top, in_symbols(str(text), known), most=3, indent=0.15)
+    if len(against) > 1:
+        further = f"{len(against) - 1} more: see report.html."
+        top = _line(figure, top, further, size=8.5, color=SOFT, indent=0.15)
+    top -= 0.06
+    bar = Rectangle(
+        (MARGIN / WIDTH, top / HEIGHT), 0.06 / WIDTH, (start - top) / HEIGHT, color=colour, lw=0,
+        transform=figure.transFigure,
+    )  # fmt: skip
+    figure.add_artist(bar)
+    return top - 0.1
+
+
+def _draw_backbone(figure: Figure, top: float, tree: xr.DataTree) -> float:
+    """Frequency and damping ratio against amplitude with the measured points, and the legend."""
+    left, gap, below = 0.62, 0.75, 0.78
+    wide = (ROOM - left - gap) / 2
+    high = FIGURE - below
+    axes = []
+    with matplotlib.rc_context(RC):
+        for i in range(2):
+            x = MARGIN + left + i * (wide + gap)
+            place = (x / WIDTH, (top - high) / HEIGHT, wide / WIDTH, (high - 0.05) / HEIGHT)
+            axes.append(figure.add_axes(place))
+    backbone(tree, axes)
+    for ax in axes:
+        ax.tick_params(labelsize=8, color=SOFT)
+        ax.grid(True, color=style.GRID, linewidth=0.6)
+        ax.xaxis.label.set_size(8.5)
+        ax.yaxis.label.set_size(8.5)
+        if (legend := ax.get_legend()) is not None:
+            legend.remove()
+    handles, labels = axes[0].get_legend_handles_labels()
+    named = {label: handle for label, handle in zip(labels, handles, strict=True)}
+    figure.legend(
+        named.values(), named, loc="upper left", ncols=4, fontsize=7.5, frameon=False,
+        borderaxespad=0.0, handlelength=1.6, columnspacing=1.2,
+        bbox_to_anchor=(MARGIN / WIDTH, (top - high - 0.42) / HEIGHT),
+    )  # fmt: skip
+    rows = -(-len(named) // 4)
+    return top - high - 0.42 - 0.16 * rows - 0.1
+
+
+def _levels(summary: Summary, tree: xr.DataTree) -> Cells:
+    """Frequency, its shift, damping ratio and Q at parts of the largest fitted amplitude."""
+    found = tree[BACKBONE].to_dataset()
+    y_peak = float(found.attrs["y_fitted"])
+    factor, unit = length_unit(y_peak)
+    at = found.interp(amplitude=[part * y_peak for part in PARTS])
+    frequency, damping = (
+        np.asarray(at[name].transpose("amplitude", "quantile"), float)
+        for name in ("frequency", "damping")
+    )
+    first = frequency[0, 1]
+    rows = []
+    for part, (low, hertz, high), (least, ratio, most) in zip(
+        PARTS, frequency, damping, strict=True
+    ):
+        # Q falls where damping rises: the ends change places. Without damping it has none.
+        quality = NOTHING if least <= 0 else _interval(*(0.5 / x for x in (most, ratio, least)))
+        rows.append(
+            (
+                f"{factor * part * y_peak:.3g} {unit}",
+                _interval(low, hertz, high),
+                percent(hertz / first - 1.0, digits=2),
+                _interval(100 * least, 100 * ratio, 100 * most),
+                quality,
+            )
+        )
+    several = " of the first mode" if _modes(tree).rows else ""
+    return Cells(
+        f"Frequency and damping{several} against amplitude, with 99 % intervals",
+        ((0.0, 0.13, "left"), (0.14, 0.42, "right"), (0.43, 0.51, "right"), (0.52, 0.78, "right"),
+         (0.79, 1.0, "right")),
+        ("amplitude", "frequency [Hz]", "shift", "damping ratio [%]", "Q = 1/(2 ζ)"),
+        rows,
+    )  # fmt: skip
+
+
+def _interval(low: float, middle: float, high: float) -> str:
+    """A value and its interval, to two digits of a fifth of its width, and six digits at most."""
+    widened = max(0.2, 1e-5 * abs(middle) / (high - low)) if high > low else 0.2
+    return interval(low, middle, high, widened)
+
+
+def _modes(tree: xr.DataTree) -> Cells:
+    """Every mode at small motion, of a structure of several; no rows of one mode."""
+    group = node(tree, "posterior")
+    drawn = {} if group is None else group.to_dataset().data_vars
+    pairs = [("omega_n", "zeta"), *((f"omega_{k}", f"zeta_{k}") for k in range(2, 20))]
+    own = [pair for pair in pairs if all(name in drawn for name in pair)]
+    rows = []
+    for i, (omega, zeta) in enumerate(own if len(own) > 1 else (), start=1):
+        hertz, ratio = (
+            np.quantile(np.ravel(drawn[name]), (0.005, 0.5, 0.995)) for name in (omega, zeta)
+        )
+        shown = _interval(*(hertz / (2 * np.pi))), _interval(*(100 * ratio))
+        rows.append((f"mode {i}", *shown, f"{0.5 / ratio[1]:.3g}"))
+    return Cells(
+        "Modes at small motion, joint in full stick",
+        ((0.0, 0.13, "left"), (0.14, 0.42, "right"), (0.52, 0.78, "right"), (0.79, 1.0, "right")),
+        ("", "frequency [Hz]", "damping ratio [%]", "Q"),
+        rows,
+    )
+
+
+def _measured(summary: Summary, tree: xr.DataTree) -> Cells:
+    """What was measured: the tests of a kind and level on one line."""
+    read = {row["test"]: row for row in (summary.get("look") or {}).get("tests") or []}
+    families: dict[tuple[str, float, bool], list[dict[str, Any]]] = {}
+    for row in every_test(summary, tree):
+        level = row.get("level")
+        key = str(row.get("kind") or ""), float("nan" if level is None else level)
+        families.setdefault((*key, bool(row.get("fitted"))), []).append(row)
+    rows = []
+    for (kind, level, is_fitted), tests in sorted(families.items(), key=lambda one: str(one[0])):
+        seen = [read[row["test"]] for row in tests if row["test"] in read]
+        unit = unit_text(str(tests[0].get("level_unit") or ""))
+        largest = max((row["y_max"] for row in seen), default=None)
+        factor, length = length_unit(largest or 1.0)
+        rows.append(
+            (
+                kind.replace("_", " "),
+                NOTHING if np.isnan(level) else f"{level:.3g} {unit}".rstrip(),
+                str(len(tests)),
+                "fitted" if is_fitted else "held out",
+                NOTHING if largest is None else f"{number(factor * largest, digits=2)} {length}",
+                _mean(seen, "frequency_hz", 1.0),
+                _mean(seen, "damping", 100.0),
+                _worst(tests),
+            )
+        )
+    return Cells(
+        "What was measured, read without a model of the joint",
+        ((0.0, 0.15, "left"), (0.16, 0.27, "right"), (0.28, 0.35, "right"), (0.38, 0.5, "left"),
+         (0.51, 0.61, "right"), (0.62, 0.73, "right"), (0.74, 0.86, "right"), (0.87, 1.0, "right")),
+        ("kind of test", "level", "tests", "used as", "motion", "freq. [Hz]", "damping [%]",
+         "model error"),
+        rows,
+    )  # fmt: skip
+
+
+def _mean(rows: Sequence[Summary], key: str, factor: float) -> str:
+    values = [row[key] for row in rows if row.get(key) is not None]
+    return number(factor * float(np.mean(values)), digits=4) if values else NOTHING
+
+
+def _worst(rows: Sequence[Summary]) -> str:
+    errors = [row["nrmse"] for row in rows if row.get("nrmse") is not None]
+    return percent(max(errors), digits=2) if errors else NOTHING
+
+
+def _foot(figure: Figure, summary: Summary, tree: xr.DataTree) -> None:
+    """What the numbers are, and of which run."""
+    made = (
+        str(tree["posterior"].attrs.get("created_at", "")) if "posterior" in tree.children else ""
+    )
+    run = f"Identified {made[:10]}. " if made else ""
+    digest = str(summary.get("campaign_sha256") or "")[:12]
+    campaign = f"Campaign {digest}. " if digest else ""
+    seed = "" if summary.get("seed") is None else f"Seed {summary['seed']}. "
+    says = "Intervals: 99 %. Model error: largest RMS error over the rms of the record. "
+    top = MARGIN + FOOT - 0.12
+    top = _line(figure, top, says + "All details: report.html.", size=7.5, color=SOFT)
+    _line(figure, top, f"{run}{campaign}{seed}".strip(), size=7.5, color=SOFT)
+
+
+def _table(
+    figure: Figure, top: float, cells: Cells, most: int = 99, floor: float = MARGIN
+) -> float:
+    """Draw a table with as many rows as there is room for, and say how many are left."""
+    if not cells.rows:
+        return top
+    height = USUAL["size"] * POINT * LEADING
+    room = int((top - floor - 2.6 * height) / height)
+    count = min(len(cells.rows), most, max(room, 0))
+    if count < 1:
+        return top
+    shown = list(cells.rows[:count])
+    more = None
+    if count < len(cells.rows):
+        said = f"and {len(cells.rows) - count + 1} more lines: see report.html"
+        more = shown[-1] = (said, *[""] * (len(cells.names) - 1))
+    top = _line(figure, top - 0.04, cells.heading, size=9.5, weight="bold")
+    for row, colour in ((cells.names, SOFT), *((row, INK) for row in shown)):
+        for text, (start, end, side) in zip(row, cells.places, strict=True):
+            room = ROOM if row is more else ROOM * (end - start)
+            kept = _shortened(str(text), room, USUAL["size"])
+            place = start if side == "left" else end
+            _put(figure, MARGIN + place * ROOM, top, kept, color=colour, ha=side)
+        top -= height
+    return top - 0.06
+
+
+def _line(figure: Figure, top: float, text: str, indent: float = 0.0, **look: Any) -> float:
+    """Write one line, shortened to the page's width; return where the next begins."""
+    size = float(look.get("size", USUAL["size"]))
+    kept = _shortened(text, ROOM - indent, size, str(look.get("weight", "normal")))
+    _put(figure, MARGIN + indent, top, kept, **look)
+    return top - size * POINT * LEADING
+
+
+def _paragraph(figure: Figure, top: float, text: str, most: int, indent: float = 0.0) -> float:
+    """Write a text in so many lines at most; return where the next begins."""
+    for line in _broken(text, ROOM - indent, USUAL["size"], most):
+        top = _line(figure, top, line, indent=indent)
+    return top - 0.03
+
+
+def _put(figure: Figure, x: float, top: float, text: str, **look: Any) -> None:
+    """Write a text at a place [in] as it is: a dollar sign starts no formula."""
+    if text:
+        figure.text(x / WIDTH, top / HEIGHT, text, va="top", parse_math=False, **{**USUAL, **look})
+
+
+def _broken(text: str, width: float, size: float, most: int) -> list[str]:
+    """A text in lines of a width [in], the last one shortened where there are more."""
+    lines = [""]
+    words = list(_pieces(printable(text).split(), width, size))
+    for i, word in enumerate(words):
+        longer = f"{lines[-1]} {word}".strip()
+        if _width(longer, size) <= width:
+            lines[-1] = longer
+        elif len(lines) < most:
+            lines.append(word)
+        else:
+            lines[-1] = _shortened(" ".join([lines[-1], *words[i:]]), width, size)
+            break
+    return lines
+
+
+def _pieces(words: Sequence[str], width: float, size: float) -> Iterator[str]:
+    """Words, those longer than a line in parts."""
+    for word in words:
+        while _width(word, size) > width:
+            count = next(
+                n for n in range(len(word) - 1, 0, -1) if n == 1 or _width(word[:n], size) <= width
+            )
+            yield word[:count]
+            word = word[count:]
+        yield word
+
+
+def _shortened(text: str, width: float, size: float, weight: str = "normal") -> str:
+    """A text that fits into a width [in], with an ellipsis where it was longer."""
+    text = " ".join(printable(text).split())
+    if _width(text, size, weight) <= width:
+        return text
+    low, high = 0, len(text)
+    while low < high:  # the longest beginning that fits
+        middle = (low + high + 1) // 2
+        fits = _width(f"{text[:middle].rstrip()}…", size, weight) <= width
+        low, high = (middle, high) if fits else (low, middle - 1)
+    return f"{text[:low].rstrip()}…"
+
+
+def _width(text: str, size: float, weight: str = "normal") -> float:
+    """Width of a line [in]."""
+    font = FontProperties(size=size, weight=weight)
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph")
+        return MEASURE.get_text_width_height_descent(text, font, ismath=False)[0] * POINT
