@@ -17,8 +17,8 @@ Looks = dict[str, tuple[str, str]]
 def laws_figure(tree: xr.DataTree, ax: Any = None) -> Panels:
     """Draw laws side by side.
 
-    Frequency and damping against amplitude under every law, its loop at the largest, what it leaves
-    of one record, and its errors of the runs that were left out.
+    Frequency and damping against amplitude under every law, its loop at the largest, its residual
+    along one record, and the error of each run, predicted from the others.
     """
     curves, scores = tree["curves"].to_dataset(), tree["scores"].to_dataset()
     runs = [str(run) for run in scores["run"].values] if scores.sizes["law"] else []
@@ -71,8 +71,8 @@ def _residuals(here: Any, found: xr.Dataset, looks: Looks) -> None:
         here.plot(along, left, color=colour, ls=dashes, lw=1.0)
     here.set_yscale("log")
     here.set_xlabel("place in the record")
-    here.set_ylabel("left [% of rms]")
-    title(here, f"what each law leaves of {plain(found.attrs['group'])}")
+    here.set_ylabel("residual [% of rms]")
+    title(here, f"residual of each law along {plain(found.attrs['group'])}")
 
 
 SHAPES = {"loops": _loops, "residuals": _residuals}
@@ -85,7 +85,7 @@ def _left_out(here: Any, scores: xr.Dataset, runs: list[str], looks: Looks) -> N
         errors = 100 * scores["error"].sel(law=law).values
         filled = "none" if looks[law][1] != "-" else "full"
         here.plot(errors, places, "o", ms=4, color=looks[law][0], fillstyle=filled)
-    said = "runs as a fit predicts them that has not seen them"
+    said = "error of each run, predicted from the others"
     if "line" in scores and np.isfinite(scores["line"].values).any():
         here.plot(100 * scores["line"].values, np.arange(len(runs)), "|", ms=12, color="0.3")
         said += "; bar: a line of the run's own"

@@ -1,7 +1,8 @@
-"""A page of one figure, some sentences and tables: of a fleet, of a watch."""
+"""A page of a figure, some sentences and tables: of a fleet, of a watch, of laws."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from markupsafe import Markup
 
@@ -25,13 +26,32 @@ class Sheet:
     status_words: str = ""
 
 
-def render_sheet(sheet: Sheet, drawn: Panels) -> str:
+class Folded(NamedTuple):
+    """A further figure, which is folded away below the tables."""
+
+    title: str
+    caption: str
+    drawn: Panels
+
+
+def render_sheet(sheet: Sheet, drawn: Panels, folded: Sequence[Folded] = ()) -> str:
     """Return the page as HTML, one file that needs nothing else; names from files are escaped.
 
     Args:
-        sheet: Everything but the figure.
+        sheet: Everything but the figures.
         drawn: Axes of the figure, as its function returns them.
+        folded: Further figures.
     """
+    further = [
+        {"id": f"further-{i}", "title": one.title, "caption": one.caption,
+         "figure": _svg(one.drawn, f"further-{i}")}
+        for i, one in enumerate(folded, start=1)
+    ]  # fmt: skip
+    return ENVIRONMENT.get_template("sheet.html").render(
+        sheet=sheet, figure=_svg(drawn, "sheet"), further=further
+    )
+
+
+def _svg(drawn: Panels, name: str) -> Markup:
     # The SVG is our own drawing of numbers, its texts outlines: safe to insert as it is.
-    figure = Markup(svg(drawn.flat[0].figure, "sheet"))
-    return ENVIRONMENT.get_template("sheet.html").render(sheet=sheet, figure=figure)
+    return Markup(svg(drawn.flat[0].figure, name))

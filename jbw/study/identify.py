@@ -2,7 +2,6 @@
 
 import logging
 import sys
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, replace
 from importlib.metadata import version
@@ -43,7 +42,7 @@ from jbw.report.opening import opening
 from jbw.report.result import node, verified
 from jbw.study.collect import collect
 from jbw.study.identifiability import as_group, look_again, plain
-from jbw.study.look import Look, look, look_groups
+from jbw.study.look import look_groups, look_quietly
 from jbw.study.study import Study, input_hashes
 from jbw.study.surroundings import constants_sentence
 from jbw.verification.predictive_basis import AS_RECORDED
@@ -92,7 +91,7 @@ def identify(
         report(sentence)
     # Before anything is sampled: what is wrong with a record then costs no result.
     report("Reading the records without a model")
-    looked = _looked(replace(campaign, tests=tests))
+    looked = look_quietly(replace(campaign, tests=tests))
     seen = measured_in(campaign, report, tests)
     found = run_procedure(seen, seed=seed, report=report, keep=keep)
     source = _name_gain_unit(tests, found)
@@ -152,13 +151,6 @@ def identify(
         tree["identifiability"] = xr.DataTree(as_group(known))
         record["identifiability"] = known.summary()
     return Study(tree, record, campaign, found)
-
-
-def _looked(campaign: Campaign) -> Look:
-    """What the records show by themselves; what is doubtful of them was said at the door."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        return look(campaign, report=lambda _: None)
 
 
 def _assembly(campaign: Campaign) -> dict[str, Any]:

@@ -12,7 +12,7 @@ import xarray as xr
 
 from jbw.campaign.load import Campaign
 from jbw.identification import evidence
-from jbw.identification.assemble import Report, measured_in
+from jbw.identification.assemble import Report, entered, measured_in
 from jbw.identification.diagnosis import diagnose, diagnosis_sentences, readings_of
 from jbw.identification.evidence import Candidate
 from jbw.identification.floors import own_lines, rms, scatter_of_means
@@ -27,6 +27,7 @@ from jbw.study.law_answers import compare_rows, statements
 from jbw.study.law_held_out import errors_apart, held_out, is_of, unseen
 from jbw.study.law_rows import row_of, weigh
 from jbw.study.law_shapes import loops, residuals
+from jbw.study.look import look_groups, look_quietly
 from jbw.study.stack import law_groups
 from jbw.verification.backbone import HERTZ, RATIO, curves
 from jbw.verification.bands import QUANTILE_AXIS, band
@@ -138,6 +139,7 @@ def compare_laws(
             "/residuals": residuals(named, highest),
             **({} if offsets is None else {"/offsets": offsets}),
             **({} if others is None else {"/held_out": others}),
+            **look_groups(look_quietly(campaign), entered(seen)),
             **groups,
         }
     )

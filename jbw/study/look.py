@@ -5,6 +5,7 @@ envelopes, steady tones and response curves from their harmonics, force loops by
 """
 
 import logging
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -117,6 +118,13 @@ def _of_first_mode(campaign: Campaign) -> Iterator[Test]:
             yield test
         else:
             yield replace(test, band_hz=bands_of(modes, test)[0])
+
+
+def look_quietly(campaign: Campaign) -> Look:
+    """The same beside an identification, where what is doubtful was said at the door."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return look(campaign, report=lambda _: None)
 
 
 def look_groups(found: Look, fitted: Mapping[str, bool] | None = None) -> dict[str, xr.Dataset]:

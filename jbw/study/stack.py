@@ -15,6 +15,7 @@ import xarray as xr
 from jbw.errors import DataError
 from jbw.identification.evidence import Candidate
 from jbw.measurement.records import Test
+from jbw.report.law_page import render_laws
 from jbw.report.laws import laws_figure
 from jbw.study.store import write_figure, write_json, writing
 from jbw.verification.predictive_basis import Basis, basis_attrs, basis_of
@@ -37,10 +38,11 @@ def law_groups(
 
 
 def save_laws(folder: Path, tree: xr.DataTree, record: Mapping) -> None:
-    """Write laws.nc, laws.png and laws.json, the numbers last."""
-    with writing(folder, "laws.nc", "laws.png", "laws.json") as part:
+    """Write laws.nc, laws.png, laws.html and laws.json, the numbers last."""
+    with writing(folder, "laws.nc", "laws.png", "laws.html", "laws.json") as part:
         tree.to_netcdf(part / "laws.nc", engine="h5netcdf")
         write_figure(part / "laws.png", laws_figure(tree))
+        (part / "laws.html").write_text(render_laws(tree, record), encoding="utf-8")
         write_json(part / "laws.json", record)
 
 

@@ -1,0 +1,61 @@
+"""The table of laws of the joint, a line a law."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from jbw.report.table import Column, Table, table, words
+from jbw.report.text import NOTHING
+
+
+def law_order(record: Mapping[str, Any]) -> list[str]:
+    """Names of the laws, the best first."""
+    worst = -float("inf")
+
+    def rank(name: str) -> float:
+        row = record["laws"][name]
+        return next((row[key] for key in ("elpd", "log_evidence") if row[key] is not None), worst)
+
+    return sorted(record["laws"], key=rank, reverse=True)
+
+
+def laws_table(record: Mapping[str, Any]) -> Table:
+    """A line a law, the best first."""
+    laws = record["laws"]
+    rows = [{"law": name, "floor": record["line"], **laws[name]} for name in law_order(record)]
+    return table(
+        f"Laws of the joint: {record['campaign']}",
+        rows,
+        words("law", "law"),
+        words("parameters", "num_parameters", "right"),
+        _percent("fit [%]", "error"),
+        _percent("left out [%]", "error_left_out"),
+        _percent("highest [%]", "error_highest"),
+        _percent("held out [%]", "error_held_out"),
+        _percent("beyond [%]", "error_beyond"),
+        _percent("own lines [%]", "floor"),
+        Column("log score", _difference("elpd_difference", "elpd_difference_se")),
+        _number("weight", "weight", ".2f"),
+        Column("log evidence", _difference("log_evidence_difference", "log_evidence_error")),
+        Column("answer", lambda row: row["answer"], align="left"),
+    )
+
+
+def _number(heading: str, key: str, form: str, scale: float = 1.0) -> Column:
+    def shown(row: Mapping[str, Any]) -> str:
+        return NOTHING if row[key] is None else format(scale * row[key], form)
+
+    return Column(heading, shown)
+
+
+def _percent(heading: str, key: str) -> Column:
+    return _number(heading, key, ".3g", 100.0)
+
+
+def _difference(key: str, error: str) -> Any:
+    def shown(row: Mapping[str, Any]) -> str:
+        if row[key] is None:
+            return NOTHING
+        told = f"{row[key]:+.1f}" if row[key] else "0"
+        return told if row[error] is None else f"{told} +- {row[error]:.2g}"
+
+    return shown
