@@ -1,17 +1,18 @@
 """A fleet: every unit beside the others, what they have in common, and where a new one lies."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from jbw.report.sheet import Sheet
 from jbw.report.style import BLUE, INK, VERMILLION, Panels, finish, panels, shade
-from jbw.report.table import Column, Table, digits, table, words
+from jbw.report.table import Cell, Column, Table, digits, table, words
 from jbw.report.text import NOTHING
 from jbw.report.words import badge
 
 HALF_99 = 2.5758  # sd of a normal interval of 99 %
+MOST = 6  # coordinates of a table of units
 ODD = 0.01  # probability, over the number of units, from which one does not belong
 
 
@@ -72,7 +73,7 @@ def population_sheet(
         caption=f"Every unit{trend} with its own 99 % interval, and the band in which 99 % of "
         "units lie that nobody measured. A square marks a unit that does not belong.",
         sentences=record["statements"],
-        tables=[("The population", pooled), ("The units", units_table(record, mean, sd))],
+        tables=[("The population", pooled), *units_tables(record, mean, sd)],
         status=badge(record["status"]),
         status_words=f"Population of {len(record['units'])} units",
     )
@@ -103,8 +104,21 @@ def population_table(record: Mapping[str, Any]) -> Table:
     return table(f"Population of {len(record['units'])} units, median [99 %]", rows, *columns)
 
 
-def units_table(record: Mapping[str, Any], mean: np.ndarray, sd: np.ndarray) -> Table:
-    """A line a unit: torque, its coordinates, and how well it belongs with the others."""
+def units_tables(
+    record: Mapping[str, Any], mean: np.ndarray, sd: np.ndarray
+) -> list[tuple[str, Table]]:
+    """Tables of the units with as many coordinates each as a page is wide, with their headings."""
+    names = list(record["parameters"])
+    parts = [names[i : i + MOST] for i in range(0, len(names), MOST)]
+    headings = ["The units", *["The units, further coordinates"] * (len(parts) - 1)]
+    tables = [units_table(record, mean, sd, part) for part in parts]
+    return list(zip(headings, tables, strict=True))
+
+
+def units_table(
+    record: Mapping[str, Any], mean: np.ndarray, sd: np.ndarray, names: Sequence[str]
+) -> Table:
+    """A line a unit: torque, the named coordinates, and how well it belongs with the others."""
     rows = []
     for k, unit in enumerate(record["units"]):
         ends = np.exp(mean[k] + HALF_99 * sd[k] * np.array([[-1.0], [0.0], [1.0]]))
@@ -117,11 +131,12 @@ def units_table(record: Mapping[str, Any], mean: np.ndarray, sd: np.ndarray) -> 
             | {"belongs": record["belongs"][unit]}
             | {"stands": "its draws" if unit in record["weighed"] else "normal summary"}
         )
-    columns = [words("unit", "name")]
+    columns = [words("unit", "name", "left wrap")]
     if any(row["torque"] is not None for row in rows):
         columns.append(digits("torque [N m]", "torque"))
-    for name, row in record["parameters"].items():
-        heading = name if row["unit"] == "1" else f"{name} [{row['unit']}]"
+    for name in names:
+        unit = record["parameters"][name]["unit"]
+        heading = name if unit == "1" else f"{name} [{unit}]"
         columns.append(Column(heading, lambda one, name=name: _interval(one[name])))
     columns += [digits("P(as far off)", "belongs"), words("stands for it", "stands")]
     return table("Every unit, median [99 %]", rows, *columns)
@@ -132,10 +147,12 @@ def _of_runs(row: Mapping[str, Any]) -> str:
     return NOTHING if scatter is None else f"{100.0 * scatter:.2g}"
 
 
-def _interval(row: Mapping[str, float] | None, factor: float = 1.0) -> str:
+def _interval(row: Mapping[str, float] | None, factor: float = 1.0) -> Cell:
+    """A median and its interval, on a page below each other so that many columns have room."""
     if row is None:
-        return NOTHING
+        return Cell(NOTHING)
     low, middle, high = (factor * row[key] for key in ("q005", "median", "q995"))
     width = max(abs(high - low), 1e-300)
     shown = int(np.clip(np.ceil(np.log10(max(abs(low), abs(high)) / width)) + 2, 2, 12))
-    return f"{middle:.{shown}g} [{low:.{shown}g}, {high:.{shown}g}]"
+    value, ends = f"{middle:.{shown}g}", f"[{low:.{shown}g}, {high:.{shown}g}]"
+    return Cell(f"{value}\n{ends}", typed=f"{value} {ends}")

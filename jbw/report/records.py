@@ -46,7 +46,8 @@ def bands_of(test: xr.Dataset) -> Iterator[tuple[str, str, str]]:
         ("measured_band", style.REPEATS, "99 % band of the repeats"),
         ("model_band", MODEL, band_label(test.attrs)),
     )
-    return (look for look in looks if look[0] in test)
+    several = test.sizes.get("repeat", 2) > 1  # one repeat has no band of its own
+    return (each for each in looks if each[0] in test and (several or each[0] != "measured_band"))
 
 
 def draw_record(
@@ -123,9 +124,8 @@ def verification_sweep(tree: xr.DataTree, ax: Any = None, part: Part = "chosen")
     axes = panels(ax, len(found), 3, height=0.7 + 1.75 * len(found))
     for (whole, zoom, rest), (name, test) in zip(axes, found, strict=True):
         time, measured = (np.asarray(test[key], float) for key in ("time", "measured"))
-        if test.sizes.get("repeat", 2) < 2:  # one repeat has no band of its own
-            test = test.drop_vars("measured_band")
-        label = "measured, mean of the repeats" if "measured_band" in test else "measured"
+        several = test.sizes.get("repeat", 2) > 1
+        label = "measured, mean of the repeats" if several else "measured"
         shade(whole, *extremes(time, measured, measured), INK, label, alpha=0.75)
         low, _, high = quantiles(test, "predictive_band")
         reach = max(3, time.size // 96)

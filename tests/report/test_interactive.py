@@ -1,6 +1,8 @@
 """The interactive page: every chart's numbers, nothing from the network, no name trusted."""
 
+import base64
 import builtins
+import gzip
 import json
 import re
 
@@ -14,6 +16,7 @@ from jbw.cli.result import report
 from jbw.errors import ConfigError, DataError
 from jbw.report import page
 from jbw.report.charts import charts_of, traces
+from jbw.report.decimation import Points, decimated, shared_limit
 from jbw.report.page import render_interactive, write_interactive
 from jbw.report.style import plain
 
@@ -90,13 +93,61 @@ def test_names_are_escaped_and_nothing_is_fetched(few):
     assert "alert(1)</script>" not in page
     assert "&lt;/script&gt;&lt;script&gt;alert(1)" in page
     assert "default-src 'none'" in page
-    assert not re.search(
-        r"<(script|link|img|iframe)[^>]*(src|href)=", page.split("</script>", 1)[0]
-    )
-    charts = page.split("</script>", 1)[1]
-    assert not re.search(r'(src|href)="', charts)
+    assert not re.search(r"<(script|link|img|iframe)[^>]*(src|href)=", page)
+    assert not re.search(r'(src|href)="', page)
     # No button of plotly's own that would upload a chart.
-    assert charts.count('"showSendToCloud": false') == 2
+    assert '"showSendToCloud": false' in page
+    assert page.count('class="chart"') == 2
+
+
+def test_the_library_and_the_numbers_come_whole_out_of_the_page(few):
+    plotly = pytest.importorskip("plotly.offline")
+    page = render_interactive(few)
+    packed = re.search(r'const packed = "([^"]+)"', page)
+    assert gzip.decompress(base64.b64decode(packed[1])).decode() == plotly.get_plotlyjs()
+    (first, _) = re.findall(r'<script type="application/json">(.*?)</script>', page)
+    shown = json.loads(first)["data"][1]["y"]
+    values = np.frombuffer(base64.b64decode(shown["bdata"]), shown["dtype"])
+    median = few["verification/backbone/frequency"].transpose("quantile", ...).values[1]
+    np.testing.assert_allclose(values, median, rtol=1e-6)
+
+
+def test_a_page_of_many_long_records_stays_below_five_megabytes(tree):
+    """Twelve records of 40,000 samples, of which 12,000 are shown."""
+    pytest.importorskip("plotly")
+    (name, one), *_ = tree["verification/sweep"].children.items()
+    test = one.to_dataset()
+    copies = -(-40_000 // test.sizes["time"])
+    long = xr.concat([test.drop_vars("time")] * copies, "time", data_vars="minimal")
+    long = long.assign_coords(time=np.arange(long.sizes["time"]) / 1024.0)
+    many = xr.DataTree.from_dict({f"/verification/sweep/{name}_{i}": long for i in range(12)})
+    assert len(charts_of(many)) == 12
+    assert len(render_interactive(many)) < 5e6
+
+
+def test_extremes_stay_and_gaps_stay_gaps():
+    rng = np.random.default_rng(3)
+    y = rng.normal(size=10_000)
+    y[4000:4003] = np.nan
+    kept = decimated(Points(np.arange(10_000.0), y), 1000)
+    assert len(kept.x) <= 1000 + 8
+    assert np.all(np.diff(kept.x) > 0)
+    for part in (slice(0, 4000), slice(4003, None)):
+        inside = (kept.x >= np.arange(10_000)[part][0]) & (kept.x <= np.arange(10_000)[part][-1])
+        assert np.nanmax(kept.y[inside]) == y[part].max()
+        assert np.nanmin(kept.y[inside]) == y[part].min()
+        # No stretch of twenty samples loses its largest value.
+    stretch = y[:4000].reshape(-1, 20)
+    places = (np.arange(200) * 20 + stretch.argmax(axis=1)).astype(float)
+    assert np.isin(places, kept.x).all()
+    assert np.isnan(kept.y).sum() == 3
+    assert decimated(Points(kept.x, kept.y), 2000).x is kept.x
+
+
+def test_a_limit_is_shared_so_that_short_curves_keep_their_points():
+    assert shared_limit([10, 1000, 1000], 810) == 400
+    assert shared_limit([10, 20], 1000) == 20
+    assert shared_limit([], 5) == 2
 
 
 def test_nothing_to_draw_is_one_sentence():
