@@ -25,9 +25,16 @@ Row = Mapping[str, Any]
     type=click.Path(dir_okay=False, writable=True, path_type=Path),
     help="Draw responses, frequency and damping by amplitude; .png, .svg or .pdf.",
 )
+@click.option(
+    "--html",
+    type=click.Path(dir_okay=False, writable=True, path_type=Path),
+    help="Write a page with the spectra, to choose `band` and modes by dragging.",
+)
 @json_option
 @outside_option
-def look(campaign: Path, figure: Path | None, json_: bool, allow_outside: bool) -> None:
+def look(
+    campaign: Path, figure: Path | None, html: Path | None, json_: bool, allow_outside: bool
+) -> None:
     """Say what the records of the campaign file CAMPAIGN show, without any model of the joint.
 
     Frequency, damping, scatter of repeats, third harmonic and what a linear oscillator leaves, test
@@ -39,6 +46,11 @@ def look(campaign: Path, figure: Path | None, json_: bool, allow_outside: bool) 
         raise ConfigError(
             f"Option --figure must end in one of {', '.join(ENDINGS)}, but is {figure}.",
             remedy="Name it so, for example look.png.",
+        )
+    if html is not None and html.suffix.lower() not in (".html", ".htm"):
+        raise ConfigError(
+            f"Option --html must end in .html, but is {html}.",
+            remedy="Name it so, for example look.html.",
         )
     with computing() as say:
         from jbw.campaign.load import load_campaign
@@ -58,9 +70,15 @@ def look(campaign: Path, figure: Path | None, json_: bool, allow_outside: bool) 
 
             tree = xarray.DataTree.from_dict(look_groups(found))
             write_figure(figure, look_figure(tree))
+        if html is not None:
+            from jbw.report.picker import render_picker
+            from jbw.run.files import write_whole
+
+            write_whole(html, render_picker(loaded.name, loaded.tests).encode())
         say("Done")
     tables = tests_table(found.record), loops_table(found.record)
-    saved = "" if figure is None else f"Figure: {figure}"
+    made = (("Figure", figure), ("Choose the band", html))
+    saved = "\n".join(f"{what}: {path}" for what, path in made if path is not None)
     record = found.record
     answer(json_, record, *tables, *record["statements"], *record["seen"], saved=saved)
     following("identify", campaign)
