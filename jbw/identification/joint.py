@@ -68,11 +68,13 @@ def joint_step(
     *,
     name: str = "joint",
     keep: Keep = no_checkpoint,
+    at_fit: Callable[[Fitted], None] = lambda ready: None,
 ) -> tuple[Step, Dataset]:
     """Joint posterior of all parameters of the joint, the gain and the noise, and its dataset.
 
     The posterior has the laws' products too; the dataset is as it was sampled, with the offsets of
-    the runs, effective values and solver steps. `earlier` are the paper's steps, if they were run.
+    the runs, effective values and solver steps. `earlier` are the paper's steps, if they were run;
+    `at_fit` is called with the fit before anything is drawn.
 
     Reference:
         Eq. (37), with every parameter set to update.
@@ -85,6 +87,7 @@ def joint_step(
             known |= _of_reading(means_of(earlier[step].posterior), data)
     ready = weighed(keys[:2], data, settings, known)
     ready = completed(keys[1], without_absent_joint(keys[0], ready) or ready, settings)
+    at_fit(ready)
     chains = sample_joint(keys[2], ready, settings, keep, name)
     if (wider := widened(chains, ready, settings.prior)) is not None:
         ready = wider

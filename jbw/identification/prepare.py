@@ -78,9 +78,16 @@ def prepare(
     data: Dataset,
     settings: Identify,
     known: Mapping[str, float] | None = None,
+    *,
+    quick: bool = False,
 ) -> Fitted:
-    """First values, the box, the fit from them and from `known` ones, and what the fit settles."""
-    return completed(keys[1], weighed(keys, data, settings, known), settings)
+    """First values, the box, the fit from them and from `known` ones, and what the fit settles.
+
+    Where it is to be `quick`, one start does that meets the data, and the solver's steps are taken
+    as they are.
+    """
+    ready = weighed(keys, data, settings, known, quick=quick)
+    return completed(keys[1], ready, settings, quick=quick)
 
 
 def weighed(
@@ -88,38 +95,51 @@ def weighed(
     data: Dataset,
     settings: Identify,
     known: Mapping[str, float] | None = None,
+    *,
+    quick: bool = False,
 ) -> Fitted:
     """The first fit and what it settles of the weights, before coordinates and solver steps."""
-    prior, first, data = first_fit(keys[0], data, settings, known)
-    ready = with_effects(keys[1], data, prior, first, settings)
+    prior, first, data = first_fit(keys[0], data, settings, known, quick=quick)
+    ready = with_effects(keys[1], data, prior, first, settings, quick=quick)
     best = replace(ready.fit, waterfall=first.waterfall)  # the later fits have one start
     return replace(ready, fit=best, chi_square=explained(first, data))
 
 
 def reweight(
-    key: Key[Array, ""], data: Dataset, prior: Box, first: Fit, settings: Identify
+    key: Key[Array, ""],
+    data: Dataset,
+    prior: Box,
+    first: Fit,
+    settings: Identify,
 ) -> Fitted:
     """Noise, effective values and run effects as fits show them; coordinates and solver steps."""
     return completed(key, with_effects(key, data, prior, first, settings), settings)
 
 
 def with_effects(
-    key: Key[Array, ""], data: Dataset, prior: Box, first: Fit, settings: Identify
+    key: Key[Array, ""],
+    data: Dataset,
+    prior: Box,
+    first: Fit,
+    settings: Identify,
+    *,
+    quick: bool = False,
 ) -> Fitted:
     """The fit with noise, effective values, run effects and residual terms as fits show them."""
     words: list[str] = []
     findings: tuple[Finding, ...] = ()
-    best, data = settled(first, prior, data, settings)
+    between = ROUGH if quick else TOLERANCE  # of fits that others follow
+    best, data = settled(first, prior, data, settings, tolerance=between)
     shifts = shifts_of(best, prior.names, data)
     if shifts is not None and wanted(shifts, settings):
         words.append(sentence_of(shifts))
         findings = tuple(filter(None, [trend_finding(shifts, data)]))
         data = with_offsets(best, shifts, data, settings.run_scatter)
-        best = refit(best, prior, data)
+        best = refit(best, prior, data, tolerance=between)
         # The offsets that are known now are where records are linearised in them.
         data = dataset.with_directions(best.theta, data, dataset.best_offsets(best.theta, data))
-        best = refit(best, prior, data)
-        best, data = settled(best, prior, data, settings)
+        best = refit(best, prior, data, tolerance=between)
+        best, data = settled(best, prior, data, settings, tolerance=between)
         data = with_scatter(key, best, data)
         best = refit(best, prior, data)
     if (shown := shown_terms(best, prior, data, settings, refit)) is not None:
@@ -129,7 +149,9 @@ def with_effects(
     return Fitted(best, prior, data, tuple(words), findings=findings)
 
 
-def completed(key: Key[Array, ""], weighted: Fitted, settings: Identify) -> Fitted:
+def completed(
+    key: Key[Array, ""], weighted: Fitted, settings: Identify, *, quick: bool = False
+) -> Fitted:
     """A weighted fit in the coordinates to sample in, by as many solver steps as it takes."""
     best, prior, data = weighted.fit, weighted.box, weighted.data
     words = list(weighted.statements)
@@ -137,7 +159,7 @@ def completed(key: Key[Array, ""], weighted: Fitted, settings: Identify) -> Fitt
         prior = coordinate_box(prior, best.theta, settings, law, coordinates)
         best = refit(best, prior, data, theta=coordinates.from_parameters(best.theta))
         words.append(coordinates_sentence(law, coordinates))
-    if settings.substeps is None:
+    if settings.substeps is None and not quick:
         # Looked at again where the finer solver's fit is: a coarse one may lie elsewhere.
         for _ in range(2):
             finer = refined(key, data, prior, best)
@@ -148,7 +170,9 @@ def completed(key: Key[Array, ""], weighted: Fitted, settings: Identify) -> Fitt
     return replace(weighted, fit=best, box=prior, data=data, statements=tuple(words))
 
 
-def settled(best: Fit, prior: Box, data: Dataset, settings: Identify) -> tuple[Fit, Dataset]:
+def settled(
+    best: Fit, prior: Box, data: Dataset, settings: Identify, *, tolerance: float = TOLERANCE
+) -> tuple[Fit, Dataset]:
     """Fits and the weights that they leave, in turns until the weights move no more."""
     for _ in range(MOST_ROUNDS):
         before = np.asarray(best.x)
@@ -158,7 +182,7 @@ def settled(best: Fit, prior: Box, data: Dataset, settings: Identify) -> tuple[F
         moved = (best.x - before) * width / np.sqrt(np.diag(best.covariance))
         if np.all(np.abs(moved) < SETTLED):
             break
-    return refit(best, prior, data), data
+    return refit(best, prior, data, tolerance=tolerance), data
 
 
 def with_weights(best: Fit, data: Dataset, settings: Identify) -> Dataset:

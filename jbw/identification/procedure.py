@@ -4,7 +4,7 @@ All of it, or as far as one posterior before anything is drawn: density, prior, 
 """
 
 import logging
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import jax
@@ -69,13 +69,19 @@ class Identification:
 
 
 def run_procedure(
-    seen: Measured, *, seed: int = 0, report: Report = logger.info, keep: Keep = no_checkpoint
+    seen: Measured,
+    *,
+    seed: int = 0,
+    report: Report = logger.info,
+    keep: Keep = no_checkpoint,
+    at_fit: Callable[[Fitted], None] = lambda ready: None,
 ) -> Identification:
     """Run every step that the tests of a campaign allow.
 
     Free decays are part of the joint posterior; beside other tests they have one of their own too,
     to compare with. `report` is called with one sentence at every stage; `keep` says where the
-    chains of each posterior outlive the process.
+    chains of each posterior outlive the process. `at_fit` is called with the fit of the joint
+    posterior before anything is drawn from it.
 
     Raises:
         DataError: If there is nothing that the joint can be fitted to.
@@ -96,7 +102,7 @@ def run_procedure(
             found = replace(found, kernel=kernel_fit, steps=_told(said, steps))
     data = assemble(seen)
     report(f"Joint posterior: all parameters from {len(data.labels)} groups of data")
-    step, data = joint_step(next(keys), data, found.steps, seen.settings, keep=keep)
+    step, data = joint_step(next(keys), data, found.steps, seen.settings, keep=keep, at_fit=at_fit)
     found = replace(found, data=data, steps=found.steps | _told(said, {"joint": step}))
     if seen.decays is None:
         return found

@@ -30,7 +30,8 @@ def opening(summary: Summary, tree: xr.DataTree) -> list[str]:
     steps = summary.get("steps") or {}
     if summary.get("main") not in steps or not summary.get("verdict"):
         return []
-    return [_effect(summary, tree), *_misfits(summary), _unknown(summary), _following(summary)]
+    met = [fit_sentence(summary)] if "quick" in summary else _misfits(summary)
+    return [effect_sentence(summary, tree), *met, _unknown(summary), _following(summary)]
 
 
 def lead(summary: Summary, drawn: Sequence[str]) -> str | None:
@@ -75,7 +76,7 @@ def _digits(low: float, high: float) -> int:
     return int(min(15, max(3, ceil(log10(largest / (high - low))) + 2)))
 
 
-def _effect(summary: Summary, tree: xr.DataTree) -> str:
+def effect_sentence(summary: Summary, tree: xr.DataTree) -> str:
     """Frequency and damping at a tenth of the largest displacement fitted, and there."""
     for finding in summary["verdict"]["findings"]:
         if finding["code"] == ABSENT and finding["status"] != "ok":
@@ -127,6 +128,15 @@ def _misfits(summary: Summary) -> Iterator[str]:
     if inside and (widths := [x for one in held if (x := one.get("half_width")) is not None]):
         band += f" (half width: {_span(widths)} of the rms)"
     yield f"RMS error of the {_count(held)} that {_were(held)} held out: {_errors(held)}{band}."
+
+
+def fit_sentence(summary: Summary) -> str:
+    """RMS error of the fitted tests by the fit alone, where nothing was drawn yet."""
+    errors = list((summary.get("quick") or {}).values())
+    if not errors:
+        return "What the fit misses is known after the posterior is drawn."
+    tests = "the fitted test" if len(errors) == 1 else f"the {len(errors)} fitted tests"
+    return f"RMS error of {tests}: {_span(errors)}; no other test was predicted yet."
 
 
 def _errors(tests: Sequence[Summary]) -> str:

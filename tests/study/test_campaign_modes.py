@@ -10,7 +10,7 @@ from jbw.campaign.schema import parse
 from jbw.errors import ConfigError
 from jbw.identification.linear_step import linear_step, modes_dataset
 from jbw.measurement.records import Record, Test
-from jbw.study.identify import _linear
+from jbw.study.summary import _linear
 
 FS, BAND = 256.0, (17.0, 22.0)
 OMEGA, ZETA, GAIN = 2 * np.pi * np.array([18.8, 20.0]), np.array([0.005, 0.004]), [15.0, 12.0]

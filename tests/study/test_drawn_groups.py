@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jbw.study.identify import steps_group
+from jbw.study.summary import steps_group
 from jbw.verification.backbone import NUM_AMPLITUDES, backbone_group
 
 # The paper's joint, twice: a band of no width.

@@ -7,7 +7,7 @@ import pytest
 
 from jbw import rig
 from jbw.identification.linear_step import linear_step
-from jbw.study.identify import _linear
+from jbw.study.summary import _linear
 
 
 @pytest.mark.filterwarnings("ignore:The .* hann window resolves")

@@ -14,6 +14,8 @@ from jbw.inference.space.box import Box, bounds_by_name
 
 Row = dict[str, float]
 QUANTILES = (0.005, 0.5, 0.995)  # of a 99 % interval and its middle
+DIAGNOSTICS = ("ess_bulk", "ess_tail", "r_hat")  # of chains
+LAPLACE = "laplace"  # sampler of draws about a fit, which are independent and of no posterior
 
 
 def evenly_spaced(posterior: xr.Dataset, num_draws: int) -> NDArray[np.intp]:
@@ -26,11 +28,15 @@ def summarise(tree: xr.DataTree, box: Box) -> dict[str, Row]:
     """Row of every scalar quantity of the tree that `sample` left, by its name.
 
     `map` is the draw of the highest density, `kl` [nats] is from the prior, `contraction` 1 less
-    the variance over the prior's; NaN for what cannot be had.
+    the variance over the prior's; NaN for what cannot be had, as what is said of chains where the
+    draws are those of a Gaussian about a fit.
     """
+    chains = tree.attrs.get("sampler") != LAPLACE
     lp = tree["sample_stats"].to_dataset()["lp"].values
     bounds = bounds_by_name(box)
-    return {name: _row(values, lp, bounds.get(name)) for name, values in scalars(tree).items()}
+    return {
+        name: _row(values, lp, bounds.get(name), chains) for name, values in scalars(tree).items()
+    }
 
 
 def scalars(tree: xr.DataTree) -> dict[str, Float[np.ndarray, "chain draw"]]:
@@ -46,6 +52,7 @@ def _row(
     draws: Float[np.ndarray, "chain draw"],
     lp: Float[np.ndarray, "chain draw"],
     bounds: tuple[float, float] | None,
+    chains: bool = True,
 ) -> Row:
     low, high = (float(q) for q in np.quantile(draws, [QUANTILES[0], QUANTILES[2]]))
     mean, sd = float(np.mean(draws)), float(np.std(draws, ddof=1))
@@ -58,7 +65,7 @@ def _row(
         "q995": high,
         "kl": math.nan,
         "contraction": math.nan,
-        **diagnose(draws),
+        **(diagnose(draws) if chains else dict.fromkeys(DIAGNOSTICS, math.nan)),
     }
     if bounds is not None and np.all(np.isfinite(draws)):
         lower, upper = bounds
@@ -76,7 +83,7 @@ def diagnose(draws: Float[np.ndarray, "chain draw"]) -> Row:
 
     stats: Any = array_stats  # its annotations admit tuples that it never returns here
     if draws.shape[1] < 4 or not np.all(np.isfinite(draws)) or np.any(np.ptp(draws, axis=1) == 0):
-        return dict.fromkeys(("ess_bulk", "ess_tail", "r_hat"), math.nan)
+        return dict.fromkeys(DIAGNOSTICS, math.nan)
     return {
         "ess_bulk": float(stats.ess(draws, method="bulk")),
         "ess_tail": float(stats.ess(draws, method="tail", prob=(0.05, 0.95))),

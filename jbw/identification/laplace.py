@@ -1,0 +1,237 @@
+r"""The answer of a fit alone: a Gaussian of its covariance, before anything is drawn or weighed.
+
+$$w \sim N(0, I), \qquad \theta = T(\hat u + L w), \qquad L L^T = \Sigma$$
+
+T is the coordinate that the posterior is sampled in, logarithms of what cannot be zero, and Sigma
+the fit's covariance there, one for every scatter of runs where that is not known. Points outside
+the prior box are left out, as the posterior leaves them out. Where the posterior bends, it differs
+from this: that is why no verdict follows.
+
+Reference:
+    Tierney and Kadane (1986), J. Am. Stat. Assoc. 81, 82.
+"""
+
+from dataclasses import replace
+from time import perf_counter
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from jaxtyping import Array, Float, Key
+from scipy.linalg import block_diag
+from scipy.special import softmax
+
+from jbw.identification.assemble import Measured, Report, assemble
+from jbw.identification.joint import law_variables
+from jbw.identification.prepare import Fitted, prepare
+from jbw.identification.procedure import Identification
+from jbw.identification.step import Step, attrs
+from jbw.inference.fit.costly_fit import evaluator, from_search, to_search
+from jbw.inference.generator import generator
+from jbw.inference.posterior.finding import Finding, judge
+from jbw.inference.posterior.summary import LAPLACE
+from jbw.inference.space.box import bounds_by_name
+from jbw.inference.space.reparametrisation import in_logarithms, never_zero
+from jbw.observables import dataset
+from jbw.observables.dataset import Dataset, by_label
+from jbw.observables.decay import Decays
+from jbw.observables.drives import plain
+from jbw.observables.observable import OFFSETS
+
+NUM_CHAINS, NUM_DRAWS = 4, 1000  # as many as a posterior that was sampled has
+SPARE = 8  # times as many points, so that enough lie within the prior box
+CODE = "not_sampled"
+NOTHING = 1e-9  # of the scatter of runs: room for no offset
+LEAST = 12.0  # over the squared width of the box: the precision of the prior alone
+
+
+def fit_alone(seen: Measured, *, seed: int, report: Report) -> Identification:
+    """The procedure as far as a fit of all tests, and the Gaussian about it in place of draws.
+
+    Raises:
+        DataError: If there is nothing that the joint can be fitted to.
+    """
+    started, key = perf_counter(), jax.random.key(seed)
+    data = assemble(seen)
+    report(f"Least squares: all parameters from {len(data.labels)} groups of data")
+    ready = prepare(jax.random.split(key), data, seen.settings, quick=True)
+    return about_fit(key, seen, ready, started)
+
+
+def about_fit(key: Key[Array, ""], seen: Measured, ready: Fitted, started: float) -> Identification:
+    """What a fit says by itself, in the form of a procedure that was run to its end."""
+    decays = next((part for part in ready.data.parts if isinstance(part, Decays)), None)
+    return Identification(
+        linear=seen.linear,
+        sweeps=seen.sweeps,
+        data=ready.data,
+        decays=seen.decays,
+        decay_data=None if seen.decays is None else decays,
+        steps={"joint": laplace_step(key, ready, started)},
+    )
+
+
+def laplace_step(key: Key[Array, ""], ready: Fitted, started: float) -> Step:
+    """A fit with draws of the Gaussian about it, and the verdict that these are not assessed."""
+    lp, theta = laplace_draws(key, ready)
+    low_high, meaning = bounds_by_name(ready.box), attrs(ready.data.laws)
+    dims, shape = ("chain", "draw"), (NUM_CHAINS, NUM_DRAWS)
+    drawn = xr.Dataset(
+        {
+            name: (
+                dims,
+                values.reshape(shape),
+                {"lower": low_high[name][0], "upper": low_high[name][1], **meaning.get(name, {})},
+            )
+            for name, values in theta.items()
+        },
+        {dim: np.arange(size) for dim, size in zip(dims, shape, strict=True)},
+    )
+    words = {"units": "1", "long_name": "log density of the Gaussian, less that of the fit"}
+    tree = xr.DataTree.from_dict(
+        {
+            "/posterior": drawn.assign(law_variables(drawn, ready.data)),
+            "/sample_stats": xr.Dataset({"lp": (dims, lp.reshape(shape), words)}, drawn.coords),
+        }
+    )
+    tree.attrs |= {"sampler": LAPLACE, "num_chains": NUM_CHAINS, "num_samples": NUM_DRAWS}
+    said = [] if ready.fit.weak is None else [f"By the fit, {ready.fit.weak.text}."]
+    said += [
+        f"The best fit of {parameter} lies at the {side} bound of its prior."
+        for parameter, side in ready.fit.at_bound.items()
+    ]
+    return Step(
+        "joint",
+        tree,
+        judge([not_sampled()]),
+        ready.fit,
+        ready.box,
+        (*ready.statements, *said),
+        {name: float(value) for name, value in ready.data.held.items()},
+        perf_counter() - started,
+    )
+
+
+class Gaussian(NamedTuple):
+    """A Gaussian of the parameters about a fit, and its share of the posterior."""
+
+    share: float
+    mean: Float[np.ndarray, " parameter"]  # less the fit
+    covariance: Float[np.ndarray, "parameter parameter"]
+
+
+def laplace_draws(
+    key: Key[Array, ""], ready: Fitted
+) -> tuple[Float[np.ndarray, " draw"], dict[str, Float[np.ndarray, " draw"]]]:
+    """Log density of the Gaussian and parameters at its draws within the box; the first is the fit.
+
+    Where fewer points than asked for lie within the box, others are moved onto its bounds.
+    """
+    best, prior, rng = ready.fit, ready.box, generator(key)
+    count = NUM_CHAINS * NUM_DRAWS
+    gaussians = gaussians_about(ready)
+    member = rng.choice(len(gaussians), SPARE * count, p=[each.share for each in gaussians])
+    white = rng.standard_normal((SPARE * count, len(prior.names)))
+    white[0] = 0.0
+    apart = np.empty_like(white)
+    for number in np.unique(member):
+        _, mean, covariance = gaussians[number]
+        own = member == number
+        apart[own] = mean + white[own] @ np.linalg.cholesky(covariance).T
+    apart[0] = 0.0
+    names = never_zero(best.theta, best.covariance, prior)
+    place = in_logarithms(best.theta, best.covariance, prior, names)
+    slope = [best.theta[name] if name in names else 1.0 for name in prior.names]
+    theta = np.asarray(place.outer.forward(jnp.asarray(place.start + apart / slope)))
+    lower, upper = np.asarray(prior.lower), np.asarray(prior.upper)
+    is_outside = np.any((theta < lower) | (theta > upper), axis=1)
+    is_outside[0] = False
+    chosen = np.argsort(is_outside, kind="stable")[:count]
+    inside = np.clip(theta[chosen], lower, upper)
+    log_density = -0.5 * np.sum(white[chosen] ** 2, axis=1)
+    return log_density, {name: inside[:, i] for i, name in enumerate(prior.names)}
+
+
+def gaussians_about(ready: Fitted) -> list[Gaussian]:
+    r"""The fit's Gaussian, or, where runs have offsets, one for every scatter that these may have.
+
+    $$r(\theta, b) = \hat r + J\,\delta + J_o\,b, \quad b \sim N(0, C_k), \quad
+      P_k = J^T J - J^T J_o\,(J_o^T J_o + C_k^{-1})^{-1} J_o^T J$$
+
+    $J_o$ are the derivatives by omega_n and zeta of each run alone. Three runs tell their scatter
+    to a factor of two, so that the mean over runs has the tails of Student's t distribution: one
+    Gaussian at the scatter of the fit is half as wide as the posterior.
+    """
+    best, prior, data = ready.fit, ready.box, ready.data
+    columns = [[i for i, n in enumerate(prior.names) if plain(n) == name] for name in OFFSETS]
+    if not (data.has_offsets and all(columns)):
+        return [Gaussian(1.0, np.zeros(len(prior.names)), best.covariance)]
+    # Without room for offsets the rows are the residuals as they are, by the program of the fit.
+    bare = replace(data, scatter=NOTHING * data.scatter)
+    part = evaluator(dataset.stacked, prior, bare)
+    width = np.asarray(prior.upper - prior.lower)
+    s = np.asarray(to_search(jnp.asarray(best.x), prior))
+    slope = np.asarray(from_search(jnp.asarray(s), prior)[1])
+    rows, jacobian = by_label(part(s, 0), bare), by_label(part(s, 1) / slope / width, bare)
+    groups = [
+        (label, data.shared_runs.index(run) if not each.own_shifts else -1)
+        for each in data.parts
+        for label, run in zip(each.labels, each.runs, strict=True)
+    ]
+    size, own = len(prior.names), len(OFFSETS)
+    num_runs = len(data.shared_runs)
+    precision, pull = np.diag(LEAST / width**2), np.zeros(size)
+    of_runs, pull_of_runs = np.zeros((num_runs, own, own)), np.zeros((num_runs, own))
+    between = np.zeros((num_runs, size, own))
+    for label, run in groups:
+        slopes, left = jacobian[label], rows[label]
+        precision += slopes.T @ slopes
+        pull -= slopes.T @ left
+        if run >= 0:
+            along = np.stack([slopes[:, each].sum(axis=1) for each in columns], axis=1)
+            of_runs[run] += along.T @ along
+            pull_of_runs[run] -= along.T @ left
+            between[run] += slopes.T @ along
+    w = block_diag(*of_runs)
+    b, h = np.concatenate([*between], axis=1), pull_of_runs.ravel()
+    found = []
+    for scatter in np.asarray(data.scatters):
+        c = _covariance_of_offsets(scatter, data)
+        inside = np.eye(len(c)) + w @ c
+        gained = c @ np.linalg.inv(inside)
+        known, towards = precision - b @ gained @ b.T, pull - b @ gained @ h
+        covariance = np.linalg.inv(0.5 * (known + known.T))
+        mean = covariance @ towards
+        log_share = 0.5 * (towards @ mean + h @ gained @ h)
+        log_share -= 0.5 * (np.linalg.slogdet(inside)[1] + np.linalg.slogdet(known)[1])
+        found.append((log_share, mean, covariance))
+    shares = softmax([share for share, *_ in found])
+    return [Gaussian(float(p), *each[1:]) for p, each in zip(shares, found, strict=True)]
+
+
+def _covariance_of_offsets(
+    scatter: Float[np.ndarray, " level_own"], data: Dataset
+) -> Float[np.ndarray, "run_own run_own"]:
+    """Prior covariance of the offsets of all runs; those of one assembly share a part."""
+    own, num_runs = len(OFFSETS), len(data.shared_runs)
+    alone = np.kron(np.eye(num_runs), np.diag(scatter[:own] ** 2))
+    if len(scatter) == own:
+        return alone
+    of_run = dict(zip(dict.fromkeys(data.runs), data.levels[1], strict=True))
+    numbers = np.array([of_run[run] for run in data.shared_runs])
+    return alone + np.kron(numbers[:, None] == numbers, np.diag(scatter[own:] ** 2))
+
+
+def not_sampled() -> Finding:
+    """That the draws are of a Gaussian about the fit, and were not compared with the posterior."""
+    return Finding(
+        CODE,
+        "not assessed",
+        "Nothing was drawn from the posterior: the intervals are those of a Gaussian with the "
+        "fit's covariance.",
+        float("nan"),
+        "Draw the posterior: jbw resume DIR with this run's folder, or jbw identify without "
+        "--quick.",
+    )

@@ -1,0 +1,273 @@
+"""What `summary.json` holds of a study: its steps, verdict, predictions, inputs and versions."""
+
+import sys
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from importlib.metadata import version
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from jbw.campaign.load import Campaign
+from jbw.identification.assemble import Measured, entered, fitted_repeats
+from jbw.identification.instruments import Sensors, spread_of, with_instruments
+from jbw.identification.linear_step import NAMES, LinearStep, units_of
+from jbw.identification.modal import ModalFit
+from jbw.identification.procedure import Identification
+from jbw.identification.run_effects import runs_summary
+from jbw.identification.step import Step
+from jbw.inference.posterior.finding import Verdict, answers
+from jbw.inference.posterior.summary import as_plain, correlations, summarise
+from jbw.measurement.records import INPUTS, Test
+from jbw.report.result import node, verified
+from jbw.study.identifiability import plain
+from jbw.study.study import input_hashes
+
+VERSIONED = ("jbw", "jax", "numpyro", "diffrax", "optimistix", "arviz", "numpy", "scipy")
+ERRORS = (
+    "coverage", "num_values", "nrmse", "half_width", "nrmse_linear", "nrmse_cubic", "extrapolation",
+)  # fmt: skip
+
+
+def record_of(
+    campaign: Campaign,
+    found: Identification,
+    tree: xr.DataTree,
+    *,
+    verdict: Verdict,
+    truth: Mapping[str, float] | None,
+    compared: Mapping[str, Any],
+    seed: int,
+    command: str | None,
+    started: float,
+    tests: Sequence[Mapping[str, Any]],
+    wide: xr.Dataset | None = None,
+) -> dict[str, Any]:
+    """The summary of what was identified; `started` is the `perf_counter()` of the beginning.
+
+    `tests` are what `fitted_and_held_out` says of them, `wide` is the main posterior with the
+    errors of the instruments, where they are stated.
+    """
+    steps = {} if found.linear is None else {"linear": _linear(found.linear, truth or {})}
+    steps |= {
+        name: step_record(step, truth or {}, wide if name == found.main.name else None)
+        for name, step in found.steps.items()
+    }
+    return {
+        "campaign": campaign.name,
+        "verdict": verdict_record(verdict),
+        "main": found.main.name,
+        "steps": steps,
+        "comparison": compared,
+        "tests": tests,
+        "predictions": _predictions(tree),
+        "loops": _loops(tree),
+        "versions": {package: version(package) for package in VERSIONED},
+        "seed": seed,
+        "inputs": input_hashes(campaign),
+        "assembly": _assembly(campaign),
+        "command": command or " ".join(["jbw", *sys.argv[1:]]),
+        "wall_time_s": round(perf_counter() - started, 2),
+    }
+
+
+def _assembly(campaign: Campaign) -> dict[str, Any]:
+    """Assembly, torque, sequence and temperature, as far as the campaign states them."""
+    stated = campaign.assembly
+    of_tests = {test.assembly for test in campaign.tests if test.assembly}
+    name = stated.name or (of_tests.pop() if len(of_tests) == 1 else "")
+    numbers = {key: stated[key] for key in ("torque", "sequence", "temperature")}
+    return {"assembly": name, **{key: one for key, one in numbers.items() if one is not None}}
+
+
+def steps_group(record: Mapping[str, Any]) -> xr.Dataset:
+    """What the summary says of each step, for the flow diagram; NaN where it drew nothing."""
+    # No durations: equal runs leave equal groups.
+    steps = record["steps"]
+    parameters = [(step.get("parameters") or {}).values() for step in steps.values()]
+
+    def worst(what: str, choose: Callable[..., float]) -> NDArray[np.float64]:
+        known = ([row[what] for row in rows if row.get(what) is not None] for rows in parameters)
+        return np.array([choose(numbers, default=np.nan) for numbers in known], float)
+
+    verdicts = [(step.get("verdict") or {}).get("status", "") for step in steps.values()]
+    return xr.Dataset(
+        {
+            "verdict": ("step", np.asarray(verdicts, object)),
+            "ess": ("step", worst("ess_bulk", min), {"units": "1"}),
+            "r_hat": ("step", worst("r_hat", max), {"units": "1"}),
+        },
+        {"step": np.asarray(list(steps), object)},
+        {"main": str(record["main"])},
+    )
+
+
+def verdict_record(found: Verdict) -> dict[str, Any]:
+    """A verdict in plain values."""
+    findings = [{**asdict(one), "number": plain(one.number)} for one in found.findings]
+    told = {name: asdict(answer) for name, answer in answers(found.findings)}
+    return {"status": found.status, "answers": told, "findings": findings}
+
+
+def fitted_and_held_out(seen: Measured) -> list[dict[str, Any]]:
+    """Every test of the campaign, and how many of its repeats were fitted."""
+    used, counts = entered(seen), fitted_repeats(seen)
+    return [
+        {
+            "test": test.name,
+            "kind": test.kind,
+            "level": plain(test.level),
+            "level_unit": _unit_of_source(test),
+            "run": test.run or None,
+            "assembly": test.assembly or None,
+            "repeats": len(test.records),
+            "fitted": counts.get(test.name, len(test.records)) if used[test.name] else 0,
+        }
+        for test in seen.tests
+    ]
+
+
+def _unit_of_source(test: Test) -> str:
+    units = test.records[0].units
+    return next((units[role] for role in INPUTS if role in units), "")
+
+
+def _linear(step: LinearStep, truth: Mapping[str, float]) -> dict[str, Any]:
+    """Step 2 in the form of the others: a Gaussian about the pooled mean."""
+    std = np.sqrt(np.diag(step.pooled.covariance))
+    units = units_of(step)
+    parameters = {
+        name: {
+            "map": float(mean),
+            "mean": float(mean),
+            "sd": float(sd),
+            "cv": plain(cv),
+            "q005": float(mean - 2.5758 * sd),
+            "q995": float(mean + 2.5758 * sd),
+            "unit": units[name],
+            "truth": truth.get(name),
+        }
+        for name, mean, sd, cv in zip(NAMES, step.pooled.mean, std, step.pooled.cv, strict=True)
+    }
+    repeats = step.pooled.num_repeats
+    counted = "one record has no CV" if repeats < 2 else f"CV is over {repeats} repeats"
+    words = (
+        f"Read at {step.y_rms:.2g} m rms of displacement: omega_n is the oscillator's at that "
+        f"amplitude, which the joint's softening lowers; {counted}."
+    )
+    found: dict[str, Any] = {"parameters": parameters, "statements": [words]}
+    if step.modal is not None:
+        found["modes"] = _modes(step.modal)
+        found["statements"].append(_modes_sentence(step.modal))
+    return found
+
+
+def _modes(fit: ModalFit) -> list[dict[str, float]]:
+    """Every mode of Step 2 with standard deviations, the joint's own first."""
+    columns = (*np.split(fit.theta, [len(fit.omega), 2 * len(fit.omega)]),)
+    spreads = (*np.split(fit.std, [len(fit.omega), 2 * len(fit.omega)]),)
+    return [
+        {
+            name: float(value)
+            for what, values, sds in zip(
+                ("omega_n", "zeta", "residue"), columns, spreads, strict=True
+            )
+            for name, value in ((what, values[i]), (f"{what}_sd", sds[i]))
+        }
+        for i in range(len(fit.omega))
+    ]
+
+
+def _modes_sentence(fit: ModalFit) -> str:
+    told = ", ".join(
+        f"{omega / (2 * np.pi):.4g} Hz ({zeta:.2%})"
+        for omega, zeta in zip(fit.omega, fit.zeta, strict=True)
+    )
+    return (
+        f"Fitted with its neighbours in the band, the joint's own mode first: {told}; they leave "
+        f"{fit.misfit[0]:.2g} of the lines. The joint is fitted to the first alone."
+    )
+
+
+def widened_by_instruments(
+    campaign: Campaign, sensors: Sensors | None, found: Identification, seed: int
+) -> xr.Dataset | None:
+    """The main posterior with the stated errors of the instruments; None where none are."""
+    if sensors is None or not campaign.instruments.is_stated:
+        return None
+    main = found.main
+    best = main.fit if main.name == "joint" else None
+    posterior = main.posterior["posterior"].to_dataset()
+    return with_instruments(
+        posterior, campaign.instruments, sensors, seed=seed, best=best, data=found.data
+    )
+
+
+def step_record(
+    step: Step, truth: Mapping[str, float], wide: xr.Dataset | None = None
+) -> dict[str, Any]:
+    """A posterior in plain values: parameters, statements, correlations, offsets of runs.
+
+    `wide` is it with the errors of the instruments, where they are stated.
+    """
+    rows = summarise(step.posterior, step.box)
+    drawn = step.posterior
+    if wide is not None:
+        drawn = step.posterior.assign(posterior=xr.DataTree(wide))
+        rows = spread_of(rows, summarise(drawn, step.box))
+    rows = as_plain(rows)
+    posterior = step.posterior["posterior"].to_dataset()
+    for name, row in rows.items():
+        row["unit"] = posterior[name].attrs.get("units", "1")
+        row["truth"] = truth.get(name)
+        known = row["truth"] is not None and row["sd"]
+        row["z"] = (row["mean"] - row["truth"]) / row["sd"] if known else None
+    found = {
+        "verdict": verdict_record(step.verdict),
+        "parameters": rows,
+        "statements": list(step.statements),
+        "correlation": correlations(drawn),
+    }
+    if "runs" in step.posterior.children:
+        found["runs"] = runs_summary(step.posterior["runs"].to_dataset())
+    return {**found, "wall_time_s": round(step.wall_s, 2)}
+
+
+def _predictions(tree: xr.DataTree) -> dict[str, Any]:
+    """Coverage and error by test, beside a linear oscillator's; None where not known."""
+    found = {}
+    for kind, name, test in verified(tree, "nrmse"):
+        attrs = test.attrs
+        # Tests of several kinds may share a name with another's group.
+        called = name if name not in found else f"{name} ({kind})"
+        found[called] = {
+            "kind": kind,
+            "level": _known(attrs, "level"),
+            "level_unit": str(attrs.get("level_unit", "")),
+            "fitted": bool(attrs["fitted"]),
+            **{key: _known(attrs, key) for key in ERRORS},
+        }
+    return found
+
+
+def _known(attrs: Mapping[Any, Any], name: str) -> float | None:
+    return plain(float(attrs[name])) if name in attrs else None
+
+
+def _loops(tree: xr.DataTree) -> dict[str, Any]:
+    found = node(tree, "validation/loops")
+    return {
+        name: {
+            "level": _known(test.attrs, "level"),
+            "tone_hz": float(test.attrs["tone_hz"]),
+            **{
+                str(key): area.values.tolist()
+                for key, area in test.data_vars.items()
+                if "area" in str(key)
+            },
+        }
+        for name, test in ({} if found is None else found.children).items()
+    }
