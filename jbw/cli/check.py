@@ -59,10 +59,13 @@ def check(campaign: Path, figures: Path | None, json_: bool, allow_outside: bool
     said = _shakers(campaign, allow_outside)
     answer(json_, as_json(found) | {"shakers": said}, *_lines(found), *found.seen, *said)
     if figures is not None:
-        from jbw.report.overview import save_overviews  # loads matplotlib
+        from jbw.cli.progress import telling
 
         try:
-            count = len(save_overviews(_first_records(campaign, allow_outside), figures))
+            with telling(f"Drawing the first record of every test into {figures}"):
+                from jbw.report.overview import save_overviews  # loads matplotlib
+
+                count = len(save_overviews(_first_records(campaign, allow_outside), figures))
         except OSError as error:
             raise RunError(
                 f"The figures cannot be written to {figures}: {error.strerror or error}.",

@@ -2,7 +2,7 @@
 
 import shlex
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +15,18 @@ from jbw.cli.options import (
     outside_option,
     run_argument,
     seed_option,
+    strict_option,
     verbose_option,
 )
-from jbw.cli.printing import NOT_TRUSTED, answer, duration, following, verdict_line, verdict_lines
+from jbw.cli.printing import (
+    NOT_TRUSTED,
+    answer,
+    duration,
+    exit_code_of,
+    following,
+    verdict_line,
+    verdict_lines,
+)
 from jbw.cli.progress import computing
 from jbw.errors import JbwError
 from jbw.report.table import Table, digits, table, words
@@ -74,9 +83,10 @@ def identifiability(
     help="The paper's programme and its own Steps 2 to 4 beside the joint posterior, as "
     "--preset laboratory.",
 )
+@strict_option
 @json_option
 @verbose_option
-def demo(out: Path | None, seed: int, preset: str, json_: bool, verbose: bool) -> int:
+def demo(out: Path | None, seed: int, preset: str, strict: bool, json_: bool, verbose: bool) -> int:
     """Measure the paper's cantilever on the virtual rig and identify it.
 
     Three assemblies on three days, with noise as a laboratory has it. Writes the records with their
@@ -87,8 +97,9 @@ def demo(out: Path | None, seed: int, preset: str, json_: bool, verbose: bool) -
     asked = Manifest(command_line(), "campaign/campaign.toml", seed=seed, preset=preset)
     programme = preset != "everyday"
     return run_to_end(
-        begin(out or Path("demo"), asked), json_=json_, verbose=verbose, steps=programme
-    )
+        begin(out or Path("demo"), asked), json_=json_, verbose=verbose, steps=programme,
+        strict=strict,
+    )  # fmt: skip
 
 
 @click.command()
@@ -97,41 +108,53 @@ def demo(out: Path | None, seed: int, preset: str, json_: bool, verbose: bool) -
 )
 @out_option("CAMPAIGN-run, or runs for several,")
 @click.option(
+    "--quick", is_flag=True, help="End with the fit, its intervals and bands by its covariance, in "
+    "seconds; `jbw resume` goes on from there.",
+)  # fmt: skip
+@click.option(
     "--workers", type=click.IntRange(1), help="Processes for several campaigns; half the "
     "processors when left out.",
 )  # fmt: skip
 @seed_option("campaign")
+@strict_option
 @json_option
 @verbose_option
 @outside_option
 def identify(
-    campaigns: tuple[Path, ...], out: Path | None, workers: int | None, seed: int | None,
-    json_: bool, verbose: bool, allow_outside: bool,
+    campaigns: tuple[Path, ...], out: Path | None, quick: bool, workers: int | None,
+    seed: int | None, strict: bool, json_: bool, verbose: bool, allow_outside: bool,
 ) -> int:  # fmt: skip
     """Identify the joint from the campaign file CAMPAIGN, or from each of several.
 
-    Ends with 0 when the verdict of the main posterior is ok, with 4 when it is not, and with 5 when
-    it was interrupted: `jbw resume` then goes on with it, as it does after a crash.
+    Ends with 0 when the verdict of the main posterior is ok or usable, with 4 when it is neither,
+    and with 5 when it was interrupted: `jbw resume` then goes on with it, as it does after a crash.
+    With --strict it ends with 4 for a usable verdict too.
+
+    With --quick it ends with what the fit says by itself: the verdict is then "not assessed" and
+    the exit code 0. The same command without --quick, or `jbw resume`, takes its place.
 
     Several campaigns run side by side, each in a folder of its own in --out; one that fails stops
     no other, and the same command again goes on: with what was broken off, and not again with what
-    is finished. It ends as the first that failed, else with 4 where a verdict is not ok.
+    is finished. It ends as the first that failed, else with 4 where a verdict is neither ok nor
+    usable.
     """
     campaign, *others = campaigns
     if others:
-        return identify_several(campaigns, out or Path("runs"), workers, seed, json_, allow_outside)
+        if quick:
+            raise click.UsageError("--quick is for one campaign: give them one after the other.")
+        place = out or Path("runs")
+        return identify_several(campaigns, place, workers, seed, json_, allow_outside, strict)
     if workers is not None:
         raise click.UsageError("--workers is for several campaigns; one runs in one process.")
     source = str(campaign.resolve())
-    asked = Manifest(command_line(), source, seed=seed, allow_outside=allow_outside)
-    return run_to_end(
-        begin(out or Path(f"{campaign.stem}-run"), asked), json_=json_, verbose=verbose
-    )
+    asked = Manifest(command_line(), source, seed=seed, allow_outside=allow_outside, quick=quick)
+    run = begin(out or Path(f"{campaign.stem}-run"), asked)
+    return run_to_end(run, json_=json_, verbose=verbose, strict=strict)
 
 
 def identify_several(
     campaigns: Sequence[Path], out: Path, workers: int | None, seed: int | None, json_: bool,
-    allow_outside: bool,
+    allow_outside: bool, strict: bool,
 ) -> int:  # fmt: skip
     """Identify several campaigns in processes, and tell what became of each."""
     try:
@@ -148,7 +171,9 @@ def identify_several(
     rows = [asdict(one) for one in found]
     answer(json_, {"out": str(out), "campaigns": rows}, several_table(rows), saved=f"Runs: {out}")
     failed = [one.exit_code for one in found if one.status == "failed"]
-    return failed[0] if failed else max(one.exit_code for one in found)
+    if failed:
+        return failed[0]
+    return max(exit_code_of(one.verdict, strict=strict) for one in found)
 
 
 def several_table(rows: Sequence[Mapping[str, Any]]) -> Table:
@@ -167,13 +192,15 @@ def several_table(rows: Sequence[Mapping[str, Any]]) -> Table:
 
 @click.command()
 @run_argument
+@strict_option
 @json_option
 @verbose_option
-def resume(folder: Path, json_: bool, verbose: bool) -> int:
+def resume(folder: Path, strict: bool, json_: bool, verbose: bool) -> int:
     """Go on with the run in the folder DIR, to the very draws of a run without a break.
 
     Takes everything from DIR, and refuses where the campaign, its data or the versions of jbw and
-    what it computes with are no longer those that the run began with. Ends as `jbw identify`.
+    what it computes with are no longer those that the run began with. Of a first answer, of
+    `jbw identify --quick`, it draws the posterior. Ends as `jbw identify`.
     """
     run = reopen(folder)
     if run is None:
@@ -186,19 +213,24 @@ def resume(folder: Path, json_: bool, verbose: bool) -> int:
     try:
         if (warning := require_same(run)) is not None:
             click.echo(f"warning: {warning}", err=True)
+        run.note(replace(run.manifest, quick=False))
     except BaseException:
         run.close()
         raise
-    return run_to_end(run, json_=json_, verbose=verbose)
+    return run_to_end(run, json_=json_, verbose=verbose, strict=strict)
 
 
-def run_to_end(run: Run, *, json_: bool = False, verbose: bool = False, steps: bool = False) -> int:
+def run_to_end(
+    run: Run, *, json_: bool = False, verbose: bool = False, steps: bool = False,
+    strict: bool = False,
+) -> int:  # fmt: skip
     """Carry a run out; when interrupted, say how to go on.
 
     `steps` prints the parameters of every step beside what is said shortly: the paper's Table 1.
 
     Returns:
-        Exit code: 0, 4 when the verdict of the main posterior is not ok, 5 when interrupted.
+        Exit code: 0, 4 when the verdict of the main posterior is neither ok nor usable, or with
+        `strict` not ok, 5 when interrupted.
     """
 
     def farewell() -> str:
@@ -223,19 +255,25 @@ def run_to_end(run: Run, *, json_: bool = False, verbose: bool = False, steps: b
         from jbw.report.tables import parameters_table
 
         told = (parameters_table(summary, {}), *told)
+    if "quick" in summary:
+        answer(json_, summary, *told, saved=f"First answer: {run.folder}")
+        again = shlex.quote(str(run.folder))
+        following("resume", run.folder, f" draws the posterior; a page: jbw report {again}")
+        return NOT_TRUSTED if strict else 0
     answer(json_, summary, *told, saved=f"Report: {run.folder / 'report.html'}")
-    return ended(summary["verdict"], run.folder)
+    return ended(summary["verdict"], run.folder, strict=strict)
 
 
-def ended(verdict: Mapping[str, Any], folder: Path) -> int:
+def ended(verdict: Mapping[str, Any], folder: Path, *, strict: bool = False) -> int:
     """Say what to type after a run with this verdict, and return its exit code, 0 or 4."""
     again = shlex.quote(str(folder))
-    if verdict["status"] == "ok":
+    code = exit_code_of(verdict["status"], strict=strict)
+    if code == 0:
         following("predict", folder, f", or for other programs: jbw export {again}")
-        return 0
-    code = next((one["code"] for one in verdict["findings"] if one["status"] != "ok"), "")
-    following("explain", code or None, f", or what to measure: jbw plan {again}")
-    return NOT_TRUSTED
+        return code
+    reason = next((one["code"] for one in verdict["findings"] if one["status"] != "ok"), "")
+    following("explain", reason or None, f", or what to measure: jbw plan {again}")
+    return code
 
 
 def _all_of(summary: Mapping[str, Any]) -> Iterator[Table | Text | str]:
@@ -251,9 +289,11 @@ def short_lines(summary: Mapping[str, Any], tree: Any) -> Iterator[Text | str]:
     from jbw.report.words import law_words
 
     took = duration(summary.get("wall_time_s") or 0.0)
-    yield f"{summary['campaign']}: {law_words(laws_of(tree))}, identified in {took}"
+    done = "a first answer" if "quick" in summary else "identified"
+    yield f"{summary['campaign']}: {law_words(laws_of(tree))}, {done} in {took}"
     yield verdict_line(summary["verdict"])
-    yield f"Known, mean [99 % interval]: {'; '.join(known_parameters(summary)) or 'nothing'}"
+    words = ", by the fit alone" if "quick" in summary else ""
+    yield f"Known{words}, mean [99 % interval]: {'; '.join(known_parameters(summary)) or 'nothing'}"
     yield from opening(summary, tree)
 
 

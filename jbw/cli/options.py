@@ -15,6 +15,9 @@ verbose_option = click.option(
 outside_option = click.option(
     "--allow-outside", is_flag=True, help="Read files outside the campaign's folder."
 )
+strict_option = click.option(
+    "--strict", is_flag=True, help="End with 4 where the verdict is anything but ok."
+)
 run_argument = click.argument(
     "folder", metavar="DIR", type=click.Path(exists=True, file_okay=False, path_type=Path)
 )

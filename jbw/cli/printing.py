@@ -88,6 +88,11 @@ def verdict_lines(verdict: Mapping[str, Any], *, passed: bool = False) -> Iterat
             yield sentence
 
 
+def exit_code_of(status: str, *, strict: bool = False) -> int:
+    """Exit code after a verdict: 0 for what can be used, 4 for all else, and for all but ok."""
+    return 0 if status == "ok" or (status == "usable" and not strict) else NOT_TRUSTED
+
+
 def _status(status: str) -> tuple[str, str]:
     return status, STATUS.get(status, MARKS["doubt"])
 

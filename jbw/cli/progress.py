@@ -1,5 +1,9 @@
-"""What commands that compute share: JAX, and how far they are, a line a stage and one a chain."""
+"""What commands that compute share: JAX, and how far they are, a line a stage and one a chain.
 
+What is under way within a stage comes as messages of the logger `jbw.progress`.
+"""
+
+import logging
 import threading
 import warnings
 from collections.abc import Iterator
@@ -18,14 +22,17 @@ from jbw.cli.printing import duration
 from jbw.run.session import prepare_process as prepare_process
 
 LOOK_S = 1.0  # between two looks at the chains at least, on a terminal
-PLAIN_S = 10.0  # between two lines where there is none, and of silence at most
-BEAT_S = 1.0  # between two looks at whether it is silent
+PLAIN_S = 10.0  # between two lines on chains where there is none
+SILENT_S = 4.0  # of silence at most, less the time to the next look at it
+BEAT_S = 0.5  # between two looks at whether it is silent
+STARTING = "Loading what computes"
 STEPS = {
     "joint_": "joint posterior", "decay_": "posterior of free decays", "third_order_": "Step 3",
     "opening_": "Step 4",
 }  # fmt: skip
 WAYS = {"amis": "weighed points", "ridge": "along the ridge,", "valley": "along the valley,",
         "wide": "wider prior bounds,"}  # fmt: skip
+ESS = 400.0  # effective draws that a verdict asks for, as jbw.inference.posterior.verdict has it
 FEWEST = 8  # draws of a chain from where on their effective number is estimated
 
 
@@ -41,35 +48,44 @@ class Teller:
         self._started = perf_counter()
         self._told = self._started
         self._said: set[str] = set()
-        self._stage, self._since = "", self._started
+        self._stage, self._since, self._within = "", self._started, ""
 
     def __call__(self, stage: str) -> None:
         """Print one sentence with the seconds since the start: what is under way from now on."""
-        self._stage, self._since = stage, perf_counter()
+        self._stage, self._since, self._within = stage, perf_counter(), ""
         self.remark(stage)
+
+    def within(self, what: str) -> None:
+        """Note what is under way within the stage, to be told where it takes long."""
+        self._within = what
 
     def remark(self, sentence: str) -> None:
         """Print one sentence beside what is under way."""
         with self._lock:
             self.clear()
             self._told = perf_counter()
-            self._console.print(self._line(sentence))
+            self._print(self._line(sentence))
 
     def beat(self) -> None:
-        """Say what is under way, and for how long, where nothing was said for ten seconds.
+        """Say what is under way, and for how long, where nothing was said for five seconds.
 
         On a terminal one line is written over, elsewhere each is a new one.
         """
         with self._lock:
             now = perf_counter()
-            if not self._stage or now - self._told <= PLAIN_S:
+            if not self._stage or now - self._told <= SILENT_S:
                 return
-            line = self._line(f"... {self._stage}, for {duration(round(now - self._since))} so far")
+            what = f"{self._stage}: {self._within}" if self._within else self._stage
+            line = self._line(f"... {what}, for {duration(round(now - self._since))} so far")
             if self._rewrites:
                 self._show(Group(*filter(None, (self._chains, line))))
             else:
                 self._told = now
-                self._console.print(line)
+                self._print(line)
+
+    def _print(self, line: Text) -> None:
+        """One line a message in files and pipes; a terminal folds what is too long for it."""
+        self._console.print(line, soft_wrap=not self._rewrites)
 
     def _line(self, sentence: str) -> Text:
         return Text(f"[{perf_counter() - self._started:5.1f} s] {sentence}")
@@ -97,7 +113,7 @@ class Teller:
             self._told = perf_counter()
             self._said.add(name)
             if not self._rewrites:
-                self._console.print(self._line(chain_sentence(name, so_far)))
+                self._print(self._line(chain_sentence(name, so_far)))
             elif last:
                 self.clear()
             else:
@@ -112,11 +128,27 @@ class Teller:
                 self._live = self._chains = None
 
 
+class _Within(logging.Handler):
+    """Hands messages of the logger `jbw.progress` to a teller."""
+
+    def __init__(self, say: Teller) -> None:
+        super().__init__(logging.INFO)
+        self._say = say
+
+    def emit(self, record: logging.LogRecord) -> None:
+        """Note what is under way."""
+        self._say.within(record.getMessage())
+
+
 @contextmanager
-def computing() -> Iterator[Teller]:
-    """JAX set up, and a teller on stderr; warnings go to the same place. Import JAX within."""
-    prepare_process()
+def telling(first: str = "") -> Iterator[Teller]:
+    """A teller on stderr that breaks silences; warnings go to the same place.
+
+    `first` is said at once, before anything is imported.
+    """
     say = Teller(Console(stderr=True, highlight=False))
+    if first:
+        say(first)
 
     def show(message: Any, *_: Any) -> None:
         say.remark(f"warning: {message}")
@@ -128,6 +160,11 @@ def computing() -> Iterator[Teller]:
             say.beat()
 
     beating = threading.Thread(target=beat, daemon=True)
+    under_way, heard = logging.getLogger("jbw.progress"), _Within(say)
+    before = under_way.level, under_way.propagate
+    under_way.setLevel(logging.INFO)
+    under_way.propagate = False
+    under_way.addHandler(heard)
     with warnings.catch_warnings():
         warnings.showwarning = show  # restored with the filters
         beating.start()
@@ -137,6 +174,16 @@ def computing() -> Iterator[Teller]:
             done.set()
             beating.join()
             say.clear()
+            under_way.removeHandler(heard)
+            under_way.level, under_way.propagate = before
+
+
+@contextmanager
+def computing() -> Iterator[Teller]:
+    """A teller, and JAX set up. Import what needs JAX within."""
+    with telling(STARTING) as say:
+        prepare_process()
+        yield say
 
 
 def called(name: str) -> str:
@@ -175,11 +222,12 @@ def chain_table(name: str, so_far: Any) -> Table:
 
 def chain_sentence(name: str, so_far: Any) -> str:
     """The same in one line for all chains."""
-    steps = f"{so_far.done} of {so_far.total} steps"
-    if so_far.in_rounds:
-        steps = f"round {so_far.done} of {so_far.total} at most, until the draws are enough"
-    parts = [f"{called(name)}: {steps}"]
     sizes = effective(so_far.draws)
+    if so_far.in_rounds and sizes is not None:
+        # Groups of points are independent of one another: what they are worth adds up.
+        worth = f"{sum(sizes):,.0f} effective draws, of {ESS:,.0f} at least"
+        return f"{called(name)}: round {so_far.done} of {so_far.total} at most, {worth}"
+    parts = [f"{called(name)}: {so_far.done} of {so_far.total} steps"]
     if sizes is None:
         parts.append("warming up")
     else:

@@ -35,21 +35,26 @@ def report(
     if brief:
         _write_brief(folder, out, json_, interactive=interactive)
         return
-    from jbw.report.page import campaign_name, write_interactive, write_page
-    from jbw.report.result import read_result
-    from jbw.study.store import save_report
+    from jbw.cli.progress import telling
 
-    summary, tree = read_result(folder)
-    page = out or folder / "report.html"
-    if out is None:
-        save_report(folder, tree, summary)
-    else:
-        write_page(summary, tree, out)
-    written = {"report": str(page)}
-    if interactive:
-        beside = page.with_name("interactive.html")
-        write_interactive(tree, beside, campaign_name(summary))
-        written["interactive"] = str(beside)
+    with telling(f"Reading {folder}") as say:
+        from jbw.report.page import campaign_name, write_interactive, write_page
+        from jbw.report.result import read_result
+        from jbw.study.store import save_report
+
+        summary, tree = read_result(folder)
+        page = out or folder / "report.html"
+        say(f"Writing {page}" if out else f"Drawing figures and writing {page}")
+        if out is None:
+            save_report(folder, tree, summary)
+        else:
+            write_page(summary, tree, out)
+        written = {"report": str(page)}
+        if interactive:
+            beside = page.with_name("interactive.html")
+            say(f"Writing {beside}")
+            write_interactive(tree, beside, campaign_name(summary))
+            written["interactive"] = str(beside)
     answer(json_, written, saved="\n".join(written.values()))
 
 
@@ -101,23 +106,27 @@ def export(
     not. --draws writes what to simulate over the posterior with: a folder a draw and manifest.json.
     All begin with the verdict of the run.
     """
-    from jbw.cli.progress import prepare_process
-    from jbw.report.result import read_result
-    from jbw.study.store import claim
+    from jbw.cli.progress import computing
 
-    prepare_process()
-    from jbw.study import export as exporting
-    from jbw.study.export_files import chosen_programs, notes_on, write_export
-    from jbw.study.exports import PROGRAMS, USUAL, programs_named
+    with computing() as say:
+        from jbw.report.result import read_result
+        from jbw.study import export as exporting
+        from jbw.study.export_files import chosen_programs, notes_on, write_export
+        from jbw.study.exports import PROGRAMS, USUAL, programs_named
+        from jbw.study.store import claim
 
-    programs_named(names)  # a slip of the pen is told before anything is computed
-    summary, tree = read_result(folder)
-    result = exporting.export(tree, summary=summary, **asked)
-    programs = chosen_programs(names, result)
-    if fmu:
-        programs = dict.fromkeys((*programs, *chosen_programs(("fmi2", "fmi3"), result)))
-    draws = () if count is None else exporting.export_draws(tree, result, count)
-    written = write_export(claim(out or folder / "export"), result, tuple(programs), draws)
+        programs_named(names)  # a slip of the pen is told before anything is computed
+        say(f"Reading {folder}")
+        summary, tree = read_result(folder)
+        say("Computing the joint, its backbone with bands and its loops")
+        result = exporting.export(tree, summary=summary, **asked)
+        programs = chosen_programs(names, result)
+        if fmu:
+            programs = dict.fromkeys((*programs, *chosen_programs(("fmi2", "fmi3"), result)))
+        draws = () if count is None else exporting.export_draws(tree, result, count)
+        place = out or folder / "export"
+        say(f"Writing {', '.join(map(str, programs)) or 'tables'} to {place}")
+        written = write_export(claim(place), result, tuple(programs), draws)
     paths, notes = [str(path) for path in written], notes_on(programs)
     skipped = [] if names else [PROGRAMS[name] for name in USUAL if PROGRAMS[name] not in programs]
     notes += tuple(

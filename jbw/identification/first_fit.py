@@ -1,5 +1,6 @@
 """The first fit of the joint to a dataset: where it starts, and which of its ends is the best."""
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -27,6 +28,7 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.backbone import backbone
 from jbw.quantities import MODAL, STUCK
 
+under_way = logging.getLogger("jbw.progress")
 ROUGH = 1e-6  # of the cost and of the step: fits that others follow
 NUM_SCREENED = 255  # points of the box that are looked at beside the start
 # Where the best of them does not explain the data: how many others begin, and how many evaluations
@@ -120,6 +122,7 @@ def fit_from(
     start = middle_but(known, prior)
     sure = {one.name: known[one.name] for one in STUCK if one.name in known}
     points = screened(key, prior, start, sure)
+    under_way.info("%d points of the prior", NUM_SCREENED + 1)
     likelihood = at_points(dataset.log_likelihood, points, data).sum(axis=1)
     order = np.argsort(-np.nan_to_num(likelihood, nan=-np.inf))
     begun = [{name: float(x[row]) for name, x in points.items()} for row in order]
@@ -146,7 +149,10 @@ def by_rounds(begun: Sequence[Mapping[str, float]], prior: Box, data: Dataset) -
     if not going:
         return []
     for number, evaluations in ROUNDS:
-        fits = [rough(theta, prior, data, evaluations) for theta in going[:number]]
+        fits = []
+        for place, theta in enumerate(going[:number], start=1):
+            under_way.info("start %d of %d", place, min(number, len(going)))
+            fits.append(rough(theta, prior, data, evaluations))
         ends = sorted([*fits, *ends[number:]], key=lambda one: one.cost)
         going = [one.theta for one in ends]
         if explains(ends[0]):

@@ -1,9 +1,11 @@
 """All parameters set to update: the joint posterior of everything that was measured.
 
 Prepared and fitted, drawn by the sampler that suits what was measured, completed by what follows
+import logging
 from the draws, and checked.
 """
 
+import logging
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from functools import partial
@@ -57,6 +59,7 @@ from jbw.observables.observable import Drawn, Observable
 from jbw.oscillator.laws import laws_named
 from jbw.quantities import BY_NAME
 
+under_way = logging.getLogger("jbw.progress")
 STUCK = {"frozen_chain", "r_hat"}  # findings of a sampler that does not fit the posterior
 
 
@@ -322,7 +325,11 @@ def posterior_checks(
     attempts = Attempts()
 
     def checked(checks: Mapping[str, Callable[[], Finding | None]]) -> list[Finding | None]:
-        return [attempts.make(f"The check of {what}", one, None) for what, one in checks.items()]
+        found = []
+        for what, one in checks.items():
+            under_way.info("check of %s", what)
+            found.append(attempts.make(f"The check of {what}", one, None))
+        return found
 
     def lack_of_fit() -> Finding | None:
         why = causes(best, data)

@@ -144,7 +144,7 @@ def laplace_draws(
     names = never_zero(best.theta, best.covariance, prior)
     place = in_logarithms(best.theta, best.covariance, prior, names)
     slope = [best.theta[name] if name in names else 1.0 for name in prior.names]
-    theta = np.asarray(place.outer.forward(jnp.asarray(place.start + apart / slope)))
+    theta = np.asarray(jax.vmap(place.outer.forward)(jnp.asarray(place.start + apart / slope)))
     lower, upper = np.asarray(prior.lower), np.asarray(prior.upper)
     is_outside = np.any((theta < lower) | (theta > upper), axis=1)
     is_outside[0] = False

@@ -12,6 +12,7 @@ A change counts for no more than what the other runs gain by it: along a bent di
 them determines, a fit moves far for nothing.
 """
 
+import logging
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -27,6 +28,7 @@ from jbw.inference.posterior.finding import Finding, checked
 from jbw.inference.space.box import Box
 from jbw.observables.dataset import Dataset, left_by_label, size_by_label, stacked, without
 
+under_way = logging.getLogger("jbw.progress")
 MOVES = 4.0  # standard deviations of the change: beyond, the runs contradict each other
 NO_SCATTER = 1e-12  # of runs: all of them have the common parameters
 LEAST_GAIN = 0.01  # of the variance: what a run must add for its absence to be judged
@@ -44,7 +46,10 @@ def leave_one_out(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
     if len(runs) < 2 or len(set(data.runs)) < 3:
         return None
     others = [without(run, data) for run in runs]
-    fits = [refit(best, prior, rest) for rest in others]
+    fits = []
+    for place, rest in enumerate(others, start=1):
+        under_way.info("fit without run %d of %d", place, len(others))
+        fits.append(refit(best, prior, rest))
     pairs = zip(fits, others, strict=True)
     growth = np.array([_gained(best, fit, prior, rest) for fit, rest in pairs])
     estimate = np.array([list(one.theta.values()) for one in fits])

@@ -7,6 +7,7 @@ the law misses is shared by all groups of a kind, relative to their size: weight
 misfit of each would let a record that a poor fit misses lose its voice, and be missed the more.
 """
 
+import logging
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -41,6 +42,7 @@ from jbw.inference.space.box import Box
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
 
+under_way = logging.getLogger("jbw.progress")
 MOST_SUBSTEPS = 64
 NEAR = 1e-3  # of a fit's standard deviations: where even a bent posterior is straight
 AMPLE = 0.5  # of what the verdict allows the solver: draws about a fit are not the posterior
@@ -134,6 +136,7 @@ def with_effects(
     if shifts is not None and wanted(shifts, settings):
         words.append(sentence_of(shifts))
         findings = tuple(filter(None, [trend_finding(shifts, data)]))
+        under_way.info("offsets of the runs")
         data = with_offsets(best, shifts, data, settings.run_scatter)
         best = refit(best, prior, data, tolerance=between)
         # The offsets that are known now are where records are linearised in them.
@@ -162,6 +165,7 @@ def completed(
     if settings.substeps is None and not quick:
         # Looked at again where the finer solver's fit is: a coarse one may lie elsewhere.
         for _ in range(2):
+            under_way.info("steps of the solver")
             finer = refined(key, data, prior, best)
             if finer is data:
                 break
@@ -174,7 +178,8 @@ def settled(
     best: Fit, prior: Box, data: Dataset, settings: Identify, *, tolerance: float = TOLERANCE
 ) -> tuple[Fit, Dataset]:
     """Fits and the weights that they leave, in turns until the weights move no more."""
-    for _ in range(MOST_ROUNDS):
+    for count in range(1, MOST_ROUNDS + 1):
+        under_way.info("fit and weights, round %d of %d at most", count, MOST_ROUNDS)
         before = np.asarray(best.x)
         data = with_weights(best, data, settings)
         best = refit(best, prior, data, tolerance=ROUGH)

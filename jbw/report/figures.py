@@ -6,6 +6,7 @@ as it is, as in `arviz.plot_rank(tree)`; unused here, they need pyplot and JAX a
 """
 
 import io
+import logging
 import re
 from collections.abc import Callable
 from contextlib import suppress
@@ -31,6 +32,8 @@ from jbw.report import (
     stabilisation,
     style,
 )
+
+under_way = logging.getLogger("jbw.progress")
 
 
 class Entry(NamedTuple):
@@ -107,6 +110,7 @@ def save_figures(tree: xr.DataTree, folder: Path, dpi: int = 130) -> None:
     """Write every figure that the result allows as PNG into a folder, made when absent."""
     folder.mkdir(parents=True, exist_ok=True)
     for entry in FIGURE_LIST:
+        under_way.info("figure %s", entry.slug)
         path = folder / f"{entry.slug}.png"
         try:
             figure_of(entry.draw(tree)).savefig(path, dpi=dpi, facecolor="white")

@@ -1,6 +1,7 @@
 """The report as one HTML file that needs nothing else, and the same to zoom into by plotly."""
 
 import gzip
+import logging
 import os
 from base64 import b64encode
 from collections.abc import Callable, Mapping, Sequence
@@ -33,6 +34,7 @@ from jbw.report.words import (
 )
 from jbw.run.files import write_whole
 
+under_way = logging.getLogger("jbw.progress")
 # Nothing that was measured leaves the interactive page: no button that uploads a chart.
 PRIVATE = {"showSendToCloud": False, "plotlyServerURL": ""}
 # Points of all charts together: 2 x 4 bytes each, in base64 2.4 MB beside plotly's 2.0 MB packed.
@@ -152,6 +154,7 @@ def _draw(entry: Entry, tree: xr.DataTree) -> dict[str, Any]:
     """Return one figure as SVG, or the sentence that says why there is none."""
     number = entry.name.removeprefix("figure_") if entry.name.startswith("figure_") else ""
     drawn = {"entry": entry, "number": number, "svg": "", "rest": "", "missing": ""}
+    under_way.info("figure %s", entry.slug)
     try:
         drawn["svg"] = _picture(entry.draw(tree), entry.name)
         with suppress(DataError):  # there are no further tests

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
 HIDDEN = ".run"  # beside the results, until these are complete
 MANIFEST, LOCK, SPENT = "manifest.json", "lock", "spent_s"
+RESULT = {"posterior.nc", "summary.json", "figures", "report.html", "interactive.html"}
 HOLDER = ".holder"  # beside a lock's file: which process holds it
 UNSUPPORTED = {errno.ENOTSUP, errno.ENOLCK, errno.ENOSYS}  # some network folders know no locks
 
@@ -145,11 +146,15 @@ class Run:
 
 
 def begin(folder: Path, manifest: Manifest) -> Run:
-    """Begin a run in a new or empty folder, and hold the folder's lock."""
+    """Begin a run in a new or empty folder, or over a first answer, and hold the folder's lock."""
     unfinished = folder / HIDDEN / MANIFEST
     if not unfinished.exists():
         _require_empty(folder)
     with _locked(folder) as held:
+        if _holds_nothing_else_than_a_first_answer(folder):
+            (folder / HIDDEN / SPENT).unlink(missing_ok=True)
+            write_manifest(unfinished, manifest)
+            return Run(folder, manifest, held, fresh=False)
         if unfinished.exists():
             raise RunError(
                 f"The folder {folder} holds a run that was interrupted.",
@@ -160,6 +165,22 @@ def begin(folder: Path, manifest: Manifest) -> Run:
         require_room(folder, ROOM if manifest.preset is None else ROOM_OF_RIG)
         write_manifest(unfinished, manifest)
     return Run(folder, manifest, held, fresh=True)
+
+
+def is_first_answer(folder: Path) -> bool:
+    """Whether the result in a folder is that of a fit alone, which a run may take the place of."""
+    try:
+        summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+        return "quick" in summary
+    except (OSError, ValueError, TypeError, RecursionError):
+        return False
+
+
+def _holds_nothing_else_than_a_first_answer(folder: Path) -> bool:
+    if not (is_first_answer(folder) and (folder / HIDDEN / MANIFEST).exists()):
+        return False
+    asked_for_no_more = read_manifest(folder / HIDDEN / MANIFEST).quick
+    return asked_for_no_more and {path.name for path in folder.iterdir()} <= RESULT | {HIDDEN}
 
 
 def reopen(folder: Path) -> Run | None:
@@ -182,7 +203,8 @@ def reopen(folder: Path) -> Run | None:
 
 def require_same(run: Run) -> str | None:
     """Refuse to go on with what changed since a run began; a warning where only the machine did."""
-    if not (run.folder / "summary.json").exists():  # a result needs only its report
+    is_whole = (run.folder / "summary.json").exists() and not is_first_answer(run.folder)
+    if not is_whole:  # a result needs only its report
         require_unchanged(run.manifest, run.campaign)
     was, is_ = run.manifest.machine, machine()
     if was == is_:

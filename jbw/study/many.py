@@ -52,7 +52,7 @@ class Outcome:
         status: done or failed; a verdict other than ok is done.
         verdict: The run's verdict; empty where it failed.
         error: What went wrong and what to do, in a sentence or two; empty where it is done.
-        exit_code: Of `jbw identify` on this campaign alone.
+        exit_code: Of `jbw identify` on this campaign alone: 0 where the verdict is ok or usable.
         began: new, resumed or finished (before this call).
         warnings: What was said on the way, each sentence once.
         wall_time_s: Seconds that it took now.
@@ -175,7 +175,7 @@ def _run(task: Task) -> Outcome:
 
 def _done(task: Task, summary: Mapping[str, Any], began: Any, seconds: float = 0.0) -> Outcome:
     verdict = str(summary["verdict"]["status"])
-    code = 0 if verdict == "ok" else 4
+    code = 0 if verdict in ("ok", "usable") else 4
     return Outcome(task.campaign, task.folder, "done", verdict, "", code, began, round(seconds, 2))
 
 

@@ -12,7 +12,7 @@ from jbw import rig
 from jbw.campaign.load import load_campaign
 from jbw.inference.compiled import forget_when_many
 from jbw.report.result import read_result
-from jbw.run.folder import Run
+from jbw.run.folder import Run, is_first_answer
 from jbw.run.manifest import with_inputs
 from jbw.study.identify import identify
 from jbw.study.store import save_report, save_result
@@ -22,13 +22,19 @@ Say = Callable[[str], None]
 
 
 def carried_out(run: Run, say: Say) -> tuple[Mapping[str, Any], xr.DataTree]:
-    """Do what is left of a run, and return its summary and its tree."""
-    if (run.folder / "summary.json").exists():
+    """Do what is left of a run, and return its summary and its tree.
+
+    Of a first answer the result alone is written, and the run stays one that can be gone on with.
+    """
+    if (run.folder / "summary.json").exists() and not is_first_answer(run.folder):
         summary, tree = read_result(run.folder)
     else:
         forget_when_many()  # of runs before, in the same process
         tree, summary = identified(run, say)
         save_result(run.folder, tree, summary)
+        if run.manifest.quick:
+            say("Done")
+            return summary, tree
     say("Writing figures and report")
     try:
         save_report(run.folder, tree, summary)
@@ -53,8 +59,9 @@ def identified(run: Run, say: Say) -> tuple[Any, dict[str, Any]]:
     text = path.read_text(encoding="utf-8")
     run.note(with_inputs(replace(asked, text=text), path, input_hashes(loaded)))
     study = identify(
-        loaded, seed=asked.seed, truth=truth, report=say, keep=run.keep, command=asked.command
-    )
+        loaded, seed=asked.seed, truth=truth, report=say, keep=run.keep, command=asked.command,
+        quick=asked.quick,
+    )  # fmt: skip
     source = {"campaign_file": str(path.resolve()), "campaign_sha256": digest_of(text)}
     whole = {"wall_time_s": round(run.spent + study.record["wall_time_s"], 2)}
     return study.tree, {**study.record, **whole, **source}

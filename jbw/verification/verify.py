@@ -5,6 +5,7 @@ oscillator predicts better, or where tests that no fit saw leave its bands.
 """
 
 import json
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -46,6 +47,7 @@ from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws
 from jbw.verification.reference_oscillators import Reference, of_run, references
 from jbw.verification.steady_motion import loop_validation
 
+under_way = logging.getLogger("jbw.progress")
 NUM_FEW = 20  # of the draws, through long records
 BETTER = 1.1  # times the error of a simpler oscillator: beyond, that one is the better model
 LEAST_COVERAGE = 0.95  # of a 99 % band over a record
@@ -205,6 +207,7 @@ def _verify_forced(
         groups[place("validation/loops", test.name)] = marked
 
     def attempt(test: Test, build: Callable[[], None], what: str = "") -> None:
+        under_way.info("%s", test.name)
         attempts.make(f"The comparison of the {what}test `{test.name}` with the model", build, None)
 
     for test in sweeps:

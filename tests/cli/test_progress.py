@@ -1,6 +1,7 @@
 """Chains under way: a live line each on a terminal, plain lines elsewhere; colours when wanted."""
 
 import io
+import logging
 import os
 import re
 import select
@@ -13,7 +14,7 @@ import pytest
 from rich.console import Console
 
 from jbw.cli import progress
-from jbw.cli.progress import LOOK_S, PLAIN_S, Teller, called, chain_sentence, effective
+from jbw.cli.progress import LOOK_S, PLAIN_S, SILENT_S, Teller, called, chain_sentence, effective
 from jbw.inference.samplers.chunked_run import SoFar
 
 
@@ -72,23 +73,23 @@ def test_on_a_terminal_every_chain_has_its_line(clock):
     assert told.rstrip().endswith("Done")
 
 
-def test_ten_seconds_of_silence_are_broken_by_what_is_under_way(clock):
+def test_five_seconds_of_silence_are_broken_by_what_is_under_way(clock):
     stream = io.StringIO()
     say = Teller(Console(file=stream, force_terminal=False, width=110, highlight=False))
     say.beat()  # nothing is under way
     say("Fitting")
-    for seconds, lines in ((9.0, 1), (2.0, 2), (5.0, 2), (6.0, 3)):
+    for seconds, lines in ((3.5, 1), (1.0, 2), (3.5, 2), (1.0, 3)):
         clock[0] += seconds
         say.beat()
         assert len(stream.getvalue().splitlines()) == lines
-    assert stream.getvalue().splitlines()[-1] == "[ 22.0 s] ... Fitting, for 22 s so far"
+    assert stream.getvalue().splitlines()[-1] == "[  9.0 s] ... Fitting, for 9 s so far"
     # A warning is no work: what was under way is told on.
     say.remark("warning: a doubt")
     clock[0] += 12.0
     say.beat()
     assert stream.getvalue().splitlines()[-2:] == [
-        "[ 22.0 s] warning: a doubt",
-        "[ 34.0 s] ... Fitting, for 34 s so far",
+        "[  9.0 s] warning: a doubt",
+        "[ 21.0 s] ... Fitting, for 21 s so far",
     ]
     say("Done")
     say.beat()
@@ -121,10 +122,59 @@ def test_what_is_under_way_is_named_in_plain_words(name, words):
 
 def test_rounds_of_points_are_no_steps():
     told = chain_sentence("joint_amis", so_far(3, 64, left_s=None, in_rounds=True))
-    assert told.startswith(
-        "joint posterior, weighed points: round 3 of 64 at most, until the draws are enough, "
-    )
+    assert told.startswith("joint posterior, weighed points: round 3 of 64 at most, ")
+    # Four groups of 275 independent draws: together worth about as many, within a tenth.
+    worth = float(re.search(r"at most, ([\d,]+) effective draws, of 400", told)[1].replace(",", ""))
+    assert 0.9 * 1100 < worth < 1.1 * 1100
     assert "steps" not in told
+
+
+def test_what_is_under_way_within_a_stage_is_told_of_that_stage_alone(clock):
+    stream = io.StringIO()
+    say = Teller(Console(file=stream, force_terminal=False, width=110, highlight=False))
+    say("Fitting")
+    say.within("start 2 of 11")
+    clock[0] += SILENT_S + 1
+    say.beat()
+    assert stream.getvalue().splitlines()[-1].endswith("... Fitting: start 2 of 11, for 5 s so far")
+    say("Drawing")
+    clock[0] += SILENT_S + 1
+    say.beat()
+    assert stream.getvalue().splitlines()[-1].endswith("... Drawing, for 5 s so far")
+
+
+def test_a_message_is_one_line_in_a_file_however_long(clock):
+    stream = io.StringIO()
+    say = Teller(Console(file=stream, force_terminal=False, width=40, highlight=False))
+    say("Joint posterior: all parameters from 7 groups of data, which is a long line")
+    clock[0] += SILENT_S + 1
+    say.beat()
+    say.remark("warning: " + "a doubt " * 20)
+    assert len(stream.getvalue().splitlines()) == 3
+
+
+def test_the_first_line_comes_before_what_is_heavy(monkeypatch, capsys):
+    heard = []
+
+    def heavy():
+        heard.append(capsys.readouterr().err)
+
+    monkeypatch.setattr(progress, "prepare_process", heavy)
+    with progress.computing():
+        pass
+    assert progress.STARTING in heard[0]
+
+
+def test_messages_within_a_stage_come_by_the_log_and_leave_it_as_it_was(monkeypatch, capsys):
+    log = logging.getLogger("jbw.progress")
+    before = log.level, log.propagate, list(log.handlers)
+    monkeypatch.setattr(progress, "SILENT_S", 0.05)
+    monkeypatch.setattr(progress, "BEAT_S", 0.02)
+    with progress.telling("Fitting"):
+        log.info("start %d of %d", 2, 3)
+        time.sleep(0.3)
+    assert "... Fitting: start 2 of 3, for 0 s so far" in capsys.readouterr().err
+    assert (log.level, log.propagate, list(log.handlers)) == before
 
 
 def screen(written):
@@ -165,7 +215,7 @@ def test_on_a_terminal_one_line_is_written_over(clock, monkeypatch):
         after(say, "Joint posterior")
         for beat in range(90):
             clock[0] += 1.0
-            if beat < PLAIN_S:
+            if beat < SILENT_S:
                 say.beat()
             else:
                 after(say.beat)
@@ -182,7 +232,7 @@ def test_a_terminal_that_rewrites_nothing_gets_lines(clock, monkeypatch):
     stream = io.StringIO()
     say = Teller(Console(file=stream, force_terminal=True, width=80, highlight=False))
     say("Fitting")
-    for _ in range(24):
+    for _ in range(11):
         clock[0] += 1.0
         say.beat()
     assert len(stream.getvalue().splitlines()) == 3
@@ -208,7 +258,7 @@ def test_no_time_left_is_told_before_it_is_known():
 
 
 def test_a_command_that_is_silent_is_heard(monkeypatch, capsys):
-    monkeypatch.setattr(progress, "PLAIN_S", 0.05)
+    monkeypatch.setattr(progress, "SILENT_S", 0.05)
     monkeypatch.setattr(progress, "BEAT_S", 0.02)
     with progress.computing() as say:
         say("Compiling")

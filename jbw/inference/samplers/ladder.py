@@ -5,6 +5,7 @@ evidence. A posterior that is too far from any such mixture is left to chains: s
 draws so far where an evaluation is costly, and otherwise NUTS along the model's own gradient.
 """
 
+import logging
 from collections.abc import Callable, Mapping
 from functools import cache
 from typing import Any
@@ -24,6 +25,8 @@ from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import Box
 from jbw.inference.space.problem import LogLikelihood, problem_of
 from jbw.inference.space.reparametrisation import Reparametrisation
+
+under_way = logging.getLogger("jbw.progress")
 
 # Makers of coordinates by name, which give None where there are none; the first always has some.
 Places = Mapping[str, Callable[[], Reparametrisation | None]]
@@ -100,6 +103,7 @@ def climb(
         if spent >= budget:
             tree.attrs["budget_spent_s"] = spent
             return tree
+    under_way.info("chains about the draws so far")
     best, place = max(tried, key=lambda each: each[0].attrs["ess_weights"])
     about = about_draws(best, box, place)
     sampler = sampler_named("elliptical_slice" if is_costly else "nuts")
@@ -149,6 +153,7 @@ def choose(
     for i, (name, make) in enumerate(places.items()):
         if max(worth.values(), default=0.0) > PLENTY * LOOKED_AT:
             break
+        under_way.info("%d points in the coordinates %s", LOOKED_AT, name)
         if (place := make()) is not None:
             problem = problem_of(log_likelihood, box, data, place)
             made[name] = place
