@@ -22,34 +22,44 @@ from jbw.errors import JbwError, RunError
 
 INTERRUPTED = 5
 
-# Command to the file of its function, and its line in `jbw --help`; read without importing it.
-COMMANDS = {
-    "demo": ("identify", "Measure the virtual rig and identify it, start to finish."),
-    "init": ("check", "Write a commented campaign file for a folder of records."),
-    "check": ("check", "Check a campaign, channel by channel."),
-    "look": ("look", "Say what the records show without any model, in a minute."),
-    "identifiability": (
-        "identify",
-        "Say which parameters a campaign's data know, before sampling.",
-    ),
-    "identify": ("identify", "Identify the joint from a campaign."),
-    "resume": ("identify", "Go on with a run that was killed or interrupted."),
-    "collect": ("collect", "Gather finished runs, of several units, into one fleet."),
-    "population": ("population", "Say how the units of a fleet scatter, and go with torque."),
-    "watch": ("watch", "Say of every further record whether the joint has changed."),
-    "plan": ("plan", "Say which tests a wished accuracy takes."),
-    "diff": ("diff", "Say what differs between two runs: assemblies, torques, days."),
-    "compare": ("studies", "Compare samplers on one posterior of a run."),
-    "laws": ("laws", "Try laws of the joint and say which the data tell apart."),
-    "sbc": ("studies", "Calibrate a step by simulation: ranks of simulated truths."),
-    "predict": ("predict", "Predict tests from a run, measured or planned."),
-    "export": ("result", "Write a run's joint for other programs, FMUs among them."),
-    "explain": ("about", "Say what a finding of the verdict means."),
-    "docs": ("about", "Open the documentation, without a network."),
-    "report": ("result", "Write the one-file report of a finished run."),
-    "schema": ("about", "Print a file's JSON Schema, for editors."),
-    "completion": ("about", "Print what completes jbw in a shell."),
+# Headings of `jbw --help`: command to the file of its function, and its line, read without
+# importing it.
+GROUPS = {
+    "Begin": {
+        "demo": ("identify", "Measure the virtual rig and identify it, start to finish."),
+        "init": ("check", "Write a commented campaign file for a folder of records."),
+        "check": ("check", "Check a campaign, channel by channel."),
+        "look": ("look", "Say what the records show without any model, in a minute."),
+    },
+    "Identify": {
+        "identify": ("identify", "Identify the joint; --quick ends with the fit, in seconds."),
+        "resume": ("identify", "Go on with a run that was killed, interrupted or quick."),
+        "identifiability": (
+            "identify",
+            "Say which parameters a campaign's data know, before sampling.",
+        ),
+        "laws": ("laws", "Try laws of the joint and say which the data tell apart."),
+    },
+    "Use": {
+        "report": ("result", "Write the one-file report of a finished run."),
+        "predict": ("predict", "Predict tests from a run, measured or planned."),
+        "export": ("result", "Write a run's joint for other programs, FMUs among them."),
+        "diff": ("diff", "Say what differs between two runs: assemblies, torques, days."),
+        "plan": ("plan", "Say which tests a wished accuracy takes."),
+        "collect": ("collect", "Gather finished runs, of several units, into one fleet."),
+        "population": ("population", "Say how the units of a fleet scatter, and go with torque."),
+        "watch": ("watch", "Say of every further record whether the joint has changed."),
+    },
+    "More": {
+        "explain": ("about", "Say what a finding, parameter, column or word means."),
+        "docs": ("about", "Open the documentation, without a network."),
+        "sbc": ("studies", "Calibrate a step by simulation: ranks of simulated truths."),
+        "compare": ("studies", "Compare samplers on one posterior of a run."),
+        "schema": ("about", "Print a file's JSON Schema, for editors."),
+        "completion": ("about", "Print what completes jbw in a shell."),
+    },
 }
+COMMANDS = {name: told for group in GROUPS.values() for name, told in group.items()}
 # Commands that take a campaign, and those that take a run: what to type after their failures.
 # What a system says of a place that takes no more bytes, or none.
 UNWRITABLE = tuple(
@@ -85,9 +95,13 @@ class LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The list of commands in the help, from the table alone."""
-        with formatter.section("Commands"):
-            formatter.write_dl([(name, line) for name, (_, line) in COMMANDS.items()])
+        """The commands in the help by what they are for, from the table alone."""
+        widest = max(map(len, COMMANDS))
+        for heading, group in GROUPS.items():
+            with formatter.section(heading):
+                formatter.write_dl(
+                    [(f"{name:<{widest}}", line) for name, (_, line) in group.items()]
+                )
 
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})

@@ -1,10 +1,11 @@
-"""What jbw says of itself: documentation, findings explained, JSON Schemas, completion."""
+"""What jbw says of itself: documentation, words explained, JSON Schemas, completion."""
 
 import sys
 import webbrowser
 from difflib import get_close_matches
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
 import click
 from click.shell_completion import get_completion_class
@@ -23,24 +24,74 @@ def pages() -> dict[str, str]:
     return {code.strip(): page.strip() for code, _, page in sections}
 
 
+def words() -> dict[str, str]:
+    """Word or heading of a column, in lower case, to what it means."""
+    text = (files("jbw.cli") / "words.md").read_text(encoding="utf-8")
+    sections = [section.partition("\n") for section in text.split("\n## ")[1:]]
+    return {
+        name.strip().lower(): page.strip()
+        for heading, _, page in sections
+        for name in heading.split(" | ")
+    }
+
+
+def parameters() -> dict[str, str]:
+    """Name of a parameter, of any law, to its meaning, symbol, unit and laws."""
+    from jbw.oscillator.laws import LAWS, vocabulary  # loads JAX
+    from jbw.quantities import BY_NAME
+
+    of_laws = {
+        name: [law.name for law in LAWS.values() if name in names_of_law(law)]
+        for name in vocabulary()
+    }
+    told = {}
+    for name, one in {**BY_NAME, **vocabulary()}.items():
+        unit = "" if one.unit == "1" else f" [{one.unit}]"
+        laws_ = of_laws.get(name)
+        law = f" Of the law {', '.join(laws_)}." if laws_ else ""
+        told[name] = f"{one.meaning[:1].upper()}{one.meaning[1:]}, {one.symbol}{unit}.{law}"
+    return told
+
+
+def names_of_law(law: Any) -> set[str]:
+    """Names of a law's parameters and products."""
+    return {one.name for one in law.table} | {one.quantity.name for one in law.products}
+
+
+def explained(name: str) -> str | None:
+    """What a finding, a word, a column of a table or a parameter means; None if not known."""
+    plain = " ".join(name.split())
+    for known in (pages(), words()):
+        for wanted in (plain, plain.lower(), plain.lower().partition(" [")[0]):
+            if wanted in known:
+                return known[wanted]
+    return parameters().get(plain)
+
+
 @click.command()
 @click.argument(
-    "code", required=False,
-    shell_complete=lambda _, __, start: [code for code in pages() if code.startswith(start)],
+    "code", required=False, metavar="[NAME]",
+    shell_complete=lambda _, __, start: [
+        name for name in (*pages(), *words()) if name.startswith(start)
+    ],
 )  # fmt: skip
 @json_option
 def explain(code: str | None, json_: bool) -> None:
-    """Say what a finding of the verdict means, what it looks at, and what to do.
+    """Say what a finding, a parameter, a column of a table or a word means.
 
-    Without CODE, all findings by name.
+    Of a finding of the verdict: what it looks at, and what to do. Without NAME, all findings.
     """
-    known = pages()
-    if code is not None and code not in known:
-        nearest = get_close_matches(code, known, n=1)
-        guess = f" Did you mean '{nearest[0]}'?" if nearest else ""
-        raise click.UsageError(f"No finding is called '{code}'.{guess} All: jbw explain")
-    asked = known if code is None else {code: known[code]}
-    answer(json_, asked, saved="\n".join(known) if code is None else f"{code}\n\n{known[code]}")
+    if code is None:
+        answer(json_, pages(), saved="\n".join(pages()))
+        click.echo("Parameters, columns and words too, such as: jbw explain ESS", err=True)
+        return
+    page = explained(code)
+    if page is None:
+        known = {name.lower(): name for name in (*pages(), *words(), *parameters())}
+        nearest = get_close_matches(code.lower(), known, n=1)
+        guess = f" Did you mean '{known[nearest[0]]}'?" if nearest else ""
+        raise click.UsageError(f"Nothing is called '{code}'.{guess} All findings: jbw explain")
+    answer(json_, {code: page}, saved=f"{code}\n\n{page}")
 
 
 @click.command()

@@ -42,7 +42,6 @@ from jbw.observables.observable import OFFSETS
 
 NUM_CHAINS, NUM_DRAWS = 4, 1000  # as many as a posterior that was sampled has
 SPARE = 8  # times as many points, so that enough lie within the prior box
-CODE = "not_sampled"
 NOTHING = 1e-9  # of the scatter of runs: room for no offset
 LEAST = 12.0  # over the squared width of the box: the precision of the prior alone
 
@@ -227,7 +226,7 @@ def _covariance_of_offsets(
 def not_sampled() -> Finding:
     """That the draws are of a Gaussian about the fit, and were not compared with the posterior."""
     return Finding(
-        CODE,
+        "not_sampled",
         "not assessed",
         "Nothing was drawn from the posterior: the intervals are those of a Gaussian with the "
         "fit's covariance.",

@@ -6,7 +6,9 @@ from pathlib import Path
 import pytest
 
 from jbw.cli import run
-from jbw.cli.about import pages
+from jbw.cli.about import explained, pages, words
+from jbw.oscillator.laws import vocabulary
+from jbw.quantities import BY_NAME
 
 PACKAGE = Path(__file__).parents[2] / "jbw"
 JUDGES = (
@@ -53,3 +55,71 @@ def test_an_unknown_code_is_answered_with_the_nearest(capsys):
 def test_without_a_code_all_are_named(capsys):
     assert run(["explain"]) == 0
     assert capsys.readouterr().out.split() == list(pages())
+
+
+MAKERS = {"Column", "words", "named", "digits", "shares", "by_sd", "_number", "_percent", "number"}
+
+
+def headings():
+    """Every heading of a column that the source writes out, with where it stands."""
+    found = {}
+    for path in sorted([*PACKAGE.glob("report/*.py"), *PACKAGE.glob("cli/*.py")]):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if getattr(getattr(node, "func", None), "id", "") in MAKERS and node.args:
+                heading = node.args[0]
+                if isinstance(heading, ast.Constant) and str(heading.value).strip():
+                    found[" ".join(str(heading.value).split())] = path.name
+    return found
+
+
+def test_there_are_headings_to_look_at():
+    found = headings()
+    assert len(found) > 60
+    assert "error / rms of the record" in found
+
+
+def test_every_column_of_a_table_is_explained():
+    missing = {heading: path for heading, path in headings().items() if not explained(heading)}
+    assert not missing
+
+
+def test_every_parameter_of_every_law_is_explained():
+    names = {*vocabulary(), *BY_NAME}
+    for name in names:
+        told = explained(name)
+        assert told, name
+    for name, one in vocabulary().items():
+        if name not in words():  # a word of its own is explained as that
+            assert one.symbol in explained(name)
+            assert one.unit == "1" or one.unit in explained(name)
+
+
+@pytest.mark.parametrize(
+    "word",
+    ["nats", "direction", "valley", "contraction", "ESS", "Step 4", "held out", "k-hat", "R-hat"],
+)
+def test_words_that_nobody_understood_are_explained(word, capsys):
+    assert run(["explain", word]) == 0
+    told = capsys.readouterr().out
+    assert told.startswith(word)
+    assert len(told.split()) > 10
+
+
+@pytest.mark.parametrize(
+    ("slip", "nearest"), [("alhpa", "alpha"), ("contractoin", "contraction"), ("khatt", "khat")]
+)
+def test_an_unknown_word_is_answered_with_the_nearest_of_all(slip, nearest, capsys):
+    assert run(["explain", slip]) == 2
+    assert f"Did you mean '{nearest}'?" in capsys.readouterr().err
+
+
+def test_no_word_is_explained_twice():
+    text = (PACKAGE / "cli" / "words.md").read_text(encoding="utf-8")
+    names = [
+        name.strip().lower()
+        for line in text.splitlines()
+        if line.startswith("## ")
+        for name in line[3:].split(" | ")
+    ]
+    assert len(names) == len(set(names))
+    assert not set(names) & set(pages()) - {"khat"}
