@@ -2,7 +2,7 @@
 
 import re
 import tomllib
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from itertools import groupby
@@ -30,6 +30,7 @@ HEAD = """\
 # and {4} are it counted from one, as in MATLAB; [:] takes all; 'a - b' is a difference.
 
 [campaign]"""
+FURTHER = "# Further keys of a [[test]], to be written below its line `kind`:"
 NAMED = "campaign.toml"
 LISTED = 12  # channels named in a comment
 MOST_BLOCKS = 40  # tests drafted from one file
@@ -77,7 +78,7 @@ def start_campaign(folder: str | Path) -> Draft:
         raise DataError(f"Folder `{folder}` does not exist.", remedy="Name the folder of records.")
     files = [p for p in folder.iterdir() if p.is_file() and p.suffix.lower() in READERS]
     visible = sorted((p for p in files if not p.name.startswith(".")), key=_stem)
-    assumed: list[str] = []
+    assumed: list[tuple[str, str]] = []  # file and what was assumed of it
     blocks = []
     groups = [sorted(repeats) for _, repeats in groupby(visible, key=_stem)]
     curves = _frequencies_of_curves(groups)
@@ -86,12 +87,30 @@ def start_campaign(folder: str | Path) -> Draft:
     if not any("[[test]]" in block for block in blocks):
         raise DataError(
             f"Folder `{folder}` has no measurement file that can be read.",
-            remedy=" ".join(["Suffixes: " + ", ".join(READERS) + ".", *assumed]),
+            remedy=" ".join(["Suffixes: " + ", ".join(READERS) + ".", *_once(assumed)]),
         )
     name = f"name = {toml(folder.resolve().name or 'campaign')}"
     head = [HEAD, name, *commented(Head, ("modal_mass", "gain")), ""]
-    foot = ["# [identify]", *commented(Identify, Identify.model_fields), ""]
-    return Draft("\n".join([*head, *blocks, *foot]), tuple(assumed))
+    foot = [
+        FURTHER,
+        *commented(TestSpec, OPTIONAL),
+        "",
+        "# [identify]",
+        *commented(Identify, Identify.model_fields),
+        "",
+    ]
+    return Draft("\n".join([*head, *blocks, *foot]), tuple(_once(assumed)))
+
+
+def _once(assumed: Sequence[tuple[str, str]]) -> Iterator[str]:
+    """Every assumption in one line with all the files that it concerns."""
+    files: dict[str, list[str]] = {}
+    for name, what in assumed:
+        files.setdefault(what, []).append(name)
+    for what, names in files.items():
+        shown = [name for name in names[:LISTED] if name]
+        more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
+        yield f"{', '.join(shown)}{more}: {what}" if shown else what
 
 
 def write_campaign(draft: Draft, folder: str | Path) -> Path:
@@ -137,12 +156,14 @@ def _frequencies_of_curves(groups: Sequence[Sequence[Path]]) -> Reach | None:
     return (min(found), max(found)) if found else None
 
 
-def _blocks(files: Sequence[Path], assumed: list[str], curves: Reach | None) -> list[str]:
+def _blocks(
+    files: Sequence[Path], assumed: list[tuple[str, str]], curves: Reach | None
+) -> list[str]:
     """The [[test]] tables of some files, or a comment where they cannot be a test."""
     try:
         leaves = channels_of(files[0])
     except JbwError as error:
-        assumed.append(error.what)
+        assumed.append(("", error.what))
         return ["".join(f"# {line}\n" for line in error.what.splitlines())]
     found = _records_in(_series_in(leaves))
     blocks = [_block(files, series, leaves, assumed, curves) for series in found[:MOST_BLOCKS]]
@@ -155,13 +176,13 @@ def _block(
     files: Sequence[Path],
     series: Leaves,
     leaves: Leaves,
-    assumed: list[str],
+    assumed: list[tuple[str, str]],
     curves: Reach | None,
 ) -> str:
     """One [[test]] table; as a comment where no channel is named like a response."""
 
     def assume(what: str) -> None:
-        assumed.append(f"{files[0].name}: {what}")
+        assumed.append((files[0].name, what))
 
     roles = _roles_of(series)
     if roles.keys().isdisjoint(RESPONSES):
@@ -194,8 +215,7 @@ def _block(
         lines.append("dwell = 1.0  # CHECK: duration of each step [s]")
     if unused := [name for name in series if name not in roles.values()]:
         lines.append(f"# not used: {_listed(unused)}")
-    others = [name for name in OPTIONAL if name != "band" or not traits.is_free]
-    return "\n".join([*lines, *commented(TestSpec, others)]) + "\n"
+    return "\n".join(lines) + "\n"
 
 
 def _units(channels: Leaves, assume: Assume) -> str:

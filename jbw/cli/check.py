@@ -1,12 +1,12 @@
 """Campaign files before any run: `jbw init` writes one, `jbw check` reads it channel by channel."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from operator import attrgetter
 from pathlib import Path
 
 import click
 
-from jbw.campaign.check import Check, as_json, check_campaign
+from jbw.campaign.check import Check, Row, as_json, check_campaign
 from jbw.campaign.draft import start_campaign, write_campaign
 from jbw.campaign.files import repeats_of
 from jbw.campaign.schema import read_spec
@@ -115,7 +115,17 @@ def _lines(found: Check) -> Iterator[Table | str]:
         Column("status", lambda row: Cell(row.status, MARKS[row.status]), align="left"),
     ]
     yield table(f"Campaign {found.campaign}", found.rows, *columns)
-    for row in found.rows:
+    yield from _findings(found.rows)
+
+
+def _findings(rows: Sequence[Row]) -> Iterator[str]:
+    """A line a finding with all tests that it concerns; why and remedy once where alike."""
+    alike: dict[tuple[str, str, str], dict[tuple[str, str], list[str]]] = {}
+    for row in rows:
         for each in row.findings:
-            yield f"{each.severity} {row.test}, {row.channel}: {each.what}"
-            yield from (f"    {line}" for line in (each.why, each.remedy) if line)
+            same = alike.setdefault((each.severity, each.why, each.remedy), {})
+            same.setdefault((row.channel, each.what), []).append(row.test)
+    for (severity, *below), same in alike.items():
+        for (channel, what), tests in same.items():
+            yield f"{severity} {', '.join(tests)}, {channel}: {what}"
+        yield from (f"    {line}" for line in below if line)

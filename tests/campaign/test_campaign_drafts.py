@@ -104,3 +104,16 @@ def test_the_rate_is_found_under_its_usual_names(tmp_path, name):
     np.savez(tmp_path / "run.npz", velocity=velocity, **{name: 1024.0})
     found = f'fs = "{name}"' in start_campaign(tmp_path).text
     assert found == (name != "SamplingRate")  # of one word with others it is not known
+
+
+def test_an_assumption_of_several_tests_is_one_line_and_keys_stand_once(tmp_path):
+    t = np.arange(512) / 256.0
+    for name in ("low_sweep", "high_sweep"):
+        for i in (1, 2):
+            np.savez(tmp_path / f"{name}_{i}.npz", time=t, input=np.sin(t), velocity=np.cos(t))
+    draft = start_campaign(tmp_path)
+    assert len(tomllib.loads(draft.text)["test"]) == 2
+    about = [line for line in draft.assumed if "unit of velocity" in line]
+    assert about == ["high_sweep_1.npz, low_sweep_1.npz: unit of velocity assumed to be m/s."]
+    assert draft.text.count("# level = ") == 1
+    assert draft.text.index("# level = ") > draft.text.rindex("[[test]]\n")

@@ -234,3 +234,55 @@ def test_table_1_loses_columns_on_a_narrow_screen_but_no_digits(monkeypatch, cap
         head = next(line for line in told.splitlines() if "parameter" in line).split()
         assert head == ["step", "parameter", *columns, "verdict"]
         assert "0.0044709" in told
+
+
+def test_a_warning_of_several_tests_is_told_once(capsys):
+    from jbw.campaign.check import Check, Row
+    from jbw.cli.check import _lines
+    from jbw.measurement.checks import doubt
+
+    sign = doubt("velocity", "The sign may be turned.", "It adds pi.", "Set turn.")
+    other = doubt("velocity", "It lags by 2 ms.", "It adds phase.", "Set delay.")
+    rows = tuple(
+        Row(test, "laser", "velocity", "m/s", 256.0, 3, "warning", faults)
+        for test, faults in (("low", (sign,)), ("high", (sign, other)))
+    )
+    show(*list(_lines(Check("beam", rows, 0, ())))[1:])
+    assert capsys.readouterr().out.splitlines() == [
+        "warning low, high, laser: The sign may be turned.",
+        "    It adds pi.",
+        "    Set turn.",
+        "warning high, laser: It lags by 2 ms.",
+        "    It adds phase.",
+        "    Set delay.",
+    ]
+
+
+def test_help_stands_in_groups_with_the_rare_commands_last(capsys):
+    assert run(["--help"]) == 0
+    told = capsys.readouterr().out
+    places = [told.index(f"{heading}:\n") for heading in ("Begin", "Identify", "Use", "More")]
+    assert places == sorted(places)
+    last = told[places[-1] :]
+    assert all(f"  {name} " in last for name in ("sbc", "compare", "schema", "completion"))
+
+
+@pytest.mark.parametrize(
+    ("status", "strict", "code"),
+    [
+        ("ok", True, 0),
+        ("usable", False, 0),
+        ("usable", True, 4),
+        ("failed", False, 4),
+        ("not assessed", False, 4),
+    ],
+)
+def test_a_usable_verdict_ends_with_0_unless_strict(status, strict, code, capsys):
+    from pathlib import Path
+
+    from jbw.cli.identify import ended
+
+    finding = {"code": "misfit", "status": status}
+    assert ended({"status": status, "findings": [finding]}, Path("run"), strict=strict) == code
+    named = "predict" if code == 0 else "explain"
+    assert f"Next: jbw {named}" in capsys.readouterr().err
