@@ -91,14 +91,9 @@ def start_campaign(folder: str | Path) -> Draft:
         )
     name = f"name = {toml(folder.resolve().name or 'campaign')}"
     head = [HEAD, name, *commented(Head, ("modal_mass", "gain")), ""]
-    foot = [
-        FURTHER,
-        *commented(TestSpec, OPTIONAL),
-        "",
-        "# [identify]",
-        *commented(Identify, Identify.model_fields),
-        "",
-    ]
+    drafted = any("\nband = " in block for block in blocks)
+    further = commented(TestSpec, [key for key in OPTIONAL if not (drafted and key == "band")])
+    foot = [FURTHER, *further, "", "# [identify]", *commented(Identify, Identify.model_fields), ""]
     return Draft("\n".join([*head, *blocks, *foot]), tuple(_once(assumed)))
 
 

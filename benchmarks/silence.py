@@ -1,0 +1,100 @@
+"""When does every command say its first line, and how long is it silent? CPU seconds, Linux.
+
+    python benchmarks/silence.py [FOLDER]
+
+Runs each command in a process of its own, in FOLDER or a temporary one, on the toy campaign of the
+tests, and looks at the processor time that it had used when each line came (`/proc`). A pipe stands
+in for a file: no line may be folded there. Times with compiled code kept need a second round in one
+FOLDER; JAX_ENABLE_COMPILATION_CACHE=0 keeps none.
+"""
+
+import os
+import subprocess
+import sys
+import tempfile
+import threading
+import time
+from pathlib import Path
+
+ROOT = Path(__file__).parents[1]
+sys.path.insert(0, str(ROOT / "tests" / "study"))
+TICK = os.sysconf("SC_CLK_TCK")
+MOST_S = 5.0  # of silence that a command may have
+PROGRAM = "import sys; from jbw.cli import main; main(sys.argv[1:])"
+
+
+def cpu_of(pid: int) -> float:
+    """User and system time of a process so far [s]."""
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / TICK
+
+
+def watched(arguments: list[str]) -> tuple[float, float, float, int]:
+    """First line, longest silence and all of a command [CPU s], and its exit code."""
+    code = [sys.executable, "-c", PROGRAM, *arguments]
+    with subprocess.Popen(code, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, cwd=ROOT) as made:
+        times = [0.0]
+        now = [0.0]
+
+        def sample() -> None:
+            while made.poll() is None:
+                try:
+                    now[0] = cpu_of(made.pid)
+                except (OSError, IndexError):
+                    return
+                time.sleep(0.02)
+
+        sampling = threading.Thread(target=sample, daemon=True)
+        sampling.start()
+        assert made.stdout is not None
+        for _ in made.stdout:
+            times.append(now[0])
+        made.wait()
+        sampling.join()
+    times.append(now[0])
+    gaps = [after - before for before, after in zip(times, times[1:], strict=False)]
+    return times[1], max(gaps), now[0], made.returncode
+
+
+def commands(campaign: Path, folder: Path) -> dict[str, list[str]]:
+    """Every command that computes, in an order in which each finds what it needs."""
+    run, first = str(folder / "run"), str(folder / "first")
+    fleet, file = str(folder / "fleet.nc"), str(campaign)
+    return {
+        "init": ["init", str(campaign.parent), "--print"],
+        "check": ["check", file],
+        "check --figures": ["check", file, "--figures", str(folder / "figures")],
+        "look": ["look", file],
+        "identifiability": ["identifiability", file],
+        "identify --quick": ["identify", file, "--quick", "--out", first],
+        "identify": ["identify", file, "--out", run],
+        "report": ["report", run],
+        "export": ["export", run],
+        "predict": ["predict", run],
+        "diff": ["diff", run, first],
+        "collect": ["collect", run, first, "--out", fleet],
+        "laws": ["laws", file, "--out", str(folder / "laws")],
+        "compare": ["compare", run, "--samplers", "importance", "--out", str(folder / "compare")],
+        "explain": ["explain", "alpha"],
+    }
+
+
+def main(chosen: str | None = None) -> None:
+    """Print the table; ends with 1 where a command was silent for longer than it may be."""
+    from toy_campaign import PLAIN, write_toy
+
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = Path(chosen or temporary)
+        (folder / "records").mkdir(parents=True, exist_ok=True)
+        campaign = write_toy(folder / "records", PLAIN)
+        print(f"{'command':18} {'first line':>10} {'silence':>8} {'all':>7}   CPU s   exit")
+        worst = 0.0
+        for name, arguments in commands(campaign, folder).items():
+            first, silence, whole, code = watched(arguments)
+            worst = max(worst, silence)
+            print(f"{name:18} {first:10.2f} {silence:8.2f} {whole:7.1f} {code:12d}", flush=True)
+    sys.exit(worst > MOST_S)
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
