@@ -20,6 +20,8 @@ if TYPE_CHECKING:
     from jbw.identification.linear import line_fit as line_fit
     from jbw.identification.linear import pool as pool
     from jbw.identification.modal import fit_modes as fit_modes
+    from jbw.identification.paper import steps as steps
+    from jbw.inference import sampling as sampling
     from jbw.measurement.files.read import read as read
     from jbw.measurement.files.sep005 import from_sep005 as from_sep005
     from jbw.measurement.files.sep005 import to_sep005 as to_sep005
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
     from jbw.oscillator.laws.hysteresis import steady_loop as steady_loop
     from jbw.oscillator.laws.springs import Cubic as Cubic
     from jbw.oscillator.laws.springs import Polynomial as Polynomial
+    from jbw.oscillator.modes.parameters import structure_of as structure_of
     from jbw.oscillator.modes.structure import Structure as Structure
     from jbw.oscillator.modes.structure import internal_resonances as internal_resonances
     from jbw.oscillator.oscillator import BoucWen as BoucWen
@@ -67,6 +70,7 @@ if TYPE_CHECKING:
     from jbw.population.population import population_of as population_of
     from jbw.population.prediction import new_backbone as new_backbone
     from jbw.population.prediction import new_units as new_units
+    from jbw.report import plots as plots
     from jbw.report.citation import citation as citation
     from jbw.report.modal_backbones import draw_backbones as draw_backbones
     from jbw.study.calibration import sbc as sbc
@@ -77,6 +81,7 @@ if TYPE_CHECKING:
     from jbw.study.many import identify_many as identify_many
     from jbw.study.study import Study as Study
     from jbw.study.study import load_study as load_study
+    from jbw.verification.predict import warnings_of as warnings_of
     from jbw.watch.sequential import updated as updated
 
 __version__ = "0.1.0"
@@ -142,10 +147,12 @@ _HOME = {
     "steady_cycle": "oscillator.steady.cycle",
     "steady_loop": "oscillator.laws.hysteresis",
     "steady_state": "oscillator.steady.cycle",
+    "structure_of": "oscillator.modes.parameters",
     "third_harmonic": "paper.kernels",
     "third_order_kernel": "measurement.probing",
     "to_sep005": "measurement.files.sep005",
     "updated": "watch.sequential",
+    "warnings_of": "verification.predict",
     "write_fleet": "population.fleet",
     "write_uff": "measurement.files.uff",
 }
@@ -154,9 +161,12 @@ _HOME = {
 _ROOMS = {
     "conventions": "jbw.oscillator.conventions",
     "excitation": "jbw.oscillator.excitation",
+    "plots": "jbw.report.plots",
     "laws": "jbw.oscillator.laws",
     "paper": "jbw.paper",
     "rig": "jbw.rig",
+    "sampling": "jbw.inference.sampling",
+    "steps": "jbw.identification.paper.steps",
 }
 
 __all__ = [*_HOME, *_ROOMS, "enable_x64"]  # pyright: ignore[reportUnsupportedDunderAll]

@@ -23,9 +23,12 @@ MODULES = {
     "jbw": "jbw",
     "jbw.conventions": "jbw.oscillator.conventions",
     "jbw.excitation": "jbw.oscillator.excitation",
+    "jbw.plots": "jbw.report.plots",
     "jbw.laws": "jbw.oscillator.laws",
     "jbw.paper": "jbw.paper",
     "jbw.rig": "jbw.rig",
+    "jbw.sampling": "jbw.inference.sampling",
+    "jbw.steps": "jbw.identification.paper.steps",
 }
 
 

@@ -51,7 +51,8 @@ class Campaign:
     path: Path = Path()  # of the campaign file
     laws: tuple[str, ...] = DEFAULT_LAWS  # that stand beside each other across the joint
     assembly: Assembly = field(default_factory=Assembly)  # torque and the like, as far as stated
-    structure: Structured | None = None  # modes that meet in the joint; None of one
+    # Modes that meet in the joint; None of one. A mapping of its keys is taken too.
+    structure: Structured | None = None
     instruments: Instruments = NOT_STATED  # what is known of clock and calibration
 
     def __repr__(self) -> str:
@@ -73,6 +74,7 @@ class Campaign:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "settings", Identify.of(self.settings))
+        object.__setattr__(self, "structure", Structured.of(self.structure))
         object.__setattr__(self, "laws", laws_of(self.laws, self.settings.prior))
 
 

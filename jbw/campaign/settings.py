@@ -168,6 +168,20 @@ class Structured(Table):
         ["wing", "tip"],
     )
 
+    @classmethod
+    def of(cls, stated: "Structured | Mapping[str, Any] | None") -> "Structured | None":
+        """The record of what is stated, as a record or by its keys; None of one mode.
+
+        Raises:
+            ConfigError: A key or a value that the [structure] table does not admit.
+        """
+        if stated is None or isinstance(stated, cls):
+            return stated
+        errors: list[str] = []
+        found = checked(cls, stated, "[structure]", errors)
+        refuse("Argument `structure`", errors)
+        return found
+
     @model_validator(mode="after")
     def _belongs_together(self) -> Self:
         shape, num = self.joint_shape, len(self.modes)

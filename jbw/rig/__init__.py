@@ -9,7 +9,10 @@ what the sensors make of it (`record_test`, `conditions`).
 """
 
 from jbw.rig.acquisition import RigCampaign, measure
+from jbw.rig.generator import Noise, Sweep
+from jbw.rig.prescribed_motion import Held
 from jbw.rig.presets import LABORATORY, MIXED, MODES, PAPER, SLIDERS, TRUTH, Plan, Preset
+from jbw.rig.structure import Armature, Shapes, law_of_mode, modal_truth
 from jbw.rig.tightening import Tightening, measure_fleet, tightened
 from jbw.rig.writing import write
 
@@ -20,12 +23,19 @@ __all__ = [
     "PAPER",
     "SLIDERS",
     "TRUTH",
+    "Armature",
+    "Held",
+    "Noise",
     "Plan",
     "Preset",
     "RigCampaign",
+    "Shapes",
+    "Sweep",
     "Tightening",
+    "law_of_mode",
     "measure",
     "measure_fleet",
+    "modal_truth",
     "tightened",
     "write",
 ]

@@ -21,6 +21,7 @@ from jbw.identification.unseen_runs import LeftOut, runs_of
 from jbw.identification.without_offsets import compared, without_offsets
 from jbw.inference.posterior.summary import evenly_spaced, scalars
 from jbw.inference.space.box import require_float64
+from jbw.measurement.records import Test
 from jbw.observables.dataset import Dataset
 from jbw.oscillator.laws import FAMILIES, LAWS, laws_named
 from jbw.study.law_answers import compare_rows, statements
@@ -28,9 +29,10 @@ from jbw.study.law_held_out import errors_apart, held_out, is_of, unseen
 from jbw.study.law_rows import row_of, weigh
 from jbw.study.law_shapes import loops, residuals
 from jbw.study.look import look_groups, look_quietly
-from jbw.study.stack import law_groups
+from jbw.study.stack import law_groups, stack_of
 from jbw.verification.backbone import HERTZ, RATIO, curves
 from jbw.verification.bands import QUANTILE_AXIS, band
+from jbw.verification.predict import predict
 from jbw.verification.predicted import carry
 
 logger = logging.getLogger("jbw")
@@ -53,6 +55,14 @@ class LawComparison:
     candidates: dict[str, Candidate]  # by name, fitted to one dataset
     tree: xr.DataTree  # scores by run and law, and curves against amplitude
     record: dict[str, Any]  # all numbers in plain values, as `laws.json` holds them
+
+    def predict(self, test: Test) -> xr.Dataset:
+        """Bands of all laws together on any test, each law by its weight.
+
+        Raises:
+            DataError: If the test's source is in another unit than the campaign's.
+        """
+        return predict(stack_of(self.tree, self.record), test)
 
 
 def compare_laws(

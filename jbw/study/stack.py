@@ -51,6 +51,16 @@ def holds_laws(folder: Path) -> bool:
     return (folder / "laws.json").is_file()
 
 
+def stack_of(tree: xr.DataTree, record: Mapping) -> Basis:
+    """What laws that were compared predict with, the best first and each by its weight."""
+    rows = record["laws"]
+    (best,) = (name for name, row in rows.items() if row["answer"] == "best")
+    weighed = {name: row["weight"] or 0.0 for name, row in rows.items() if name != best}
+    every = tree.children["laws"].children
+    others = [(share, basis_of(every[name])) for name, share in weighed.items() if share]
+    return replace(basis_of(every[best]), beside=tuple(others))
+
+
 def basis_of_laws(folder: Path) -> Basis:
     """What the stack of laws in a folder predicts with, the best law first.
 
@@ -61,12 +71,7 @@ def basis_of_laws(folder: Path) -> Basis:
         record = json.loads((folder / "laws.json").read_text())
         with xr.open_datatree(folder / "laws.nc", engine="h5netcdf") as opened:
             tree = opened.load()
-        rows = record["laws"]
-        (best,) = (name for name, row in rows.items() if row["answer"] == "best")
-        weighed = {name: row["weight"] or 0.0 for name, row in rows.items() if name != best}
-        every = tree.children["laws"].children
-        others = [(share, basis_of(every[name])) for name, share in weighed.items() if share]
-        return replace(basis_of(every[best]), beside=tuple(others))
+        return stack_of(tree, record)
     except (OSError, KeyError, TypeError, ValueError) as cause:
         raise DataError(
             f"The comparison of laws in {folder} cannot be read: {type(cause).__name__} {cause}",

@@ -19,6 +19,7 @@ from jbw.report.opening import known_parameters
 from jbw.report.result import node, read_result
 from jbw.study.stack import basis_of_laws, basis_of_population, holds_laws, holds_population
 from jbw.study.store import claim, save_report, save_result
+from jbw.verification.planned import planned_sweep
 from jbw.verification.predict import Request, chosen, predict
 from jbw.verification.predictive_basis import NUM_DRAWS, Basis, basis_of
 
@@ -97,6 +98,22 @@ class Study:
                 )
             (test,) = chosen(self.campaign.tests, (test,), "Argument `test`")
         return predict(basis_of(self.tree), test, Request(num_draws, noise))
+
+    def planned_sweep(
+        self, band_hz: tuple[float, float], level: float, *, duration: float, fs: float
+    ) -> Test:
+        """A linear sweep from rest that nobody measured, for `predict`.
+
+        Args:
+            band_hz: First and last frequency [Hz].
+            level: Amplitude, in the unit of the run's source.
+            duration: Of the sweep [s]; it fades out over its last 2 %.
+            fs: Sampling frequency [Hz], above twice the highest frequency.
+
+        Raises:
+            ConfigError: A number that is not positive, or a sweep beyond half of `fs`.
+        """
+        return planned_sweep(basis_of(self.tree), band_hz, level, duration, fs)
 
     def save(self, folder: str | Path) -> None:
         """Write posterior.nc, summary.json, figures and report.html into a new or empty folder."""

@@ -2,7 +2,9 @@
 
 import pytest
 
+from jbw.campaign.load import Campaign
 from jbw.campaign.schema import parse
+from jbw.campaign.settings import Structured
 from jbw.errors import ConfigError
 
 TEXT = """[structure]
@@ -18,6 +20,15 @@ units = {{ input = "V", velocity = "m/s" }}
 
 def parsed(stated, kind="sweep"):
     return parse(TEXT.format(stated, kind))
+
+
+def test_a_campaign_in_memory_takes_the_keys_of_its_table(tmp_path):
+    campaign = Campaign("beam", tmp_path, (), structure={"modes": (18.8, 57.2)})
+    assert campaign.structure == Structured(modes=(18.8, 57.2))
+    assert Campaign("beam", tmp_path, ()).structure is None
+    with pytest.raises(ConfigError, match="Argument `structure`") as caught:
+        Campaign("beam", tmp_path, (), structure={"mode": (18.8, 57.2)})
+    assert "modes" in str(caught.value)
 
 
 def test_modes_and_what_is_known_of_them_are_read():

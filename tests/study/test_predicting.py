@@ -180,6 +180,16 @@ def test_a_study_predicts_by_name_or_by_test(tmp_path):
     assert "sweep" in caught.value.remedy
 
 
+def test_a_study_plans_a_sweep_that_it_predicts():
+    study = Study(a_tree(same(SILENT), noise={"sweep": 1e-3}, seen=[a_test(0.01)]), {})
+    planned = study.planned_sweep((14.0, 24.0), 0.01, duration=3.0, fs=FS)
+    given = planned.records[0].channels["input"]
+    assert np.abs(given).max() == pytest.approx(0.01, rel=1e-2)  # its top may lie between samples
+    assert study.predict(planned).attrs["level_unit"] == "V"
+    with pytest.raises(ConfigError, match="below fs/2"):
+        study.planned_sweep((14.0, FS), 0.01, duration=3.0, fs=FS)
+
+
 def test_a_saved_study_is_loaded_and_predicts_the_same(tmp_path):
     test = a_test(0.01)
     finding = {"code": "series", "status": "failed", "reason": "R.", "number": None, "action": "A."}

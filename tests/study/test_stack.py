@@ -1,5 +1,6 @@
 """Laws that predict together: each by its weight, from the draws that a comparison left."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
@@ -7,6 +8,7 @@ import pytest
 import xarray as xr
 
 from jbw.errors import DataError
+from jbw.study.laws import LawComparison
 from jbw.study.stack import basis_of_laws, holds_laws
 from jbw.study.store import write_json
 from jbw.study.study import basis_of_run
@@ -86,6 +88,16 @@ def test_a_folder_of_laws_predicts_as_a_run_does(folder):
     stack = basis_of_run(folder)
     assert stack.laws == ("cubic",)
     assert [(share, one.laws) for share, one in stack.beside] == [(0.3, ())]
+
+
+def test_a_comparison_predicts_as_its_folder_does(folder):
+    record = json.loads((folder / "laws.json").read_text(encoding="utf-8"))
+    with xr.open_datatree(folder / "laws.nc", engine="h5netcdf") as tree:
+        compared = LawComparison({}, tree.load(), record)
+    saved = basis_of_run(folder)
+    sweep = planned_sweep(saved, (15.0, 24.0), 1.0, 2.0, 256.0)
+    here, there = compared.predict(sweep), predict(saved, sweep)
+    np.testing.assert_array_equal(here["model_band"], there["model_band"])
 
 
 def test_the_best_law_predicts_alone_where_nothing_is_weighed(folder):

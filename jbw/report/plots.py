@@ -1,0 +1,62 @@
+"""Figures of results, public as `jbw.plots`: of a run, of laws, of a population, of a prediction.
+
+    jbw.plots.draw(study.tree, "backbone")           # any figure of the report, by its name
+    jbw.plots.laws(comparison.tree)
+    jbw.plots.prediction("sweep at 0.1 V", study.predict(test))
+
+A notebook shows the figure that is returned.
+"""
+
+import xarray as xr
+from matplotlib.figure import Figure
+
+from jbw.errors import ConfigError
+from jbw.report.figures import FIGURES, figure_of
+from jbw.report.laws import laws_figure
+from jbw.report.loops import enclosed_areas
+from jbw.report.population import population_figure
+from jbw.report.prediction import prediction as prediction_panels
+
+__all__ = ["draw", "enclosed_areas", "laws", "names", "population_figure", "prediction"]
+
+
+def names() -> tuple[str, ...]:
+    """Names of the report's figures, in its order."""
+    return tuple(FIGURES)
+
+
+def draw(tree: xr.DataTree, name: str) -> Figure:
+    """Draw a figure of a run's report by its name, as "figure_7" or "backbone".
+
+    Args:
+        tree: A run's result, as `Study.tree` or `posterior.nc` holds it.
+        name: One of `jbw.plots.names()`.
+
+    Raises:
+        ConfigError: No figure has that name.
+    """
+    if name not in FIGURES:
+        raise ConfigError(
+            f"Argument `name` must be the name of a figure, not {name!r}.",
+            remedy=f"Take one of: {', '.join(FIGURES)}.",
+        )
+    return figure_of(FIGURES[name](tree))
+
+
+def laws(tree: xr.DataTree) -> Figure:
+    """Draw laws side by side: curves, loops, residuals and errors of runs that were left out.
+
+    Args:
+        tree: Of `jbw.compare_laws`.
+    """
+    return figure_of(laws_figure(tree))
+
+
+def prediction(name: str, bands: xr.Dataset) -> Figure:
+    """Draw the bands of a test beside what was measured of it.
+
+    Args:
+        name: Title of the figure.
+        bands: Of `Study.predict`.
+    """
+    return figure_of(prediction_panels(name, bands))
