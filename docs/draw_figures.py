@@ -10,16 +10,16 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from PIL import Image
-from run_notebooks import COLOURS
 
 from jbw.report.figures import FIGURE_LIST
 
 TARGET = Path(__file__).with_name("figures")
 WIDTH = 1000  # pixels
+COLOURS = 256  # enough for bands that lie on one another; 64 lost the smallest marks
 
 
 def keep(runs: Iterable[Path]) -> None:
-    """Store every figure under its name, in few colours."""
+    """Store every figure under its name."""
     runs = list(runs)
     TARGET.mkdir(exist_ok=True)
     for entry in FIGURE_LIST:

@@ -8,7 +8,7 @@ style of another host is asked for.
 
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from io import StringIO
 from pathlib import Path
 
@@ -20,17 +20,29 @@ WIDTH = 100
 ESCAPES = re.compile(r"\x1b\[[0-9;?]*[A-Za-z]")
 STARTED = re.compile(r"\[ *[\d.]+ s\] (?!\.\.\.)")  # a step, at its time
 PASSING = re.compile(r"\[ *[\d.]+ s\] \.\.\.|so far$|effective draws")
+STEP = re.compile(r"\[ *[\d.]+ s\] (?!Done)")  # any line of progress, which a log may break
 FONTS = re.compile(r"@font-face \{.*?\}\s*", re.DOTALL)
 
 
 def lines_of(recording: str) -> Iterator[str]:
     """Lines that stay, the wrapped end of a passing one left out too."""
-    for line in ESCAPES.sub("", recording).replace("\r", "").splitlines():
+    for line in joined(ESCAPES.sub("", recording).replace("\r", "").splitlines()):
         if not line.strip() or line.startswith("Script ") or PASSING.search(line):
             continue
         if line.startswith(("real\t", "user\t", "sys\t")):
             continue
         yield line
+
+
+def joined(lines: Iterable[str]) -> list[str]:
+    """Lines of progress whole again, where a log broke them at its width."""
+    found: list[str] = []
+    for line in lines:
+        if found and STEP.match(found[-1]) and line.strip() and not line.startswith("["):
+            found[-1] = f"{found[-1].rstrip()} {line.strip()}"
+        else:
+            found.append(line)
+    return found
 
 
 def drawn(recording: str) -> str:
