@@ -15,14 +15,27 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any
 
-from run_notebooks import NOTEBOOKS, OUTPUTS, cells_of
-
 ROOT = Path(__file__).parents[1]
+NOTEBOOKS = ROOT / "notebooks"
+SHOWN = ROOT / "docs" / "laboratories" / "shown"
 MARK = re.compile(r"^<!-- make (\w+)(?: (\S+))? -->$", re.MULTILINE)
 PUBLIC = re.compile(r"^::: jbw\.((?:paper\.)?\w+)$", re.MULTILINE)
 MATH = re.compile(r'<(div|span) class="arithmatex">\\[\[(](.*?)\\[\])]</\1>', re.DOTALL)
 # Of the theme, and of no use here: sources of its scripts, and search in other languages.
 UNUSED = ("assets/javascripts/lunr", "**/*.map", "assets/hooks.py", "assets/draw_result.py")
+
+
+def on_files(files: Any, config: Any) -> Any:
+    """The pages' files, and the pictures that the notebooks hold."""
+    from base64 import b64decode
+
+    from mkdocs.structure.files import File
+
+    for path in sorted(NOTEBOOKS.glob("*.ipynb")):
+        for number, data in enumerate(pictures_of(path)):
+            place = f"notebooks/{picture_name(path.stem, number)}"
+            files.append(File.generated(config, place, content=b64decode(data)))
+    return files
 
 
 def on_page_markdown(markdown: str, **_: Any) -> str:
@@ -273,23 +286,83 @@ def figure(name: str) -> str:
     return f"{head}\n\n`{entry.slug}.png`\n\n{shown}\n\n{entry.caption}"
 
 
+def cells(path: Path) -> list[Any]:
+    """The cells of a notebook with its outputs, or of its text where it was never run."""
+    import jupytext
+
+    if path.is_file():
+        return json.loads(path.read_text(encoding="utf-8"))["cells"]
+    return jupytext.read(path.with_suffix(".py")).cells
+
+
+def pictures_of(path: Path) -> list[str]:
+    """Every picture that a notebook shows, base64, in the order of its cells."""
+    outputs = [output for cell in cells(path) for output in cell.get("outputs", ())]
+    found = [output["data"] for output in outputs if "data" in output]
+    return [data["image/png"] for data in found if "image/png" in data]
+
+
+def picture_name(name: str, number: int) -> str:
+    """Where a picture of a notebook lies beside its page."""
+    return f"outputs/{name}_{number}.png"
+
+
+def joined(text: str | list[str]) -> str:
+    """A text of a notebook, which may be kept as its lines."""
+    return text if isinstance(text, str) else "".join(text)
+
+
 def notebook(name: str) -> str:
-    """A notebook as it stands, and what its cells showed when they were run last."""
-    stored = OUTPUTS / f"{name}.json"
-    shown = json.loads(stored.read_text(encoding="utf-8")) if stored.is_file() else {}
-    parts = []
-    for digest, cell in cells_of(NOTEBOOKS / f"{name}.py"):
-        if cell.cell_type != "code":
-            parts.append(cell.source)
+    """A notebook as it is kept, with what its cells showed."""
+    parts = [f"This page is the notebook `notebooks/{name}.ipynb`; open it to change and run it."]
+    number = 0
+    for cell in cells(NOTEBOOKS / f"{name}.ipynb"):
+        source = joined(cell["source"])
+        if cell["cell_type"] != "code":
+            parts.append(source)
             continue
-        source = re.sub(r"^%.*\n", "", cell.source, flags=re.MULTILINE)
-        parts.append(f"```python\n{source}\n```" if source.strip() else "")
-        for one in shown.get(digest, ()):
-            text = f"```text\n{one.get('text', '').rstrip()}\n```"
-            parts.append(
-                f"![What the cell above shows](outputs/{one['image']})" if "image" in one else text
-            )
-    return "\n\n".join(parts)
+        code = re.sub(r"^%.*\n", "", source, flags=re.MULTILINE)
+        parts.append(f"```python\n{code}\n```" if code.strip() else "")
+        for output in cell["outputs"]:
+            data = output.get("data", {})
+            if "image/png" in data:
+                parts.append(f"![What the cell above shows]({picture_name(name, number)})")
+                number += 1
+            else:
+                text = joined(output.get("text") or data.get("text/plain", ""))
+                parts.append(f"```text\n{text.rstrip()}\n```")
+    head, *rest = parts
+    return "\n\n".join([rest[0], head, *rest[1:]])
+
+
+def gallery() -> str:
+    """Every notebook with a picture of it, its title and its question."""
+    rows = []
+    for path in sorted(NOTEBOOKS.glob("*.ipynb"), key=lambda p: int(p.stem.partition("_")[0])):
+        text = joined(cells(path)[0]["source"])
+        title = text.splitlines()[0].removeprefix("# ")
+        asked = re.search(r"\*(.+?)\*", text, re.DOTALL)
+        question = " ".join(asked[1].split()) if asked else ""
+        picture = f"[![{title}](thumbnails/{path.stem}.png)]({path.stem}.md)"
+        rows.append((picture, f"**[{title}]({path.stem}.md)**<br>{question}"))
+    return table(("", "notebook"), rows)
+
+
+def shown_on(page: str) -> list[dict[str, Any]]:
+    """What the commands of a page of `laboratories` printed when they were run last."""
+    text = (SHOWN / f"{page}.json").read_text(encoding="utf-8")
+    return json.loads(text)["shown"]
+
+
+def costs() -> str:
+    """Seconds and memory of every command of the pages of `laboratories`."""
+    rows = []
+    for path in sorted(SHOWN.glob("*.json")):
+        for one in shown_on(path.stem):
+            page = f"[{path.stem.replace('_', ' ')}](laboratories/{path.stem}.md)"
+            numbers = str(one["seconds"]), str(one["memory_mb"])
+            rows.append((page, code(" ".join(one["command"].split()[:2])), *numbers))
+    return table(("campaign", "command", "time [s]", "largest memory [MB]"), rows)
 
 
 def plan_file() -> str:
@@ -317,23 +390,29 @@ def code(text: str) -> str:
 
 
 def table(head: tuple[str, ...], rows: Iterable[tuple[str, ...]]) -> str:
-    """A table in Markdown; bars within a cell are escaped."""
+    """A table in Markdown."""
     cells = [head, ("---",) * len(head), *rows]
-    return "\n".join(
-        f"| {' | '.join(c.replace('|', chr(92) + '|') for c in row)} |" for row in cells
-    )
+    return "\n".join(f"| {' | '.join(map(escaped, row))} |" for row in cells)
+
+
+def escaped(cell: str) -> str:
+    """A cell whose bars are no borders; within code they are none anyway, and a backslash shows."""
+    parts = re.split(r"(`[^`]*`)", cell)
+    return "".join(part if part[:1] == "`" else part.replace("|", r"\|") for part in parts)
 
 
 MAKERS: dict[str, Callable[..., str]] = {
     "include": included,
     "commands": commands,
     "campaign": campaign_keys,
+    "costs": costs,
     "kinds": kinds,
     "roles": roles,
     "laws": laws,
     "equation": equation,
     "equations": equations,
     "figure": figure,
+    "gallery": gallery,
     "notebook": notebook,
     "plan": plan_file,
     "powers": powers,

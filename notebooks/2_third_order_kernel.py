@@ -38,15 +38,11 @@ import xarray as xr
 
 import jbw
 from jbw import rig
-from jbw.identification.linear_step import linear_step
-from jbw.identification.paper import kernel
-from jbw.identification.paper.step3 import fit_kernel, measured_kernels, third_order_steps
-from jbw.report import figures
 
 campaign = virtual_rig.campaign()
 tests = {test.name: test for test in campaign.tests}
 joint = rig.TRUTH
-linear = linear_step(tests["noise_0p005V"]).pooled
+linear = jbw.steps.linear_step(tests["noise_0p005V"]).pooled
 probing = [test for test in campaign.tests if test.name.startswith("tone")]
 
 # %% [markdown]
@@ -85,8 +81,8 @@ receptance = complex(jbw.h1(3 * omega, linear.omega_n, linear.zeta))
 how = {"response": "velocity", "start": dirty.settle}
 raw = jbw.third_order_kernel(u, v, record.fs, omega, **how)
 clean = jbw.third_order_kernel(u, v, record.fs, omega, h1_3omega=receptance, **how)
-(cleaner,) = measured_kernels([dirty], linear)
-(pure,) = measured_kernels([tests["tone_6p00Hz"]], linear)
+(cleaner,) = jbw.steps.measured_kernels([dirty], linear)
+(pure,) = jbw.steps.measured_kernels([tests["tone_6p00Hz"]], linear)
 print("H3 at 6 Hz [1e-9 m (N/kg)^-3], mean, and std of a component of one repeat")
 for label, one in (
     ("source left in", raw),
@@ -114,7 +110,7 @@ print(*clean.notes)
 # exact periodic response by harmonic balance (`steady_state`).
 
 # %%
-kernels = measured_kernels(probing, linear)
+kernels = jbw.steps.measured_kernels(probing, linear)
 omegas = np.array([one.omega for one in kernels])
 y_peak = np.array([one.y_peak.mean() for one in kernels])
 force = np.array([np.abs(one.amplitude).mean() for one in kernels])
@@ -163,13 +159,13 @@ for label, h3 in models.items():
 
 # %%
 key_fit, key_draw = jax.random.split(jax.random.key(0))
-step = fit_kernel(key_fit, probing, linear, campaign.settings)
+step = jbw.steps.fit_kernel(key_fit, probing, linear, campaign.settings)
 delta = np.linspace(272.0, 408.0, 5)
 lambda_3 = joint.alpha * (joint.delta**2 / 6 - 35 * joint.delta / (96 * y_peak[2]))
 alpha = lambda_3 / (delta**2 / 6 - 35 * delta / (96 * y_peak[2]))
 for one, other in zip(alpha, delta, strict=True):
     theta = {"zeta": joint.zeta, "alpha": one, "delta": other}
-    h3 = complex(kernel.predict(theta, step.data)[2])
+    h3 = complex(jbw.steps.predicted_kernel(theta, step.data)[2])
     print(
         f"alpha {one:6.1f}, delta {other:5.1f}: H3(6 Hz) = {1e9 * h3:.4f}e-9, "
         f"alpha*delta = {one * other:.0f}"
@@ -184,7 +180,7 @@ for one, other in zip(alpha, delta, strict=True):
 # and long. Four chains each, started all over the box.
 
 # %%
-steps = third_order_steps(key_draw, step, campaign.settings)
+steps = jbw.steps.third_order_steps(key_draw, step, campaign.settings)
 groups = {
     f"/steps/{name}/{part}": node.to_dataset()
     for name, one in steps.items()
@@ -200,10 +196,10 @@ for name, one in steps.items():
 print(f"chi-square of the best fit: {step.fit.chi_square[0]:.0f} for {step.fit.chi_square[1]}")
 
 # %%
-figures.figure_of(figures.figure_7(tree))
+jbw.plots.draw(tree, "figure_7")
 
 # %%
-figures.figure_of(figures.FIGURES["ridge"](tree))
+jbw.plots.draw(tree, "ridge")
 
 # %%
 for name, one in steps.items():
@@ -227,7 +223,7 @@ print(f"truth {joint.zeta:.4%}")
 # Along a curve close to the dashed one the data prefer nothing: the draws of NUTS lie on it from
 # one end of the box to the other, so that $\alpha$ and $\delta$ are about as wide as the prior
 # lets them be, while their product varies by three percent. NUTS and the tuned walk go along the
-# ridge by coordinates in which it is straight (`jbw.inference.space.ridge`), and mix.
+# ridge by coordinates in which it is straight (`jbw.sampling.along_ridge`), and mix.
 #
 # The four chains of the published walk, 850 steps of about $2.5\cdot10^{-3}$ of the box, have come
 # down to the ridge at four places and hardly moved along it. The CVs within one such chain are a

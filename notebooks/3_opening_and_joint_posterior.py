@@ -36,7 +36,6 @@ import virtual_rig
 
 import jbw
 from jbw import rig
-from jbw.report import figures
 
 campaign = virtual_rig.campaign()
 tests = {test.name: test for test in campaign.tests}
@@ -67,7 +66,7 @@ for label, some in (("noise alone", noise), ("whole campaign", campaign)):
 # the paper's steps under `steps`.
 
 # %%
-tree = virtual_rig.run()
+tree = virtual_rig.run().tree
 names = ["omega_n", "zeta", "alpha", "delta", "gamma", "gain"]
 az.summary(tree, var_names=names, ci_prob=0.99, round_to="6g")
 
@@ -75,7 +74,7 @@ az.summary(tree, var_names=names, ci_prob=0.99, round_to="6g")
 # ## Gamma alone, and what the cut costs
 
 # %%
-figures.figure_of(figures.figure_10(tree))
+jbw.plots.draw(tree, "figure_10")
 
 # %%
 joint = tree["posterior"].to_dataset()
@@ -132,13 +131,13 @@ lower.legend(loc="upper right")
 # ## The joint posterior beside the paper's route
 
 # %%
-figures.figure_of(figures.FIGURES["routes"](tree))
+jbw.plots.draw(tree, "routes")
 
 # %%
-figures.figure_of(figures.FIGURES["ridge"](tree))
+jbw.plots.draw(tree, "ridge")
 
 # %%
-figures.figure_of(figures.FIGURES["trace_rank"](tree))
+jbw.plots.draw(tree, "trace_rank")
 
 # %% [markdown]
 # By the joint route every interval holds the truth, and the ridge of Step 3 has shrunk to a small
@@ -148,7 +147,7 @@ figures.figure_of(figures.FIGURES["trace_rank"](tree))
 # ## After sampling
 
 # %%
-figures.figure_of(figures.FIGURES["identifiability"](tree))
+jbw.plots.draw(tree, "identifiability")
 
 # %%
 for name in ("zeta", "alpha", "delta", "gamma", "alpha_delta", "alpha_gamma"):

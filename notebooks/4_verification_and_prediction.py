@@ -27,15 +27,9 @@ import numpy as np
 import virtual_rig
 
 import jbw
-from jbw.planning.description import parse
-from jbw.report import figures
-from jbw.report.loops import enclosed_areas
-from jbw.report.prediction import prediction
-from jbw.verification.planned import planned_sweep
-from jbw.verification.predict import predict, warnings_of
-from jbw.verification.predictive_basis import basis_of
 
-tree = virtual_rig.run()
+study = virtual_rig.run()
+tree = study.tree
 
 # %% [markdown]
 # ## Frequency response functions
@@ -44,7 +38,7 @@ tree = virtual_rig.run()
 # same window, so that whatever the window does to one it does to the other.
 
 # %%
-figures.figure_of(figures.figure_11(tree))
+jbw.plots.draw(tree, "figure_11")
 
 # %% [markdown]
 # The resonance moves down and broadens with the level, in the model as in the measurement. The
@@ -57,7 +51,7 @@ figures.figure_of(figures.figure_11(tree))
 # 0.10 V as a whole, are predictions.
 
 # %%
-figures.figure_of(figures.figure_12(tree))
+jbw.plots.draw(tree, "figure_12")
 
 # %%
 print("test          fitted  coverage of the 99 % band   error    error of the best linear model")
@@ -80,11 +74,11 @@ for name, node in tree["verification/sweep"].children.items():
 # $F = u - \ddot y - 2\zeta\omega_n\dot y = k y + Z$, and the model's from its own $Z$.
 
 # %%
-figures.figure_of(figures.figure_13(tree))
+jbw.plots.draw(tree, "figure_13")
 
 # %%
 for name, node in tree["validation/loops"].children.items():
-    areas = enclosed_areas(node.to_dataset())
+    areas = jbw.plots.enclosed_areas(node.to_dataset())
     for label, (low, middle, high) in areas._asdict().items():
         print(f"{name} {label:8s} {1e3 * middle:.4g} [{1e3 * low:.4g}, {1e3 * high:.4g}] mJ/kg")
 
@@ -96,17 +90,15 @@ for name, node in tree["validation/loops"].children.items():
 #
 # ## A test that the run has not seen
 #
-# A stepped sine at 0.05 V, measured now. In the session that identified, this is
-# `study.predict(test)`; from a saved run, `predict(basis_of(tree), test)`, or at the command line
+# A stepped sine at 0.05 V, measured now. `study.predict` takes any test; at the command line it is
 # `jbw predict RUN --campaign OTHER.toml`.
 
 # %%
 (stepped,) = virtual_rig.measure(["stepped_0p05V"], repeats=2).tests
-basis = basis_of(tree)
-seen = predict(basis, stepped)
+seen = study.predict(stepped)
 print(f"coverage {seen.attrs['coverage']:.1%} of {seen.attrs['num_values']:.0f} values, ", end="")
 print(f"error {seen.attrs['nrmse']:.2%}, noise: {seen.attrs['noise']}")
-figures.figure_of(prediction("stepped sine, 0.05 V", seen))
+jbw.plots.prediction("stepped sine, 0.05 V", seen)
 
 # %% [markdown]
 # Harmonic balance predicts the steady motion of every step. At $\omega$ the measured points lie on
@@ -117,13 +109,13 @@ figures.figure_of(prediction("stepped sine, 0.05 V", seen))
 
 # %%
 for level in (0.05, 0.5):
-    planned = planned_sweep(basis, (15.0, 22.0), level, duration=30.0, fs=512.0)
-    bands = predict(basis, planned)
+    planned = study.planned_sweep((15.0, 22.0), level, duration=30.0, fs=512.0)
+    bands = study.predict(planned)
     low, middle, high = 1e3 * np.asarray(bands.attrs["y_peak"])
     print(f"{level} V: peak {middle:.3f} mm [{low:.3f}, {high:.3f}]", end=", ")
     print(f"{bands.attrs['extrapolation']:.2f} of the largest displacement fitted")
-    print(*warnings_of(bands))
-figures.figure_of(prediction(planned.name, bands))
+    print(*jbw.warnings_of(bands))
+jbw.plots.prediction(planned.name, bands)
 
 # %% [markdown]
 # The band at 0.5 V is wider, yet still a fraction of a percent, and it means less: no record shows
@@ -136,7 +128,8 @@ figures.figure_of(prediction(planned.name, bands))
 # for a wish stricter than the run meets and within a limit of displacement.
 
 # %%
-wish = parse(
+wish = virtual_rig.folder() / "wish.toml"
+wish.write_text(
     """
 [plan]
 wanted = ["gamma"]
@@ -149,7 +142,7 @@ joints = 4
 
 [tones]
 """,
-    of_run=True,
+    encoding="utf-8",
 )
 plan = jbw.plan_tests(wish, tree)
 print(f"known before: CV of gamma {plan.before['gamma'].median:.2%}")

@@ -25,16 +25,10 @@
 import os
 from pathlib import Path
 
-import matplotlib.pyplot as plt
 import virtual_rig
 from IPython.display import display
 
 import jbw
-from jbw.cli.laws import laws_table
-from jbw.cli.printing import show
-from jbw.report import figures
-from jbw.report.laws import laws_figure
-from jbw.report.result import read_result
 
 DATA = os.environ.get("JBW_DATA", "")
 
@@ -53,11 +47,10 @@ def compared(name, laws):
     if campaign is None:
         return
     found = jbw.compare_laws(campaign, laws, report=lambda said: None)
-    show(laws_table(found.record))
+    virtual_rig.print_laws(found.record)
     for sentence in found.record["statements"]:
         print("-", sentence)
-    laws_figure(found.tree)
-    plt.show()
+    display(jbw.plots.laws(found.tree))
 
 
 def identified(name, *shown):
@@ -68,7 +61,8 @@ def identified(name, *shown):
     place = virtual_rig.folder() / name
     if not (place / "summary.json").exists():
         jbw.identify(campaign).save(place)
-    summary, tree = read_result(place)
+    study = jbw.load_study(place, campaign)
+    summary = study.record
     for row_name, row in summary["steps"]["joint"]["parameters"].items():
         print(
             f"{row_name:14s} {row['mean']:.5g} [{row['q005']:.5g}, {row['q995']:.5g}] {row['unit']}"
@@ -78,7 +72,7 @@ def identified(name, *shown):
         if finding["status"] != "ok":
             print("-", finding["reason"], finding["action"])
     for figure in shown:
-        display(figures.figure_of(figures.FIGURES[figure](tree)))
+        display(jbw.plots.draw(study.tree, figure))
 
 
 # %% [markdown]

@@ -16,8 +16,7 @@
 #
 # The ridge of notebook 2 is a hard target: three parameters, two of which are tied to each other
 # along a curve that crosses the box. The paper walked over it with 850 random steps. Here seven
-# samplers of `jbw.inference.samplers.sampling.sample` draw from the same likelihood (36) in the
-# same box.
+# samplers of `jbw.sampling.sample` draw from the same likelihood (36) in the same box.
 # Two of them, tempering and nested sampling, explore the whole box by ways that have nothing in
 # common, and are each other's check.
 
@@ -29,19 +28,14 @@ import jax
 import matplotlib.pyplot as plt
 import virtual_rig
 
-from jbw.identification.linear_step import linear_step
-from jbw.identification.paper import kernel
-from jbw.identification.paper.step3 import fit_kernel
-from jbw.inference.posterior.summary import diagnose
-from jbw.inference.posterior.verdict import verdict
-from jbw.inference.samplers.sampling import sample
-from jbw.inference.space.ridge import along_ridge
+import jbw
+from jbw import sampling
 
 campaign = virtual_rig.campaign()
 tests = {test.name: test for test in campaign.tests}
-linear = linear_step(tests["noise_0p005V"]).pooled
+linear = jbw.steps.linear_step(tests["noise_0p005V"]).pooled
 probing = [test for test in campaign.tests if test.name.startswith("tone")]
-step = fit_kernel(jax.random.key(0), probing, linear, campaign.settings)
+step = jbw.steps.fit_kernel(jax.random.key(0), probing, linear, campaign.settings)
 print(f"prior: {dict(campaign.settings['prior'])}")
 
 # %% [markdown]
@@ -66,13 +60,13 @@ trees = {}
 for name, options in samplers.items():
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # the table says it in numbers
-        trees[name] = sample(
-            jax.random.key(1), kernel.log_likelihood, step.box, step.data,
+        trees[name] = sampling.sample(
+            jax.random.key(1), jbw.steps.kernel_log_likelihood, step.box, step.data,
             sampler=name, chain_method="vectorized", **options,
         )  # fmt: skip
-trees["nuts along the ridge"] = sample(
-    jax.random.key(1), kernel.log_likelihood, step.box, step.data,
-    coordinates=along_ridge(step.fit.theta, step.fit.covariance, step.box),
+trees["nuts along the ridge"] = sampling.sample(
+    jax.random.key(1), jbw.steps.kernel_log_likelihood, step.box, step.data,
+    coordinates=sampling.along_ridge(step.fit.theta, step.fit.covariance, step.box),
     chain_method="vectorized", options={"adapt_mass": True},
 )  # fmt: skip
 
@@ -85,7 +79,7 @@ print("      log evidence")
 for name, tree in trees.items():
     draws, facts = tree["posterior"].to_dataset(), tree.attrs
     alpha, product = draws["alpha"].values, (draws["alpha"] * draws["delta"]).values
-    looked = diagnose(alpha)
+    looked = sampling.diagnose(alpha)
     print(
         f"{name:22s} {facts['num_evaluations']:>11} {tree['timing'].attrs['wall_s']:>4.0f} s "
         f"{looked['ess_bulk']:>7.0f} {looked['r_hat']:>6.3f} {alpha.mean():>7.1f} +- "
@@ -97,7 +91,7 @@ for name, tree in trees.items():
 
 # %%
 for name, tree in trees.items():
-    judged = verdict(tree, step.box)
+    judged = sampling.verdict(tree, step.box)
     codes = [finding.code for finding in judged.findings if finding.status != "ok"]
     print(f"{name:22s} {judged.status}: {', '.join(codes)}")
 

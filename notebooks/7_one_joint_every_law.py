@@ -29,15 +29,8 @@ import virtual_rig
 
 import jbw
 from jbw import rig
-from jbw.cli.laws import laws_table
-from jbw.cli.printing import show
-from jbw.oscillator.laws.iwan import Iwan4
-from jbw.report.laws import laws_figure
-from jbw.rig.prescribed_motion import Held
-from jbw.study.stack import basis_of_laws, save_laws
-from jbw.verification.predict import predict
 
-iwan = Iwan4.of_segalman(k_t=1500.0, f_s=3.0, chi=-0.3, beta=0.5)
+iwan = jbw.laws.Iwan4.of_segalman(k_t=1500.0, f_s=3.0, chi=-0.3, beta=0.5)
 joint = jbw.Oscillator(118.0, 0.004, (iwan,))
 macroslip = float(iwan.phi_max)
 print(f"macroslip at {1e3 * macroslip:.2f} mm")
@@ -45,7 +38,7 @@ print(f"macroslip at {1e3 * macroslip:.2f} mm")
 LEVELS = (0.1e-3, 0.2e-3, 0.4e-3, 0.8e-3, 1.6e-3, 2.4e-3, 3.2e-3, 4.8e-3)  # m
 FREQ_HZ = tuple(np.arange(16.5, 19.5, 0.1))
 plans = tuple(
-    rig.Plan(f"held_{1e3 * level:.1f}mm", "frf", Held(FREQ_HZ, level, dwell=4.0), repeats=3)
+    rig.Plan(f"held_{1e3 * level:.1f}mm", "frf", rig.Held(FREQ_HZ, level, dwell=4.0), repeats=3)
     for level in LEVELS
 )
 preset = replace(rig.MIXED, name="every law", plans=plans)
@@ -106,13 +99,12 @@ found = jbw.compare_laws(
     ["linear", "cubic", "bouc_wen", "bouc_wen_nu", "jenkins_1", "masing_power", "iwan4"],
     report=lambda said: None,
 )
-show(laws_table(found.record))
+virtual_rig.print_laws(found.record)
 for sentence in found.record["statements"]:
     print("-", sentence)
 
 # %%
-laws_figure(found.tree)
-plt.show()
+jbw.plots.laws(found.tree)
 
 # %% [markdown]
 # The power law and Iwan's stand together: the levels that were fitted end just below macroslip, and
@@ -134,14 +126,9 @@ for name, row in found.record["laws"]["iwan4"]["parameters"].items():
 # nothing shows that a joint follows its law, and the prediction says how far beyond it is.
 
 # %%
-folder = virtual_rig.folder() / "laws"
-if not folder.exists():
-    folder.mkdir(parents=True)
-    save_laws(folder, found.tree, found.record)
-stack = basis_of_laws(folder)
 seen = {test.name: test for test in measured.tests}
 for name in (plans[-2].name, plans[-1].name):
-    one = predict(stack, seen[name])
+    one = found.predict(seen[name])
     print(
         f"{name}: error {100 * one.attrs['nrmse']:.2g} %, "
         f"{one.attrs.get('extrapolation', float('nan')):.2g} of the largest fitted motion"

@@ -32,14 +32,13 @@ import virtual_rig
 
 import jbw
 from jbw import rig
-from jbw.population.prediction import new_coordinates
-from jbw.report.population import population_figure
-from jbw.rig.generator import Sweep
 
 TORQUES = (4.0, 8.0, 12.0)  # N m
 levels = {"weak": 0.05, "strong": 0.20}  # V
 plans = tuple(
-    rig.Plan(name, "sweep", Sweep(12.0, 26.0, volts, burst=6.0, fade=0.3, duration=8.0), repeats=2)
+    rig.Plan(
+        name, "sweep", rig.Sweep(12.0, 26.0, volts, burst=6.0, fade=0.3, duration=8.0), repeats=2
+    )
     for name, volts in levels.items()
 )
 preset = replace(rig.MIXED, name="fleet", source="input", gain=15.0, plans=plans, input_range=1.0)
@@ -87,22 +86,22 @@ for sentence in found.record["statements"]:
 # is expected. The crosses are what the rig was built with. The width of the band is scatter between
 # assemblies, not error of measurement: more records of the same assemblies would not narrow it.
 
+
 # %%
+def coordinates(unit):
+    """What is pooled, of a unit's parameters or of many units': these, or products of them."""
+    products = {f"alpha_{name}": unit["alpha"] * unit[name] for name in ("delta", "gamma")}
+    products["share"] = unit["alpha"] / unit["omega_n"] ** 2
+    return [{**unit, **products}[name] for name in found.pooled.names]
+
+
 torque = np.geomspace(TORQUES[0], TORQUES[-1], 15)
-bands = [
-    np.quantile(new_coordinates(found, at, np.random.default_rng(0), 4000), (0.005, 0.5, 0.995), 0)
-    for at in torque
-]
+further = [jbw.new_units(found, units, at, num=4000) for at in torque]
+bands = [np.quantile(np.log(coordinates(unit)), (0.005, 0.5, 0.995), axis=1) for unit in further]
 sd = np.sqrt(np.diagonal(found.pooled.cov, axis1=1, axis2=2))
-drawn = population_figure(found.record, found.pooled.mean, sd, torque, np.stack(bands, axis=1))
-
-
-def coordinates(truth):
-    """What is pooled, of a specimen: parameters, or products of the joint's."""
-    products = {f"alpha_{name}": truth["alpha"] * truth[name] for name in ("delta", "gamma")}
-    products["share"] = truth["alpha"] / truth["omega_n"] ** 2
-    return [{**truth, **products}[name] for name in found.pooled.names]
-
+drawn = jbw.plots.population_figure(
+    found.record, found.pooled.mean, sd, torque, np.stack(bands, axis=1)
+)
 
 built = np.array([coordinates(one.truth["joint"]) for one in fleet])
 stated = [one.assembly.torque for one in fleet]

@@ -26,26 +26,21 @@ import numpy as np
 
 import jbw
 from jbw import rig
-from jbw.campaign.settings import Identify, Structured
-from jbw.identification.shaker import read_shaker, shaker_sentence
-from jbw.oscillator.modes.parameters import structure_of
-from jbw.rig.generator import Noise, Sweep
-from jbw.rig.structure import Armature, Shapes, law_of_mode, modal_truth
 
 jbw.enable_x64()
-shapes = Shapes(
+shapes = rig.Shapes(
     omega=2 * np.pi * np.array([18.8, 57.2]), zeta=np.array([0.006, 0.008]),
     drive=np.array([0.7, 0.9]), joint=np.array([1.0, -0.8]), output=np.array([1.0, 0.7]),
 )  # fmt: skip
-armature = Armature(gain=20.0, mass=0.01, damping=1.2, stiffness=300.0)
+armature = rig.Armature(gain=20.0, mass=0.01, damping=1.2, stiffness=300.0)
 joint = jbw.BoucWen(omega_n=float(shapes.omega[0]), zeta=0.006, alpha=3e3, delta=340.0, gamma=90.0)
 every = {"sources": ("input", "force", "drive_point"), "drive": "voltage"}
-plans = [rig.Plan("noise", "noise", Noise(0.01, 64.0, settle=16.0), 1, (10.0, 70.0), **every)]
+plans = [rig.Plan("noise", "noise", rig.Noise(0.01, 64.0, settle=16.0), 1, (10.0, 70.0), **every)]
 levels = {"low": (14.0, 24.0, (0.05, 0.08, 0.12)), "high": (50.0, 64.0, (0.25, 0.4, 0.7))}
 plans += [
     rig.Plan(
         f"{mode}_{i}", "sweep",
-        Sweep(*ends, volts, burst=3.0, fade=0.2, duration=4.0), 2, sources=("force",),
+        rig.Sweep(*ends, volts, burst=3.0, fade=0.2, duration=4.0), 2, sources=("force",),
     )
     for mode, (*ends, each) in levels.items()
     for i, volts in enumerate(each)
@@ -65,8 +60,8 @@ preset = rig.Preset(
 
 # %%
 noise = rig.measure(preset, joint=joint, tests=["noise"], fs=256.0, seed=1).tests[0]
-read = read_shaker(noise, modes=2)
-print(shaker_sentence("noise", read))
+read = jbw.steps.read_shaker(noise, modes=2)
+print(jbw.steps.shaker_sentence("noise", read))
 for name, found in (("mass", read.shaker.mass), ("damping", read.shaker.damping)):
     print(f"armature's {name}: {found:.4g}, built with {getattr(armature, name):g}")
 
@@ -84,8 +79,8 @@ for name, found in (("mass", read.shaker.mass), ("damping", read.shaker.damping)
 # %%
 swept = [plan.name for plan in plans[1:]]
 campaign = rig.measure(preset, joint=joint, tests=swept, fs=256.0, seed=1)
-settings = Identify.of({"fit_repeats": 2, "offsets": "none", "hold_out": ["low_1", "high_1"]})
-campaign = replace(campaign, structure=Structured(modes=(18.8, 57.2)), settings=settings)
+settings = {"fit_repeats": 2, "offsets": "none", "hold_out": ["low_1", "high_1"]}
+campaign = replace(campaign, structure={"modes": (18.8, 57.2)}, settings=settings)
 study = jbw.identify(campaign, seed=1)
 print(study)
 
@@ -93,12 +88,12 @@ print(study)
 # What the rig was built with, in the same parameters, beside the 99 % intervals:
 
 # %%
-modes = modal_truth(shapes)
+modes = rig.modal_truth(shapes)
 first, second = ({name: values[i] for name, values in modes.items()} for i in (0, 1))
 truth = {
     "omega_n": first["omega_n"], "zeta": first["zeta"], "omega_2": second["omega_n"],
     "zeta_2": second["zeta"], "shape_2": abs(second["h"]),
-    "coupling_2": abs(second["p"]) * second["h"] ** 2, **law_of_mode(joint.laws[0], shapes),
+    "coupling_2": abs(second["p"]) * second["h"] ** 2, **rig.law_of_mode(joint.laws[0], shapes),
 }  # fmt: skip
 posterior = study.tree["posterior"].to_dataset()
 for name, value in truth.items():
@@ -131,7 +126,7 @@ for name in ("low_1", "high_1"):
 # %%
 names = [name for name in posterior if name in truth or name in ("gain", "gain_ratio_2")]
 theta = {name: float(posterior[name].mean()) for name in names} | {"sign_2": -1.0}
-structure = structure_of(theta, campaign.laws)
+structure = jbw.structure_of(theta, campaign.laws)
 axes = jbw.draw_backbones(structure, np.linspace(0.0, 3e-3, 13))
 axes.flat[0].figure
 

@@ -9,7 +9,7 @@ import os
 import platform
 import tempfile
 import warnings
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,12 +18,9 @@ from typing import Any
 os.environ.setdefault("XLA_FLAGS", "--xla_force_host_platform_device_count=2")
 
 import jax
-import xarray as xr
 
 import jbw
 from jbw import rig
-from jbw.report.result import read_result
-from jbw.rig.generator import Noise
 
 TESTS = (
     *("noise_0p005V", "noise_0p05V"),
@@ -61,7 +58,7 @@ def measure(tests: Iterable[str], **conditions: Any) -> rig.RigCampaign:
     """Tests of the rig's laboratory, four repeats each, with shorter noise and a poor laser."""
     short = [
         replace(plan, excitation=replace(plan.excitation, duration=NOISE_SECONDS))
-        if isinstance(plan.excitation, Noise)
+        if isinstance(plan.excitation, rig.Noise)
         else plan
         for plan in rig.LABORATORY.plans
     ]
@@ -71,12 +68,23 @@ def measure(tests: Iterable[str], **conditions: Any) -> rig.RigCampaign:
     return replace(measured, settings={**measured.settings, "num_samples": NUM_SAMPLES})
 
 
-def run() -> xr.DataTree:
-    """The identification's result, made on the first call: one to three minutes."""
+def run() -> jbw.Study:
+    """The identification, made on the first call: one to three minutes."""
     place = folder() / "run"
     if not (place / "summary.json").exists():
         jbw.identify(campaign(), truth=TRUTH).save(place)
-    return read_result(place)[1]
+    return jbw.load_study(place, campaign())
+
+
+def print_laws(record: Mapping[str, Any]) -> None:
+    """Print a line a law, the best first, with what it misses of tests fitted and left out."""
+    print("law                     fit  left out  weight  answer")
+    rows = sorted(record["laws"].items(), key=lambda row: -(row[1]["weight"] or 0.0))
+    for name, row in rows:
+        errors = [row["error"], row["error_left_out"]]
+        shown = ["     -" if error is None else f"{error:6.2%}" for error in errors]
+        weight = "   -" if row["weight"] is None else f"{row['weight']:.2f}"
+        print(f"{name:20s} {shown[0]:>6s} {shown[1]:>9s} {weight:>7s}  {row['answer']}")
 
 
 def prepare() -> None:
