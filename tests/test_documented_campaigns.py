@@ -115,6 +115,7 @@ def impacts():
 
 
 RECORDS = {
+    "commands": (lambda: hdf5("sweep_0p20V"),),
     "decays": (decays,),
     "stepped": (stepped, curves),
     "sweeps": (lambda: hdf5("sweep_weak", "sweep_strong"),),

@@ -1,6 +1,7 @@
-"""The README: short, its commands exist, its links lead somewhere, its Python runs."""
+"""The README: short, its commands exist, its links lead somewhere, its picture is up to date."""
 
 import ast
+import importlib.util
 import re
 import shlex
 from pathlib import Path
@@ -22,8 +23,35 @@ def commands():
     return [shlex.split(part)[1:] for part in parts if part.split()[:1] == ["jbw"]]
 
 
-def test_it_is_short():
-    assert len(TEXT.splitlines()) < 150
+def test_it_is_short_and_says_first_what_it_is_for():
+    assert len(re.sub(r"https?://\S+", "", TEXT).split()) <= 500
+    first = " ".join(TEXT.split("\n\n")[1].split())
+    assert first.startswith("Give it your vibration records; it returns frequency and damping")
+    assert "git clone" in TEXT
+    (table,) = re.findall(r"(?:^\|.*\n)+", TEXT, re.MULTILINE)
+    assert {line.count("|") for line in table.splitlines()} == {4}  # three columns
+    (source,) = [block for kind, block in BLOCKS if kind == "python"]
+    assert len(source.strip().splitlines()) <= 5
+
+
+def test_its_first_links_are_notebooks_that_open():
+    links = re.findall(r"(?<!!)\[[^\]]*\]\(([^)]+)\)", TEXT)
+    assert links[0] == "notebooks/README.md"
+    assert [Path(link).suffix for link in links[1:3]] == [".ipynb", ".ipynb"]
+
+
+def test_its_picture_holds_every_word_that_its_script_draws():
+    from PIL import Image
+
+    spec = importlib.util.spec_from_file_location("draw_result", ROOT / "docs" / "draw_result.py")
+    script = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(script)
+    drawn = script.words_in(script.draw())
+    # The two axes of each panel, the model with its band, and points of every kind of test.
+    assert len(drawn) >= 9
+    assert Image.open(script.TARGET).text[script.WORDS].splitlines() == drawn, (
+        "The figure has changed: python docs/draw_result.py"
+    )
 
 
 @pytest.mark.parametrize("words", commands(), ids=" ".join)

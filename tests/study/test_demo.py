@@ -79,13 +79,28 @@ def test_the_python_of_the_readme_runs_on_the_demo(home, monkeypatch):
     text = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
     (source,) = re.findall(r"```python\n(.*?)```", text, flags=re.DOTALL)
     monkeypatch.chdir(home)
-    # The command has just identified it, and a notebook does so from Python.
-    assert "jbw.identify(campaign)" in source
-    source = source.replace("jbw.identify(campaign)", 'jbw.load_study("demo")')
-    names = {}
-    exec(compile(source, "README.md", "exec"), names)
+    names = executed(source, "README.md")
     assert names["study"].verdict.status == "ok"
+    assert names["bands"].attrs["nrmse"] < 0.03  # its laser's noise is 2 % of each record
     assert (home / "run" / "report.html").exists()
+
+
+def executed(source, name):
+    """What Python of a page leaves; the command has just identified, a notebook does it itself."""
+    assert "jbw.identify(campaign)" in source
+    names = {}
+    again = source.replace("jbw.identify(campaign)", 'jbw.load_study("demo")')
+    exec(compile(again, name, "exec"), names)
+    return names
+
+
+@pytest.mark.slow
+def test_each_step_of_its_page_runs_on_the_demo(home, monkeypatch):
+    page = Path(__file__).parents[2] / "docs" / "howto" / "steps.md"
+    (source,) = re.findall(r"```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    monkeypatch.chdir(home)
+    names = executed(source.replace('save("run")', 'save("run-of-steps")'), page.name)
+    assert names["study"].verdict.status == "ok"
     error = names["model"].v - names["sweep"].channels["velocity"]
     # The joint of the block is the rig's, its line fit's omega_n 7e-5 low.
     assert np.linalg.norm(error) < 0.2 * np.linalg.norm(names["sweep"].channels["velocity"])
