@@ -79,6 +79,7 @@ if TYPE_CHECKING:
     from jbw.study.identify import identify as identify
     from jbw.study.laws import compare_laws as compare_laws
     from jbw.study.many import identify_many as identify_many
+    from jbw.study.numpyro_model import numpyro_model as numpyro_model
     from jbw.study.study import Study as Study
     from jbw.study.study import load_study as load_study
     from jbw.verification.predict import warnings_of as warnings_of
@@ -133,6 +134,7 @@ _HOME = {
     "new_prediction": "population.basis",
     "new_units": "population.prediction",
     "one_stage": "population.one_stage",
+    "numpyro_model": "study.numpyro_model",
     "plan_tests": "planning.making",
     "pool": "identification.linear",
     "population_of": "population.population",

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
 from jbw.errors import ConfigError
+from jbw.inference.density import Density
 
 MOST_BYTES = 2**20  # of a file that somebody wrote: some thousand tests
 LISTED = 20  # keys or errors that are told one by one
@@ -188,6 +189,8 @@ def _plain(node: Any) -> Any:
 
 def toml(value: Any) -> str:
     """A value as TOML writes it."""
+    if isinstance(value, Density):
+        value = value.table()
     if isinstance(value, Mapping):
         return "{ " + ", ".join(f"{key} = {toml(item)}" for key, item in value.items()) + " }"
     return json.dumps(value, ensure_ascii=False)  # JSON's strings, numbers and lists are TOML

@@ -10,6 +10,7 @@ from pydantic import BeforeValidator, StrictBool, model_validator
 from jbw.campaign import values
 from jbw.campaign.document import Table, checked, key, refuse, unlike
 from jbw.errors import ConfigError
+from jbw.inference.density import Density
 from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.quantities import DEFAULT_LAWS, LINEAR, MODES, POINTS, RESIDUAL_TERMS, Quantity, must_be
@@ -112,8 +113,11 @@ class Identify(Table):
         "own has the highest peak; by default one, by a line fit",
         [18.8, 21.4],
     )
-    prior: Mapping[str, values.Bounds] = key(
-        dict, "parameter = [lower, upper], in SI", {"zeta": [0.003, 0.006]}
+    prior: Mapping[str, values.Prior] = key(
+        dict,
+        "parameter = [lower, upper], uniform and in SI, or one of NumPyro's distributions by name, "
+        "as zeta = { LogNormal = [-5.4, 0.3] }",
+        {"zeta": [0.003, 0.006]},
     )
 
     @classmethod
@@ -290,7 +294,8 @@ def _out_of_bounds(prior: Prior, known: Mapping[str, Quantity]) -> Iterator[str]
             yield f"{name}: unknown parameter{owner}{unlike(name, known)}."
             continue
         if (must := must_be(known[name], lower)) is not None:
-            yield f"{name}: must be {must}, but its lower bound is {lower:g}."
+            cut = isinstance(prior[name], Density) and "; TruncatedNormal takes an end `low`"
+            yield f"{name}: must be {must}, but its lower bound is {lower:g}{cut or ''}."
 
 
 def _too_stiff(prior: Prior, known: Mapping[str, Quantity]) -> Iterator[str]:

@@ -9,11 +9,18 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, GetCoreSchemaHandler, GetJsonSchemaHandler
+from pydantic import (
+    BeforeValidator,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    PlainValidator,
+)
 from pydantic_core import CoreSchema, core_schema
 
 from jbw.campaign.document import unlike
 from jbw.errors import ConfigError
+from jbw.inference.density import Density, density_of, is_distribution
 from jbw.measurement.kinds import KINDS
 from jbw.measurement.records import ROLES, si_of
 
@@ -96,6 +103,21 @@ def bounds(value: Any) -> tuple[Any, Any]:
     if len(pair) != 2 or pair[0] >= pair[1]:
         raise ValueError(f"must be [lower, upper] with lower < upper, but is {list(value)}.")
     return pair
+
+
+def prior(value: Any) -> tuple[float, float]:
+    """Bounds of a uniform prior, or the density that a table or a NumPyro distribution states."""
+    if isinstance(value, Mapping) or is_distribution(value):
+        return density_of(value)
+    if not isinstance(value, list | tuple):
+        raise ValueError(
+            "must be [lower, upper], or a distribution such as { LogNormal = [-5.4, 0.3] }, "
+            f"but is {value!r}."
+        )
+    if isinstance(value, Density):
+        return value
+    lower, upper = bounds(value)
+    return float(lower), float(upper)
 
 
 def unequal(value: Any) -> tuple[Any, ...]:
@@ -235,6 +257,15 @@ Modes = Annotated[
     BeforeValidator(modes, json_schema_input_type=Count | list[Positive]),
 ]
 Bounds = Annotated[tuple[float, float], BeforeValidator(bounds)]
+# A density is the pair of its bounds, and must stay what it is: no validator behind this one.
+Prior = Annotated[
+    tuple[float, float],
+    PlainValidator(
+        prior,
+        json_schema_input_type=tuple[float, float]
+        | dict[str, tuple[float, ...] | dict[str, float] | float],
+    ),
+]
 Span = Annotated[tuple[NonNegative, NonNegative], BeforeValidator(bounds)]
 Sampling = Annotated[float | str, BeforeValidator(_sampling)]
 Excluded = Annotated[

@@ -18,6 +18,7 @@ from jbw.identification.attachments import foretold, require_one_unit
 from jbw.identification.linear_step import LinearStep, linear_step
 from jbw.identification.selection import DecaySplit, Sweeps
 from jbw.identification.stated_modes import modes_of, require_driven, with_own_constants
+from jbw.inference.space.stated import StatedDensities
 from jbw.measurement.records import Test, drive_of
 from jbw.observables.dataset import Dataset
 from jbw.observables.drives import attached, named, parts_of
@@ -140,7 +141,8 @@ def assemble(seen: Measured) -> Dataset:
         if seen.modes.free:
             stated, run = tuple(seen.settings.prior), parts[0].runs[0]
             parts.append(ModesAtJoint.of(seen.modes, stated, run, laws=seen.laws))
-    return Dataset.of([*parts, *foretold(seen.tests, parts)], held)
+    stated = {name: prior for name, prior in seen.settings.prior.items() if name not in held}
+    return Dataset.of([*parts, *foretold(seen.tests, parts)], held, StatedDensities.of(stated))
 
 
 def _held(parts: Sequence[Observable], gain: Gain, tests: Sequence[Test]) -> dict[str, float]:

@@ -11,6 +11,7 @@ import numpy as np
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
 from jbw.identification.residual_terms import stated_terms, term_bounds
+from jbw.inference.density import Density
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.space.box import Box, Product, bounds_by_name, box
 from jbw.observables.dataset import Dataset, largest_displacement
@@ -47,6 +48,7 @@ def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box
         own["omega_n"] = max(own["omega_n"][0], low), min(own["omega_n"][1], high)
     stated = term_bounds(stated_terms(data), omega_n, settings.prior)
     _require_drives(settings.prior, data)
+    _require_sampled(data.stated.names, own | stated)
     return box(own | stated)
 
 
@@ -81,6 +83,17 @@ def _bounds_of_own_laws(modes: Modes, data: Dataset, known: Mapping[str, float])
         own = prior_of(data.laws, scales)
         bounds |= {own_name(name, mode): pair for name, pair in own.items()}
     return bounds
+
+
+def _require_sampled(densities: Collection[str], names: Collection[str]) -> None:
+    """Refuse a prior density on what is not sampled itself, for the box is uniform in what is."""
+    for name in densities:
+        if name not in names:
+            raise ConfigError(
+                f"[identify.prior] `{name}`: a distribution must be that of a sampled parameter, "
+                f"but {', '.join(names)} are sampled.",
+                remedy=f"State [lower, upper] for `{name}`, or a distribution of one of those.",
+            )
 
 
 def _require_drives(prior: Collection[str], data: Dataset) -> None:
@@ -203,6 +216,9 @@ def chosen_coordinates(
         weak = set() if best.weak is None else own & set(best.weak.names)
         is_open = bool(weak) and not own & set(settings.prior)
         for name, coordinates in law.coordinates.items():
+            if asked == name:
+                densities = {n for n in own if isinstance(settings.prior.get(n), Density)}
+                _require_sampled(sorted(densities), coordinates.names)
             if asked == name or (asked == "auto" and is_open):
                 yield law, coordinates
                 break

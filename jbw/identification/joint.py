@@ -258,6 +258,8 @@ def with_derived(key: Key[Array, ""], tree: xr.DataTree, data: Dataset) -> xr.Da
     terms = tree["log_likelihood"].to_dataset()["terms"].values
     derived = draw_noise_std(key, every_parameter(posterior, data), terms, data)
     derived |= law_variables(posterior, data)
+    for name, text in zip(data.stated.names, data.stated.texts, strict=True):
+        posterior[name].attrs["prior"] = text
     return tree.assign(posterior=xr.DataTree(posterior.assign(derived)))
 
 

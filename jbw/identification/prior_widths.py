@@ -4,6 +4,7 @@ A parameter that the data narrow costs ln 2 = 0.69 nats, one that they leave ope
 that they push against its bound gains; so the evidence is integrated again and not corrected.
 """
 
+from collections.abc import Collection
 from dataclasses import replace
 
 import jax
@@ -18,15 +19,15 @@ from jbw.inference.space.box import Box, bounds_by_name, box
 from jbw.oscillator.laws import quantities_of
 
 
-def twice_as_wide(prior: Box, laws: tuple[str, ...]) -> Box:
+def twice_as_wide(prior: Box, laws: tuple[str, ...], stated: Collection[str] = ()) -> Box:
     """The box with those of the laws' own parameters twice as wide.
 
     About zero where both signs are possible, otherwise upwards. A part of omega_n^2 has no wider
-    prior: it ends where nothing but the joint holds.
+    prior: it ends where nothing but the joint holds; nor has one whose density is `stated`.
     """
     bounds = bounds_by_name(prior)
     for quantity in quantities_of(laws):
-        if quantity.name in bounds and not quantity.is_share:
+        if quantity.name in bounds and not (quantity.is_share or quantity.name in stated):
             low, high = bounds[quantity.name]
             both = quantity.least is None and low < 0.0 < high
             bounds[quantity.name] = (2.0 * low, 2.0 * high) if both else (low, 2.0 * high - low)
@@ -40,7 +41,10 @@ def log_evidence_wide(key: Key[Array, ""], one: Candidate, draws: xr.DataTree) -
     more.
     """
     data, best, prior = one.fitted.data, one.fitted.fit, one.fitted.box
-    wide, log_evidence = twice_as_wide(prior, one.laws), draws.attrs.get("log_evidence")
+    wide, log_evidence = (
+        twice_as_wide(prior, one.laws, data.stated.names),
+        draws.attrs.get("log_evidence"),
+    )
     if log_evidence is None or bounds_by_name(wide) == bounds_by_name(prior):
         return log_evidence
     about = place_of(best, replace(one, fitted=replace(one.fitted, box=wide)))

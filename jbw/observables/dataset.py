@@ -15,6 +15,7 @@ from jaxtyping import Array, Float
 
 from jbw.inference.groups.offsets import Estimate, run_numbers, shrunk
 from jbw.inference.groups.scatter import Levels, log_density_of_offsets
+from jbw.inference.space.stated import StatedDensities, log_over_uniform, standard_scores
 from jbw.observables.drives import of_part
 from jbw.observables.modes import Modes
 from jbw.observables.observable import OFFSETS, Observable, Row, Theta, assemblies_of
@@ -32,18 +33,26 @@ class Dataset(eqx.Module):
         scatters: Nodes of the prior of the runs' scatter of omega_n [rad/s] and zeta [-], and of
             their assemblies' where there are any; no columns where runs have no offsets.
         scatter: The scatter assumed in least squares.
+        stated: Prior densities that a campaign states beside the box.
     """
 
     parts: tuple[Observable, ...]
     held: dict[str, Float[Array, ""]]
     scatters: Float[Array, "node level_own"]
     scatter: Float[Array, " own"]
+    stated: StatedDensities = StatedDensities()
 
     @classmethod
-    def of(cls, parts: Sequence[Observable], held: Mapping[str, float] | None = None) -> Self:
+    def of(
+        cls,
+        parts: Sequence[Observable],
+        held: Mapping[str, float] | None = None,
+        stated: StatedDensities | None = None,
+    ) -> Self:
         """Parts whose runs have no offsets of their own; `held` are parameters not updated."""
         fixed = {name: jnp.asarray(float(value)) for name, value in (held or {}).items()}
-        return cls(tuple(parts), fixed, jnp.zeros((1, 0)), jnp.zeros(0))
+        scatters = jnp.zeros((1, 0)), jnp.zeros(0)
+        return cls(tuple(parts), fixed, *scatters, stated or StatedDensities())
 
     @property
     def laws(self) -> tuple[str, ...]:
@@ -98,29 +107,36 @@ class Dataset(eqx.Module):
     def layout(self) -> dict[str, int]:
         """Length of every row of the residual, by its key, in the order of `stacked`."""
         rows = {label: part.width for part in self.parts for label in part.labels}
+        stated = {_prior_key(name): 1 for name in self.stated.names}
         if not self.has_offsets:
-            return rows
-        return rows | {_offsets_key(run): len(OFFSETS) for run in self.shared_runs}
+            return rows | stated
+        return rows | {_offsets_key(run): len(OFFSETS) for run in self.shared_runs} | stated
 
 
 def _offsets_key(run: str) -> str:
     return f"offsets of {run}"
 
 
+def _prior_key(name: str) -> str:
+    return f"prior of {name}"
+
+
 def log_likelihood(theta: Theta, data: Dataset) -> Float[Array, " term"]:
     """Terms of the log likelihood, eqs. (36) and (37): one a group, then those of the scatter.
 
     The noise of every group is integrated out, and so are the offsets; up to a constant [nats].
+    Last come the prior densities that a campaign states, each over the uniform one of the box.
     """
     everything = {**data.held, **theta}
+    stated = log_over_uniform(everything, data.stated)
     if data.has_offsets:
         found = estimates(everything, data)
         offsets = log_density_of_offsets(found, data.levels, data.scatters)
-        return jnp.append(found.log_density, offsets)
+        return jnp.concatenate([found.log_density, jnp.atleast_1d(offsets), stated])
     own = [(part, of_part(everything, part)) for part in data.parts]
     each = [(part, theta, part.estimate(theta, 0)) for part, theta in own]
     scatter = [part.scatter_terms(theta, found) for part, theta, found in each]
-    return jnp.concatenate([*(found.log_density for *_, found in each), *scatter])
+    return jnp.concatenate([*(found.log_density for *_, found in each), *scatter, stated])
 
 
 def estimates(theta: Theta, data: Dataset) -> Estimate:
@@ -132,7 +148,8 @@ def estimates(theta: Theta, data: Dataset) -> Estimate:
 def residual(theta: Theta, data: Dataset) -> Residual:
     """Residuals by label in standard errors, eqs. (38), (41), (42), runs' offsets at their best.
 
-    Rows `offsets of RUN` are each run's offsets over their scatter.
+    Rows `offsets of RUN` are each run's offsets over their scatter, rows `prior of NAME` the
+    standard normal scores of stated priors.
     """
     everything = {**data.held, **theta}
     rows, offsets = _offsets_taken_out(_weighted(everything, data), data)
@@ -141,7 +158,12 @@ def residual(theta: Theta, data: Dataset) -> Residual:
         for part, block in zip(data.parts, rows, strict=True)
         for label, row in zip(part.labels, block, strict=True)
     }
-    return labelled | {_offsets_key(run): row for run, row in offsets.items()}
+    scores = standard_scores(everything, data.stated)
+    return (
+        labelled
+        | {_offsets_key(run): row for run, row in offsets.items()}
+        | {_prior_key(name): score for name, score in scores.items()}
+    )
 
 
 def _weighted(theta: Theta, data: Dataset) -> list[Block]:

@@ -121,6 +121,13 @@ def _unit(name: str, folder: Path | None, record: Mapping[str, Any], tree: xr.Da
                 remedy="Identify its campaign again, or leave the run out.",
             )
     attrs = {n: posterior[n].attrs for n in draws if n in posterior}
+    for quantity, meaning in attrs.items():
+        if "prior" in meaning:
+            raise DataError(
+                f"The run {name} took {meaning['prior']} for the prior of {quantity}.",
+                why="A population takes the priors of its runs out again, and knows uniform ones.",
+                remedy=f"Identify its campaign with bounds for `{quantity}` in [identify.prior].",
+            )
     bounds = {n: (float(a["lower"]), float(a["upper"])) for n, a in attrs.items() if "lower" in a}
     runs = np.atleast_1d(tree.attrs.get("scatter", ())).tolist()
     scatter = {n: s / float(draws[n].mean()) for n, s in zip(OFFSETS, runs, strict=False)}

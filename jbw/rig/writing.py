@@ -111,7 +111,7 @@ def _campaign_text(campaign: RigCampaign) -> str:
         fixed = "# Fixed before any fit: what is fitted; the rest is predicted.\n[identify]"
         blocks.append(_table(fixed, stated))
         if prior is not None:
-            bounds = "# Uniform priors, lower and upper bound in SI.\n[identify.prior]"
+            bounds = "# Priors: bounds of a uniform one in SI, or a distribution.\n[identify.prior]"
             blocks.append(_table(bounds, prior))
     return "\n".join(blocks)
 

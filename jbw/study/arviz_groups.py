@@ -104,11 +104,14 @@ def prior_draws(
     key: Key[Array, ""], box: Box, data: Dataset, attrs: Mapping[str, Mapping[str, Any]]
 ) -> xr.Dataset:
     """One chain of draws of the prior, with what follows from them; noise has none to draw from."""
-    rng = generator(key)
-    drawn = {
-        name: (SAMPLES, rng.uniform(low, high, (1, NUM_PRIOR)), attrs[name])
-        for name, (low, high) in bounds_by_name(box).items()
+    rng, shape = generator(key), (1, NUM_PRIOR)
+    values = {
+        name: rng.uniform(low, high, shape) for name, (low, high) in bounds_by_name(box).items()
     }
+    stated = zip(data.stated.names, data.stated.distributions, strict=True)
+    for index, (name, density) in enumerate(stated):
+        values[name] = np.asarray(density.sample(jax.random.fold_in(key, index), shape))
+    drawn = {name: (SAMPLES, values[name], attrs[name]) for name in box.names}
     coords = {"chain": [0], "draw": np.arange(NUM_PRIOR)}
     sampled = xr.Dataset(drawn, coords)
     return sampled.assign(law_variables(sampled, data))
@@ -137,6 +140,8 @@ def log_prior(posterior: xr.Dataset, box: Box, records: Records, data: Dataset) 
         name: (SAMPLES, np.full(shape, -np.log(high - low)), one)
         for name, (low, high) in bounds_by_name(box).items()
     }
+    for name, density in zip(data.stated.names, data.stated.distributions, strict=True):
+        found[name] = (SAMPLES, np.asarray(density.log_prob(posterior[name].values)), one)
     for name, values in posterior.data_vars.items():
         if str(name).startswith("noise_std"):
             found[str(name)] = (values.dims, -np.log(values.values), one)

@@ -16,6 +16,7 @@ from jbw.identification.assemble import measured_in
 from jbw.identification.coordinates import combinations
 from jbw.identification.prepare import Fitted, fit_joint
 from jbw.identification.procedure import Identification, Report
+from jbw.inference.fit.fitting import Fit
 from jbw.inference.fit.identifiability import (
     Sensitivity,
     box_sensitivity,
@@ -31,6 +32,7 @@ from jbw.inference.fit.information import (
 )
 from jbw.inference.fit.profiles import Profile, profile_statements, profiles
 from jbw.inference.space.box import Product, alone, require_float64, value_of
+from jbw.inference.space.stated import as_wide
 from jbw.observables.dataset import stacked
 
 logger = logging.getLogger("jbw")
@@ -126,7 +128,7 @@ def identifiability(
 def look(fitted: Fitted, *, with_profiles: bool, report: Report = logger.info) -> Identifiability:
     """What a fit says before sampling."""
     products = combinations(fitted.box.names, fitted.data.laws)
-    found = information(fitted.fit, fitted.box, products)
+    found = information(_of_data(fitted), as_wide(fitted.box, fitted.data.stated), products)
     followed: dict[str, Profile] = {}
     if with_profiles:
         followed = profiles(stacked, fitted.box, fitted.data, fitted.fit, report=report)
@@ -137,6 +139,13 @@ def look(fitted: Fitted, *, with_profiles: bool, report: Report = logger.info) -
         _waterfall_words(fitted.fit.waterfall),
     ]
     return Identifiability(fitted, products, found, followed, statements=tuple(said))
+
+
+def _of_data(fitted: Fitted) -> Fit:
+    """The fit with the rows of the data alone: those of stated priors, the last, tell nothing."""
+    size = len(fitted.fit.residual) - len(fitted.data.stated.names)
+    fit = fitted.fit
+    return replace(fit, residual=fit.residual[:size], jacobian=fit.jacobian[:size])
 
 
 def look_again(
@@ -151,7 +160,7 @@ def look_again(
     group = found.main.posterior["posterior"].to_dataset()
     draws = {name: group[name].values for name in box.names}
     looked_at = (*map(alone, box.names), *products)
-    narrowed = contraction(draws, box, looked_at)
+    narrowed = contraction(draws, as_wide(box, fitted.data.stated), looked_at)
     values = {each.name: value_of(each, draws) for each in looked_at}
     sensitivity = box_sensitivity(values, box)
     texts = {each.name: each.text for each in looked_at}

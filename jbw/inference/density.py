@@ -1,0 +1,189 @@
+"""A prior other than a box: one of NumPyro's distributions by name, with the bounds that hold it.
+
+In a campaign file `zeta = { LogNormal = [-5.4, 0.3] }` under [identify.prior], in Python the same
+table or the distribution itself. NumPyro, and JAX with it, load when a density is stated.
+"""
+
+from collections.abc import Callable, Mapping
+from difflib import get_close_matches
+from math import isfinite
+from typing import Any
+
+import numpy as np
+
+# What lies beyond five standard deviations of a normal distribution: a box that leaves out as much
+# at each end moves no posterior that its data or its prior narrow.
+TAIL = 2.866515718791933e-07  # Phi(-5)
+COMMON = (
+    "Beta", "Cauchy", "Exponential", "Gamma", "HalfCauchy", "HalfNormal", "InverseGamma", "Laplace",
+    "LogNormal", "LogUniform", "Normal", "StudentT", "TruncatedNormal", "Uniform", "Weibull",
+)  # fmt: skip  # that a sentence names; any other of NumPyro's serves as well
+NEAR = 1e-3  # of the way from an end of the support to a quantile: a density that vanishes is small
+
+
+class Density(tuple[float, float]):
+    """A prior density; as a pair it is the bounds of the box that stands for it.
+
+    Attributes:
+        family: Name of the distribution in `numpyro.distributions`.
+        arguments: Its arguments, in their order or by name.
+        build: Makes the distribution, in the precision of the session that asks.
+    """
+
+    family: str
+    arguments: tuple[float, ...] | dict[str, float]
+    build: Callable[[], Any]
+
+    def __new__(
+        cls, family: str, arguments: Any, build: Callable[[], Any] | None = None
+    ) -> "Density":
+        """The density and its bounds.
+
+        Raises:
+            ValueError: No distribution of that name or of these arguments, one of whole numbers or
+                of several variables, or one that has no end.
+        """
+        make = build or (lambda: _built(family, arguments))
+        density = super().__new__(cls, _bounds(make(), family))
+        density.family, density.arguments, density.build = family, arguments, make
+        return density
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """By name and arguments; a distribution that a caller made travels itself."""
+        return _again, (self.family, self.arguments, self._given())
+
+    def _given(self) -> Any:
+        return None if isinstance(self.arguments, dict) or self.arguments else self.build()
+
+    def __repr__(self) -> str:
+        """The density as a campaign file states it."""
+        if isinstance(self.arguments, dict):
+            inner = ", ".join(f"{name} = {value!r}" for name, value in self.arguments.items())
+            return f"{{ {self.family} = {{ {inner} }} }}"
+        return f"{{ {self.family} = {list(self.arguments)!r} }}"
+
+    def table(self) -> dict[str, Any]:
+        """The table of a campaign file that states it."""
+        stated = self.arguments if isinstance(self.arguments, dict) else list(self.arguments)
+        return {self.family: stated}
+
+
+def _again(family: str, arguments: Any, given: Any) -> Density:
+    return Density(family, arguments, None if given is None else lambda: given)
+
+
+def density_of(stated: Any) -> Density:
+    """The density that a table of one name, or a distribution of NumPyro, states.
+
+    Raises:
+        ValueError: It states none; the sentence says why.
+    """
+    if isinstance(stated, Density):
+        return stated
+    if not isinstance(stated, Mapping):
+        return Density(type(stated).__name__, _arguments(stated), lambda: stated)
+    if len(stated) != 1:
+        raise ValueError(f"must name one distribution, but names {', '.join(stated) or 'none'}.")
+    ((family, arguments),) = stated.items()
+    if isinstance(arguments, Mapping):
+        return Density(family, {name: _number(value) for name, value in arguments.items()})
+    values = arguments if isinstance(arguments, list | tuple) else [arguments]
+    return Density(family, tuple(_number(value) for value in values))
+
+
+def _arguments(distribution: Any) -> dict[str, float]:
+    """Arguments of a distribution that was made, by name; none where they are not numbers."""
+    try:
+        return {name: float(getattr(distribution, name)) for name in distribution.arg_constraints}
+    except (AttributeError, TypeError, ValueError):
+        return {}
+
+
+def is_distribution(value: Any) -> bool:
+    """Whether a value is one of NumPyro's distributions, told without loading it."""
+    return any(kind.__module__.startswith("numpyro.distributions") for kind in type(value).__mro__)
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not isfinite(value):
+        raise ValueError(f"takes finite numbers, but one is {value!r}.")
+    return float(value)
+
+
+def _near(family: str) -> str:
+    nearest = get_close_matches(family, COMMON, n=1, cutoff=0.5)
+    return (f"; did you mean `{nearest[0]}`" if nearest else "") + f" (it has {', '.join(COMMON)})"
+
+
+def _built(family: str, arguments: Any) -> Any:
+    import numpyro.distributions as distributions
+
+    make = getattr(distributions, family, None)
+    if family[:1].islower() or not callable(make):
+        raise ValueError(f"names the distribution {family!r}, which NumPyro lacks{_near(family)}.")
+    try:
+        if isinstance(arguments, dict):
+            return make(**arguments, validate_args=True)
+        return make(*arguments, validate_args=True)
+    except (TypeError, ValueError, AssertionError) as error:
+        reason = " ".join(str(error).split()).removesuffix(".")
+        raise ValueError(f"cannot be {family} of {arguments!r}: {reason}.") from None
+
+
+def _bounds(distribution: Any, family: str) -> tuple[float, float]:
+    """Quantiles at TAIL and 1 - TAIL, or the ends of the support where it does not vanish there."""
+    import jax
+    from numpyro.distributions import Distribution
+
+    if not isinstance(distribution, Distribution):
+        raise ValueError(f"must be a distribution, but `{family}` is none.")
+    one_number = distribution.event_shape == distribution.batch_shape == ()
+    if not one_number or distribution.support is None or distribution.is_discrete:
+        raise ValueError(f"must be a density of one real number, but `{family}` is none.")
+    try:
+        with jax.enable_x64(True):
+            ends = _quantile(distribution, TAIL), _quantile(distribution, 1.0 - TAIL)
+    except (NotImplementedError, ImportError):
+        raise ValueError(f"needs a distribution function, which `{family}` lacks.") from None
+    if not (isfinite(ends[0]) and isfinite(ends[1]) and ends[0] < ends[1]):
+        raise ValueError(f"must end somewhere, but `{family}` reaches from {ends[0]} to {ends[1]}.")
+    return ends
+
+
+def _quantile(distribution: Any, mass: float) -> float:
+    """Where the distribution function reaches a mass near 0 or 1.
+
+    The end of the support itself, where the density does not vanish towards it.
+    """
+    from scipy.optimize import brentq
+
+    low = float(getattr(distribution.support, "lower_bound", -np.inf))
+    high = float(getattr(distribution.support, "upper_bound", np.inf))
+
+    def excess(value: float) -> float:
+        return float(distribution.cdf(value)) - mass
+
+    below, above = _bracket(excess, low, high)
+    root: Any = below if below == above else brentq(excess, below, above, xtol=1e-300)
+    found = float(root)
+    end = low if mass < 0.5 else high
+    if not isfinite(end) or found == end:
+        return found
+    near, there = distribution.log_prob(end + NEAR * (found - end)), distribution.log_prob(found)
+    return end if float(near - there) > np.log(0.5) else found
+
+
+def _bracket(excess: Callable[[float], float], low: float, high: float) -> tuple[float, float]:
+    """Two points about the zero of a rising function, from within an open interval outwards."""
+    middle = (low + high) / 2 if isfinite(low) and isfinite(high) else 0.0
+    if isfinite(low) != isfinite(high):
+        middle = low + 1.0 if isfinite(low) else high - 1.0
+    below, above, reach = middle, middle, 1.0
+    while excess(below) > 0.0 and reach < 1e300:
+        below = low + (below - low) / 2 if isfinite(low) else below - reach
+        reach *= 2.0
+    reach = 1.0
+    while excess(above) < 0.0 and reach < 1e300:
+        above = high - (high - above) / 2 if isfinite(high) else above + reach
+        reach *= 2.0
+    return below, above

@@ -1,0 +1,178 @@
+"""A posterior as a plain NumPyro model, with NUTS and the random walk ready to run on it."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpyro
+from jaxtyping import Array, Float, Key
+from numpyro.distributions import Distribution, biject_to
+from numpyro.infer import NUTS, init_to_value
+from numpyro.infer.mcmc import MCMCKernel
+
+from jbw.inference.samplers.random_walk import PAPER, Options, State, kernel
+from jbw.inference.space.box import Box, bounds_by_name
+from jbw.inference.space.problem import LOGIT_PRIOR_PRECISION, Problem
+
+Values = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class NumpyroModel:
+    r"""A posterior as a NumPyro model: called within an inference, it states its sites.
+
+    $$\theta_i \sim \pi_i, \qquad \log L = \log L(\theta)$$
+
+    One latent site a parameter, in SI; the factor `log_likelihood`; and deterministic sites of what
+    follows from the parameters.
+
+    Attributes:
+        prior: Distribution of every latent site: uniform in its bounds, or a stated density.
+        log_likelihood: Of the parameters by name, what is known of noise integrated out [nats].
+        derived: What follows from the parameters, by name.
+        problem: The same posterior in the coordinates of jbw's own samplers.
+        optimum: The optimum of the fit, by name.
+        covariance: Of the fit about it, stated densities included, in the order of the prior.
+        uniform: Latent sites that are uniform.
+    """
+
+    prior: Mapping[str, Distribution]
+    log_likelihood: Callable[[Values], Float[Array, ""]]
+    derived: Callable[[Values], Values]
+    problem: Problem
+    optimum: Mapping[str, float]
+    covariance: Float[np.ndarray, "parameter parameter"]
+    uniform: tuple[str, ...]
+
+    def __call__(self) -> None:
+        """State the sites, as NumPyro's handlers trace them."""
+        theta = {
+            name: jnp.asarray(numpyro.sample(name, density)) for name, density in self.prior.items()
+        }
+        total = self.log_likelihood(theta)
+        numpyro.factor("log_likelihood", jnp.where(jnp.isfinite(total), total, -jnp.inf))
+        for name, value in self.derived(theta).items():
+            numpyro.deterministic(name, value)
+
+    def __repr__(self) -> str:
+        return f"NumpyroModel({', '.join(self.prior)})"
+
+    @property
+    def box(self) -> Box:
+        """Bounds that hold every prior."""
+        return self.problem.box
+
+    @property
+    def start(self) -> dict[str, float]:
+        """The optimum of the fit by name, a standard deviation or more inside of the bounds."""
+        inside, bounds = {}, bounds_by_name(self.box)
+        for name, std in zip(self.box.names, np.sqrt(np.diag(self.covariance)), strict=True):
+            low, high = bounds[name]
+            margin = min(float(std), 0.25 * (high - low))
+            inside[name] = float(np.clip(self.optimum[name], low + margin, high - margin))
+        return inside
+
+    def nuts(self, **options: Any) -> NUTS:
+        """NumPyro's NUTS on this model, begun at the fit with the mass matrix of its covariance.
+
+        Options are those of `numpyro.infer.NUTS` and go before these.
+        """
+        about_fit: dict[str, Any] = {
+            "init_strategy": init_to_value(values=self.start),
+            "inverse_mass_matrix": {tuple(self.prior): jnp.asarray(self._covariance())},
+            "dense_mass": [tuple(self.prior)],
+            "adapt_mass_matrix": False,
+        }
+        return NUTS(self, **{**about_fit, **options})
+
+    def random_walk(self, step_size: float | None = PAPER.step_size) -> "RandomWalk":
+        """The paper's random walk of Metropolis and Hastings, section 3.2.
+
+        `step_size` is the deviation of a proposal over the width of each parameter's box, the
+        published one by default; when None the warm-up tunes it in the shape of the fit.
+        """
+        return RandomWalk(self.problem, step_size, self)
+
+    def _covariance(self) -> Float[np.ndarray, "parameter parameter"]:
+        r"""Covariance in the coordinates in which NumPyro walks.
+
+        $$\Sigma_z^{-1} = J\,\Sigma^{-1} J + \tfrac{3}{\pi^2} I, \qquad J = d\theta / dz$$
+
+        with 3 / pi^2 the precision of a uniform prior's logit, and none of a stated density, which
+        the fit holds already.
+        """
+        slope, precision = [], []
+        for name, value in self.start.items():
+            transform = biject_to(self.prior[name].support)
+            z = jnp.asarray(transform.inv(value))
+            slope.append(float(jax.grad(lambda x, to=transform: jnp.asarray(to(x)))(z)))
+            precision.append(LOGIT_PRIOR_PRECISION if name in self.uniform else 0.0)
+        std = np.sqrt(np.diag(self.covariance))
+        correlation = self.covariance / np.outer(std, std)
+        weight = np.array(slope) / std
+        return np.linalg.inv(
+            np.linalg.inv(correlation) * np.outer(weight, weight) + np.diag(precision)
+        )
+
+
+class RandomWalk(MCMCKernel):
+    """The random walk as one of NumPyro's kernels, for `numpyro.infer.MCMC`."""
+
+    def __init__(self, problem: Problem, step_size: float | None, model: NumpyroModel) -> None:
+        self._problem, self._step_size, self._model = problem, step_size, model
+        self._options = Options(step_size=step_size)
+
+    @property
+    def sample_field(self) -> str:
+        """The field of the state that is kept: the place in the unit cube."""
+        return "x"
+
+    @property
+    def model(self) -> NumpyroModel:
+        """The model that is walked in."""
+        return self._model
+
+    def init(
+        self,
+        rng_key: Array,
+        num_warmup: int,
+        init_params: Any,
+        model_args: Any,
+        model_kwargs: Any,
+    ) -> State:
+        """The state at the fit, for every chain that a key is given for."""
+        self._options = self._options._replace(num_warmup=num_warmup)
+        chain = kernel(self._problem, self._options)
+        origin = jnp.zeros(len(self._problem.box.names))
+
+        def begun(key: Key[Array, ""]) -> State:
+            return chain.init(key, origin)
+
+        return begun(rng_key) if _is_one(rng_key) else jax.vmap(begun)(rng_key)
+
+    def sample(self, state: State, model_args: Any, model_kwargs: Any) -> State:
+        """The state after one more step of every chain."""
+        step = kernel(self._problem, self._options).step
+        return step(state) if _is_one(state.rng_key) else jax.vmap(step)(state)
+
+    def postprocess_fn(self, model_args: Any, model_kwargs: Any) -> Any:
+        """From the unit cube to the sites by name."""
+        box = self._problem.box
+
+        def sites(x: Float[Array, " parameter"]) -> dict[str, Any]:
+            values = box.lower + x * (box.upper - box.lower)
+            return {name: values[..., i] for i, name in enumerate(box.names)}
+
+        return sites
+
+    def get_diagnostics_str(self, state: State) -> str:
+        """Rate of acceptance of the last step, for the progress bar."""
+        return f"acc. prob={np.mean(state.accept_prob):.2f}"
+
+
+def _is_one(key: Array) -> bool:
+    typed = jnp.issubdtype(key.dtype, jax.dtypes.prng_key)
+    return key.ndim == (0 if typed else 1)

@@ -1,0 +1,129 @@
+r"""Prior densities that a campaign states, beside the uniform prior of the box.
+
+A parameter with a stated density $\pi$ keeps a box, whose bounds [l, u] hold all of the density
+but a negligible tail. Its posterior is that of the box with one more term,
+
+$$\log \pi(\theta) + \log(u - l)$$
+
+so that every sampler and every evidence takes it as it takes a test. Least squares takes the
+standard normal score, whose square is that of a measurement of the same weight:
+
+$$r = \Phi^{-1}(F(\theta))$$
+
+with F the distribution function; for a normal density it is (theta - mean) / deviation.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import equinox as eqx
+import jax.numpy as jnp
+import numpy as np
+from jax.scipy.special import ndtri
+from jaxtyping import Array, Float
+from numpyro.distributions import Uniform
+from scipy.optimize import brentq
+
+from jbw.inference.density import TAIL, Density
+from jbw.inference.space.box import Box, bounds_by_name, box, prior_std
+
+NUM_POINTS = 4001  # of a density that falls to 4e-6 of its peak at the ends: moments to 1e-6
+WIDEST = 20.0  # logarithm of the ratio of a bound to the middle of the widest box
+
+
+class StatedDensities(eqx.Module):
+    """Densities by name of the parameter, with the bounds of their boxes.
+
+    Attributes:
+        names: Parameters that have one.
+        distributions: NumPyro's distribution of each.
+        log_width: Logarithm of the width of each one's box.
+        texts: Each as a campaign file states it.
+    """
+
+    names: tuple[str, ...] = eqx.field(static=True, default=())
+    distributions: tuple[Any, ...] = ()
+    log_width: tuple[Float[Array, ""] | np.ndarray, ...] = ()
+    texts: tuple[str, ...] = eqx.field(static=True, default=())
+
+    @classmethod
+    def of(cls, prior: Mapping[str, Any]) -> "StatedDensities":
+        """Those of a campaign's priors that are densities and no mere bounds."""
+        stated = {name: stated for name, stated in prior.items() if isinstance(stated, Density)}
+        return cls(
+            tuple(stated),
+            tuple(density.build() for density in stated.values()),
+            tuple(np.log(upper - lower) for lower, upper in stated.values()),
+            tuple(repr(density) for density in stated.values()),
+        )
+
+
+def distributions_of(box: Box, stated: StatedDensities) -> dict[str, Any]:
+    """NumPyro's distribution of every parameter of a box, uniform where none is stated."""
+    densities = dict(zip(stated.names, stated.distributions, strict=True))
+    return {
+        name: densities.get(name, Uniform(low, high))
+        for name, (low, high) in bounds_by_name(box).items()
+    }
+
+
+def log_over_uniform(theta: Mapping[str, Any], stated: StatedDensities) -> Float[Array, " density"]:
+    r"""Terms $\log \pi(\theta) + \log(u - l)$ [nats], in the order of the names.
+
+    Zero of a parameter that a nested model lacks.
+    """
+    triples = zip(stated.names, stated.distributions, stated.log_width, strict=True)
+    terms = [
+        density.log_prob(theta[name]) + log_width if name in theta else jnp.zeros(())
+        for name, density, log_width in triples
+    ]
+    return jnp.stack(terms) if terms else jnp.zeros(0)
+
+
+def standard_scores(
+    theta: Mapping[str, Any], stated: StatedDensities
+) -> dict[str, Float[Array, "1"]]:
+    r"""Scores $\Phi^{-1}(F(\theta))$ by name; zero of a parameter that a nested model lacks."""
+    pairs = zip(stated.names, stated.distributions, strict=True)
+    return {
+        name: jnp.atleast_1d(_score(density, theta[name]) if name in theta else jnp.zeros(()))
+        for name, density in pairs
+    }
+
+
+def _score(density: Any, value: Any) -> Float[Array, ""]:
+    return ndtri(jnp.clip(density.cdf(value), TAIL / 2, 1 - TAIL / 2))
+
+
+def as_wide(prior: Box, stated: StatedDensities) -> Box:
+    """The box in which a uniform prior is as wide as each stated density.
+
+    As wide in the logarithm where the box is positive, otherwise in the parameter itself; what
+    compares a posterior with its prior compares it with this box.
+    """
+    bounds = bounds_by_name(prior)
+    for name, distribution in zip(stated.names, stated.distributions, strict=True):
+        if name in bounds:
+            bounds[name] = _uniform_of_width(distribution, *bounds[name])
+    return box(bounds)
+
+
+def _uniform_of_width(distribution: Any, lower: float, upper: float) -> tuple[float, float]:
+    is_log = lower > 0.0
+    ends = np.log([lower, upper]) if is_log else np.array([lower, upper])
+    grid = np.linspace(ends[0], ends[1], NUM_POINTS)
+    values = np.exp(grid) if is_log else grid
+    weight = np.exp(np.asarray(distribution.log_prob(values))) * (values if is_log else 1.0)
+    weight[~np.isfinite(weight)] = 0.0  # an end at which a density has a pole
+    weight /= np.sum(weight)
+    mean = float(weight @ grid)
+    std = float(np.sqrt(weight @ (grid - mean) ** 2))
+    if not is_log:
+        return mean - np.sqrt(3) * std, mean + np.sqrt(3) * std
+
+    # A uniform density has a logarithm of at most one standard deviation.
+    def excess(log_r: float) -> float:
+        return prior_std(np.exp(-log_r), np.exp(log_r)) - std
+
+    reach: Any = brentq(excess, 1e-9, WIDEST) if excess(WIDEST) > 0.0 else WIDEST
+    return float(np.exp(mean - reach)), float(np.exp(mean + reach))

@@ -1,0 +1,116 @@
+"""`jbw.numpyro_model`: the joint posterior of a campaign as a plain NumPyro model."""
+
+import logging
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from jbw.campaign.document import refuse
+from jbw.campaign.load import Campaign
+from jbw.campaign.settings import Identify, law_errors
+from jbw.identification.assemble import measured_in
+from jbw.identification.prepare import Fitted, fit_joint
+from jbw.identification.procedure import Report
+from jbw.inference.numpyro_model import NumpyroModel
+from jbw.inference.space.box import require_float64
+from jbw.inference.space.problem import problem_of
+from jbw.inference.space.reparametrisation import in_box
+from jbw.inference.space.stated import StatedDensities, distributions_of
+from jbw.observables.dataset import Dataset, log_likelihood
+from jbw.observables.drives import of_part
+from jbw.oscillator.laws import laws_named
+
+logger = logging.getLogger("jbw")
+
+
+def numpyro_model(
+    campaign: Campaign,
+    *,
+    prior: Mapping[str, Any] | None = None,
+    responses: bool = False,
+    seed: int | None = None,
+    report: Report = logger.info,
+) -> NumpyroModel:
+    """The joint posterior of a campaign as a NumPyro model, after the fit that weighs its data.
+
+    Latent sites are the sampled parameters in SI, uniform in their bounds unless a density is
+    stated. Noise and the offsets of sessions are integrated out of the factor `log_likelihood`.
+    Deterministic sites are the parameters and products of the laws that are not sampled.
+
+    Args:
+        campaign: From `jbw.load_campaign` or the virtual rig.
+        prior: Priors by name that replace the campaign's: bounds (lower, upper), a distribution of
+            NumPyro, or a table such as {"LogNormal": [-5.4, 0.3]}; in SI.
+        responses: Whether the predicted response of every fitted test is a deterministic site,
+            `response of TEST`, in the unit of its values.
+        seed: Seed of the fit's starts; the campaign's when None.
+        report: Called with one sentence at every stage.
+
+    Returns:
+        The model: `MCMC(model.nuts())`, `MCMC(model.random_walk())`, `Predictive(model, ...)` and
+        SVI run on it.
+
+    Raises:
+        ConfigError: A float32 session, a prior that is none, or one of a parameter that the laws
+            lack.
+        DataError: Tests that the joint cannot be fitted to.
+    """
+    require_float64()
+    if prior:
+        campaign = _with_prior(campaign, prior)
+    key = jax.random.key(campaign.settings.seed if seed is None else seed)
+    return model_of(fit_joint(key, measured_in(campaign, report), report), responses=responses)
+
+
+def model_of(fitted: Fitted, *, responses: bool = False) -> NumpyroModel:
+    """The posterior of a fit's data as a NumPyro model."""
+    fit, box, data = fitted.fit, fitted.box, fitted.data
+    alone = replace(data, stated=StatedDensities())  # sites have the stated densities themselves
+
+    def derived(theta: Mapping[str, Any]) -> dict[str, Any]:
+        sites = _of_laws(theta, data)
+        return sites | _predicted(theta, data) if responses else sites
+
+    return NumpyroModel(
+        prior=distributions_of(box, data.stated),
+        log_likelihood=lambda theta: jnp.sum(log_likelihood(theta, alone)),
+        derived=derived,
+        problem=problem_of(log_likelihood, box, data, in_box(box, fit.theta, fit.covariance, 1)),
+        optimum=fit.theta,
+        covariance=fit.covariance,
+        uniform=tuple(name for name in box.names if name not in data.stated.names),
+    )
+
+
+def _of_laws(theta: Mapping[str, Any], data: Dataset) -> dict[str, Any]:
+    """Parameters and products of the laws that are not sampled."""
+    every = {**data.held, **theta}
+    values: dict[str, Any] = {}
+    for law in laws_named(data.laws):
+        parameters = law.of(every).parameters()
+        products = {p.quantity.name: p.of({**every, **parameters}) for p in law.products}
+        values |= {**parameters, **products}
+    return {name: value for name, value in values.items() if name not in theta}
+
+
+def _predicted(theta: Mapping[str, Any], data: Dataset) -> dict[str, Any]:
+    every = {**data.held, **theta}
+    return {
+        f"response of {label}": rows
+        for part in data.parts
+        for label, rows in zip(part.labels, part.predict(of_part(every, part)), strict=True)
+    }
+
+
+def _with_prior(campaign: Campaign, prior: Mapping[str, Any]) -> Campaign:
+    """The campaign with some priors replaced, each checked as one of its file."""
+    known = dict(campaign.settings)
+    stated = {name: known[name] for name in campaign.settings.model_fields_set}
+    stated["prior"] = {**campaign.settings.prior, **prior}
+    settings = Identify.of(stated)
+    modes = 1 if campaign.structure is None else len(campaign.structure.modes)
+    refuse("Argument `prior`", law_errors(campaign.laws, settings.prior, modes))
+    return replace(campaign, settings=settings)
