@@ -115,8 +115,8 @@ class Identify(Table):
     )
     prior: Mapping[str, values.Prior] = key(
         dict,
-        "parameter = [lower, upper], uniform and in SI, or one of NumPyro's distributions by name, "
-        "as zeta = { LogNormal = [-5.4, 0.3] }",
+        "parameter = [lower, upper], uniform and in SI, or a distribution of NumPyro by name and "
+        "arguments, such as LogNormal",
         {"zeta": [0.003, 0.006]},
     )
 
