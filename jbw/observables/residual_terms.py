@@ -21,6 +21,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Inexact
 
+from jbw.oscillator.hold import line_frequencies
 from jbw.quantities import CONSTANT_TERMS, NEIGHBOURS, derivative_order
 
 UPPER, LOWER = (quantity.name for quantity in CONSTANT_TERMS)
@@ -79,9 +80,9 @@ def added_response(
     padded = length if periodic else 2 * length
     spectrum = jnp.fft.rfft(force - jnp.mean(force), padded)
     spectrum = jnp.where(driven(jnp.abs(spectrum)), spectrum, 0.0)
-    omega = 2 * np.pi * np.fft.rfftfreq(padded, 1 / fs)
+    omega = 2 * np.pi * line_frequencies(padded, 1 / fs)
     factor = (1j * omega) ** derivative_order(response)
-    return jnp.fft.irfft(factor * receptance(terms, jnp.asarray(omega)) * spectrum, padded)[:length]
+    return jnp.fft.irfft(factor * receptance(terms, omega) * spectrum, padded)[:length]
 
 
 def own_columns(

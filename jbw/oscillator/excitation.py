@@ -5,6 +5,7 @@ inputs take a key first and are one period of a periodic signal.
 """
 
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +13,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jbw.errors import ConfigError
+from jbw.oscillator.hold import line_frequencies
 from jbw.oscillator.parameters import Scalar
 
 __all__ = ["band_noise", "multisine", "sampled", "sweep", "tone"]
@@ -30,7 +32,7 @@ def sampled(u: Input, fs: float, num_samples: int) -> Float[Array, " time"]:
     Returns:
         Samples, in the unit of u.
     """
-    return jnp.asarray(jax.vmap(u)(jnp.asarray(np.arange(num_samples) / fs)))
+    return jnp.asarray(jax.vmap(u)(jnp.arange(num_samples) / fs))
 
 
 def tone(amplitude: Scalar, omega: Scalar, phase: Scalar = 0.0) -> Input:
@@ -125,10 +127,13 @@ def band_noise(
     Raises:
         ConfigError: No line of the record lies in the band.
     """
-    frequencies = np.fft.rfftfreq(num_samples, 1.0 / fs)
-    inside = (frequencies >= band_hz[0]) & (frequencies <= band_hz[1])
-    inside &= (frequencies > 0.0) & (frequencies < 0.5 * fs * (1.0 - 1e-12))
-    num_lines = int(np.sum(inside))
+
+    def inside(xp: Any) -> Any:  # made in the program where it is JAX's, and no constant of it
+        frequencies = line_frequencies(num_samples, 1.0 / fs, xp)
+        beside_ends = (frequencies > 0.0) & (frequencies < 0.5 * fs * (1.0 - 1e-12))
+        return (frequencies >= band_hz[0]) & (frequencies <= band_hz[1]) & beside_ends
+
+    num_lines, size = int(np.sum(inside(np))), num_samples // 2 + 1
     if num_lines == 0:
         raise ConfigError(
             f"Argument `band_hz` must hold a line of the record, a multiple of fs/num_samples = "
@@ -136,10 +141,10 @@ def band_noise(
             remedy="Widen the band or lengthen the record.",
         )
     # A line of spectrum X has mean square 2 |X|^2 / N^2.
-    size = num_samples * rms / jnp.sqrt(2.0 * num_lines)
+    amplitude = num_samples * rms / jnp.sqrt(2.0 * num_lines)
     if gaussian:
-        real, imag = jax.random.normal(key, (2, len(frequencies))) / jnp.sqrt(2.0)
+        real, imag = jax.random.normal(key, (2, size)) / jnp.sqrt(2.0)
         lines = real + 1j * imag
     else:
-        lines = jnp.exp(1j * jax.random.uniform(key, (len(frequencies),), maxval=2.0 * jnp.pi))
-    return jnp.fft.irfft(jnp.where(inside, size * lines, 0.0), n=num_samples)
+        lines = jnp.exp(1j * jax.random.uniform(key, (size,), maxval=2.0 * jnp.pi))
+    return jnp.fft.irfft(jnp.where(inside(jnp), amplitude * lines, 0.0), n=num_samples)

@@ -11,7 +11,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Int
 
 from jbw.oscillator.parameters import Scalar
 
@@ -126,13 +126,19 @@ def periodic_derivatives(
     """
     xp = _namespace(u)
     num = u.shape[-1]
-    theta = 2.0 * np.pi * np.fft.rfftfreq(num)
-    slope_gain = 1j * theta
-    if num % 2 == 0:
-        slope_gain[-1] = 0.0
+    theta = 2.0 * np.pi * line_frequencies(num, 1.0, xp)
+    slope_gain = 1j * xp.where(xp.arange(len(theta)) == 0.5 * num, 0.0, theta)
     spectrum = xp.fft.rfft(u)
     slope = xp.fft.irfft(slope_gain * spectrum, n=num)
     return slope, xp.fft.irfft(-(theta**2) * spectrum, n=num)
+
+
+def line_frequencies(num: int, spacing: Scalar, xp: Any = jnp) -> Float[Array, " line"]:
+    """Frequencies of a real Fourier transform of so many samples [1/spacing], NumPy's `rfftfreq`.
+
+    Made in the program where they are JAX's: a constant of a program is as long as the record.
+    """
+    return xp.arange(num // 2 + 1) * (1.0 / (num * spacing))
 
 
 def record_derivatives(
@@ -147,10 +153,11 @@ def record_derivatives(
     """
     xp = _namespace(u)
     num = u.shape[-1]
-    n = np.arange(num)
+    n = xp.arange(num)
     start, end = _bump(n), _bump(num - 1 - n)
-    bend = np.zeros(num)
-    bend[: len(_END_CURVATURE)] = _END_CURVATURE if num > len(_END_CURVATURE) else 0.0
+    bend = xp.zeros(num)
+    if num > len(_END_CURVATURE):
+        bend = xp.concatenate([xp.asarray(_END_CURVATURE), bend[len(_END_CURVATURE) :]])
     curvatures = (u @ bend)[..., None], (u @ bend[::-1])[..., None]
     rest = u - curvatures[0] * start[0] - curvatures[1] * end[0]
     slope = (rest[..., -1:] - rest[..., :1]) / (num - 1)
@@ -163,10 +170,12 @@ def record_derivatives(
     )
 
 
-def _bump(n: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _bump(
+    n: Int[np.ndarray | Array, " time"],
+) -> tuple[np.ndarray | Array, np.ndarray | Array, np.ndarray | Array]:
     """Bump n^2 exp(-(n/w)^2)/2 of unit curvature at n = 0, with its slope and curvature."""
     s = (n / _BUMP_WIDTH) ** 2
-    fall = np.exp(-s)
+    fall = _namespace(n).exp(-s)
     return 0.5 * n**2 * fall, n * (1.0 - s) * fall, (1.0 - 5.0 * s + 2.0 * s**2) * fall
 
 

@@ -227,7 +227,7 @@ def _simulate(
     options: _Options, joint: Oscillator, u: HeldInput | Callable, fs: Scalar, initial: State
 ) -> Response:
     """One oscillator under one input."""
-    t = jnp.asarray(np.arange(options.num_samples) / fs)
+    t = jnp.arange(options.num_samples) / fs  # no constant of the program
     if callable(u):
         u_sampled = jnp.asarray(jax.vmap(u)(t))
         trajectory_from = partial(_stock, options, joint, lambda tau: u(tau / fs), fs)

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
-import numpy as np
 from diffrax import AbstractSolver, AbstractStepSizeController
 from jaxtyping import Array, Float
 
@@ -146,7 +145,7 @@ def _simulate(
 ) -> StructureResponse:
     """One structure under one input."""
     num_samples = options.num_samples or 0
-    t = jnp.asarray(np.arange(num_samples) / fs)
+    t = jnp.arange(num_samples) / fs
     if callable(u):
         u_sampled = jnp.asarray(jax.vmap(u)(t))
         trajectory_from = partial(_stock, options, structure, lambda tau: u(tau / fs), fs)
