@@ -19,7 +19,7 @@ from jbw.population.basis import new_unit
 from jbw.population.coordinates import pooled
 from jbw.population.fleet import fleet_of
 from jbw.population.population import Population
-from jbw.population.prediction import new_backbone, new_coordinates, new_units
+from jbw.population.prediction import new_backbone, new_units
 from jbw.population.prior import design_of, prior_of
 from jbw.population.terms import new_terms, terms_of
 from jbw.report.result import read_result
@@ -153,25 +153,22 @@ def test_gains_are_those_of_the_measured_units(tmp_path):
 
 
 def test_the_gain_of_a_new_unit_is_that_of_the_draw_that_was_moved(tmp_path):
-    """Draws are marked by their gain: 10 + k of the first unit's k-th, 110 + k of the second's."""
-    marks = np.arange(100.0).reshape(2, 50)
+    """No unit knows the share of the joint, and a move leaves it: so it marks the draws."""
     folders = []
-    for i, name in enumerate("AB"):
-        draws = {n: np.full((2, 50), m) for n, m in {**MEANS, "gain": 0.0}.items()}
-        draws["gain"] = 10.0 + marks + 100.0 * i
-        draws["zeta"] = draws["zeta"] * (1.0 + 1e-3 * draws["gain"])
+    for seed, name in enumerate("AB"):
+        rng = np.random.default_rng(seed)
+        draws = {n: m * np.exp(1e-3 * rng.standard_normal((2, 50))) for n, m in MEANS.items()}
+        along = np.exp(0.5 * rng.standard_normal((2, 50)))  # the ridge: alpha delta, alpha gamma
+        draws = draws | {"alpha": draws["alpha"] * along}
+        draws |= {n: draws[n] / along for n in ("delta", "gamma")}
+        draws["gain"] = 100.0 * draws["alpha"] / draws["omega_n"] ** 2
         folders.append(a_run(tmp_path / name, draws=draws, inputs={"a": name}, box=False,
                              units={**UNITS, "gain": "N/(kg V)"})[0])  # fmt: skip
     fleet = fleet_of(folders)
-    rng = np.random.default_rng(7)
-    found = population(fleet, 1e-3)
-    drawn = new_units(found, fleet, seed=7, num=400)
-    # The draws that were moved, as their own random numbers choose them.
-    new_coordinates(found, None, rng, 400)
-    which = rng.integers(2, size=400)
-    place = rng.integers(np.full(400, 100))
-    np.testing.assert_array_equal(drawn["gain"], 10.0 + place + 100.0 * which)
+    drawn = new_units(population(fleet, 0.05), fleet, seed=7, num=400)
+    np.testing.assert_allclose(drawn["gain"], 100.0 * drawn["alpha"] / drawn["omega_n"] ** 2)
     assert len(set(drawn["gain"])) > 100
+    assert np.std(np.log(drawn["omega_n"])) > 0.02  # the draws were moved
 
 
 def test_noise_and_run_scatter_of_the_units_go_with_a_new_one(tmp_path):
