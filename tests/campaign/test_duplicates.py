@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from jbw.campaign.check import check_campaign
+from jbw.campaign.duplicates import Source, held_twice
 from jbw.campaign.load import load_campaign
 from jbw.errors import DataError
 
@@ -143,3 +144,20 @@ fs = {FS}
     assert refused(path) == [
         "`loop_2.npz` of test `loop` holds the same samples as `loop_0.npz` of test `loop`."
     ]
+
+
+def test_a_part_within_another_is_shared_whole(folder):
+    """Four seconds of ten: all of the shorter part is in the longer one."""
+    first = table('"run_1.npz"', "a", "span = [0.0, 10.0]")
+    path = campaign(folder, first, table('"run_1.npz"', "b", "span = [2.0, 6.0]"))
+    assert refused(path) == ["`run_1.npz` of test `b` shares 100% with `run_1.npz` of test `a`."]
+
+
+@pytest.mark.parametrize(("tones", "is_same"), [((6.0,), False), ((5.0, 6.0), True), ((), True)])
+def test_other_tones_of_a_record_are_other_data(tones, is_same):
+    channel = ("a hash", "velocity", "")
+    first, second = (
+        Source(name, "run.npz", "velocity", "digest", channel, (0.0, 10.0), (0.0, np.inf), own)
+        for name, own in (("a", (5.0,)), ("b", tones))
+    )
+    assert len(list(held_twice([first, second]))) == is_same

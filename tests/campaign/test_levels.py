@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from jbw.campaign.check import check_campaign
+from jbw.campaign.levels import Level, against_levels
 
 FS = 256.0
 
@@ -44,3 +45,16 @@ def test_exchanged_levels_are_named(tmp_path, names):
 
 def test_levels_that_go_with_the_drive_are_sound(tmp_path):
     assert campaign(tmp_path, (0.05, 0.2, 0.2), (0.05, 0.2, 0.19)) == []
+
+
+@pytest.mark.parametrize(("responses", "count"), [((4.0, 1.0), 1), ((1.0, 4.0), 0)])
+def test_a_response_that_goes_with_its_level_clears_the_levels(responses, count):
+    """A drive that goes against both is another fault: of its channel, not of the levels."""
+    alike = ("sweep", "force", "displacement")
+    first, second = (
+        Level(name, alike, "force", level, drive, response)
+        for name, level, drive, response in zip(
+            "ab", (1.0, 4.0), (4.0, 1.0), responses, strict=True
+        )
+    )
+    assert len(list(against_levels([first, second]))) == count

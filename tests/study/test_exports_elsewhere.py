@@ -31,7 +31,7 @@ from jbw.study.export import export, export_draws
 from jbw.study.export_files import chosen_programs, write_export
 from jbw.study.exports import PROGRAMS
 from jbw.study.exports.fmu import base_powers, compiler
-from jbw.study.exports.program import parameters_of
+from jbw.study.exports.program import in_modelica, parameters_of
 
 MASS, Y_MAX = 2.5, 4e-3
 IN_C = [
@@ -221,6 +221,12 @@ def test_without_a_compiler_the_fmu_holds_sources_and_says_so(tmp_path, monkeypa
     assert validate_fmu(str(tmp_path / "export" / "joint_fmi3.fmu")) == []
 
 
+def test_modelica_writes_products_by_dots_and_powers_without_a_sign():
+    """Modelica's specification 3.6, chapter 19: `N.m`, `m/s2`, `1/(m2.s2)`."""
+    assert in_modelica("1/(m^2 s^2)") == "1/(m2.s2)"
+    assert in_modelica("N s/m") == "N.s/m"
+
+
 def test_units_are_powers_of_the_base():
     assert base_powers("1/(m^2 s^2)") == {"kg": 0, "m": -2, "s": -2}
     assert base_powers("N s/m") == {"kg": 1, "m": 0, "s": -1}
@@ -401,6 +407,15 @@ def test_the_equations_of_modelica_are_the_laws(tmp_path, laws):
     expected = forces(laws, y, v)
     # Of the integration over the kinks of slip, which are met within a step of 0.02 of a move.
     np.testing.assert_allclose(found - linear, expected, atol=5e-3 * np.max(np.abs(expected)))
+
+
+@pytest.mark.parametrize(("law", "sticking"), [("cubic", 0.0), ("bouc_wen", 497.4)])
+def test_spring_and_dashpot_are_those_of_the_linear_oscillator(law, sticking):
+    """Beside a law of stiffness K a mass m has omega_n^2 = k/m + K, and c = 2 zeta omega_n m."""
+    linear = result_of(law).linear
+    assert linear["mass"] == MASS
+    assert linear["spring"] / MASS + sticking == pytest.approx(118.0**2, rel=1e-13)
+    assert linear["dashpot"] / MASS == pytest.approx(2 * 0.005 * 118.0, rel=1e-13)
 
 
 # -- what is asked for -----------------------------------------------------------------------------
