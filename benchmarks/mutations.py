@@ -39,6 +39,17 @@ PROFILES = "inference/test_profiles.py"
 COURSE = "observables/test_course_of_decays.py"
 SEAL = "run/test_integrity.py"
 NESTED = "oscillator/test_nested_loops.py"
+EXCITATION = "oscillator/test_excitation.py"
+LOOPS = "oscillator/test_loops_in_slip.py"
+IWAN5 = "oscillator/test_iwan5.py"
+HOTELLING = "watch/test_hotelling.py"
+COMPARISON = "inference/test_comparison.py"
+INFORMATION = "inference/test_information.py"
+EXPORTED = "study/test_exported_slip.py"
+ELSEWHERE = "study/test_exports_elsewhere.py"
+SPECTRA = "measurement/test_spectra.py"
+READINGS = "observables/test_decay_readings.py observables/test_course_of_decays.py"
+DUPLICATES = "campaign/test_duplicates.py"
 PATH = "oscillator/laws/stretch_path.py"
 MUTATIONS = (
     Mutation("watch/torque.py", "(1 / num + 1 / reference.num)", "(1 / num)", FEW),
@@ -141,6 +152,192 @@ MUTATIONS = (
         "if np.any(share > 2.0):",
         "oscillator/test_admission.py",
     ),
+    # -- physics
+    Mutation(
+        "oscillator/excitation.py",
+        "0.5 * (end_hz - start_hz) / duration",
+        "(end_hz - start_hz) / duration",
+        EXCITATION,
+    ),
+    Mutation(
+        "oscillator/excitation.py", "jnp.sqrt(2.0 * num_lines)", "jnp.sqrt(num_lines)", EXCITATION
+    ),
+    Mutation(
+        "oscillator/conventions.py",
+        "scale = alpha ** (1.0 - other.n)",
+        "scale = alpha ** (other.n - 1.0)",
+        "oscillator/test_conventions.py",
+    ),
+    Mutation(
+        "oscillator/conventions.py",
+        "scale = other.beta * other.mass ** (other.nu - 1.0)",
+        "scale = other.beta",
+        "oscillator/test_conventions.py",
+    ),
+    Mutation(
+        "oscillator/laws/relaxation.py",
+        "jnp.exp(-b * x) + 2.0 * g * w",
+        "jnp.exp(-b * x) + g * w",
+        LOOPS,
+    ),
+    Mutation("oscillator/laws/relaxation.py", "(x - w) / b - moment", "x / b - moment", LOOPS),
+    Mutation("oscillator/laws/jenkins.py", "part * (1.0 - part)", "part * (1.0 + part)", LOOPS),
+    Mutation(
+        "oscillator/laws/masing_loop.py",
+        "peak * tip - 2.0 * law.lag_integral(peak)",
+        "peak * tip - law.lag_integral(peak)",
+        LOOPS,
+    ),
+    Mutation(
+        "oscillator/laws/gap_series.py", "energy / (jnp.pi * peak**2)", "energy / peak**2", LOOPS
+    ),
+    Mutation(
+        "oscillator/steady/backbone.py",
+        "loop.damping / (2.0 * omega_squared)",
+        "loop.damping / omega_squared",
+        LOOPS,
+    ),
+    Mutation(
+        "oscillator/laws/dampers.py",
+        "self.c * jnp.asarray(y_peak) * omega**2\n        return Loop",
+        "self.c * jnp.asarray(y_peak) * omega\n        return Loop",
+        LOOPS,
+    ),
+    Mutation("oscillator/laws/iwan5.py", "(3.0 * theta - 1.0)", "(3.0 * theta + 1.0)", IWAN5),
+    Mutation("oscillator/laws/iwan5.py", "_WITHIN = 1.0 - 1e-14", "_WITHIN = 1.0", IWAN5),
+    Mutation(
+        "oscillator/hold.py",
+        "-15.0 * rise + 7.0 * turn - bend",
+        "-15.0 * rise + 8.0 * turn - bend",
+        "oscillator/test_solver.py",
+    ),
+    Mutation(
+        "oscillator/hold.py",
+        "slope_gain[-1] = 0.0",
+        "slope_gain[0] = 0.0",
+        "oscillator/test_solver.py oscillator/test_periodic.py",
+    ),
+    # -- statistics
+    Mutation(
+        "watch/hotelling.py",
+        "p * (num - 1) * (num + 1) / (num * (num - p))",
+        "p * (num - 1) / (num - p)",
+        HOTELLING,
+    ),
+    Mutation("watch/hotelling.py", "change**2 * num / (num + 1)", "change**2", HOTELLING),
+    Mutation("watch/hotelling.py", "np.maximum(values, 0.0)", "np.abs(values)", HOTELLING),
+    Mutation("inference/posterior/compare.py", "np.hypot(*errors)", "np.sum(errors)", COMPARISON),
+    Mutation("inference/posterior/compare.py", "value < GOOD_R_HAT", "value < 9.0", COMPARISON),
+    Mutation(
+        "inference/fit/information.py",
+        "(upper - lower) / math.sqrt(12)",
+        "(upper - lower) / 12",
+        INFORMATION,
+    ),
+    Mutation(
+        "inference/fit/information.py",
+        "rows.T / np.sqrt(1 + values)",
+        "rows.T / np.sqrt(values)",
+        INFORMATION,
+    ),
+    # -- the verdict
+    Mutation("inference/posterior/verdict.py", "R_HAT = 1.01", "R_HAT = 1.1", VERDICT),
+    Mutation("inference/posterior/verdict.py", "ESS = 400.0", "ESS = 40.0", VERDICT),
+    Mutation("inference/posterior/verdict.py", "BFMI = 0.3", "BFMI = 0.03", VERDICT),
+    Mutation("inference/posterior/verdict.py", "GOOD_KHAT = 0.7", "GOOD_KHAT = 7.0", VERDICT),
+    Mutation(
+        "inference/posterior/verdict.py",
+        "CHI_SQUARE = (0.2, 5.0)",
+        "CHI_SQUARE = (0.2, 50.0)",
+        VERDICT,
+    ),
+    Mutation(
+        "inference/posterior/verdict.py",
+        "np.ptp(values, axis=1) == 0",
+        "np.ptp(values, axis=0) == 0",
+        VERDICT,
+    ),
+    # -- what other programs are handed
+    Mutation(
+        "study/exported_joint.py",
+        "dashpot = 2.0 * mass * theta",
+        "dashpot = mass * theta",
+        f"{ELSEWHERE}::test_spring_and_dashpot_are_those_of_the_linear_oscillator",
+    ),
+    Mutation(
+        "study/exported_joint.py",
+        "return slow.k * at + tip, slow.k * at + virgin",
+        "return slow.k * at + virgin, slow.k * at + tip",
+        f"{ELSEWHERE}::test_tables_hold_the_tips_of_steady_loops",
+    ),
+    Mutation("study/exports/templates/matlab/laws/bouc_wen_nu.m", "k * log(s)", "log(s)", EXPORTED),
+    Mutation(
+        "study/exports/templates/c/laws/bouc_wen_nu.c",
+        "-expm1(nu * log_z) - pole",
+        "-expm1(nu * log_z) + pole",
+        EXPORTED,
+    ),
+    Mutation(
+        "study/exports/program.py",
+        'unit.replace("^", "").replace(" ", ".")',
+        'unit.replace("^", "")',
+        f"{ELSEWHERE}::test_modelica_writes_products_by_dots_and_powers_without_a_sign",
+    ),
+    # -- what is read off records
+    Mutation("measurement/spectra.py", "/ (averages - 1)", "/ averages", SPECTRA),
+    Mutation(
+        "measurement/spectra.py",
+        "np.exp(2j * np.pi * freq * delay)",
+        "np.exp(-2j * np.pi * freq * delay)",
+        SPECTRA,
+    ),
+    Mutation(
+        "measurement/demodulation.py",
+        "damping = -slope.real / step_s / omega",
+        "damping = -slope.real / step_s / (2 * np.pi * centre_hz)",
+        READINGS,
+    ),
+    Mutation("measurement/demodulation.py", "kept = (damping > 0) & (", "kept = (", READINGS),
+    Mutation(
+        "measurement/files/wav.py",
+        "2.0 ** (8 * samples.dtype.itemsize - 1)",
+        "2.0 ** (8 * samples.dtype.itemsize)",
+        "measurement/test_files.py",
+    ),
+    Mutation(
+        "measurement/files/wav.py",
+        "zero = 128.0 if",
+        "zero = 0.0 if",
+        "measurement/test_files.py",
+    ),
+    Mutation(
+        "measurement/harmonics.py",
+        "(self.drift > DRIFT_LIMIT) & (",
+        "(self.drift > DRIFT_LIMIT) | (",
+        "measurement/test_harmonics.py",
+    ),
+    # -- the campaign
+    Mutation(
+        "campaign/duplicates.py",
+        "shorter = min(last - first, end - begin)",
+        "shorter = max(last - first, end - begin)",
+        DUPLICATES,
+    ),
+    Mutation(
+        "campaign/duplicates.py",
+        "return low < high and bool(tones)",
+        "return low < high",
+        DUPLICATES,
+    ),
+    Mutation(
+        "campaign/levels.py",
+        "and low.response_rms > high.response_rms",
+        "",
+        "campaign/test_levels.py",
+    ),
+    Mutation("campaign/levels.py", "APART = 1.5 ", "APART = 0.5 ", "campaign/test_levels.py"),
+    Mutation("campaign/gains.py", "1 / mass", "mass", "campaign/test_drive_key.py"),
+    Mutation("units.py", '"in/s^2": INCH', '"in/s^2": 1.0', "test_units.py"),
 )
 
 
