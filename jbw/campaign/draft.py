@@ -17,7 +17,7 @@ from jbw.errors import ConfigError, DataError, JbwError, RunError
 from jbw.measurement.files.assemble import Wanted
 from jbw.measurement.files.paths import select
 from jbw.measurement.files.read import READERS, channels_of, opened, records
-from jbw.measurement.files.tree import Leaf, load
+from jbw.measurement.files.tree import RATE, Leaf, load
 from jbw.measurement.kinds import KINDS
 from jbw.measurement.records import INPUTS, QUANTITIES, RESPONSES, ROLES, si_of
 from jbw.measurement.response_checks import band_about_peak
@@ -48,7 +48,6 @@ HINTS = (
     (r"force|load|^f$", "force"),
     (r"input|shaker|volt|drive|source|amp|^u$|^v1$", "input"),
 )
-RATES = ("fs", "fs_hz", "sampling_frequency", "sampling_rate", "sample_rate", "samplerate")
 KIND_HINTS = dict(step="stepped", tone="tones", hammer="decay", impact="decay", msine="multisine",
                   sinesw="sweep")  # fmt: skip
 Assume = Callable[[str], None]
@@ -182,7 +181,7 @@ def _block(
     roles = _roles_of(series)
     if roles.keys().isdisjoint(RESPONSES):
         assume("no channel is named like a response.")
-        return _skeleton(files, series or leaves)
+        return _skeleton(files, series, leaves)
     kind, known = _kind_of(files[0], roles)
     traits = KINDS[kind]
     if not known:
@@ -199,6 +198,7 @@ def _block(
         _units({role: series[name] for role, name in roles.items()}, assume),
     ]
     timed = "time" in roles or any(series[name].fs for name in roles.values())
+    timed = timed or _states_rate(files[0])
     if not traits.is_curve and not timed:
         lines.append(_sampling(leaves, assume))
     if traits.is_free:
@@ -249,25 +249,46 @@ def _band(
     return f"band = {toml([low, high])}  # CHECK: about the strongest line; no other mode in it"
 
 
+def _states_rate(path: Path) -> bool:
+    """Whether a file gives one sampling frequency for all that it holds."""
+    with opened(path) as contents:
+        return contents.fs is not None
+
+
 def _sampling(leaves: Leaves, assume: Assume) -> str:
     for name, leaf in leaves.items():
         is_scalar = all(length == 1 for length in leaf.shape)
-        if is_scalar and _last_name(name).strip("_") in RATES:
+        if is_scalar and RATE.search(_last_name(name)):
             return f"fs = {toml(name)}  # the scalar of that name in the file"
     assume("the sampling frequency fs must be given.")
     return "# fs = 1024.0  # CHECK: sampling frequency [Hz], not in the file"
 
 
-def _skeleton(files: Sequence[Path], found: Leaves) -> str:
-    """A [[test]] table to be filled in by hand, commented out."""
+def _skeleton(files: Sequence[Path], series: Leaves, leaves: Leaves) -> str:
+    """A [[test]] table to be filled in by hand, commented out, with the units of the file."""
+    found = series or leaves
+    known = _roles_of(found)
+    # By the file's name alone: which of its channels drives is not known.
+    kind, said = _kind_of(files[0], {**known, "force": "", "restoring_force": ""})
+    traits = KINDS[kind] if said else None
+    roles = dict(known)
+    if traits is not None and traits.is_prescribed:
+        roles = {"displacement": "...", "restoring_force": "...", **roles}
+    else:
+        driven = traits is None or traits.is_driven
+        roles |= {"force": "..."} if driven and roles.keys().isdisjoint(INPUTS) else {}
+        roles["acceleration"] = "..."
+    units = {role: found[name].unit if name in found else "" for role, name in roles.items()}
+    units = {role: unit or "..." for role, unit in units.items() if role != "time"}
+    timed = "time" in known or any(leaf.fs for leaf in found.values()) or _states_rate(files[0])
     lines = [
         f"# CHECK: name the channels of {toml(files[0].name)} by hand, from {_listed(found)}.",
         "# [[test]]",
-        '# kind = "sweep"',
+        f"# kind = {toml(kind if said else '...')}  # one of {', '.join(KINDS)}",
         f"# files = {toml(_pattern(files))}",
-        '# channels = { input = "...", velocity = "..." }',
-        '# units = { input = "V", velocity = "m/s" }',
-        "# fs = 1024.0",
+        f"# channels = {toml(roles)}",
+        f"# units = {toml(units)}",
+        *([] if timed else ["# " + _sampling(leaves, lambda _: None).lstrip("# ")]),
     ]
     if sources := {role: _pattern(files) for role in _roles_of(found) if role in INPUTS}:
         own = toml({**sources, "velocity": "..."})

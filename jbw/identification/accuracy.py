@@ -53,7 +53,8 @@ def another_law(laws: Sequence[str]) -> str:
     """The line that stands a cubic spring beside the laws; where it stands, what else there is."""
     if SPRING in laws:
         return "Try other laws: jbw laws."
-    return put("joint", "laws", [*laws, SPRING])
+    line = put("joint", "laws", [*laws, SPRING])
+    return f"{line} Others, a gap between contacts among them, are compared by: jbw laws."
 
 
 def solver_change(

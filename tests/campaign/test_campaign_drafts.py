@@ -2,6 +2,7 @@
 
 import tomllib
 
+import h5py
 import numpy as np
 import pytest
 import scipy.io
@@ -117,3 +118,50 @@ def test_an_assumption_of_several_tests_is_one_line_and_keys_stand_once(tmp_path
     assert about == ["high_sweep_1.npz, low_sweep_1.npz: unit of velocity assumed to be m/s."]
     assert draft.text.count("# level = ") == 1
     assert draft.text.index("# level = ") > draft.text.rindex("[[test]]\n")
+
+
+DECAY = np.exp(-np.arange(4096) / 512) * np.cos(2 * np.pi * 20 * np.arange(4096) / 512)
+
+
+@pytest.mark.parametrize("name", ["_fs_hz", "fs", "log_fs_hz", "SampleRate", "sampling_frequency"])
+def test_a_scalar_that_is_called_a_rate_is_taken_for_it(tmp_path, name):
+    np.savez(tmp_path / "tap_1.npz", acceleration=DECAY, **{name: 512.0})
+    draft = start_campaign(tmp_path)
+    (test,) = tomllib.loads(draft.text)["test"]
+    assert test["fs"] == name
+    (loaded,) = load_campaign(write_campaign(draft, tmp_path)).tests
+    assert loaded.records[0].fs == 512.0
+
+
+@pytest.mark.parametrize("place", ["file", "acceleration"])
+def test_a_rate_among_the_attributes_of_hdf5_is_read(tmp_path, place):
+    with h5py.File(tmp_path / "decay_1.h5", "w") as file:
+        file["acceleration"] = DECAY
+        (file if place == "file" else file[place]).attrs["_fs_hz"] = 512.0
+    draft = start_campaign(tmp_path)
+    assert "fs = " not in draft.text
+    (loaded,) = load_campaign(write_campaign(draft, tmp_path)).tests
+    assert loaded.records[0].fs == 512.0
+
+
+@pytest.mark.parametrize(
+    ("stem", "kind", "roles"),
+    [
+        ("run1", "...", ["force", "acceleration"]),
+        ("impact_1", "decay", ["acceleration"]),
+        ("loop_1", "loop", ["displacement", "restoring_force"]),
+        ("noise_1", "noise", ["force", "acceleration"]),
+    ],
+)
+def test_a_table_to_fill_in_is_of_the_files_kind_and_states_no_unit(tmp_path, stem, kind, roles):
+    np.savez(tmp_path / f"{stem}.npz", a=DECAY, b=DECAY, _fs_hz=512.0)
+    np.savez(tmp_path / "tap_1.npz", acceleration=DECAY, _fs_hz=512.0)  # a test beside it
+    text = start_campaign(tmp_path).text
+    head = text.index(f'# CHECK: name the channels of "{stem}.npz" by hand')
+    # The table goes on as long as its lines are comments.
+    table = text[head:].partition("\n\n")[0].splitlines()[1:]
+    (drafted,) = tomllib.loads("\n".join(line.removeprefix("# ") for line in table))["test"]
+    assert drafted["kind"] == kind
+    assert list(drafted["channels"]) == roles
+    assert set(drafted["units"].values()) == {"..."}
+    assert drafted["fs"] == "_fs_hz"

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from jbw.errors import DataError
-from jbw.measurement.files.tree import Contents, Node, Opaque, leaf
+from jbw.measurement.files.tree import RATE, Contents, Node, Opaque, leaf
 from jbw.measurement.records import Record
 
 HEAP = b"GCOL\x01\0\0\0"  # signature, version, three bytes of nothing; then the heap's size
@@ -62,8 +62,10 @@ def group_tree(group: h5py.Group, node: Callable[[h5py.Group, str], Node]) -> di
 
 
 def fs_of(attributes: Mapping[str, Any]) -> float | None:
-    """Sampling frequency [Hz] among attributes: `fs`, or `dt` [s]."""
-    for name, to_fs in (("fs", lambda fs: fs), ("dt", lambda dt: 1 / dt)):
+    """Sampling frequency [Hz] among attributes: `fs`, `dt` [s], or another name of a rate."""
+    others = [name for name in attributes if RATE.search(str(name)) and name != "fs"]
+    named = (("fs", lambda fs: fs), ("dt", lambda dt: 1 / dt))
+    for name, to_fs in (*named, *((name, lambda fs: fs) for name in others)):
         found = attribute(attributes, name)
         if isinstance(found, str | bytes) or np.size(found) != 1:
             continue

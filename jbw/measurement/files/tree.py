@@ -1,5 +1,6 @@
 """What a file holds, whatever its format: a tree of names, cells and arrays, read on demand."""
 
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib import import_module
@@ -11,6 +12,10 @@ from numpy.typing import DTypeLike, NDArray
 
 from jbw.errors import DataError
 
+# What ends as a sampling frequency is called, such as `_fs_hz` or `log_samplerate`.
+RATE = re.compile(
+    r"(?:^|_)(?:fs|sampl(?:e|ing)_(?:frequency|freq|rate)|samplerate)(?:_?hz)?_*$", re.IGNORECASE
+)
 MAX_BYTES = 4 * 2**30  # of one channel in memory: stops decompression bombs and slips
 WHOLE = slice(0, None)
 
