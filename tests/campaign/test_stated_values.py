@@ -116,3 +116,19 @@ def test_a_band_that_no_record_resolves_is_refused():
     with pytest.raises(DataError, match="takes a record of more than"):
         band_filter((10.0, 40.0), record.fs)
     assert course_of(record, (10.0, 40.0), 0.0) is None
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_of_an_acceleration_is_no_suspension(seed):
+    """White noise of a thousandth: as a displacement its lines at 0.5 Hz are the largest."""
+    t = np.arange(6144) / FS
+    x = np.exp(-0.5 * t) * np.cos(2 * np.pi * 20 * t)
+    x += 2e-2 * np.random.default_rng(seed).standard_normal(len(t))
+    assert band_about_peak(Record(FS, {"acceleration": x}, {})) == (16.0, 24.0)
+
+
+def test_a_suspension_that_stands_out_is_the_largest_displacement():
+    t = np.arange(6144) / FS
+    x = np.exp(-0.5 * t) * np.cos(2 * np.pi * 20 * t) + 0.1 * np.cos(2 * np.pi * 1.4 * t)
+    x += 1e-3 * np.random.default_rng(0).standard_normal(len(t))
+    assert band_about_peak(Record(FS, {"acceleration": x}, {})) == (1.1, 1.7)
