@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, StrictBool, model_validator
 
 from jbw.campaign import values
-from jbw.campaign.document import Table, checked, key, refuse, unlike
+from jbw.campaign.document import LISTED, Table, checked, key, refuse, unlike
 from jbw.errors import ConfigError
 from jbw.inference.density import Density
 from jbw.inference.samplers.register import SAMPLERS
@@ -285,6 +285,10 @@ def law_errors(laws: Sequence[str], prior: Prior, num_modes: int = 1) -> list[st
 
 
 def _out_of_bounds(prior: Prior, known: Mapping[str, Quantity]) -> Iterator[str]:
+    unknown = [name for name in prior if name not in known]
+    if len(unknown) > LISTED:
+        yield f"{len(unknown)} unknown parameters: {', '.join(unknown[:3])[:60]}, ..."
+        return
     for name, (lower, _) in prior.items():
         if name not in known:
             from jbw.oscillator.laws import LAWS

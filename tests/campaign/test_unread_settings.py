@@ -10,6 +10,7 @@ import jbw
 from jbw.campaign.check import unread
 from jbw.campaign.schema import parse, read_spec
 from jbw.cli import run
+from jbw.errors import ConfigError
 
 CAMPAIGNS = sorted((Path(jbw.__file__).parents[1] / "notebooks" / "campaigns").glob("*.toml"))
 TESTS = {
@@ -74,3 +75,11 @@ def test_check_shows_it_and_loading_warns_of_it(tmp_path, capsys):
     assert (row["test"], row["channel"], row["status"]) == ("[identify]", "offsets", "warning")
     with pytest.warns(UserWarning, match=r"campaign.toml, \[identify\]: `offsets` changes nothing"):
         jbw.load_campaign(file)
+
+
+def test_many_unknown_priors_are_one_line():
+    many = "".join(f"k{i} = [1.0, 2.0]\n" for i in range(500))
+    with pytest.raises(ConfigError) as caught:
+        parse(campaign("[identify.prior]\n" + many, "sweep"))
+    assert "500 unknown parameters: k0, k1, k2, ..." in str(caught.value)
+    assert len(str(caught.value)) < 300
