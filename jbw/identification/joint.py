@@ -21,6 +21,7 @@ from jbw.campaign.settings import Identify
 from jbw.errors import Attempts
 from jbw.identification import accuracy
 from jbw.identification.attachments import drive_sentences
+from jbw.identification.between_records import between_finding, between_records
 from jbw.identification.causes import cause_finding, causes, causes_sentence
 from jbw.identification.equivalent import (
     effects,
@@ -402,7 +403,18 @@ def posterior_checks(
         words.append(left_out_sentence(left_out))
         return consistency_finding(left_out, data.laws)
 
-    findings += checked({"the fit without each test": each_test_left_out})
+    def each_record_alone() -> Finding | None:
+        if (between := between_records(best, prior, data)) is None:
+            return None
+        groups["between_records"] = between
+        return between_finding(between)
+
+    findings += checked(
+        {
+            "the fit without each test": each_test_left_out,
+            "the fit to each record alone": each_record_alone,
+        }
+    )
     if attempts.said:
         findings.append(
             Finding(

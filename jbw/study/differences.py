@@ -147,9 +147,39 @@ def _parameters(one: Run, other: Run) -> tuple[list[dict[str, Any]], list[str]]:
 
 
 def _drawn(run: Run) -> dict[str, np.ndarray]:
-    """As many evenly spaced draws of every scalar as are compared."""
+    """As many evenly spaced draws of every scalar as are compared, for records like the run's."""
     kept = evenly_spaced(run.basis.posterior, NUM_DRAWS)
-    return {name: draws.ravel()[kept] for name, draws in scalars(run.tree).items()}
+    drawn = {name: draws.ravel()[kept] for name, draws in scalars(run.tree).items()}
+    rng = np.random.default_rng(0)
+    for name, std in _std_between(run).items():
+        if name in drawn:
+            values = drawn[name]
+            drawn[name] = values + std * abs(np.mean(values)) * rng.standard_normal(len(values))
+    return drawn
+
+
+def _std_between(run: Run) -> dict[str, float]:
+    r"""What records that scatter leave open of each quantity, $\tau / \sqrt n$ of its size."""
+    if "between_records" not in run.tree.children:
+        return {}
+    between = run.tree["between_records"].to_dataset()
+    std = between["scatter"].values / np.sqrt(between.sizes["record"])
+    return {str(n): float(x) for n, x in zip(between["quantity"].values, std, strict=True) if x}
+
+
+def _between_words(one: Run, other: Run) -> list[str]:
+    """By how much the records of a run scatter, which P includes."""
+    told = [
+        f"{run.name} {', '.join(f'{name} {100 * x:.2g} %' for name, x in std.items())}"
+        for run in (one, other)
+        if (std := _std_between(run))
+    ]
+    if not told:
+        return []
+    return [
+        "Records of a run ask for parameters of their own, which leaves the mean of them open by "
+        f"(standard deviations of {'; '.join(told)}): intervals and P include this."
+    ]
 
 
 def _is_of_prior(run: Run, name: str) -> bool:
@@ -213,7 +243,7 @@ def _statements(record: Mapping[str, Any], one: Run, other: Run, alone: Sequence
         "P takes the posteriors as independent: an error that both share, of a sensor or a mass, "
         "is not in it."
     )
-    return [*said, _scatter_words(one, other)]
+    return [*said, *_between_words(one, other), _scatter_words(one, other)]
 
 
 def _is_sure(row: Mapping[str, Any]) -> bool:

@@ -21,6 +21,7 @@ ASKED = {
     "law": (
         "no_hysteresis", "cause", "level_trend", "repeatability", "held_out_coverage",
         "simpler_model", "misfit", "coloured_residual", "chi_square", "leave_one_out",
+        "records_apart",
     ),
     "knowledge": ("no_joint", "unidentified", "modes", "at_bound"),
 }  # fmt: skip
