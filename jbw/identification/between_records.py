@@ -1,18 +1,19 @@
 r"""Free decays fitted each by itself: how far apart they are, beyond what their noise makes.
 
 A law that is a little wrong asks for other products at other amplitudes, and a posterior of all
-records is as narrow as if they agreed. So every record is fitted alone, and the scatter between
-them is that of DerSimonian and Laird (1986): of relative estimates $q_i$ with errors $s_i$,
+records is as narrow as if they agreed. So every record is fitted alone, and the scatter $\tau$
+between them is that of Paule and Mandel (1982): of relative estimates $q_i$ with errors $s_i$,
 
-$$Q = \sum_i \frac{(q_i - \bar q)^2}{s_i^2}, \qquad
-  \tau^2 = \frac{Q - (n - 1)}{\sum w_i - \sum w_i^2 / \sum w_i}, \quad w_i = s_i^{-2}$$
+$$\sum_i \frac{(q_i - \bar q)^2}{s_i^2 + \tau^2} = n - 1, \qquad
+  \bar q = \frac{\sum q_i / (s_i^2 + \tau^2)}{\sum 1 / (s_i^2 + \tau^2)}$$
 
-with $\tau = 0$ where Q is below n - 1. The mean of n records is then known to
+with $\tau = 0$ where the sum is smaller already. The mean of n records is then known to
 $\sqrt{\sigma^2 + \tau^2 / n}$ and no better.
 """
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -21,22 +22,25 @@ import xarray as xr
 from jaxtyping import Array, Float
 from numpy.typing import NDArray
 from scipy import stats
+from scipy.optimize import brentq
 
 from jbw.identification.prepare import refit
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.finding import Finding
 from jbw.inference.space.box import Box
-from jbw.observables.dataset import Dataset, as_arrays, fractions_counted
+from jbw.observables.dataset import Dataset, as_arrays, fractions_counted, left_by_label
 from jbw.observables.decay import NUM_OWN
+from jbw.observables.effective_values import correlated_fraction
 from jbw.oscillator.laws import laws_named
 
 FEWEST = 3  # records, before a scatter is spoken of
 BY_CHANCE = 0.01  # probability of as large a scatter, of records that agree
+MATTERS = 1.2  # times the interval: a scatter that widens it by less is not spoken of
 REACH = float(stats.norm.isf(0.005))  # standard deviations of a 99 % interval
 
 
 def between_records(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
-    """Every record of free decays fitted alone, in the weights of all, and the scatter of them.
+    """Every record of free decays fitted alone, by what it leaves itself, and their scatter.
 
     Of the laws' products and of zeta, relative to the fit of all. None where there is another kind
     of test, which every such fit would share, where there is no law, or with fewer than three
@@ -53,7 +57,7 @@ def between_records(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
     size = np.abs(np.array([whole[name] for name in names]))
     estimate = np.array([[values[name] for name in names] for values, _ in each])
     std = np.array([[errors[name] for name in names] for _, errors in each])
-    std = std * _smaller_errors(fits, data)
+    std = std * _own_errors(fits, data)[:, None]
     scatter = [
         _scatter(*columns) for columns in zip((estimate / size).T, (std / size).T, strict=True)
     ]
@@ -70,18 +74,28 @@ def between_records(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
     )
 
 
-def _smaller_errors(fits: Mapping[str, Fit], data: Dataset) -> float:
-    """Errors of records fitted alone over those in the weights of all, which hold what these leave.
+def _own_errors(fits: Mapping[str, Fit], data: Dataset) -> NDArray[np.float64]:
+    r"""Errors of records by what each leaves alone, over those in the weights of all.
 
-    By chi-square over the degrees of freedom of all such fits together; one at most.
+    $\sqrt{(\sigma_i^2 / f) / (\sigma^2 / f_{all})}$: what one law leaves of all records is
+    misfit, of which little is left of each, and a larger fraction f of that is independent.
     """
-    fractions = fractions_counted(data)
-    degrees = 0.0
+    left = {record: left_by_label(fit.residual, data)[record] for record, fit in fits.items()}
+    fraction = correlated_fraction(np.stack(list(left.values())))
+    known = fractions_counted(data)
+    noise = dict(zip(data.labels, np.concatenate([_noise(p) for p in data.parts]), strict=True))
+    ratios = []
     for record, fitted in fits.items():
-        values = fractions[record] * (data.layout[record] - 1)  # its shift is none
-        degrees += max(values - NUM_OWN - len(fitted.theta), 1.0)
-    chi_square = sum(2 * fitted.cost for fitted in fits.values())
-    return float(np.sqrt(min(chi_square / degrees, 1.0)))
+        values = left[record]
+        degrees = max(2 * len(values) - NUM_OWN - len(fitted.theta), 1)
+        variance = float(np.sum(np.abs(values) ** 2)) / degrees
+        ratios.append(variance / noise[record] ** 2 * known[record] / fraction)
+    return np.sqrt(ratios)
+
+
+def _noise(part: Any) -> NDArray[np.float64]:
+    """Noise of every record, in the weights of all."""
+    return np.asarray(part.noise_std)
 
 
 def _only(record: str, data: Dataset) -> Dataset:
@@ -120,24 +134,32 @@ def _scatter(
     estimate: Float[np.ndarray, " record"], std: Float[np.ndarray, " record"]
 ) -> tuple[float, float]:
     """Scatter beyond the records' own errors, and the probability of as much by these alone."""
-    weight = 1 / std**2
-    mean = np.sum(weight * estimate) / np.sum(weight)
-    q, degrees = float(np.sum(weight * (estimate - mean) ** 2)), len(estimate) - 1
-    share = np.sum(weight) - np.sum(weight**2) / np.sum(weight)
-    return float(np.sqrt(max(q - degrees, 0.0) / share)), float(stats.chi2.sf(q, degrees))
+    degrees = len(estimate) - 1
+
+    def beyond(variance: float) -> float:
+        weight = 1 / (std**2 + variance)
+        mean = np.sum(weight * estimate) / np.sum(weight)
+        return float(np.sum(weight * (estimate - mean) ** 2)) - degrees
+
+    # A scatter of twice the range explains any.
+    most = 4 * float(np.ptp(estimate)) ** 2
+    variance = float(brentq(beyond, 0.0, most, rtol=1e-12)) if beyond(0.0) > 0 else 0.0
+    return float(np.sqrt(variance)), float(stats.chi2.sf(beyond(0.0) + degrees, degrees))
 
 
 def between_finding(between: xr.Dataset) -> Finding:
     """Whether records agree in what each of them says; its number is the largest scatter."""
     count = between.sizes["record"]
-    scatter = between["scatter"].values
-    if not np.any(between["probability"].values < BY_CHANCE / between.sizes["quantity"]):
+    scatter, error = between["scatter"].values, between["std_of_all"].values
+    wide = np.sqrt(error**2 + scatter**2 / count)
+    sure = between["probability"].values < BY_CHANCE / between.sizes["quantity"]
+    if not np.any(sure & (wide > MATTERS * error)):
         reason = (
-            f"Fitted each by itself, the {count} records agree within their own errors in "
-            f"{', '.join(map(str, between['quantity'].values))}."
+            f"Fitted each by itself, the {count} records agree in what all of them "
+            f"say of {', '.join(map(str, between['quantity'].values))}."
         )
         return Finding("records_apart", "ok", reason, 0.0)
-    worst = int(np.argmax(scatter))
+    worst = int(np.argmax(np.where(sure, scatter, 0.0)))
     names = [str(name) for name in between["quantity"].values]
     others = [
         f"{name} by {100 * tau:.2g} %"
@@ -145,13 +167,12 @@ def between_finding(between: xr.Dataset) -> Finding:
         if tau > 0 and name != names[worst]
     ]
     also = f" ({', '.join(others)})" if others else ""
-    known = 100 * REACH * float(between["std_of_all"][worst])
-    mean = REACH * np.sqrt(float(between["std_of_all"][worst]) ** 2 + scatter[worst] ** 2 / count)
+    known, mean = 100 * REACH * error[worst], 100 * REACH * wide[worst]
     reason = (
         f"Fitted each by itself, the {count} records scatter by {100 * scatter[worst]:.2g} % of "
         f"{names[worst]}{also} beyond their own errors. The 99 % interval of {names[worst]} is "
         f"+-{known:.2g} % for a law that holds in all of them; for other records like these it is "
-        f"+-{100 * mean:.2g} %."
+        f"+-{mean:.2g} %."
     )
     action = (
         "Quote the wider interval, and look for what differs between the records, as the size of "

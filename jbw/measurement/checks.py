@@ -251,7 +251,7 @@ def _piles_up(x: Reals, step: float) -> bool:
     span, middle = np.ptp(x), (x.max() + x.min()) / 2
     some = x[np.abs(x - middle) > span / 4][:LEVELS_FROM]  # of a quiet end few levels are many
     levels = np.unique(np.round(some / (SAME * span)))  # but for round-off
-    return ends > 2 * MORE_OFTEN * len(some) / len(levels)
+    return bool(ends > 2 * MORE_OFTEN * len(some) / len(levels))
 
 
 def _filled(role: str, x: Reals, fs: float, step: float) -> Iterator[Fault]:

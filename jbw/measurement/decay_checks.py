@@ -369,7 +369,7 @@ def _lines_of(values: Complex[np.ndarray, " value"]) -> list[Line]:
         slopes = np.concatenate([modes, k[:, None] * modes * sizes], axis=1)
         errors = np.sqrt(variance * np.abs(np.diag(np.linalg.pinv(slopes.conj().T @ slopes))) / 2)
         logs = np.log(poles)
-        middle = np.exp(logs.real * (count - 1) / 2)
+        middle = np.exp(np.real(logs) * (count - 1) / 2)
         lines = [
             Line(float(log.imag), float(abs(size) * part), float(-log.real), float(error * part),
                  float(off))

@@ -277,9 +277,9 @@ def _exponential(joint: Oscillator, data: Envelopes) -> Complex[Array, " step"]:
     root = jnp.sqrt(jax.lax.complex(joint.zeta**2 - 1.0, jnp.zeros(())))
     s = joint.omega_n * (jnp.stack([root, -root]) - joint.zeta)
     begun = data.y_start * s[::-1] / (s[::-1] - s) * s ** derivative_order(data.response)
-    filtered = jnp.exp(jnp.outer(s, jnp.arange(len(data.taps))) / data.fs) @ data.taps
+    filtered = jnp.exp(s[:, None] * jnp.arange(len(data.taps)) / data.fs) @ data.taps
     steps = (data.num_samples - len(data.taps)) // data.stride + 1
-    course = jnp.exp(jnp.outer(jnp.arange(steps) * data.stride, s) / data.fs)
+    course = jnp.exp((jnp.arange(steps) * data.stride)[:, None] * s / data.fs)
     return course @ (begun * filtered)
 
 

@@ -168,3 +168,40 @@ def test_the_command_prints_both_tables_draws_and_answers_json(tmp_path, capsys)
     assert run(["diff", str(one), str(other), "--figure", "x.doc"]) == 2
     assert "must end in one of .png" in capsys.readouterr().err
     assert run(["diff", str(one), str(tmp_path / "none")]) == 2
+
+
+def with_scattered_records(folder, scatter, count):
+    """The run with what its records, each fitted by itself, scatter by in zeta."""
+    with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as opened:
+        tree = opened.load()
+    tree["between_records"] = xr.DataTree(
+        xr.Dataset(
+            {"scatter": ("quantity", [scatter])},
+            {"quantity": ["zeta"], "record": [f"impact {i}" for i in range(count)]},
+        )
+    )
+    tree.to_netcdf(folder / "posterior.nc", engine="h5netcdf")
+    return folder
+
+
+def test_records_that_scatter_widen_what_a_run_says(tmp_path):
+    """Of n records the mean is known to tau / sqrt(n), in both runs."""
+    zeta = [gaussian(mean, 1e-5, seed=i) for i, mean in enumerate((0.0100, 0.0105))]
+    runs = [
+        write_run(tmp_path / name, (126.0, 0.1), zeta=x) for name, x in zip("ab", zeta, strict=True)
+    ]
+    told = differences(*runs).record
+    (plain,) = [row for row in told["parameters"] if row["name"] == "zeta"]
+    assert plain["probability"] == 0.0
+    assert not [line for line in told["statements"] if "Records of a run" in line]
+    for folder in runs:
+        with_scattered_records(folder, 0.06, 9)
+    told = differences(*runs).record
+    (row,) = [row for row in told["parameters"] if row["name"] == "zeta"]
+    std = np.sqrt(2e-10 + (0.06 / 3) ** 2 * (0.01**2 + 0.0105**2))
+    # A million pairs of 1,000 random draws each: 5 % of a standard deviation.
+    assert row["probability"] == pytest.approx(norm.cdf(-0.0005 / std), abs=0.02)
+    low, _, high = row["difference"]
+    assert high - low == pytest.approx(2 * 2.576 * std, rel=0.1)
+    (line,) = [line for line in told["statements"] if "Records of a run" in line]
+    assert "a zeta 2 %" in line.lower()
