@@ -143,6 +143,7 @@ def _compared(
         coords = {"time": ("time", start + time, {"units": "s"}), "quantile": QUANTILE_AXIS}
         attrs = {
             "level": float(np.abs(whole[0])),
+            "level_unit": UNIT_OF[data.response],
             "response": data.response,
             "fitted": int(not held_out),
             "seen_s": seen_s,

@@ -69,7 +69,8 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
     lacking = [name for name in basis.lacking if name in TAKEN[test.residuals]]
     if lacking and test.traits.is_driven:
         facts["lacking"] = ", ".join(lacking)
-    if np.isfinite(test.level):
+    # A free decay's level is what it begins with; that of what was before it is in another unit.
+    if np.isfinite(test.level) and not test.traits.is_free:
         unit = str(dataset.attrs.get("level_unit", seen_of(test).source))
         facts |= {"level": test.level, "level_unit": unit}
     if asked.noise and noise.std is not None:
