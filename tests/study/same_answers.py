@@ -7,29 +7,71 @@ a field states its unit here, and with that how it changes with the units of len
 
 import re
 
-PURE = "1"
-# Of numbers by the name of their field. A pair holds the unit and the field of the same row by
-# which rounding is measured: a scatter of equal readings is a difference of nearly equal numbers.
+from scaled_campaigns import UNIT_OF_PARAMETER
+
+PURE, ONE, OF_ROW = "1", object(), "its row's"
+# Of numbers by the name of their field, or of the table that they stand in by name. A pair holds
+# the unit and what a difference is measured by: another field of the same row, as a scatter of
+# equal readings is a difference of nearly equal numbers, or `ONE`.
 UNITS = {
     # look
     "y": "m", "y_max": "m", "frequency_hz": "Hz", "frequency_sd": ("Hz", "frequency_hz"),
-    "damping": PURE, "damping_sd": (PURE, "damping"), "stiffness": "N/m", "records": PURE,
-    "left": PURE, "third": PURE, "noise": PURE, "coherence": PURE,
+    "damping_sd": (PURE, "damping"), "stiffness": "N/m", "tone_hz": "Hz",
+    **dict.fromkeys(("damping", "records", "left", "third", "noise", "coherence"), PURE),
     # check
     "fs": "Hz", "repeats": PURE,
+    # a row of a parameter, which has its unit beside it: the sd is how well the others are known
+    **dict.fromkeys(("mean", "map", "q005", "q500", "q995", "value", "truth"), (OF_ROW, "sd")),
+    "sd": OF_ROW, "z": (PURE, ONE),
+    **dict.fromkeys(("cv", "relative", "ess_bulk", "ess_tail", "r_hat"), PURE),
+    # parts of nats, of standard deviations, and of a box: small ones are as good as zero
+    **dict.fromkeys(("kl", "contraction", "shift", "ratio", "correlation"), (PURE, ONE)),
+    **dict.fromkeys(("loadings", "information", "costs", "reached", "chi_square"), (PURE, ONE)),
+    # predictions
+    **dict.fromkeys(("coverage", "num_values", "nrmse", "half_width", "nrmse_linear"), PURE),
+    **dict.fromkeys(("nrmse_cubic", "extrapolation", "num_draws"), PURE),
+    "y_peak": "m", "y_peak_fitted": "m",
+    # the verdict's, each of which is a part of something or a count
+    "number": (PURE, ONE),
+    "seed": PURE,
+    # a comparison of laws
+    "spring": "1/(m s^2)", "damper": "1/m",
+    **dict.fromkeys(("softening", "softening_exponent", "damping_exponent", "masing"), PURE),
+    **dict.fromkeys(("elastic", "opening", "num_readings", "num_parameters", "lines"), PURE),
+    **dict.fromkeys(("error", "error_left_out", "error_highest", "floor", "line"), PURE),
+    **dict.fromkeys(("error_held_out", "error_beyond"), PURE),
+    **dict.fromkeys(("khat", "khat_evidence", "elpd_doubt", "weight"), (PURE, ONE)),
+    **dict.fromkeys(("elpd_difference", "elpd_difference_se"), (PURE, ONE)),
+    **dict.fromkeys(("log_evidence_difference", "log_evidence_error"), (PURE, ONE)),
+    # an export
+    "mass": "kg", "dashpot": "N s/m",
 }  # fmt: skip
+ROUNDING = 1e-12
+COLUMNS = {
+    "_n_m": "N/m", "_ns_m": "N s/m", "_hz": "Hz", "damping_ratio": PURE, "force_n": "N", "_m": "m",
+}  # fmt: skip
+TABLES = ("backbone", "loop", "skeleton")  # of an export, whose columns end in their unit
 # Numbers that are not compared, and why.
 NOT_COMPARED = {
     "wall_time_s": "how long this machine took",
     "versions": "of packages, not of the data",
     "command": "what was typed",
-    "inputs": "hashes of files, whose samples are others",
+    **dict.fromkeys(("inputs", "sha256", "campaign_sha256"), "hashes of files, which are others"),
+    "campaign_file": "where it stands",
+    **dict.fromkeys(
+        ("elpd", "log_likelihood", "log_evidence", "log_evidence_wide"),
+        "densities of the data, in their units; the differences over laws are compared",
+    ),
 }
 PREFIX = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3, "M": 1e6}
 # A number, and the unit behind it, perhaps behind another number of the same: "0.05 to 3.5 mm".
 NUMBER = r"(?<![\w.])[-−]?\d+(?:\.\d+)?(?:e[-+]?\d+|×10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?(?!\.?\w)"
-UNIT = r"([nuµkM]|m(?!/)(?=[mHsN]))?(m/s\^2|m/s²|m/s|m|Hz|s|N/m|N|1/s|1/m|kg)(?![\w/^²])"
-TOKEN = re.compile(rf"({NUMBER})|(?<![\w/]){UNIT}")
+UNIT = (
+    r"(?<![\w/])(?P<prefix>[nuµkM]|m(?!/)(?=[mHsN]))?"
+    r"(?P<unit>m/s\^2|m/s²|m/s|m|Hz|rad/s|s|N/m|N|1/s\^2|1/s|1/\(m s\^2\)|1/m|1/kg|kg)"
+    r"(?![\w/^²])"
+)
+TOKEN = re.compile(rf"{UNIT}|(?P<number>{NUMBER})")
 BETWEEN = re.compile(r"[\s,\[\]]*(?:to|and|at)?[\s,\[\]]*")
 RAISED = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹−", "-0123456789-")
 
@@ -64,28 +106,56 @@ def differences(found, expected, scale, tolerance, path=(), row=None):
 
 
 def _number(found, expected, scale, tolerance, path, row):
-    place, unit = "/".join(map(str, path)), unit_of(path, row)
-    if unit is None:
+    place, stated = "/".join(map(str, path)), unit_of(path, row)
+    if stated is None:
         return [f"{place}: state its unit in tests/study/same_answers.py"]
-    unit, beside = unit if isinstance(unit, tuple) else (unit, None)
+    unit, beside = stated if isinstance(stated, tuple) else (stated, None)
     factor = scale.of(unit)
-    reference = expected if beside is None else row[beside]
-    off, allowed = abs(found - factor * expected), tolerance * abs(factor * reference)
-    # A number that is zero but for rounding is so in every image.
+    if beside is ONE:
+        reference = max(1.0, abs(expected))
+    else:
+        reference = expected if beside is None else row[beside]
+    # A standard deviation of what is held is zero but for rounding.
+    least = ROUNDING * max(abs(row.get(name) or 0.0) for name in ("value", "mean", "map"))
+    off = abs(found - factor * expected)
+    allowed = abs(factor) * (tolerance * abs(reference) + (least if path[-1] == "sd" else 0.0))
     return [] if off <= allowed else [f"{place}: {found!r}, not {factor * expected!r} ({unit})"]
 
 
 def unit_of(path, row):
-    """The unit of a number: that of its field, of its row, or of the parameter of its name."""
+    """The unit of a number: by its field or the table that it stands in, or as its row states."""
     names = [name for name in path if isinstance(name, str)]
-    field = names[-1]
-    if field == "level":
-        return "m" if row.get("kind") in ("frf", "loop", "curve") else row.get("level_unit") or "N"
-    return UNITS.get(field)
+    if names[-1] == "level":
+        return row.get("level_unit") or ("m" if row.get("kind") in ("frf", "loop") else "N")
+    stated = next((UNITS[name] for name in reversed(names) if name in UNITS), None)
+    if names[0] in ("joint", "products"):  # of an export
+        return _of_parameter(names)
+    if names[0] in TABLES:
+        return next((unit for part, unit in COLUMNS.items() if part in names[-1]), None)
+    if names[-1] == "spring" and names[0] == "linear":  # of an export; a law has one too
+        return "N/m"
+    if "spectrum" in names:  # of logarithms of products
+        return PURE, ONE
+    if stated == OF_ROW or (isinstance(stated, tuple) and stated[0] == OF_ROW):
+        own = row.get("unit") or _of_parameter(names[:-1])
+        return None if own is None else (own, *stated[1:]) if isinstance(stated, tuple) else own
+    return stated
+
+
+def _of_parameter(names):
+    """The unit of the parameter, or product of parameters, that a row is named after."""
+    products = {"alpha_delta": "1/(m s^2)", "alpha_gamma": "1/(m s^2)"}
+    units = UNIT_OF_PARAMETER | products
+    return next((units[name] for name in reversed(names) if name in units), None)
+
+
+# Of data whose density has their unit: its logarithm is another number in every unit.
+EVIDENCE = re.compile(r"log evidence is \S+")
 
 
 def text_differences(found, expected, scale):
     """How a text differs but for its numbers, each of which may be in any unit of the text."""
+    found, expected = (EVIDENCE.sub("log evidence", text) for text in (found, expected))
     said, now = _parted(found)
     wanted, before = _parted(expected)
     if said != wanted:
@@ -108,17 +178,17 @@ def _parted(text):
         words.append(between)
         if not BETWEEN.fullmatch(between):
             waiting = []
-        if token[1]:
-            numbers.append(_value(token[1]))
+        if token["number"]:
+            numbers.append(_value(token["number"]))
             waiting.append(len(numbers) - 1)
             words.append("#")
         else:
-            factor = PREFIX[token[2] or ""]
+            factor = PREFIX[token["prefix"] or ""]
             for i in waiting:
                 numbers[i] = tuple(factor * x for x in numbers[i])
             waiting = []
-            units.append(token[3])
-            words.append(token[3])
+            units.append(token["unit"])
+            words.append(token["unit"])
         end = token.end()
     return ("".join([*words, text[end:]]), units), numbers
 

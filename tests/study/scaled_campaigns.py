@@ -35,7 +35,7 @@ PULL = Plan("pulled", "loop", Growth(1.0, 4e-3, duration=4.0), 2)
 NOISE = Plan("random", "noise", Noise(0.15, 96.0, settle=8.0), 2, band_hz=(17.0, 20.5))
 PLANS = (*SWEEPS, DECAY, CURVE, PULL, NOISE)
 RIG = Preset("short", 1.0 / MODAL_MASS, 32.0, 2.0, PLANS, "force", 50e-6)
-UNIT_OF_PARAMETER = {one.name: one.unit for one in quantities_of(laws_named(("bouc_wen",)))}
+UNIT_OF_PARAMETER = {one.name: one.unit for one in quantities_of(laws_named(("bouc_wen", "cubic")))}
 UNIT_OF_PARAMETER |= {"omega_n": "rad/s", "zeta": "1", "gain": "1/kg"}
 AT_TRUTH = {
     name: float(value)

@@ -142,7 +142,7 @@ def reduced(kind, scale):
 ELSEWHERE = {name: 1.001 * value for name, value in AT_TRUTH.items()}
 
 
-@pytest.mark.parametrize("kind", [name for name in KINDS if name != "random"])
+@pytest.mark.parametrize("kind", ["ringing", "pulled", "held_curve", "sweep_weak"])
 def test_the_likelihood_of_an_image_is_the_same(kind, scale):
     """Its residuals; and its logarithm up to the constant that the unit of a density brings."""
     data, image = reduced(kind, Scale()), reduced(kind, scale)

@@ -4,10 +4,15 @@ The response is that of a linear oscillator in closed form, or by SciPy's filter
 powers of two, under which every sum and every transform is the same number.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import signal
+from toy_campaign import GAIN, TRUTH
 
+from jbw.campaign.load import load_campaign
+from jbw.identification.assemble import assemble, measured_in
 from jbw.identification.run_effects import tells_apart
 from jbw.measurement.channels import lines_within, whole_down, whole_up
 from jbw.measurement.records import Record, Test
@@ -15,6 +20,7 @@ from jbw.observables.decay import Decays
 from jbw.verification.decays import SEEN, num_seen
 from jbw.verification.in_time import Motion, _resolves, _settling, compare_frfs
 from jbw.verification.predicted import NOT_KNOWN
+from jbw.verification.reference_oscillators import references
 
 OMEGA, ZETA, FS = 2 * np.pi * 20.0, 0.02, 256.0
 SCALES = (2.0**-6, 1.0, 2.0**6, 2.0**14)  # 0.3 Hz to 330 kHz
@@ -108,3 +114,38 @@ def test_a_whole_number_stays_one_in_every_unit_of_time(number):
     for band in ((17.0, 20.5), (16.5, 21.0)):
         kept = lines_within(freq, (band[0] / 50, band[1] / 50))
         assert np.count_nonzero(kept) == 96 * (band[1] - band[0]) + 1
+
+
+def toy_in(campaign, scale):
+    """The toy campaign in other units of time; its one gain is of volts, and of newtons too."""
+    held = {"input", "restoring_force"}
+
+    def image(record):
+        powers = {"displacement": 0, "velocity": 1}
+        channels = {
+            role: x if role in held else x * scale ** powers[role]
+            for role, x in record.channels.items()
+        }
+        return replace(record, fs=record.fs * scale, channels=channels)
+
+    tests = (replace(one, records=tuple(map(image, one.records))) for one in campaign.tests)
+    return replace(campaign, tests=tuple(tests), gain=campaign.gain * scale**2)
+
+
+@pytest.mark.parametrize("scale", [1e-5, 0.02, 1000.0, 2.0**14])
+def test_the_oscillators_that_a_joint_is_compared_with_are_the_same(scale, toy):
+    """Fits that stop at 1e-6 of their cost take the same way in every unit of time."""
+    campaign = load_campaign(toy / "campaign.toml")
+    units = {"omega_n": 1, "zeta": 0, "alpha": 2, "delta": 0, "gamma": 0, "cubic": 2, "gain": 2}
+
+    def found(campaign, scale):
+        data = assemble(measured_in(campaign, lambda _: None))
+        theta = {name: x * scale ** units[name] for name, x in {**TRUTH, "gain": GAIN}.items()}
+        return references(data, theta, ("linear", "cubic"))
+
+    image, expected = found(toy_in(campaign, scale), scale), found(campaign, 1.0)
+    for kind, one in expected.items():
+        for name, value in one.parameters.items():
+            # Rounding, by what a fit amplifies it: the least of a square is flat.
+            there = image[kind].parameters[name] / scale ** units[name]
+            assert there == pytest.approx(value, rel=1e-8)
