@@ -14,6 +14,7 @@ import sys
 import tempfile
 import threading
 import time
+from itertools import pairwise
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
@@ -52,7 +53,7 @@ def watched(arguments: list[str]) -> tuple[float, float, float, int]:
         made.wait()
         sampling.join()
     times.append(now[0])
-    gaps = [after - before for before, after in zip(times, times[1:], strict=False)]
+    gaps = [after - before for before, after in pairwise(times)]
     return times[1], max(gaps), now[0], made.returncode
 
 

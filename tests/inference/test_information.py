@@ -212,3 +212,20 @@ def test_a_narrow_posterior_follows_a_bound_only_if_it_leans_on_it():
 def test_how_well_in_words(relative, ratio, says):
     row = Known("p", 2.0, 2.0 * relative, ratio)
     assert says in statements(Information(("p",), (), {"p": row}))
+
+
+def test_a_direction_is_named_by_all_factors_that_it_is_known_with():
+    """b is 6/a, and a is its prior, of 3 %: b to 1.7 %, a*b to 0.33 %, though a moves it little."""
+    bounds = box({"a": (1.94, 2.06), "b": (0.1, 100.0)})
+    best = costly_fit(of_product, bounds, jnp.full(25, 10.0), starts={"a": 2.0, "b": 3.0})
+    found = information(best, bounds, [AB])
+    strong = found.directions[0]
+    assert abs(strong.loadings[0]) < 0.3 * abs(
+        strong.loadings[1]
+    )  # in prior deviations a is slight
+    assert strong.text == "b*a"
+    assert strong.sd == pytest.approx(1 / 300, rel=1e-2)  # the prior of b adds 1e-6 of its own
+    a = np.linspace(1.94, 2.06, 100_001)
+    assert found.known["b"].relative == pytest.approx(
+        np.hypot(np.std(np.log(a)), 1 / 300), rel=1e-2
+    )

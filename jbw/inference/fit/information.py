@@ -19,6 +19,7 @@ KINDS = {
     "hardly": "Hardly known: {}.",
     "unknown": "Not known beyond the prior: {}.",
 }
+AS_WELL = 2.0  # a name may be known so many times worse than its direction
 TOLD_APART = 0.5  # a product this much better known than its factors is said to tie them
 
 
@@ -83,11 +84,11 @@ def information(best: Fit, box: Box, products: Iterable[Product] = ()) -> Inform
     prior = np.where(logs, log_stds, (upper - lower) / math.sqrt(12))
     singular, rows = svd_of_all(best.jacobian * slope * prior)
     values = singular**2
+    root = rows.T / np.sqrt(1 + values) * prior[:, None]
     directions = tuple(
-        _direction(value, row, prior, logs, box.names)
+        _direction(value, row, prior, logs, box.names, root)
         for value, row in zip(values, rows, strict=True)
     )
-    root = rows.T / np.sqrt(1 + values) * prior[:, None]
     known = {}
     for product in (*map(alone, box.names), *products):
         gradient = gradient_of(product, best.theta, box.names) * slope
@@ -104,19 +105,42 @@ def _direction(
     prior: NDArray[np.float64],
     logs: NDArray[np.bool_],
     names: tuple[str, ...],
+    root: NDArray[np.float64],
 ) -> Direction:
     order = np.argsort(-np.abs(row), kind="stable")
     lead = order[0]
-    members = [i for i in order if abs(row[i]) > PRESENT * abs(row[lead])]
     exponents = (row / prior) / (row[lead] / prior[lead])
-    called = tuple(names[i] for i in members)
     ratio = 1 / math.sqrt(1 + value)
+    members = _members(order, row, exponents, prior, root, ratio)
+    called = tuple(names[i] for i in members)
     text, sd = f"a mixture of {listed(called)}", math.nan
     same = np.all(logs[members]) or not np.any(logs[members])
     if same and np.max(np.abs(exponents[members])) < SENSIBLE:
         text = combination(called, exponents[members], bool(logs[lead]))
         sd = float(ratio * prior[lead] / abs(row[lead]))
     return Direction(float(value), ratio, called, text, sd, row * np.sign(row[lead]))
+
+
+def _members(
+    order: NDArray[np.intp],
+    row: NDArray[np.float64],
+    exponents: NDArray[np.float64],
+    prior: NDArray[np.float64],
+    root: NDArray[np.float64],
+    ratio: float,
+) -> list[int]:
+    """Parameters that name a direction: as many as it takes for the name to be as well known.
+
+    A factor that its prior knows well moves the direction little, yet without it the others are
+    known far worse than the direction is: alpha*delta to a millionth says nothing of delta.
+    """
+    count = int(np.sum(np.abs(row) > PRESENT * np.max(np.abs(row))))
+    while count < len(order):
+        named = np.where(np.isin(np.arange(len(row)), order[:count]), exponents, 0.0)
+        if np.linalg.norm(named @ root) <= AS_WELL * ratio * np.linalg.norm(named * prior):
+            break
+        count += 1
+    return [int(i) for i in order[:count]]
 
 
 def statements(found: Information, products: Iterable[Product] = ()) -> list[str]:
