@@ -33,6 +33,7 @@ HEAD = """\
 FURTHER = "# Further keys of a [[test]], to be written below its line `kind`:"
 NAMED = "campaign.toml"
 LISTED = 12  # channels named in a comment
+MOST_GROUPS = 500  # names of files that are not repeats of one another
 MOST_BLOCKS = 40  # tests drafted from one file
 # Keys of a test that are offered in a comment.
 OPTIONAL = ("level", "band", "delay", "assembly", "run", "exclude", "span")
@@ -75,11 +76,18 @@ def start_campaign(folder: str | Path) -> Draft:
     folder = Path(folder)
     if not folder.is_dir():
         raise DataError(f"Folder `{folder}` does not exist.", remedy="Name the folder of records.")
-    files = [p for p in folder.iterdir() if p.is_file() and p.suffix.lower() in READERS]
-    visible = sorted((p for p in files if not p.name.startswith(".")), key=_stem)
+    visible = sorted(_measurement_files(folder), key=_stem)
     assumed: list[tuple[str, str]] = []  # file and what was assumed of it
     blocks = []
     groups = [sorted(repeats) for _, repeats in groupby(visible, key=_stem)]
+    if len(groups) > MOST_GROUPS:
+        raise DataError(
+            f"Folder `{folder}` holds {len(visible)} measurement files of {len(groups)} names, "
+            f"more than a campaign of {MOST_GROUPS} tests.",
+            why="Files whose names differ only in their last number are repeats of one test.",
+            remedy="Put the records of one joint into a folder of its own, or number its repeats: "
+            f"sweep_1{visible[0].suffix}, sweep_2{visible[0].suffix}.",
+        )
     curves = _frequencies_of_curves(groups)
     for repeats in groups:
         blocks += _blocks(repeats, assumed, curves)
@@ -105,6 +113,18 @@ def _once(assumed: Sequence[tuple[str, str]]) -> Iterator[str]:
         shown = [name for name in names[:LISTED] if name]
         more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
         yield f"{', '.join(shown)}{more}: {what}" if shown else what
+
+
+def _measurement_files(folder: Path) -> list[Path]:
+    """Files of a folder that a reader knows by their suffix, but for hidden ones."""
+    try:
+        named = [p for p in folder.iterdir() if p.suffix.lower() in READERS]
+        return [p for p in named if not p.name.startswith(".") and p.is_file()]
+    except OSError as error:
+        raise DataError(
+            f"Folder `{folder}` cannot be read: {error.strerror or error}.",
+            remedy="Give yourself the right to read it, or copy the records to a folder of yours.",
+        ) from error
 
 
 def write_campaign(draft: Draft, folder: str | Path) -> Path:

@@ -70,6 +70,7 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
         from jbw.study.study import basis_of_run, campaign_of
         from jbw.verification import predict as predicting
 
+        say(f"Reading {folder}")
         basis = basis_of_run(folder)
         # Planned tests are in the run's own unit, whatever the campaign says of its gain.
         request = predicting.Request(options["draws"], not options["without_noise"])
@@ -81,6 +82,7 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
                 raise click.UsageError("Give --campaign, that of the unit to predict, or --sweep.")
             campaign = campaign_of(folder)
         if campaign is not None:
+            say(f"Reading {campaign}")
             loaded = load_campaign(campaign, allow_outside=options["allow_outside"])
             require_same_torque(folder, loaded.assembly.torque)
             of_units = replace(request, gain=force_per_unit(loaded))

@@ -1,6 +1,7 @@
 """What a run left behind, as figures and tables read it: groups, names, parameters, tests."""
 
 import json
+import shlex
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -36,10 +37,7 @@ def read_result(folder: Path) -> tuple[dict[str, Any], xr.DataTree]:
     """Read the summary and the posterior of a run's folder, or raise a DataError."""
     for name in ("summary.json", "posterior.nc"):
         if not (folder / name).is_file():
-            raise DataError(
-                f"The folder {folder} has no {name}, so there is nothing to report.",
-                remedy="Give the folder of a finished run, or finish it: jbw resume DIR.",
-            )
+            raise _unfinished(folder, name)
     try:
         summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
         if not isinstance(summary, Mapping):
@@ -58,6 +56,21 @@ def read_result(folder: Path) -> tuple[dict[str, Any], xr.DataTree]:
             remedy="Run the identification again, or restore the folder from a copy.",
         ) from cause
     return summary, tree
+
+
+def _unfinished(folder: Path, name: str) -> DataError:
+    """That a folder lacks a part of a result, and what gets it."""
+    what = f"The folder {folder} has no {name}, so there is nothing to report."
+    if (folder / ".run" / "manifest.json").is_file():
+        return DataError(
+            what,
+            why="Its run failed or was interrupted.",
+            remedy=f"Finish it: jbw resume {shlex.quote(str(folder))}",
+        )
+    return DataError(
+        what,
+        remedy="Give the folder of a finished run: jbw identify CAMPAIGN.toml --out DIR makes one.",
+    )
 
 
 def node(tree: xr.DataTree, path: str) -> xr.DataTree | None:

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -153,3 +154,111 @@ def test_a_run_records_what_its_draws_depend_on(tmp_path):
     assert known["seed"] == 7
     assert {"jbw", "jax", "jaxlib", "numpyro", "blackjax", "numpy"} <= set(known["versions"])
     assert set(known["machine"]) == {"name", "processors"}
+
+
+def refused(capsys, *arguments):
+    """Exit code and the one message of a command that refuses, without a traceback."""
+    code = run([str(one) for one in arguments])
+    told = capsys.readouterr().err
+    assert "Traceback" not in told
+    assert "Internal error" not in told
+    return code, told
+
+
+def test_a_folder_without_records_is_said_with_the_suffixes(tmp_path, capsys):
+    (tmp_path / "notes.docx").write_bytes(b"none")
+    code, told = refused(capsys, "init", tmp_path)
+    assert code == 3
+    assert "has no measurement file that can be read" in told
+    assert ".mat" in told
+
+
+def test_a_folder_that_may_not_be_read_is_said(tmp_path, capsys, monkeypatch):
+    """Whoever runs the tests may read everything: the system's refusal is played."""
+
+    def forbidden(self):
+        raise PermissionError(13, "Permission denied", str(self))
+
+    monkeypatch.setattr(Path, "iterdir", forbidden)
+    code, told = refused(capsys, "init", tmp_path)
+    assert code == 3
+    assert f"Folder `{tmp_path}` cannot be read: Permission denied." in told
+    assert "copy the records" in told
+
+
+def test_a_folder_that_may_not_be_written_names_the_way_round(tmp_path, capsys, monkeypatch):
+    t = np.arange(512) / 256.0
+    np.savez(tmp_path / "sweep_1.npz", time=t, input=np.sin(t), velocity=np.cos(t))
+    whole = Path.open
+
+    def forbidden(self, mode="r", *rest, **more):
+        if mode == "xb":
+            raise PermissionError(13, "Permission denied", str(self))
+        return whole(self, mode, *rest, **more)
+
+    monkeypatch.setattr(Path, "open", forbidden)
+    code, told = refused(capsys, "init", tmp_path)
+    assert code == 2
+    assert f"jbw init --print {tmp_path}" in told
+    assert run(["init", "--print", str(tmp_path)]) == 0
+
+
+def test_ten_thousand_files_are_refused_without_reading_them(tmp_path, capsys, monkeypatch):
+    for i in range(10_000):
+        (tmp_path / f"take_{i}_left.npz").touch()
+    monkeypatch.setattr("jbw.campaign.draft.channels_of", lambda path: pytest.fail("was read"))
+    code, told = refused(capsys, "init", tmp_path)
+    assert code == 3
+    assert "10000 measurement files of 10000 names" in told
+    assert "folder of its own" in told
+
+
+def test_ten_thousand_repeats_are_one_test(tmp_path, capsys):
+    t = np.arange(64) / 256.0
+    for i in range(10_000):
+        (tmp_path / f"sweep_{i}.npz").touch()
+    np.savez(tmp_path / "sweep_0.npz", time=t, input=np.sin(t), velocity=np.cos(t))
+    assert run(["init", "--print", str(tmp_path)]) == 0
+    told = capsys.readouterr().out
+    assert told.count("[[test]]\n") == 1
+    assert "10000 file(s)" in told
+
+
+def test_a_report_of_a_run_that_failed_names_what_finishes_it(tmp_path, capsys):
+    folder = tmp_path / "my run"
+    begin(folder, Manifest("jbw identify c.toml", "c.toml")).close()
+    code, told = refused(capsys, "report", folder)
+    assert code == 3
+    assert f"jbw resume '{folder}'" in told
+    (tmp_path / "empty").mkdir()
+    code, told = refused(capsys, "report", tmp_path / "empty")
+    assert code == 3
+    assert "jbw identify CAMPAIGN.toml --out DIR" in told
+
+
+def test_a_terminal_of_sixty_columns_and_none_at_all(monkeypatch):
+    """Tables of a check: folded into the terminal's width, plain and whole in a file."""
+    import io
+
+    from rich.console import Console
+
+    from jbw.cli import printing
+    from jbw.report.table import table, words
+
+    rows = [{"test": f"sweep_0p05V_day{i}_with_a_long_name", "what": "word " * 20} for i in (1, 2)]
+    shown = table("Campaign", rows, words("test", "test"), words("what", "what", "left wrap"))
+    for terminal in (True, False):
+        stream = io.StringIO()
+        screen = Console(file=stream, width=60, force_terminal=terminal, highlight=False)
+        monkeypatch.setattr(printing, "console", lambda screen=screen: screen)
+        printing.show(
+            shown, "A sentence that is longer than sixty columns, as most of ours are: yes."
+        )
+        lines = stream.getvalue().splitlines()
+        if terminal:
+            visible = [re.sub(r"\x1b\[[\d;]*m", "", line) for line in lines]
+            assert max(map(len, visible)) <= 60
+        else:
+            assert "\x1b" not in stream.getvalue()
+            assert lines[-1].startswith("A sentence")
+            assert lines[-1].endswith("yes.")

@@ -11,6 +11,8 @@ from finished import finished
 import jbw
 from jbw.cli import run
 
+pytestmark = pytest.mark.slow
+
 
 def answer(folder):
     """The toy campaign, with its first answer in `quick`."""
