@@ -25,6 +25,7 @@ from jbw.measurement.curves import forced_loop, response_curve
 from jbw.measurement.decay_checks import not_free
 from jbw.measurement.drive_noise import noisy_drive
 from jbw.measurement.kinds import KINDS, Kind
+from jbw.measurement.long_records import long_records
 from jbw.measurement.loop_checks import degrading, travels_freely
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
 from jbw.measurement.plausibility import doubts, swapped
@@ -84,7 +85,7 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
         Row("[identify]", fault.channel, "", "", None, 0, fault.severity, (fault,))
         for fault in unread(spec)
     ]
-    codes, seen = set(), []
+    codes, seen, proposed = set(), [], []
     sources: list[Source] = []
     levels: list[Level] = []
     for test in spec.tests:
@@ -108,6 +109,7 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
                 held += item.num_samples * len(item.channels)
                 kept = [*kept, item] if held <= MOST_SAMPLES else []
                 # Its head alone, so that a huge campaign is never held in memory.
+                proposed += [] if first or spoilt else long_records(test, item)
                 empty = {role: x[:0].copy() for role, x in item.channels.items()}
                 first = first or [replace(item, channels=empty)]
             elif isinstance(item, ConfigError | DataError):
@@ -129,7 +131,7 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
             failed = []
     compared = [*held_twice(sources), *against_levels(levels)]
     codes |= {DataError.exit_code} if worst(fault for _, fault in compared) == "error" else set()
-    return Check(spec.name, tuple(_with(rows, compared)), min(codes, default=0), tuple(seen))
+    return Check(spec.name, tuple(_with(rows, compared)), min(codes, default=0), (*seen, *proposed))
 
 
 def _with(rows: Sequence[Row], faults: Sequence[tuple[str, Fault]]) -> Iterator[Row]:

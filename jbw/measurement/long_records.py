@@ -1,0 +1,60 @@
+"""Records that are longer or finer than what they show: what cutting or decimating would save."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from jbw.measurement.records import Record, Test
+
+LONG = 60_000  # samples from where on a fit takes minutes
+STILL = 0.005  # of the largest response: below it a structure rests
+SPARED = 0.1  # of the samples, from which a cut is worth proposing
+PER_CYCLE = 64  # samples of the strongest frequency that are plenty
+
+
+def long_records(test: Test, record: Record) -> Iterator[str]:
+    """Proposals of a span and of a sampling frequency, where a record of samples is long.
+
+    Samples of rest at either end are cut by `span`, and a rate of more than 64 samples a cycle of
+    the strongest frequency is lowered by exporting again. A fit solves every sample, so that its
+    time falls with their number.
+    """
+    total = record.num_samples
+    if total < LONG or test.traits.is_curve or test.traits.is_broadband:
+        return
+    response = np.nan_to_num(record.channels[record.response])
+    response = response - response.mean()
+    size = np.abs(response)
+    moving = np.flatnonzero(size > STILL * size.max())
+    if not len(moving):
+        return
+    first, last = int(moving[0]), int(moving[-1])
+    kept = last - first + 1
+    proposals = []
+    if total - kept > SPARED * total:
+        ends = np.floor(10 * first / record.fs) / 10, np.ceil(10 * (last + 1) / record.fs) / 10
+        part = min(1.0, (ends[1] - ends[0]) * record.fs / total)
+        proposals.append(
+            f"it rests outside of {ends[0]:g} to {ends[1]:g} s: `span = [{ends[0]:g}, {ends[1]:g}]`"
+            f" would take {100 * part:.0f} % of the time"
+        )
+    strongest = _strongest_hz(response, record.fs)
+    every = int(record.fs / (PER_CYCLE * strongest)) if strongest > 0 else 1
+    if every > 1:
+        proposals.append(
+            f"it has {record.fs / strongest:.0f} samples a cycle of its strongest frequency, "
+            f"{strongest:.4g} Hz: low-pass it, and export every {_ordinal(every)} sample "
+            f"({record.fs / every:g} Hz), for {100 / every:.0f} % of the time"
+        )
+    if proposals:
+        yield f"{test.name} has {total} samples, and every fit solves each; {'; '.join(proposals)}."
+
+
+def _strongest_hz(response: np.ndarray, fs: float) -> float:
+    """Frequency of the strongest line of a response without its mean [Hz]."""
+    power = np.abs(np.fft.rfft(response)) ** 2
+    return float(np.argmax(power) * fs / len(response))
+
+
+def _ordinal(number: int) -> str:
+    return {2: "second", 3: "third"}.get(number, f"{number}th")
