@@ -14,6 +14,7 @@ import sys
 import tempfile
 import threading
 import time
+from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
 
@@ -82,12 +83,11 @@ def commands(campaign: Path, folder: Path) -> dict[str, list[str]]:
 
 def main(chosen: str | None = None) -> None:
     """Print the table; ends with 1 where a command was silent for longer than it may be."""
-    from toy_campaign import PLAIN, write_toy
-
+    toy = import_module("toy_campaign")  # of the tests
     with tempfile.TemporaryDirectory() as temporary:
         folder = Path(chosen or temporary)
         (folder / "records").mkdir(parents=True, exist_ok=True)
-        campaign = write_toy(folder / "records", PLAIN)
+        campaign = toy.write_toy(folder / "records", toy.PLAIN)
         print(f"{'command':18} {'first line':>10} {'silence':>8} {'all':>7}   CPU s   exit")
         worst = 0.0
         for name, arguments in commands(campaign, folder).items():

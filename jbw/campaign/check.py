@@ -109,7 +109,7 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
                 held += item.num_samples * len(item.channels)
                 kept = [*kept, item] if held <= MOST_SAMPLES else []
                 # Its head alone, so that a huge campaign is never held in memory.
-                proposed += [] if first or spoilt else long_records(test, item)
+                proposed += [] if first or spoilt else long_records(test.name, test.traits, item)
                 empty = {role: x[:0].copy() for role, x in item.channels.items()}
                 first = first or [replace(item, channels=empty)]
             elif isinstance(item, ConfigError | DataError):

@@ -26,7 +26,7 @@ from scipy.special import softmax
 from jbw.identification.assemble import Measured, Report, assemble
 from jbw.identification.joint import law_variables
 from jbw.identification.prepare import Fitted, prepare
-from jbw.identification.procedure import Identification
+from jbw.identification.procedure import Identification, decays_in
 from jbw.identification.step import Step, attrs
 from jbw.inference.fit.costly_fit import evaluator, from_search, to_search
 from jbw.inference.generator import generator
@@ -36,7 +36,6 @@ from jbw.inference.space.box import bounds_by_name
 from jbw.inference.space.reparametrisation import in_logarithms, never_zero
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset, by_label
-from jbw.observables.decay import Decays
 from jbw.observables.drives import plain
 from jbw.observables.observable import OFFSETS
 
@@ -61,13 +60,12 @@ def fit_alone(seen: Measured, *, seed: int, report: Report) -> Identification:
 
 def about_fit(key: Key[Array, ""], seen: Measured, ready: Fitted, started: float) -> Identification:
     """What a fit says by itself, in the form of a procedure that was run to its end."""
-    decays = next((part for part in ready.data.parts if isinstance(part, Decays)), None)
     return Identification(
         linear=seen.linear,
         sweeps=seen.sweeps,
         data=ready.data,
         decays=seen.decays,
-        decay_data=None if seen.decays is None else decays,
+        decay_data=None if seen.decays is None else decays_in(ready.data),
         steps={"joint": laplace_step(key, ready, started)},
     )
 
@@ -142,8 +140,10 @@ def laplace_draws(
     apart[0] = 0.0
     names = never_zero(best.theta, best.covariance, prior)
     place = in_logarithms(best.theta, best.covariance, prior, names)
-    slope = [best.theta[name] if name in names else 1.0 for name in prior.names]
-    theta = np.asarray(jax.vmap(place.outer.forward)(jnp.asarray(place.start + apart / slope)))
+    scale = np.array([best.theta[name] if name in names else 1.0 for name in prior.names])
+    theta = np.asarray(
+        jax.vmap(place.outer.forward)(jnp.asarray(np.asarray(place.start) + apart / scale))
+    )
     lower, upper = np.asarray(prior.lower), np.asarray(prior.upper)
     is_outside = np.any((theta < lower) | (theta > upper), axis=1)
     is_outside[0] = False

@@ -122,8 +122,12 @@ def run_procedure(
         else:
             step, data = alone
             found = replace(found, steps={**found.steps, "decay": step})
-    decays = next((part for part in data.parts if isinstance(part, Decays)), None)
-    return replace(found, decay_data=decays)
+    return replace(found, decay_data=decays_in(data))
+
+
+def decays_in(data: Dataset) -> Decays | None:
+    """The envelopes of free decays among what was fitted."""
+    return next((part for part in data.parts if isinstance(part, Decays)), None)
 
 
 def _compared_with_nothing(steps: Mapping[str, Step], said: Sequence[str]) -> dict[str, Step]:

@@ -4,7 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from jbw.measurement.records import Record, Test
+from jbw.measurement.kinds import Kind
+from jbw.measurement.records import Record
 
 LONG = 60_000  # samples from where on a fit takes minutes
 STILL = 0.005  # of the largest response: below it a structure rests
@@ -12,15 +13,15 @@ SPARED = 0.1  # of the samples, from which a cut is worth proposing
 PER_CYCLE = 64  # samples of the strongest frequency that are plenty
 
 
-def long_records(test: Test, record: Record) -> Iterator[str]:
+def long_records(name: str, traits: Kind, record: Record) -> Iterator[str]:
     """Proposals of a span and of a sampling frequency, where a record of samples is long.
 
     Samples of rest at either end are cut by `span`, and a rate of more than 64 samples a cycle of
     the strongest frequency is lowered by exporting again. A fit solves every sample, so that its
-    time falls with their number.
+    time falls with their number. `name` and `traits` are the test's.
     """
     total = record.num_samples
-    if total < LONG or test.traits.is_curve or test.traits.is_broadband:
+    if total < LONG or traits.is_curve or traits.is_broadband:
         return
     response = np.nan_to_num(record.channels[record.response])
     response = response - response.mean()
@@ -47,7 +48,7 @@ def long_records(test: Test, record: Record) -> Iterator[str]:
             f"({record.fs / every:g} Hz), for {100 / every:.0f} % of the time"
         )
     if proposals:
-        yield f"{test.name} has {total} samples, and every fit solves each; {'; '.join(proposals)}."
+        yield f"{name} has {total} samples, and every fit solves each; {'; '.join(proposals)}."
 
 
 def _strongest_hz(response: np.ndarray, fs: float) -> float:

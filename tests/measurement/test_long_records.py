@@ -20,7 +20,7 @@ def a_test(kind="sweep", seconds=30.0, fs=FS, rest=(6.0, 12.0), hz=20.0):
 
 
 def said(test):
-    return list(long_records(test, test.records[0]))
+    return list(long_records(test.name, test.traits, test.records[0]))
 
 
 def test_rest_at_the_ends_is_proposed_to_be_cut_with_what_it_saves():
