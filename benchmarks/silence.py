@@ -14,6 +14,7 @@ import sys
 import tempfile
 import threading
 import time
+from collections.abc import Sequence
 from importlib import import_module
 from itertools import pairwise
 from pathlib import Path
@@ -21,6 +22,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT / "tests" / "study"))
 TICK = os.sysconf("SC_CLK_TCK")
+COLUMNS = {"command": "", "first line": ".2f", "silence": ".2f", "all": ".1f", "exit": "d"}
 MOST_S = 5.0  # of silence that a command may have
 PROGRAM = "import sys; from jbw.cli import main; main(sys.argv[1:])"
 
@@ -81,21 +83,25 @@ def commands(campaign: Path, folder: Path) -> dict[str, list[str]]:
     }
 
 
-def main(chosen: str | None = None) -> None:
+def main(arguments: Sequence[str] | None = None) -> None:
     """Print the table; ends with 1 where a command was silent for longer than it may be."""
+    from timing import Table, options, show
+
+    parser = options(__doc__, calls=1)
+    parser.add_argument("folder", nargs="?", help="where to work; a temporary one when left out")
+    chosen = parser.parse_args(arguments)
     toy = import_module("toy_campaign")  # of the tests
     with tempfile.TemporaryDirectory() as temporary:
-        folder = Path(chosen or temporary)
+        folder = Path(chosen.folder or temporary)
         (folder / "records").mkdir(parents=True, exist_ok=True)
         campaign = toy.write_toy(folder / "records", toy.PLAIN)
-        print(f"{'command':18} {'first line':>10} {'silence':>8} {'all':>7}   CPU s   exit")
-        worst = 0.0
-        for name, arguments in commands(campaign, folder).items():
-            first, silence, whole, code = watched(arguments)
-            worst = max(worst, silence)
-            print(f"{name:18} {first:10.2f} {silence:8.2f} {whole:7.1f} {code:12d}", flush=True)
-    sys.exit(worst > MOST_S)
+        rows = []
+        for name, command in commands(campaign, folder).items():
+            rows.append((name, *watched(command)))
+            print(*rows[-1], file=sys.stderr, flush=True)
+    show([Table("First line and longest silence [CPU s]", COLUMNS, rows)], file=chosen.json)
+    sys.exit(max(row[2] for row in rows) > MOST_S)
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:])
+    main()
