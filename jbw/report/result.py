@@ -216,7 +216,7 @@ def fitted_text(test: xr.Dataset) -> str:
         return ""
     if not test.attrs["fitted"]:
         return HELD_OUT
-    return "fitted" if test.attrs.get("seen", 1) else f"fitted, {HELD_OUT} repeats"
+    return "fitted" if test.attrs.get("seen", 1) else "fitted, held-out repeats"
 
 
 def wrap_degrees(phase: Any) -> Any:

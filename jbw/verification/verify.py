@@ -186,7 +186,7 @@ def _verify_forced(
         attempt(test, partial(add_frf, motion), "frequency response of ")
         one = Predicted(compare_records(own, motion), motion.peak, motion.noise)
         shown = one.dataset.assign_attrs(seen=int(all(test is not each for each in unseen)))
-        add("sweep", test.name, test, replace(one, dataset=shown))
+        add("sweep", test.name, test, one._replace(dataset=shown))
 
     def add_response(test: Test) -> None:
         add_frf(motion_of(replace(beside(test, NUM_FEW), references={}), test, substeps=1))
@@ -321,8 +321,8 @@ def _coverage(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
         return []
     worst = min(shares, key=lambda name: shares[name])
     reason = (
-        f"Of {worst}, which no fit saw, {shares[worst]:.1%} lie inside the 99 % band, the least of "
-        f"all; it must be at least {LEAST_COVERAGE:.0%}."
+        f"Of {worst}, which was held out, {shares[worst]:.1%} lie inside the 99 % band, the least "
+        f"of all; it must be at least {LEAST_COVERAGE:.0%}."
     )
     action = (
         "The intervals are too narrow for what was not fitted: the law does not hold there, or "
