@@ -32,13 +32,14 @@ addEventListener("load", async () => {{
   const found = [];
   for (const frame of document.querySelectorAll("iframe")) {{
     const d = frame.contentDocument, root = d.documentElement;
+    for (const fold of d.querySelectorAll("details")) fold.open = true;
     found.push({{
       width: root.clientWidth, wide: root.scrollWidth, pictures: pictures(d).length,
       broken: await broken(d), paper: getComputedStyle(d.body).backgroundColor,
       figures: d.querySelectorAll("figure svg").length,
       flat: [...d.querySelectorAll("figure svg")]
         .filter(each => each.getBoundingClientRect().height < 100).length,
-      table: Math.max(...[...d.querySelectorAll("#table table")].map(t => t.scrollWidth)),
+      table: Math.max(...[...d.querySelectorAll("#identified table")].map(t => t.scrollWidth)),
       opening: d.getElementById("opening").getBoundingClientRect().bottom,
       scrolling: boxes(d).filter(b => b.scrollWidth > b.clientWidth + 1).length,
     }});
@@ -106,6 +107,6 @@ def test_the_interactive_page_draws_every_chart(tree, tmp_path):
     hostile[f"verification/sweep/{name}"] = tree["verification/sweep/sweep_0p10"].copy()
     write_interactive(hostile, path, name)
     page = browse(path)
-    assert page.count('id="chart-') == page.count('class="plotly-graph-div js-plotly-plot"') > 10
+    assert page.count('id="chart-') == page.count('class="chart js-plotly-plot"') > 10
     assert "<title>broken" not in page
     assert "onerror=document.title='broken'>" not in page

@@ -98,6 +98,22 @@ def test_nothing_comes_from_the_network(whole):
             assert str(facts.get(key, "#")).startswith(("#", "data:image/png;base64,"))
 
 
+def test_all_of_it_is_printed_and_every_section_is_in_the_side_bar(whole):
+    """What is folded on the screen is open on paper; only the side bar is not printed."""
+    text = whole.read_text(encoding="utf-8")
+    paper = text[text.index("@media print") : text.index("</style>")]
+    hidden = re.findall(r"([^{}]+)\{[^{}]*display: none", paper)
+    assert [each.strip() for each in hidden] == ["nav"]
+    assert "details::details-content { content-visibility: visible" in paper
+    bar = text[text.index("<nav") : text.index("</nav>")]
+    linked = re.findall(r'href="#([^"]+)"', bar)
+    folds = re.findall(r'<details class="fold"[^>]*>.*?<div id="([^"]+)">', text, flags=re.DOTALL)
+    assert len(folds) > 5
+    assert set(folds) <= set(linked)
+    # A link into a fold opens it: its target is the content and not the heading.
+    assert all(f'<div id="{name}">' in text for name in folds)
+
+
 def test_findings_that_ask_for_the_same_stand_together(small, summary):
     ask = {"status": "failed", "action": "Draw more.", "number": None}
     findings = [{**ask, "code": code, "reason": f"{code} is 3."} for code in ("ess_bulk", "r_hat")]
