@@ -355,14 +355,14 @@ def shown_on(page: str) -> list[dict[str, Any]]:
 
 
 def costs() -> str:
-    """Seconds and memory of every command of the pages of `laboratories`."""
+    """Processor seconds and memory of every command of the pages of `laboratories`."""
     rows = []
     for path in sorted(SHOWN.glob("*.json")):
         for one in shown_on(path.stem):
             page = f"[{path.stem.replace('_', ' ')}](laboratories/{path.stem}.md)"
-            numbers = str(one["seconds"]), str(one["memory_mb"])
+            numbers = str(one.get("cpu_seconds", "-")), str(one["memory_mb"])
             rows.append((page, code(" ".join(one["command"].split()[:2])), *numbers))
-    return table(("campaign", "command", "time [s]", "largest memory [MB]"), rows)
+    return table(("campaign", "command", "processor time [s]", "largest memory [MB]"), rows)
 
 
 def plan_file() -> str:

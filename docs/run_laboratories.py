@@ -3,9 +3,10 @@
     python docs/run_laboratories.py hammer curves     # or all of them, without names
 
 Each page holds its records as a Python block, a campaign file and commands. They are run in a
-folder of their own, each command in a process of its own, as a reader would; beside the output of
-each stand its seconds and its largest memory. `docs/laboratories/shown` holds them, with the hash
-of the blocks that they come from; the page shows the outputs between its own marks.
+folder of their own, each command in a process of its own, as a reader would. Of each
+`docs/laboratories/shown` holds what it prints, its seconds, those of the processor and its largest
+memory, with the hash of the blocks that they come from; the page shows the outputs between its own
+marks.
 """
 
 import hashlib
@@ -59,7 +60,7 @@ def prepare(page: Path, folder: Path) -> None:
 
 
 def printed(words: list[str], folder: Path) -> dict[str, object]:
-    """What a command prints, its exit code, its seconds and its largest memory [MB]."""
+    """What a command prints, its exit code, seconds, processor seconds and largest memory [MB]."""
     env = {**os.environ, "NO_COLOR": "1", "COLUMNS": WIDTH}
     began = perf_counter()
     with tempfile.TemporaryFile("w+") as output:
@@ -72,7 +73,9 @@ def printed(words: list[str], folder: Path) -> dict[str, object]:
         text = output.read().rstrip()
     return {
         "command": shlex.join(words), "code": process.returncode, "text": text,
-        "seconds": round(perf_counter() - began), "memory_mb": round(used.ru_maxrss / 1024),
+        "seconds": round(perf_counter() - began),
+        "cpu_seconds": round(used.ru_utime + used.ru_stime),
+        "memory_mb": round(used.ru_maxrss / 1024),
     }  # fmt: skip
 
 
