@@ -8,8 +8,9 @@ as it is, as in `arviz.plot_rank(tree)`; unused here, they need pyplot and JAX a
 import io
 import logging
 import re
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -106,6 +107,37 @@ def figure_of(drawn: Any) -> Figure:
     return np.asarray(drawn, dtype=object).reshape(-1)[0].figure
 
 
+_DRAWN: ContextVar[dict[str, Figure | Exception] | None] = ContextVar("drawn", default=None)
+
+
+@contextmanager
+def drawn_once() -> Iterator[None]:
+    """While every figure of one result is drawn once, though it is written in several forms."""
+    token = _DRAWN.set({})
+    try:
+        yield
+    finally:
+        _DRAWN.reset(token)
+
+
+def drawing(entry: Entry, tree: xr.DataTree, *, rest: bool = False) -> Figure:
+    """The figure of a result, or of the `rest` of its tests; raises what its drawing raises."""
+    draw = entry.rest if rest and entry.rest is not None else entry.draw
+    drawn = _DRAWN.get()
+    if drawn is None:
+        return figure_of(draw(tree))
+    key = f"{entry.name}-rest" if rest else entry.name
+    if key not in drawn:
+        try:
+            drawn[key] = figure_of(draw(tree))
+        except Exception as cause:
+            drawn[key] = cause
+    found = drawn[key]
+    if isinstance(found, Exception):
+        raise found
+    return found
+
+
 def save_figures(tree: xr.DataTree, folder: Path, dpi: int = 130) -> None:
     """Write every figure that the result allows as PNG into a folder, made when absent."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -113,7 +145,7 @@ def save_figures(tree: xr.DataTree, folder: Path, dpi: int = 130) -> None:
         under_way.info("figure %s", entry.slug)
         path = folder / f"{entry.slug}.png"
         try:
-            figure_of(entry.draw(tree)).savefig(path, dpi=dpi, facecolor="white")
+            drawing(entry, tree).savefig(path, dpi=dpi, facecolor="white")
         except OSError:
             raise
         except Exception:
@@ -124,7 +156,7 @@ def save_figures(tree: xr.DataTree, folder: Path, dpi: int = 130) -> None:
         with suppress(DataError):  # there are no further tests
             if entry.rest is not None:
                 rest = path.with_stem(f"{path.stem}_rest")
-                figure_of(entry.rest(tree)).savefig(rest, dpi=dpi, facecolor="white")
+                drawing(entry, tree, rest=True).savefig(rest, dpi=dpi, facecolor="white")
 
 
 def svg(figure: Figure, name: str) -> str:

@@ -18,7 +18,7 @@ from jbw.errors import ConfigError, DataError, printable, reason_of
 from jbw.report import tables
 from jbw.report.charts import charts_of, shown_text
 from jbw.report.decimation import Points, decimated, shared_limit
-from jbw.report.figures import FIGURE_LIST, GROUPS, Entry, figure_of, svg
+from jbw.report.figures import FIGURE_LIST, GROUPS, Entry, drawing, svg
 from jbw.report.identifiability import directions_table, quantities_table
 from jbw.report.opening import lead, opening
 from jbw.report.result import laws_of, names_of
@@ -156,10 +156,10 @@ def _draw(entry: Entry, tree: xr.DataTree) -> dict[str, Any]:
     drawn = {"entry": entry, "number": number, "svg": "", "rest": "", "missing": ""}
     under_way.info("figure %s", entry.slug)
     try:
-        drawn["svg"] = _picture(entry.draw(tree), entry.name)
+        drawn["svg"] = _picture(drawing(entry, tree), entry.name)
         with suppress(DataError):  # there are no further tests
             if entry.rest is not None:
-                drawn["rest"] = _picture(entry.rest(tree), f"{entry.name}-rest")
+                drawn["rest"] = _picture(drawing(entry, tree, rest=True), f"{entry.name}-rest")
         return drawn
     except DataError as cause:
         return drawn | {"missing": cause.what}
@@ -167,9 +167,9 @@ def _draw(entry: Entry, tree: xr.DataTree) -> dict[str, Any]:
         return drawn | {"missing": f"This figure could not be drawn: {reason_of(cause)}"}
 
 
-def _picture(axes: Any, name: str) -> Markup:
+def _picture(figure: Any, name: str) -> Markup:
     # The SVG is our own drawing of numbers, its texts outlines: safe to insert as it is.
-    return Markup(svg(figure_of(axes), name))
+    return Markup(svg(figure, name))
 
 
 def _provenance(summary: Mapping[str, Any]) -> dict[str, str]:
