@@ -23,7 +23,8 @@ from problem import FS, joint
 from timing import Table, options, show, take_turns
 
 import jbw
-from jbw.oscillator.hold import held
+from jbw.oscillator import batch
+from jbw.oscillator.hold import held, input_polynomials
 from jbw.oscillator.oscillator import as_oscillator
 from jbw.oscillator.residual_sums import Compared, residual_sums
 from jbw.oscillator.solver import HysteresisExact, stepping
@@ -65,6 +66,23 @@ def batched(joint, u):
     """The same of eight joints side by side."""
     joints = jax.tree.map(lambda x: x * jnp.linspace(0.99, 1.01, 8), joint)
     return jax.vmap(lambda joint: summed(joint, u))(joints)
+
+
+def marched(joint, u):
+    """Lanes of joints along one record, by the program that fits and draws share."""
+    size, lanes = batch.INTERVALS + 1, np.ones(batch.LANES)
+    joints = jax.tree.map(lambda x: jnp.asarray(x) * lanes, as_oscillator(joint))
+    rows = input_polynomials(u, "first", periodic=False)
+    piece = batch._Piece(
+        jnp.zeros((size - 1, 2)).at[: NUM - 1].set(rows), jnp.zeros(size).at[:NUM].set(u),
+        jnp.zeros((size, 1 + batch.NUM_DIRECTIONS)),
+    )  # fmt: skip
+    none, state = jnp.int32(0), batch._at_rest(joints)
+    parts = jnp.zeros((batch.LANES, batch.NUM_DIRECTIONS))
+    return batch._marched(
+        1, joints, lanes, parts, piece, FS, jnp.int32(1), jnp.int32(NUM - 1), none, jnp.bool_(True),
+        state, batch._none(),
+    )[1].square  # fmt: skip
 
 
 def gradient(joint, u):
@@ -121,6 +139,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     chosen = parser.parse_args(arguments)
     jbw.enable_x64()
     loops = {"forward": forward, "sums": summed, "sums of 8": batched, "gradient": gradient}
+    loops |= {"32 lanes of one program": marched}
     if chosen.control:
         loops |= {"forward with a custom call": control}
     table = measure(loops, chosen.calls)

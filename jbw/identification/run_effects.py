@@ -6,7 +6,6 @@ narrow. So every run's own offset is read off the fit's residuals, and where the
 more than chance allows, each run gets its own in the likelihood, with a scatter of the size seen.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import equinox as eqx
@@ -20,9 +19,10 @@ from scipy import stats
 from jbw.campaign.settings import Identify
 from jbw.identification.accuracy import thinned
 from jbw.inference.fit.fitting import Fit
-from jbw.inference.groups.scatter import Spread, draw_offsets, scatter_grid
+from jbw.inference.groups.offsets import Estimate
+from jbw.inference.groups.scatter import Levels, Spread, draw_offsets, scatter_grid
 from jbw.inference.posterior.summary import QUANTILES
-from jbw.observables.dataset import Dataset, by_label, estimates, with_directions
+from jbw.observables.dataset import Dataset, by_label, estimates_at, with_directions
 from jbw.observables.drives import plain
 from jbw.observables.observable import OFFSETS, assemblies_of
 from jbw.quantities import BY_NAME
@@ -122,17 +122,30 @@ def with_scatter(key: Key[Array, ""], best: Fit, data: Dataset) -> Dataset:
 
     Its root mean square: the likelihood integrates over it, and the mean of runs scatters by that.
     """
-    theta = {name: jnp.asarray(value) for name, value in best.theta.items()}
-    drawn = _scatters(jax.random.split(key, NUM_DRAWS), theta, data)
-    return replace(data, scatter=jnp.sqrt(jnp.mean(drawn[:, : len(OFFSETS)] ** 2, axis=0)))
+    theta = {name: np.array([value]) for name, value in best.theta.items()}
+    found = estimates_at(theta, data, lanes=1)
+    every = jax.tree.map(lambda x: np.repeat(x, NUM_DRAWS, axis=0), found)
+    drawn = np.asarray(_drawn(jax.random.split(key, NUM_DRAWS), every, data).scatter)
+    scatter = np.sqrt(np.mean(drawn[:, : len(OFFSETS)] ** 2, axis=0))
+    return replace(data, scatter=jnp.asarray(scatter))
+
+
+def _drawn(keys: Key[Array, " draw"], found: Estimate, data: Dataset) -> Spread:
+    """A scatter and offsets of the runs for every key, by what groups say of them."""
+    return _spreads(keys, jax.tree.map(jnp.asarray, found), data.levels, data.scatters)
 
 
 @eqx.filter_jit
-def _scatters(
-    keys: Key[Array, " draw"], theta: Mapping[str, Float[Array, ""]], data: Dataset
-) -> Float[Array, "draw level_own"]:
-    found = estimates({**data.held, **theta}, data)
-    return jax.vmap(lambda key: draw_offsets(key, found, data.levels, data.scatters).scatter)(keys)
+def _spreads(
+    keys: Key[Array, " draw"],
+    found: Estimate,
+    levels: Levels,
+    scatters: Float[Array, "node level_own"],
+) -> Spread:
+    def one(pair: tuple[Array, Estimate]) -> Spread:
+        return draw_offsets(*pair, levels, scatters)
+
+    return jax.lax.map(one, (keys, found))
 
 
 def sentence_of(shifts: Shifts) -> str:
@@ -159,9 +172,9 @@ def runs_dataset(
     """
     if not data.has_offsets:
         return None
-    theta = {name: jnp.asarray(v) for name, v in thinned(posterior, names, NUM_DRAWS).items()}
+    theta = thinned(posterior, names, NUM_DRAWS)
     num_draws = len(theta[names[0]])
-    drawn = _draws(jax.random.split(key, num_draws), theta, data)
+    drawn = _drawn(jax.random.split(key, num_draws), estimates_at(theta, data), data)
     runs = list(dict.fromkeys(data.runs))
     centre = {**data.held, **theta}
     found = {}
@@ -177,18 +190,6 @@ def runs_dataset(
             attrs = {"units": unit, "long_name": f"sd of {name} over {PLURAL[over]}"}
             found[f"spread_{name}{suffix}"] = ("draw", spread, attrs)
     return xr.Dataset(found, {"run": runs, "draw": np.arange(num_draws)})
-
-
-@eqx.filter_jit
-def _draws(
-    keys: Key[Array, " draw"], theta: Mapping[str, Float[Array, " draw"]], data: Dataset
-) -> Spread:
-    def one(pair: tuple[Array, Mapping[str, Array]]) -> Spread:
-        key, some = pair
-        found = estimates({**data.held, **some}, data)
-        return draw_offsets(key, found, data.levels, data.scatters)
-
-    return jax.lax.map(one, (keys, dict(theta)))
 
 
 def runs_summary(runs: xr.Dataset) -> dict[str, dict[str, dict[str, float]]]:

@@ -7,13 +7,30 @@ from typing import Any
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 LANES = 32  # points that one compiled call evaluates side by side
 
 OfTheta = Callable[[Mapping[str, Array], Any], PyTree]
+Solved = tuple[PyTree, PyTree]  # data without what was solved, and this, with the points first
+Solver = Callable[[Mapping[str, np.ndarray], Any, int], Solved | None]
+
+
+def solved_first(solver: Solver) -> Callable[[Any], Any]:
+    """Decorate a function of (theta, data) whose costly part is worked out before, by itself.
+
+    At many points the `solver` is asked first, of (theta, data, threads): for data that hold the
+    costly part already, in two trees that `equinox.combine` joins, that without it and the part
+    alone, with the points along a first axis; or None where it can do nothing. What is left to
+    compile of the function is small, and the solver's own program can serve many functions.
+    """
+
+    def decorated(function: Any) -> Any:
+        function.solver = solver
+        return function
+
+    return decorated
 
 
 def at_points(
@@ -27,19 +44,26 @@ def at_points(
 
     Its leaves are arrays here, with the points along a first axis. Each core takes the next lot of
     so many lanes. What a lot comes to depends on no other, so that the number of cores changes no
-    digit.
+    digit. A function that is `solved_first` is solved first.
     """
     count = len(next(iter(theta.values())))
     padded = {name: np.pad(values, (0, -count % lanes), "edge") for name, values in theta.items()}
     lots = [
-        {name: jnp.asarray(values[first : first + lanes]) for name, values in padded.items()}
+        {name: values[first : first + lanes] for name, values in padded.items()}
         for first in range(0, count, lanes)
     ]
 
-    def one(lot: Mapping[str, Array]) -> Any:
-        return jax.tree.map(np.asarray, _values(function, lot, data))
+    solver = getattr(function, "solver", None)
+    cores = num_cores()
 
-    with ThreadPoolExecutor(_num_cores()) as threads:  # of which JAX lets the first compile
+    def one(lot: Mapping[str, np.ndarray]) -> Any:
+        solved = None if solver is None else solver(lot, data, max(cores // len(lots), 1))
+        theta = {name: jax.device_put(values) for name, values in lot.items()}
+        if solved is None:
+            return jax.tree.map(np.asarray, _values(function, theta, data))
+        return jax.tree.map(np.asarray, _rest(function, theta, *solved))
+
+    with ThreadPoolExecutor(cores) as threads:  # of which JAX lets the first compile
         found = list(threads.map(one, lots))
     return jax.tree.map(lambda *rows: np.concatenate(rows)[:count], *found)
 
@@ -49,7 +73,15 @@ def _values(function: OfTheta, theta: Mapping[str, Float[Array, " point"]], data
     return jax.vmap(lambda one: function(one, data))(dict(theta))
 
 
-def _num_cores() -> int:
+@eqx.filter_jit
+def _rest(
+    function: OfTheta, theta: Mapping[str, Float[Array, " point"]], data: PyTree, solved: PyTree
+) -> PyTree:
+    """Values of the function where the costly part was solved before."""
+    return jax.vmap(lambda one, own: function(one, eqx.combine(data, own)))(dict(theta), solved)
+
+
+def num_cores() -> int:
     """Cores that this process may use."""
     affinity = getattr(os, "sched_getaffinity", None)  # not on every system
     return len(affinity(0)) if affinity else os.cpu_count() or 1

@@ -6,15 +6,18 @@ optimisers take, its rows end to end, is made by `stacked` and read back by `by_
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Self
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from jbw.inference.groups.offsets import Estimate, run_numbers, shrunk
 from jbw.inference.groups.scatter import Levels, log_density_of_offsets
+from jbw.inference.lanes import LANES, Solved, at_points, solved_first
 from jbw.inference.space.stated import StatedDensities, log_over_uniform, standard_scores
 from jbw.observables.drives import of_part
 from jbw.observables.modes import Modes
@@ -121,6 +124,29 @@ def _prior_key(name: str) -> str:
     return f"prior of {name}"
 
 
+def solved(
+    theta: Mapping[str, Float[np.ndarray, " point"]], data: Dataset, threads: int, *, writes: bool
+) -> Solved | None:
+    """The dataset without what costs most of predictions at points, and this; or None."""
+    size = len(next(iter(theta.values())))
+    held = {name: np.full(size, float(value)) for name, value in data.held.items()}
+    everything = {**held, **theta}
+    parts = [part.solved(of_part(everything, part), threads, writes=writes) for part in data.parts]
+    known = [i for i, part in enumerate(parts) if part is not None]
+    if not known:
+        return None
+    pairs = zip(parts, data.parts, strict=True)
+    whole = replace(data, parts=tuple(old if new is None else new for new, old in pairs))
+    is_solved = eqx.tree_at(
+        lambda tree: [tree.parts[i].solution for i in known],
+        jax.tree.map(lambda _: False, whole),
+        replace_fn=lambda solution: jax.tree.map(lambda _: True, solution),
+    )
+    own, rest = eqx.partition(whole, is_solved)
+    return rest, own
+
+
+@solved_first(partial(solved, writes=False))
 def log_likelihood(theta: Theta, data: Dataset) -> Float[Array, " term"]:
     """Terms of the log likelihood, eqs. (36) and (37): one a group, then those of the scatter.
 
@@ -140,9 +166,21 @@ def log_likelihood(theta: Theta, data: Dataset) -> Float[Array, " term"]:
 
 
 def estimates(theta: Theta, data: Dataset) -> Estimate:
-    """What every group says of the offsets of its run."""
+    """What every group says of the offsets of its run, by all parameters."""
     found = [part.estimate(of_part(theta, part), data.num_offsets) for part in data.parts]
     return Estimate(*(jnp.concatenate(rows) for rows in zip(*found, strict=True)))
+
+
+def estimates_at(
+    theta: Mapping[str, Float[np.ndarray, " point"]], data: Dataset, *, lanes: int = LANES
+) -> Estimate:
+    """The same at points, along a first axis."""
+    return at_points(_estimates, theta, data, lanes=lanes)
+
+
+@solved_first(partial(solved, writes=False))
+def _estimates(theta: Theta, data: Dataset) -> Estimate:
+    return estimates({**data.held, **theta}, data)
 
 
 def residual(theta: Theta, data: Dataset) -> Residual:
@@ -187,6 +225,7 @@ def _offsets_taken_out(
     return rows, dict(zip(data.shared_runs, offsets, strict=True))
 
 
+@solved_first(partial(solved, writes=True))
 def stacked(theta: Theta, data: Dataset) -> Float[Array, " values"]:
     """The residual as least squares takes it: its rows end to end."""
     rows = residual(theta, data)
@@ -235,14 +274,15 @@ def largest_displacement(data: Dataset, omega_n: float) -> float:
 
 def best_offsets(theta: Mapping[str, float], data: Dataset) -> dict[str, np.ndarray]:
     """Best offsets of omega_n and zeta of each run that has them, at one point."""
-    scaled = _scaled_offsets(as_arrays(theta, data), data)
-    return {run: np.asarray(row * data.scatter) for run, row in scaled.items()}
+    point = {name: np.array([float(value)]) for name, value in theta.items()}
+    scaled, scatter = at_points(_scaled_offsets, point, data, lanes=1), np.asarray(data.scatter)
+    return {run: rows[0] * scatter for run, rows in scaled.items()}
 
 
-@eqx.filter_jit
+@solved_first(partial(solved, writes=True))
 def _scaled_offsets(theta: Theta, data: Dataset) -> dict[str, Float[Array, " own"]]:
     """Best offsets of each run that has them, over their scatter."""
-    return _offsets_taken_out(_weighted(theta, data), data)[1]
+    return _offsets_taken_out(_weighted({**data.held, **theta}, data), data)[1]
 
 
 def with_directions(

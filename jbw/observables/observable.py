@@ -183,6 +183,18 @@ class Observable(eqx.Module):
         """Number of values of each group whose noise the repeats tell, by label."""
         return {}
 
+    def solved(
+        self, theta: Mapping[str, Float[np.ndarray, " point"]], threads: int, *, writes: bool
+    ) -> Self | None:
+        """The data that hold what costs most of a prediction at points; None where nothing does.
+
+        Args:
+            theta: The parameters at points.
+            threads: So many at once.
+            writes: Whether the misfit itself is asked for, and not its sums alone.
+        """
+        return None
+
     def linearised(
         self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]
     ) -> "Observable":

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from jbw.inference.generator import generator
 from jbw.inference.groups.scatter import draw_offsets
-from jbw.inference.lanes import at_points
-from jbw.observables.dataset import Dataset, as_arrays, estimates
+from jbw.inference.lanes import Solved, at_points, num_cores, solved_first
+from jbw.observables.dataset import Dataset, as_arrays, estimates, solved
 from jbw.observables.drives import of_part
 from jbw.observables.observable import Observable, Theta
 
@@ -120,6 +120,7 @@ def _split(part: Any, theta: Theta, alone: Sequence[Sequence[Any]]) -> Split | N
         none = np.zeros(count)
         same = np.zeros_like(measured)
         return Split(np.arange(count), none.astype(int), same, none + 1, none, measured)
+    part = _solved_at(theta, part)
     centre = np.asarray(_left(theta, part))
     told: list[list[tuple[int, NDArray[np.float64], float, float]]] = [[] for _ in range(count)]
     for j, parts in enumerate(alone, start=1):
@@ -143,6 +144,14 @@ def _split(part: Any, theta: Theta, alone: Sequence[Sequence[Any]]) -> Split | N
         np.asarray(column) for column in zip(*rows, strict=True)
     )
     return Split(group, repeat, deviation, num_repeats, within, measured)
+
+
+def _solved_at(theta: Theta, part: Any) -> Any:
+    """A part with its responses at one point, whatever its means are; or as it is."""
+    point = {name: np.array([float(x)]) for name, x in theta.items()}
+    if (found := part.solved(point, num_cores(), writes=True)) is None:
+        return part
+    return replace(found, solution=jax.tree.map(lambda x: x[0], found.solution))
 
 
 @eqx.filter_jit
@@ -186,6 +195,21 @@ def _factors(split: Split) -> Factors:
     return Factors(split.group, place, rows)
 
 
+def _solved(
+    theta: Mapping[str, np.ndarray],
+    given: tuple[Key[Array, ""], Dataset, tuple[Any, ...]],
+    threads: int,
+) -> Solved | None:
+    """The responses of every part at draws, for all that is asked of them."""
+    key, data, rows = given
+    point = {name: values for name, values in theta.items() if name != SEED}
+    if (found := solved(point, data, threads, writes=True)) is None:
+        return None
+    nothing = jax.tree.map(lambda _: None, rows)
+    return (key, found[0], rows), (None, found[1], nothing)
+
+
+@solved_first(_solved)
 def _sums(theta: Theta, given: tuple[Key[Array, ""], Dataset, tuple[Any, ...]]) -> dict[str, Any]:
     """What every part is asked at one draw, by one solve, each run's offsets drawn beside it."""
     key, data, rows = given

@@ -1,7 +1,10 @@
 """Response records under a measured input (sweeps, multisines) as an observable."""
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from dataclasses import replace
+from threading import Thread
 from typing import Any, ClassVar, Self
 
 import equinox as eqx
@@ -24,6 +27,7 @@ from jbw.observables.samples import (
     advance,
     band_limited,
     in_band,
+    joints_at,
     lines_of,
     loudest_hz,
     response_to,
@@ -31,18 +35,41 @@ from jbw.observables.samples import (
     values_of,
 )
 from jbw.observables.spectra import Spectrum, of_lines, of_samples
+from jbw.oscillator.batch import Measured, Motions, compile_ahead, march, record_of
 from jbw.oscillator.deepening import with_depth
 from jbw.oscillator.hold import HeldInput
+from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.laws.reversals import SIZE
 from jbw.oscillator.modes.parameters import has_further_modes
-from jbw.oscillator.oscillator import oscillator_of
+from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.oscillator.residual_sums import Compared, Sums, residual_sums
 from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
 
 NEAR_PEAK = 0.3  # of the peak: lines of a spectrum that the first values are read from
 ABSURD = 1e6  # times the largest of what was measured: no prediction of it
 MOST_ROWS = 12  # that the time loop multiplies with: beyond, a written response costs less
+# Steps of differences, relative: a change of the motion of a thousandth, and an error of its fourth
+# power and of 1e-12 of rounding.
+DIFFERENCE = {"omega_n": 3e-6, "zeta": 5e-4}
+NUM_POWERS = 6  # of the polynomials of a band-limited input
 SUBSTEPS = 2  # of the solver between samples at least, unless stated
+
+
+class Solution(eqx.Module):
+    """What was solved of records before it is asked for, at one point or at many.
+
+    Attributes:
+        response: Of every level, from the first sample that is compared; None where only the
+            following was asked for.
+        square: Squares of the misfit of every level.
+        along: Its products with the directions.
+        peak: Largest response.
+    """
+
+    response: Float[Array, "*point level compared"] | None
+    square: Float[Array, "*point level"]
+    along: Float[Array, "*point level own"]
+    peak: Float[Array, "*point level"]
 
 
 class Records(Repeated):
@@ -65,6 +92,7 @@ class Records(Repeated):
         points: Where each level's response is measured: names of further points of `modes`, empty
             of the first one.
         moved: Of each level, the first one of the same input: one motion, seen at several points.
+        solution: What was solved before at the point that is asked for; None for nothing.
     """
 
     kinds: ClassVar[tuple[str, ...]] = ("sweep", "multisine")
@@ -83,6 +111,7 @@ class Records(Repeated):
     depth: int = eqx.field(static=True, default=SIZE)
     points: tuple[str, ...] = eqx.field(static=True, default=())
     moved: tuple[int, ...] = eqx.field(static=True, default=())
+    solution: Solution | None = None
 
     @classmethod
     def reduce(
@@ -123,7 +152,7 @@ class Records(Repeated):
         return cls(
             laws=laws,
             held=band_limited(inputs, periodic=periodic),
-            mean=jnp.asarray(means),
+            mean=jax.device_put(means),
             repeats=repeats(
                 within=np.array(within),
                 num_repeats=np.array([len(r) for r in responses]),
@@ -134,7 +163,7 @@ class Records(Repeated):
                 scale=np.sqrt(np.sum(means**2, axis=1) / size),
                 spanned=own_columns(inputs[:, skipped:], fs, response, lines) if own else None,
             ),
-            origin=jnp.zeros((len(tests), 0)),
+            origin=jax.device_put(np.zeros((len(tests), 0))),
             fs=fs,
             response=response,
             substeps=substeps or substeps_for(loudest_hz(means, fs), fs, SUBSTEPS),
@@ -172,6 +201,8 @@ class Records(Repeated):
 
     def predict(self, theta: Theta) -> Float[Array, "level compared"]:
         """Response of every level to its mean input, at its own origin where it has one."""
+        if self.solution is not None and self.solution.response is not None:
+            return self.solution.response
         several = any(self.points)
 
         def one(level: tuple[HeldInput, Array]) -> Float[Array, "*point compared"]:
@@ -221,6 +252,12 @@ class Records(Repeated):
         offset: Float[Array, "level own"] | None = None,
     ) -> tuple[Float[Array, " level"], Float[Array, "level row"]]:
         """The same, where it can be added up in the time loop, of which no response is written."""
+        if self.solution is not None:
+            if self.solution.response is not None:
+                return super().left_sums(theta, rows, offset)
+            # The rows are the directions, no offset is known: nothing else was solved for.
+            hidden = self._hidden(self.solution.peak)
+            return jnp.where(hidden, jnp.nan, self.solution.square), self.solution.along
         if not self._summed(theta) or rows.shape[1] > MOST_ROWS:
             return super().left_sums(theta, rows, offset)
         known = jnp.zeros((len(self.origin), self.repeats.directions.shape[1]))
@@ -243,12 +280,77 @@ class Records(Repeated):
         # Beside a motion that large rounding hides the data.
         return jnp.where(self._hidden(sums.peak), jnp.nan, sums.square), sums.along
 
+    def solved(
+        self, theta: Mapping[str, Float[np.ndarray, " point"]], threads: int, *, writes: bool
+    ) -> Self | None:
+        """The records with their solution at points; None where they must be solved as they are.
+
+        Those of several modes, residual terms or periodic motions are, and laws that our own step
+        does not know. The steps of the solver, which are no matter any more, are those of any.
+        """
+        if self._joints_at(theta, 0) is None:
+            return None
+        writes = writes or not self._summed(theta)
+        away = np.zeros((len(self.labels), len(theta["gain"]), 0))
+        if self.origin.shape[1]:
+            here = np.stack([theta[name] for name in OFFSETS], axis=-1)
+            away = here - np.asarray(self.origin)[:, None]
+
+        def level(number: int) -> Motions:
+            return self.marched(theta, number, known=away[number], writes=writes)
+
+        with ThreadPoolExecutor(threads) as pool:
+            motions = list(pool.map(level, range(len(self.labels))))
+        own = self.repeats.directions.shape[1]
+        solution = Solution(
+            jax.device_put(self._from_first([x.response for x in motions])) if writes else None,
+            jax.device_put(np.stack([x.square for x in motions], axis=1)),
+            jax.device_put(np.stack([x.along[:, :own] for x in motions], axis=1)),
+            jax.device_put(np.stack([x.peak for x in motions], axis=1)),
+        )
+        return replace(self, laws=(), substeps=SUBSTEPS, depth=SIZE, solution=solution)
+
+    def _from_first(self, rows: Sequence[Any]) -> Float[np.ndarray, "point level compared"]:
+        """Responses from the first sample that is compared, levels side by side."""
+        return np.stack([row[:, self.skipped :] for row in rows], axis=1)
+
+    def marched(
+        self,
+        theta: Mapping[str, Float[np.ndarray, " point"]],
+        number: int,
+        *,
+        known: Float[np.ndarray, "point own"] | None = None,
+        writes: bool,
+    ) -> Motions:
+        """Motions of one level at points, at its own origin where it has one."""
+        if (joints := self._joints_at(theta, number)) is None:
+            raise TypeError("Records that are not `solved` are not marched.")
+        measured = None  # of a band nothing is added up sample by sample
+        if self.lines is None:
+            measured = Measured(self.mean, self.repeats.directions, self.skipped)
+        return march(
+            joints,
+            theta["gain"] * float(self.held.gain[number]),
+            record_of(self.held, number, measured),
+            self.fs, self.substeps, derivative_order(self.response), known=known, writes=writes,
+        )  # fmt: skip
+
+    def _joints_at(
+        self, theta: Mapping[str, Float[np.ndarray, " point"]], number: int
+    ) -> Oscillator | None:
+        """The joints at points as a level sees them; None of those that are not marched."""
+        if self.periodic or any(self.points):
+            return None
+        origin = zip(OFFSETS, np.asarray(self.origin)[number], strict=False)
+        place = {name: np.full(len(theta["gain"]), value) for name, value in origin}
+        return joints_at({**theta, **place}, self.laws, residuals=self.residuals, depth=self.depth)
+
     def _hidden(self, peak: Float[Array, " level"]) -> Bool[Array, " level"]:
         """Whether a prediction is absurdly larger than what was measured, if anything was."""
         size = jnp.max(jnp.abs(self.mean), axis=1)  # zero of what is planned alone
         return (size > 0) & (peak > ABSURD * size)
 
-    def _summed(self, theta: Theta) -> bool:
+    def _summed(self, theta: Mapping[str, Any]) -> bool:
         """Whether the misfit is added up in the time loop: of samples of one mode, from rest."""
         plain = not (self.periodic or self.is_complex or any(self.points))
         return (
@@ -267,8 +369,36 @@ class Records(Repeated):
         """Each level about the omega_n and zeta of its own run, where these are known."""
         centre = np.array([float(theta[name]) for name in OFFSETS])
         origin = np.stack([centre + offsets.get(run, 0.0) for run in self.runs])
-        placed = replace(self, origin=jnp.asarray(origin))
-        return placed.with_directions(_slope_at_origin(theta, placed))
+        placed = replace(self, origin=jax.device_put(origin))
+        slope = placed.slope_by_differences(theta)
+        return placed.with_directions(_slope_at_origin(theta, placed) if slope is None else slope)
+
+    def slope_by_differences(self, theta: Theta) -> Float[Array, "level value own"] | None:
+        r"""Derivative of what is compared by each level's own omega_n and zeta.
+
+        $$x'(0) \approx \frac{8 (x(h) - x(-h)) - (x(2h) - x(-2h))}{12 h}$$
+
+        by the program that fits them, where derivatives through time would be one of their own;
+        None where that does not know them. To 1e-8 of the derivative: turning points fall into
+        other steps of the solver from one side to the other, more of them the longer these are.
+        """
+        middle = dict.fromkeys(OFFSETS, 0.0) | {n: float(x) for n, x in theta.items()}
+        steps = np.array([DIFFERENCE[name] * middle[name] for name in OFFSETS])
+        away = np.kron(np.diag(steps), np.array([[1.0], [-1.0], [2.0], [-2.0]]))
+        points = {name: np.full(len(away), value) for name, value in middle.items()}
+        origin = np.asarray(self.origin)[:, None] + away  # of every level and point
+        if self._joints_at(points, 0) is None:
+            return None
+        rows = []
+        for number in range(len(self.labels)):
+            place = dict(zip(OFFSETS, origin[number].T, strict=True))
+            alone = replace(self, origin=self.origin[:, :0])
+            rows.append(alone.marched({**points, **place}, number, writes=True).response)
+        values = values_of(np.stack(rows)[..., self.skipped :], self.lines)
+        sides = np.reshape(values, (len(rows), len(OFFSETS), 4, -1))
+        ahead, behind, far, beyond = np.moveaxis(sides, 2, 0)
+        slope = (8 * (ahead - behind) - (far - beyond)) / (12 * steps[:, None])
+        return jax.device_put(np.moveaxis(slope, 1, -1))
 
     def spectra(self, left: Rows) -> dict[str, Spectrum]:
         """Of every level: samples in time, or lines of a band."""
@@ -347,6 +477,30 @@ class Records(Repeated):
 
     def _stacks(self, theta: Theta) -> bool:
         return any(law.stacks for law in oscillator_of(theta, self.laws).laws)
+
+
+def compile_beside(tests: Sequence[Test], laws: Laws) -> Thread | None:
+    """Begin to compile, in a thread, what sweeps among tests are solved by; None where nothing is.
+
+    All that comes before the first solve goes on meanwhile. Laws with a stack of reversals ask for
+    one program a depth, which nobody knows yet.
+    """
+    swept = [test for test in tests if test.kind == "sweep" and not test.point]
+    if not swept:
+        return None
+    order = derivative_order(swept[0].records[0].response)
+    names = ("omega_n", "zeta", *(quantity.name for quantity in quantities_of(laws)))
+
+    def compiled() -> None:
+        # What fails here fails again where it is needed, and is said there.
+        with suppress(Exception):
+            joints = joints_at(dict.fromkeys(names, np.ones(1)), laws)
+            if joints is not None and not any(law.stacks for law in joints.laws):
+                compile_ahead(joints, NUM_POWERS, order)
+
+    thread = Thread(target=compiled, name="compile what sweeps are solved by")
+    thread.start()
+    return thread
 
 
 @eqx.filter_jit

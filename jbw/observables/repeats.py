@@ -1,10 +1,10 @@
 """Groups of repeated data: their bookkeeping, and rows of unequal lengths side by side."""
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Literal
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -69,19 +69,24 @@ def repeats(
     known = degrees > 0
     noise = np.sqrt(np.where(known, within / np.where(known, degrees, 1), (0.01 * scale) ** 2))
     own = np.zeros((len(labels), 0, longest)) if spanned is None else _orthonormal(spanned)
-    found = Repeats(
-        within=jnp.asarray(within),
-        num_repeats=jnp.asarray(num_repeats, float),
-        size=jnp.asarray(sizes, float),
-        num_values=jnp.zeros(len(labels)),
-        noise_std=jnp.asarray(noise),
-        discrepancy=jnp.zeros(len(labels)),
-        directions=jnp.zeros((len(labels), 0, longest)),
-        spanned=jnp.asarray(own),
+    # Values that the directions of each group's own take, one each.
+    taken = np.round(np.sum(own**2, axis=(1, 2)))
+    none = np.zeros(len(labels))
+    arrays = {
+        "within": np.asarray(within),
+        "num_repeats": np.asarray(num_repeats, float),
+        "size": np.asarray(sizes, float),
+        "num_values": np.asarray(sizes, float) * num_repeats - taken,
+        "noise_std": noise,
+        "discrepancy": none,
+        "directions": np.zeros((len(labels), 0, longest)),
+        "spanned": own,
+    }
+    return Repeats(
+        **jax.device_put(arrays),
         labels=_distinct(labels),
         runs=tuple(runs),
     )
-    return replace(found, num_values=found.num_counted)
 
 
 def _orthonormal(

@@ -16,6 +16,7 @@ Reference:
 """
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -47,7 +48,7 @@ def has_own(residuals: str, *, several_modes: bool) -> bool:
     return residuals == "own" or (residuals == "auto" and several_modes)
 
 
-def taken(theta: Mapping[str, Array], residuals: str) -> dict[str, Array]:
+def taken(theta: Mapping[str, Any], residuals: str) -> dict[str, Any]:
     """The terms that theta has and a test takes, by name."""
     return {name: theta[name] for name in TAKEN[residuals] if name in theta}
 

@@ -1,28 +1,35 @@
 """Samples that are compared: brought to one time and into a band, and predicted from the joint."""
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
 from jbw.errors import DataError
+from jbw.inference.lanes import num_cores
 from jbw.measurement.channels import whole_down, whole_up
 from jbw.observables.residual_terms import added_response, taken
+from jbw.oscillator.batch import LANES, filled_up, march, record_of
 from jbw.oscillator.deepening import with_depth
 from jbw.oscillator.hold import HeldInput, held
 from jbw.oscillator.modes.apart import simulate_apart
 from jbw.oscillator.modes.parameters import (
     at_points,
     gain_ratios,
+    has_further_modes,
     model_of,
     modes_apart,
     seen_by_points,
 )
 from jbw.oscillator.modes.structure import Structure
+from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.oscillator.response import simulate
-from jbw.quantities import DEFAULT_LAWS, LETTER_OF
+from jbw.quantities import DEFAULT_LAWS, LETTER_OF, derivative_order
 
 STEPS_A_PERIOD = 50.0  # until a fit shows what data take
 Lines = tuple[int, int]  # the first line of a spectrum that counts, and the one after the last
@@ -66,15 +73,14 @@ def noise_share(lines: Lines | None, length: int) -> float:
     return 1.0 if lines is None else float(np.sqrt(2 * (lines[1] - lines[0]) / length))
 
 
-def values_of(
-    samples: Float[Array, "*batch time"], lines: Lines | None
-) -> Float[Array, "*batch value"]:
+def values_of(samples: Float[Array | np.ndarray, "*batch time"], lines: Lines | None) -> Any:
     r"""Samples, or a band's lines $\sqrt{2/N}\,(\mathrm{Re}\,X_n, \mathrm{Im}\,X_n)$."""
     if lines is None:
         return samples
-    spectrum = jnp.fft.rfft(samples)[..., lines[0] : lines[1]]
+    xp: Any = np if isinstance(samples, np.ndarray) else jnp
+    spectrum = xp.fft.rfft(samples)[..., lines[0] : lines[1]]
     scale = np.sqrt(2 / samples.shape[-1])
-    return scale * jnp.concatenate([spectrum.real, spectrum.imag], axis=-1)
+    return scale * xp.concatenate([spectrum.real, spectrum.imag], axis=-1)
 
 
 def loudest_hz(means: Float[np.ndarray, "level time"], fs: float) -> float:
@@ -94,6 +100,66 @@ def band_limited(
 ) -> HeldInput:
     """A measured input, between its samples the band-limited one that the sampling saw."""
     return held(source, "band_limited", periodic=periodic)
+
+
+@eqx.filter_jit
+def _joints(
+    theta: Mapping[str, Float[Array, " point"]], laws: tuple[str, ...], depth: int | None
+) -> Oscillator:
+    return jax.vmap(lambda point: with_depth(oscillator_of(point, laws), depth))(dict(theta))
+
+
+def joints_at(
+    theta: Mapping[str, Float[np.ndarray, " point"]],
+    laws: tuple[str, ...],
+    *,
+    residuals: str = "none",
+    depth: int | None = None,
+) -> Oscillator | None:
+    """Oscillators at points for `jbw.oscillator.batch`, the last again to fill its lanes.
+
+    Their laws remember `depth` reversals. None where theta has several modes or residual terms, or
+    where a stock solver integrates a law.
+    """
+    if has_further_modes(theta) or taken(theta, residuals):
+        return None
+    joints = _joints(jax.device_put(filled_up(dict(theta))), laws, depth)
+    return joints if all(law.stepped for law in joints.laws) else None
+
+
+def motions_at(
+    theta: Mapping[str, Float[np.ndarray, " point"]],
+    source: HeldInput,
+    fs: float,
+    *,
+    laws: tuple[str, ...],
+    substeps: int,
+    response: str,
+    residuals: str,
+) -> tuple[Float[np.ndarray, "point time"], Float[np.ndarray, " point"]] | None:
+    """`response_to` one input and the largest displacement [m], at any number of points.
+
+    None where `joints_at` has none, and for laws that ask for as much memory as a motion takes.
+    """
+    record, count = record_of(source), len(theta["gain"])
+    lots = [slice(first, first + LANES) for first in range(0, count, LANES)]
+    joints = [
+        joints_at({name: x[lot] for name, x in theta.items()}, laws, residuals=residuals)
+        for lot in lots
+    ]
+    known = [one for one in joints if one is not None and not any(x.stacks for x in one.laws)]
+    if len(known) < len(lots):
+        return None
+    gain, order = theta["gain"] * float(source.gain), derivative_order(response)
+    with ThreadPoolExecutor(num_cores()) as threads:
+        motions = list(
+            threads.map(
+                lambda pair: march(pair[0], gain[pair[1]], record, fs, substeps, order),
+                zip(known, lots, strict=True),
+            )
+        )
+    rows = np.concatenate([motion.response for motion in motions])
+    return rows, np.concatenate([motion.y_peak for motion in motions])
 
 
 def motion_under(

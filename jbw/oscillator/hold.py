@@ -69,8 +69,10 @@ def held(
     if isinstance(u, HeldInput):
         return u
     polynomials = _namespace(u).moveaxis(input_polynomials(u, hold, periodic=periodic), -1, -2)
-    gain = jnp.ones(u.shape[:-1])
-    return HeldInput(jnp.asarray(u), jnp.asarray(polynomials), gain, hold, periodic)
+    arrays = u, polynomials, np.ones(u.shape[:-1])
+    if _namespace(u) is np:  # `jnp.asarray` would compile a program a shape
+        return HeldInput(*jax.device_put(arrays), hold, periodic)
+    return HeldInput(*map(jnp.asarray, arrays), hold, periodic)
 
 
 def input_polynomials(

@@ -5,12 +5,26 @@ stays a condition: lanes of like parameters turn within a few steps of each othe
 these none of them pays for the long side.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
+
+_UNSHARED = ContextVar("unshared", default=False)
+
+
+@contextmanager
+def unshared() -> Iterator[None]:
+    """While a program is traced whose lanes are never shared among devices."""
+    token = _UNSHARED.set(True)
+    try:
+        yield
+    finally:
+        _UNSHARED.reset(token)
 
 
 def where_rare(met: Bool[Array, ""], rare: Callable[[Any], Any], operands: Any, usual: Any) -> Any:
@@ -44,9 +58,11 @@ def _on_one_device() -> bool:
     """Whether all lanes of a program lie on one device.
 
     Where JAX shares lanes among devices by itself, any of all lanes is a sum over the devices in
-    every step, which costs the time loop its native call. Within `jax.shard_map` it is not.
+    every step, which costs the time loop its native call. Within `jax.shard_map` it is not, nor
+    where a caller says so by `unshared`.
     """
-    return jax.device_count() == 1 or bool(jax.sharding.get_abstract_mesh().manual_axes)
+    whole = _UNSHARED.get() or bool(jax.sharding.get_abstract_mesh().manual_axes)
+    return whole or jax.device_count() == 1
 
 
 def _condition(rare: Callable[[Any], Any], depth: int) -> Callable[..., Any]:

@@ -122,7 +122,7 @@ def _of_trajectory(substeps: int, task: _Task) -> Sums:
     """The same from the states at the samples, for derivatives."""
     compared = task.compared
     trajectory = solve(substeps, task.stepping, _at_rest(task))
-    response = _response(task.joint, compared.order, trajectory, task.force)[compared.first :]
+    response = response_of(task.joint, compared.order, trajectory, task.force)[compared.first :]
     residual = compared.measured - response - compared.parts @ compared.directions
     peak = jnp.max(jnp.abs(response))
     return Sums(jnp.sum(residual**2), compared.rows @ residual, peak)
@@ -134,7 +134,7 @@ def _at_rest(task: _Task) -> State:
     return none, none, memory
 
 
-def _response(joint: Oscillator, order: int, state: Any, u: Any) -> Any:
+def response_of(joint: Oscillator, order: int, state: Any, u: Any) -> Any:
     """Displacement, velocity or acceleration of a state, or of many along an axis."""
     y, v, memory = state
     if order < 2:
@@ -147,7 +147,7 @@ def _added(task: _Task, state: State, substep: Array, totals: Any, every: int = 
     compared, (square, along, peak) = task.compared, totals
     n = substep // every
     counts = (substep % every == 0) & (n >= compared.first)
-    response = _response(task.joint, compared.order, state, task.force[n])
+    response = response_of(task.joint, compared.order, state, task.force[n])
     i = jnp.maximum(n - compared.first, 0)
     residual = compared.measured[i] - response
     for part, row in zip(compared.parts, compared.directions, strict=True):

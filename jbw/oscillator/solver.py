@@ -57,7 +57,10 @@ class Stepping(eqx.Module):
 
     def push(self, substep: Array) -> Push:
         """What the input adds to y [m] and v [m/s] in a substep, and the input there [N/kg]."""
-        powers = tuple(piece[substep] for piece in self.pieces)
+        return self.push_of(tuple(piece[substep] for piece in self.pieces))
+
+    def push_of(self, powers: tuple[Scalar, ...]) -> Push:
+        """The same by the coefficients of the input in a substep."""
         start = self.gain * powers[0]
         push = weighted(self.on_y, powers), weighted(self.on_v, powers), start
         return (*push, self.gain * added(powers)) if self._is_damped else push

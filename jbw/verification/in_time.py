@@ -21,6 +21,7 @@ from jbw.observables.samples import (
     in_band,
     lines_of,
     motion_under,
+    motions_at,
     noise_share,
     response_of,
 )
@@ -76,6 +77,13 @@ def predict_motion(
     first point of several, also where the response is at a further one.
     """
     source = band_limited(record.channels[record.source])
+    if not point:
+        motions = motions_at(
+            draws, source, record.fs, laws=laws, residuals=residuals, substeps=substeps,
+            response=record.response,
+        )  # fmt: skip
+        if motions is not None:
+            return motions
     facts = source, record.fs, record.response, substeps, laws, residuals, point
     return carry(_response, draws, *facts)
 

@@ -46,7 +46,7 @@ def test_scalar_values_make_one_axis_and_lanes_may_be_few():
 def test_the_number_of_cores_changes_no_digit(monkeypatch):
     theta, found = points(7 * LANES + 3), []
     for cores in (1, 2, 5):
-        monkeypatch.setattr(lanes, "_num_cores", lambda cores=cores: cores)
+        monkeypatch.setattr(lanes, "num_cores", lambda cores=cores: cores)
         found.append(at_points(wavy, theta, jnp.asarray(0.3)))
     np.testing.assert_array_equal(found[1], found[0])
     np.testing.assert_array_equal(found[2], found[0])

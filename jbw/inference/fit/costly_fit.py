@@ -22,7 +22,7 @@ from jbw.inference.fit.fitting import (
     named_starts,
     real,
 )
-from jbw.inference.lanes import at_points
+from jbw.inference.lanes import Solved, at_points, solved_first
 from jbw.inference.space.box import Box, named, require_float64
 from jbw.inference.space.coordinates import Composed, Logarithms, Sinh, Vector, unit
 
@@ -33,7 +33,7 @@ STEP = 1e-5  # of the search coordinate, 0 to 1: an error of its square, and of 
 WIDEST = 0.02
 SAME, SETTLED, MOST_WIDENINGS = 1.2, 1.02, 12  # ratios of standard errors
 UNIFORM = 12.0  # precision of a uniform prior over the unit cube
-LANES = 8
+LANES = 16  # of seven parameters the differences of both sides
 OUT_OF_REACH = 1e100  # of every residual at a point that is refused
 NEAR_ZERO = 0.01  # of the upper bound: where a parameter that may be zero is told from zero
 LOPSIDED = 0.5  # of the upper bound, which the lower one stays within
@@ -213,6 +213,16 @@ def _slope(
         return ((ahead - behind) / steps).T
 
 
+def _solved(theta: Mapping[str, np.ndarray], residual_and_data: Any, threads: int) -> Solved | None:
+    """What the residual itself is `solved_first` for."""
+    residual, data = residual_and_data
+    solver = getattr(residual, "solver", None)
+    if solver is None or (solved := solver(theta, data, threads)) is None:
+        return None
+    return (residual, solved[0]), (None, solved[1])
+
+
+@solved_first(_solved)
 def _real_of(theta: Mapping[str, Array], residual_and_data: Any) -> Float[Array, " residual"]:
     residual, data = residual_and_data
     return real(residual(theta, data))

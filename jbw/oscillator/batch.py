@@ -1,0 +1,360 @@
+r"""Many oscillators side by side under one record: one program for records of all lengths.
+
+A record is marched in pieces of so many intervals between samples at most, from rest, the state
+carried from each to the next. How many a piece has, the sampling rate and the steps between two
+samples are arguments: the program depends on the laws, the measured derivative and the number of
+lanes alone. Every solve of a campaign can share it: fits, weights, draws, checks, predictions. On
+the way it adds up
+
+$$r_n = d_n - x_n - \sum_k a_k J_{kn}, \qquad Q = \sum_n r_n^2, \qquad s_k = \sum_n J_{kn} r_n$$
+
+which a likelihood asks for. It has no derivatives of its own: for these, `jbw.simulate`.
+"""
+
+import weakref
+from collections.abc import Callable, Iterator
+from functools import cache, partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, PyTree
+
+from jbw.oscillator.hold import HeldInput
+from jbw.oscillator.oscillator import Oscillator
+from jbw.oscillator.rare import unshared
+from jbw.oscillator.residual_sums import response_of
+from jbw.oscillator.solver import Stepping
+from jbw.oscillator.step import State, advance, exact_step
+
+LANES = 32  # oscillators side by side: fewer take as long
+INTERVALS = 4096  # of a piece: what it writes stays in the cache
+NUM_DIRECTIONS = 2  # rows J; fewer are filled up with zeros
+
+
+class Measured(NamedTuple):
+    """What a response is compared with, from its first sample on.
+
+    Attributes:
+        values: Measured response d [m, m/s or m/s^2].
+        directions: Rows J, two at most.
+        first: First sample that counts.
+    """
+
+    values: Float[Any, "*record time"]
+    directions: Float[Any, "*record direction time"]
+    first: int = 0
+
+
+class Motions(NamedTuple):
+    """What became of every lane.
+
+    Attributes:
+        response: Displacement [m], velocity [m/s] or acceleration [m/s^2] at the samples; None
+            where it was not written.
+        y_peak: Largest displacement [m].
+        square: Q of the samples that count; as they are where nothing is compared.
+        along: s_k of the same.
+        peak: Largest response of the same.
+    """
+
+    response: Any  # Float[np.ndarray, "lane time"] | None
+    y_peak: Float[np.ndarray, " lane"]
+    square: Float[np.ndarray, " lane"]
+    along: Float[np.ndarray, "lane direction"]
+    peak: Float[np.ndarray, " lane"]
+
+
+class _Totals(NamedTuple):
+    """What a piece hands on beside the state."""
+
+    square: Any
+    along: tuple[Any, ...]
+    peak: Any
+    y_peak: Any
+
+
+class _Piece(NamedTuple):
+    """A piece of a record, filled up with zeros; rows are samples, or intervals between them."""
+
+    polynomials: Float[Array, "interval power"]
+    samples: Float[Array, " sample"]
+    measured: Float[Array, "sample column"]  # d, then J
+
+
+class Record(NamedTuple):
+    """A record ready to be marched along, by `record_of`."""
+
+    pieces: tuple[_Piece, ...]
+    num_intervals: int
+    first: int
+
+
+def march(
+    joints: Oscillator,
+    gains: Float[np.ndarray, " lane"],
+    record: Record,
+    fs: float,
+    substeps: int,
+    order: int,
+    *,
+    known: Float[np.ndarray, "lane direction"] | None = None,
+    writes: bool = True,
+) -> Motions:
+    """Motions of oscillators, from rest, under one sampled input.
+
+    Args:
+        joints: The oscillators, at most `LANES` along the first axis of every leaf; their laws are
+            stepped.
+        gains: Gain of the input of each.
+        record: The input, and what they are compared with.
+        fs: Sampling rate [Hz].
+        substeps: Steps between samples.
+        order: Derivative that is given: 0 displacement, 1 velocity, 2 acceleration.
+        known: Parts a of the directions that are no residual; none when None.
+        writes: Whether the responses are wanted beside the sums.
+    """
+    count = len(gains)
+    joints, gain = filled_up((joints, gains))
+    parts = np.zeros((LANES, NUM_DIRECTIONS))
+    if known is not None:
+        parts[:count, : known.shape[1]] = known
+    state, totals = _at_rest(joints), _none()
+    rows = []
+    for number, piece in enumerate(record.pieces):
+        done = number * INTERVALS
+        size = min(INTERVALS, record.num_intervals - done)
+        state, totals, written = _marched(
+            order, joints, gain, parts, piece, float(fs), np.int32(substeps),
+            np.int32(size * substeps), np.int32(record.first - done), np.bool_(number == 0), state,
+            totals,
+        )  # fmt: skip
+        if writes:
+            rows.append(np.asarray(written)[0 if number == 0 else 1 : size + 1, :count])
+    along = np.stack([np.asarray(row) for row in totals.along], axis=-1)[:count]
+    square, peak, y_peak = (
+        np.asarray(x)[:count] for x in (totals.square, totals.peak, totals.y_peak)
+    )
+    response = np.concatenate([row.T for row in rows], axis=1) if writes else None
+    return Motions(response, y_peak, square, along, peak)
+
+
+def compile_ahead(joints: Oscillator, num_powers: int, order: int) -> None:
+    """Compile the program of these laws, or wait until it is: a march of no step.
+
+    Args:
+        joints: Oscillators of the laws, whatever their parameters.
+        num_powers: Powers of the input's polynomials.
+        order: Derivative that is measured.
+    """
+    joints = filled_up(joints)
+    piece = _Piece(
+        _filled(np.zeros((1, num_powers)), INTERVALS),
+        _filled(np.zeros(1), INTERVALS + 1),
+        _nothing(),
+    )
+    none = np.int32(0)
+    gain, parts = np.zeros(LANES), np.zeros((LANES, NUM_DIRECTIONS))
+    _marched(
+        order, joints, gain, parts, piece, 1.0, np.int32(1), none, none, np.bool_(False),
+        _at_rest(joints), _none(),
+    )  # fmt: skip
+
+
+def filled_up(values: PyTree) -> PyTree:
+    """Values of so many lanes along a first axis, the last one again behind them."""
+
+    def filled(leaf: Any) -> np.ndarray:
+        leaf = np.asarray(leaf, float)
+        wide = [(0, LANES - len(leaf)), *[(0, 0)] * (leaf.ndim - 1)]
+        return np.pad(leaf, wide, "edge")
+
+    return jax.tree.map(filled, values)
+
+
+@jax.jit
+def _at_rest(joints: Oscillator) -> State:
+    """States of rest of all lanes, as the loop carries them."""
+
+    def rest(joint: Oscillator) -> Any:
+        memory = jax.tree.map(lambda x: jnp.asarray(x, float), joint.at_rest())
+        return tuple(law.packed(own) for law, own in zip(joint.laws, memory, strict=True))
+
+    none = jnp.zeros(LANES)
+    return none, none, jax.vmap(rest, axis_size=LANES)(joints)
+
+
+def _none() -> _Totals:
+    none = np.zeros(LANES)
+    return _Totals(none, (none,) * NUM_DIRECTIONS, none, none)
+
+
+def record_of(
+    source: HeldInput, number: int | None = None, measured: Measured | None = None
+) -> Record:
+    """A record on the device, in pieces, made once as long as its arrays are there.
+
+    Args:
+        source: The input, which is not periodic; its gain is left out.
+        number: Which one of several along a first axis; None for one alone.
+        measured: What its motions are compared with, of as many records.
+    """
+    arrays = source.polynomials, source.samples
+    inputs = _CACHE.of(arrays, number, lambda: [*_input_pieces(source, number)])
+    size, first = source.samples.shape[-1], 0
+    compared = [_nothing()] * len(inputs)
+    if measured is not None:
+        first = measured.first
+        arrays = measured.values, measured.directions
+        compared = _CACHE.of(arrays, number, lambda: [*_measured_pieces(measured, number, size)])
+    pairs = zip(inputs, compared, strict=True)
+    pieces = tuple(_Piece(rows, samples, columns) for (rows, samples), columns in pairs)
+    return Record(pieces, size - 1, first)
+
+
+@cache
+def _nothing() -> Array:
+    return jax.device_put(np.zeros((INTERVALS + 1, 1 + NUM_DIRECTIONS)))
+
+
+def _input_pieces(source: HeldInput, number: int | None) -> Iterator[tuple[Array, Array]]:
+    rows, samples = np.asarray(source.polynomials), np.asarray(source.samples)
+    if number is not None:
+        rows, samples = rows[number], samples[number]
+    for start in _starts(len(samples)):
+        yield (
+            _filled(rows.T[start : start + INTERVALS], INTERVALS),
+            _filled(samples[start : start + INTERVALS + 1], INTERVALS + 1),
+        )
+
+
+def _measured_pieces(measured: Measured, number: int | None, size: int) -> Iterator[Array]:
+    values, directions = np.asarray(measured.values), np.asarray(measured.directions)
+    if number is not None:
+        values, directions = values[number], directions[number]
+    columns = np.zeros((size, 1 + NUM_DIRECTIONS))
+    columns[measured.first :, 0] = values
+    columns[measured.first :, 1 : 1 + len(directions)] = directions.T
+    for start in _starts(size):
+        yield _filled(columns[start : start + INTERVALS + 1], INTERVALS + 1)
+
+
+def _starts(num_samples: int) -> range:
+    return range(0, max(num_samples - 1, 1), INTERVALS)
+
+
+def _filled(rows: np.ndarray, size: int) -> Array:
+    """Rows with zeros behind them, on the device."""
+    filled = np.zeros((size, *rows.shape[1:]))
+    filled[: len(rows)] = rows
+    return jax.device_put(filled)
+
+
+class _Cache:
+    """What was made of arrays, by their identity, until one of them is gone."""
+
+    def __init__(self) -> None:
+        self._made: dict[tuple[Any, ...], Any] = {}
+
+    def of(self, arrays: tuple[Any, ...], number: int | None, make: Callable[[], Any]) -> Any:
+        """What `make` makes of one of the arrays' rows, or made of it before."""
+        key = (number, *map(id, arrays))
+        if (made := self._made.get(key)) is None:
+            made = self._made[key] = make()
+            for array in arrays:
+                weakref.finalize(array, self._made.pop, key, None)
+        return made
+
+
+_CACHE = _Cache()
+
+
+@partial(jax.jit, static_argnums=0)
+def _marched(
+    order: int,
+    joints: Oscillator,
+    gain: Float[Array, " lane"],
+    parts: Float[Array, "lane direction"],
+    piece: _Piece,
+    fs: Array,
+    substeps: Array,
+    num_steps: Array,
+    first: Array,
+    begins: Array,
+    state: State,
+    totals: _Totals,
+) -> tuple[State, _Totals, Float[Array, "sample lane"]]:
+    """A piece: so many steps on from a state, with the responses behind and the totals so far."""
+    part = 1.0 / substeps
+
+    def constants(joint: Oscillator, gain: Array) -> Stepping:
+        step, *moments = exact_step(joint, part / fs)
+        count = piece.polynomials.shape[1]
+        on_y, on_v = (tuple(gain * moment[j] for j in range(count)) for moment in moments)
+        return Stepping(step, on_y, on_v, gain, ())
+
+    stepping = jax.vmap(constants)(joints, gain)
+
+    def seen(state: State, totals: _Totals, sample: Array, ends: Array) -> tuple[_Totals, Array]:
+        """The response in a state behind a sample, and the totals with it where it counts."""
+        row, counts = piece.measured[sample], ends & (sample >= first)
+
+        def of_lane(joint, gain, parts, state, totals):
+            y, v, memory = state
+            laws = zip(joint.laws, memory, strict=True)
+            full = y, v, tuple(law.unpacked(own) for law, own in laws)
+            response = response_of(joint, order, full, gain * piece.samples[sample])
+            residual = row[0] - response
+            for k in range(NUM_DIRECTIONS):
+                residual = residual - parts[k] * row[1 + k]
+            residual = jnp.where(counts, residual, 0.0)
+            size = jnp.where(counts, jnp.abs(response), 0.0)
+            added = _Totals(
+                totals.square + residual * residual,
+                tuple(x + row[1 + k] * residual for k, x in enumerate(totals.along)),
+                jnp.maximum(totals.peak, size),
+                jnp.maximum(totals.y_peak, jnp.where(ends, jnp.abs(y), 0.0)),
+            )
+            return added, response
+
+        return jax.vmap(of_lane)(joints, gain, parts, state, totals)
+
+    def onward(step: Array, carry: Any) -> Any:
+        state, totals, written = carry
+        interval = step // substeps
+        powers = _moved(
+            tuple(piece.polynomials[interval]), (step - interval * substeps) * part, part
+        )
+
+        def of_lane(stepping: Stepping, state: State) -> State:
+            return advance(stepping.step, state, stepping.push_of(powers), kinks="met")
+
+        with unshared():  # the arguments are NumPy's: all on one device
+            state = jax.vmap(of_lane)(stepping, state)
+        sample = interval + 1
+        totals, response = seen(state, totals, sample, step + 1 == sample * substeps)
+        # The last step of an interval writes last.
+        return state, totals, _written(written, response, sample)
+
+    none = jnp.zeros((), jnp.int32)
+    totals, response = seen(state, totals, none, begins)
+    written = _written(jnp.zeros((INTERVALS + 1, LANES)), response, none)
+    return jax.lax.fori_loop(0, num_steps, onward, (state, totals, written))
+
+
+def _written(rows: Array, row: Array, place: Array) -> Array:
+    return jax.lax.dynamic_update_slice(rows, row[None], (place, jnp.zeros_like(place)))
+
+
+def _moved(coefficients: tuple[Array, ...], start: Array, part: Array) -> tuple[Array, ...]:
+    r"""Coefficients of a part of an interval, $p(s_0 + h s)$, by Horner's rule."""
+    moved = list(coefficients)
+    for lowest in range(len(moved) - 1):
+        for power in reversed(range(lowest, len(moved) - 1)):
+            moved[power] = moved[power] + start * moved[power + 1]
+    scale = 1.0
+    for power in range(1, len(moved)):
+        scale = scale * part
+        moved[power] = scale * moved[power]
+    return tuple(moved)

@@ -1,0 +1,128 @@
+"""Records solved before, by the program that all share, against their own loop."""
+
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jbw.inference.lanes import at_points
+from jbw.measurement.records import Record, Test
+from jbw.observables import records
+from jbw.observables.dataset import (
+    Dataset,
+    as_arrays,
+    best_offsets,
+    halved,
+    log_likelihood,
+    solved,
+    stacked,
+    with_directions,
+)
+from jbw.observables.records import Records, compile_beside
+from jbw.observables.residual_terms import UPPER
+from jbw.observables.samples import band_limited, response_to
+from jbw.oscillator import batch
+
+FS = 256.0
+TRUTH = {
+    "omega_n": 118.0, "zeta": 0.01, "alpha": 500.0, "delta": 300.0, "gamma": 30.0, "gain": 15.0,
+}  # fmt: skip
+OWN = {"one": np.array([0.2, 1e-4]), "two": np.array([-0.1, -2e-4])}
+
+
+def sweep(name, level, **options):
+    rng, t = np.random.default_rng(len(name)), np.arange(512) / FS
+    u = level * np.sin(2 * np.pi * 18 * t) * np.sin(np.pi * t / 2) ** 2
+    theta = {key: jnp.asarray(value) for key, value in TRUTH.items()}
+    clean = np.asarray(response_to(theta, band_limited(u), FS))
+    noisy = ({"input": u, "velocity": clean + 1e-3 * rng.normal(size=512)} for _ in range(3))
+    repeats = tuple(Record(FS, one, {"input": "V", "velocity": "m/s"}) for one in noisy)
+    return Test("sweep", repeats, name, level, **options)
+
+
+def dataset_of(**options):
+    return Dataset.of(Records.reduce([sweep("one", 0.1, **options), sweep("two", 0.3, **options)]))
+
+
+def with_offsets(data):
+    data = with_directions(TRUTH, data, OWN)
+    scatters = jnp.asarray([[1e-2, 1e-4], [2e-1, 2e-3]])
+    return replace(data, scatters=scatters, scatter=jnp.asarray([1e-1, 1e-3]))
+
+
+def points(count=5):
+    rng = np.random.default_rng(count)
+    return {name: x * (1 + 1e-3 * rng.standard_normal(count)) for name, x in TRUTH.items()}
+
+
+def by_its_own_loop(function):
+    """The same function, of which nothing is solved before."""
+    return lambda theta, data: function(theta, data)
+
+
+@pytest.mark.parametrize("options", [{}, {"band_hz": (10.0, 30.0), "settle": 0.25}])
+@pytest.mark.parametrize("function", [log_likelihood, stacked])
+def test_points_come_out_as_by_their_own_loop(function, options):
+    for data in (dataset_of(**options), with_offsets(dataset_of(**options))):
+        found = at_points(function, points(), data)
+        expected = at_points(by_its_own_loop(function), points(), data)
+        # Residuals are differences of a thousandth of what they are made of, by other programs.
+        size = np.abs(expected).max()
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-11 * size)
+
+
+def test_half_the_step_and_other_levels_need_no_other_program():
+    data = dataset_of()
+    at_points(log_likelihood, points(), data)
+    before = batch._marched._cache_size()
+    finer = halved(data)
+    found = at_points(log_likelihood, points(), finer)
+    at_points(stacked, points(), Dataset.of(Records.reduce([sweep("three", 0.2)])))
+    assert batch._marched._cache_size() == before
+    expected = at_points(by_its_own_loop(log_likelihood), points(), finer)
+    np.testing.assert_allclose(found, expected, rtol=1e-10)
+    assert not np.array_equal(found, at_points(log_likelihood, points(), data))
+
+
+def test_slopes_by_differences_are_the_derivatives():
+    (part,) = dataset_of().parts
+    theta = as_arrays(TRUTH, dataset_of())
+    origin = np.array([[118.2, 0.0101], [117.9, 0.0098]])
+    placed = replace(part, origin=jnp.asarray(origin))
+    found = np.asarray(placed.slope_by_differences(theta))
+    exact = np.asarray(records._slope_at_origin(theta, placed))
+    # What the docstring says, with a margin of ten.
+    error = np.linalg.norm(found - exact, axis=1) / np.linalg.norm(exact, axis=1)
+    assert error.max() < 1e-7
+
+
+def test_best_offsets_are_read_at_the_point():
+    data = with_offsets(dataset_of())
+    found = best_offsets(TRUTH, data)
+    again = by_its_own_loop(stacked)(as_arrays(TRUTH, data), data)
+    scaled = np.asarray(again)[-4:].reshape(2, 2)  # the rows of the offsets stand last
+    for run, row in zip(("one", "two"), scaled, strict=True):
+        np.testing.assert_allclose(found[run], row * np.asarray(data.scatter), rtol=1e-8)
+
+
+def test_what_is_not_one_mode_from_rest_is_left_to_its_own_loop():
+    data = dataset_of(residuals="upper")
+    assert solved(points(), data, 1, writes=True) is not None
+    assert solved({**points(), UPPER: np.full(5, 1e-6)}, data, 1, writes=True) is None
+    modes = {**points(), "omega_2": np.full(5, 300.0)}
+    assert solved(modes, dataset_of(), 1, writes=True) is None
+    steady = replace(dataset_of().parts[0].held, periodic=True)
+    part = replace(dataset_of().parts[0], held=steady)
+    assert part.solved(points(), 1, writes=True) is None
+
+
+def test_a_program_is_compiled_beside_what_comes_first():
+    laws, tests = ("bouc_wen", "quintic"), [sweep("one", 0.1)]
+    thread = compile_beside(tests, laws)
+    thread.join()
+    before = batch._marched._cache_size()
+    (part,) = Records.reduce(tests, laws=laws)
+    assert part.solved({**points(), "quintic": np.full(5, 1e8)}, 1, writes=False) is not None
+    assert batch._marched._cache_size() == before
+    assert compile_beside([], laws) is None

@@ -1,0 +1,136 @@
+"""Oscillators side by side by one program, against `jbw.simulate` one after the other."""
+
+import gc
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jbw
+from jbw.observables.samples import band_limited
+from jbw.oscillator import batch
+from jbw.oscillator.batch import INTERVALS, LANES, Measured, compile_ahead, march, record_of
+from jbw.oscillator.deepening import with_depth
+from jbw.oscillator.laws import laws_named
+from jbw.oscillator.oscillator import oscillator_of
+
+FS = 1024.0
+LETTERS = "yva"
+THETA = {
+    "omega_n": 118.0, "zeta": 0.005, "alpha": 500.0, "delta": 340.0, "gamma": 33.0,
+    "quadratic_damping": 0.3,
+}  # fmt: skip
+
+
+def joints(count, laws=("bouc_wen",)):
+    rng = np.random.default_rng(count)
+    theta = {n: x * (1 + 1e-2 * rng.standard_normal(count)) for n, x in THETA.items()}
+    return jax.vmap(lambda point: oscillator_of(point, laws))(theta)
+
+
+def sweep(size):
+    t = np.arange(size) / FS
+    return band_limited(0.5 * np.sin(2 * np.pi * (10 * t + 5 * t**2)))
+
+
+def alone(many, i, source, gain, substeps):
+    joint = jax.tree.map(lambda leaf: leaf[i], many)
+    return jbw.simulate(joint, source.times(gain), FS, substeps=substeps)
+
+
+@pytest.mark.parametrize(
+    ("laws", "order", "size"),
+    [
+        (("bouc_wen",), 1, 2 * INTERVALS + 7),
+        (("bouc_wen", "quadratic_damping"), 2, INTERVALS + 1),
+        ((), 0, 300),
+    ],
+)
+def test_lanes_march_as_each_alone(laws, order, size):
+    many, source, gains = joints(3, laws), sweep(size), np.array([1.0, 14.0, 15.0])
+    found = march(many, gains, record_of(source), FS, 2, order)
+    assert found.response.shape == (3, size)
+    for i in range(3):
+        motion = alone(many, i, source, gains[i], 2)
+        expected = np.asarray(getattr(motion, LETTERS[order]))
+        # The same steps, in programs that round a product's last digit differently.
+        np.testing.assert_allclose(
+            found.response[i], expected, rtol=0, atol=1e-11 * np.abs(expected).max()
+        )
+        np.testing.assert_allclose(found.y_peak[i], np.abs(motion.y).max(), rtol=1e-11)
+
+
+def test_sums_are_those_of_the_written_residual():
+    rng, size, first = np.random.default_rng(0), INTERVALS + 900, 100
+    values, rows = rng.standard_normal(size - first), rng.standard_normal((2, size - first))
+    known, many, source = rng.standard_normal((5, 2)), joints(5), sweep(size)
+    gains = np.linspace(1.0, 15.0, 5)
+    record = record_of(source, None, Measured(values, rows, first))
+    found = march(many, gains, record, FS, 2, 1, known=known)
+    residual = values - found.response[:, first:] - known @ rows
+    # Sums of 4,896 products, added in another order.
+    np.testing.assert_allclose(found.square, np.sum(residual**2, axis=1), rtol=1e-12)
+    np.testing.assert_allclose(found.along, residual @ rows.T, rtol=0, atol=1e-10 * size)
+    np.testing.assert_array_equal(found.peak, np.abs(found.response[:, first:]).max(axis=1))
+    silent = march(many, gains, record, FS, 2, 1, known=known, writes=False)
+    assert silent.response is None
+    np.testing.assert_array_equal(silent.square, found.square)
+
+
+def test_laws_that_remember_reversals_march_too():
+    laws, factors = ("masing_exponential",), jnp.array([1.0, 1.02])
+    own = dict(zip(laws_named(laws)[0].names(), (500.0, 340.0), strict=True))
+    theta = {"omega_n": 118.0, "zeta": 0.005, **own}
+    many = jax.vmap(
+        lambda x: with_depth(oscillator_of({n: x * value for n, value in theta.items()}, laws), 6)
+    )(factors)
+    source = sweep(700)
+    found = march(many, np.array([10.0, 12.0]), record_of(source), FS, 2, 1)
+    for i, gain in enumerate((10.0, 12.0)):
+        expected = np.asarray(alone(many, i, source, gain, 2).v)
+        np.testing.assert_allclose(
+            found.response[i], expected, rtol=0, atol=1e-11 * np.abs(expected).max()
+        )
+
+
+def test_one_program_serves_records_of_any_length_rate_and_step():
+    many, gains = joints(2), np.ones(2)
+    march(many, gains, record_of(sweep(200)), FS, 2, 1)
+    before = batch._marched._cache_size()
+    for size, fs, substeps in ((5000, 2048.0, 1), (333, 100.0, 4), (90, 64.0, 3)):
+        march(many, gains, record_of(sweep(size)), fs, substeps, 1)
+    march(joints(LANES), np.ones(LANES), record_of(sweep(200)), FS, 2, 1)
+    assert batch._marched._cache_size() == before
+
+
+def test_a_program_compiled_ahead_is_the_one_that_marches():
+    laws = ("bouc_wen", "quintic")
+    joint = oscillator_of({**THETA, "quintic": 1e9}, laws)
+    many = jax.tree.map(lambda x: np.full(2, x), joint)
+    compile_ahead(many, 6, 0)
+    before = batch._marched._cache_size()
+    march(many, np.ones(2), record_of(sweep(100)), FS, 2, 0)
+    assert batch._marched._cache_size() == before
+
+
+def test_a_lane_that_cannot_be_solved_spoils_no_other():
+    source, gains = sweep(400), np.ones(4)
+    sound = march(joints(4), gains, record_of(source), FS, 2, 1)
+    gains[2] = np.nan
+    found = march(joints(4), gains, record_of(source), FS, 2, 1)
+    assert np.isnan(found.response[2]).any()
+    assert np.isnan(found.square[2])
+    kept = [0, 1, 3]
+    np.testing.assert_array_equal(found.response[kept], sound.response[kept])
+
+
+def test_what_was_made_of_a_record_goes_with_it():
+    record_of(sweep(100))  # of arrays that are gone
+    source = sweep(100)
+    before = len(batch._CACHE._made)
+    assert record_of(source).pieces[0].samples is record_of(source).pieces[0].samples
+    assert len(batch._CACHE._made) == before + 1
+    del source
+    gc.collect()
+    assert len(batch._CACHE._made) <= before
