@@ -21,6 +21,7 @@ from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.inference.space.box import require_float64
 from jbw.measurement.records import INPUTS, Test, drive_of
 from jbw.observables.drives import named
+from jbw.observables.records import compile_beside
 from jbw.quantities import gain_unit
 from jbw.report.opening import opening
 from jbw.study.collect import collect
@@ -81,6 +82,8 @@ def identify(
     tests, left_out = usable(campaign.tests, campaign.settings, gain, several_modes=several)
     for sentence in left_out:
         report(sentence)
+    if not several:
+        compile_beside(tests, campaign.laws)
     # Before anything is sampled: what is wrong with a record then costs no result.
     report("Reading the records without a model")
     looked = look_quietly(replace(campaign, tests=tests))
