@@ -85,22 +85,21 @@ def listen(account: Account) -> None:
     import jax
 
     from jbw.cli import progress
-    from jbw.inference import lanes
+    from jbw.inference.samplers import amis
 
     jax.monitoring.register_event_duration_secs_listener(account.record)
-    tell, values = progress.Teller.__call__, lanes._values
+    tell, at_points = progress.Teller.__call__, amis.at_points
 
     def told(teller: Any, stage: str) -> None:
         account.begin(str(stage))
         tell(teller, stage)
 
     def followed(function: Any, theta: Any, data: Any) -> Any:
-        if getattr(function, "__name__", "") == "log_likelihood":
-            account.evaluation = function, theta, data
-        return values(function, theta, data)
+        account.evaluation = function, theta, data
+        return at_points(function, theta, data)
 
     progress.Teller.__call__ = told
-    lanes._values = followed
+    amis.at_points = followed
 
 
 def evaluation(account: Account, calls: int) -> list[tuple[Any, ...]]:
