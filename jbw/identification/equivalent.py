@@ -58,7 +58,7 @@ def effects(
     keep = evenly_spaced(posterior, NUM_DRAWS)
     some = {name: values[keep] for name, values in theta.items()}
     shift, added = _effects(some, y_peak, laws)
-    return Effects(shift, added / some["zeta"])
+    return Effects(np.asarray(shift), np.asarray(added) / some["zeta"])
 
 
 def only_damps(found: Effects) -> bool:
@@ -106,7 +106,7 @@ def response_finding(
         return None
     seen = {}
     for y in (share * y_peak for share in SHARES):
-        shift, added = _effects(theta, y, laws)
+        shift, added = map(np.asarray, _effects(theta, y, laws))
         seen[f"the natural frequency at {y:.2g} m"] = (1 + shift) * theta["omega_n"]
         seen[f"the damping at {y:.2g} m"] = theta["zeta"] + added
     shape = posterior.sizes["chain"], posterior.sizes["draw"]

@@ -188,23 +188,21 @@ def screened(
     """Points to look at: a start, and others evenly over the search, where it is not known."""
     s = jax.random.uniform(key, (NUM_SCREENED, len(prior.names)))
     x = jax.vmap(lambda one: from_search(one, prior)[0])(s)
-    points = {name: np.asarray(values) for name, values in from_unit(x, prior).items()}
+    points = {name: np.asarray(values) for name, values in from_unit(np.asarray(x), prior).items()}
     points |= {n: np.full(NUM_SCREENED, known[n]) for n in points.keys() & known.keys()}
     return inside({name: np.append(start[name], points[name]) for name in prior.names}, prior)
 
 
 def middle_but(known: Mapping[str, float], prior: Box) -> dict[str, float]:
     """The middle of the box, but for what is known."""
-    middle = from_unit(jnp.full(len(prior.names), 0.5), prior)
+    middle = from_unit(np.full(len(prior.names), 0.5), prior)
     return {name: known.get(name, float(middle[name])) for name in prior.names}
 
 
 def inside(starts: Mapping[str, Any], prior: Box) -> dict[str, np.ndarray]:
     """Starts moved into the box."""
-    return {
-        name: np.clip(starts[name], prior.lower[i], prior.upper[i])
-        for i, name in enumerate(prior.names)
-    }
+    lower, upper = np.asarray(prior.lower), np.asarray(prior.upper)
+    return {name: np.clip(starts[name], lower[i], upper[i]) for i, name in enumerate(prior.names)}
 
 
 def steps_about(

@@ -16,7 +16,7 @@ import logging
 from collections.abc import Sequence
 from dataclasses import replace
 
-import jax.numpy as jnp
+import jax
 import numpy as np
 import xarray as xr
 
@@ -83,7 +83,7 @@ def _gained(best: Fit, without_it: Fit, prior: Box, rest: Dataset) -> float:
 
 def _error(run: str, without_it: Fit, prior: Box, data: Dataset) -> float:
     """Error of a run at a fit that does not know it, nor the run's own offsets."""
-    common = replace(data, scatter=jnp.full_like(data.scatter, NO_SCATTER))
+    common = replace(data, scatter=jax.device_put(np.full(data.scatter.shape, NO_SCATTER)))
     left = left_by_label(residual_at(stacked, without_it.x, prior, common), common)
     sizes = size_by_label(data)
     own = [label for label, name in zip(data.labels, data.runs, strict=True) if name == run]

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import jax
 import numpy as np
 import xarray as xr
 
@@ -116,7 +117,7 @@ def linear_dataset(step: LinearStep) -> xr.Dataset:
     keep = lines_within(step.frf.freq, step.fits[0].band_hz)
     freq, h = step.frf.freq[keep], step.frf.h[keep]
     if step.modal is None:
-        model = pooled.gain * np.asarray(h1(2 * np.pi * freq, pooled.omega_n, pooled.zeta))
+        model = pooled.gain * np.asarray(jax.jit(h1)(2 * np.pi * freq, pooled.omega_n, pooled.zeta))
     else:
         model = model_lines(step.modal, 2 * np.pi * freq)[0]
     units = units_of(step)

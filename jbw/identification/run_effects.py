@@ -10,7 +10,6 @@ from dataclasses import dataclass, replace
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float, Key
@@ -112,8 +111,10 @@ def with_offsets(best: Fit, shifts: Shifts, data: Dataset, median: float | None 
     nested = bool(assemblies_of(tuple(dict.fromkeys(data.runs))))
     return replace(
         with_directions(best.theta, data, own),
-        scatters=jnp.asarray(scatter_grid(least, most, assemblies=nested, medians=(about, None))),
-        scatter=jnp.asarray(most),
+        scatters=jax.device_put(
+            scatter_grid(least, most, assemblies=nested, medians=(about, None))
+        ),
+        scatter=jax.device_put(np.array(most)),
     )
 
 
@@ -127,12 +128,12 @@ def with_scatter(key: Key[Array, ""], best: Fit, data: Dataset) -> Dataset:
     every = jax.tree.map(lambda x: np.repeat(x, NUM_DRAWS, axis=0), found)
     drawn = np.asarray(_drawn(jax.random.split(key, NUM_DRAWS), every, data).scatter)
     scatter = np.sqrt(np.mean(drawn[:, : len(OFFSETS)] ** 2, axis=0))
-    return replace(data, scatter=jnp.asarray(scatter))
+    return replace(data, scatter=jax.device_put(scatter))
 
 
 def _drawn(keys: Key[Array, " draw"], found: Estimate, data: Dataset) -> Spread:
     """A scatter and offsets of the runs for every key, by what groups say of them."""
-    return _spreads(keys, jax.tree.map(jnp.asarray, found), data.levels, data.scatters)
+    return _spreads(keys, jax.device_put(found), data.levels, data.scatters)
 
 
 @eqx.filter_jit
@@ -175,6 +176,7 @@ def runs_dataset(
     theta = thinned(posterior, names, NUM_DRAWS)
     num_draws = len(theta[names[0]])
     drawn = _drawn(jax.random.split(key, num_draws), estimates_at(theta, data), data)
+    drawn = jax.tree.map(np.asarray, drawn)
     runs = list(dict.fromkeys(data.runs))
     centre = {**data.held, **theta}
     found = {}

@@ -13,7 +13,6 @@ the covariance nowhere wider than the box, more of the posterior lies on the pla
 from collections.abc import Mapping, Set
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool
 
@@ -68,7 +67,7 @@ def log_evidence(found: Fit) -> float:
 
 def _towards_bounds(own: Set[str], best: Fit, prior: Box) -> dict[str, np.ndarray]:
     """Points where one of a law's own lies on its way from the fit to a bound of its prior."""
-    s = np.asarray(to_search(jnp.asarray(best.x), prior))
+    s = to_search(best.x, prior)
     moved = [np.eye(len(s))[i] * (end - s[i]) for i, n in enumerate(prior.names) if n in own
              for end in (0.0, 1.0)]  # fmt: skip
     return parameters_at((s + SHARES[:, None, None] * np.array(moved)).reshape(-1, len(s)), prior)

@@ -53,8 +53,8 @@ class Dataset(eqx.Module):
         stated: StatedDensities | None = None,
     ) -> Self:
         """Parts whose runs have no offsets of their own; `held` are parameters not updated."""
-        fixed = {name: jnp.asarray(float(value)) for name, value in (held or {}).items()}
-        scatters = jnp.zeros((1, 0)), jnp.zeros(0)
+        fixed = {name: jax.device_put(np.float64(value)) for name, value in (held or {}).items()}
+        scatters = jax.device_put((np.zeros((1, 0)), np.zeros(0)))
         return cls(tuple(parts), fixed, *scatters, stated or StatedDensities())
 
     @property

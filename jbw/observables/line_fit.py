@@ -58,11 +58,9 @@ class LineReading(Observable):
         laws: Laws = DEFAULT_LAWS,
     ) -> Self:
         """A line fit's omega_n, zeta and gain as data, of motion of displacement `y_rms` [m]."""
+        arrays = np.asarray(mean), np.asarray(covariance), float(y_rms), np.zeros((0, len(READ)))
         return cls(
-            mean=jnp.asarray(mean),
-            covariance=jnp.asarray(covariance),
-            y_rms=jnp.asarray(float(y_rms)),
-            directions=jnp.zeros((0, len(READ))),
+            *jax.device_put(arrays),
             run=run,
             laws=laws,
         )
@@ -124,7 +122,8 @@ class LineReading(Observable):
 
     def linearised(self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]) -> Self:
         """The reading with its change by the offsets."""
-        return replace(self, directions=slope_by_offsets(self.predict, theta).T)
+        slope = np.asarray(slope_by_offsets(self.predict, theta))
+        return replace(self, directions=jax.device_put(slope.T))
 
     def without(self, run: str) -> Self:
         """The reading excluded where it is of this run."""
@@ -134,11 +133,11 @@ class LineReading(Observable):
 
     def first_values(self) -> dict[str, float]:
         """What was read."""
-        return {name: float(value) for name, value in zip(READ, self.mean, strict=True)}
+        return {name: float(value) for name, value in zip(READ, np.asarray(self.mean), strict=True)}
 
     def gain_std(self) -> float:
         """Standard deviation of the gain."""
-        return float(np.sqrt(self.covariance[2, 2]))
+        return float(np.sqrt(np.asarray(self.covariance)[2, 2]))
 
     def y_peak(self, omega_n: float) -> float:
         """Displacement of the random motion, rms [m]."""

@@ -151,7 +151,9 @@ def _solved_at(theta: Theta, part: Any) -> Any:
     point = {name: np.array([float(x)]) for name, x in theta.items()}
     if (found := part.solved(point, num_cores(), writes=True)) is None:
         return part
-    return replace(found, solution=jax.tree.map(lambda x: x[0], found.solution))
+    return replace(
+        found, solution=jax.tree.map(lambda x: jax.device_put(np.asarray(x)[0]), found.solution)
+    )
 
 
 @eqx.filter_jit

@@ -373,7 +373,7 @@ class Records(Repeated):
         slope = placed.slope_by_differences(theta)
         return placed.with_directions(_slope_at_origin(theta, placed) if slope is None else slope)
 
-    def slope_by_differences(self, theta: Theta) -> Float[Array, "level value own"] | None:
+    def slope_by_differences(self, theta: Theta) -> Float[np.ndarray, "level value own"] | None:
         r"""Derivative of what is compared by each level's own omega_n and zeta.
 
         $$x'(0) \approx \frac{8 (x(h) - x(-h)) - (x(2h) - x(-2h))}{12 h}$$
@@ -389,16 +389,15 @@ class Records(Repeated):
         origin = np.asarray(self.origin)[:, None] + away  # of every level and point
         if self._joints_at(points, 0) is None:
             return None
-        rows = []
+        rows, alone = [], replace(self, origin=jax.device_put(np.asarray(self.origin)[:, :0]))
         for number in range(len(self.labels)):
             place = dict(zip(OFFSETS, origin[number].T, strict=True))
-            alone = replace(self, origin=self.origin[:, :0])
             rows.append(alone.marched({**points, **place}, number, writes=True).response)
         values = values_of(np.stack(rows)[..., self.skipped :], self.lines)
         sides = np.reshape(values, (len(rows), len(OFFSETS), 4, -1))
         ahead, behind, far, beyond = np.moveaxis(sides, 2, 0)
         slope = (8 * (ahead - behind) - (far - beyond)) / (12 * steps[:, None])
-        return jax.device_put(np.moveaxis(slope, 1, -1))
+        return np.moveaxis(slope, 1, -1)
 
     def spectra(self, left: Rows) -> dict[str, Spectrum]:
         """Of every level: samples in time, or lines of a band."""
@@ -440,7 +439,7 @@ class Records(Repeated):
 
     def evenly(self) -> Self:
         """Levels that count by their relative errors, predicted at one joint for all of them."""
-        return replace(super().evenly(), origin=self.origin[:, :0])
+        return replace(super().evenly(), origin=jax.device_put(np.asarray(self.origin)[:, :0]))
 
     def y_peak(self, omega_n: float) -> float:
         """Largest displacement [m]."""
@@ -449,7 +448,7 @@ class Records(Repeated):
             own = np.asarray(self.mean)[[not point for point in self.points]]
             above = 0.5 * min(self.modes.hz), np.inf
             return band_peak(own, self.fs, power, above) if len(own) else 0.0
-        return float(jnp.max(jnp.abs(self.mean))) / omega_n**power
+        return float(np.max(np.abs(self.mean))) / omega_n**power
 
     def peaks_of_modes(self) -> tuple[float, ...]:
         """Of responses at the first point, in each mode's window."""

@@ -2,9 +2,10 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Self
+from typing import Any, Self
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Key
@@ -25,7 +26,7 @@ from jbw.observables.observable import (
     Weighted,
     slope_by_offsets,
 )
-from jbw.observables.repeats import Repeats
+from jbw.observables.repeats import Repeats, concrete
 
 
 class Repeated(Observable):
@@ -75,8 +76,10 @@ class Repeated(Observable):
     def weight(self) -> Float[Array, " group"]:
         r"""One over a mean's standard error, $\sqrt{n / N} / \sigma$; n is N K if independent."""
         own = self.repeats
-        size = own.size - own.num_taken / own.num_repeats
-        return jnp.sqrt(own.num_values / size) / own.noise_std
+        size, repeats, counted, noise_std = map(
+            concrete, (own.size, own.num_repeats, own.num_values, own.noise_std)
+        )
+        return (counted / (size - own.num_taken / repeats)) ** 0.5 / noise_std
 
     def weighted(self, theta: Theta) -> Weighted:
         """Residuals and directions in standard errors of a mean."""
@@ -148,33 +151,35 @@ class Repeated(Observable):
 
     def with_directions(self, slope: Float[Array, "group value own"]) -> Self:
         """The data with derivatives of the predictions by the offsets."""
-        return self.with_repeats(directions=self.beside_own(jnp.moveaxis(slope, -1, 1)))
+        xp = np if isinstance(slope, np.ndarray) else jnp
+        return self.with_repeats(directions=self.beside_own(xp.moveaxis(slope, -1, 1)))
 
-    def with_repeats(self, **changes: Array) -> Self:
-        """The data with some of the repeats' arrays changed."""
-        return replace(self, repeats=replace(self.repeats, **changes))
+    def with_repeats(self, **changes: Any) -> Self:
+        """The data with some of the repeats' arrays changed; NumPy's are put on the device."""
+        own = {name: _on_device(values) for name, values in changes.items()}
+        return replace(self, repeats=replace(self.repeats, **own))
 
     def evenly(self) -> Self:
         """Groups that count by their relative errors, whatever their noise and offsets."""
-        size = jnp.sqrt(jnp.sum(jnp.abs(self.mean) ** 2, axis=1))
+        size = np.linalg.norm(np.asarray(self.mean), axis=1)
         return self.with_repeats(
-            noise_std=jnp.where(size > 0, size, 1.0),
+            noise_std=np.where(size > 0, size, 1.0),
             num_values=self.repeats.size,
-            directions=self.repeats.directions[:, :0],
+            directions=np.asarray(self.repeats.directions)[:, :0],
         )
 
     def with_discrepancy(self, left: Rows) -> Self:
         """The data with what the law leaves of them, one share of the response for all groups."""
         sizes = np.array(list(self.sizes().values()))
-        return self.with_repeats(discrepancy=jnp.asarray(shared_misfit(self.repeats, sizes, left)))
+        return self.with_repeats(discrepancy=shared_misfit(self.repeats, sizes, left))
 
     def with_fitted_noise(self, theta: Theta, left: Rows) -> Self:
         r"""The data with the noise that a fit leaves, $\sigma^2 = Q / (N K - q) + \tau^2$."""
         own = self.repeats
-        squares = jnp.asarray([np.sum(np.abs(left[label]) ** 2) for label in own.labels])
-        total = own.num_repeats * squares + own.within
-        square = total / own.num_counted + own.discrepancy
-        return self.with_repeats(noise_std=jnp.sqrt(square))
+        squares = np.array([np.sum(np.abs(left[label]) ** 2) for label in own.labels])
+        total = np.asarray(own.num_repeats) * squares + np.asarray(own.within)
+        square = total / np.asarray(own.num_counted) + np.asarray(own.discrepancy)
+        return self.with_repeats(noise_std=np.sqrt(square))
 
     def effective_fractions(
         self, left: Rows, columns: Sequence[Rows], covariance: Covariance
@@ -185,8 +190,8 @@ class Repeated(Observable):
     def with_effective_values(self, fractions: Mapping[str, float]) -> Self:
         """The data that count for as many values as are independent."""
         own = self.repeats
-        fraction = jnp.asarray(np.array([fractions.get(label, 1.0) for label in own.labels]))
-        return self.with_repeats(num_values=fraction * own.num_counted)
+        fraction = np.array([fractions.get(label, 1.0) for label in own.labels])
+        return self.with_repeats(num_values=fraction * np.asarray(own.num_counted))
 
     def fractions_counted(self) -> dict[str, float]:
         """Fraction of the values of each group that the likelihood counts."""
@@ -197,7 +202,7 @@ class Repeated(Observable):
     def without(self, run: str) -> Self:
         """The data with one run's groups excluded, of the same shapes."""
         loud = np.array([EXCLUDED if name == run else 1.0 for name in self.runs])
-        return self.with_repeats(noise_std=self.repeats.noise_std * loud)
+        return self.with_repeats(noise_std=np.asarray(self.repeats.noise_std) * loud)
 
     def silenced(self, run: str) -> Self:
         """The data in which one run's groups have next to no values, of the same shapes."""
@@ -222,3 +227,8 @@ class Repeated(Observable):
         fraction = count / np.asarray(own.num_counted)
         noise = np.sqrt(fraction * np.exp(-2 * rows / count) / chi_square)
         return {label: noise[..., i] for i, label in enumerate(self.labels)}
+
+
+def _on_device(values: Any) -> Any:
+    """An array of JAX; `jnp.asarray` would compile a program for every shape."""
+    return jax.device_put(values) if isinstance(values, np.ndarray) else values

@@ -1,7 +1,7 @@
 """Groups of repeated data: their bookkeeping, and rows of unequal lengths side by side."""
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import equinox as eqx
 import jax
@@ -10,6 +10,11 @@ import numpy as np
 from jaxtyping import Array, Float
 
 SPANS = 1e-10  # of columns of size one: a direction that is none but for rounding
+
+
+def concrete(values: Any) -> Any:
+    """An array as NumPy's where nothing is traced: then there is no program to compile."""
+    return values if isinstance(values, jax.core.Tracer) else np.asarray(values)
 
 
 class Repeats(eqx.Module):
@@ -41,12 +46,14 @@ class Repeats(eqx.Module):
     @property
     def num_taken(self) -> Float[Array, " group"]:
         """Values that the directions of each group's own take, one each."""
-        return jnp.round(jnp.sum(self.spanned**2, axis=(1, 2)))
+        rows = concrete(self.spanned)
+        xp = np if isinstance(rows, np.ndarray) else jnp
+        return xp.round(xp.sum(rows**2, axis=(1, 2)))
 
     @property
     def num_counted(self) -> Float[Array, " group"]:
         """Values of all repeats of each group, less those that are taken."""
-        return self.size * self.num_repeats - self.num_taken
+        return concrete(self.size) * concrete(self.num_repeats) - self.num_taken
 
 
 def repeats(

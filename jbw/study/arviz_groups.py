@@ -87,7 +87,9 @@ def at_large(data: Dataset) -> Dataset:
     evenly = (part.evenly() for part in data.parts)
     pairs = zip(data.parts, evenly, strict=True)
     parts = tuple(part if one is None else one for part, one in pairs)
-    return replace(data, parts=parts, scatters=data.scatters[:1, :0], scatter=data.scatter[:0])
+    none = np.asarray(data.scatters)[:1, :0], np.asarray(data.scatter)[:0]
+    scatters, scatter = jax.device_put(none)
+    return replace(data, parts=parts, scatters=scatters, scatter=scatter)
 
 
 def noise_of(posterior: xr.Dataset) -> dict[str, Float[np.ndarray, "chain draw"]]:

@@ -147,7 +147,7 @@ def _line_replication(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], bool]:
     """Quantities at the truth, at the draws, and whether there was a fit."""
     rng = generator(key)
-    point = from_unit(jnp.asarray(rng.uniform(size=3)), prior)
+    point = from_unit(rng.uniform(size=3), prior)
     theta = np.array([float(point[name]) for name in NAMES])
     # Written out once more: the likelihood's own formula would hide its slips.
     omega_n, zeta, gain = theta

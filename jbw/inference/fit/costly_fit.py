@@ -61,7 +61,7 @@ def costly_fit(
     require_float64()
     part = evaluator(residual, box, data)
 
-    inside = jax.vmap(lambda x: to_search(x, box))(named_starts(starts, box))
+    inside = np.stack([to_search(start, box) for start in named_starts(starts, box)])
     starting = np.clip(inside, START_MARGIN, 1 - START_MARGIN)
     ends = [trust_region(part, s, max_evaluations, tolerance) for s in starting]
     costs = np.array([end.cost for end in ends])
@@ -72,7 +72,7 @@ def costly_fit(
             remedy="Look at the data with `jbw check`, for swapped channels, units or NaN, and at "
             "the bounds for parameters that cannot be solved.",
         )
-    x, slope = (np.asarray(each) for each in from_search(jnp.asarray(best.x), box))
+    x, slope = (np.asarray(each) for each in from_search(jax.device_put(best.x), box))
     jacobian = part(best.x, 1)
     if tolerance <= TOLERANCE:
         s = best.x
@@ -160,7 +160,7 @@ def residual_at(
     residual: Residual, x: NDArray[np.float64], box: Box, data: PyTree
 ) -> NDArray[np.float64]:
     """The residual at the unit coordinate x, by the program that fits it."""
-    return evaluator(residual, box, data)(np.asarray(to_search(jnp.asarray(x), box)), 0)
+    return evaluator(residual, box, data)(to_search(x, box), 0)
 
 
 def evaluator(residual: Residual, box: Box, data: PyTree) -> Part:
@@ -230,8 +230,7 @@ def _real_of(theta: Mapping[str, Array], residual_and_data: Any) -> Float[Array,
 
 def parameters_at(s: Float[np.ndarray, "point parameter"], box: Box) -> dict[str, np.ndarray]:
     """Parameters by name at points of the search."""
-    theta = _forward(search_coordinate(box), jnp.asarray(s))
-    return {name: np.asarray(values) for name, values in named(theta, box).items()}
+    return named(np.asarray(_forward(search_coordinate(box), jax.device_put(s))), box)
 
 
 @eqx.filter_jit
@@ -251,14 +250,15 @@ def search_coordinate(box: Box) -> Composed:
     lower, upper = np.asarray(box.lower), np.asarray(box.upper)
     logs = Logarithms(tuple((lower > 0).tolist()))
     lopsided = (lower <= 0) & (np.abs(lower) < LOPSIDED * upper)
-    signed = Sinh(jnp.asarray(np.where(lopsided, NEAR_ZERO * upper, 0.0)))
-    ends = (logs.inverse(signed.inverse(bound)) for bound in (box.lower, box.upper))
+    signed = Sinh(jax.device_put(np.where(lopsided, NEAR_ZERO * upper, 0.0)))
+    ends = (logs.inverse(signed.inverse(bound)) for bound in (lower, upper))
     return Composed((unit(*ends), logs, signed))
 
 
-def to_search(x: Vector, box: Box) -> Vector:
+def to_search(x: Float[np.ndarray, " parameter"], box: Box) -> Float[np.ndarray, " parameter"]:
     """The coordinate of the search at the unit coordinate x."""
-    return search_coordinate(box).inverse(box.lower + x * (box.upper - box.lower))
+    lower, upper = np.asarray(box.lower), np.asarray(box.upper)
+    return search_coordinate(box).inverse(lower + np.asarray(x) * (upper - lower))
 
 
 def from_search(s: Vector, box: Box) -> tuple[Vector, Vector]:

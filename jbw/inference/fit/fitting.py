@@ -105,9 +105,9 @@ def describe_optimum(
     """The record of an optimum x, however it was found; the Jacobian is with respect to x."""
     values, rows = svd_of_all(jacobian)
     root = rows.T / np.maximum(values, 1 / BOX_STD)  # no direction is wider than the box
-    width = np.asarray(box.upper - box.lower)
+    width = np.asarray(box.upper) - np.asarray(box.lower)
     covariance = _definite(root @ root.T * np.outer(width, width))
-    theta = {name: float(value) for name, value in from_unit(jnp.asarray(x), box).items()}
+    theta = {name: float(value) for name, value in from_unit(np.asarray(x), box).items()}
     return Fit(
         theta, x, float(np.min(costs)), covariance,
         at_bound=_at_bound(x, jacobian, residual, box.names),
@@ -148,10 +148,11 @@ def _starts(
     return jnp.clip(x, START_MARGIN, 1 - START_MARGIN)
 
 
-def named_starts(starts: Mapping[str, Any], box: Box) -> Float[Array, "start parameter"]:
+def named_starts(starts: Mapping[str, Any], box: Box) -> Float[np.ndarray, "start parameter"]:
     """Unit coordinates of starts given by name, one value for all or one a start."""
     columns = np.broadcast_arrays(*(np.atleast_1d(starts[name]) for name in box.names))
-    return (jnp.stack(columns, axis=-1) - box.lower) / (box.upper - box.lower)
+    lower, upper = np.asarray(box.lower), np.asarray(box.upper)
+    return (np.stack(columns, axis=-1) - lower) / (upper - lower)
 
 
 @eqx.filter_jit

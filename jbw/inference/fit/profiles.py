@@ -71,7 +71,7 @@ def profiles(
     """
     require_float64()
     part = evaluator(residual, box, data)
-    start = np.asarray(to_search(jnp.asarray(best.x), box))
+    start = to_search(best.x, box)
     walks = {}
     for held, name in enumerate(box.names):
         report(f"Profile of {name}")

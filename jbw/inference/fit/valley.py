@@ -29,7 +29,7 @@ def about_valley(residual: Residual, box: Box, data: PyTree, best: Fit) -> Repar
     The residual, box, data and compiled differences are those of the `costly_fit` that found it.
     """
     part = evaluator(residual, box, data)
-    start = np.asarray(to_search(jnp.asarray(best.x), box))
+    start = to_search(best.x, box)
     unit = jnp.zeros(len(start)), jnp.ones(len(start))
     for held in _least_known(part(start, 1)):
         points, chi_square = walk(part, start, held)

@@ -24,7 +24,6 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Key
 from scipy.optimize import bisect
@@ -154,7 +153,7 @@ def points(
             break
         past = _grown(np.random.default_rng([*seed, count]), past, problem, size)
         found = weighed(past)
-    theta = jax.tree.map(np.asarray, _placed(problem, jnp.asarray(past.w))[0])
+    theta = jax.tree.map(np.asarray, _placed(problem, jax.device_put(past.w))[0])
     log_evidence = float(logsumexp(past.log_weight) - np.log(len(past.w)))
     return WeighedPoints(theta, past.terms, found.weights, found.khat, log_evidence)
 
@@ -184,7 +183,7 @@ def _grown(rng: np.random.Generator, past: Past | None, problem: Problem, num_po
     own = max(num_points // 2, 1)
     halves = [mixtures.draw(rng, mixture, own) for mixture in pair]
     w = np.stack(halves, axis=1).reshape(-1, halves[0].shape[1])
-    theta, prior = (jax.tree.map(np.asarray, each) for each in _placed(problem, jnp.asarray(w)))
+    theta, prior = (jax.tree.map(np.asarray, each) for each in _placed(problem, jax.device_put(w)))
     terms = at_points(problem.log_likelihood, theta, problem.data)
     terms = terms.reshape(len(w), -1)
     likelihood = terms.sum(axis=1)
@@ -262,7 +261,7 @@ def _draws(
         which = np.searchsorted(ends, places / options.num_samples)
         rows.append(own[np.minimum(which, len(own) - 1)])
     chosen = np.stack(rows)
-    theta = jax.tree.map(np.asarray, _placed(problem, jnp.asarray(past.w[chosen.ravel()]))[0])
+    theta = jax.tree.map(np.asarray, _placed(problem, jax.device_put(past.w[chosen.ravel()]))[0])
     log_weight, count = past.log_weight, len(past.w)
     facts = {
         "log_evidence": float(logsumexp(log_weight) - np.log(count)),

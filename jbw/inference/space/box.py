@@ -6,7 +6,6 @@ from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
@@ -40,7 +39,7 @@ def box(bounds: Mapping[str, tuple[float, float]]) -> Box:
         )
     pairs = {name: _checked(name, pair) for name, pair in bounds.items()}
     lower, upper = zip(*pairs.values(), strict=True)
-    return Box(tuple(pairs), jnp.asarray(lower), jnp.asarray(upper))
+    return Box(tuple(pairs), *jax.device_put((np.array(lower), np.array(upper))))
 
 
 def bounds_about(value: float, lower: float, upper: float) -> tuple[float, float]:
@@ -71,12 +70,15 @@ def _checked(name: str, pair: Any) -> tuple[float, float]:
     return lower, upper
 
 
-def from_unit(x: Float[Array, "... parameter"], box: Box) -> dict[str, Float[Array, "..."]]:
+def from_unit(x: Float[Any, "... parameter"], box: Box) -> dict[str, Any]:
     r"""Parameters $\theta_{min} + x\,(\theta_{max} - \theta_{min})$ by name, in their units."""
-    return named(box.lower + x * (box.upper - box.lower), box)
+    lower, upper = box.lower, box.upper
+    if isinstance(x, np.ndarray):  # nothing is traced: no program to compile
+        lower, upper = np.asarray(lower), np.asarray(upper)
+    return named(lower + x * (upper - lower), box)
 
 
-def named(values: Float[Array, "... parameter"], box: Box) -> dict[str, Float[Array, "..."]]:
+def named(values: Float[Any, "... parameter"], box: Box) -> dict[str, Any]:
     """Parameters by name from the last axis of an array."""
     return {name: values[..., i] for i, name in enumerate(box.names)}
 

@@ -9,8 +9,10 @@ so that a sampler may walk in whatever x it likes.
 """
 
 from abc import abstractmethod
+from typing import Any
 
 import equinox as eqx
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
@@ -43,9 +45,13 @@ class Affine(Coordinate):
     factor: Float[Array, "parameter parameter"]
     log_det: Float[Array, ""]
 
-    def __init__(self, centre: Vector, factor: Float[Array, "parameter parameter"]) -> None:
-        self.centre, self.factor = centre, factor
-        self.log_det = jnp.linalg.slogdet(factor)[1]
+    def __init__(self, centre: Any, factor: Any) -> None:
+        if isinstance(factor, np.ndarray):  # nothing is traced: no program to compile
+            log_det = np.linalg.slogdet(factor)[1]
+            self.centre, self.factor, self.log_det = jax.device_put((centre, factor, log_det))
+        else:
+            self.centre, self.factor = centre, factor
+            self.log_det = jnp.linalg.slogdet(factor)[1]
 
     def forward(self, x: Vector) -> Vector:
         """The point c + L x."""
@@ -71,6 +77,8 @@ class Elementwise(Coordinate):
 
     def inverse(self, y: Vector) -> Vector:
         """The point that is transformed to y."""
+        if _namespace(y) is np:
+            return np.asarray(jax.tree.map(np.asarray, self.transform).inv(y))
         return jnp.asarray(self.transform.inv(y))
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
@@ -85,7 +93,10 @@ def interval(lower: Vector, upper: Vector) -> Elementwise:
 
 def unit(lower: Vector, upper: Vector) -> Elementwise:
     r"""From the unit cube into bounds, $y = l + (u - l)\,x$."""
-    return Elementwise(AffineTransform(lower, upper - lower))
+    ends = lower, upper - lower
+    if _namespace(lower) is np:
+        ends = jax.device_put(ends)
+    return Elementwise(AffineTransform(*ends))
 
 
 class Logarithms(Coordinate):
@@ -99,7 +110,8 @@ class Logarithms(Coordinate):
 
     def inverse(self, y: Vector) -> Vector:
         """The point with the logarithms of the chosen ones."""
-        return jnp.where(self._mask, jnp.log(jnp.where(self._mask, y, 1.0)), y)
+        xp = _namespace(y)
+        return xp.where(self._mask, xp.log(xp.where(self._mask, y, 1.0)), y)
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
         """Sum of the chosen logarithms."""
@@ -124,8 +136,9 @@ class Sinh(Coordinate):
 
     def inverse(self, y: Vector) -> Vector:
         """The point arsinh(y / c)."""
-        chosen = self.scale > 0
-        return jnp.where(chosen, jnp.arcsinh(y / jnp.where(chosen, self.scale, 1.0)), y)
+        xp = _namespace(y)
+        scale = np.asarray(self.scale) if xp is np else self.scale
+        return xp.where(scale > 0, xp.arcsinh(y / xp.where(scale > 0, scale, 1.0)), y)
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
         """Sum of log(c cosh x)."""
@@ -158,6 +171,11 @@ class Composed(Coordinate):
             total = total + part.log_abs_det_jacobian(x)
             x = part.forward(x)
         return total
+
+
+def _namespace(x: Any) -> Any:
+    """NumPy of its own arrays, for which nothing is compiled, otherwise JAX."""
+    return np if isinstance(x, np.ndarray) else jnp
 
 
 IDENTITY = Composed(())  # the parameters themselves

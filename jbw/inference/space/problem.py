@@ -64,7 +64,7 @@ def problem_of(
 ) -> Problem:
     """The posterior in given coordinates."""
     bounds, size = (place.lower, place.upper), len(box.names)
-    whitening, located = Affine(jnp.zeros(size), jnp.eye(size)), False
+    whitening, located = Affine(np.zeros(size), np.eye(size)), False
     if place.start is not None and place.covariance is not None:
         whitening, located = laplace_whitening(place.start, place.covariance, *bounds), True
     return Problem(log_likelihood, box, data, place.outer, *bounds, whitening, located)
@@ -126,7 +126,7 @@ def laplace_whitening(
     slope = x * (1 - x)
     scaled = precision * np.outer(slope / std, slope / std)
     root = np.linalg.cholesky(scaled + LOGIT_PRIOR_PRECISION * np.eye(len(x)))
-    return Affine(jnp.asarray(np.log(x) - np.log1p(-x)), jnp.asarray(np.linalg.inv(root).T))
+    return Affine(np.log(x) - np.log1p(-x), np.linalg.inv(root).T)
 
 
 def _checked_precision(

@@ -84,7 +84,7 @@ def never_zero(theta: Theta, covariance: Covariance, box: Box) -> tuple[str, ...
     conditional = 1 / np.sqrt(np.diag(np.linalg.inv(covariance)))
     return tuple(
         name
-        for name, low, std in zip(box.names, box.lower, conditional, strict=True)
+        for name, low, std in zip(box.names, np.asarray(box.lower), conditional, strict=True)
         if low > 0 or theta[name] > CERTAIN * std
     )
 
@@ -112,8 +112,8 @@ def in_logarithms(
     positive = np.where(outer.chosen, value, 1.0)
     return Reparametrisation(
         outer,
-        outer.inverse(jnp.asarray(lower)),
-        outer.inverse(box.upper),
+        outer.inverse(np.asarray(lower)),
+        outer.inverse(np.asarray(box.upper)),
         np.where(outer.chosen, np.log(positive), value),
         covariance / np.outer(positive, positive),
     )
