@@ -183,7 +183,7 @@ def settled(
         before = np.asarray(best.x)
         data = with_weights(best, data, settings)
         best = refit(best, prior, data, tolerance=ROUGH)
-        width = np.asarray(prior.upper - prior.lower)
+        width = np.asarray(prior.upper) - np.asarray(prior.lower)
         moved = (best.x - before) * width / np.sqrt(np.diag(best.covariance))
         if np.all(np.abs(moved) < SETTLED):
             break

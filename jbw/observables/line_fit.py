@@ -129,7 +129,8 @@ class LineReading(Observable):
         """The reading excluded where it is of this run."""
         if run != self.run:
             return self
-        return replace(self, covariance=EXCLUDED**2 * self.covariance)
+        wide = EXCLUDED**2 * np.asarray(self.covariance)
+        return replace(self, covariance=jax.device_put(wide))
 
     def first_values(self) -> dict[str, float]:
         """What was read."""

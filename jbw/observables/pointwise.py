@@ -130,7 +130,7 @@ def _split(part: Any, theta: Theta, alone: Sequence[Sequence[Any]]) -> Split | N
                 row, singles[g] = single
                 mean[g] = np.pad(row, (0, mean.shape[1] - len(row)))
         if singles:
-            moved = np.asarray(_left(theta, replace(part, mean=jnp.asarray(mean)))) - centre
+            moved = np.asarray(_left(theta, replace(part, mean=jax.device_put(mean)))) - centre
             for g, numbers in singles.items():
                 told[g].append((j, moved[g], *numbers))
     rows = []

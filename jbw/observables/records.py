@@ -330,7 +330,7 @@ class Records(Repeated):
             measured = Measured(self.mean, self.repeats.directions, self.skipped)
         return march(
             joints,
-            theta["gain"] * float(self.held.gain[number]),
+            theta["gain"] * float(np.asarray(self.held.gain)[number]),
             record_of(self.held, number, measured),
             self.fs, self.substeps, derivative_order(self.response), known=known, writes=writes,
         )  # fmt: skip

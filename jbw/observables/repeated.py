@@ -131,7 +131,8 @@ class Repeated(Observable):
 
     def repeatability(self) -> dict[str, float]:
         """Scatter of single repeats of each group, over the size of their mean."""
-        scatter = np.sqrt(self.repeats.within / np.maximum(self.repeats.num_repeats - 1, 1))
+        degrees = np.maximum(np.asarray(self.repeats.num_repeats) - 1, 1)
+        scatter = np.sqrt(np.asarray(self.repeats.within) / degrees)
         by_label, sizes = dict(zip(self.labels, scatter, strict=True)), self.sizes()
         return {label: float(by_label[label]) / sizes[label] for label in self.noise_known()}
 
@@ -196,7 +197,7 @@ class Repeated(Observable):
     def fractions_counted(self) -> dict[str, float]:
         """Fraction of the values of each group that the likelihood counts."""
         own = self.repeats
-        fraction = np.asarray(own.num_values / own.num_counted)
+        fraction = np.asarray(own.num_values) / np.asarray(own.num_counted)
         return dict(zip(own.labels, fraction.tolist(), strict=True))
 
     def without(self, run: str) -> Self:

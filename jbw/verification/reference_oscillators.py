@@ -5,6 +5,7 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import NamedTuple
 
+import jax
 import numpy as np
 from jaxtyping import Float
 
@@ -115,7 +116,9 @@ def _fitted(
     known = {name: known[name] for name in REACH if name in known}
     if not joint.has_offsets:
         return Reference({**known, **held, **best.theta}, LAWS[kind])
-    data = replace(data, scatters=joint.scatters, scatter=FREELY * joint.scatter)
+    data = replace(
+        data, scatters=joint.scatters, scatter=jax.device_put(FREELY * np.asarray(joint.scatter))
+    )
     offsets: Mapping[str, Float[np.ndarray, " own"]] = {}
     for _ in range(2):  # the second time about the offsets that the first one found
         data = with_directions(best.theta, data, offsets)
