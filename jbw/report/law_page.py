@@ -28,7 +28,8 @@ def render_laws(tree: xr.DataTree, record: Mapping[str, Any]) -> str:
         tree: Of `compare_laws`, with `curves`, `scores` and, where the records were read, `look`.
         record: Of the same.
     """
-    order = [name for name in law_order(record) if name in tree["curves"]["law"].values]
+    drawn_laws = tree["curves"].to_dataset()["law"].values.tolist()
+    order = [name for name in law_order(record) if name in drawn_laws]
     folded = [Folded(
         "Loops, residuals and runs left out",
         "From above: frequency and damping of all laws in one panel each, the loop of each law, "
