@@ -22,7 +22,7 @@ import xarray as xr
 from jaxtyping import Array, Float
 from numpy.typing import NDArray
 from scipy import stats
-from scipy.optimize import brentq
+from scipy.optimize import root_scalar
 
 from jbw.identification.prepare import refit
 from jbw.inference.fit.fitting import Fit
@@ -143,7 +143,9 @@ def _scatter(
 
     # A scatter of twice the range explains any.
     most = 4 * float(np.ptp(estimate)) ** 2
-    variance = float(brentq(beyond, 0.0, most, rtol=1e-12)) if beyond(0.0) > 0 else 0.0
+    variance = 0.0
+    if beyond(0.0) > 0:
+        variance = float(root_scalar(beyond, bracket=(0.0, most), rtol=1e-12).root)
     return float(np.sqrt(variance)), float(stats.chi2.sf(beyond(0.0) + degrees, degrees))
 
 
