@@ -1,5 +1,7 @@
 """The door of every estimator: channels as float arrays, checked."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -58,7 +60,7 @@ def sampling(fs: float) -> float:
     return float(fs)
 
 
-def lines_within(freq: Reals, band: tuple[float, float]) -> NDArray[np.bool_]:
+def lines_within(freq: Reals, band: Sequence[float]) -> NDArray[np.bool_]:
     """Which lines lie in a band, its edges included, in the unit of both."""
     low, high = band
     return (freq >= low * (1 - ROUNDING)) & (freq <= high * (1 + ROUNDING))
