@@ -213,8 +213,8 @@ MUTATIONS = (
     ),
     Mutation(
         "oscillator/hold.py",
-        "slope_gain[-1] = 0.0",
-        "slope_gain[0] = 0.0",
+        "== 0.5 * num, 0.0, theta",
+        "== 0.25 * num, 0.0, theta",
         "oscillator/test_solver.py oscillator/test_periodic.py",
     ),
     # -- statistics
