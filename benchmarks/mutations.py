@@ -215,7 +215,7 @@ MUTATIONS = (
         "oscillator/hold.py",
         "== 0.5 * num, 0.0, theta",
         "== 0.25 * num, 0.0, theta",
-        "oscillator/test_solver.py oscillator/test_periodic.py",
+        "observables/test_captured_constants.py",
     ),
     # -- statistics
     Mutation(

@@ -20,7 +20,7 @@ from jbw.identification.assemble import assemble, measured
 from jbw.observables.dataset import log_likelihood, stacked
 from jbw.observables.residual_terms import added_response
 from jbw.observables.samples import band_limited, response_to
-from jbw.oscillator.hold import HOLDS, held
+from jbw.oscillator.hold import HOLDS, held, periodic_derivatives
 
 pytestmark = pytest.mark.filterwarnings("ignore")  # of short records, on which nothing is judged
 MOST = 4096  # bytes of one constant: tables of quadrature rules are of some hundreds
@@ -131,3 +131,15 @@ def test_what_is_made_in_a_program_is_what_numpy_makes(num):
         # Of Fourier transforms of rounding 1e-16, derived twice: pi^2 a sample.
         scale = np.max(np.abs(by_numpy))
         np.testing.assert_allclose(by_jax, by_numpy, rtol=0.0, atol=1e-12 * scale)
+
+
+@pytest.mark.parametrize("k", range(1, 9))
+def test_derivatives_of_every_line_of_a_period_are_those_of_the_sine(k):
+    """cos(2 pi k n / 16 + 1) by hand; at the Nyquist frequency its samples show no slope."""
+    theta = 2 * np.pi * k / 16
+    n = np.arange(16)
+    u, shown = np.cos(theta * n + 1), -theta * np.sin(theta * n + 1) * (k < 8)
+    for values in (u, jnp.asarray(u)):
+        slope, curvature = periodic_derivatives(values)
+        np.testing.assert_allclose(slope, shown, atol=1e-13)
+        np.testing.assert_allclose(curvature, -(theta**2) * u, atol=1e-13)
