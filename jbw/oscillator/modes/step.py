@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import equinox as eqx
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jaxtyping import Array, Float
 
 from jbw.oscillator.hold import HeldInput
@@ -127,8 +128,12 @@ class ModalStepping(eqx.Module):
         return on_q, on_v, self.gain * powers[0]
 
     def pushed(self) -> Pushed:
-        """Constants of the step, and what the input adds in every substep."""
-        return Pushed(self.step, self.push(self.pieces))
+        """Constants of the step, and what the input adds in every substep, by one product."""
+        start = self.gain * np.eye(1, len(self.pieces))[0]
+        weights = [jnp.stack(one) for one in (*self.on_q, *self.on_v)]
+        rows = tuple(jnp.stack([*weights, start]) @ jnp.stack(self.pieces))
+        count = len(self.on_q)
+        return Pushed(self.step, (rows[:count], rows[count:-1], rows[-1]))
 
 
 def modal_stepping(
