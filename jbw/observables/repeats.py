@@ -7,6 +7,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.core import Tracer
 from jaxtyping import Array, Float
 
 SPANS = 1e-10  # of columns of size one: a direction that is none but for rounding
@@ -14,7 +15,7 @@ SPANS = 1e-10  # of columns of size one: a direction that is none but for roundi
 
 def concrete(values: Any) -> Any:
     """An array as NumPy's where nothing is traced: then there is no program to compile."""
-    return values if isinstance(values, jax.core.Tracer) else np.asarray(values)
+    return values if isinstance(values, Tracer) else np.asarray(values)
 
 
 class Repeats(eqx.Module):
@@ -47,7 +48,7 @@ class Repeats(eqx.Module):
     def num_taken(self) -> Float[Array, " group"]:
         """Values that the directions of each group's own take, one each."""
         rows = concrete(self.spanned)
-        xp = np if isinstance(rows, np.ndarray) else jnp
+        xp: Any = np if isinstance(rows, np.ndarray) else jnp
         return xp.round(xp.sum(rows**2, axis=(1, 2)))
 
     @property
