@@ -33,6 +33,7 @@ BOUNDS = VERDICT + "test_a_line_of_bounds_never_cuts_the_box"
 LINES = VERDICT + "test_every_remedy_is_a_line_that_a_campaign_file_takes"
 AT_ONCE = VERDICT + "test_remedies_of_samplers_that_draw_at_once_are_lines_too"
 CAUSES = "identification/test_causes.py::test_the_first_cause_is_what_was_done_to_the_data"
+LONG = CHECKS + "test_a_pasted_span_of_a_long_record_cures"
 OF_A_RUN = "test_remedies.py::test_a_line_of_a_finding_is_taken"
 PASTED = {
     ("campaign/check.py", "delay"): DRIVEN,
@@ -68,6 +69,7 @@ PASTED = {
     ("measurement/decay_checks.py", "lines_hz"): DECAYS,
     ("measurement/decay_checks.py", "settle"): DECAYS,
     ("measurement/decay_checks.py", "window_s"): DECAYS,
+    ("measurement/long_records.py", "span"): LONG,
     ("measurement/loop_checks.py", "laws"): LOOPS,
     ("measurement/loop_checks.py", "span"): LOOPS,
     ("measurement/response_checks.py", "band"): CHECKS + "test_a_missing_band_is_pasted",

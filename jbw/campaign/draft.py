@@ -143,7 +143,7 @@ def write_campaign(draft: Draft, folder: str | Path) -> Path:
         raise RunError(
             f"`{path}` cannot be written: {error.strerror or error}.",
             remedy="Free some space, or make the folder writable; or keep the draft elsewhere: "
-            "jbw init --print FOLDER > campaign.toml",
+            f"jbw init --print {folder} > campaign.toml",
         ) from error
     return path
 

@@ -8,6 +8,7 @@ from jbw.measurement.kinds import Kind
 from jbw.measurement.records import Record
 
 LONG = 60_000  # samples from where on a fit takes minutes
+DRIFTS = 8  # cycles in a record: what has fewer is a drift
 STILL = 0.005  # of the largest response: below it a structure rests
 SPARED = 0.1  # of the samples, from which a cut is worth proposing
 PER_CYCLE = 64  # samples of the strongest frequency that are plenty
@@ -24,7 +25,7 @@ def long_records(name: str, traits: Kind, record: Record) -> Iterator[str]:
     if total < LONG or traits.is_curve or traits.is_broadband:
         return
     response = np.nan_to_num(record.channels[record.response])
-    response = response - response.mean()
+    response = response - np.median(response)  # the level at rest, where most of a record rests
     size = np.abs(response)
     moving = np.flatnonzero(size > STILL * size.max())
     if not len(moving):
@@ -33,29 +34,38 @@ def long_records(name: str, traits: Kind, record: Record) -> Iterator[str]:
     kept = last - first + 1
     proposals = []
     if total - kept > SPARED * total:
-        ends = np.floor(10 * first / record.fs) / 10, np.ceil(10 * (last + 1) / record.fs) / 10
+        # Outwards to a hundredth of the record or less, a power of ten.
+        step = 10.0 ** np.floor(np.log10(total / record.fs / 100))
+        ends = (
+            float(f"{np.floor(first / record.fs / step) * step:.12g}"),
+            float(f"{np.ceil((last + 1) / record.fs / step) * step:.12g}"),
+        )
         part = min(1.0, (ends[1] - ends[0]) * record.fs / total)
         proposals.append(
-            f"it rests outside of {ends[0]:g} to {ends[1]:g} s: `span = [{ends[0]:g}, {ends[1]:g}]`"
-            f" would take {100 * part:.0f} % of the time"
+            f"It rests outside of {ends[0]:g} to {ends[1]:g} s. Put under [[test]]: "
+            f"`span = [{ends[0]:g}, {ends[1]:g}]`, for {100 * part:.0f} % of the time."
         )
     strongest = _strongest_hz(response, record.fs)
     every = int(record.fs / (PER_CYCLE * strongest)) if strongest > 0 else 1
     if every > 1:
         proposals.append(
-            f"it has {record.fs / strongest:.0f} samples a cycle of its strongest frequency, "
+            f"It has {record.fs / strongest:.0f} samples a cycle of its strongest frequency, "
             f"{strongest:.4g} Hz: low-pass it, and export every {_ordinal(every)} sample "
-            f"({record.fs / every:g} Hz), for {100 / every:.0f} % of the time"
+            f"({record.fs / every:g} Hz), for {100 / every:.0f} % of the time."
         )
     if proposals:
-        yield f"{name} has {total} samples, and every fit solves each; {'; '.join(proposals)}."
+        yield f"{name} has {total} samples, and every fit solves each. {' '.join(proposals)}"
 
 
 def _strongest_hz(response: np.ndarray, fs: float) -> float:
-    """Frequency of the strongest line of a response without its mean [Hz]."""
-    power = np.abs(np.fft.rfft(response)) ** 2
+    """Frequency of the strongest line of a response [Hz], slower ones than drifts are made of."""
+    power = np.abs(np.fft.rfft(response * np.hanning(len(response)))) ** 2
+    power[:DRIFTS] = 0.0
     return float(np.argmax(power) * fs / len(response))
 
 
 def _ordinal(number: int) -> str:
-    return {2: "second", 3: "third"}.get(number, f"{number}th")
+    if number < 4:
+        return {2: "second", 3: "third"}.get(number, "first")
+    ending = {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
+    return f"{number}{'th' if 10 < number % 100 < 14 else ending}"

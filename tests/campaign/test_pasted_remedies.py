@@ -9,6 +9,7 @@ from scipy.interpolate import make_interp_spline
 from jbw.campaign.check import check_campaign
 from jbw.campaign.load import load_campaign
 from jbw.errors import ConfigError
+from jbw.measurement.long_records import long_records
 
 FS, HZ, RATE = 600.0, 30.0, 1.1
 PUT = re.compile(r"Put under \[([\w.\[\]]+?)\]: `([^`]+)`")
@@ -106,6 +107,36 @@ def test_a_missing_band_is_pasted(tmp_path):
     (fault,) = faults(path)
     pasted(path, [fault.remedy])
     assert faults(path) == []
+
+
+@pytest.mark.parametrize("fs", [4096.0, 4.096e6])
+def test_a_pasted_span_of_a_long_record_cures(tmp_path, fs):
+    t = np.arange(100_000) / 4096.0  # in a time that runs with fs
+    is_moving = (t > 6.0) & (t < 12.0)
+    wave, velocity = (np.where(is_moving, f(2 * np.pi * 20.0 * t), 0.0) for f in (np.sin, np.cos))
+    noise = 1e-4 * np.random.default_rng(0).normal(size=(2, len(t)))
+    np.savez(tmp_path / "long.npz", force=wave + noise[0], v=velocity + noise[1])
+    path = tmp_path / "campaign.toml"
+    path.write_text(f"""[campaign]
+gain = 1.0
+[[test]]
+kind = "sweep"
+files = "long.npz"
+fs = {fs}
+channels = {{ force = "force", velocity = "v" }}
+units = {{ force = "N", velocity = "m/s" }}
+""")
+    (proposal,) = proposals(path)
+    pasted(path, [proposal])
+    assert proposals(path) == []
+    (record,) = load_campaign(path).tests[0].records
+    assert np.any(record.channels["force"] != 0.0)
+    assert record.num_samples < 0.3 * len(t)
+
+
+def proposals(path):
+    (test,) = load_campaign(path).tests
+    return list(long_records(test.name, test.traits, test.records[0]))
 
 
 def test_the_window_that_a_campaign_states_is_taken_out(tmp_path):

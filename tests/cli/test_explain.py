@@ -75,7 +75,7 @@ def headings():
 def test_there_are_headings_to_look_at():
     found = headings()
     assert len(found) > 60
-    assert "error / rms of the record" in found
+    assert "RMS error / rms of the record" in found
 
 
 def test_every_column_of_a_table_is_explained():

@@ -43,7 +43,7 @@ def refused(line, table=".prior", check=parse):
         ("alpha = [nan, 2.0]", "alpha: must be finite"),
         ("alpha = [1.0, inf]", "alpha: must be finite"),
         ("alpha = [1.0]", "alpha: must be [lower, upper]"),
-        ("alpha = 1.0", "alpha: must be a list of numbers"),
+        ("alpha = 1.0", "alpha: must be [lower, upper], or a distribution"),
         ("omega_n = [100.0, 130.0]\nalpha = [1.0, 1e4]", "alpha < omega_n^2 must hold everywhere"),
         ("omega_n = [100.0, 130.0]\nalpha = [1.0, 1e4]", "lower alpha's upper bound"),
     ],

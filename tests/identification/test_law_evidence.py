@@ -23,6 +23,7 @@ from jbw.identification.prepare import Fitted
 from jbw.identification.prior_widths import log_evidence_wide, twice_as_wide
 from jbw.identification.without_offsets import compared, without_offsets
 from jbw.inference.space.box import bounds_by_name, box, from_unit
+from jbw.inference.space.stated import StatedDensities
 from jbw.measurement.records import Record, Test
 from jbw.observables import dataset
 from jbw.observables.dataset import log_likelihood
@@ -301,6 +302,7 @@ class Normal(NamedTuple):
     centre: float
     std: float
     stepped: bool = False
+    stated: StatedDensities = StatedDensities()
 
 
 def normal(theta, data):

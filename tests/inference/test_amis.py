@@ -215,7 +215,7 @@ def test_rounds_of_another_posterior_start_again_and_say_so():
 def test_the_number_of_cores_changes_no_digit(monkeypatch):
     found = []
     for cores in (1, 2, 7):
-        monkeypatch.setattr(lanes, "_num_cores", lambda cores=cores: cores)
+        monkeypatch.setattr(lanes, "num_cores", lambda cores=cores: cores)
         found.append(bent(rounds=3)[0])
     for name, values in found[0].items():
         np.testing.assert_array_equal(found[1][name], values, err_msg=name)

@@ -108,9 +108,9 @@ ELSEWHERE = {
     "fit_attachment", "fit_modes", "fleet_of", "frf", "from_sep005", "harmonics",
     "identifiability", "identify", "identify_many", "laws", "line_fit", "load_campaign",
     "load_study", "new_backbone", "new_prediction", "new_units", "one_stage", "plan_tests", "pool",
-    "population_of", "read", "read_fleet", "record_frf", "rig",
-    "sbc", "third_order_kernel", "to_sep005", "updated",
-    "write_fleet", "write_uff",
+    "numpyro_model", "plots", "population_of", "read", "read_fleet", "record_frf", "rig",
+    "sampling", "sbc", "steps", "structure_of", "third_order_kernel", "to_sep005", "updated",
+    "warnings_of", "write_fleet", "write_uff",
 }  # fmt: skip
 # Have as many points, or pairs, as their numbers ask for.
 REFUSES = {"internal_resonances", "response_curve"}

@@ -186,7 +186,7 @@ def test_the_command_writes_it_beside_the_report(few, tmp_path):
     few.to_netcdf(tmp_path / "posterior.nc", engine="h5netcdf")
     done = CliRunner().invoke(report, [str(tmp_path), "--interactive", "--json"])
     assert done.exit_code == 0, done.output
-    written = json.loads(done.output)
+    written = json.loads(done.stdout)
     assert written == {
         "report": str(tmp_path / "report.html"),
         "interactive": str(tmp_path / "interactive.html"),

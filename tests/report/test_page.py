@@ -275,6 +275,6 @@ def test_the_command_writes_the_page(small, summary, tmp_path):
     small.to_netcdf(tmp_path / "posterior.nc", engine="h5netcdf")
     done = CliRunner().invoke(report, [str(tmp_path)])
     assert done.exit_code == 0, done.output
-    assert done.output.strip() == str(tmp_path / "report.html")
+    assert done.stdout.strip() == str(tmp_path / "report.html")
     done = CliRunner().invoke(report, [str(tmp_path), "--out", str(tmp_path / "other.html")])
     assert (tmp_path / "other.html").is_file()

@@ -249,7 +249,7 @@ def test_an_identification_looks_before_it_samples(monkeypatch):
         said.append([test.name for test in campaign.tests])
         raise DataError("Nothing is seen.")
 
-    monkeypatch.setattr("jbw.study.identify.look", look_fails)
+    monkeypatch.setattr("jbw.study.look.look", look_fails)
     monkeypatch.setattr("jbw.study.identify.run_procedure", lambda *_, **__: said.append("sampled"))
     good, left_out, told = linear(0.3, name="good"), linear(0.3, name="left out"), []
     monkeypatch.setattr(
