@@ -112,8 +112,8 @@ def test_a_missing_band_is_pasted(tmp_path):
 @pytest.mark.parametrize("fs", [4096.0, 4.096e6])
 def test_a_pasted_span_of_a_long_record_cures(tmp_path, fs):
     t = np.arange(100_000) / 4096.0  # in a time that runs with fs
-    is_moving = (t > 6.0) & (t < 12.0)
-    wave, velocity = (np.where(is_moving, f(2 * np.pi * 20.0 * t), 0.0) for f in (np.sin, np.cos))
+    envelope = np.where((t > 6.0) & (t < 12.0), np.sin(np.pi * t / 6.0) ** 2, 0.0)
+    wave, velocity = (envelope * f(2 * np.pi * 20.0 * t) for f in (np.sin, np.cos))
     noise = 1e-4 * np.random.default_rng(0).normal(size=(2, len(t)))
     np.savez(tmp_path / "long.npz", force=wave + noise[0], v=velocity + noise[1])
     path = tmp_path / "campaign.toml"
