@@ -153,29 +153,40 @@ def within_misfit(found: Verdict, error: Mapping[str, float]) -> Verdict:
 
 
 def within_unseen(
-    found: Verdict, fitted: Sequence[float], unseen: Sequence[float], which: str
+    found: Verdict,
+    fitted: Sequence[float],
+    unseen: Sequence[float],
+    which: str,
+    *,
+    missed: Sequence[float] | None = None,
 ) -> Verdict:
     """A verdict whose statements of use quote the errors of tests that a fit did not see.
 
-    Errors are relative to the rms of their tests. Where the unseen ones exceed the fitted ones by a
-    factor of 1.5 in rms, what was usable within the fitted error is not.
+    Errors are relative to the rms of their tests. Where those that the bands do not hold exceed the
+    fitted ones by a factor of 1.5 in rms, what was usable within the fitted error is not.
 
     Args:
         found: The verdict.
         fitted: Errors of the tests as they were fitted.
         unseen: Errors of tests as predicted by a fit without them; nothing changes where there are
             none.
-        which: What these tests are, for the sentence: "tests that no fit saw".
+        which: What these tests are, for the sentence: "held-out tests".
+        missed: Those of the unseen ones that the bands do not hold; all when None.
     """
     if not len(fitted) or not len(unseen):
         return found
+    missed = unseen if missed is None else missed
     known, beyond = rms(fitted), rms(unseen)
-    holds = beyond <= MOST_BEYOND * known
+    holds = not len(missed) or rms(missed) <= MOST_BEYOND * known
     said = f"Error of {which}: {beyond:.2g} of the rms, against {known:.2g} of the fitted ones"
-    said += "." if holds else (
-        f", more than {MOST_BEYOND:g} times as much: what was not fitted is not predicted to the "
-        "error of what was."
-    )  # fmt: skip
+    if not holds:
+        said += (
+            f", more than {MOST_BEYOND:g} times as much: what was not fitted is not predicted to "
+            "the error of what was"
+        )
+    elif beyond > MOST_BEYOND * known:
+        said += ", and the 99 % bands hold them"
+    said += "."
     action = "Fit the tests that are missed too, or look for what differs between them: jbw look."
     return judge(
         replace(

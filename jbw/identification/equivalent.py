@@ -31,8 +31,8 @@ SHARES = (0.1, 0.3, 1.0)  # of the largest amplitude: where the response is look
 class Effects(NamedTuple):
     """Relative change of the natural frequency, and damping ratio added over zeta [-]."""
 
-    frequency: Float[Array, " draw"]
-    damping: Float[Array, " draw"]
+    frequency: Float[np.ndarray, " draw"]
+    damping: Float[np.ndarray, " draw"]
 
 
 def effects(

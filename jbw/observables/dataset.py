@@ -54,8 +54,8 @@ class Dataset(eqx.Module):
     ) -> Self:
         """Parts whose runs have no offsets of their own; `held` are parameters not updated."""
         fixed = {name: jax.device_put(np.float64(value)) for name, value in (held or {}).items()}
-        scatters = jax.device_put((np.zeros((1, 0)), np.zeros(0)))
-        return cls(tuple(parts), fixed, *scatters, stated or StatedDensities())
+        nodes, scatter = jax.device_put(np.zeros((1, 0))), jax.device_put(np.zeros(0))
+        return cls(tuple(parts), fixed, nodes, scatter, stated or StatedDensities())
 
     @property
     def laws(self) -> tuple[str, ...]:

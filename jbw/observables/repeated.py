@@ -150,7 +150,7 @@ class Repeated(Observable):
         """The data with the change of every prediction by the offsets of its run, at one point."""
         return self.with_directions(-slope_by_offsets(self.misfit, theta))
 
-    def with_directions(self, slope: Float[Array | np.ndarray, "group value own"]) -> Self:
+    def with_directions(self, slope: Float[Any, "group value own"]) -> Self:
         """The data with derivatives of the predictions by the offsets."""
         xp: Any = np if isinstance(slope, np.ndarray) else jnp
         return self.with_repeats(directions=self.beside_own(xp.moveaxis(slope, -1, 1)))

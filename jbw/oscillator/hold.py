@@ -69,10 +69,12 @@ def held(
     if isinstance(u, HeldInput):
         return u
     polynomials = _namespace(u).moveaxis(input_polynomials(u, hold, periodic=periodic), -1, -2)
-    arrays = u, polynomials, np.ones(u.shape[:-1])
+    arrays: Any = u, polynomials, np.ones(u.shape[:-1])
     if _namespace(u) is np:  # `jnp.asarray` would compile a program a shape
-        return HeldInput(*jax.device_put(arrays), hold, periodic)
-    return HeldInput(*map(jnp.asarray, arrays), hold, periodic)
+        samples, rows, gain = jax.device_put(arrays)
+    else:
+        samples, rows, gain = map(jnp.asarray, arrays)
+    return HeldInput(samples, rows, gain, hold, periodic)
 
 
 def input_polynomials(

@@ -246,21 +246,21 @@ def _compared_sweeps(names: set[str], sweeps: Sweeps | None) -> tuple[set[str], 
 def with_predictions(found: Verdict, tree: xr.DataTree) -> Verdict:
     """A verdict with what the predictions of tests say, which its statements of use quote.
 
-    Of held-out tests those count whose errors the bands do not hold, for motions up to a little
-    more than those that were fitted: the others are an extrapolation, or told by the bands.
+    Held-out tests of motions up to a little more than those that were fitted are quoted; further
+    ones are an extrapolation. Those that the bands do not hold decide on the use.
     """
     found = judge([*found.findings, *prediction_findings(tree)])
     tests = _predicted(tree).values()
-    fitted = [one["nrmse"] for one in tests if one.get("fitted")]
+    known = [one for one in tests if np.isfinite(one["nrmse"])]
+    fitted = [one["nrmse"] for one in known if one.get("fitted")]
     unseen = [
-        one["nrmse"]
-        for one in tests
-        if not one.get("fitted")
-        and one.get("coverage", 1.0) < LEAST_COVERAGE
-        and one.get("extrapolation", 1.0) <= CARRIED_ON
+        one
+        for one in known
+        if not one.get("fitted") and one.get("extrapolation", 1.0) <= CARRIED_ON
     ]
-    fitted, unseen = ([x for x in some if np.isfinite(x)] for some in (fitted, unseen))
-    return within_unseen(found, fitted, unseen, "tests that no fit saw")
+    missed = [one["nrmse"] for one in unseen if one.get("coverage", 1.0) < LEAST_COVERAGE]
+    errors = [one["nrmse"] for one in unseen]
+    return within_unseen(found, fitted, errors, "held-out tests", missed=missed)
 
 
 def _predicted(tree: xr.DataTree) -> Mapping[str, Mapping[str, Any]]:

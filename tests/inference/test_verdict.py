@@ -13,6 +13,7 @@ from jbw.inference.posterior.finding import ASKED_BY, answers, checked, qualifie
 from jbw.inference.posterior.remedies import more_draws, put_bounds, wider
 from jbw.inference.posterior.verdict import Finding, judge, leaning, verdict
 from jbw.inference.space.box import box
+from jbw.verification.verify import with_predictions
 
 BOX = box({"alpha": (1.0, 2.0), "delta": (1.0, 2.0)})
 
@@ -333,6 +334,32 @@ def test_a_statement_of_use_quotes_what_no_fit_saw(fitted, unseen, status):
         assert "Another law." in finding.action
     untouched = judge([checked("r_hat", True, "Mixed.", 1.0, "")])
     assert within_unseen(untouched, fitted, unseen, "tests") == untouched
+
+
+@pytest.mark.parametrize(
+    ("error", "coverage", "extrapolation", "status", "says"),
+    [
+        (0.024, 0.992, 1.0, "usable", "held-out tests: 0.024 of the rms, against 0.018 of the"),
+        (0.069, 0.992, 1.0, "usable", "of the fitted ones, and the 99 % bands hold them."),
+        (0.069, 0.8, 1.0, "failed", "0.069 of the rms, against 0.018 of the fitted ones, more"),
+        (0.069, 0.8, 2.0, "usable", "within this the law may be used"),  # twice the motion
+    ],
+)
+def test_a_statement_of_use_quotes_held_out_tests(error, coverage, extrapolation, status, says):
+    found = judge([checked("coloured_residual", False, "Coloured.", 0.4, "Another law.")])
+    usable = within_misfit(found, {"sweep": 0.018})
+    attrs = {
+        "strong": {"fitted": 1, "nrmse": 0.018, "coverage": 0.99},
+        "weak": {
+            "fitted": 0, "nrmse": error, "coverage": coverage, "extrapolation": extrapolation,
+        },
+    }  # fmt: skip
+    groups = {f"/verification/sweeps/{n}": xr.Dataset(attrs=a) for n, a in attrs.items()}
+    judged = with_predictions(usable, xr.DataTree.from_dict(groups))
+    (finding,) = [each for each in judged.findings if each.code == "coloured_residual"]
+    assert finding.status == status
+    assert says in finding.reason
+    assert ("held-out" in finding.reason) == (extrapolation == 1.0)
 
 
 def test_a_pile_at_a_negative_lower_bound_is_found():

@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 from numpyro.distributions import biject_to, constraints
 from numpyro.distributions.transforms import AffineTransform, ExpTransform, Transform
 
-Vector = Float[Array, " parameter"]
+Vector = Float[Any, " parameter"]  # NumPy's where nothing is traced
 
 
 class Coordinate(eqx.Module):

@@ -1,6 +1,6 @@
 r"""Masing's laws by their virgin curves: a power, Segalman's four parameters, an exponential."""
 
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import jax.numpy as jnp
 
@@ -69,7 +69,7 @@ class MasingPower(Masing):
     def loop(self, y_peak: Scalar) -> Loop:
         """Closed form at every amplitude."""
         softening, damping = power_loop(self.power_exponent)
-        lost = self.power_loss * power(jnp.asarray(y_peak) / REFERENCE, self.power_exponent)
+        lost: Any = self.power_loss * power(jnp.asarray(y_peak) / REFERENCE, self.power_exponent)
         return Loop(-softening * lost, damping * lost)
 
 
