@@ -171,7 +171,7 @@ def gaussians_about(ready: Fitted) -> list[Gaussian]:
     bare = replace(data, scatter=NOTHING * data.scatter)
     part = evaluator(dataset.stacked, prior, bare)
     width = np.asarray(prior.upper - prior.lower)
-    s = np.asarray(to_search(jnp.asarray(best.x), prior))
+    s = np.asarray(to_search(np.asarray(best.x), prior))
     slope = np.asarray(from_search(jnp.asarray(s), prior)[1])
     rows, jacobian = by_label(part(s, 0), bare), by_label(part(s, 1) / slope / width, bare)
     groups = [
