@@ -26,6 +26,7 @@ from jbw.oscillator.laws.bouc_wen import FORCED_SHARE, SHARE
 from jbw.oscillator.laws.conversions import bouc_wen
 from jbw.oscillator.laws.powers import REFERENCE, power, power_loop
 from jbw.oscillator.parameters import Conversion, Scalar, batched, of_opensees
+from jbw.oscillator.rare import where_rare
 from jbw.oscillator.steady.waveform import synthesis
 from jbw.quantities import Quantity
 
@@ -34,6 +35,8 @@ _ROUNDS = 2  # of Newton's steps to the end of a short move
 _NEAR = 0.03  # of the stretch, what a step adds to it: there its power is no straight line
 _TINY = 1e-9  # of the slope, where all of it is lost
 _PARTS = 8  # of a move along a record
+_SHORT, _MANY_PARTS = 0.05, 32  # of the stretch that loses all of its slope; parts of a longer move
+_INSIDE = 0.9  # of the largest stretch, where the search for the steady one begins at most
 _PERIODS = 4  # Newton's steps to the steady stretch
 
 
@@ -167,6 +170,17 @@ class BoucWenNu(Law):
             memory = self._stretched(memory, part)
         return memory
 
+    def _in_parts(self, of: tuple[Scalar, Scalar]) -> Scalar:
+        """The stretch w after a move dy of any length along a period, by many short ones."""
+        w, dy = of
+        part = dy / _MANY_PARTS
+        return jax.lax.fori_loop(0, _MANY_PARTS, lambda _, at: self._stretched(at, part), w)
+
+    def _factors(self) -> tuple[Array, Array]:
+        """Factors c of the way to w = 0 and of that away from it."""
+        less, more = self.nu_softening - self.nu_opening, self.nu_softening + self.nu_opening
+        return jnp.asarray(less), jnp.asarray(more)
+
     def _factor(self, v: Scalar, w: Scalar) -> Scalar:
         """Factor c of the part that is lost."""
         return self.nu_softening + signed(signed(self.nu_opening, v), w)
@@ -279,17 +293,25 @@ class BoucWenNu(Law):
         """Force along the period that ends where it starts, by moves between the angles."""
         y = synthesis(q, theta)
         steps = jnp.diff(jnp.append(y, y[0]))
+        # Where slip is long, steps between angles pass the whole layer in which it begins.
+        most = jnp.max(jnp.abs(jnp.stack(self._factors())))
+        longest = _SHORT * stretch_path.stretch_limit(most, self.nu)
 
         def onward(w: Array, dy: Array) -> tuple[Any, Any]:
-            after = self._stretched(w, dy)
+            is_long = jnp.abs(dy) > longest
+            after = where_rare(is_long, self._in_parts, (w, dy), self._stretched(w, dy))
             return after, after
 
         def end(w: Array) -> Array:
             return jax.lax.scan(onward, w, steps)[0]
 
-        w = jnp.asarray(0.5 * y[0])
+        # Within the stretch that nothing passes: from beyond, the way back leads away.
+        limit = stretch_path.stretch_limit(jnp.maximum(*self._factors()), self.nu)
+        w = jnp.clip(0.5 * y[0], -_INSIDE * limit, _INSIDE * limit)
         for _ in range(_PERIODS):
             last, slope = jax.jvp(end, (w,), (jnp.ones_like(w),))
+            # A period brings stretches together; where slip is long, rounding makes any slope.
+            slope = jnp.where(jnp.abs(slope) < 1.0, slope, 0.0)
             w = w - (last - w) / (slope - 1.0)
         _, after = jax.lax.scan(onward, w, steps)
         return self.nu_stiffness * jnp.append(w, after[:-1])  # pyright: ignore[reportReturnType]

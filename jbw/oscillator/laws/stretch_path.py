@@ -55,7 +55,7 @@ def _lag(c: Scalar, w: Scalar, nu: Scalar, m: int = 0, gap: Scalar | None = None
     `gap` is 1 - w/L where it is known better than from w. The rule is along s of t = w s^p, p whole
     and such that the broken power is at least of third order at s = 0.
     """
-    limit = _limit(c, nu)
+    limit = stretch_limit(c, nu)
     near = w > _POLE * limit
     x = jnp.where(near, w / jnp.where(near, limit, 1.0), 0.5)
     gap = jnp.where(near, 1.0 - x if gap is None else gap, 0.5)
@@ -75,7 +75,7 @@ def _lag(c: Scalar, w: Scalar, nu: Scalar, m: int = 0, gap: Scalar | None = None
     return w ** (m + 1) * (found + jnp.where(near, known, 0.0))
 
 
-def _limit(c: Scalar, nu: Scalar) -> Scalar:
+def stretch_limit(c: Scalar, nu: Scalar) -> Scalar:
     """The stretch at which 1 - c |w|^nu vanishes, that nothing passes."""
     bounded = c > 0.0
     most = power(1.0 / jnp.where(bounded, c, 1.0), 1.0 / nu)
@@ -100,7 +100,7 @@ def _scale(most: Scalar, nu: Scalar, way: Scalar) -> tuple[Scalar, Scalar]:
     The way is L q or more for an exponent below one, $L q / \nu$ or more above: near the limit its
     e-folds tell two stretches apart. Where there is no limit, that of the search takes its place.
     """
-    limit = _limit(most, nu)
+    limit = stretch_limit(most, nu)
     bounded = most > 0.0
     scale = jnp.where(bounded, limit, 2.0 * _FAR * way)
     largest = jnp.where(bounded, way * jnp.maximum(nu, 1.0) / scale, jnp.log(2.0))
