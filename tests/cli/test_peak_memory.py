@@ -51,7 +51,7 @@ settle = {settle}
         (0.004, 0.0),  # the noise before the blow is taken for its beginning
         (1e-7, 0.0),
         (1e-7, 2.1),  # nothing but the ring, which never ends
-        pytest.param(4e-4, 2.1, marks=pytest.mark.slow),  # which ends after minutes
+        pytest.param(4e-4, 2.1, marks=pytest.mark.release),  # which ends after minutes
     ],
 )
 def test_a_pathological_decay_takes_no_more_memory_than_others(tmp_path, zeta, settle):
