@@ -19,7 +19,7 @@ UNITS = {
     "damping_sd": (PURE, "damping"), "stiffness": "N/m", "tone_hz": "Hz",
     **dict.fromkeys(("damping", "records", "left", "third", "noise", "coherence"), PURE),
     # check
-    "fs": "Hz", "repeats": PURE,
+    "fs": "Hz", "repeats": PURE, "fitted": PURE,
     # a row of a parameter, which has its unit beside it: the sd is how well the others are known
     **dict.fromkeys(("mean", "map", "q005", "q500", "q995", "value", "truth"), (OF_ROW, "sd")),
     "sd": OF_ROW, "z": (PURE, ONE),

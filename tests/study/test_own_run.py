@@ -42,7 +42,7 @@ def test_a_fitted_day_is_predicted_at_its_own_frequency(study):
         attrs = study.tree[f"verification/curve/{day}"].attrs
         # Noise alone; a thousandth off in frequency would leave ten times as much.
         assert attrs["nrmse"] == pytest.approx(NOISE, rel=0.25)
-        assert attrs["nrmse_linear"] == pytest.approx(NOISE, rel=0.25)
+        assert "nrmse_linear" not in attrs  # the model is that oscillator
         assert attrs["coverage"] > 0.95
 
 
