@@ -1,7 +1,6 @@
 """All parameters set to update: the joint posterior of everything that was measured.
 
 Prepared and fitted, drawn by the sampler that suits what was measured, completed by what follows
-import logging
 from the draws, and checked.
 """
 
