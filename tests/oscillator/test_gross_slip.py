@@ -10,22 +10,12 @@ import functools
 import mpmath as mp
 import numpy as np
 import pytest
+from stretched import way
 
 from jbw.oscillator.laws.bouc_wen_nu import BoucWenNu
 
 MULTIPLES = (1e-6, 1e-3, 0.1, 1.0, 3.0, 7.0, 10.0, 30.0, 100.0)
 ALPHA, MM = 1e4, mp.mpf("1e-3")
-
-
-def way(c, w, nu):
-    """The displacement after which the spring is stretched by w, of dw/dy = 1 - c w^nu."""
-    if nu == 1:
-        return -mp.log(1 - c * w) / c
-    if nu == 2:
-        root = mp.sqrt(abs(c))
-        return (mp.atanh if c > 0 else mp.atan)(root * w) / root
-    root = mp.sqrt(w)  # of the exponent 1/2, by r = sqrt(w)
-    return -2 * (root / c + mp.log(1 - c * root) / c**2)
 
 
 def moment(c, w, nu):

@@ -12,6 +12,7 @@ import subprocess
 import mpmath as mp
 import numpy as np
 import pytest
+from stretched import way
 from test_exports_elsewhere import MASS, Slave, needs_compiler, needs_octave, tree_of
 
 from jbw.study.export import export
@@ -20,17 +21,6 @@ from jbw.study.exports import PROGRAMS
 ALPHA, MM = 1e4, mp.mpf("1e-3")
 FACTORS = [(0.4, 0.3), (0.1, 0.6)]  # d and g: softening, and hardening on the way back to w = 0
 TURNS = (1e-6, -1e-3, 0.3, 1.0, -3.0, -7.0, 10.0, -30.0, 30.0, 29.0, -100.0, 100.0, 0.0)
-
-
-def way(c, w, nu):
-    """The displacement after which the spring is stretched by w, of dw/dy = 1 - c w^nu."""
-    if nu == 1:
-        return -mp.log(1 - c * w) / c
-    if nu == 2:
-        root = mp.sqrt(abs(c))
-        return (mp.atanh if c > 0 else mp.atan)(root * w) / root
-    root = mp.sqrt(w)  # of the exponent 1/2, by r = sqrt(w)
-    return -2 * (root / c + mp.log(1 - c * root) / c**2)
 
 
 def stretch(c, distance, nu):
