@@ -13,6 +13,7 @@ from types import ModuleType, SimpleNamespace
 import click
 import numpy as np
 import pytest
+from tiers import not_run_yet
 
 import jbw
 from jbw.campaign.schema import parse
@@ -287,19 +288,11 @@ laboratories = loaded("run_laboratories", DOCS / "run_laboratories.py")
 WAITING = {"test_house"}
 each_laboratory = pytest.mark.parametrize(
     "page",
-    [
-        pytest.param(
-            page,
-            id=page.stem,
-            marks=pytest.mark.xfail(
-                page.stem in WAITING,
-                reason=f"run it: python docs/run_laboratories.py {page.stem}",
-                raises=FileNotFoundError,
-                strict=True,
-            ),
-        )
-        for page in sorted(laboratories.PAGES.glob("*.md"))
-    ],
+    not_run_yet(
+        sorted(laboratories.PAGES.glob("*.md")),
+        WAITING,
+        lambda page: f"python docs/run_laboratories.py {page.stem}",
+    ),
 )
 
 

@@ -9,6 +9,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+from tiers import not_run_yet
 
 import jbw
 
@@ -57,19 +58,9 @@ def kept(path):
 WAITING = {"5_real_bolted_joints", "7_one_joint_every_law"}
 each_kept = pytest.mark.parametrize(
     "path",
-    [
-        pytest.param(
-            path,
-            id=path.stem,
-            marks=pytest.mark.xfail(
-                path.stem in WAITING,
-                reason=f"run it: python notebooks/make.py {path.stem.partition('_')[0]}",
-                raises=FileNotFoundError,
-                strict=True,
-            ),
-        )
-        for path in NOTEBOOKS
-    ],
+    not_run_yet(
+        NOTEBOOKS, WAITING, lambda path: f"python notebooks/make.py {path.stem.partition('_')[0]}"
+    ),
 )
 
 

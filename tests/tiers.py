@@ -7,3 +7,23 @@ def represented_by(first, *others):
     """Values for `pytest.mark.parametrize`, tuples where a case has several arguments."""
     waiting = (each if isinstance(each, tuple) else (each,) for each in others)
     return [first, *(pytest.param(*values, marks=pytest.mark.release) for values in waiting)]
+
+
+def not_run_yet(paths, waiting, how):
+    """Paths for `pytest.mark.parametrize`, of which those `waiting` must lack their outputs.
+
+    `how` gives the command that makes the outputs of a path; once it ran, the mark has to go.
+    """
+    return [
+        pytest.param(
+            path,
+            id=path.stem,
+            marks=pytest.mark.xfail(
+                path.stem in waiting,
+                reason=f"run it: {how(path)}",
+                raises=FileNotFoundError,
+                strict=True,
+            ),
+        )
+        for path in paths
+    ]

@@ -60,6 +60,7 @@ class Sensors(NamedTuple):
 
 def sensors_of(tests: Sequence[Test]) -> Sensors | None:
     """The sensors of a campaign's tests; None where tests of several make no common scale."""
+    tests = [test for test in tests if test.records]
     prescribed = {test.traits.is_prescribed for test in tests}
     if prescribed == {True}:
         return Sensors("displacement", "restoring_force", is_prescribed=True)

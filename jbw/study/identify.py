@@ -121,8 +121,7 @@ def identify(
     )
     compared = attempts.make("The comparison of the routes", lambda: compare_routes(found), {})
     said = (*left_out, *main.statements, *([outside] if outside else []), *attempts.said)
-    fitted = [test for test in seen.chosen if len(test.records)]
-    sensors = sensors_of(fitted)
+    sensors = sensors_of(seen.chosen)
     said = (*said, instruments_sentence(campaign.instruments, sensors))
     main = replace(main, verdict=verdict, statements=said)
     found = replace(found, steps={**found.steps, main.name: main})

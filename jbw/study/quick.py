@@ -48,7 +48,7 @@ def first_answer(
     It has the form of any other study, but no test is predicted in it.
     """
     tree = fit_tree(seen, found)
-    sensors = sensors_of([test for test in seen.chosen if len(test.records)])
+    sensors = sensors_of(seen.chosen)
     record = record_of(
         campaign, found, tree, verdict=found.main.verdict, truth=truth, compared={}, seed=seed,
         command=command, started=started, tests=fitted_and_held_out(seen),
