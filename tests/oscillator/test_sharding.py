@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 LANES = """
@@ -75,3 +76,31 @@ def test_lanes_are_shared_by_two_devices():
 def test_gradient_of_1000_seconds_stays_below_1_gibibyte():
     base, peak = (int(run(MEMORY, seconds)) for seconds in ("1", "1000"))
     assert peak - base < 2**20  # in KiB
+
+
+PERIOD = """
+import jax, sys
+jax.config.update("jax_enable_x64", True)
+import jax.numpy as jnp
+from jbw.oscillator.laws.bouc_wen_nu import BoucWenNu
+
+assert jax.device_count() == int(sys.argv[1])
+law = BoucWenNu(nu_stiffness=497.4, nu_softening=0.3, nu_opening=0.1, nu=0.7)
+q, theta = jnp.array([4e-3, 1e-4j]), jnp.linspace(0.0, 6.2, 32)
+force = jax.jit(lambda law: law.force_over_period(q, theta, 2))(law)
+print(*force.tolist())
+"""
+
+
+@pytest.mark.slow  # two processes, which compile
+def test_period_of_a_free_exponent_is_the_same_on_two_devices():
+    """Its rare branch takes the law among its operands: a bound method of traced numbers fails."""
+    one, two = (
+        [
+            float(x)
+            for x in run(PERIOD, n, XLA_FLAGS=f"--xla_force_host_platform_device_count={n}").split()
+        ]
+        for n in ("1", "2")
+    )
+    assert max(map(abs, one)) > 0.5  # of 497 * 4e-3 N/kg, where it would stick
+    np.testing.assert_allclose(two, one, rtol=1e-12, atol=1e-12)  # of rounding alone

@@ -170,12 +170,6 @@ class BoucWenNu(Law):
             memory = self._stretched(memory, part)
         return memory
 
-    def _in_parts(self, of: tuple[Scalar, Scalar]) -> Scalar:
-        """The stretch w after a move dy of any length along a period, by many short ones."""
-        w, dy = of
-        part = dy / _MANY_PARTS
-        return jax.lax.fori_loop(0, _MANY_PARTS, lambda _, at: self._stretched(at, part), w)
-
     def _factors(self) -> tuple[Array, Array]:
         """Factors c of the way to w = 0 and of that away from it."""
         less, more = self.nu_softening - self.nu_opening, self.nu_softening + self.nu_opening
@@ -299,7 +293,7 @@ class BoucWenNu(Law):
 
         def onward(w: Array, dy: Array) -> tuple[Any, Any]:
             is_long = jnp.abs(dy) > longest
-            after = where_rare(is_long, self._in_parts, (w, dy), self._stretched(w, dy))
+            after = where_rare(is_long, _in_parts, (self, w, dy), self._stretched(w, dy))
             return after, after
 
         def end(w: Array) -> Array:
@@ -315,3 +309,10 @@ class BoucWenNu(Law):
             w = w - (last - w) / (slope - 1.0)
         _, after = jax.lax.scan(onward, w, steps)
         return self.nu_stiffness * jnp.append(w, after[:-1])  # pyright: ignore[reportReturnType]
+
+
+def _in_parts(operands: tuple[BoucWenNu, Scalar, Scalar]) -> Scalar:
+    """The stretch w after a move dy of any length along a period, by many short ones."""
+    law, w, dy = operands
+    part = dy / _MANY_PARTS
+    return jax.lax.fori_loop(0, _MANY_PARTS, lambda _, at: law._stretched(at, part), w)
