@@ -14,14 +14,13 @@ them determines, a fit moves far for nothing.
 
 import logging
 from collections.abc import Sequence
-from dataclasses import replace
 
-import jax
 import numpy as np
 import xarray as xr
 
 from jbw.identification.accuracy import another_law
 from jbw.identification.prepare import refit
+from jbw.identification.run_effects import own_frequency_alone
 from jbw.inference.fit.costly_fit import residual_at
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.finding import Finding, checked
@@ -30,7 +29,6 @@ from jbw.observables.dataset import Dataset, left_by_label, size_by_label, stack
 
 under_way = logging.getLogger("jbw.progress")
 MOVES = 4.0  # standard deviations of the change: beyond, the runs contradict each other
-NO_SCATTER = 1e-12  # of runs: all of them have the common parameters
 LEAST_GAIN = 0.01  # of the variance: what a run must add for its absence to be judged
 
 
@@ -67,7 +65,15 @@ def leave_one_out(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
         {
             "estimate": (dims, estimate, {"long_name": "optimum without the run"}),
             "std": (dims, std, {"long_name": "its standard deviation"}),
-            "error": ("run", error, {"units": "1", "long_name": "error without the run"}),
+            "error": (
+                "run",
+                error,
+                {
+                    "units": "1",
+                    "long_name": "error without the run",
+                    "own_frequency": int(data.has_offsets),
+                },
+            ),
             "fitted": ("run", fitted, {"units": "1", "long_name": "error with it"}),
             "z": (dims, z, {"units": "1", "long_name": "change over its sd by chance"}),
         },
@@ -82,9 +88,12 @@ def _gained(best: Fit, without_it: Fit, prior: Box, rest: Dataset) -> float:
 
 
 def _error(run: str, without_it: Fit, prior: Box, data: Dataset) -> float:
-    """Error of a run at a fit that does not know it, nor the run's own offsets."""
-    common = replace(data, scatter=jax.device_put(np.full(data.scatter.shape, NO_SCATTER)))
-    left = left_by_label(residual_at(stacked, without_it.x, prior, common), common)
+    """Error of a run at a fit that does not know it; its natural frequency is its own.
+
+    Its damping ratio is not, which the law has to tell.
+    """
+    scored = own_frequency_alone(data)
+    left = left_by_label(residual_at(stacked, without_it.x, prior, scored), scored)
     sizes = size_by_label(data)
     own = [label for label, name in zip(data.labels, data.runs, strict=True) if name == run]
     known = [label for label in own if label in sizes]  # a line fit of the run has no size
@@ -94,8 +103,9 @@ def _error(run: str, without_it: Fit, prior: Box, data: Dataset) -> float:
 
 def left_out_sentence(left_out: xr.Dataset) -> str:
     """How well each run is predicted by the others, in words."""
-    said = [f"{error.run.item()} {100 * error.item():.2g} %" for error in left_out["error"]]
-    return "RMS error of each session, predicted from the others: " + ", ".join(said) + "."
+    errors = [f"{error.run.item()} {100 * error.item():.2g} %" for error in left_out["error"]]
+    given = ", with its own natural frequency" * left_out["error"].attrs.get("own_frequency", 0)
+    return f"RMS error of each session, predicted from the others{given}: {', '.join(errors)}."
 
 
 def consistency_finding(left_out: xr.Dataset, laws: Sequence[str] = ()) -> Finding:

@@ -17,7 +17,7 @@ from jaxtyping import Float
 from scipy import stats
 
 from jbw.identification.accuracy import another_law
-from jbw.identification.run_effects import Shifts
+from jbw.identification.run_effects import Shifts, sizes_of
 from jbw.inference.posterior.finding import Finding, checked
 from jbw.observables.dataset import Dataset
 from jbw.observables.observable import OFFSETS
@@ -82,16 +82,3 @@ def _told(name: str, slope: Slope, count: int, data: Dataset) -> Finding:
     )
     action = f"That is no scatter of runs: the law misses it. {another_law(data.laws)}"
     return checked("level_trend", not goes, reason, slope.p, action)
-
-
-def sizes_of(data: Dataset) -> dict[str, float]:
-    """Root of the sum of squares of the response, the mean of every run's, of the largest part."""
-    found: list[dict[str, float]] = []
-    for part in data.parts:
-        if not part.own_shifts:
-            runs = dict(zip(part.labels, part.runs, strict=True))
-            sizes: dict[str, list[float]] = {}
-            for label, size in part.sizes().items():
-                sizes.setdefault(runs[label], []).append(size)
-            found.append({run: float(np.mean(each)) for run, each in sizes.items()})
-    return max(found, key=len, default={})

@@ -27,6 +27,7 @@ from jbw.identification.first_fit import ROUGH, first_fit, inside, points_at, st
 from jbw.identification.level_trend import trend_finding
 from jbw.identification.residual_terms import shown_terms
 from jbw.identification.run_effects import (
+    damping_scatter,
     sentence_of,
     shifts_of,
     wanted,
@@ -134,7 +135,7 @@ def with_effects(
     best, data = settled(first, prior, data, settings, tolerance=between)
     shifts = shifts_of(best, prior.names, data)
     if shifts is not None and wanted(shifts, settings):
-        words.append(sentence_of(shifts))
+        words.append(sentence_of(shifts, damping_scatter(best, shifts, data)))
         findings = tuple(filter(None, [trend_finding(shifts, data)]))
         under_way.info("offsets of the runs")
         data = with_offsets(best, shifts, data, settings.run_scatter)

@@ -6,6 +6,7 @@ narrow. So every run's own offset is read off the fit's residuals, and where the
 more than chance allows, each run gets its own in the likelihood, with a scatter of the size seen.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import equinox as eqx
@@ -29,6 +30,8 @@ from jbw.quantities import BY_NAME
 MOST_ALIKE = 1e12  # condition of a run's offsets as correlations: beyond, they are one direction
 BY_CHANCE = 1e-3  # probability below which shifts are taken for real
 LEAST, MOST = (1e-7, 1e-4), (1e-2, 0.5)  # scatter of omega_n and zeta, relative
+SAME_LEVEL = 1.1  # times the smallest response: runs within it are repeats of one level
+NO_SCATTER = 1e-12  # of a quantity that all runs share
 NUM_DRAWS = 200
 PLURAL = {"run": "runs", "assembly": "assemblies"}
 
@@ -96,16 +99,91 @@ def wanted(shifts: Shifts, settings: Identify) -> bool:
     return settings.offsets == "runs" or (settings.offsets != "none" and shifts.p < BY_CHANCE)
 
 
+def are_levels(data: Dataset) -> bool:
+    """Whether every run is a test of its own, in one assembly: no run or assembly was stated."""
+    pairs = ((x, run) for part in data.parts for x, run in zip(part.labels, part.runs, strict=True))
+    return all(label == run or label.startswith(f"{run} ") for label, run in pairs)
+
+
+def scatter_of_repeats(shifts: Shifts, sizes: Mapping[str, float]) -> float | None:
+    r"""Scatter of zeta between runs of one level [-], 0 where chance makes it; None of no repeats.
+
+    $$Q = \sum_l \sum_{r \in l} \frac{(b_r - \bar b_l)^2}{\sigma_r^2}, \qquad
+      \tau^2 = \frac{Q - \mathrm{dof}}{\sum_l (W_l - \sum_{r \in l} w_r^2 / W_l)}$$
+
+    with $w_r = 1/\sigma_r^2$ and $W_l$ their sum over a level.
+
+    Reference:
+        DerSimonian and Laird (1986), Controlled Clinical Trials 7, 177, within levels.
+    """
+    zeta = OFFSETS.index("zeta")
+    offset, weight = shifts.offset[:, zeta], 1.0 / shifts.std[:, zeta] ** 2
+    chi_square, dof, scale = 0.0, 0, 0.0
+    for level in _levels_of(shifts.runs, sizes):
+        if len(level) > 1:
+            w, b = weight[level], offset[level]
+            chi_square += float(np.sum(w * (b - np.average(b, weights=w)) ** 2))
+            dof += len(level) - 1
+            scale += float(w.sum() - np.sum(w**2) / w.sum())
+    if not dof:
+        return None
+    if stats.chi2.sf(chi_square, dof) > BY_CHANCE:
+        return 0.0
+    return float(np.sqrt((chi_square - dof) / scale))
+
+
+def _levels_of(runs: Sequence[str], sizes: Mapping[str, float]) -> list[list[int]]:
+    """Numbers of the runs of each level, by the size of their response."""
+    measured = [number for number, run in enumerate(runs) if run in sizes]
+    levels: list[list[int]] = []
+    for number in sorted(measured, key=lambda number: sizes[runs[number]]):
+        first = sizes[runs[levels[-1][0]]] if levels else 0.0
+        if levels and sizes[runs[number]] <= SAME_LEVEL * first:
+            levels[-1].append(number)
+        else:
+            levels.append([number])
+    return levels
+
+
+def sizes_of(data: Dataset) -> dict[str, float]:
+    """Root of the sum of squares of the response, the mean of every run's, of the largest part."""
+    sizes_of_parts: list[dict[str, float]] = []
+    for part in data.parts:
+        if not part.own_shifts:
+            runs = dict(zip(part.labels, part.runs, strict=True))
+            sizes: dict[str, list[float]] = {}
+            for label, size in part.sizes().items():
+                sizes.setdefault(runs[label], []).append(size)
+            sizes_of_parts.append({run: float(np.mean(each)) for run, each in sizes.items()})
+    return max(sizes_of_parts, key=len, default={})
+
+
+def damping_scatter(best: Fit, shifts: Shifts, data: Dataset) -> float | None:
+    """Scatter of zeta over levels, over zeta: none but that of repeats; None of other runs."""
+    if not are_levels(data):
+        return None
+    repeats = scatter_of_repeats(shifts, sizes_of(data)) or 0.0
+    return max(repeats / _centre(best)[1], NO_SCATTER)
+
+
+def _centre(best: Fit) -> Float[np.ndarray, " own"]:
+    """omega_n and zeta of a fit, of the first drive where several are side by side."""
+    theta = {plain(name): value for name, value in reversed(best.theta.items())}
+    return np.array([theta[name] for name in OFFSETS])
+
+
 def with_offsets(best: Fit, shifts: Shifts, data: Dataset, median: float | None = None) -> Dataset:
     """The dataset in which every run has offsets of its own, free in least squares.
 
     In a fit that knows none, what omega_n misses hides how zeta differs, and the fit's weights
     follow the misfit: their scatter can be read where both are free (`with_scatter`). `median` is
-    that of the prior of omega_n's, over omega_n; None for a wide one.
+    that of the prior of omega_n's, over omega_n; None for a wide one. Of levels in one assembly
+    zeta scatters by what is known beforehand (`damping_scatter`).
     """
-    theta = {plain(name): value for name, value in reversed(best.theta.items())}
-    centre = np.array([theta[name] for name in OFFSETS])
-    least, most = (tuple(np.array(part) * centre) for part in (LEAST, MOST))
+    centre = _centre(best)
+    of_levels = damping_scatter(best, shifts, data)
+    ranges = (LEAST, MOST) if of_levels is None else ((end[0], of_levels) for end in (LEAST, MOST))
+    least, most = (tuple(np.array(end) * centre) for end in ranges)
     own = dict(zip(shifts.runs, shifts.offset, strict=True))
     about = None if median is None else median * float(centre[0])
     nested = bool(assemblies_of(tuple(dict.fromkeys(data.runs))))
@@ -116,6 +194,19 @@ def with_offsets(best: Fit, shifts: Shifts, data: Dataset, median: float | None 
         ),
         scatter=jax.device_put(np.array(most)),
     )
+
+
+def own_frequency_alone(data: Dataset) -> Dataset:
+    """The dataset whose runs have their own natural frequency, but the damping ratio of all.
+
+    What a law is worth on a run is told by it: a damping ratio of the run's own would hide what the
+    law misses.
+    """
+    if not data.has_offsets:
+        return data
+    scatter = np.array(data.scatter)
+    scatter[OFFSETS.index("zeta")] *= NO_SCATTER
+    return replace(data, scatter=jax.device_put(scatter))
 
 
 def with_scatter(key: Key[Array, ""], best: Fit, data: Dataset) -> Dataset:
@@ -149,15 +240,29 @@ def _spreads(
     return jax.lax.map(one, (keys, found))
 
 
-def sentence_of(shifts: Shifts) -> str:
-    """What was seen of the runs, in words."""
+def sentence_of(shifts: Shifts, of_levels: float | None = None) -> str:
+    """What was seen of the runs, in words; `of_levels` is that of `damping_scatter`."""
     apart = shifts.offset[:, 0] - shifts.offset[:, 0].mean()
     seen = ", ".join(
         f"{name} {b / (2 * np.pi):+.3g} Hz" for name, b in zip(shifts.runs, apart, strict=True)
     )
     return (
         f"The natural frequency differs from run to run by more than chance (p = {shifts.p:.1g}): "
-        f"{seen}. Each run has offsets of omega_n and zeta of its own in the likelihood."
+        f"{seen}. {_has_offsets(of_levels)}"
+    )
+
+
+def _has_offsets(of_levels: float | None) -> str:
+    if of_levels is None:
+        return "Each run has offsets of omega_n and zeta of its own in the likelihood."
+    if of_levels <= NO_SCATTER:
+        return (
+            "Each level has its own omega_n in the likelihood. All share zeta, which no repeats of "
+            "one level show to scatter: damping that changes with level is the law's to explain."
+        )
+    return (
+        "Each level has its own omega_n in the likelihood, and zeta scatters between levels by "
+        f"{of_levels:.1%} of itself, as it does between repeats of one level."
     )
 
 

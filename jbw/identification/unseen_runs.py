@@ -19,6 +19,7 @@ from scipy.special import logsumexp
 from jbw.identification.evidence import Candidate, likelihood_at, place_of
 from jbw.identification.floors import rms
 from jbw.identification.prepare import refit
+from jbw.identification.run_effects import own_frequency_alone
 from jbw.inference.fit.costly_fit import residual_at
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.lanes import at_points
@@ -163,8 +164,8 @@ def weighed_in(key: Key[Array, ""], prior: Box, data: Dataset, places: Places) -
 
 
 def _error_of(run: str, best: Fit, one: Candidate) -> float:
-    """Error of a run over its response at a fit that does not know it."""
-    data = one.fitted.data
+    """Error of a run over its response at a fit that does not know it, but for its frequency."""
+    data = own_frequency_alone(one.fitted.data)
     left = dataset.left_by_label(residual_at(dataset.stacked, best.x, one.fitted.box, data), data)
     every = dataset.error_by_label(left, data)
     pairs = zip(data.labels, data.runs, strict=True)

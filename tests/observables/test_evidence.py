@@ -214,6 +214,38 @@ def test_what_frequencies_hide_of_damping_is_found_and_every_record_counts():
     assert abs(z) < 4
 
 
+def test_levels_have_no_damping_of_their_own_to_hide_a_law_that_fails():
+    """Zeta that doubles with level is the law's; as days the same records have their own zeta."""
+    damped = {5: 3.0e-3, 20: 4.5e-3, 60: 6.0e-3}
+    prior = box(PRIOR | {"gamma": (100.0, 500.0)})  # the loop does not open further
+
+    def offsets_of_zeta(**stated):
+        tests = [
+            replace(
+                curve(level, zeta=z, seed=level), **{key: of(level) for key, of in stated.items()}
+            )
+            for level, z in damped.items()
+        ]
+        data = assemble(measured(tests, Identify(), gain=GAIN))
+        middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()} | {"gamma": 300.0}
+        best = costly_fit(stacked, prior, data, starts=middle)
+        shifts = shifts_of(best, prior.names, data)
+        assert shifts is not None
+        data = with_offsets(best, shifts, data)
+        best = costly_fit(stacked, prior, data, starts=best.theta)
+        zetas = np.array([offset[1] for offset in best_offsets(best.theta, data).values()])
+        alone = left_by_label(best.residual, data)
+        return zetas / best.theta["zeta"], max(np.linalg.norm(row) for row in alone.values())
+
+    (of_levels, error), (of_days, error_of_days) = (
+        offsets_of_zeta(),
+        offsets_of_zeta(run=lambda level: f"day of {level}"),
+    )
+    assert np.ptp(of_days) > 0.3  # 1.5e-3 of about 4.5e-3 between neighbours: a third
+    assert np.max(np.abs(of_levels)) < 1e-6
+    assert error > 3 * error_of_days  # what the law misses stays in sight
+
+
 @pytest.mark.slow
 def test_runs_whose_frequency_goes_with_their_level_are_told_as_the_laws_failure():
     # More than the joint softens, which would take a smaller rise for less softening.

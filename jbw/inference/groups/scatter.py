@@ -45,8 +45,9 @@ def scatter_grid(
 ) -> Float[np.ndarray, "node level_own"]:
     """Nodes of the scatters of runs, then of `assemblies`, all of one weight.
 
-    From least to most of each offset, whose logarithm is uniform there; about its median where that
-    is stated: the scatter is log-normal then, within a factor of two in two cases of three.
+    From least to most of each offset, whose logarithm is uniform there, one node where they are
+    equal; about its median where that is stated: the scatter is log-normal then, within a factor of
+    two in two cases of three.
     """
     known = medians or (None,) * len(least)
     bounds = list(zip(least, most, known, strict=True))
@@ -57,6 +58,8 @@ def scatter_grid(
 
 
 def _axis(least: float, most: float, median: float | None, count: int) -> np.ndarray:
+    if least == most:
+        return np.array([most])  # a scatter that is known
     if median is None:
         return np.geomspace(least, most, count)
     return median * np.exp(LOG_SD * ndtri((np.arange(count) + 0.5) / count))
