@@ -63,8 +63,8 @@ class Identify(Table):
     )
     offsets: Literal["auto", "runs", "none"] = key(
         "auto",
-        "whether each run has an omega_n and a zeta of its own; auto: where the data show it; levels "
-        "of one assembly share zeta, unless repeats of one level scatter",
+        "whether each run has an omega_n and a zeta of its own; auto: where the data show it; "
+        "levels of one assembly share zeta, unless repeats of one level scatter",
         "auto",
     )
     run_scatter: values.Positive | None = key(
