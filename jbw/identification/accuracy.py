@@ -119,8 +119,8 @@ def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
         return None
     worst = max(bounded, key=lambda label: error[label] / bounded[label])
     reason = (
-        f"The best fit leaves {error[worst]:.2%} of fitted record {worst}, the worst; it must be "
-        f"less than {bounded[worst]:.0%}."
+        f"Largest residual of a fitted record: {100 * error[worst]:.2g} % of {worst}; it must be "
+        f"less than {100 * bounded[worst]:.0f} %."
     )
     action = f"Doubt the band (a second mode), `settle`, or the law. {another_law(data.laws)}"
     return checked("misfit", error[worst] < bounded[worst], reason, error[worst], action)
@@ -217,8 +217,8 @@ def repeatability_finding(error: Mapping[str, float], data: Dataset) -> Finding 
         return None
     worst = max(ratio, key=lambda label: np.nan_to_num(ratio[label], nan=np.inf))
     reason = (
-        f"The best fit leaves {error[worst]:.2%} of {worst}, whose repeats scatter by "
-        f"{scatter[worst]:.2%}, the worst of {len(ratio)}; it must leave no more than they scatter."
+        f"Residual over the scatter of the repeats, worst of {len(ratio)}: {worst}, "
+        f"{100 * error[worst]:.2g} % against {100 * scatter[worst]:.2g} %; it must be no larger."
     )
     action = f"Quote this error as the law's, or try another. {another_law(data.laws)}"
     return checked("repeatability", ratio[worst] <= 1, reason, ratio[worst], action)

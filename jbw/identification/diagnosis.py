@@ -186,16 +186,16 @@ def diagnosis_sentences(found: Diagnosis) -> list[str]:
     """What the readings say, in words."""
     first = (
         f"{found.num_readings} readings between {1e3 * found.y[0]:.2g} and {1e3 * found.y[1]:.2g} "
-        f"mm: the frequency falls by {_percent(found.softening)}, by the power "
-        f"{_number(found.softening_exponent)} of the amplitude; the damping ratio grows by "
-        f"{_percent(found.damping)}, by the power {_number(found.damping_exponent)}."
+        f"mm: the frequency falls by {_percent(found.softening)}, as "
+        f"amplitude^{_number(found.softening_exponent)}; the damping ratio grows by "
+        f"{_percent(found.damping)}, as amplitude^{_number(found.damping_exponent)}."
     )
     if found.turn is not None:
         words = turning_sentence(found.turn)
         return [
             f"{found.num_readings} readings between {1e3 * found.y[0]:.2g} and "
             f"{1e3 * found.y[1]:.2g} mm: {words}; the damping ratio grows by "
-            f"{_percent(found.damping)}, by the power {_number(found.damping_exponent)}."
+            f"{_percent(found.damping)}, as amplitude^{_number(found.damping_exponent)}."
         ]
     (low, _, high), p = found.softening, found.damping_exponent
     if low <= 0.0 <= high:
@@ -205,7 +205,7 @@ def diagnosis_sentences(found: Diagnosis) -> list[str]:
     if high < 0.0:
         return [first, "The joint hardens: an elastic stiffness grows with amplitude."]
     said = (
-        f"Damping over softening is {_number(found.ratio)} where Masing's laws have "
+        f"Damping over softening is {_number(found.ratio)}; Masing's laws have "
         f"{found.masing[1]:.2g}"
     )
     low, share, high = found.elastic
@@ -214,7 +214,7 @@ def diagnosis_sentences(found: Diagnosis) -> list[str]:
     elif high < 0.0 and share < -CLOSE:
         said += ": there is damping that does not soften."
     else:
-        said += ": as sliders have it."
+        said += ": the data agree with sliders."
     said += f" For a Bouc-Wen law gamma/delta is {_number(found.opening)}."
     if not all(low <= 1.0 <= high for low, _, high in (found.softening_exponent, p)):
         return [first, said]

@@ -78,7 +78,7 @@ def hysteresis_finding(
     if DAMPING in laws or not only_damps(found):
         return None
     reason = (
-        f"No hysteresis is seen: at {y_peak:.2g} m the joint adds "
+        f"No hysteresis is seen: at {1e3 * y_peak:.2g} mm the joint adds "
         f"{_share(np.quantile(found.damping, QUANTILES))} of zeta to the damping, but its change "
         f"of the natural frequency, {_share(np.quantile(found.frequency, QUANTILES))}, includes "
         "zero. Damping by the square of the velocity does the same."
@@ -169,11 +169,20 @@ def within_response(
 
 def effects_sentence(found: Effects, y_peak: float) -> str:
     """What the joint does, in words."""
-    shift, added = (_share(np.quantile(values, QUANTILES)) for values in found)
+    shift, added = (np.quantile(values, QUANTILES) for values in found)
     return (
-        f"At {1e3 * y_peak:.3g} mm, the largest displacement fitted, the joint changes the natural "
-        f"frequency by {shift} and the damping ratio by {added} of zeta."
+        f"At {1e3 * y_peak:.3g} mm, the largest displacement fitted, the joint "
+        f"{_change('natural frequency', shift)} and {_change('damping ratio', added)}, over those "
+        "at full stick."
     )
+
+
+def _change(what: str, quantiles: Float[np.ndarray, "3"]) -> str:
+    """By how much a quantity falls or rises, with the interval; its signs where it holds zero."""
+    low, _, high = quantiles
+    is_known = low * high > 0.0
+    verb = ("lowers" if high < 0.0 else "raises") if is_known else "changes"
+    return f"{verb} the {what} by {_share(np.sort(np.abs(quantiles)) if is_known else quantiles)}"
 
 
 def _share(quantiles: Float[np.ndarray, "3"]) -> str:

@@ -87,6 +87,10 @@ def _same_source(u: NDArray[np.float64]) -> bool:
     return float(np.std(u - mean)) <= SAME_SOURCE * float(np.std(mean))
 
 
+def _percent(share: float) -> str:
+    return f"{100 * share:.2f} %"
+
+
 def _repeats(u: NDArray[np.float64], y: NDArray[np.float64]) -> Iterator[str]:
     if len(y) < 2 or not _same_source(u):
         return
@@ -94,12 +98,12 @@ def _repeats(u: NDArray[np.float64], y: NDArray[np.float64]) -> Iterator[str]:
     how = "as noise does"
     if found.differ:
         how = (
-            f"more than noise of {found.noise:.2%} does: size, start or pace differ (p = "
-            f"{found.p:.0e}), the size by {found.size:.2%}"
+            f"more than noise of {_percent(found.noise)} does: size, start or pace differ (p = "
+            f"{found.p:.0e}), the size by {_percent(found.size)}"
         )
     yield (
-        f"{len(y)} repeats scatter by {found.scatter:.2%} of the response, {how}; their mean shows "
-        f"no effect below {found.floor:.2%}."
+        f"{len(y)} repeats scatter by {_percent(found.scatter)} of the response, {how}; their mean "
+        f"shows no effect below {_percent(found.floor)}."
     )
 
 
@@ -108,16 +112,16 @@ def _sweep(u: NDArray[np.float64], y: NDArray[np.float64], fs: float) -> Iterato
     found = swept_harmonics(*together, fs)
     shares = {order: largest_share(found, order) for order in ORDERS}
     shown = [
-        f"the {ORDERS[order]} {share:.2%} at {hz:.4g} Hz"
+        f"the {ORDERS[order]} {_percent(share)} at {hz:.4g} Hz"
         for order, (share, error, hz) in shares.items()
         if np.isfinite(share) and share > ABOVE_NOISE * error
     ]
     noise = max((error for _, error, _ in shares.values()), default=0.0)
     if shown:
         told = ", ".join(shown)
-        yield f"harmonics over the largest response: {told}; the fit leaves {noise:.2%}."
+        yield f"harmonics over the largest response: {told}; residual of the fit {_percent(noise)}."
     else:
-        yield f"no harmonic stands above what the fit leaves, {noise:.2%} of the response."
+        yield f"no harmonic exceeds the residual of the fit, {_percent(noise)} of the response."
 
 
 def _multisine(
@@ -139,18 +143,21 @@ def _multisine(
     )
     if np.isfinite(noise) and found.num_realisations > 1:
         yield (
-            f"of the best linear approximation noise makes {noise:.2%}; nonlinear distortion is "
-            f"{distortion:.2%} of it in one of {found.num_realisations} realisations."
+            f"of the best linear approximation noise makes {_percent(noise)}; nonlinear distortion "
+            f"is {_percent(distortion)} of it in one of {found.num_realisations} realisations."
         )
     elif np.isfinite(noise):
-        yield f"noise makes {noise:.2%} of the response's mean over {found.num_periods} periods."
+        yield (
+            f"noise makes {_percent(noise)} of the response's mean over {found.num_periods} "
+            "periods."
+        )
     idle = detection_lines(u[0], y[0])
     shares = {"even": (idle.even, idle.num_even), "odd": (idle.odd, idle.num_odd)}
-    told = [f"{name} lines {share:.2%}" for name, (share, count) in shares.items() if count]
+    told = [f"{name} lines {_percent(share)}" for name, (share, count) in shares.items() if count]
     if told:
         yield (
             f"lines without excitation, over those with it: {', '.join(told)}; noise "
-            f"{idle.noise:.2%}."
+            f"{_percent(idle.noise)}."
         )
 
 

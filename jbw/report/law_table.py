@@ -32,7 +32,7 @@ def laws_table(record: Mapping[str, Any]) -> Table:
         _percent("highest [%]", "error_highest"),
         _percent("held out [%]", "error_held_out"),
         _percent("beyond [%]", "error_beyond"),
-        _percent("own lines [%]", "floor"),
+        _percent("linear by run [%]", "floor"),
         Column("log score", _difference("elpd_difference", "elpd_difference_se")),
         _number("weight", "weight", ".2f"),
         Column("log evidence", _difference("log_evidence_difference", "log_evidence_error")),

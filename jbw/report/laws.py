@@ -47,12 +47,12 @@ def _against_amplitude(axes: Any, curves: xr.Dataset, looks: Looks) -> None:
         for law, (colour, dashes) in looks.items():
             low, middle, high = scale * curves[name].sel(law=law).values
             shade(each, amplitude, low, high, colour, "_", alpha=0.2)
-            label = plain(law) + (", its fit alone" if hopeless.sel(law=law) else "")
+            label = plain(law) + (", fit alone" if hopeless.sel(law=law) else "")
             each.plot(amplitude, middle, color=colour, ls=dashes, lw=1.2, label=label)
         each.axvline(1e3 * curves.attrs["y_fitted"], color="0.6", lw=0.8, ls=":")
         each.set_ylabel(f"{name} [{unit}]")
         each.set_xlabel("amplitude of the displacement [mm]")
-        title(each, f"{name} under each law, with its 99 % band; dotted: the largest fitted")
+        title(each, f"{name} under each law with its 99 % band; dotted: largest fitted amplitude")
 
 
 def _loops(here: Any, found: xr.Dataset, looks: Looks) -> None:
@@ -60,8 +60,8 @@ def _loops(here: Any, found: xr.Dataset, looks: Looks) -> None:
     for law, (colour, dashes) in looks.items():
         here.plot(y, found["force"].sel(law=law).values, color=colour, ls=dashes, lw=1.0)
     here.set_xlabel("displacement [mm]")
-    here.set_ylabel("force beside\nthe stuck spring [N/kg]")
-    title(here, "loop of each law at the largest displacement fitted")
+    here.set_ylabel("force less the linear\nspring's [N/kg]")
+    title(here, "loop of each law at the largest fitted amplitude")
 
 
 def _residuals(here: Any, found: xr.Dataset, looks: Looks) -> None:
@@ -70,7 +70,7 @@ def _residuals(here: Any, found: xr.Dataset, looks: Looks) -> None:
         left = 100 * found["left"].sel(law=law).values
         here.plot(along, left, color=colour, ls=dashes, lw=1.0)
     here.set_yscale("log")
-    here.set_xlabel("place in the record")
+    here.set_xlabel("position in the record (0: start, 1: end)")
     here.set_ylabel("residual [% of rms]")
     title(here, f"residual of each law along {plain(found.attrs['group'])}")
 
@@ -88,9 +88,9 @@ def _left_out(here: Any, scores: xr.Dataset, runs: list[str], looks: Looks) -> N
     said = "error of each run, predicted from the others"
     if "line" in scores and np.isfinite(scores["line"].values).any():
         here.plot(100 * scores["line"].values, np.arange(len(runs)), "|", ms=12, color="0.3")
-        said += "; bar: a line of the run's own"
+        said += "; bar: linear oscillator fitted to that run alone"
     here.set_yticks(range(len(runs)), [plain(run) for run in runs])
     here.set_ylim(len(runs) - 0.4, -0.6)
     here.set_xscale("log")
-    here.set_xlabel("error over the response [%]")
+    here.set_xlabel("RMS error over the rms of the record [%]")
     title(here, said)

@@ -197,4 +197,4 @@ def _following(summary: Summary) -> str:
     against = [one for one in summary["verdict"]["findings"] if one["status"] != "ok"]
     against.sort(key=lambda one: one["status"] != "failed")
     action = next((one["action"] for one in against if one["action"]), None)
-    return f"To do next: {action}" if action else "To do next: use it."
+    return f"To do next: {action}" if action else "To do next: nothing; the result can be used."

@@ -150,9 +150,9 @@ def statements(record: Row) -> list[str]:
     if worse := _names(rows, "worse"):
         said.append(f"Told apart, and worse: {', '.join(worse)}.")
     said += [
-        f"{name} is judged by its fit alone: it leaves {100 * row['error']:.2g} % where {best} "
-        f"leaves {100 * rows[best]['error']:.2g} %, and its largest likelihood is "
-        f"{rows[best]['log_likelihood'] - row['log_likelihood']:.0f} nats less."
+        f"{name} is judged by its fit alone: RMS error {100 * row['error']:.2g} %, of {best} "
+        f"{100 * rows[best]['error']:.2g} %; its largest log likelihood is "
+        f"{rows[best]['log_likelihood'] - row['log_likelihood']:.0f} lower."
         for name, row in rows.items()
         if row["hopeless"] and name != best
     ]
@@ -164,13 +164,14 @@ def statements(record: Row) -> list[str]:
     if (floor := record["floor"]) is not None and floor > 0:
         error = rows[best]["error"]
         said.append(
-            f"{best} leaves {100 * error:.2g} % of the response and the mean of the repeats "
-            f"scatters by {100 * floor:.2g} %{_near(error / floor)}."
+            f"RMS error of {best}: {100 * error:.2g} % of the response; standard error of the mean "
+            f"of the repeats: {100 * floor:.2g} %{_near(error / floor)}."
         )
     if lines := list(record["lines"].values()):
         said.append(
-            f"A line through each run alone leaves {100 * record['line']:.2g} %, from "
-            f"{100 * min(lines):.2g} to {100 * max(lines):.2g} %."
+            "RMS error of a linear oscillator fitted to each run alone: "
+            f"{100 * record['line']:.2g} %, from {100 * min(lines):.2g} to "
+            f"{100 * max(lines):.2g} %."
         )
     for name, row in rows.items():
         if row["answer"] == "worse":
@@ -211,12 +212,12 @@ def _of_offsets(best: str, shared: Row | None) -> list[str]:
     least = min(shared["errors"], key=lambda name: shared["errors"][name])
     with_, without = (100 * error for error in shared["error"])
     said = (
-        f"Runs have offsets, which trade with softening. Without them {best} would leave "
-        f"{without:.2g} % in place of {with_:.2g} %, with {', '.join(moved)}"
+        f"Runs have offsets, which trade with softening. Without them the RMS error of {best} "
+        f"would be {without:.2g} % in place of {with_:.2g} %, with {', '.join(moved)}"
     )
     if least == best:
-        return [f"{said}; no law would leave less."]
-    return [f"{said}; {least} would leave least, {100 * shared['errors'][least]:.2g} %."]
+        return [f"{said}; no law would have a smaller one."]
+    return [f"{said}; {least} would have the smallest, {100 * shared['errors'][least]:.2g} %."]
 
 
 def _of_widths(rows: Mapping[str, Row]) -> list[str]:
@@ -238,7 +239,7 @@ def _of_widths(rows: Mapping[str, Row]) -> list[str]:
 
 
 def _near(ratio: float) -> str:
-    return "; no law is asked for beyond it" if ratio < NEAR_FLOOR else ""
+    return "; the data ask for no better law" if ratio < NEAR_FLOOR else ""
 
 
 def _names(rows: Mapping[str, Row], answer: str) -> list[str]:

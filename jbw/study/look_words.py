@@ -68,8 +68,8 @@ def nonlinear(each: Sequence[Reading]) -> str:
         ends = sorted(100 * abs(x) for x in band)
         told.append(
             f"the {what} {verbs[middle < 0.0]} by {ends[1]:.2g} % [{ends[0]:.2g}, {ends[2]:.2g}]"
-            f"{' of critical damping' if what != 'frequency' else ''}, by the power {power[1]:.2g} "
-            f"[{power[0]:.2g}, {power[2]:.2g}] of the amplitude"
+            f"{' of critical damping' if what != 'frequency' else ''}, as amplitude^{power[1]:.2g} "
+            f"[{power[0]:.2g}, {power[2]:.2g}]"
         )
     answer = "not seen" if all(one.startswith("no ") for one in told) else "yes"
     return f"Nonlinear: {answer}. From {reach} ({len(y)} readings) {'; '.join(told)}."

@@ -321,8 +321,8 @@ def _coverage(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
         return []
     worst = min(shares, key=lambda name: shares[name])
     reason = (
-        f"Of {worst}, which was held out, {shares[worst]:.1%} lie inside the 99 % band, the least "
-        f"of all; it must be at least {LEAST_COVERAGE:.0%}."
+        f"Lowest coverage of the held-out tests: {100 * shares[worst]:.1f} % of the values of "
+        f"{worst} lie inside the 99 % band; at least {100 * LEAST_COVERAGE:.0f} % must."
     )
     action = (
         "The intervals are too narrow for what was not fitted: the law does not hold there, or "

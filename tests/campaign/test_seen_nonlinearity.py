@@ -1,5 +1,7 @@
 """What `jbw check` says of nonlinearity, on records whose distortion is known."""
 
+import re
+
 import h5py
 import numpy as np
 
@@ -41,11 +43,15 @@ def test_a_sweep_says_its_harmonics_and_how_its_repeats_scatter(tmp_path):
     assert as_json(found)["seen"] == list(found.seen)
     repeats, harmonics = found.seen
     # 2e-4 over 0.1 * rms of u + 0.3 u^3, sqrt(1 / 2 + 0.6 * 3 / 8 + 0.09 * 5 / 16) = 0.868.
-    assert "3 repeats scatter by 0.23% of the response, as noise does" in repeats
+    assert "3 repeats scatter by 0.23 % of the response, as noise does" in repeats
     # 0.3 / 4 over 1 + 3/4 * 0.3 is 6.12 %; an even order is not there, nor a fifth.
     assert "the third 6.1" in harmonics
     assert "second" not in harmonics
     assert "fifth" not in harmonics
+
+
+def percents(said):
+    return [float(number) for number in re.findall(r"([\d.]+(?:e-\d+)?) %", said)]
 
 
 def test_a_multisine_tells_even_from_odd_and_distortion_from_noise(tmp_path):
@@ -60,9 +66,9 @@ def test_a_multisine_tells_even_from_odd_and_distortion_from_noise(tmp_path):
     write(tmp_path, "lines", pairs)
     found = checked(tmp_path, "multisine", "lines", f"periods = {PERIODS}")
     distorted, idle = found.seen
-    noise, distortion = (float(one.rstrip("%;")) for one in distorted.split() if "%" in one)
+    noise, distortion = percents(distorted)
     assert distortion > 20 * noise
-    even, odd, _ = (float(one.strip("%,;.")) for one in idle.split() if "%" in one)
+    even, odd, _ = percents(idle)
     assert odd > 20 * even
 
 

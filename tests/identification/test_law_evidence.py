@@ -228,11 +228,13 @@ def test_few_runs_are_no_comparison_of_predictions():
         }
     )
     assert said[0].startswith("3 runs are too few to compare predictions, 5 are needed")
-    assert (
-        "a leaves 10 % of the response and the mean of the repeats scatters by 9 %; no law"
-        in said[3]
+    assert said[3] == (
+        "RMS error of a: 10 % of the response; standard error of the mean of the repeats: 9 %; "
+        "the data ask for no better law."
     )
-    assert said[4] == "A line through each run alone leaves 3.5 %, from 3 to 4 %."
+    assert said[4] == (
+        "RMS error of a linear oscillator fitted to each run alone: 3.5 %, from 3 to 4 %."
+    )
 
 
 def test_a_rough_score_calls_no_law_worse_and_none_the_best():
@@ -276,8 +278,8 @@ def test_a_hopeless_law_is_worse_whatever_its_score_and_the_words_say_by_what():
         {"laws": rows, "runs": list("uvwxyz"), "floor": None, "lines": {}, "shared_runs": None}
     )
     assert (
-        "b is judged by its fit alone: it leaves 40 % where a leaves 10 %, and its largest "
-        "likelihood is 300 nats less." in said
+        "b is judged by its fit alone: RMS error 40 %, of a 10 %; its largest log likelihood is "
+        "300 lower." in said
     )
     # Where the law that leaves least could not be weighed, the others are compared all the same.
     alone = {"b": row(None, error=0.4, hopeless=True), "c": row(None, error=0.5, hopeless=True)}
@@ -377,9 +379,9 @@ def test_a_law_is_shown_with_offsets_of_the_runs_and_without():
     shown = {**row, "errors": {"linear": 1.0, "cubic": shared[0].error}}
     (said,) = _of_offsets("cubic", shown)
     assert said.startswith(
-        "Runs have offsets, which trade with softening. Without them cubic would"
+        "Runs have offsets, which trade with softening. Without them the RMS error of cubic would"
     )
-    assert said.endswith("no law would leave less.")
+    assert said.endswith("no law would have a smaller one.")
 
 
 @pytest.fixture(scope="module")

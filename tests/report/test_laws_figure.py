@@ -64,7 +64,7 @@ def test_every_part_of_a_comparison_has_a_panel():
     drawn = laws_figure(xr.DataTree.from_dict(parts))
     assert drawn.size == 5
     labels = drawn[0, 0].get_legend_handles_labels()[1]
-    assert labels == ["linear, its fit alone", "masing_power + cubic"]
+    assert labels == ["linear, fit alone", "masing_power + cubic"]
     # As comparisons of earlier versions.
     del parts["/residuals"], parts["/loops"], curves["hopeless"]
     assert laws_figure(xr.DataTree.from_dict(parts)).size == 3

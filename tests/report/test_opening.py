@@ -161,7 +161,7 @@ def test_a_parameter_that_leans_on_its_bound_is_not_called_known():
 def test_what_fails_is_to_be_done_before_what_is_only_limited():
     both = [finding("a", "usable", action="Later."), finding("b", "failed", action="First.")]
     assert opening(summary_of(findings=both), tree_of())[4] == "To do next: First."
-    assert opening(summary_of(), tree_of())[4] == "To do next: use it."
+    assert opening(summary_of(), tree_of())[4] == "To do next: nothing; the result can be used."
 
 
 def test_a_bare_summary_has_no_sentences():

@@ -153,7 +153,7 @@ def test_a_frequency_that_rises_is_said_to_rise_and_few_readings_say_nothing():
     zeta = 0.01 + 1e-6 * rng.standard_normal(8)
     rising = [Reading(a, 18.0 * (1 + 5.0 * a), z) for a, z in zip(y, zeta, strict=True)]
     said = nonlinear(rising)
-    assert "the frequency rises by 0.5 % [0.5, 0.5], by the power 1 [1, 1]" in said
+    assert "the frequency rises by 0.5 % [0.5, 0.5], as amplitude^1 [1, 1]" in said
     assert "no change of the damping ratio is seen" in said
     assert nonlinear(rising[:1]).startswith("Nonlinear: one reading (0.1 mm) tells no change")
     # Three readings: 0.13 % of the frequency is an eighth of the half width, 1 %; ten times is not.
@@ -284,7 +284,7 @@ def test_the_command_reads_a_folder(tmp_path, capsys):
     streams = capsys.readouterr()
     assert "18.78" in streams.out
     assert "Nonlinear: not seen. From" in streams.out
-    assert "s1: no harmonic stands above what the fit leaves" in streams.out
+    assert "s1: no harmonic exceeds the residual of the fit" in streams.out
     assert "Reading s1" in streams.err
     assert (tmp_path / "look.svg").stat().st_size > 10_000
     assert run(["look", str(path), "--json"]) == 0

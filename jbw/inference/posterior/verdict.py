@@ -155,7 +155,9 @@ def _bounds(draws: Draws, box: Box, ending: Collection[str]) -> list[Finding]:
 def _identified(draws: Draws, box: Box) -> Finding:
     weak = weak_direction_of_draws(draws, box)
     if weak is None:
-        return Finding("unidentified", "ok", "The data narrow every direction.", 0.0)
+        return Finding(
+            "unidentified", "ok", "The data identify every combination of the parameters.", 0.0
+        )
     reason = (
         f"{weak.text[0].upper()}{weak.text[1:]}: along one direction of {', '.join(weak.names)} "
         f"the posterior has {weak.ratio:.2f} of the prior's standard deviation."
