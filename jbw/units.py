@@ -1,6 +1,8 @@
 """Units at the border: a small fixed table to SI, by quantity. Inside jbw everything is SI."""
 
 import re
+from collections.abc import Iterator
+from functools import cache
 from math import pi
 
 import numpy as np
@@ -9,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from jbw.errors import ConfigError, did_you_mean
 
 INCH = 0.0254  # exact, by the definition of 1959
+FOOT = 0.3048  # exact, twelve of them
 POUND_FORCE = 4.4482216152605  # exact, 0.45359237 kg times standard gravity
 GRAVITY = 9.80665  # exact, standard gravity
 
@@ -18,7 +21,9 @@ FACTORS: dict[str, dict[str, float]] = {
     "force": {
         "N": 1.0,
         "kN": 1e3,
+        "MN": 1e6,
         "mN": 1e-3,
+        "daN": 10.0,
         "lbf": POUND_FORCE,
         "lb": POUND_FORCE,
         "kip": 1e3 * POUND_FORCE,
@@ -26,17 +31,111 @@ FACTORS: dict[str, dict[str, float]] = {
     },
     "current": {"A": 1.0, "mA": 1e-3},
     "force per mass": {"N/kg": 1.0, "mN/kg": 1e-3, "kN/kg": 1e3},
-    "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "nm": 1e-9, "in": INCH},
-    "velocity": {"m/s": 1.0, "cm/s": 1e-2, "mm/s": 1e-3, "um/s": 1e-6, "in/s": INCH},
-    "acceleration": {"m/s^2": 1.0, "mm/s^2": 1e-3, "um/s^2": 1e-6, "in/s^2": INCH, "g": GRAVITY},
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
-    "frequency": {"Hz": 1.0, "kHz": 1e3, "rad/s": 1 / (2 * pi)},
+    "displacement": {
+        "m": 1.0,
+        "cm": 1e-2,
+        "mm": 1e-3,
+        "um": 1e-6,
+        "nm": 1e-9,
+        "in": INCH,
+        "mil": 1e-3 * INCH,
+        "ft": FOOT,
+    },
+    "velocity": {
+        "m/s": 1.0,
+        "cm/s": 1e-2,
+        "mm/s": 1e-3,
+        "um/s": 1e-6,
+        "nm/s": 1e-9,
+        "in/s": INCH,
+        "ft/s": FOOT,
+    },
+    "acceleration": {
+        "m/s^2": 1.0,
+        "cm/s^2": 1e-2,
+        "mm/s^2": 1e-3,
+        "um/s^2": 1e-6,
+        "in/s^2": INCH,
+        "ft/s^2": FOOT,
+        "g": GRAVITY,
+        "mg": 1e-3 * GRAVITY,
+    },
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0, "h": 3600.0},
+    "frequency": {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6, "rad/s": 1 / (2 * pi), "RPM": 1 / 60},
     "angle": {"rad": 1.0, "deg": pi / 180},
+    # Of torsion, where metres are radians, newtons are newton metres, and masses are inertias.
+    "rotation": {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": pi / 180},
+    "angular velocity": {"rad/s": 1.0, "mrad/s": 1e-3, "deg/s": pi / 180},
+    "angular acceleration": {"rad/s^2": 1.0, "mrad/s^2": 1e-3, "deg/s^2": pi / 180},
+    "torque": {
+        "N m": 1.0,
+        "kN m": 1e3,
+        "mN m": 1e-3,
+        "N mm": 1e-3,
+        "N cm": 1e-2,
+        "lbf ft": POUND_FORCE * FOOT,
+        "lbf in": POUND_FORCE * INCH,
+    },
 }
+TORSION = ("rotation", "angular velocity", "angular acceleration", "torque")
 
 TIME = r"^t$|\btime\b|\bzeit\b"  # in the name of a column of times
 # One spelling for the ways in which files write micro, powers and inverse seconds.
-_SPELLING = str.maketrans({"µ": "u", "μ": "u", "²": "^2", "°": "deg", " ": None})
+SUPERSCRIPT = re.compile("[⁻⁺¹²³⁴]+")
+_RAISED = str.maketrans("⁻⁺¹²³⁴", "-+1234")
+_SPELLING = str.maketrans(
+    {"µ": "u", "μ": "u", "²": "^2", "°": "deg", "·": "*", "×": "*", "⋅": "*", "−": "-"}
+)
+# Words that recorders write, in lower case, to the symbol of the table.
+WORDS = {
+    "newton": "N", "newtons": "N", "kilonewton": "kN", "kilonewtons": "kN", "lbs": "lbf",
+    "pounds": "lbf", "kips": "kip", "kp": "kgf", "dan": "daN",
+    "volt": "V", "volts": "V", "millivolt": "mV", "millivolts": "mV", "ampere": "A",
+    "amperes": "A", "amp": "A", "amps": "A",
+    "meter": "m", "meters": "m", "metre": "m", "metres": "m", "millimeter": "mm",
+    "millimeters": "mm", "millimetre": "mm", "millimetres": "mm", "micron": "um",
+    "microns": "um", "micrometer": "um", "micrometers": "um", "micrometre": "um",
+    "micrometres": "um", "inch": "in", "inches": "in", "foot": "ft", "feet": "ft",
+    "mils": "mil", "ips": "in/s", "gs": "g", "g's": "g", "gn": "g", "g_n": "g", "grav": "g",
+    "sec": "s", "secs": "s", "second": "s", "seconds": "s", "msec": "ms", "msecs": "ms",
+    "millisecond": "ms", "milliseconds": "ms", "usec": "us", "microsecond": "us",
+    "microseconds": "us", "nsec": "ns", "minute": "min", "minutes": "min", "hour": "h",
+    "hours": "h", "sek": "s", "sekunden": "s",
+    "hertz": "Hz", "hz": "Hz", "khz": "kHz", "rpm": "RPM", "r/min": "RPM", "1/min": "RPM",
+    "min^-1": "RPM", "1/s": "Hz", "s^-1": "Hz",
+    "radian": "rad", "radians": "rad", "degree": "deg", "degrees": "deg", "grad": "deg",
+    "n-m": "N m", "lb-ft": "lbf ft", "ft-lb": "lbf ft", "ft-lbf": "lbf ft",
+    "lbf-ft": "lbf ft", "in-lb": "lbf in", "in-lbf": "lbf in", "lbf-in": "lbf in",
+    "lb-in": "lbf in",
+}  # fmt: skip
+# What is written in these letters alone, since others mean something else by their case.
+SYMBOLS = {
+    "G": "g", "gn": "g", "HZ": "Hz", "hz": "Hz", "Nm": "N m", "kNm": "kN m", "mNm": "mN m",
+    "Nmm": "N mm", "Ncm": "N cm", "ms-1": "m/s", "ms^-1": "m/s", "ms-2": "m/s^2",
+    "ms^-2": "m/s^2", "mms-1": "mm/s", "mms^-1": "mm/s",
+}  # fmt: skip
+# SI dimensions of symbols that have prefixes or stand in compounds: metre, kilogram, second,
+# volt, ampere, radian.
+_BASE: dict[str, tuple[float, tuple[int, ...]]] = {
+    "m": (1.0, (1, 0, 0, 0, 0, 0)), "kg": (1.0, (0, 1, 0, 0, 0, 0)),
+    "s": (1.0, (0, 0, 1, 0, 0, 0)), "V": (1.0, (0, 0, 0, 1, 0, 0)),
+    "A": (1.0, (0, 0, 0, 0, 1, 0)), "rad": (1.0, (0, 0, 0, 0, 0, 1)),
+    "N": (1.0, (1, 1, -2, 0, 0, 0)), "Hz": (1.0, (0, 0, -1, 0, 0, 0)),
+    "deg": (pi / 180, (0, 0, 0, 0, 0, 1)), "g": (GRAVITY, (1, 0, -2, 0, 0, 0)),
+    "in": (INCH, (1, 0, 0, 0, 0, 0)), "ft": (FOOT, (1, 0, 0, 0, 0, 0)),
+    "mil": (1e-3 * INCH, (1, 0, 0, 0, 0, 0)), "lbf": (POUND_FORCE, (1, 1, -2, 0, 0, 0)),
+    "lb": (POUND_FORCE, (1, 1, -2, 0, 0, 0)), "kip": (1e3 * POUND_FORCE, (1, 1, -2, 0, 0, 0)),
+    "kgf": (GRAVITY, (1, 1, -2, 0, 0, 0)), "min": (60.0, (0, 0, 1, 0, 0, 0)),
+    "h": (3600.0, (0, 0, 1, 0, 0, 0)), "1": (1.0, (0, 0, 0, 0, 0, 0)),
+    "Ns": (1.0, (1, 1, -1, 0, 0, 0)), "Nm": (1.0, (2, 1, -2, 0, 0, 0)),
+}  # fmt: skip
+_PREFIXED = ("m", "s", "V", "A", "N", "g", "Hz", "rad")
+_PREFIXES = {"n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "da": 10.0, "k": 1e3, "M": 1e6}
+_DECIBEL = re.compile(
+    r"dB\s*[,(]?\s*(?:reference|ref\.?|rel\.?|re\.?)[:=]?\s*([\d.]+(?:[eE][-+]?\d+)?)?\s*(\S.*?)\)?\s*",
+    re.IGNORECASE,
+)
+LONGEST = 64  # letters of a unit; what is longer is none
 
 
 def si_unit(quantity: str) -> str:
@@ -45,21 +144,157 @@ def si_unit(quantity: str) -> str:
 
 
 def plain(unit: str) -> str:
-    """Spelling of a unit as the table has it: `µm/s²` is `um/s^2`, `m/s**2` is `m/s^2`."""
-    return unit.translate(_SPELLING).replace("**", "^").replace("/s2", "/s^2")
+    """Spelling of a unit as the table has it: `µm/s²` is `um/s^2`, `G's` is `g`."""
+    return _plain(unit) if len(unit) <= LONGEST else unit
+
+
+@cache
+def _plain(unit: str) -> str:
+    raised = SUPERSCRIPT.sub(lambda found: "^" + found[0].translate(_RAISED), unit)
+    written = " ".join(raised.translate(_SPELLING).split()).replace("**", "^")
+    outer = re.fullmatch(r"\[(.*)\]|\(([^()]*)\)", written)
+    written = (outer[1] or outer[2] or "").strip() if outer else written
+    if known := SYMBOLS.get(written) or WORDS.get(written.lower() if len(written) > 2 else ""):
+        return known
+    stripped = re.sub(r"\s*([*/^()])\s*", r"\1", written)
+    stripped = re.sub(r"(?<=[/ *.])s2\b", "s^2", stripped)
+    words = re.sub(r"[A-Za-z][A-Za-z']*", lambda found: _word(found[0]), stripped)
+    words = SYMBOLS.get(words, words)
+    if _in_table(words):
+        return words
+    closed = words.replace(" ", "")
+    if _in_table(closed):
+        return closed
+    return _same_in_table(words) or words
+
+
+def _word(word: str) -> str:
+    """The symbol of a word within a compound, where that is a symbol and no compound itself."""
+    known = WORDS.get(word.lower(), "") if len(word) > 2 else SYMBOLS.get(word, "")
+    return known if known and re.fullmatch("[A-Za-z]+", known) else word
+
+
+def _in_table(unit: str) -> bool:
+    return any(unit in factors for factors in FACTORS.values())
+
+
+def _same_in_table(unit: str) -> str:
+    """The table's unit of the same dimensions and factor as a compound; empty where there is none.
+
+    `m/s/s` and `m s^-2` are `m/s^2`; what is per force or mass is a ratio, and no table has it.
+    """
+    found = measured(unit)
+    if found is None or any(p < 0 and _has_mass(s) for s, p in _factors(unit)):
+        return ""
+    for quantity, factors in FACTORS.items():
+        for name in factors if quantity != "force per mass" else ():
+            if (listed := measured(name)) is not None and _alike(found, listed):
+                return name
+    return ""
+
+
+def _has_mass(symbol: str) -> bool:
+    return (_symbol(symbol) or _BASE["1"])[1][1] > 0
+
+
+Measured = tuple[float, tuple[int, ...]]  # factor to SI, and powers of the base units
+
+
+def _alike(a: Measured, b: Measured) -> bool:
+    return a[1] == b[1] and abs(a[0] / b[0] - 1) < 1e-12
+
+
+@cache
+def measured(unit: str) -> Measured | None:
+    """Factor to SI of a compound of known symbols, and its powers; None where it is none.
+
+    Powers are of metre, kilogram, second, volt, ampere and radian: `g/N` is (9.80665, (0, -1, 0, 0,
+    0, 0)), an accelerance.
+    """
+    if not unit or len(unit) > LONGEST:
+        return None
+    factor, powers = 1.0, [0] * 6
+    try:
+        for symbol, power in _factors(unit):
+            base = _symbol(symbol)
+            if base is None or abs(power) > 9:
+                return None
+            factor *= base[0] ** power
+            powers = [x + power * y for x, y in zip(powers, base[1], strict=True)]
+    except ValueError:
+        return None
+    return factor, tuple(powers)
+
+
+def _factors(unit: str, sign: int = 1, depth: int = 0) -> Iterator[tuple[str, int]]:
+    """Symbols of a compound and their powers: a stroke turns the one factor behind it."""
+    if depth > 4:
+        raise ValueError(unit)
+    rest, below = unit.strip(), 1
+    while rest:
+        if rest[0] == "(":
+            level = 0
+            end = next(
+                (i for i, c in enumerate(rest)
+                 if (level := level + {"(": 1, ")": -1}.get(c, 0)) == 0), -1
+            )  # fmt: skip
+            if end < 0:
+                raise ValueError(unit)
+            yield from _factors(rest[1:end], sign * below, depth + 1)
+            rest = rest[end + 1 :]
+        else:
+            found = re.match(r"(1(?![\d.])|[A-Za-z]+)(?:\^?(-?\d+)|\^\((-?\d+)\))?", rest)
+            if not found:
+                raise ValueError(unit)
+            yield found[1], sign * below * int(found[2] or found[3] or 1)
+            rest = rest[found.end() :]
+        rest = rest.strip()
+        below = 1
+        if rest[:1] in ("/", "*", "."):
+            below = -1 if rest[0] == "/" else 1
+            rest = rest[1:].strip()
+            if not rest:
+                raise ValueError(unit)
+
+
+def _symbol(symbol: str) -> Measured | None:
+    if symbol in _BASE:
+        return _BASE[symbol]
+    for prefix, factor in _PREFIXES.items():
+        base = symbol.removeprefix(prefix)
+        if symbol.startswith(prefix) and base in _PREFIXED:
+            return factor * _BASE[base][0], _BASE[base][1]
+    return None
+
+
+def decibels(unit: str) -> tuple[float, str] | None:
+    """Reference of a unit in decibels, such as 1e-6 and `m/s^2` of `dB re 1e-6 m/s^2`; or None."""
+    found = _DECIBEL.fullmatch(unit.strip()) if len(unit) <= LONGEST else None
+    return (float(found[1] or 1.0), found[2]) if found else None
 
 
 def titled(title: str) -> tuple[str, str]:
     """Name and unit of a title such as `force [kN]` or `Time (ms)`; the unit is empty without one.
 
-    What stands behind a time is its unit whatever it says: a wrong one would be a wrong rate.
+    `Force, N` and `Velocity / mm/s` have one as well. What stands behind a time is its unit
+    whatever it says: a wrong one would be a wrong rate.
     """
-    found = re.fullmatch(r"\s*(.*\S)\s*(?:\[([^\[\]]+)\]|\(([^()]+)\))\s*", title)
+    found = re.fullmatch(r"\s*(.*?\S)\s*(?:\[([^\[\]]+)\]|\((.+)\)|\{([^{}]+)\})\s*", title)
     if not found:
-        return title, ""
-    name, unit = found[1], found[2] or found[3]
-    known = any(plain(unit) in factors for factors in FACTORS.values())
-    return (name, unit) if known or re.search(TIME, name.lower()) else (title, "")
+        apart = re.fullmatch(r"\s*(.*?\S)(?:\s*,\s*|\s+(?:/|in)\s+)(\S.*?)\s*", title)
+        apart = apart if apart and is_unit(apart[2]) else None
+        return (apart[1], apart[2]) if apart else (title, "")
+    name, unit = found[1], found[2] or found[3] or found[4]
+    timed = re.search(TIME, name.lower()) is not None
+    return (name, unit) if is_unit(unit) or timed else (title, "")
+
+
+def is_unit(text: str) -> bool:
+    """Whether a text is a unit that jbw knows, or a compound or decibels of such units."""
+    written = plain(text)
+    if decibels(text) is not None or _in_table(written):
+        return True
+    return bool(re.search("[/ *^]", written)) and measured(written) is not None
 
 
 def quantity_of(unit: str, among: tuple[str, ...] = tuple(FACTORS)) -> str:
@@ -79,9 +314,21 @@ def quantity_of(unit: str, among: tuple[str, ...] = tuple(FACTORS)) -> str:
     for quantity in among:
         if written in FACTORS[quantity]:
             return quantity
-    wanted = " or ".join(f"a {quantity}" for quantity in among)
+    for quantity in among:
+        if _factor(written, quantity) is not None:
+            return quantity
+    # Of torsion, the few who want it know.
+    shown = [quantity for quantity in among if quantity not in TORSION] or among
+    wanted = " or ".join(
+        f"{'an' if quantity[0] in 'aeiou' else 'a'} {quantity}" for quantity in among
+    )
     known = [name for quantity in among for name in FACTORS[quantity]]
-    others = [quantity for quantity, factors in FACTORS.items() if written in factors]
+    others = [quantity for quantity in FACTORS if _factor(written, quantity) is not None]
+    if written.lower() == "db":
+        raise ConfigError(
+            f"Unit `{unit}` of {wanted} needs the value that 0 dB stands for.",
+            remedy=f'State it: units = {{ ... = "dB re 1 {si_unit(among[0])}" }}.',
+        )
     if others:
         what = f"Unit `{unit}` measures a {others[0]}, but {wanted} is needed."
         raise ConfigError(what, remedy=f"Use one of {', '.join(known)}, or correct the role.")
@@ -104,7 +351,27 @@ def to_si(values: ArrayLike, unit: str, quantity: str) -> NDArray[np.float64]:
         ConfigError: Unknown unit, or a unit of another quantity.
     """
     quantity_of(unit, (quantity,))
-    return np.asarray(values, dtype=np.float64) * FACTORS[quantity][plain(unit)]
+    return np.asarray(values, dtype=np.float64) * factor_of(unit, quantity)
+
+
+def factor_of(unit: str, quantity: str) -> float:
+    """Factor to SI of a unit of a quantity; a ConfigError where it measures another."""
+    quantity_of(unit, (quantity,))
+    return float(_factor(plain(unit), quantity) or 1.0)
+
+
+def _factor(written: str, quantity: str) -> float | None:
+    """Factor to SI by the table, or of a compound with the dimensions of the quantity."""
+    if written in FACTORS[quantity]:
+        return FACTORS[quantity][written]
+    found, si = measured(written), measured(si_unit(quantity))
+    # A frequency has the dimensions of 1/s as other rates do, and N/kg those of an acceleration:
+    # there only the table tells.
+    by_table = quantity in ("frequency", "time") or (quantity == "acceleration" and "kg" in written)
+    by_table = by_table or (quantity == "force per mass" and "kg" not in written)
+    if by_table or found is None or si is None or found[1] != si[1]:
+        return None
+    return found[0]
 
 
 def powers_of(unit: str) -> dict[str, int]:

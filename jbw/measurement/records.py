@@ -11,21 +11,21 @@ from jbw.errors import DataError, naming
 from jbw.measurement.channels import Reals
 from jbw.measurement.kinds import Kind, kind_named
 from jbw.quantities import Motion
-from jbw.units import FACTORS, plain, quantity_of, si_unit
+from jbw.units import FACTORS, factor_of, measured, plain, quantity_of, si_unit
 
 RESPONSES: tuple[Motion, ...] = get_args(Motion)
 INPUTS = ("input", "force")
 # What moves the structure, and with that what hangs on it: by voltage or current its shaker does.
 DRIVES = ("voltage", "current", "force", "none")
-BY_UNIT = {"V": "voltage", "A": "current", "N": "force", "N/kg": "force"}
+BY_UNIT = {"V": "voltage", "A": "current", "N": "force", "N/kg": "force", "N m": "force"}
 # Role to what its channel measures: a source is a voltage or current, or a force per modal mass.
 QUANTITIES: dict[str, tuple[str, ...]] = {
     "input": ("voltage", "force per mass", "current"),
-    "force": ("force",),
-    "displacement": ("displacement",),
-    "velocity": ("velocity",),
-    "acceleration": ("acceleration",),
-    "restoring_force": ("force",),
+    "force": ("force", "torque"),
+    "displacement": ("displacement", "rotation"),
+    "velocity": ("velocity", "angular velocity"),
+    "acceleration": ("acceleration", "angular acceleration"),
+    "restoring_force": ("force", "torque"),
     "drive_point": ("acceleration",),  # where the shaker pushes: tells its attachment
     "frequency": ("frequency",),  # axis of a measured FRF, which has no sampling frequency
     "phase": ("angle",),  # of the response relative to the force, in a measured FRF
@@ -212,6 +212,26 @@ def si_of(role: str, unit: str) -> tuple[float, str, str]:
             for quantity in QUANTITIES[source]:
                 if below in FACTORS[quantity]:
                     return FACTORS[role][above] / FACTORS[quantity][below], si_unit(role), source
+    if role in RESPONSES and (ratio := _per_source(role, unit)):
+        return ratio
     with naming(f"Role `{role}`"):
         quantity = quantity_of(unit, QUANTITIES[role])
-    return FACTORS[quantity][plain(unit)], si_unit(quantity), ""
+    return factor_of(unit, quantity), si_unit(quantity), ""
+
+
+def _per_source(role: str, unit: str) -> tuple[float, str, str] | None:
+    """Factor of a compound with the dimensions of a response per force or voltage; or None.
+
+    An accelerance in `1/kg` and a mobility in `m/(N s)` are such.
+    """
+    found = measured(plain(unit))
+    for moved in QUANTITIES[role] if found else ():
+        above = measured(si_unit(moved))
+        for source in INPUTS:
+            for quantity in QUANTITIES[source]:
+                below = measured(si_unit(quantity))
+                if quantity == "force per mass" or above is None or below is None:
+                    continue
+                if found and found[1] == tuple(np.subtract(above[1], below[1])):
+                    return found[0], si_unit(moved), source
+    return None

@@ -208,7 +208,7 @@ def test_sep005_in_other_units_by_time_and_quantity():
     ("change", "says", "error"),
     [
         ({"unit_str": None}, "has no `unit_str`", DataError),
-        ({"unit_str": "m/sec"}, "Unit `m/sec`", ConfigError),
+        ({"unit_str": "m/blink"}, "Unit `m/blink`", ConfigError),
         ({"fs": None}, "sampling frequency is missing", DataError),
         ({"data": LASER.reshape(2, -1)}, "one axis of numbers", DataError),
         ({"data": np.where(T == 1.0, np.nan, LASER)}, "Samples must be finite", DataError),

@@ -13,9 +13,10 @@ from jbw.measurement.files.sampling import Repeats, Wanted, cut, rows_of, sampli
 from jbw.measurement.files.tree import Contents, Leaf, names
 from jbw.measurement.records import INPUTS, QUANTITIES, RESPONSES, ROLES, Record, si_of
 from jbw.measurement.steady_lines import lines_removed, without_lines
-from jbw.units import plain, si_unit
+from jbw.units import TORSION, plain, si_unit
 
 LARGEST_GAIN = 30.0  # exponent: 1e13, beyond what any converter resolves
+TURNING = {si_unit(quantity) for quantity in TORSION}
 CENTRED = (*INPUTS, *RESPONSES, "restoring_force")  # roles whose mean may be taken out
 
 
@@ -56,6 +57,7 @@ def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> t
                 lines_removed(lines) for _, lines in parts
             )
         channels[role] = rows
+        _require_one_motion(units)
         if is_curve and source:
             if any(role in sources for role in INPUTS):
                 raise DataError(
@@ -82,6 +84,21 @@ def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> t
     if wanted.span:
         provenance["span"] = f"{wanted.span[0]:g}-{wanted.span[1]:g} s"
     return _repeats(channels, Record(fs, {}, units, path.name, provenance))
+
+
+def _require_one_motion(units: Mapping[str, str]) -> None:
+    """Refuse a rotation beside a force, or a displacement beside a torque."""
+    turning = {role for role, unit in units.items() if unit in TURNING}
+    straight = {role for role, unit in units.items() if role in CENTRED} - turning
+    straight -= {role for role in straight if role == "input"}
+    if turning & set(CENTRED) and straight:
+        one, other = sorted(turning & set(CENTRED))[0], sorted(straight)[0]
+        raise ConfigError(
+            f"role `{one}` is in `{units[one]}`, of torsion, but `{other}` is in `{units[other]}`.",
+            why="Torsion has angles and torques alone: metres, newtons and kilograms stand there "
+            "for radians, newton metres and kg m^2.",
+            remedy="Correct the units, or name channels of one motion.",
+        )
 
 
 def unwindowed(x: Reals, tau: float, first: int) -> Reals:

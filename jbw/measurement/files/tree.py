@@ -32,6 +32,8 @@ class Leaf:
     unit: str = ""  # unit that the file gives for it, if any
     start_s: float | None = None  # when it was started, as the file says, since some instant [s]
     minus: "Leaf | None" = None  # what to subtract from it, if it is a difference of two channels
+    label: str = ""  # what the file calls it, where its path does not tell
+    attributes: Mapping[str, Any] = field(default_factory=dict)  # whatever else the file says of it
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -61,6 +63,7 @@ class Opaque:
 
     kind: str  # what it is, for messages
     remedy: str = ""  # how to export it instead
+    text: str = ""  # what it says, if it is text
 
 
 @dataclass(frozen=True)
@@ -72,6 +75,10 @@ class Contents:
     fs: float | None = None  # sampling frequency of the whole file [Hz], if it gives one
     # What the reader decided by itself, for the provenance.
     notes: Mapping[str, str] = field(default_factory=dict)
+    attributes: Mapping[str, Any] = field(default_factory=dict)  # what the file says of itself
+    # Path to the channels that a recorder measured; None where all arrays may be such.
+    series: "Mapping[str, Leaf] | None" = None
+    recorder: str = ""  # which wrote it, if it is known
 
 
 # A container of cells is a numpy array of objects, each a node.
