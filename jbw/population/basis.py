@@ -20,7 +20,7 @@ TERMS_KEY = 3  # of the seed: no other numbers move by these
 
 
 def new_unit(
-    found: Population,
+    population: Population,
     fleet: xr.DataTree,
     torque: float | None = None,
     *,
@@ -33,7 +33,7 @@ def new_unit(
     What counts as fitted ends where the unit that was driven least does. Constant residual terms
     that every unit has go with it; others are left out, and its predictions say so.
     """
-    draws = new_units(found, fleet, torque, seed=seed, num=num)
+    draws = new_units(population, fleet, torque, seed=seed, num=num)
     units = json.loads(fleet.attrs["units"])
     variables: dict[str, Any] = {
         name: (("chain", "draw"), values[None], {"units": units.get(name, "1")})
@@ -43,10 +43,10 @@ def new_unit(
         variables[name] = (("chain", "draw"), values[None], {"units": BY_NAME[name].unit})
     labels, noise = _noise(fleet)
     if labels:
-        each = np.broadcast_to(noise, (1, num, len(noise)))
-        variables["noise_std"] = (("chain", "draw", "group"), each)
+        noise_std = np.broadcast_to(noise, (1, num, len(noise)))
+        variables["noise_std"] = (("chain", "draw", "group"), noise_std)
     coords = {"chain": [0], "draw": np.arange(num), **({"group": labels} if labels else {})}
-    root = xr.Dataset(attrs=_facts(found, fleet, torque))
+    root = xr.Dataset(attrs=_facts(population, fleet, torque))
     return xr.DataTree.from_dict({"/": root, "/posterior": xr.Dataset(variables, coords)})
 
 
@@ -84,21 +84,23 @@ def new_prediction(
     return predict(basis, test, Request(num_draws, noise, gain, seed))
 
 
-def _facts(found: Population, fleet: xr.DataTree, torque: float | None) -> dict[str, Any]:
+def _facts(population: Population, fleet: xr.DataTree, torque: float | None) -> dict[str, Any]:
     """What `basis_of` reads beside draws; tests by unit, none of which is the new unit's."""
     names = unit_names(fleet)
     attrs = [fleet[name].attrs for name in names]
     seen = {}
-    for name, each in zip(names, attrs, strict=True):
-        for test, facts in json.loads(each.get("tests", "{}")).items():
+    for name, unit_attrs in zip(names, attrs, strict=True):
+        for test, facts in json.loads(unit_attrs.get("tests", "{}")).items():
             family = f"{name}: {facts['family']}" if facts.get("family") else ""
             seen[f"{name}: {test}"] = {**facts, "family": family}
-    scatter = [np.atleast_1d(each["scatter"]) for each in attrs if "scatter" in each]
-    y_peak, at = y_peak_of(fleet), torque_of(found, torque)
+    scatter = [
+        np.atleast_1d(unit_attrs["scatter"]) for unit_attrs in attrs if "scatter" in unit_attrs
+    ]
+    y_peak, at = y_peak_of(fleet), torque_of(population, torque)
     return {
         "laws": json.dumps(laws_of(fleet)),
         "tests": json.dumps(seen),
-        "substeps": max(int(each.get("substeps", 1)) for each in attrs),
+        "substeps": max(int(unit_attrs.get("substeps", 1)) for unit_attrs in attrs),
         "y_peak": y_peak if np.isfinite(y_peak) else 0.0,
         **({"scatter": np.sqrt(np.mean(np.square(scatter), axis=0))} if scatter else {}),
         **({} if at is None else {"torque": at}),
@@ -106,12 +108,12 @@ def _facts(found: Population, fleet: xr.DataTree, torque: float | None) -> dict[
     }
 
 
-def torque_of(found: Population, torque: float | None) -> float | None:
+def torque_of(population: Population, torque: float | None) -> float | None:
     """At which a new unit is tightened: as asked, else the reference, else that of all units."""
-    stated = {one for one in found.record["torque"] if one is not None}
+    stated = {unit_torque for unit_torque in population.record["torque"] if unit_torque is not None}
     common = stated.pop() if len(stated) == 1 else None
     return next(
-        (t for t in (torque, found.record["reference_torque"], common) if t is not None), None
+        (t for t in (torque, population.record["reference_torque"], common) if t is not None), None
     )
 
 
@@ -121,6 +123,6 @@ def _noise(fleet: xr.DataTree) -> tuple[list[str], np.ndarray]:
     for name in unit_names(fleet):
         group = fleet[name].to_dataset()
         if NOISE in group:
-            labels += [f"{name}: {one}" for one in group["label"].values]
+            labels += [f"{name}: {label}" for label in group["label"].values]
             values += group[NOISE].values.tolist()
     return labels, np.array(values)

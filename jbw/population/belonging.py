@@ -49,20 +49,20 @@ def belonging(
     report: Callable[[str], Any],
 ) -> Float[np.ndarray, " unit"]:
     """Probability that a unit of the others' population lies as far from its line as each does."""
-    told, far = left_out(units, design, prior, draws)
-    found, doubted = np.zeros(len(units.mean)), []
-    for k, one in enumerate(told.T):
-        weights, k_hat = smooth(-one)
-        found[k] = np.sum(softmax(weights) * far[:, k])
+    log_density, far = left_out(units, design, prior, draws)
+    probability, doubted = np.zeros(len(units.mean)), []
+    for k, unit_log_density in enumerate(log_density.T):
+        weights, k_hat = smooth(-unit_log_density)
+        probability[k] = np.sum(softmax(weights) * far[:, k])
         limit = BEYOND_DOUBT if k_hat > HEAVY else DOUBTFUL
-        doubted += [k] if found[k] < limit else []
-    plain = units._replace(weighed=np.zeros(len(found), bool))
+        doubted += [k] if probability[k] < limit else []
+    plain = units._replace(weighed=np.zeros(len(probability), bool))
     drawn = sampler(plain, design, prior, LENGTHS)
     for number, k in enumerate(doubted, start=1):
         report(f"Population without one unit that may be another: {number} of {len(doubted)}")
-        others = drawn(key, (np.arange(len(found)) != k).astype(float))
-        found[k] = np.mean(left_out(units, design, prior, others)[1][:, k])
-    return found
+        others = drawn(key, (np.arange(len(probability)) != k).astype(float))
+        probability[k] = np.mean(left_out(units, design, prior, others)[1][:, k])
+    return probability
 
 
 def left_out(
@@ -74,7 +74,7 @@ def left_out(
     before = jnp.asarray(precision_of(prior, design))
     at_zero = jnp.asarray(np.ravel(prior.mean / prior.sd**2))
 
-    def one(drawn: dict[str, Array]) -> tuple[Array, Array]:
+    def of_draw(drawn: dict[str, Array]) -> tuple[Array, Array]:
         rows = _rows(design, d, drawn.get("u"))
         weighed = jnp.swapaxes(rows, 1, 2) @ jnp.linalg.inv(drawn["scatter"] + c)
         tells, pull = weighed @ rows, jnp.einsum("kij,kj->ki", weighed, m)
@@ -87,10 +87,10 @@ def left_out(
         return -0.5 * (squares + jnp.linalg.slogdet(spread)[1]), squares
 
     flat = {n: v.reshape(-1, *v.shape[2:]) for n, v in draws.items() if n in ("scatter", "u")}
-    told, squares = jax.jit(lambda each: jax.lax.map(one, each, batch_size=BATCH))(
-        {name: jnp.asarray(values) for name, values in flat.items()}
-    )
-    return np.asarray(told), chi2.sf(np.asarray(squares), d)
+    log_density, squares = jax.jit(
+        lambda all_draws: jax.lax.map(of_draw, all_draws, batch_size=BATCH)
+    )({name: jnp.asarray(values) for name, values in flat.items()})
+    return np.asarray(log_density), chi2.sf(np.asarray(squares), d)
 
 
 def _rows(design: Design, d: int, u: Array | None) -> Float[Array, "unit d coefficient"]:

@@ -45,7 +45,7 @@ class Pooled(NamedTuple):
 
 def unit_names(fleet: xr.DataTree) -> list[str]:
     """Names of the units, in order."""
-    return [str(one) for one in fleet.to_dataset()["unit"].values]
+    return [str(name) for name in fleet.to_dataset()["unit"].values]
 
 
 def parameters_of(fleet: xr.DataTree) -> tuple[str, ...]:
@@ -72,7 +72,7 @@ def pooled(fleet: xr.DataTree, names: Sequence[str] | None = None) -> Pooled:
         _require_whole(fleet, name)
     root = fleet.to_dataset()
     powers = rows_of(laws_of(fleet), names, parameters)
-    common = list(_beside(fleet, powers, parameters))
+    common = list(_independent_of(fleet, powers, parameters))
     return Pooled(
         tuple(names),
         root["mean"].sel(parameter=names).values,
@@ -91,25 +91,31 @@ def laws_of(fleet: xr.DataTree) -> tuple[str, ...]:
 def monomials_of(laws: Sequence[str]) -> dict[str, Mapping[str, float]]:
     """Exponents of the laws' products, and of the other coordinates that they are written in."""
     return {
-        one.name: one.powers
+        monomial.name: monomial.powers
         for law in laws_named(laws)
-        for one in (*law.products, *(m for each in law.coordinates.values() for m in each.inverse))
+        for monomial in (
+            *law.products,
+            *(m for coordinate in law.coordinates.values() for m in coordinate.inverse),
+        )
     }
 
 
 def rows_of(laws: Sequence[str], names: Sequence[str], parameters: Sequence[str]) -> Rows:
     """Exponents of the parameters in quantities by name, a row each."""
-    known = monomials_of(laws)
-    rows = [[known.get(name, {name: 1}).get(one, 0) for one in parameters] for name in names]
+    powers = monomials_of(laws)
+    rows = [
+        [powers.get(name, {name: 1}).get(parameter, 0) for parameter in parameters]
+        for name in names
+    ]
     return np.array(rows, float).reshape(len(names), len(parameters))
 
 
 def _usual(fleet: xr.DataTree, parameters: Sequence[str]) -> list[str]:
     laws = laws_named(laws_of(fleet))
-    names = [*STRUCTURE, *(name for law in laws for name in _known_of(law))]
+    names = [*STRUCTURE, *(name for law in laws for name in _identifiable_of(law))]
     root = fleet.to_dataset()
     held = {str(name) for name in root["parameter"].values}
-    for name in _beside(fleet, rows_of(laws_of(fleet), names, parameters), parameters):
+    for name in _independent_of(fleet, rows_of(laws_of(fleet), names, parameters), parameters):
         if name in held:
             variance = root["covariance"].sel(parameter=name, other=name).values
             if np.sqrt(variance.max()) < KNOWN:
@@ -117,7 +123,7 @@ def _usual(fleet: xr.DataTree, parameters: Sequence[str]) -> list[str]:
     return names
 
 
-def _beside(fleet: xr.DataTree, powers: Rows, parameters: Sequence[str]) -> Iterator[str]:
+def _independent_of(fleet: xr.DataTree, powers: Rows, parameters: Sequence[str]) -> Iterator[str]:
     """Further coordinates of the laws, each of which no power of those before it gives."""
     for name in monomials_of(laws_of(fleet)):
         longer = np.concatenate([powers, rows_of(laws_of(fleet), [name], parameters)])
@@ -127,7 +133,7 @@ def _beside(fleet: xr.DataTree, powers: Rows, parameters: Sequence[str]) -> Iter
 
 
 def _require_held(fleet: xr.DataTree, name: str) -> None:
-    held = [str(one) for one in fleet.coords["parameter"].values]
+    held = [str(parameter) for parameter in fleet.coords["parameter"].values]
     if lacking := json.loads(fleet.attrs["left_out"]).get(name):
         raise DataError(
             f"{name} has no logarithm in {', '.join(lacking)}: not known, or not positive.",
@@ -142,7 +148,7 @@ def _require_held(fleet: xr.DataTree, name: str) -> None:
 
 def _require_whole(fleet: xr.DataTree, name: str) -> None:
     cut, by = cut_of(fleet, name)
-    units = [one for one, far in zip(unit_names(fleet), cut, strict=True) if far > CUT]
+    units = [unit for unit, far in zip(unit_names(fleet), cut, strict=True) if far > CUT]
     if units:
         bounds = ", ".join(dict.fromkeys(by[cut > CUT].tolist()))
         raise DataError(
@@ -162,22 +168,25 @@ def cut_of(fleet: xr.DataTree, name: str) -> tuple[Float[np.ndarray, " unit"], A
     """
     root = fleet.to_dataset()
     beyond = root["beyond"].values
-    own = root["beyond"].sel(parameter=name).values
+    beyond_sampled = root["beyond"].sel(parameter=name).values
     covariance = root["covariance"].sel(parameter=name).values
     variance = np.diagonal(root["covariance"].values, axis1=1, axis2=2)
     product = root["covariance"].sel(parameter=name, other=name).values[:, None] * variance
     through = np.nan_to_num(beyond) * covariance**2 / np.where(product > 0, product, np.inf)
     by = root["parameter"].values.astype(str)[through.argmax(axis=1)]
-    sampled = ~np.isnan(own)
-    return np.where(sampled, own, through.max(axis=1)), np.where(sampled, name, by)
+    sampled = ~np.isnan(beyond_sampled)
+    return np.where(sampled, beyond_sampled, through.max(axis=1)), np.where(sampled, name, by)
 
 
-def _known_of(law: type[Law]) -> list[str]:
-    factors = {name for one in law.products for name in one.powers}
-    return [*(one.name for one in law.products), *(n for n in law.names() if n not in factors)]
+def _identifiable_of(law: type[Law]) -> list[str]:
+    factors = {name for product in law.products for name in product.powers}
+    return [
+        *(product.name for product in law.products),
+        *(n for n in law.names() if n not in factors),
+    ]
 
 
-def units_of_fleet(fleet: xr.DataTree, found: Pooled) -> Units:
+def units_of_fleet(fleet: xr.DataTree, pooled_coordinates: Pooled) -> Units:
     r"""Summaries and draws of every unit in the pooled coordinates, none of them weighed yet.
 
     A run's prior is uniform in what it sampled: over logarithms its density is their product. A
@@ -190,13 +199,13 @@ def units_of_fleet(fleet: xr.DataTree, found: Pooled) -> Units:
     root = fleet.to_dataset()
     parameters = root["parameter"].values.astype(str)
     sampled = ~np.isnan(root["lower"].values) & (parameters != GAIN)
-    covariance = root["covariance"].sel(parameter=list(found.names)).values
-    mean = found.mean - np.einsum("kij,kj->ki", covariance, sampled)
+    covariance = root["covariance"].sel(parameter=list(pooled_coordinates.names)).values
+    mean = pooled_coordinates.mean - np.einsum("kij,kj->ki", covariance, sampled)
     draws, log_prior = [], []
-    for name, each in zip(unit_names(fleet), sampled, strict=True):
+    for name, is_sampled in zip(unit_names(fleet), sampled, strict=True):
         logs = fleet[name].to_dataset()["draws"].sel(parameter=parameters)
         every = logs.isel(draw=np.linspace(0, logs.sizes["draw"] - 1, NUM_KEPT).astype(int))
-        draws.append(every.sel(parameter=list(found.names)).values)
-        log_prior.append(every.values @ each)
+        draws.append(every.sel(parameter=list(pooled_coordinates.names)).values)
+        log_prior.append(every.values @ is_sampled)
     weighed = np.zeros(len(draws), bool)
-    return Units(mean, found.cov, np.stack(draws), np.stack(log_prior), weighed)
+    return Units(mean, pooled_coordinates.cov, np.stack(draws), np.stack(log_prior), weighed)

@@ -22,17 +22,17 @@ class Covariates(NamedTuple):
 
 
 def covariates_of(
-    records: Mapping[str, Mapping[str, Any]], given: Mapping[str, Mapping[str, Any]]
+    records: Mapping[str, Mapping[str, Any]], overrides: Mapping[str, Mapping[str, Any]]
 ) -> dict[str, Covariates]:
     """Covariates of every run: what its summary states, and what is given in place of it."""
-    for run in given:
+    for run in overrides:
         if run not in records:
             raise ConfigError(
                 f"Covariates are given for the run `{run}`, which is not among the runs.",
                 remedy=f"{did_you_mean(run, records)}The runs are {', '.join(records)}.",
             )
     return {
-        run: _checked(run, {**(record.get("assembly") or {}), **given.get(run, {})})
+        run: _checked(run, {**(record.get("assembly") or {}), **overrides.get(run, {})})
         for run, record in records.items()
     }
 
@@ -69,7 +69,7 @@ def _number(run: str, name: str, value: Any) -> float:
 
 def require_torque_of_all(stated: Mapping[str, Covariates]) -> None:
     """Refuse a torque that some units state and others do not."""
-    lacking = [run for run, each in stated.items() if each.torque != each.torque]
+    lacking = [run for run, covariates in stated.items() if covariates.torque != covariates.torque]
     if lacking and len(lacking) < len(stated):
         raise DataError(
             f"`torque` is stated for {len(stated) - len(lacking)} of {len(stated)} runs; it lacks "
@@ -93,14 +93,14 @@ def read_covariates(path: Path) -> dict[str, dict[str, str]]:
         raise ConfigError(
             f"The covariates {path} cannot be read: {error}.", remedy="Give a CSV file in UTF-8."
         ) from error
-    found: dict[str, dict[str, str]] = {}
+    covariates: dict[str, dict[str, str]] = {}
     for number, row in enumerate(rows, start=2):
         run = (row.pop("run", None) or "").strip()
-        if not run or run in found or None in row:
+        if not run or run in covariates or None in row:
             raise ConfigError(
                 f"{path.name}, line {number}: needs one run of its own, and as many values as the "
                 "head has columns.",
                 remedy=f"Begin it with the line: run,{','.join(NAMES)}.",
             )
-        found[run] = {name.strip(): (value or "").strip() for name, value in row.items()}
-    return found
+        covariates[run] = {name.strip(): (value or "").strip() for name, value in row.items()}
+    return covariates

@@ -50,7 +50,7 @@ def fleet_designs(
         raise ConfigError(
             f"Torques must go from one above zero to a larger one, but are {low:g} to {high:g} N m."
         )
-    return [_design(np.log(low), np.log(high), *one) for one in designs]
+    return [_design(np.log(low), np.log(high), *size) for size in designs]
 
 
 def _design(low: float, high: float, levels: int, assemblies: int) -> FleetDesign:

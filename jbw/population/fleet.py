@@ -121,14 +121,14 @@ def read_fleet(path: str | Path) -> xr.DataTree:
     Raises:
         DataError: No such file, or one that holds no fleet of this format.
     """
-    path, again = Path(path), "Write it with this version of jbw: jbw collect RUNS --out fleet.nc."
+    path, remedy = Path(path), "Write it with this version of jbw: jbw collect RUNS --out fleet.nc."
     try:
         with xr.open_datatree(path, engine="h5netcdf") as stored:
             tree = stored.load()
     except (OSError, ValueError) as cause:
-        raise DataError(f"The fleet {path} cannot be read: {cause}", remedy=again) from cause
+        raise DataError(f"The fleet {path} cannot be read: {cause}", remedy=remedy) from cause
     if tree.attrs.get("format") != FORMAT or "unit" not in tree.coords:
-        raise DataError(f"{path} holds no fleet of format {FORMAT}.", remedy=again)
+        raise DataError(f"{path} holds no fleet of format {FORMAT}.", remedy=remedy)
     return tree
 
 
@@ -157,10 +157,10 @@ def _tree(units: Sequence[Unit], stated: Sequence[Covariates]) -> xr.DataTree:
     root = xr.Dataset(
         {
             **{
-                name: ("unit", [getattr(one, name) for one in stated], ABOUT[name])
+                name: ("unit", [getattr(covariates, name) for covariates in stated], ABOUT[name])
                 for name in NUMBERS
             },
-            "assembly": ("unit", _words(one.assembly for one in stated)),
+            "assembly": ("unit", _words(covariates.assembly for covariates in stated)),
             "verdict": ("unit", _words(unit.verdict for unit in units)),
             "sampling": ("unit", _words(unit.sampling for unit in units)),
             "num_draws": ("unit", [len(log) for log in logs]),

@@ -56,11 +56,11 @@ class Units(NamedTuple):
     weighed: Bool[np.ndarray, " unit"]
 
 
-def population_model(units: Units, design: Design, prior: Prior, kept: Any) -> None:
+def population_model(units: Units, design: Design, prior: Prior, included: Any) -> None:
     """The NumPyro model of units that are integrated out, those that are kept (1, else 0)."""
     means, factor = population_of_units(design, prior)
-    told = log_likelihoods(units, means, factor)
-    numpyro.factor("units", jnp.sum(jnp.asarray(kept) * told))
+    log_density = log_likelihoods(units, means, factor)
+    numpyro.factor("units", jnp.sum(jnp.asarray(included) * log_density))
 
 
 def population_of_units(
@@ -74,8 +74,8 @@ def population_of_units(
     spread = jnp.asarray(prior.sd) / scale[:, None]
     offset: Any = numpyro.sample("offset", dist.Normal(0.0, spread).to_event(2))
     line = jnp.asarray(numpyro.deterministic("line", middle + scale[:, None] * offset))
-    if TORQUE in design.columns and prior.alike:
-        slope, pairs = line[:, design.columns.index(TORQUE)], np.array(prior.alike)
+    if TORQUE in design.columns and prior.same_unit:
+        slope, pairs = line[:, design.columns.index(TORQUE)], np.array(prior.same_unit)
         apart = slope[pairs[:, 1]] - slope[pairs[:, 0]]
         numpyro.factor("alike", jnp.sum(dist.Normal(0.0, ALIKE).log_prob(apart)))
     tau: Any = numpyro.sample("tau", dist.HalfNormal(scale).to_event(1))
@@ -90,14 +90,14 @@ def log_likelihoods(
 ) -> Float[Array, " unit"]:
     """Log density of every unit's records, itself integrated out, up to a constant of each."""
     normal, weighed = np.flatnonzero(~units.weighed), np.flatnonzero(units.weighed)
-    found = jnp.zeros(len(units.mean))
+    log_density = jnp.zeros(len(units.mean))
     if len(normal):
-        told = dist.MultivariateNormal(means[normal], factor @ factor.T + units.cov[normal])
-        found = found.at[normal].set(told.log_prob(jnp.asarray(units.mean[normal])))
+        marginal = dist.MultivariateNormal(means[normal], factor @ factor.T + units.cov[normal])
+        log_density = log_density.at[normal].set(marginal.log_prob(jnp.asarray(units.mean[normal])))
     if len(weighed):
         weights = log_weights(units, weighed, means, factor)
-        found = found.at[weighed].set(jax.nn.logsumexp(weights, axis=1))
-    return found
+        log_density = log_density.at[weighed].set(jax.nn.logsumexp(weights, axis=1))
+    return log_density
 
 
 def log_weights(
@@ -129,18 +129,18 @@ def sampler(units: Units, design: Design, prior: Prior, lengths: tuple[int, int,
         progress_bar=False, jit_model_args=True,
     )  # fmt: skip
 
-    def drawn(key: Key[Array, ""], kept: Float[np.ndarray, " unit"]) -> dict[str, np.ndarray]:
-        mcmc.run(key, jnp.asarray(kept), extra_fields=("diverging",))
-        found = {name: np.asarray(v) for name, v in mcmc.get_samples(group_by_chain=True).items()}
+    def drawn(key: Key[Array, ""], included: Float[np.ndarray, " unit"]) -> dict[str, np.ndarray]:
+        mcmc.run(key, jnp.asarray(included), extra_fields=("diverging",))
+        sites = {name: np.asarray(v) for name, v in mcmc.get_samples(group_by_chain=True).items()}
         diverging = np.asarray(mcmc.get_extra_fields(group_by_chain=True)["diverging"])
-        return named_draws(found) | {"diverging": diverging}
+        return named_draws(sites) | {"diverging": diverging}
 
     return drawn
 
 
-def named_draws(found: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+def named_draws(sites: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
     """Of the model's sites `line`, `tau`, `scatter` and `u`."""
-    root = found.get("root", np.ones((*found["tau"].shape, 1)))
-    factor = found["tau"][..., :, None] * root
-    kept = {name: found[name] for name in ("line", "tau", "u") if name in found}
-    return kept | {"scatter": factor @ np.swapaxes(factor, -1, -2)}
+    root = sites.get("root", np.ones((*sites["tau"].shape, 1)))
+    factor = sites["tau"][..., :, None] * root
+    named = {name: sites[name] for name in ("line", "tau", "u") if name in sites}
+    return named | {"scatter": factor @ np.swapaxes(factor, -1, -2)}

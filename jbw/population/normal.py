@@ -65,11 +65,11 @@ def line(
 
 
 def new_unit(
-    known: Line, x: Float[np.ndarray, " covariate"], scatter: Float[np.ndarray, "d d"]
+    line: Line, x: Float[np.ndarray, " covariate"], scatter: Float[np.ndarray, "d d"]
 ) -> tuple[Float[np.ndarray, " d"], Float[np.ndarray, "d d"]]:
     """Mean and covariance of a unit that was not measured, at its covariates."""
     design = np.kron(np.eye(len(scatter)), x)
-    return design @ known.mean, design @ known.cov @ design.T + scatter
+    return design @ line.mean, design @ line.cov @ design.T + scatter
 
 
 def shrunken(
@@ -130,34 +130,34 @@ def scattered(
     log_likelihood = -0.5 * np.sum(np.log(2.0 * np.pi * variance) + apart**2 / variance, -1)
     log_likelihood += 0.5 * (np.linalg.slogdet(before)[1] - np.linalg.slogdet(precision)[1])
     log_likelihood -= 0.5 * np.einsum("...ni,ij,...nj->...n", moved, before, moved)
-    whole = log_likelihood + log_weight
-    most = whole.max(-1, keepdims=True)
-    log_evidence = most[..., 0] + np.log(np.sum(np.exp(whole - most), -1))
-    return Scattered(tau, np.exp(whole - log_evidence[..., None]), mean, cov, log_evidence)
+    log_joint = log_likelihood + log_weight
+    most = log_joint.max(-1, keepdims=True)
+    log_evidence = most[..., 0] + np.log(np.sum(np.exp(log_joint - most), -1))
+    return Scattered(tau, np.exp(log_joint - log_evidence[..., None]), mean, cov, log_evidence)
 
 
 def moments(
-    found: Scattered, x: Float[np.ndarray, " covariate"] | None = None
+    posterior: Scattered, x: Float[np.ndarray, " covariate"] | None = None
 ) -> tuple[Float[np.ndarray, "..."], Float[np.ndarray, "..."]]:
     """Mean and sd of tau, or of a unit that was not measured at its covariates."""
     if x is None:
-        mean = np.sum(found.weight * found.tau, -1)
-        square = np.sum(found.weight * found.tau**2, -1)
+        mean = np.sum(posterior.weight * posterior.tau, -1)
+        square = np.sum(posterior.weight * posterior.tau**2, -1)
         return mean, np.sqrt(square - mean**2)
-    centre, variance = _of_new_unit(found, x)
-    mean = np.sum(found.weight * centre, -1)
+    centre, variance = _of_new_unit(posterior, x)
+    mean = np.sum(posterior.weight * centre, -1)
     spread = variance + (centre - mean[..., None]) ** 2
-    return mean, np.sqrt(np.sum(found.weight * spread, -1))
+    return mean, np.sqrt(np.sum(posterior.weight * spread, -1))
 
 
 def probability_below(
-    found: Scattered, x: Float[np.ndarray, " covariate"], value: Float[np.ndarray, "..."]
+    posterior: Scattered, x: Float[np.ndarray, " covariate"], value: Float[np.ndarray, "..."]
 ) -> Float[np.ndarray, "..."]:
     """Probability that a unit that was not measured lies below a value."""
-    centre, variance = _of_new_unit(found, x)
-    return np.sum(found.weight * ndtr((value[..., None] - centre) / np.sqrt(variance)), -1)
+    centre, variance = _of_new_unit(posterior, x)
+    return np.sum(posterior.weight * ndtr((value[..., None] - centre) / np.sqrt(variance)), -1)
 
 
-def _of_new_unit(found: Scattered, x: Array) -> tuple[Array, Array]:
-    centre = found.mean @ x
-    return centre, np.einsum("i,...ij,j->...", x, found.cov, x) + found.tau**2
+def _of_new_unit(posterior: Scattered, x: Array) -> tuple[Array, Array]:
+    centre = posterior.mean @ x
+    return centre, np.einsum("i,...ij,j->...", x, posterior.cov, x) + posterior.tau**2

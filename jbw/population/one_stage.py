@@ -36,7 +36,7 @@ NUM_WARMUP, NUM_SAMPLES = 500, 1000
 LEAST = 1e-6  # of its upper bound: where the logarithm of what may be zero or less ends
 
 
-class Whole(NamedTuple):
+class MeasuredUnit(NamedTuple):
     """One unit with its records.
 
     Attributes:
@@ -79,10 +79,10 @@ def one_stage(
         ConfigError: Not as many studies as the population has units.
         DataError: A unit without a joint posterior, or with draws that have no logarithm.
     """
-    wholes = wholes_of(studies, found)
-    report(f"All records of {len(wholes)} units at once: NUTS, one chain of {NUM_SAMPLES}")
-    start = {f"z_{k}": np.zeros(len(one.names)) for k, one in enumerate(wholes)}
-    model = partial(whole_model, wholes, found)
+    units = measured_units(studies, found)
+    report(f"All records of {len(units)} units at once: NUTS, one chain of {NUM_SAMPLES}")
+    start = {f"z_{k}": np.zeros(len(unit.names)) for k, unit in enumerate(units)}
+    model = partial(joint_model, units, found)
     kernel = NUTS(model, target_accept_prob=0.9, init_strategy=init_to_value(values=start))
     mcmc = MCMC(kernel, num_warmup=NUM_WARMUP, num_samples=NUM_SAMPLES, progress_bar=False)
     mcmc.run(jax.random.key(seed), extra_fields=("diverging",))
@@ -91,43 +91,43 @@ def one_stage(
     return named_draws(drawn) | {"diverging": diverging}
 
 
-def wholes_of(studies: Sequence[Study], found: Population) -> list[Whole]:
+def measured_units(studies: Sequence[Study], population: Population) -> list[MeasuredUnit]:
     """Every unit with its records."""
-    if len(studies) != len(found.record["units"]):
+    if len(studies) != len(population.record["units"]):
         raise ConfigError(
-            f"Argument `studies` must hold the {len(found.record['units'])} units of the "
+            f"Argument `studies` must hold the {len(population.record['units'])} units of the "
             f"population, but holds {len(studies)}.",
             remedy="Give what `jbw.identify` returned of each, in the order of the fleet.",
         )
-    return [_whole(study, found) for study in studies]
+    return [_measured_unit(study, population) for study in studies]
 
 
-def whole_model(wholes: Sequence[Whole], found: Population) -> None:
+def joint_model(units: Sequence[MeasuredUnit], population: Population) -> None:
     """The NumPyro model: the population's, and `z_k`, each unit in its own posterior's scale."""
-    means, factor = population_of_units(found.design, found.prior)
-    for k, one in enumerate(wholes):
-        flat = dist.ImproperUniform(dist.constraints.real_vector, (), (len(one.names),))
+    means, factor = population_of_units(population.design, population.prior)
+    for k, unit in enumerate(units):
+        flat = dist.ImproperUniform(dist.constraints.real_vector, (), (len(unit.names),))
         z: Any = numpyro.sample(f"z_{k}", flat)
-        place = one.mean + one.root @ z
-        logs = one.lower + (one.upper - one.lower) * jax.nn.sigmoid(place)
+        place = unit.mean + unit.root @ z
+        logs = unit.lower + (unit.upper - unit.lower) * jax.nn.sigmoid(place)
         flat_in_logs = jax.nn.log_sigmoid(place) + jax.nn.log_sigmoid(-place)
         numpyro.factor(f"flat_{k}", jnp.sum(flat_in_logs))
-        theta = dict(zip(one.names, jnp.exp(logs), strict=True))
-        numpyro.factor(f"data_{k}", jnp.sum(log_likelihood(theta, one.data)))
-        numpyro.factor(f"prior_{k}", jnp.sum(logs[np.array(one.gain, int)]))
-        own = dist.MultivariateNormal(means[k], scale_tril=factor)
-        numpyro.factor(f"unit_{k}", own.log_prob(one.powers @ logs))
+        theta = dict(zip(unit.names, jnp.exp(logs), strict=True))
+        numpyro.factor(f"data_{k}", jnp.sum(log_likelihood(theta, unit.data)))
+        numpyro.factor(f"prior_{k}", jnp.sum(logs[np.array(unit.gain, int)]))
+        unit_prior = dist.MultivariateNormal(means[k], scale_tril=factor)
+        numpyro.factor(f"unit_{k}", unit_prior.log_prob(unit.powers @ logs))
 
 
-def _whole(study: Study, found: Population) -> Whole:
-    known = study.identification
-    if known is None or known.data is None:
+def _measured_unit(study: Study, population: Population) -> MeasuredUnit:
+    identification = study.identification
+    if identification is None or identification.data is None:
         raise DataError(
             f"{study.record['campaign']} has no joint posterior at hand.",
             why="A run that was saved keeps draws, and not the likelihood of its records.",
             remedy="Give what `jbw.identify` returned.",
         )
-    data, main = known.data, known.main
+    data, main = identification.data, identification.main
     bounds, names = bounds_by_name(main.box), main.box.names
     posterior = main.posterior["posterior"].to_dataset()
     draws: Any = np.stack([np.ravel(posterior[name].values) for name in names], axis=-1)
@@ -142,15 +142,17 @@ def _whole(study: Study, found: Population) -> Whole:
     logits = logit(np.clip(place, 1e-12, 1.0 - 1e-12))
     root = np.linalg.cholesky(np.atleast_2d(np.cov(logits, rowvar=False)))
     gain = tuple(i for i, name in enumerate(names) if name == GAIN)
-    powers = _powers(found, data.laws, names)
-    return Whole(data, names, np.log(lower), np.log(upper), logits.mean(axis=0), root, powers, gain)
+    powers = _powers(population, data.laws, names)
+    return MeasuredUnit(
+        data, names, np.log(lower), np.log(upper), logits.mean(axis=0), root, powers, gain
+    )
 
 
 def _powers(
-    found: Population, laws: Sequence[str], names: Sequence[str]
+    population: Population, laws: Sequence[str], names: Sequence[str]
 ) -> Float[np.ndarray, "d parameter"]:
     """Exponents of what was sampled, parameters or products, in the pooled coordinates."""
-    pooled = found.pooled
+    pooled = population.pooled
     sampled = rows_of(laws, names, pooled.parameters)
     powers = pooled.powers @ np.linalg.pinv(sampled)
     if not np.allclose(powers @ sampled, pooled.powers, atol=1e-9):

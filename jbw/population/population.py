@@ -77,30 +77,30 @@ def population_of(
     if num < 2:
         raise DataError("One unit makes no population.", remedy="Collect the runs of several.")
     root = fleet.to_dataset()
-    failed = [str(one) for one in root["unit"].values[root["verdict"].values == "failed"]]
+    failed = [str(name) for name in root["unit"].values[root["verdict"].values == "failed"]]
     if len(failed) > num / 2 and not all_verdicts:
         raise DataError(
             f"{len(failed)} of {num} runs failed: {', '.join(failed)}.",
             why="What a failed run says of its unit must not be used.",
             remedy="Mend them first (jbw explain), or pool them all the same with --all-verdicts.",
         )
-    found = pooled(fleet, parameters)
+    coordinates = pooled(fleet, parameters)
     design = covariates_in(fleet)
-    design = design._replace(saturates=mask_of(saturating, found.names, design.columns))
+    design = design._replace(saturates=mask_of(saturating, coordinates.names, design.columns))
     laws = laws_named(laws_of(fleet))
-    products = {one.name: one.quantity.unit for law in laws for one in law.products}
-    prior = prior_of(found.names, products, found.mean, design)
-    units, key, every = units_of_fleet(fleet, found), jax.random.key(seed), np.ones(num)
+    products = {product.name: product.quantity.unit for law in laws for product in law.products}
+    prior = prior_of(coordinates.names, products, coordinates.mean, design)
+    units, key, every = units_of_fleet(fleet, coordinates), jax.random.key(seed), np.ones(num)
     if not summaries:
         report(f"Population of {num} units: how much they scatter")
         rough = sampler(units, design, prior, ROUGH)(key, every)
-        units = units._replace(weighed=own_over_scatter(found, rough).max(axis=1) <= OWN)
+        units = units._replace(weighed=own_over_scatter(coordinates, rough).max(axis=1) <= OWN)
     report(f"Population of {num} units, {units.weighed.sum()} by their draws: NUTS")
     draws = sampler(units, design, prior, FULL)(key, every)
     belongs = belonging(key, units, design, prior, draws, report)
-    record = record_of(fleet, found, units, design, prior, draws, belongs)
+    record = record_of(fleet, coordinates, units, design, prior, draws, belongs)
     record["statements"] = statements(record)
-    return Population(found, design, prior, draws, record)
+    return Population(coordinates, design, prior, draws, record)
 
 
 def covariates_in(fleet: xr.DataTree) -> Design:

@@ -18,15 +18,15 @@ NUM_AMPLITUDES = 40
 
 
 def new_coordinates(
-    found: Population, torque: float | None, rng: np.random.Generator, num: int = NUM_UNITS
+    population: Population, torque: float | None, rng: np.random.Generator, num: int = NUM_UNITS
 ) -> Float[np.ndarray, "unit d"]:
     r"""Logarithms of the pooled coordinates of further units, $\varphi = B x + L_T \epsilon$."""
-    require_torque(found.design, torque)
-    flat = {n: v.reshape(-1, *v.shape[2:]) for n, v in found.draws.items() if n != "diverging"}
+    require_torque(population.design, torque)
+    flat = {n: v.reshape(-1, *v.shape[2:]) for n, v in population.draws.items() if n != "diverging"}
     some = rng.integers(len(flat["tau"]), size=num)
     bent = flat["u"][some] if "u" in flat else None
-    row = found.design.at(torque)[None]
-    middle = np.asarray(expected(flat["line"][some], row, found.design, bent))[:, 0]
+    row = population.design.at(torque)[None]
+    middle = np.asarray(expected(flat["line"][some], row, population.design, bent))[:, 0]
     root = np.linalg.cholesky(flat["scatter"][some])
     return middle + np.einsum("sij,sj->si", root, rng.standard_normal(middle.shape))
 
@@ -63,14 +63,16 @@ def new_units(
         DataError: A torque where no trend with it is known.
     """
     rng = np.random.default_rng(seed)
-    wanted = new_coordinates(found, torque, rng, num)
+    target = new_coordinates(found, torque, rng, num)
     parameters, powers = list(found.pooled.parameters), found.pooled.powers
-    own = [fleet[name]["draws"].sel(parameter=parameters).values for name in unit_names(fleet)]
-    which = rng.integers(len(own), size=num)
-    place = rng.integers([len(own[k]) for k in which])
-    start = np.stack([own[k][s] for k, s in zip(which, place, strict=True)])
+    unit_draws = [
+        fleet[name]["draws"].sel(parameter=parameters).values for name in unit_names(fleet)
+    ]
+    which = rng.integers(len(unit_draws), size=num)
+    place = rng.integers([len(unit_draws[k]) for k in which])
+    start = np.stack([unit_draws[k][s] for k, s in zip(which, place, strict=True)])
     both = np.concatenate([powers, found.pooled.common])
-    moves = np.pad(wanted - start @ powers.T, ((0, 0), (0, len(found.pooled.common))))
+    moves = np.pad(target - start @ powers.T, ((0, 0), (0, len(found.pooled.common))))
     units = dict(zip(parameters, np.exp(start + moves @ np.linalg.pinv(both).T).T, strict=True))
     gains = gains_of(fleet)
     if gains is not None:
@@ -80,19 +82,19 @@ def new_units(
 
 def gains_of(fleet: xr.DataTree) -> list[Float[np.ndarray, " draw"]] | None:
     """Draws of the source's gain of every unit, as inferred or as held; None where one lacks it."""
-    found = []
+    gains = []
     for name in unit_names(fleet):
         group = fleet[name].to_dataset()
         if GAIN in group:
-            found.append(group[GAIN].values)
+            gains.append(group[GAIN].values)
         elif GAIN in group["parameter"].values:
-            found.append(np.exp(group["draws"].sel(parameter=GAIN).values))
-    return found if len(found) == fleet.sizes["unit"] else None
+            gains.append(np.exp(group["draws"].sel(parameter=GAIN).values))
+    return gains if len(gains) == fleet.sizes["unit"] else None
 
 
 def y_peak_of(fleet: xr.DataTree) -> float:
     """The displacement that every unit was driven to [m]; NaN where none says."""
-    peaks = np.array([fleet[one].attrs.get("y_peak", np.nan) for one in unit_names(fleet)], float)
+    peaks = np.array([fleet[name].attrs.get("y_peak", np.nan) for name in unit_names(fleet)], float)
     return float(np.min(peaks[np.isfinite(peaks)], initial=np.inf)) if np.any(peaks > 0) else np.nan
 
 

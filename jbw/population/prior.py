@@ -36,7 +36,7 @@ class Prior(NamedTuple):
     mean: Float[np.ndarray, "d covariate"]
     sd: Float[np.ndarray, "d covariate"]
     tau: Float[np.ndarray, " d"]
-    alike: tuple[tuple[int, int], ...] = ()
+    same_unit: tuple[tuple[int, int], ...] = ()
 
 
 class Design(NamedTuple):
@@ -109,19 +109,21 @@ def prior_of(
         else:
             middle.append(np.zeros(len(names)))
             spread.append(BEDDING * tau)
-    known = [(i, products[name]) for i, name in enumerate(names) if name in products]
-    alike = tuple((i, j) for (i, one), (j, two) in combinations(known, 2) if one == two)
-    return Prior(np.column_stack(middle), np.column_stack(spread), tau, alike)
+    by_unit = [(i, products[name]) for i, name in enumerate(names) if name in products]
+    same_unit = tuple(
+        (i, j) for (i, first), (j, second) in combinations(by_unit, 2) if first == second
+    )
+    return Prior(np.column_stack(middle), np.column_stack(spread), tau, same_unit)
 
 
 def precision_of(prior: Prior, design: Design) -> Float[np.ndarray, "coefficient coefficient"]:
     """Inverse covariance of the line's coefficients, coordinate by coordinate."""
     d, p = prior.sd.shape
-    found = np.diag(np.ravel(prior.sd) ** -2.0)
+    precision = np.diag(np.ravel(prior.sd) ** -2.0)
     if TORQUE in design.columns:
         j = design.columns.index(TORQUE)
-        for one, two in prior.alike:
+        for first, second in prior.same_unit:
             apart = np.zeros(d * p)
-            apart[[two * p + j, one * p + j]] = 1.0, -1.0
-            found += np.outer(apart, apart) / ALIKE**2
-    return found
+            apart[[second * p + j, first * p + j]] = 1.0, -1.0
+            precision += np.outer(apart, apart) / ALIKE**2
+    return precision

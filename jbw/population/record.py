@@ -23,7 +23,7 @@ Draws = dict[str, np.ndarray]
 
 def record_of(
     fleet: xr.DataTree,
-    found: Pooled,
+    pooled: Pooled,
     units: Units,
     design: Design,
     prior: Prior,
@@ -35,13 +35,13 @@ def record_of(
     torque = root["torque"].values.tolist()
     record = {
         "units": names,
-        "torque": [one if np.isfinite(one) else None for one in torque],
+        "torque": [value if np.isfinite(value) else None for value in torque],
         "columns": list(design.columns),
         "correlation": _correlation(design),
-        "saturating": [n for n, bent in zip(found.names, design.saturates, strict=True) if bent],
+        "saturating": [n for n, bent in zip(pooled.names, design.saturates, strict=True) if bent],
         "reference_torque": None if np.isnan(design.reference) else design.reference,
-        "parameters": _rows(fleet, found, design, draws),
-        "ratios": _ratios(fleet, found, design, prior, draws),
+        "parameters": _rows(fleet, pooled, design, draws),
+        "ratios": _ratios(fleet, pooled, design, prior, draws),
         "belongs": dict(zip(names, map(float, belongs), strict=True)),
         "weighed": _shares(units, design, draws, names),
         "failed": root["unit"].values[root["verdict"].values == "failed"].astype(str).tolist(),
@@ -54,10 +54,10 @@ def record_of(
     return record
 
 
-def own_over_scatter(found: Pooled, draws: Draws) -> Float[np.ndarray, "unit d"]:
+def own_over_scatter(pooled: Pooled, draws: Draws) -> Float[np.ndarray, "unit d"]:
     """Each unit's own error over the median scatter."""
-    own = np.sqrt(np.diagonal(found.cov, axis1=1, axis2=2))
-    return own / np.median(draws["tau"], axis=(0, 1))
+    unit_sd = np.sqrt(np.diagonal(pooled.cov, axis1=1, axis2=2))
+    return unit_sd / np.median(draws["tau"], axis=(0, 1))
 
 
 def interval(values: np.ndarray) -> dict[str, float]:
@@ -67,14 +67,14 @@ def interval(values: np.ndarray) -> dict[str, float]:
 
 
 def _rows(
-    fleet: xr.DataTree, found: Pooled, design: Design, draws: Draws
+    fleet: xr.DataTree, pooled: Pooled, design: Design, draws: Draws
 ) -> dict[str, dict[str, Any]]:
     """A row a coordinate: mean, scatter between units and between runs, powers."""
     units, symbols = (json.loads(fleet.attrs[key]) for key in ("units", "symbols"))
     line, tau = draws["line"], draws["tau"]
-    ratio = own_over_scatter(found, draws).max(axis=0)
+    ratio = own_over_scatter(pooled, draws).max(axis=0)
     rows = {}
-    for i, name in enumerate(found.names):
+    for i, name in enumerate(pooled.names):
         runs = fleet.to_dataset()["run_scatter"].sel(parameter=name).values
         runs = runs[np.isfinite(runs)]
         rows[name] = {
@@ -94,18 +94,19 @@ def _rows(
 
 
 def _ratios(
-    fleet: xr.DataTree, found: Pooled, design: Design, prior: Prior, draws: Draws
+    fleet: xr.DataTree, pooled: Pooled, design: Design, prior: Prior, draws: Draws
 ) -> dict[str, dict[str, float]]:
     """The power of torque of ratios of two products, by its text: gamma/delta of Bouc-Wen's law."""
     if TORQUE not in design.columns:
         return {}
-    slope, known = draws["line"][..., design.columns.index(TORQUE)], monomials_of(laws_of(fleet))
+    slope = draws["line"][..., design.columns.index(TORQUE)]
+    monomials = monomials_of(laws_of(fleet))
     rows = {}
-    for i, j in prior.alike:
-        below, above = (known[found.names[one]] for one in (i, j))
+    for i, j in prior.same_unit:
+        below, above = (monomials[pooled.names[index]] for index in (i, j))
         text = "/".join(
-            "*".join(name for name in one if one[name] != other.get(name))
-            for one, other in ((above, below), (below, above))
+            "*".join(name for name in factors if factors[name] != other.get(name))
+            for factors, other in ((above, below), (below, above))
         )
         rows[text] = interval(slope[..., j] - slope[..., i])
     return rows

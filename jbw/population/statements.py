@@ -16,9 +16,9 @@ Record = Mapping[str, Any]
 
 def statements(record: Record) -> list[str]:
     """Sentences of a record: how far to trust it first, then what it says."""
-    said = (_enough, _failed, _confounded, _no_logarithm, _trends, _ratios, _runs, _odd, _stands,
+    topics = (_enough, _failed, _confounded, _no_logarithm, _trends, _ratios, _runs, _odd, _stands,
             _weak, _saturates, _wrench)  # fmt: skip
-    return [sentence for each in said for sentence in each(record)]
+    return [sentence for topic in topics for sentence in topic(record)]
 
 
 def _enough(record: Record) -> Iterator[str]:
@@ -33,10 +33,10 @@ def _enough(record: Record) -> Iterator[str]:
     elif free < FEWEST_FREE:
         yield f"{num} units leave {free} degrees of freedom: intervals are wide."
     if record["status"] == "failed":
-        found = record["sampling"]
+        sampling = record["sampling"]
         yield (
-            f"The sampler did not converge (R-hat {found['r_hat']:.3f}, {found['divergences']} "
-            "divergences): no number here is to be trusted."
+            f"The sampler did not converge (R-hat {sampling['r_hat']:.3f}, "
+            f"{sampling['divergences']} divergences): no number here is to be trusted."
         )
 
 
@@ -83,12 +83,12 @@ def _ratios(record: Record) -> Iterator[str]:
 
 
 def _runs(record: Record) -> Iterator[str]:
-    known = {n: r for n, r in record["parameters"].items() if r["run_scatter"] is not None}
-    if known:
+    scattering = {n: r for n, r in record["parameters"].items() if r["run_scatter"] is not None}
+    if scattering:
         parts = (
             f"{name} by {100 * row['run_scatter']:.2g} % between runs of a unit and by "
             f"{100 * row['scatter']['median']:.2g} % between units"
-            for name, row in known.items()
+            for name, row in scattering.items()
         )
         yield f"Scatter: {', '.join(parts)}."
 
@@ -133,7 +133,7 @@ def _wrench(record: Record) -> Iterator[str]:
         return
     rows = record["parameters"].items()
     name, slope = max(
-        ((name, abs(row["slope_torque"]["median"])) for name, row in rows), key=lambda one: one[1]
+        ((name, abs(row["slope_torque"]["median"])) for name, row in rows), key=lambda pair: pair[1]
     )
     part = WRENCH**2 / (np.var(np.log(record["torque"])) + WRENCH**2)
     yield (

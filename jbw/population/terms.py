@@ -33,17 +33,19 @@ def new_terms(
     if not names:
         return {}
     groups = [fleet[unit].to_dataset() for unit in units]
-    own = [np.stack([one[name].values for name in names], axis=-1) for one in groups]
-    known = np.stack([each[rng.integers(len(each), size=num)] for each in own], axis=1)
-    middle, count = known.mean(axis=1), len(units)
+    unit_draws = [np.stack([group[name].values for name in names], axis=-1) for group in groups]
+    sampled = np.stack(
+        [values[rng.integers(len(values), size=num)] for values in unit_draws], axis=1
+    )
+    middle, count = sampled.mean(axis=1), len(units)
     g = rng.standard_normal((num, count))
     stretch = np.sqrt((1.0 + 1.0 / count) / rng.chisquare(count - 1, num))
-    away = np.einsum("nk,nkj->nj", g, known - middle[:, None])
+    away = np.einsum("nk,nkj->nj", g, sampled - middle[:, None])
     return dict(zip(names, (middle + stretch[:, None] * away).T, strict=True))
 
 
 def terms_of(fleet: xr.DataTree) -> tuple[list[str], list[str]]:
     """Names of the terms that a further unit has, and of those that it does not though some do."""
     held = [set(map(str, fleet[unit].data_vars)) & set(TERMS) for unit in unit_names(fleet)]
-    every = [name for name in CONSTANTS if all(name in one for one in held)]
+    every = [name for name in CONSTANTS if all(name in unit_terms for unit_terms in held)]
     return every, [name for name in TERMS if name not in every and any(name in o for o in held)]

@@ -66,8 +66,10 @@ class Unit(NamedTuple):
     def ess(self) -> float:
         """Effective draws of the parameter of the main posterior that has fewest."""
         rows = self.record["steps"][self.record["main"]].get("parameters") or {}
-        known = [row["ess_bulk"] for row in rows.values() if row.get("ess_bulk") is not None]
-        return float(min(known, default=np.nan))
+        effective_sizes = [
+            row["ess_bulk"] for row in rows.values() if row.get("ess_bulk") is not None
+        ]
+        return float(min(effective_sizes, default=np.nan))
 
 
 def units_of(runs: Sequence[Study | str | Path]) -> list[Unit]:
@@ -141,8 +143,8 @@ def _unit(name: str, folder: Path | None, record: Mapping[str, Any], tree: xr.Da
     return Unit(
         name, laws, draws, quantities, bounds, scatter, record, origin,
         _gain(draws, json.loads(str(tree.attrs.get("held", "{}")))), noise_by_label(posterior),
-        {one.name: np.ravel(posterior[one.name].values) for one in RESIDUAL_TERMS
-         if one.name in posterior},
+        {term.name: np.ravel(posterior[term.name].values) for term in RESIDUAL_TERMS
+         if term.name in posterior},
     )  # fmt: skip
 
 
@@ -159,16 +161,18 @@ def _quantities(
     posterior: xr.Dataset, laws: Sequence[str]
 ) -> tuple[dict[str, NDArray[np.float64]], dict[str, Quantity]]:
     """Draws of the oscillator, its laws, their products and other coordinates, and the gain."""
-    known = {each.name: each for each in (*OSCILLATOR, *quantities_of(laws))}
-    known[GAIN] = known.pop(GAIN)  # the source's, not the joint's: last
-    present = [name for name in known if name in posterior]
+    by_name = {quantity.name: quantity for quantity in (*OSCILLATOR, *quantities_of(laws))}
+    by_name[GAIN] = by_name.pop(GAIN)  # the source's, not the joint's: last
+    present = [name for name in by_name if name in posterior]
     draws = {name: np.ravel(posterior[name].values).astype(float) for name in present}
     quantities = {
-        name: known[name]._replace(unit=unit_of(posterior[name]) or known[name].unit)
+        name: by_name[name]._replace(unit=unit_of(posterior[name]) or by_name[name].unit)
         for name in present
     }
     for law in laws_named(laws):
-        others = (one for each in law.coordinates.values() for one in each.inverse)
+        others = (
+            monomial for coordinate in law.coordinates.values() for monomial in coordinate.inverse
+        )
         for monomial in (*law.products, *others):
             if monomial.name not in draws and monomial.powers.keys() <= draws.keys():
                 draws[monomial.name] = np.asarray(monomial.of(draws))
@@ -178,25 +182,25 @@ def _quantities(
 
 def require_alike(units: Sequence[Unit], *, mixed_versions: bool) -> None:
     """Refuse runs of different laws, units or versions, and two of the same records."""
-    for one, other in pairwise(units):
-        pair = f"The runs {one.name} and {other.name}"
-        if one.laws != other.laws:
+    for first, second in pairwise(units):
+        pair = f"The runs {first.name} and {second.name}"
+        if first.laws != second.laws:
             raise DataError(
-                f"{pair} have different laws of the joint: {_laws(one)}, and {_laws(other)}.",
+                f"{pair} have different laws of the joint: {_laws(first)}, and {_laws(second)}.",
                 why="Their parameters are not the same quantities.",
                 remedy="Identify all with the same [joint] laws, or collect them apart.",
             )
-        for name in one.quantities.keys() & other.quantities.keys():
-            was, is_ = one.quantities[name].unit, other.quantities[name].unit
+        for name in first.quantities.keys() & second.quantities.keys():
+            was, is_ = first.quantities[name].unit, second.quantities[name].unit
             if was != is_:
                 raise DataError(
                     f"{pair} hold {name} in different units: {was}, and {is_}.",
                     why="Values in different units do not scatter about one another.",
                     remedy="Drive all units in the same unit of the source, or collect them apart.",
                 )
-        packages = one.versions.keys() | other.versions.keys()
+        packages = first.versions.keys() | second.versions.keys()
         for name in () if mixed_versions else sorted(packages):
-            was, is_ = one.versions.get(name, "unknown"), other.versions.get(name, "unknown")
+            was, is_ = first.versions.get(name, "unknown"), second.versions.get(name, "unknown")
             if was != is_:
                 raise DataError(
                     f"{pair} were made with different versions of {name}: {was}, and {is_}.",

@@ -15,7 +15,7 @@ from jbw.inference.space.box import box
 from jbw.population import one_stage as module
 from jbw.population.coordinates import Pooled
 from jbw.population.normal import moments, scattered
-from jbw.population.one_stage import one_stage, whole_model, wholes_of
+from jbw.population.one_stage import joint_model, measured_units, one_stage
 from jbw.population.population import Population
 from jbw.population.prior import Design, Prior
 
@@ -54,7 +54,7 @@ def units(monkeypatch):
 
 def test_its_density_is_that_of_the_records_times_the_population_s(units):
     studies, found = units
-    wholes = wholes_of(studies, found)
+    wholes = measured_units(studies, found)
     rng = np.random.default_rng(1)
 
     def point():
@@ -62,7 +62,7 @@ def test_its_density_is_that_of_the_records_times_the_population_s(units):
         return {**z, "offset": np.array([[rng.normal()]]), "tau": np.array([rng.uniform(0.1, 0.4)])}
 
     def ours(at):
-        return float(log_density(whole_model, (wholes, found), {}, at)[0])
+        return float(log_density(joint_model, (wholes, found), {}, at)[0])
 
     def theirs(at):
         """In z, whose logit of the place of ln zeta in its box is flat in ln zeta."""
