@@ -44,6 +44,8 @@ PASTED = {
     ("identification/paper/step4.py", "prior"): VERDICT
     + "test_a_line_of_bounds_never_cuts_the_box",
     ("identification/residual_terms.py", "residuals"): OF_A_RUN,
+    ("identification/selection.py", "fit_repeats"): "identification/test_selection.py::"
+    "test_the_remedy_of_too_many_repeats_is_taken",
     ("identification/suspects.py", "band"): CAUSES,
     ("identification/suspects.py", "clock_ppm"): CAUSES,
     ("identification/suspects.py", "delay"): CAUSES,

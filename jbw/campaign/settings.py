@@ -48,11 +48,20 @@ class Identify(Table):
     fit_levels: values.Levels | None = key(
         None, "sweep levels to fit; the others are predicted", [0.05, 0.20]
     )
-    fit_repeats: values.Count | None = key(
-        None, "so many repeats are fitted; the rest held out", 32
+    fit_repeats: values.Repeats | None = key(
+        None,
+        'so many repeats of every test are fitted, or "all"; the rest held out; by default half of '
+        "four or more",
+        32,
     )
     fit: values.ToFit | None = key(None, f"kinds to fit, among {', '.join(KINDS)}; all by default")
     hold_out: values.Strings = key((), "names of tests that no fit sees")
+    final: StrictBool = key(
+        False,
+        "fit all tests for use after those held out have told what the law is worth; takes both "
+        "times, and the verdict keeps the held-out answer",
+        True,
+    )
     strict: StrictBool = key(
         False, "refuse a campaign of which a test cannot be used; by default it is left out", True
     )

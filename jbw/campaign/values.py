@@ -24,6 +24,7 @@ from jbw.inference.density import Density, density_of, is_distribution
 from jbw.measurement.kinds import KINDS
 from jbw.measurement.records import ROLES, si_of
 
+ALL = "all"  # of the repeats
 Role = Literal[*ROLES]  # pyright: ignore[reportInvalidTypeForm]
 
 
@@ -80,6 +81,18 @@ def whole(least: int) -> Callable[[Any], int]:
         return value
 
     return check
+
+
+def repeats(value: Any) -> int | str:
+    """A number of repeats, or all of them."""
+    if value == ALL:
+        return ALL
+    try:
+        return whole(1)(value)
+    except ValueError:
+        raise ValueError(
+            f'must be a whole number from 1 on, or "{ALL}", but is {value!r}.'
+        ) from None
 
 
 def strings(value: Any) -> tuple[str, ...]:
@@ -231,6 +244,10 @@ Number = Annotated[float, BeforeValidator(number)]
 Positive = Annotated[float, Field(gt=0), BeforeValidator(number)]
 NonNegative = Annotated[float, Field(ge=0), BeforeValidator(number)]
 Count = Annotated[int, Field(ge=1), BeforeValidator(whole(1))]
+Repeats = Annotated[
+    int | Literal["all"],
+    BeforeValidator(repeats, json_schema_input_type=Count | Literal["all"]),
+]
 Index = Annotated[int, Field(ge=0), BeforeValidator(whole(0))]
 Strings = Annotated[
     tuple[str, ...], BeforeValidator(strings, json_schema_input_type=str | list[str])

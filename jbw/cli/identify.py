@@ -112,6 +112,10 @@ def demo(out: Path | None, seed: int, preset: str, strict: bool, json_: bool, ve
     "seconds; `jbw resume` goes on from there.",
 )  # fmt: skip
 @click.option(
+    "--final", is_flag=True, help="Fit all tests for use after those held out have told what the "
+    "law is worth. The campaign file states it by the key `final`.",
+)  # fmt: skip
+@click.option(
     "--workers", type=click.IntRange(1), help="Processes for several campaigns; half the "
     "processors when left out.",
 )  # fmt: skip
@@ -121,7 +125,7 @@ def demo(out: Path | None, seed: int, preset: str, strict: bool, json_: bool, ve
 @verbose_option
 @outside_option
 def identify(
-    campaigns: tuple[Path, ...], out: Path | None, quick: bool, workers: int | None,
+    campaigns: tuple[Path, ...], out: Path | None, quick: bool, final: bool, workers: int | None,
     seed: int | None, strict: bool, json_: bool, verbose: bool, allow_outside: bool,
 ) -> int:  # fmt: skip
     """Identify the joint from the campaign file CAMPAIGN, or from each of several.
@@ -133,6 +137,9 @@ def identify(
     With --quick it ends with what the fit says by itself: the verdict is then "not assessed" and
     the exit code 0. The same command without --quick, or `jbw resume`, takes its place.
 
+    With --final the tests that were held out are fitted as well in the end. The verdict stays that
+    of the fit before, which they tested.
+
     Several campaigns run side by side, each in a folder of its own in --out; one that fails stops
     no other, and the same command again goes on: with what was broken off, and not again with what
     is finished. It ends as the first that failed, else with 4 where a verdict is neither ok nor
@@ -140,14 +147,19 @@ def identify(
     """
     campaign, *others = campaigns
     if others:
-        if quick:
-            raise click.UsageError("--quick is for one campaign: give them one after the other.")
+        if quick or final:
+            raise click.UsageError(
+                f"--{'quick' if quick else 'final'} is for one campaign: give them one after the "
+                "other."
+            )
         place = out or Path("runs")
         return identify_several(campaigns, place, workers, seed, json_, allow_outside, strict)
     if workers is not None:
         raise click.UsageError("--workers is for several campaigns; one runs in one process.")
     source = str(campaign.resolve())
-    asked = Manifest(command_line(), source, seed=seed, allow_outside=allow_outside, quick=quick)
+    asked = Manifest(
+        command_line(), source, seed=seed, allow_outside=allow_outside, quick=quick, final=final
+    )
     run = begin(out or Path(f"{campaign.stem}-run"), asked)
     return run_to_end(run, json_=json_, verbose=verbose, strict=strict)
 

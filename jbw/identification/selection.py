@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from operator import attrgetter
 
 from jbw.campaign.settings import Identify
+from jbw.campaign.values import ALL
 from jbw.errors import ConfigError
 from jbw.measurement.records import Test, drive_of
 
@@ -58,8 +59,7 @@ def sweep_tests(tests: Sequence[Test], settings: Identify, *, every: bool = Fals
 
     `fit_levels` names the levels to fit; by default the lowest and the highest of three or more
     of each drive, all of fewer; all where `every` level is asked for, as each of several modes has
-    its own. `fit_repeats` is how many of their repeats are fitted, by default
-    half.
+    its own. `fit_repeats` is how many of their repeats are fitted, by default half, or all.
     """
     sweeps = [test for test in sorted(tests, key=LEVEL) if test.traits.is_transient]
     if not sweeps:
@@ -130,11 +130,22 @@ def decay_tests(
 def _fitted_repeats(test: Test, settings: Identify) -> int:
     total = len(test.records)
     count = settings.fit_repeats
+    if count == ALL:
+        return total
     if count is None:
         count = total // 2 if total >= 4 else total
     if not 1 <= count <= total:
         raise ConfigError(
             f"Setting `fit_repeats` must lie between 1 and the {total} repeats of `{test.name}`, "
-            f"but is {count}."
+            f"but is {count}.",
+            remedy=f'Put under [identify]: `fit_repeats = "{ALL}"`, or no `fit_repeats` at all.',
         )
     return count
+
+
+def fitted_for_use(tests: Sequence[Test], settings: Identify) -> Identify:
+    """The settings by which every test, level and repeat of the kinds to fit is fitted."""
+    levels = tuple(dict.fromkeys(test.level for test in tests if test.traits.is_transient))
+    return settings.model_copy(
+        update={"final": False, "hold_out": (), "fit_levels": levels or None, "fit_repeats": ALL}
+    )

@@ -116,18 +116,28 @@ def _misfits(summary: Summary) -> Iterator[str]:
     tests = [one for one in (summary.get("predictions") or {}).values() if one.get("nrmse")]
     fitted = [one for one in tests if one.get("fitted")]
     held = [one for one in tests if not one.get("fitted")]
+    before = ((summary.get("held_out_answer") or {}).get("predictions") or {}).values()
+    fitted_last = [one for one in before if one.get("nrmse")]
     if fitted:
         yield f"RMS error of the {_count(fitted)} that {_were(fitted)} fitted: {_errors(fitted)}."
     else:
         yield "The errors of the fitted tests are not known of this run."
+    if fitted_last:
+        yield f"{_of_held_out(fitted_last)} They are fitted now, for use."
+        return
     if not held:
         yield "No test was held out; with `hold_out` the report shows how well one is predicted."
         return
+    yield _of_held_out(held)
+
+
+def _of_held_out(held: Sequence[Summary]) -> str:
+    """Errors of tests that were held out, and how much of them the bands hold."""
     inside = [one["coverage"] for one in held if one.get("coverage") is not None]
     band = f"; the 99 % bands hold {_span(inside, 3)} of the values" if inside else ""
     if inside and (widths := [x for one in held if (x := one.get("half_width")) is not None]):
         band += f" (half width: {_span(widths)} of the rms)"
-    yield f"RMS error of the {_count(held)} that {_were(held)} held out: {_errors(held)}{band}."
+    return f"RMS error of the {_count(held)} that {_were(held)} held out: {_errors(held)}{band}."
 
 
 def fit_sentence(summary: Summary) -> str:

@@ -140,11 +140,21 @@ def correlation_words(step: Summary, known: Names, strong: float = 0.9) -> list[
 
 
 def table_of_tests(summary: Summary, tree: xr.DataTree | None = None) -> Table:
-    """Every test of a campaign: fitted or held out, and how well the model follows it."""
+    """Every test of a campaign: fitted or held out, and how well the model follows it.
+
+    Where all tests are fitted in the end, those held out before are there with both errors.
+    """
     rows = sorted(every_test(summary, tree), key=_in_order)
-    parts = [(f"{word} ({count})", chosen) for word, keep in (("Fitted", True), ("Held out", False))
-             if (chosen := [row for row in rows if bool(row.get("fitted")) is keep])
-             for count in [_tests_counted(chosen)]]  # fmt: skip
+    before = (summary.get("held_out_answer") or {}).get("predictions") or {}
+    sides = (
+        ("Fitted", [row for row in rows if row.get("fitted")]),
+        ("Held out", [row for row in rows if not row.get("fitted")]),
+        (
+            "Held out from the fit before",
+            sorted(({"test": name, **row} for name, row in before.items()), key=_in_order),
+        ),
+    )
+    parts = [(f"{word} ({_tests_counted(chosen)})", chosen) for word, chosen in sides if chosen]
     columns = (
         words("test", "test", "left wrap"),
         Column("kind", lambda row: str(row.get("kind") or "").replace("_", " "), align="left"),

@@ -45,6 +45,7 @@ class Manifest:
     preset: str | None = None  # of the virtual rig that makes the campaign first
     allow_outside: bool = False  # whether files may lie outside the campaign's folder
     quick: bool = False  # whether a first answer is all that was asked for
+    final: bool = False  # whether all tests are to be fitted for use in the end
     text: str | None = None  # content of the campaign file, once it was read
     # Hash of every data file by its path, relative to the campaign's folder where it lies below.
     inputs: dict[str, str] | None = None

@@ -25,6 +25,7 @@ from jbw.observables.records import compile_beside
 from jbw.quantities import gain_unit
 from jbw.report.opening import opening
 from jbw.study.collect import collect
+from jbw.study.final import for_use
 from jbw.study.identifiability import as_group, look_again
 from jbw.study.look import look_groups, look_quietly
 from jbw.study.quick import first_answer, fit_lines
@@ -57,6 +58,9 @@ def identify(
     While it goes on, `report` is told what the fit says by itself: parameters with 99 % intervals,
     frequency and damping at small and large motion. With `quick` it ends there, in seconds.
 
+    With `final = true` under [identify] it goes through this twice: with tests held out, which tell
+    what the law is worth, and with all of them fitted, for use.
+
     Args:
         campaign: From `jbw.load_campaign` or the virtual rig.
         seed: Seed of everything random; the campaign's, or 0, when None.
@@ -75,6 +79,28 @@ def identify(
         Fig. 2, the procedure.
     """
     require_float64()
+
+    def once(campaign: Campaign, keep: Keep) -> Study:
+        return _identified(
+            campaign, seed=seed, truth=truth, report=report, keep=keep, command=command, quick=quick
+        )
+
+    if campaign.settings.final and not quick:
+        return for_use(once, campaign, keep, report)
+    return once(campaign, keep)
+
+
+def _identified(
+    campaign: Campaign,
+    *,
+    seed: int | None,
+    truth: Mapping[str, float] | None,
+    report: Report,
+    keep: Keep,
+    command: str | None,
+    quick: bool,
+) -> Study:
+    """The procedure once, as far as `identify` says."""
     started = perf_counter()
     seed = campaign.settings.seed if seed is None else seed
     gain = force_per_unit(campaign)

@@ -56,6 +56,8 @@ def identified(run: Run, say: Say) -> tuple[Any, dict[str, Any]]:
         truth = {**known["joint"], "gain": known["gain"]}
     say(f"Reading {path}")
     loaded = load_campaign(path, allow_outside=asked.allow_outside)
+    if asked.final:
+        loaded = replace(loaded, settings=loaded.settings.model_copy(update={"final": True}))
     text = path.read_text(encoding="utf-8")
     run.note(with_inputs(replace(asked, text=text), path, input_hashes(loaded)))
     study = identify(

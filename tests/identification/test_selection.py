@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from pasted import pasted
 
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
@@ -9,6 +10,7 @@ from jbw.identification.coordinates import joint_box
 from jbw.identification.paper.step3 import PAPER_HALF_WIDTH, about
 from jbw.identification.selection import (
     decay_tests,
+    fitted_for_use,
     linear_test,
     loop_tests,
     probing_tests,
@@ -60,6 +62,28 @@ def test_the_campaign_decides_when_it_says_so():
 def test_settings_that_do_not_fit_the_sweeps_are_named(settings, field):
     with pytest.raises(ConfigError, match=field):
         sweep_tests(SWEEPS, Identify(**settings))
+
+
+def test_all_repeats_and_levels_are_fitted_where_it_is_stated():
+    split = sweep_tests(SWEEPS, Identify(fit_levels=(0.05, 0.10), fit_repeats="all"))
+    assert [(t.level, len(t.records)) for t in split.fitted] == [(0.05, 8), (0.10, 8)]
+    every = fitted_for_use(SWEEPS, Identify(fit_levels=(0.1,), fit_repeats=2, hold_out=("0.05",)))
+    split = sweep_tests(SWEEPS, every)
+    assert sum(len(t.records) for t in split.fitted) == 24
+    assert split.held_out == ()
+
+
+def test_the_remedy_of_too_many_repeats_is_taken():
+    with pytest.raises(ConfigError) as error:
+        sweep_tests(SWEEPS, Identify(fit_repeats=9))
+    split = sweep_tests(SWEEPS, pasted(error.value.remedy).settings)
+    assert [len(t.records) for t in split.fitted] == [8, 8]
+
+
+@pytest.mark.parametrize("value", ["half", 0, True, 2.5])
+def test_a_number_of_repeats_is_whole_or_all(value):
+    with pytest.raises(ConfigError, match='whole number from 1 on, or "all"'):
+        Identify.of({"fit_repeats": value})
 
 
 def test_boxes_of_the_papers_widths_have_the_papers_coefficients_of_variation():
