@@ -96,10 +96,10 @@ def tests_table(record: Row) -> Table:
         Column(f"motion [{unit}]", lambda row: number(factor * row["y"])),
         Column("frequency [Hz]", lambda row: _with_scatter(row, "frequency", "frequency_hz", 1.0)),
         Column("damping [%]", lambda row: _with_scatter(row, "damping", "damping", 100.0)),
-        _part("repeats\nscatter by", "noise"),
+        _part("scatter of\nrepeats", "noise"),
         _part("third\nharmonic", "third"),
         _part("coherence", "coherence"),
-        _part("a linear one\nleaves", "left"),
+        _part("residual of a\nlinear fit", "left"),
     )
 
 
