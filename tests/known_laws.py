@@ -1,5 +1,8 @@
 """Parameters at which every law of the register is tried, and one that the tests define."""
 
+import equinox as eqx
+import jax
+import numpy as np
 from guests import Bilinear
 
 from jbw.oscillator.laws import law_named
@@ -35,3 +38,19 @@ def law_of(name, theta=None):
     """The law of a name, at other parameters where they are given."""
     kind = Bilinear if name == "bilinear" else law_named(name)
     return kind.of(THETA[name] if theta is None else theta)
+
+
+def as_arrays(tree):
+    """Numbers of a law or of arguments as arrays, which a program takes and does not hold."""
+    return jax.tree.map(
+        lambda x: jax.device_put(np.asarray(x, complex if np.iscomplexobj(x) else float)), tree
+    )
+
+
+def compiled(function):
+    """A function of laws and numbers as one program a kind of law, whatever the numbers.
+
+    Eager JAX compiles a program for every operation, and one for every loop anew.
+    """
+    program = eqx.filter_jit(function)
+    return lambda *arguments: program(*as_arrays(arguments))

@@ -1,12 +1,11 @@
 """What holds for every law of the register, and for one that the tests define."""
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from guests import Bilinear
-from known_laws import THETA, law_of
+from known_laws import THETA, compiled, law_of
 
 import jbw
 from jbw.errors import ConfigError
@@ -51,13 +50,12 @@ def oscillator(law):
     return jax.tree.map(lambda x: jnp.asarray(x, float), Oscillator(118.0, 0.01, (law,)))
 
 
-# One program a law, where eager JAX compiles one for every operation.
-@eqx.filter_jit
+@compiled
 def stiffness_and_loop(law, y):
     return law.stiffness(), law.loop(y)
 
 
-@eqx.filter_jit
+@compiled
 def along(law, y, memory, v):
     """The memory behind a path, and the force at each of its points under v."""
 
@@ -66,13 +64,12 @@ def along(law, y, memory, v):
         memory = law.move(start, memory, end - start)
         return memory, law.force(end, v, memory)
 
-    memory = jax.tree.map(lambda x: jnp.asarray(x, float), memory)
     first = law.force(y[0], v[0], memory)
     behind, force = jax.lax.scan(onward, memory, (y[:-1], y[1:], v[1:]))
     return behind, jnp.append(first, force)
 
 
-@eqx.filter_jit
+@compiled
 def tip_and_fundamental(law, y_peak):
     """The memory at the tip of a loop, and the first harmonic of its force over the amplitude."""
     first = law.harmonics(jnp.array([y_peak, 0.0], complex), 2)[0]

@@ -7,13 +7,14 @@ are in `test_gross_slip.py` and those of Iwan's law with two frictions in `test_
 
 import functools
 import itertools
+from dataclasses import replace
 
 import jax
 import jax.numpy as jnp
 import mpmath as mp
 import numpy as np
 import pytest
-from known_laws import law_of
+from known_laws import compiled, law_of
 
 import jbw
 from jbw.oscillator.laws.bouc_wen_nu import BoucWenNu
@@ -162,6 +163,22 @@ CASES = {
     "quintic": ({"quintic": 5e11}, 1e-4),
 }  # fmt: skip
 
+
+@compiled
+def around(law, y_peak, zeta):
+    """Force at the tip, loop, first two odd harmonics of the force, and the joint's backbone."""
+    q = y_peak * jnp.array([1.0, 0.0, 0.0], complex)
+    harmonics = (law.harmonics(q, 2) + law.stiffness() * q)[:2]
+    backbone = jbw.backbone(jbw.Oscillator(OMEGA_N, zeta, (law,)), y_peak)
+    return law.force(y_peak, 0.0, law.at_tip(y_peak)), law.loop(y_peak), harmonics, backbone
+
+
+@compiled
+def slope_of_damping(law, y_peak):
+    """Derivative of the loop's damping by gamma."""
+    return jax.grad(lambda gamma: replace(law, gamma=gamma).loop(y_peak).damping)(law.gamma)
+
+
 FAST = {("bouc_wen", 7.0), ("bouc_wen hardens", 100.0), ("gap_series", 7.0), ("iwan4", 7.0),
         ("jenkins_3", 7.0), ("masing_exponential", 7.0)}  # fmt: skip
 
@@ -180,21 +197,18 @@ def test_tip_loop_harmonics_and_backbone_are_those_of_mpmath(case, multiple):
     tip, first, third = reference(name, tuple(theta.items()), y_peak)
     # Rounding; ahead of a hundred slip displacements forces and stiffnesses are differences.
     close = dict(rtol=1e-12, atol=1e-20)
-    np.testing.assert_allclose(law.force(y_peak, 0.0, law.at_tip(y_peak)), tip, **close)
-    loop = law.loop(y_peak)
+    force, loop, harmonics, found = around(law, y_peak, ZETA)
+    np.testing.assert_allclose(force, tip, **close)
     # Behind a gap the stiffness is by 24 points a piece, which meet layers at a hundred of slip.
     by_rule = dict(close, rtol=1e-11) if multiple == 100.0 else close
     np.testing.assert_allclose(loop.stiffness, first.real, **by_rule)
     size = abs(first)
     np.testing.assert_allclose(loop.damping, first.imag, rtol=1e-12, atol=1e-30 * size)
     # Harmonics are by fixed points a piece, and of one size.
-    q = jnp.array([y_peak, 0.0, 0.0], complex)
-    harmonics = (law.harmonics(q, 2) + law.stiffness() * q)[:2] / y_peak
     within = 3e-10 * size if multiple == 100.0 else 1e-12 * size
-    np.testing.assert_allclose(harmonics, [first, third], rtol=0.0, atol=within)
+    np.testing.assert_allclose(harmonics / y_peak, [first, third], rtol=0.0, atol=within)
     k = OMEGA_N**2 - float(law.stiffness())
     omega = np.sqrt(k + first.real)
-    found = jbw.backbone(jbw.Oscillator(OMEGA_N, ZETA, (law,)), y_peak)
     np.testing.assert_allclose(found.omega, omega, rtol=1e-12)
     zeta = ZETA * OMEGA_N / omega + first.imag / (2 * omega**2)
     np.testing.assert_allclose(found.zeta, zeta, rtol=1e-12)
@@ -207,15 +221,11 @@ def test_the_free_exponent_at_one_is_bouc_wen(case, multiple):
     theta, scale = CASES[case]
     plain, free = law_of("bouc_wen", theta), BoucWenNu.of_bouc_wen(*theta.values(), 1.0)
     y_peak = multiple * scale
-    force = free.force(y_peak, 0.0, free.at_tip(y_peak))
-    np.testing.assert_allclose(force, plain.at_tip(y_peak), rtol=1e-13)
-    q = jnp.array([y_peak, 0.0, 0.0], complex)
+    force, _, harmonics, ours = around(free, y_peak, 0.0)
+    tip, _, own, other = around(plain, y_peak, 0.0)
+    np.testing.assert_allclose(force, tip, rtol=1e-13)
     within = 1e-7 * theta["alpha"] * y_peak  # of sums over 512 angles, with cusps between them
-    harmonics = plain.harmonics(q, 2)
-    np.testing.assert_allclose(free.harmonics(q, 2), harmonics, rtol=0.0, atol=within)
-    ours, other = (
-        jbw.backbone(jbw.Oscillator(118.0, 0.0, (law,)), y_peak) for law in (free, plain)
-    )
+    np.testing.assert_allclose(harmonics, own, rtol=0.0, atol=within)
     np.testing.assert_allclose(ours.omega, other.omega, rtol=1e-13)
     np.testing.assert_allclose(ours.zeta, other.zeta, rtol=1e-11)
 
@@ -228,7 +238,7 @@ def test_dampers_raise_the_damping_ratio_by_what_they_lose(power, amplitude):
     law = law_of(name, {name: 0.3})
     work = 4 * 0.3 * (OMEGA_N * amplitude) ** power * amplitude
     work *= float(mp.quad(lambda t: mp.sin(t) ** (power + 1), [0, mp.pi / 2]))
-    found = jbw.backbone(jbw.Oscillator(OMEGA_N, ZETA, (law,)), amplitude)
+    *_, found = around(law, amplitude, ZETA)
     np.testing.assert_allclose(found.omega, OMEGA_N, rtol=1e-15)
     added = work / (2 * np.pi * OMEGA_N**2 * amplitude**2)
     np.testing.assert_allclose(found.zeta, ZETA + added, rtol=1e-13)
@@ -239,9 +249,6 @@ def test_a_saturated_loop_has_derivatives(case):
     """Against differences of mpmath's loop at thirty slip displacements, where forms are closed."""
     theta, scale = CASES[case]
 
-    def damping(gamma):
-        return law_of("bouc_wen", theta | {"gamma": gamma}).loop(30 * scale).damping
-
     gamma = theta["gamma"]
     h = 1e-4 * gamma
     sides = [
@@ -249,6 +256,5 @@ def test_a_saturated_loop_has_derivatives(case):
         for step in (h, -h)
     ]
     # The difference's own error is of second order in 1e-4.
-    assert float(jax.grad(damping)(gamma)) == pytest.approx(
-        (sides[0] - sides[1]) / (2 * h), rel=1e-6
-    )
+    slope = float(slope_of_damping(law_of("bouc_wen", theta), 30 * scale))
+    assert slope == pytest.approx((sides[0] - sides[1]) / (2 * h), rel=1e-6)
