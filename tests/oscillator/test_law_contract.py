@@ -22,6 +22,7 @@ from jbw.oscillator.oscillator import Oscillator, oscillator_of, prior_of
 SCALES = Scales(omega_n=118.0, zeta=0.005, y_peak=4e-3)
 FS = 1024.0
 TIME = np.arange(256) / FS
+POINTS = 4000  # of a path that every law is moved along
 INPUT = 8.0 * np.sin(2 * np.pi * 17 * TIME) * np.sin(2 * np.pi * 3 * TIME)
 
 
@@ -168,17 +169,19 @@ def test_stiffness_is_the_slope_at_rest(law):
 
 
 def test_a_move_is_the_sum_of_its_parts_and_the_force_is_continuous(law):
-    step = 7e-5
-    whole, _ = along(law, np.array([0.0, 50 * step]), law.at_rest(), np.ones(2))
-    memory, force = along(law, step * np.arange(51), law.at_rest(), np.ones(51))
+    step, slow = 7e-5, np.ones(POINTS + 1)
+    apart, at_once = np.zeros((2, POINTS + 1))  # at rest, to be of the length of the loop's path
+    apart[-51:], at_once[-1] = step * np.arange(51), 50 * step
+    whole, _ = along(law, at_once, law.at_rest(), slow)
+    memory, force = along(law, apart, law.at_rest(), slow)
     np.testing.assert_allclose(jax.tree.leaves(memory), jax.tree.leaves(whole), rtol=1e-10)
     steepest = max(float(law.stiffness()), 3 * 2e7 * (50 * step) ** 2)
     assert np.max(np.abs(np.diff(force))) <= 1.001 * steepest * step
 
 
 def test_the_loops_energy_is_the_area_of_the_path(law):
-    y_peak, points = 3.5e-3, 4000
-    theta = np.linspace(0.0, 2 * np.pi, points + 1)
+    y_peak = 3.5e-3
+    theta = np.linspace(0.0, 2 * np.pi, POINTS + 1)
     y = y_peak * np.cos(theta)
     like, first = tip_and_fundamental(law, y_peak)
     slow = 1e-6 * np.append(1.0, np.diff(y))

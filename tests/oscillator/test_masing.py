@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from known_laws import as_arrays, compiled
 
 import jbw
 from jbw.oscillator.laws import reversals
@@ -41,15 +42,45 @@ def joint(name):
     return jbw.Oscillator(RULES["omega_n"], RULES["zeta"], laws)
 
 
+@jax.jit
+def stepped(law, y, memory, y_next):
+    """The memory behind a move, and the force there."""
+    memory = law.move(y, memory, y_next - y)
+    return memory, law.force(y_next, 1.0, memory)
+
+
+def followed(law, turns, memory=None):
+    """The memory behind straight moves, and the force at the end of each."""
+    law, memory = as_arrays((law, law.at_rest() if memory is None else memory))
+    force = []
+    for before, after in itertools.pairwise(np.asarray(turns, float)):
+        memory, end = stepped(law, before, memory, after)
+        force.append(float(end))
+    return memory, np.array(force)
+
+
 def forces(law, turns):
     """Force at the middle and the end of each straight move."""
-    move, y, memory, force = jax.jit(type(law).move), 0.0, law.at_rest(), []
-    for before, after in itertools.pairwise(turns):
-        for y_next in (0.5 * (before + after), after):
-            memory = move(law, y, memory, y_next - y)
-            y = y_next
-            force.append(float(law.force(y, 1.0, memory)))
-    return np.array(force), memory
+    turns = np.asarray(turns, float)
+    path = np.stack([turns[:-1], 0.5 * (turns[:-1] + turns[1:])], 1).ravel()
+    memory, force = followed(law, np.append(path, turns[-1]))
+    return force, memory
+
+
+@compiled
+def steady(law, y_peak):
+    """Loop, harmonics exact and on a grid, force and virgin curve at the tip, ways down and up."""
+    q = y_peak * jnp.array([1.0, 0.0], complex)
+    exact, generic = (law.harmonics(q, turns) + law.stiffness() * q for turns in (2, 4))
+    angles = jnp.arccos(jnp.array([0.5, 0.0, -0.5]))
+    down, up = (law.force_over_period(q, way, 2) for way in (angles, 2 * jnp.pi - angles))
+    tip = law.force(y_peak, 1.0, law.at_tip(y_peak))
+    return law.loop(y_peak), exact, generic, tip, law.backbone(y_peak), down, up
+
+
+@compiled
+def stiffness_and_loop(law, y_peak):
+    return law.stiffness(), law.loop(y_peak)
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -57,32 +88,25 @@ def test_the_steady_loop_is_golden(name):
     law = law_of(name)
     for row in GOLD[name]["steady"]:
         y_peak, kappa = row["Y"], complex(*row["kappa"])
-        loop = law.loop(y_peak)
+        loop, harmonics, generic, tip, virgin, down, up = steady(law, y_peak)
         np.testing.assert_allclose(loop.stiffness, kappa.real, rtol=1e-13)
         np.testing.assert_allclose(loop.damping, kappa.imag, rtol=1e-13)
         np.testing.assert_allclose(loop.energy(y_peak), row["energy"], rtol=1e-13)
-        q = jnp.array([y_peak, 0.0], complex)
-        harmonics = law.harmonics(q, 2) + law.stiffness() * q
         np.testing.assert_allclose(harmonics[0] / y_peak, kappa, rtol=1e-12)
         np.testing.assert_allclose(harmonics[1], complex(*row["F3"]), rtol=1e-12)
         # Of the 512-point grid that laws have without more knowledge, an error of second order.
-        generic = law.harmonics(q, 4) + law.stiffness() * q
         np.testing.assert_allclose(generic, harmonics, atol=1e-4 * abs(kappa) * y_peak)
-        tip = law.at_tip(y_peak)
-        np.testing.assert_allclose(law.force(y_peak, 1.0, tip), row["F_tip"], rtol=1e-13)
-        np.testing.assert_allclose(law.backbone(y_peak), row["F_tip"], rtol=1e-13)
-        angles = jnp.arccos(jnp.array([0.5, 0.0, -0.5]))
-        down = law.force_over_period(q, angles, 2)
+        np.testing.assert_allclose(tip, row["F_tip"], rtol=1e-13)
+        np.testing.assert_allclose(virgin, row["F_tip"], rtol=1e-13)
         np.testing.assert_allclose(down, row["F_unloading"], rtol=1e-12)
-        up = law.force_over_period(q, 2 * jnp.pi - angles, 2)
         np.testing.assert_allclose(up, row["F_loading"], rtol=1e-12)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_small_amplitudes_are_golden(name):
     row, law, y_peak = GOLD[name]["small_amplitude"], law_of(name), 1e-7
-    loop, scale = law.loop(y_peak), y_peak ** row["exponent"]
-    lost = law.stiffness() - loop.stiffness
+    (stiffness, loop), scale = stiffness_and_loop(law, y_peak), y_peak ** row["exponent"]
+    lost = stiffness - loop.stiffness
     # Of the exponential law it is the leading order: b Y = 4e-5 in the next one. The loss of
     # stiffness is a difference of two stiffnesses, a part of 1e-5 of which it is.
     close = 1e-4 if name == "masing_exponential" else 1e-9
@@ -104,7 +128,7 @@ def test_the_power_law_is_iwans_below_macroslip():
     iwan = law_of("iwan4_a")
     power = MasingPower(iwan.c * 1e-3**0.7, 0.7)
     for row in GOLD["iwan4_a"]["steady"][:3]:
-        loop, whole = power.loop(row["Y"]), complex(*row["kappa"])
+        (_, loop), whole = stiffness_and_loop(power, row["Y"]), complex(*row["kappa"])
         np.testing.assert_allclose(loop.stiffness, whole.real - iwan.stiffness(), rtol=1e-11)
         np.testing.assert_allclose(loop.damping, whole.imag, rtol=1e-12)
     turns = np.array(GOLD["path"]["turning_points"][:8])
@@ -263,16 +287,16 @@ def test_what_is_given_up_is_counted_and_the_virgin_curve_is_found_again():
     stack = memory.stack
     assert stack.lost == 1.0
     assert stack.missed == 0.0
-    far = law.move(turns[-1], memory, 3e-3 - turns[-1])
+    far, _ = followed(law, [turns[-1], 3e-3], memory)
     np.testing.assert_allclose(far.force, law.backbone(3e-3), rtol=1e-12)
     stack = far.stack
     assert stack.lost == 0.0
     assert stack.missed == 1.0
-    inside = law.move(turns[-1], memory, 1.7e-3 - turns[-1])
+    inside, _ = followed(law, [turns[-1], 1.7e-3], memory)
     stack = inside.stack
     assert stack.lost == 1.0
     assert stack.missed == 1.0
-    far = law.move(1.7e-3, inside, 1.3e-3)
+    far, _ = followed(law, [1.7e-3, 3e-3], inside)
     np.testing.assert_allclose(far.force, law.backbone(3e-3), rtol=1e-12)
 
 
@@ -281,14 +305,12 @@ def test_loops_too_deep_are_told():
     joined = jbw.Oscillator(RULES["omega_n"], RULES["zeta"], (law,))
     count = reversals.SIZE
     side = np.where(np.arange(count) % 2, -1.0, 1.0)
-    deep = law.at_rest()
     turns = np.append(0.0, 1e-3 * side * 0.9 ** np.arange(count))
-    for before, after in itertools.pairwise(turns):
-        deep = law.move(before, deep, after - before)
+    deep, _ = followed(law, turns)
     assert deep.stack.lost == 0.0
     assert deep.stack.count == count
     # One turn more gives up a loop, and the way out passes it.
-    deep = law.move(turns[-1], deep, -0.8 * turns[-1])
+    deep, _ = followed(law, [turns[-1], 0.2 * turns[-1]], deep)
     start = 0.2 * turns[-1], 0.0, (deep,)
     push = 50.0 * np.ones(64)
     with pytest.warns(UserWarning, match="deeper than a law remembers: [1-9] times"):
