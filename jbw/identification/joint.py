@@ -19,6 +19,7 @@ from jaxtyping import Array, Float, Key
 from jbw.campaign.settings import Identify
 from jbw.errors import Attempts
 from jbw.identification import accuracy
+from jbw.identification.across_kinds import across_kinds, across_kinds_sentence
 from jbw.identification.attachments import drive_sentences
 from jbw.identification.between_records import between_finding, between_records
 from jbw.identification.causes import cause_finding, causes, causes_sentence
@@ -402,6 +403,12 @@ def posterior_checks(
         words.append(left_out_sentence(left_out))
         return consistency_finding(left_out, data.laws)
 
+    def each_kind_left_out() -> Finding | None:
+        if (predicted := across_kinds(best, prior, data)) is not None:
+            groups["across_kinds"] = predicted
+            words.append(across_kinds_sentence(predicted))
+        return None
+
     def each_record_alone() -> Finding | None:
         if (between := between_records(best, prior, data)) is None:
             return None
@@ -411,6 +418,7 @@ def posterior_checks(
     findings += checked(
         {
             "the fit without each test": each_test_left_out,
+            "the fit without each kind of test": each_kind_left_out,
             "the fit to each record alone": each_record_alone,
         }
     )

@@ -30,6 +30,7 @@ def laws_table(record: Mapping[str, Any]) -> Table:
         _percent("fit [%]", "error"),
         _percent("left out [%]", "error_left_out"),
         _percent("highest [%]", "error_highest"),
+        Column("other kinds [%]", _across_kinds),
         _percent("held out [%]", "error_held_out"),
         _percent("beyond [%]", "error_beyond"),
         _percent("linear by run [%]", "floor"),
@@ -38,6 +39,12 @@ def laws_table(record: Mapping[str, Any]) -> Table:
         Column("log evidence", _difference("log_evidence_difference", "log_evidence_error")),
         Column("answer", lambda row: row["answer"], align="left"),
     )
+
+
+def _across_kinds(row: Mapping[str, Any]) -> str:
+    """Largest error of a kind of test as the others predict it."""
+    errors = row.get("error_across")
+    return f"{100 * max(errors.values()):.3g}" if errors else NOTHING
 
 
 def _number(heading: str, key: str, form: str, scale: float = 1.0) -> Column:

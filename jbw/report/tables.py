@@ -146,6 +146,10 @@ def table_of_tests(summary: Summary, tree: xr.DataTree | None = None) -> Table:
     """
     rows = sorted(every_test(summary, tree), key=_in_order)
     before = (summary.get("held_out_answer") or {}).get("predictions") or {}
+    of_kinds = [
+        {"test": f"all {kind}", "nrmse": row["error"], "rests_on": row["rests_on"]}
+        for kind, row in (summary.get("across_kinds") or {}).items()
+    ]
     sides = (
         ("Fitted", [row for row in rows if row.get("fitted")]),
         ("Held out", [row for row in rows if not row.get("fitted")]),
@@ -155,6 +159,7 @@ def table_of_tests(summary: Summary, tree: xr.DataTree | None = None) -> Table:
         ),
     )
     parts = [(f"{word} ({_tests_counted(chosen)})", chosen) for word, chosen in sides if chosen]
+    parts += [("Each kind, predicted from the others", of_kinds)] if of_kinds else []
     columns = (
         words("test", "test", "left wrap"),
         Column("kind", lambda row: str(row.get("kind") or "").replace("_", " "), align="left"),
@@ -213,7 +218,12 @@ def level_of(row: Summary) -> str:
 
 
 def _fitted(row: Summary) -> str:
-    """How many of its repeats were fitted, where not all; how far a test lies beyond the fitted."""
+    """How many of its repeats were fitted, where not all; how far a test lies beyond the fitted.
+
+    Of a kind of test the parameters that only its tests identify.
+    """
+    if needed := row.get("rests_on"):
+        return f"without it not identified: {', '.join(needed)}"
     count, fitted = row.get("repeats"), row.get("fitted")
     if fitted:
         some = count is not None and int(fitted) < count

@@ -197,6 +197,13 @@ def _of_unseen(rows: Mapping[str, Row]) -> list[str]:
         if known:
             least = min(known, key=lambda name: known[name])
             said.append(f"{where}: {least} predicts them best, to {100 * known[least]:.2g} %.")
+    across = {name: row["error_across"] for name, row in rows.items() if row.get("error_across")}
+    for kind in next(iter(across.values()), {}):
+        least = min(across, key=lambda name: across[name][kind])
+        error = 100 * across[least][kind]
+        said.append(
+            f"Across kinds: {least} predicts {kind} from the other tests best, to {error:.2g} %."
+        )
     return said
 
 

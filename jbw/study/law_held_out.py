@@ -11,6 +11,8 @@ import numpy as np
 import xarray as xr
 
 from jbw.errors import JbwError
+from jbw.identification.across_kinds import across_kinds
+from jbw.identification.evidence import Candidate
 from jbw.identification.floors import rms
 from jbw.inference.thresholds import BEYOND
 from jbw.measurement.records import Test
@@ -24,6 +26,17 @@ NUM_DRAWS = 20  # an error is that of the median of so many
 def unseen(tests: Sequence[Test], runs: Sequence[str]) -> list[Test]:
     """Measured tests of which no run was fitted."""
     return [test for test in tests if is_measured(test) and not any(is_of(r, test) for r in runs)]
+
+
+def errors_across_kinds(candidate: Candidate) -> dict[str, float] | None:
+    """Error of a law on each kind of test as the other kinds predict it; None of one kind."""
+    fitted = candidate.fitted
+    predicted = across_kinds(fitted.fit, fitted.box, fitted.data)
+    if predicted is None:
+        return None
+    return dict(
+        zip(map(str, predicted["kind"].values), predicted["error"].values.tolist(), strict=True)
+    )
 
 
 def is_of(run: str, test: Test) -> bool:

@@ -84,6 +84,7 @@ def row_of(weighed: Weighed) -> dict[str, Any]:
         "error": one.error,
         "error_left_out": None if left is None else rms(list(left.error.values())),
         "error_highest": None,
+        "error_across": None,
         "elpd": None if left is None else float(sum(left.elpd.values())),
         "khat": None if left is None else left.khat,
         "elpd_doubt": None if left is None else left.doubt,

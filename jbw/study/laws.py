@@ -25,7 +25,7 @@ from jbw.measurement.records import Test
 from jbw.observables.dataset import Dataset
 from jbw.oscillator.laws import FAMILIES, LAWS, laws_named
 from jbw.study.law_answers import compare_rows, statements
-from jbw.study.law_held_out import errors_apart, held_out, is_of, unseen
+from jbw.study.law_held_out import errors_across_kinds, errors_apart, held_out, is_of, unseen
 from jbw.study.law_rows import row_of, weigh
 from jbw.study.law_shapes import loops, residuals
 from jbw.study.look import look_groups, look_quietly
@@ -109,6 +109,7 @@ def compare_laws(
     highest = _highest(campaign, runs)
     for name, one in left.items():
         rows[name]["error_highest"] = one.error.get(highest) if highest else None
+        rows[name]["error_across"] = errors_across_kinds(named[name])
     first = found[0].fitted
     lines = own_lines(first.data, {**_held(first.data), **first.fit.theta})
     readings = readings_of(found[0].fitted.data)

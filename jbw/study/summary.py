@@ -12,6 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from jbw.campaign.load import Campaign
+from jbw.identification.across_kinds import across_kinds_record
 from jbw.identification.assemble import Measured, entered, fitted_repeats
 from jbw.identification.instruments import Sensors, spread_of, with_instruments
 from jbw.identification.linear_step import NAMES, LinearStep, units_of
@@ -64,6 +65,7 @@ def record_of(
         "comparison": compared,
         "tests": tests,
         "predictions": _predictions(tree),
+        "across_kinds": _across_kinds(tree),
         "loops": _loops(tree),
         "versions": {package: version(package) for package in VERSIONED},
         "seed": seed,
@@ -251,6 +253,12 @@ def _predictions(tree: xr.DataTree) -> dict[str, Any]:
             **{key: _known(attrs, key) for key in ERRORS},
         }
     return found
+
+
+def _across_kinds(tree: xr.DataTree) -> dict[str, Any]:
+    """How well each kind of test is predicted from the others; nothing of one kind."""
+    group = node(tree, "across_kinds")
+    return {} if group is None else across_kinds_record(group.to_dataset())
 
 
 def _known(attrs: Mapping[Any, Any], name: str) -> float | None:

@@ -76,7 +76,11 @@ def test_the_report_tells_both(final):
     assert "held out" in text
     assert "They are fitted now, for use." in text
     headings = [str(section.heading) for section in table_of_tests(study.record).sections]
-    assert headings == ["Fitted (3 tests)", "Held out from the fit before (1 test)"]
+    assert headings == [
+        "Fitted (3 tests)",
+        "Held out from the fit before (1 test)",
+        "Each kind, predicted from the others",
+    ]
     codes = {one.code for one in study.verdict.findings}
     assert "held_out_coverage" in codes
     assert np.isfinite(study.record["held_out_answer"]["predictions"]["weak"]["nrmse"])

@@ -1,0 +1,89 @@
+"""Each kind of test predicted from the others, where one joint made all and where it did not."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from test_evidence import GAIN, PRIOR, curve, loop
+
+from jbw.campaign.settings import Identify
+from jbw.identification.across_kinds import (
+    across_kinds,
+    across_kinds_record,
+    across_kinds_sentence,
+    kinds_of,
+    without_kind,
+)
+from jbw.identification.assemble import assemble, measured
+from jbw.identification.prepare import with_weights
+from jbw.inference.fit.costly_fit import costly_fit
+from jbw.inference.space.box import box
+from jbw.observables.dataset import stacked
+
+CURVES = tuple(curve(level) for level in (5, 20, 60))
+
+
+def fitted(tests):
+    prior = box(PRIOR)
+    data = assemble(measured(list(tests), Identify(), gain=GAIN))
+    middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
+    best = costly_fit(stacked, prior, data, starts=middle)
+    data = with_weights(best, data, Identify())
+    return costly_fit(stacked, prior, data, starts=best.theta), prior, data
+
+
+def stiffer(test, factor):
+    """A loop whose load cell reads more: no joint makes it and the curves alike."""
+    records = tuple(
+        replace(
+            record,
+            channels=record.channels
+            | {"restoring_force": factor * record.channels["restoring_force"]},
+        )
+        for record in test.records
+    )
+    return replace(test, records=records)
+
+
+def test_of_one_joint_the_kinds_predict_each_other_to_the_noise():
+    best, prior, data = fitted([*CURVES, loop()])
+    assert kinds_of(data) == {
+        "tones and curves": ("held at 5", "held at 20", "held at 60"), "loops": ("loop",)
+    }  # fmt: skip
+    predicted = across_kinds(best, prior, data)
+    assert predicted is not None
+    # Noise is in both errors; what parameters of the other kind scatter by is small beside it.
+    ratio = predicted["error"] / predicted["fitted"]
+    assert ratio.sel(kind="loops").item() < 1.5
+    assert ratio.sel(kind="tones and curves").item() < 5.0  # a loop knows no damping
+    record = across_kinds_record(predicted)
+    assert "zeta" in record["tones and curves"]["rests_on"]
+    assert "zeta by" in across_kinds_sentence(predicted)
+
+
+def test_what_one_joint_cannot_make_is_an_error_of_the_other_kind():
+    """A force 3 % too large is 3 % of the loop, as nothing in the curves asks for it."""
+    best, prior, data = fitted([*CURVES, stiffer(loop(), 1.03)])
+    predicted = across_kinds(best, prior, data)
+    assert predicted is not None
+    assert predicted["error"].sel(kind="loops").item() == pytest.approx(0.03 / 1.03, rel=0.1)
+
+
+def test_of_one_kind_nothing_is_told():
+    best, prior, data = fitted(CURVES[:2])
+    assert across_kinds(best, prior, data) is None
+
+
+def test_a_kind_left_out_says_nothing():
+    best, _, data = fitted([*CURVES, loop()])
+    changed = {**best.theta, "delta": 1.2 * best.theta["delta"]}
+    theta = {name: np.asarray(value) for name, value in changed.items()}
+    rest = without_kind("loops", data)
+    whole, without = (np.asarray(stacked(theta, each)) for each in (data, rest))
+    labels = list(data.layout)
+    ends = np.cumsum(list(data.layout.values()))
+    at = labels.index("loop")
+    rows = slice(ends[at] - data.layout["loop"], ends[at])
+    assert np.linalg.norm(without[rows]) < 1e-3 * np.linalg.norm(whole[rows])
+    others = np.delete(np.arange(len(whole)), np.r_[rows])
+    np.testing.assert_array_equal(whole[others], without[others])
