@@ -21,7 +21,7 @@ from jbw.identification.stated_modes import modes_of, require_driven, with_own_c
 from jbw.inference.space.stated import StatedDensities
 from jbw.measurement.records import Test, drive_of
 from jbw.observables.dataset import Dataset
-from jbw.observables.drives import attached, named, parts_of
+from jbw.observables.drives import attached, informed_by, named, parts_of
 from jbw.observables.line_fit import LineReading
 from jbw.observables.modes import Modes, ModesAtJoint
 from jbw.observables.observable import Observable, run_of
@@ -148,7 +148,7 @@ def assemble(seen: Measured) -> Dataset:
 def _held(parts: Sequence[Observable], gain: Gain, tests: Sequence[Test]) -> dict[str, float]:
     """What is not inferred: gains that are stated, and what no part can tell."""
     others, own = attached(parts), parts_of("", parts)
-    informed = frozenset().union(*(part.informs for part in own))
+    informed = informed_by(own)
     first = next((part.drive for part in own if part.drive), "")
     known = gain_of(gain, "force" if others and first not in FED else first)
     held = {} if known is None else {"gain": known}
@@ -159,8 +159,8 @@ def _held(parts: Sequence[Observable], gain: Gain, tests: Sequence[Test]) -> dic
     stated = {named("gain", drive): gain_of(gain, drive) for drive in others}
     if others and known is None and "gain" in held and any(t.traits.is_prescribed for t in tests):
         raise DataError(
-            "Loops beside tests driven by a shaker's feed and free decays need the modal mass.",
-            why="No test driven by a measured force tells it.",
+            "Loops beside tests driven by a shaker's feed need the modal mass; nothing tells it.",
+            why="A measured force or a free decay would; a voltage or a current does not.",
             remedy="State `modal_mass`, or hold the loops out.",
         )
     return held | {name: value for name, value in stated.items() if value is not None}

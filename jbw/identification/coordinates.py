@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterable, Iterator, Mapping
 import numpy as np
 
 from jbw.campaign.settings import Identify
-from jbw.errors import ConfigError
+from jbw.errors import ConfigError, DataError
 from jbw.identification.residual_terms import stated_terms, term_bounds
 from jbw.inference.density import Density
 from jbw.inference.fit.fitting import Fit
@@ -23,6 +23,8 @@ from jbw.oscillator.modes.parameters import own_name
 from jbw.oscillator.oscillator import prior_of
 from jbw.quantities import DEFAULT_LAWS
 
+MOST_SOFTENING = 10.0  # of a sticking joint over the secant of its widest loop, or of a stop's over
+
 
 def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box:
     """Box of the joint route: the joint's parameters, and the gain, where they are not held."""
@@ -31,15 +33,15 @@ def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box
     forced = all("zeta" not in part.informs for part in parts)
     omega_n = known.get("omega_n")
     if not omega_n:
-        # Force over displacement of the stiffest loop, peak to peak, per unit mass.
-        stiffness = (part.stiffness(float(data.held.get("gain", 1.0))) for part in data.parts)
-        omega_n = max(value for value in stiffness if value is not None) ** 0.5
+        omega_n = _stiffest(data) ** 0.5
     y_peak = largest_displacement(data, omega_n)
     scales = Scales(omega_n, known.get("zeta", 0.01), y_peak, forced)
     gain = None if "gain" in data.held else (known["gain"], min(p.gain_std() for p in parts))
     linear = any(part.is_linear for part in parts)
     prior = joint_box(settings, scales, gain, data.laws, linear=linear)
     own = {name: pair for name, pair in bounds_by_name(prior).items() if name not in data.held}
+    if "gain" in own and not any("gain" in part.first_values() for part in parts):
+        own["gain"] = settings.prior.get("gain", weighed_bounds(known["gain"]))
     for drive in attached(data.parts):
         own |= _bounds_of(drive, settings, data, known)
     own |= _bounds_beside(settings, data, known)
@@ -50,6 +52,19 @@ def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box
     _require_drives(settings.prior, data)
     _require_sampled(data.stated.names, own | stated)
     return box(own | stated)
+
+
+def _stiffest(data: Dataset) -> float:
+    """Force over displacement of the stiffest loop, peak to peak, per unit mass [1/s^2]."""
+    each = (part.stiffness(float(data.held.get("gain", 1.0))) for part in data.parts)
+    known = [value for value in each if value is not None]
+    if not known:
+        raise DataError(
+            "The campaign must hold a test that tells the natural frequency, but one frequency of "
+            f"steady motion is all that is fitted ({', '.join(data.labels)}).",
+            remedy="Add a free decay, noise, a sweep, or tones at other frequencies.",
+        )
+    return max(known)
 
 
 def _bounds_of(drive: str, settings: Identify, data: Dataset, known: Mapping[str, float]) -> Bounds:
@@ -155,6 +170,12 @@ def linear_bounds(scales: Scales, gain: tuple[float, float] | None, *, linear: b
         reach = max(0.1 * size, 8 * gain[1]) if np.isfinite(gain[1]) else 0.5 * size
         bounds["gain"] = (gain[0] - reach, gain[0] + reach)
     return bounds
+
+
+def weighed_bounds(gain: float) -> tuple[float, float]:
+    """Bounds of a gain by a loop's secant, which may be several times softer than its beginning."""
+    low, high = sorted((gain / MOST_SOFTENING, MOST_SOFTENING * gain))  # a channel may be turned
+    return low, high
 
 
 def _require_stiffness(law: type[Law], own: Bounds, given: Collection[str], omega_n: float) -> None:

@@ -1,7 +1,8 @@
 r"""Drives side by side: one joint, and a natural frequency, damping and gain for each.
 
-A measured force moves the structure alone, and so does nothing at all. A voltage or a current moves
-it with its shaker, of which the armature is a part of what oscillates:
+A measured force moves the structure alone, and so does nothing at all; along a prescribed
+displacement it is alone too. A voltage or a current moves it with its shaker, of which the armature
+is a part of what oscillates:
 
 $$\omega_n' \ne \omega_n, \qquad \zeta' \ne \zeta, \qquad g' \ne g$$
 
@@ -12,8 +13,11 @@ of one drive has the plain names, whatever it is.
 
 from collections.abc import Collection, Mapping, Sequence
 
+import numpy as np
+
+from jbw.observables.line_fit import LEAST_LINES, oscillator_through
 from jbw.observables.modes import with_ratios
-from jbw.observables.observable import Observable
+from jbw.observables.observable import Observable, SteadyLines
 from jbw.quantities import ATTACHED, FED, LINEAR, OSCILLATOR, STUCK
 
 NAMES = tuple(quantity.name for quantity in OSCILLATOR)
@@ -45,7 +49,8 @@ def attached(parts: Sequence[Observable]) -> tuple[str, ...]:
     """Drives that have names of their own: beside the structure alone, else beside the first."""
     known = {part.drive for part in parts if part.drive}
     fed = tuple(drive for drive in FED if drive in known)
-    return fed if known - set(fed) else fed[1:]
+    alone = known - set(fed) or any(part.is_prescribed for part in parts)
+    return fed if alone else fed[1:]
 
 
 def parts_of(drive: str, parts: Sequence[Observable]) -> list[Observable]:
@@ -66,22 +71,74 @@ def used_by(parts: Sequence[Observable], known: Collection[str]) -> list[str]:
     return [one.name for one in STUCK if one.name in used and one.name in known]
 
 
+def informed_by(parts: Sequence[Observable]) -> frozenset[str]:
+    """What of omega_n, zeta and gain parts of one drive tell together.
+
+    A free motion tells stiffness over mass, a prescribed displacement the stiffness [N/m]: together
+    the modal mass, which neither tells alone.
+    """
+    informed = frozenset[str]().union(*(part.informs for part in parts))
+    moves = any("omega_n" in part.informs and not part.is_prescribed for part in parts)
+    weighs = moves and any(part.is_prescribed for part in parts)
+    return informed | {"gain"} if weighs else informed
+
+
 def told_by(parts: Sequence[Observable]) -> dict[str, float]:
     """First values of omega_n [rad/s], zeta [-] and gain of every drive; nothing if unknown.
 
     As the drive's first part tells them that can; where none can, they begin at another drive's.
     """
-    found = {drive: _first(parts_of(drive, parts)) for drive in ("", *attached(parts))}
+    by_drive = {drive: parts_of(drive, parts) for drive in ("", *attached(parts))}
+    found = {drive: _first(own) for drive, own in by_drive.items()}
     known = next(filter(None, found.values()), {})
-    others = [(drive, values or known) for drive, values in found.items() if drive]
-    own = {named(name, drive): x for drive, values in others for name, x in values.items()}
-    return (found[""] or known) | own
+    begun = {drive: found[drive] or _with_gain(known, own) for drive, own in by_drive.items()}
+    others = {named(n, drive): x for drive, own in begun.items() if drive for n, x in own.items()}
+    return begun[""] | others
 
 
 def _first(parts: Sequence[Observable]) -> dict[str, float]:
-    if not any(part.modes for part in parts):
-        return next((found for part in parts if (found := part.first_values())), {})
     found: dict[str, float] = {}
-    for part in parts:  # of several modes each part may tell its own
-        found = part.first_values() | found
-    return with_ratios(found)
+    if any(part.modes for part in parts):
+        for part in parts:  # of several modes each part may tell its own
+            found = part.first_values() | found
+        return with_ratios(found)
+    found = next((found for part in parts if (found := part.first_values())), {})
+    if "gain" in found:
+        return found
+    return _with_gain(found, parts) if found else _through(lines_of(parts))
+
+
+def lines_of(parts: Sequence[Observable]) -> SteadyLines | None:
+    """Lines of steady motion of all parts, by a motion of 1 m; None without any."""
+    each = [one for part in parts if (one := part.steady_lines()) is not None]
+    if not each:
+        return None
+    omega, load, motion = (np.concatenate(one) for one in zip(*each, strict=True))
+    return SteadyLines(omega, load / motion, np.ones_like(motion))
+
+
+def _with_gain(known: Mapping[str, float], parts: Sequence[Observable]) -> dict[str, float]:
+    r"""Values with the gain by which lines U of the parts are those of omega_n and zeta.
+
+    $$g = \frac{\mathrm{Re} \sum U^* r}{\sum |U|^2}, \qquad
+      r = \omega_n^2 - \omega^2 + 2j\zeta\omega_n\omega$$
+
+    per metre of motion. Where none has lines, the gain stays as it is known. A loop of a joint that
+    slips is softer than the sticking one, by which its gain is too large.
+    """
+    lines = lines_of(parts)
+    if lines is None or not {"omega_n", "zeta"} <= known.keys():
+        return dict(known)
+    omega_n, load = known["omega_n"], lines.load
+    stiffness = omega_n**2 - lines.omega**2 + 2j * known["zeta"] * omega_n * lines.omega
+    gain = np.vdot(load, stiffness).real / np.vdot(load, load).real
+    return {**known, "gain": float(gain)}
+
+
+def _through(lines: SteadyLines | None) -> dict[str, float]:
+    """The oscillator through lines that together are enough for one; nothing where they are not."""
+    if lines is None:
+        return {}
+    moving = len(np.unique(lines.omega[lines.omega > 0]))
+    is_enough = moving >= LEAST_LINES or (moving and np.any(lines.omega == 0))
+    return oscillator_through(*lines) if is_enough else {}

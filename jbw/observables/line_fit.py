@@ -29,6 +29,7 @@ MOST = 6.0  # rms: amplitudes beyond have a share of 1e-8
 NUM_NODES = 24
 MARGIN = 0.05  # of the joint's shift of a reading: a standard deviation for what is left out
 READ = ("omega_n", "zeta", "gain")
+LEAST_LINES = 2  # of an oscillator: three unknowns, two numbers a line
 JUMP = 0.5  # of the response, from one point of a curve to the next: another branch
 
 

@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Float
 from jbw.errors import DataError
 from jbw.measurement.curves import forced_loop
 from jbw.measurement.records import Test
-from jbw.observables.observable import Laws, Theta, run_of
+from jbw.observables.observable import Laws, SteadyLines, Theta, run_of
 from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import Repeats, filled, repeats
 from jbw.oscillator.oscillator import oscillator_of
@@ -30,9 +30,10 @@ class Loops(Repeated):
     kinds: ClassVar[tuple[str, ...]] = ("loop",)
     suffix: ClassVar[str] = "_loop"
     dimension: ClassVar[str] = "loop"
-    # Along a prescribed displacement nothing moves freely, and nothing tells the modal mass.
+    # Nothing moves freely: by itself nothing tells damping, nor the modal mass.
     informs: ClassVar[frozenset[str]] = frozenset({"omega_n"})
     stepped: ClassVar[bool] = True
+    is_prescribed: ClassVar[bool] = True
 
     displacement: Float[Array, "test time"]
     counted: Float[Array, "test time"]
@@ -114,6 +115,10 @@ class Loops(Repeated):
     def y_peak(self, omega_n: float) -> float:
         """Largest displacement [m]."""
         return float(jnp.max(jnp.abs(self.displacement)))
+
+    def steady_lines(self) -> SteadyLines:
+        """Half of force and displacement of the stiffest loop, peak to peak."""
+        return SteadyLines(np.zeros(1), np.array([self.stiffness(1.0) + 0j]), np.ones(1, complex))
 
     def stiffness(self, gain: float) -> float:
         """Force over displacement of the stiffest loop, peak to peak, per unit mass [1/s^2]."""

@@ -41,6 +41,14 @@ class AmplitudeCurve(NamedTuple):
     zeta: Float[np.ndarray, " point"]
 
 
+class SteadyLines(NamedTuple):
+    """First harmonics of load and displacement [m] at frequencies [rad/s]; at 0 of a slow loop."""
+
+    omega: Float[np.ndarray, " line"]
+    load: Complex[np.ndarray, " line"]
+    motion: Complex[np.ndarray, " line"]
+
+
 class Observable(eqx.Module):
     """Reduced data of one kind of test, with what a likelihood asks of it.
 
@@ -55,6 +63,8 @@ class Observable(eqx.Module):
         informs: What of omega_n, zeta and gain the data can tell.
         stepped: Whether a prediction steps through time, and costs accordingly.
         is_linear: Whether its first values were read where the joint hardly slips.
+        is_prescribed: Whether its displacement is prescribed, so that a force is measured [N] and
+            nothing moves freely.
         own_shifts: Whether its records shift on their own account, integrated out here, so that
             they take no part in the offsets of runs.
         several: Whether it takes tests of several modes (True), of one (False) or of either (None).
@@ -73,6 +83,7 @@ class Observable(eqx.Module):
     informs: ClassVar[frozenset[str]] = frozenset({"omega_n", "zeta", "gain"})
     stepped: ClassVar[bool] = False
     is_linear: ClassVar[bool] = False
+    is_prescribed: ClassVar[bool] = False
     own_shifts: ClassVar[bool] = False
     several: ClassVar[bool | None] = None
     most_misfit: ClassVar[float | None] = None
@@ -240,6 +251,10 @@ class Observable(eqx.Module):
     def first_values(self) -> dict[str, float]:
         """First values of omega_n [rad/s], zeta [-] and gain, no model run; nothing if unknown."""
         return {}
+
+    def steady_lines(self) -> SteadyLines | None:
+        """Steady motion whose load was measured; alone it may be too little for first values."""
+        return None
 
     def amplitude_curve(self) -> AmplitudeCurve | None:
         """Frequency and damping against amplitude where data show them without a model."""

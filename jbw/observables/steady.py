@@ -16,8 +16,8 @@ from jaxtyping import Array, Complex, Float, Inexact, Int
 from jbw.errors import DataError
 from jbw.measurement.records import Test
 from jbw.observables.harmonic_groups import NUM_HARMONICS, ORDERS, Group, groups_of, harmonic_label
-from jbw.observables.line_fit import at_quadrature, oscillator_through
-from jbw.observables.observable import AmplitudeCurve, Laws, Rows, Theta
+from jbw.observables.line_fit import LEAST_LINES, at_quadrature, oscillator_through
+from jbw.observables.observable import AmplitudeCurve, Laws, Rows, SteadyLines, Theta
 from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import Repeats, filled, repeats
 from jbw.observables.residual_terms import receptance, taken
@@ -189,11 +189,23 @@ class Points(Repeated):
     def first_values(self) -> dict[str, float]:
         """Linear least squares over the first harmonics of the smallest motion at its peak."""
         motion, load, omega = (np.asarray(x) for x in (self.motion, self.load, self.omega))
-        points = [row[self.compared(i)] for i, row in enumerate(np.asarray(self.point))]
-        first = [points[i] for i in np.flatnonzero(np.asarray(self.position) == 0)]
-        first = [one for one in first if len(one) >= 3] or first
+        first = [one for one in self._first_points() if len(one) >= LEAST_LINES]
+        first = [one for one in first if len(one) > LEAST_LINES] or first
+        if not first:
+            return {}
         chosen = min(first, key=lambda one: np.abs(motion[one, 0]).max())
         return oscillator_through(omega[chosen], load[chosen, 0], motion[chosen, 0])
+
+    def steady_lines(self) -> SteadyLines:
+        """Every point of a first harmonic."""
+        every = np.unique(np.concatenate(self._first_points()))
+        found = self.omega[every], self.load[every, 0], self.motion[every, 0]
+        return SteadyLines(*(np.asarray(x) for x in found))
+
+    def _first_points(self) -> list[Int[np.ndarray, " point"]]:
+        """Points of every group of first harmonics."""
+        points = [row[self.compared(i)] for i, row in enumerate(np.asarray(self.point))]
+        return [points[i] for i in np.flatnonzero(np.asarray(self.position) == 0)]
 
     def amplitude_readings(self) -> AmplitudeCurve | None:
         """A point of every curve: where the response was held, or lags by a quarter turn."""

@@ -116,7 +116,7 @@ def _identified(
     seen = measured_in(campaign, report, tests)
     if quick:
         found = fit_alone(seen, seed=seed, report=report)
-        _name_gain_unit(tests, found)
+        name_gain_unit(tests, found)
         return first_answer(
             campaign, seen, looked, found, left_out=left_out, truth=truth, seed=seed,
             command=command, started=started,
@@ -131,7 +131,7 @@ def _identified(
         report("Drawing the posterior")
 
     found = run_procedure(seen, seed=seed, report=report, keep=keep, at_fit=at_fit)
-    source = _name_gain_unit(tests, found)
+    source = name_gain_unit(tests, found)
     # From here on the posterior is drawn: what cannot be made of it is left out and said.
     attempts = Attempts(report)
     known = attempts.make(
@@ -172,16 +172,19 @@ def _identified(
     return Study(tree, record, campaign, found)
 
 
-def _name_gain_unit(tests: Sequence[Test], found: Identification) -> str:
-    """Write the unit of the gain, which the returned one of the source decides, into posteriors."""
+def name_gain_unit(tests: Sequence[Test], found: Identification) -> str:
+    """Write the unit of the gain, which the returned one of the source decides, into posteriors.
+
+    That of a force where none drives anything: of loops, whose modal mass free decays tell.
+    """
     driven = [test for test in tests if not set(INPUTS).isdisjoint(test.records[0].channels)]
     units = {drive_of(t): t.records[0].units[t.records[0].source] for t in reversed(driven)}
     for step in found.steps.values():
         draws = step.posterior["posterior"]
         own = {drive: named("gain", drive) for drive in units if named("gain", drive) in draws}
         rest = [drive for drive in map(drive_of, driven) if drive not in own]
-        if rest and "gain" in draws:
-            draws["gain"].attrs["units"] = gain_unit(units[rest[0]])
+        if "gain" in draws:
+            draws["gain"].attrs["units"] = gain_unit(units[rest[0]] if rest else "N")
         for drive, name in own.items():
             draws[name].attrs["units"] = gain_unit(units[drive])
     return next(iter(units.values()), "")

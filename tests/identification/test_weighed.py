@@ -1,0 +1,137 @@
+"""The modal mass of loops beside other tests: a free decay tells it, a shaker's feed does not."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from jbw.campaign.settings import Identify
+from jbw.errors import DataError
+from jbw.identification.assemble import assemble, measured
+from jbw.identification.coordinates import MOST_SOFTENING, box_of
+from jbw.inference.space.box import bounds_by_name
+from jbw.measurement.records import Record, Test
+from jbw.observables.drives import told_by
+from jbw.study.identify import name_gain_unit
+
+FS, MASS, OMEGA_N, ZETA = 512.0, 1.7, 2 * np.pi * 20.0, 0.004
+
+
+def loop(softening=1.0):
+    """A spring's force under a displacement that grows; softer than the sticking joint."""
+    t = np.arange(2048) / FS
+    y = 2e-3 * t / t[-1] * np.sin(2 * np.pi * t)
+    force = MASS * OMEGA_N**2 / softening * y
+    channels = {"displacement": y, "restoring_force": force}
+    return Test(
+        "loop", (Record(FS, channels, {"displacement": "m", "restoring_force": "N"}),), "pull"
+    )
+
+
+def decay():
+    t = np.arange(4096) / FS
+    v = 0.1 * np.exp(-ZETA * OMEGA_N * t) * np.cos(OMEGA_N * np.sqrt(1 - ZETA**2) * t)
+    records = (Record(FS, {"velocity": v}, {"velocity": "m/s"}),)
+    return Test("decay", records, "ring", band_hz=(15.0, 25.0))
+
+
+def sweep():
+    """The linear oscillator under a swept voltage, which gives 30 N/kg per volt."""
+    t = np.arange(4096) / FS
+    u = np.sin(2 * np.pi * (10 * t + 1.25 * t**2))
+    freq = np.fft.rfftfreq(len(t), 1 / FS) * 2 * np.pi
+    h = 30.0 * 1j * freq / (OMEGA_N**2 - freq**2 + 2j * ZETA * OMEGA_N * freq)
+    v = np.fft.irfft(h * np.fft.rfft(u), len(t))
+    return Test(
+        "sweep", (Record(FS, {"input": u, "velocity": v}, {"input": "V", "velocity": "m/s"}),)
+    )
+
+
+def gathered(*tests, gain=None):
+    return assemble(measured(tests, Identify(), gain=gain))
+
+
+@pytest.mark.parametrize("softening", [1.0, 4.0, 0.3])
+def test_a_decay_tells_the_modal_mass_of_loops(softening):
+    """Whatever the joint's slip or a stop makes of the loop's secant, it lies within the bounds."""
+    data = gathered(loop(softening), decay())
+    known = told_by(data.parts)
+    assert "gain" not in data.held
+    # A secant of few samples a cycle, and a straight line through the frequencies read.
+    assert known["gain"] == pytest.approx(softening / MASS, rel=1e-3)
+    low, high = bounds_by_name(box_of(Identify(), data, known))["gain"]
+    assert low < 1 / MASS < high
+    assert high / low == pytest.approx(MOST_SOFTENING**2)
+
+
+def test_a_stated_prior_of_that_mass_is_taken():
+    data, settings = gathered(loop(), decay()), Identify(prior={"gain": (0.5, 0.7)})
+    assert bounds_by_name(box_of(settings, data, told_by(data.parts)))["gain"] == (0.5, 0.7)
+
+
+@pytest.mark.parametrize("tests", [(loop(),), (decay(),)])
+def test_neither_tells_it_alone(tests):
+    assert float(gathered(*tests).held["gain"]) == 1.0
+    assert float(gathered(*tests, gain=0.6).held["gain"]) == 0.6
+
+
+def test_a_stated_mass_is_held():
+    assert float(gathered(loop(), decay(), gain=1 / MASS).held["gain"]) == 1 / MASS
+
+
+def test_a_voltage_has_no_gain_in_common_with_loops():
+    with pytest.raises(DataError, match="need the modal mass"):
+        gathered(loop(), sweep())
+    data = gathered(loop(), sweep(), gain={"force": 1 / MASS})
+    assert float(data.held["gain"]) == 1 / MASS
+    known = told_by(data.parts)
+    assert known["gain_voltage"] == pytest.approx(30.0, rel=0.05)
+    assert {"omega_n", "omega_n_voltage", "gain_voltage"} <= set(
+        box_of(Identify(), data, known).names
+    )
+    beside = told_by(gathered(loop(), sweep(), decay()).parts)
+    assert beside["gain"] == pytest.approx(1 / MASS, rel=1e-3)
+    assert beside["gain_voltage"] == known["gain_voltage"]
+
+
+@pytest.mark.parametrize(
+    ("tests", "unit"),
+    [((loop(), decay()), "1/kg"), ((sweep(),), "N/kg/V"), ((sweep(), loop(), decay()), "1/kg")],
+)
+def test_the_posterior_names_the_unit_of_the_gain(tests, unit):
+    names = ["gain", "gain_voltage"][: len(tests) if len(tests) > 2 else 1]
+    draws = xr.Dataset({name: (("chain", "draw"), np.ones((1, 1))) for name in names})
+    tree = xr.DataTree.from_dict({"posterior": draws})
+    name_gain_unit(tests, SimpleNamespace(steps={"joint": SimpleNamespace(posterior=tree)}))
+    assert tree["posterior"]["gain"].attrs["units"] == unit
+    if len(tests) > 2:
+        assert tree["posterior"]["gain_voltage"].attrs["units"] == "N/kg/V"
+
+
+def tone(hz, level=2.0):
+    """Steady motion of the linear oscillator by a force of that level [N]."""
+    t, omega = np.arange(2048) / FS, 2 * np.pi * hz
+    h = 1 / MASS / (OMEGA_N**2 - omega**2 + 2j * ZETA * OMEGA_N * omega)
+    u, y = (np.real(x * level * np.exp(1j * omega * t)) for x in (1.0, h))
+    record = Record(FS, {"force": u, "displacement": y}, {"force": "N", "displacement": "m"})
+    return Test("tones", (record, record), f"tone_{hz:g}", level, (hz,))
+
+
+@pytest.mark.parametrize(
+    "tests", [(tone(6.5), loop()), (tone(6.5), decay()), (tone(6.5), tone(8.0, 3.0))]
+)
+def test_a_single_tone_tells_what_is_left_to_tell(tests):
+    """Two numbers of three unknowns: the third is of a loop, a decay or another tone."""
+    found = told_by(gathered(*tests).parts)
+    assert found["omega_n"] == pytest.approx(OMEGA_N, rel=2e-3)
+    assert found["gain"] == pytest.approx(1 / MASS, rel=1e-2)
+    assert found["zeta"] == pytest.approx(ZETA, rel=0.05)
+
+
+def test_one_frequency_alone_is_no_natural_frequency():
+    data = gathered(tone(6.5))
+    with pytest.raises(DataError, match="must hold a test that tells the natural frequency"):
+        box_of(Identify(), data, told_by(data.parts))
+    data = gathered(tone(6.5), tone(8.0))  # the remedy
+    assert "omega_n" in box_of(Identify(), data, told_by(data.parts)).names
