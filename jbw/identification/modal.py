@@ -37,6 +37,8 @@ SAME_LINES = ("window", "estimator", "nperseg", "noverlap", "num_segments", "num
 LEAST_ZETA, MOST_ZETA = 1e-5, 0.5  # of trials
 OUTSIDE = 0.25  # of the band's width: as far outside may a mode end
 MOST_TRIALS = 60  # of the poles: those that wander are refused, and the others take ten
+MOST_MISFIT = 0.5  # of an output: beyond, and far beyond its noise, the modes are others
+BEYOND_NOISE = 10.0  # chi-square a degree of freedom
 APART = 0.1  # of the half-width of the more damped: modes nearer than this are one
 
 
@@ -98,7 +100,8 @@ def fit_modes(
         The fit, with the diagram. Warns where a mode ends outside the band.
 
     Raises:
-        DataError: Fewer lines than unknowns, modes that cannot be told apart, no positive damping.
+        DataError: Fewer lines than unknowns, modes that cannot be told apart, no positive damping,
+            or modes that leave more than half of an output.
         ConfigError: A mode outside the band, FRFs of different lines, options that cannot be meant.
 
     Reference:
@@ -119,6 +122,7 @@ def fit_modes(
     # As they were asked for, from here on.
     fit = _as_fit(lines, fitted, diagram, edges, np.argsort(order))
     _within(fit)
+    _follows(fit)
     return fit
 
 
@@ -275,6 +279,19 @@ def _apart(lines: Lines, theta: Real) -> None:
             f"{second:.5g} Hz.",
             why="The lines do not tell them apart.",
             remedy="Ask for fewer modes, or give frequencies nearer to the peaks.",
+        )
+
+
+def _follows(fit: ModalFit) -> None:
+    """Refuse a fit that misses most of an output's lines, by far more than their noise."""
+    if fit.misfit.max() > MOST_MISFIT and fit.chi_square > BEYOND_NOISE * fit.dof:
+        seen = " and ".join(f"{freq:.4g}" for freq in fit.omega / (2 * np.pi))
+        raise DataError(
+            f"The modes must follow the lines, but those found at {seen} Hz leave "
+            f"{100 * fit.misfit.max():.0f} % of an output.",
+            why="The diagram shows no stable pole where the lines have a peak.",
+            remedy="Give the frequencies of the peaks in place of their number, or estimate the "
+            "FRFs with a longer `window_s`.",
         )
 
 
