@@ -139,13 +139,17 @@ def turning_sentence(turn: tuple[float, float, float]) -> str:
 
 def _read(curve: AmplitudeCurve, y_max: float) -> Sequence[float]:
     """The numbers of `Diagnosis` in their order, of one set of readings."""
-    x, weight = curve.y / y_max, curve.y / y_max
+    x = curve.y / y_max
+    share = x**2 / np.sum(x**2)  # of the squares: a reading counts by its amplitude
 
     def line(values: Float[np.ndarray, " point"], exponent: float) -> tuple[np.ndarray, float]:
         """Value at rest and change at the largest amplitude, and the squares that they leave."""
-        design = np.stack([np.ones_like(x), x**exponent], 1) * weight[:, None]
-        found, *_ = np.linalg.lstsq(design, values * weight, rcond=None)
-        return found, float(np.sum((values * weight - design @ found) ** 2))
+        power = x**exponent
+        middle, centre = share @ power, share @ values
+        across, along = power - middle, values - centre
+        change = (share * across) @ along / ((share * across) @ across)
+        left = along - change * across
+        return np.array([centre - change * middle, change]), float(np.sum((x * left) ** 2))
 
     def exponent(values: Float[np.ndarray, " point"]) -> float:
         found: Any = minimize_scalar(

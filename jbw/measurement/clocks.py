@@ -11,12 +11,11 @@ and in noise between parts of the record, whose FRFs are the same but for it.
 """
 
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Complex, Float, Int
-from scipy.signal import coherence as coherence_of
-from scipy.signal import csd, hilbert, welch
+from scipy.signal import hilbert
 from scipy.stats import f as f_distribution
 
 from jbw.errors import DataError
@@ -24,6 +23,7 @@ from jbw.measurement.channels import Reals
 from jbw.measurement.checks import Fault, doubt
 from jbw.measurement.records import Record
 from jbw.measurement.resonances import driven_lines, swept
+from jbw.measurement.spectra import averaged
 from jbw.quantities import derivative_order
 
 TOGETHER = 3  # lines of a sweep's transform that one value of its phase is read over
@@ -181,9 +181,10 @@ def _constant_of_noise(record: Record) -> Lag | None:
     """The lag of a whole record of noise, by its averaged FRF away from the resonance."""
     u, x = (record.channels[role] for role in (record.source, record.response))
     short = 2 * len(u) // (PARTS * (AVERAGES + 1))
-    options: dict[str, Any] = {"fs": record.fs, "nperseg": short}
-    freq, power = welch(u, **options)
-    cross, coherence = csd(u, x, **options)[1], coherence_of(u, x, **options)[1]
+    freq, power, response, cross = averaged(
+        u, x, fs=record.fs, window="hann", nperseg=short, noverlap=short // 2
+    )
+    coherence = np.abs(cross) ** 2 / power / response
     lines = (freq > 0) & (coherence > COHERENT) & (power > LOUD * np.median(power[power > 0]))
     lines &= swept(power)
     omega = 2 * np.pi * freq[lines]

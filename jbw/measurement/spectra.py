@@ -201,9 +201,7 @@ def _spectra(
     u: Reals, y: Reals, band: tuple[float, float] | None, how: dict[str, Any]
 ) -> tuple[NDArray[Any], ...]:
     """Frequencies of the band, S_uu, S_yy and S_uy = E[conj(U) Y], averaged over repeats."""
-    freq, s_uu = signal.welch(u, detrend="constant", **how)
-    s_yy = signal.welch(y, detrend="constant", **how)[1]
-    s_uy = signal.csd(u, y, detrend="constant", **how)[1]  # a lagging y has negative phase
+    freq, s_uu, s_yy, s_uy = averaged(u, y, **how)
     nyquist = how["fs"] / 2
     low, high = passband(band or (0.0, nyquist), nyquist)
     keep = (freq > 0) & lines_within(freq, (low, high))
@@ -219,6 +217,35 @@ def _spectra(
             remedy="Narrow `band` to what was excited.",
         )
     return freq[keep], s_uu, s_yy, s_uy
+
+
+def averaged(
+    u: Reals, y: Reals, *, fs: float, window: str, nperseg: int, noverlap: int
+) -> tuple[NDArray[Any], ...]:
+    r"""Frequencies, and one-sided spectral densities over the last axis, by Welch's segments.
+
+    $$S_{uy} = \frac{2}{f_s \sum_n w_n^2} \langle \bar U Y \rangle, \qquad
+      U = \sum_n w_n (u_n - \langle u \rangle)\, e^{-2\pi j k n / N}$$
+
+    half of it at frequency zero and at half of the sampling rate: S_uu, S_yy, and S_uy, in which a
+    lagging y has negative phase. Each segment of both is transformed once.
+    """
+    taper = np.asarray(signal.get_window(window, nperseg))
+    u, y = np.broadcast_arrays(u, y)
+    starts = range(0, u.shape[-1] - nperseg + 1, nperseg - noverlap)
+    s_uu, s_yy, s_uy = 0.0, 0.0, 0.0
+    for start in starts:
+        pair = np.stack([x[..., start : start + nperseg] for x in (u, y)])
+        of_u, of_y = np.asarray(fft.rfft(taper * (pair - pair.mean(axis=-1, keepdims=True))))
+        s_uu = s_uu + of_u.real**2 + of_u.imag**2
+        s_yy = s_yy + of_y.real**2 + of_y.imag**2
+        s_uy = s_uy + of_u.conj() * of_y
+    freq = fft.rfftfreq(nperseg, 1 / fs)
+    scale = np.full(freq.shape, 2 / (fs * np.sum(taper**2) * len(starts)))
+    scale[0] /= 2
+    if nperseg % 2 == 0:
+        scale[-1] /= 2
+    return freq, scale * s_uu, scale * s_yy, scale * s_uy
 
 
 def stands_out(h: Complexes) -> bool:

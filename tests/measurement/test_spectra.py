@@ -5,7 +5,7 @@ import pytest
 from scipy import signal
 
 from jbw.errors import ConfigError, DataError
-from jbw.measurement.spectra import frf, half_power_bandwidth
+from jbw.measurement.spectra import averaged, frf, half_power_bandwidth
 
 OMEGA_N, GAIN, FS = 2 * np.pi * 18.8, 60.0, 128.0
 
@@ -138,3 +138,16 @@ def test_bad_input_is_refused(change, text):
     u, y, options = change(rng.standard_normal(2048), rng.standard_normal(2048))
     with pytest.raises((DataError, ConfigError), match=text):
         frf(u, y, FS, **options)
+
+
+@pytest.mark.parametrize("window", ["hann", "boxcar"])
+@pytest.mark.parametrize("nperseg", [64, 65])
+def test_averaged_spectra_are_those_of_scipy(window, nperseg):
+    u, y = np.random.default_rng(3).normal(1.0, 2.0, (2, 3, 500))
+    how = dict(fs=FS, window=window, nperseg=nperseg, noverlap=nperseg // 3)
+    expected = [signal.csd(*pair, detrend="constant", **how) for pair in ((u, u), (y, y), (u, y))]
+    freq, *found = averaged(u, y, **how)
+    np.testing.assert_allclose(freq, expected[0][0], rtol=1e-15)
+    for ours, (_, theirs) in zip(found, expected, strict=True):
+        # Rounding of sums of 64 terms; at frequency zero only that is left of a mean taken out.
+        np.testing.assert_allclose(ours, theirs, rtol=1e-11, atol=1e-14)
