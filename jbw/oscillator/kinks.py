@@ -20,13 +20,13 @@ def signed(magnitude: Scalar, sign: Scalar) -> Float[Array, "..."]:
     return jnp.where(sign < 0.0, -magnitude, magnitude)
 
 
-def kept(values: Any) -> Any:
-    """The values, computed once: XLA would fuse and recompute them in each of their uses."""
+def barrier(values: Any) -> Any:
+    """The values, computed once: without it XLA fuses and recomputes them in each of their uses."""
     # One by one: a barrier over several values cannot be transposed when not all are linear.
     return jax.tree.map(jax.lax.optimization_barrier, values)
 
 
-class Cubic(NamedTuple):
+class CubicPath(NamedTuple):
     r"""Path $y(s) - y(0) = c_1 s + c_2 s^2 + c_3 s^3$ [m]."""
 
     c_1: Scalar
@@ -46,13 +46,13 @@ class Cubic(NamedTuple):
         return 2.0 * self.c_2 + 6.0 * s * self.c_3
 
 
-def hermite(start: Scalar, end: Scalar, rise: Scalar) -> Cubic:
+def hermite(start: Scalar, end: Scalar, rise: Scalar) -> CubicPath:
     """Cubic with given slopes at both ends and a given rise between them."""
-    return Cubic(start, 3.0 * rise - 2.0 * start - end, start + end - 2.0 * rise)
+    return CubicPath(start, 3.0 * rise - 2.0 * start - end, start + end - 2.0 * rise)
 
 
 class PathSlopes(NamedTuple):
-    """Derivatives by a Hermite path's slope at the start, at the end, and by its rise."""
+    """Derivatives with respect to a Hermite path's slope at the start, at the end, and its rise."""
 
     start: Scalar
     end: Scalar
@@ -70,16 +70,16 @@ def hermite_basis(s: Scalar) -> tuple[PathSlopes, PathSlopes, PathSlopes]:
     )
 
 
-def turning_point(turns: Bool[Array, "..."] | bool, path: Cubic) -> tuple[Scalar, Scalar]:
+def turning_point(turns: Bool[Array, "..."] | bool, path: CubicPath) -> tuple[Scalar, Scalar]:
     r"""Where the path turns, $y'(s) = 0$, and how sharply.
 
     Of the two roots $s = c_1/(-c_2 \pm \sqrt{c_2^2 - 3 c_1 c_3})$ the one in (0, 1), given slopes
     of opposite signs at the ends; 1 where it does not turn. The root is half of |y''| there [m].
     """
     square = path.c_2**2 - 3.0 * path.c_1 * path.c_3
-    root = kept(jnp.sqrt(jnp.where(turns, jnp.maximum(square, 1e-300), 1.0)))
+    root = barrier(jnp.sqrt(jnp.where(turns, jnp.maximum(square, 1e-300), 1.0)))
     s = path.c_1 / jnp.where(turns, signed(root, path.c_1) - path.c_2, 1.0)
-    return kept(jnp.where(turns, s, 1.0)), 2.0 * root
+    return barrier(jnp.where(turns, s, 1.0)), 2.0 * root
 
 
 class StepPath(NamedTuple):
@@ -95,7 +95,7 @@ class StepPath(NamedTuple):
         quartic: Quartic term of the path [m].
     """
 
-    cubic: Cubic
+    cubic: CubicPath
     turns: Bool[Array, "..."]
     fraction: Scalar
     bend: Scalar
@@ -108,10 +108,10 @@ class StepPath(NamedTuple):
         """The path of given slopes and rise, with a quartic term for the turning point."""
         start, end, rise = ends
         turns = jnp.asarray(start * end < 0.0)
-        cubic = kept(hermite(*ends))
+        cubic = barrier(hermite(*ends))
         fraction, _ = turning_point(turns, cubic)
         weight = (fraction * (1.0 - fraction)) ** 2
-        before = kept(jnp.where(turns, cubic.move(fraction) + quartic * weight, rise))
+        before = barrier(jnp.where(turns, cubic.move(fraction) + quartic * weight, rise))
         return cls(cubic, turns, fraction, cubic.bend(fraction), before, rise - before, quartic)
 
     def passage(self, target: Scalar, *, first: bool) -> Scalar:
@@ -130,7 +130,7 @@ class StepPath(NamedTuple):
         else:
             s = fixed.fraction + (1.0 - fixed.fraction) * jnp.sqrt(done)
         for _ in range(3):
-            s = kept(jnp.clip(fixed._nearer(s, aim), 0.0, 1.0))
+            s = barrier(jnp.clip(fixed._nearer(s, aim), 0.0, 1.0))
         return self._nearer(s, target)
 
     def _nearer(self, s: Scalar, target: Scalar) -> Scalar:
@@ -142,11 +142,11 @@ class StepPath(NamedTuple):
 
 
 def passage(
-    steady: Bool[Array, "..."] | bool, path: Cubic, guess: Scalar, target: Scalar
+    steady: Bool[Array, "..."] | bool, path: CubicPath, guess: Scalar, target: Scalar
 ) -> Scalar:
     """Fraction s where a `steady` path reaches a target, by one Newton step, good to order h^3."""
     slope = jnp.where(steady, path.slope(guess), 1.0)
-    return kept(guess - jnp.where(steady, (path.move(guess) - target) / slope, 0.0))
+    return barrier(guess - jnp.where(steady, (path.move(guess) - target) / slope, 0.0))
 
 
 class KinkImpulse(NamedTuple):
@@ -159,7 +159,7 @@ class KinkImpulse(NamedTuple):
 
 
 def kink_impulse(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> KinkImpulse:
-    r"""What the cubic through r and its rate at both ends misses of a kink inside the step.
+    r"""Impulses of a kink inside the step, which the cubic through r and its rate misses.
 
     With jumps J_2, J_3 of the second and third derivative of r when a fraction x remains, given as
     h^3 J_2 and h^4 J_3 [m/s],
@@ -187,7 +187,7 @@ def kink_impulse(x: Scalar, jump_2: Scalar, jump_3: Scalar) -> KinkImpulse:
 def slope_jump_impulse(
     x: Scalar, jump_1: Scalar, jump_2: Scalar, jump_3: Scalar = 0.0
 ) -> tuple[Scalar, Scalar]:
-    r"""Impulses of a kink where already the first derivative of r jumps, as of a slider that slips.
+    r"""Impulses of a kink where the first derivative of r jumps, such as a slider that slips.
 
     From h J_1, h^2 J_2 and h^3 J_3 [N/kg], on v over h and on y over h^2 [m/s^2]:
 

@@ -1,4 +1,4 @@
-r"""One step of the oscillator: the linear part exactly, the laws by what they leave of it.
+r"""One step of the oscillator: the linear part exactly, the laws by their remainders.
 
 With every law's stiffness K of rest moved to the exactly solved linear part, the laws act through
 the small remainder $r = \sum (F - K y)$, whose rate is continuous where they have no kink but
@@ -19,7 +19,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from jbw.oscillator.damper import Damper
-from jbw.oscillator.kinks import kept
+from jbw.oscillator.kinks import barrier
 from jbw.oscillator.law import Law, Memory
 from jbw.oscillator.linear import impulse_moments
 from jbw.oscillator.oscillator import Oscillator
@@ -107,8 +107,8 @@ def advance(step: ExactStep, state: State, push: Push, *, kinks: Kinks) -> State
     end = End(y_1, v_1, state[2], branches, none, none)
     if any(law.kinked for law in laws):
         if kinks == "always":
-            y_1, v_1, r, rate = kept((y_1, v_1, r, rate))
-            end = kept(_through_kinks(step, state, branches, push[2], y_1, v_1))
+            y_1, v_1, r, rate = barrier((y_1, v_1, r, rate))
+            end = barrier(_through_kinks(step, state, branches, push[2], y_1, v_1))
         else:
             memory_1, kinked = glided(laws, state, branches, y_1, v_1)
             smooth = end = end._replace(memory=memory_1)
@@ -123,10 +123,10 @@ def advance(step: ExactStep, state: State, push: Push, *, kinks: Kinks) -> State
         r_1, rate_1 = _remainder(step, corrected, end.branches, push[-1])
         change = r_1 - r
         if kinks == "always":
-            change, rate_1 = kept((change, rate_1))
+            change, rate_1 = barrier((change, rate_1))
         dy = end.kick_y - (step.d_y * change + step.a_y * rate + step.b_y * rate_1)
         if kinks == "always":
-            dy = kept(dy)
+            dy = barrier(dy)
         dv = end.kick_v - (step.d_v * change + step.a_v * rate + step.b_v * rate_1)
     return end.y + dy, end.v + dv, shifted(laws, end, dy)
 
@@ -140,7 +140,9 @@ def meets_kink(step: ExactStep, state: State, push: Push) -> Bool[Array, "..."]:
 def _predicted(step: ExactStep, state: State, push: Push) -> tuple[Any, ...]:
     """The laws' branches, their remainder and its rate, and the predictor's y and v."""
     y, v, memory = state
-    branches = tuple(law.branch(v, own) for law, own in zip(step.laws, memory, strict=True))
+    branches = tuple(
+        law.branch(v, law_memory) for law, law_memory in zip(step.laws, memory, strict=True)
+    )
     r, rate = _remainder(step, state, branches, push[2])
     y_1 = y + (step.f_11 * y + step.f_12 * v + push[0] - step.r_y * r - step.s_y * rate)
     v_1 = v + (step.f_21 * y + step.f_22 * v + push[1] - step.r_v * r - step.s_v * rate)
@@ -178,7 +180,7 @@ def _through_kinks(
     """End of a step that may hold kinks, whose kicks are less what the predictor holds of them."""
     y, v, _ = state
     r, _ = _remainder(step, state, branches, u)
-    a = kept(_acceleration(step, y, v, r, u))
+    a = barrier(_acceleration(step, y, v, r, u))
     # W_2 = b - a of the corrector's constants.
     weights = step.a_y - step.b_y, step.a_v - step.b_v
     end, (shift_y, shift_v) = through_kinks(
@@ -194,7 +196,8 @@ def remainders(
     """Remainders r and h times their rates, summed."""
     y, v, memory = state
     parts = [
-        law.remainder(h, y, v, own, at) for law, own, at in zip(laws, memory, branches, strict=True)
+        law.remainder(h, y, v, law_memory, at)
+        for law, law_memory, at in zip(laws, memory, branches, strict=True)
     ]
     if not parts:
         return jnp.zeros_like(y), jnp.zeros_like(y)
@@ -207,10 +210,11 @@ def glided(
     """Memories after a step to (y_1, v_1) without a kink, and whether it met one."""
     y, v, memory = state
     moves = [
-        law.glide(y, own, y_1 - y, at) for law, own, at in zip(laws, memory, branches, strict=True)
+        law.glide(y, law_memory, y_1 - y, at)
+        for law, law_memory, at in zip(laws, memory, branches, strict=True)
     ]
     kinked = reduce(jnp.logical_or, (met for _, met in moves), jnp.asarray(v * v_1 <= 0.0))
-    return tuple(own for own, _ in moves), kinked
+    return tuple(law_memory for law_memory, _ in moves), kinked
 
 
 def through_kinks(
@@ -238,35 +242,41 @@ def through_kinks(
     (y, v, memory), branches, a = start
     y_1, v_1 = predicted
     half = added(
-        law.bend(h, y, v, a, own, at) for law, own, at in zip(laws, memory, branches, strict=True)
+        law.bend(h, y, v, a, law_memory, at)
+        for law, law_memory, at in zip(laws, memory, branches, strict=True)
     )
-    shifts = kept(tuple(weight * half for weight in weights))
+    shifts = barrier(tuple(weight * half for weight in weights))
     turns = (v * v_1 < 0.0) & (v * (v_1 + shifts[1]) < 0.0)
     shift_y, shift_v = (jnp.where(turns, x, 0.0) for x in shifts)
-    y_1, v_1 = kept((y_1 + shift_y, v_1 + shift_v))
+    y_1, v_1 = barrier((y_1 + shift_y, v_1 + shift_v))
     ends = h * v, h * v_1, y_1 - y
-    quartic = kept(
+    quartic = barrier(
         jnp.where(turns, 0.5 * h**2 * a - (3.0 * ends[2] - 2.0 * ends[0] - ends[1]), 0.0)
     )
     moved = [
-        law.turn(y, own, ends, quartic) for law, own in zip(laws, memory, strict=True) if law.kinked
+        law.turn(y, law_memory, ends, quartic)
+        for law, law_memory in zip(laws, memory, strict=True)
+        if law.kinked
     ]
     impulses = [(on_v, on_y) for _, on_v, on_y in moved]
     impulses += [law.reversal(h, ends, quartic) for law in laws if isinstance(law, Damper)]
     kick_v, kick_y = added(on_v for on_v, _ in impulses), added(on_y for _, on_y in impulses)
-    after = iter(own for own, _, _ in moved)
+    after = iter(law_memory for law_memory, _, _ in moved)
     memory_1 = tuple(
-        next(after) if law.kinked else own for law, own in zip(laws, memory, strict=True)
+        next(after) if law.kinked else law_memory
+        for law, law_memory in zip(laws, memory, strict=True)
     )
-    branches_1 = tuple(law.branch(v_1, own) for law, own in zip(laws, memory_1, strict=True))
+    branches_1 = tuple(
+        law.branch(v_1, law_memory) for law, law_memory in zip(laws, memory_1, strict=True)
+    )
     return End(y_1, v_1, memory_1, branches_1, h * kick_v, h**2 * kick_y), (shift_y, shift_v)
 
 
 def past_cusps(laws: tuple[Law, ...], h: Scalar, state: State, end: End) -> End:
-    """The same with what the corrector's cubic misses of cusps of the laws' rates."""
+    """The end with the impulses of cusps of the laws' rates, which the corrector's cubic misses."""
     _, v, memory = state
-    for law, own, last in zip(laws, memory, end.memory, strict=True):
-        if (cusp := law.missed(h, (v, own), (end.v, last))) is not None:
+    for law, law_memory, end_memory in zip(laws, memory, end.memory, strict=True):
+        if (cusp := law.missed(h, (v, law_memory), (end.v, end_memory))) is not None:
             end = end._replace(kick_v=end.kick_v + h * cusp[0], kick_y=end.kick_y + h**2 * cusp[1])
     return end
 
@@ -274,8 +284,8 @@ def past_cusps(laws: tuple[Law, ...], h: Scalar, state: State, end: End) -> End:
 def shifted(laws: tuple[Law, ...], end: End, dy: Scalar) -> tuple[Memory, ...]:
     """Memories at the end after the corrector's change of y."""
     return tuple(
-        law.shift(end.y, own, dy, at)
-        for law, own, at in zip(laws, end.memory, end.branches, strict=True)
+        law.shift(end.y, law_memory, dy, at)
+        for law, law_memory, at in zip(laws, end.memory, end.branches, strict=True)
     )
 
 

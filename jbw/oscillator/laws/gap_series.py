@@ -17,7 +17,7 @@ from jax.lax import stop_gradient
 from jaxtyping import Array, Bool, Complex, Float
 
 from jbw.oscillator import generic
-from jbw.oscillator.kinks import Ends, StepPath, kept, kink_impulse, signed, slope_jump_impulse
+from jbw.oscillator.kinks import Ends, StepPath, barrier, kink_impulse, signed, slope_jump_impulse
 from jbw.oscillator.law import Bounds, Law, Loop, Monomial, Scales, Threshold
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
 from jbw.oscillator.laws.gap_move import Memory, moved, unloading
@@ -86,11 +86,11 @@ class GapSeries(Law):
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
         """Of the element as for Bouc-Wen's law, but as stiff as no part of omega_n^2 could be."""
-        own, square = BoucWenLaw.prior(scales), scales.omega_n**2
+        element_bounds, square = BoucWenLaw.prior(scales), scales.omega_n**2
         return {
             "gap_stiffness": (1e-3 * square, STIFFEST[scales.forced] * square),
-            "gap_softening": own["delta"],
-            "gap_opening": own["gamma"],
+            "gap_softening": element_bounds["delta"],
+            "gap_opening": element_bounds["gamma"],
             "gap": (WIDTH[0] * scales.y_peak, WIDTH[1] * scales.y_peak),
         }
 
@@ -163,8 +163,8 @@ class GapSeries(Law):
         self, y: Scalar, memory: Memory, dy: Scalar, branch: Contact
     ) -> tuple[Memory, Bool[Array, "..."]]:
         """After a step without a turn, and whether it released the element or made contact."""
-        found = moved(self, memory, dy)
-        return found.memory, found.released | found.met
+        gap_move = moved(self, memory, dy)
+        return gap_move.memory, gap_move.released | gap_move.met
 
     def turn(
         self, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
@@ -185,8 +185,8 @@ class GapSeries(Law):
         before = self._slope(at_turn[0], self.branch(ends[0], at_turn))
         after = self._slope(at_turn[0], self.branch(ends[1], at_turn))
         jump = jnp.where(path.turns, after - before, 0.0)
-        found = kink_impulse(1.0 - path.fraction, jump * path.bend, jump * 6.0 * path.cubic.c_3)
-        impulse_v, impulse_y = found.v, found.y
+        impulse = kink_impulse(1.0 - path.fraction, jump * path.bend, jump * 6.0 * path.cubic.c_3)
+        impulse_v, impulse_y = impulse.v, impulse.y
         opposite = self.gap_opening - self.gap_softening, self.gap_opening + self.gap_softening
         for way, start, here in ((first, 0.0, True), (second, path.before, False)):
             side = signed(1.0, direction if here else path.after)
@@ -196,7 +196,7 @@ class GapSeries(Law):
             )
             for happens, travel, sign, c in kinks:
                 target = start + side * jnp.where(happens, travel, 0.0)
-                s = kept(jnp.where(happens, path.passage(target, first=here), 1.0))
+                s = barrier(jnp.where(happens, path.passage(target, first=here), 1.0))
                 v, a, twist = path.cubic.slope(s), path.cubic.bend(s), 6.0 * path.cubic.c_3
                 scale = jnp.where(happens, sign * self.gap_stiffness, 0.0)
                 more = slope_jump_impulse(
@@ -205,7 +205,7 @@ class GapSeries(Law):
                     scale * (a - c * v**2),
                     scale * (twist - 3.0 * c * v * a + c**2 * v**3),
                 )
-                impulse_v, impulse_y = kept((impulse_v + more[0], impulse_y + more[1]))
+                impulse_v, impulse_y = barrier((impulse_v + more[0], impulse_y + more[1]))
         return second.memory, impulse_v, impulse_y
 
     def shift(self, y: Scalar, memory: Memory, dy: Scalar, branch: Contact) -> Memory:
@@ -229,12 +229,15 @@ class GapSeries(Law):
         y_peak = jnp.asarray(y_peak, float)
         peak = jnp.where(y_peak > self.gap, y_peak, 1.0)
         acts = y_peak > self.gap
-        own = self.element.loop(jnp.where(acts, peak - self.gap, 0.0))
-        energy = own.energy(jnp.where(acts, peak - self.gap, 0.0))
+        element_loop = self.element.loop(jnp.where(acts, peak - self.gap, 0.0))
+        energy = element_loop.energy(jnp.where(acts, peak - self.gap, 0.0))
         tip = self.at_tip(jnp.where(acts, peak, 0.0))
         release = unloading(self, tip[0])
-        places = stop_gradient((peak - release, peak - release - 2.0 * self.gap))
-        angles = [jnp.arccos(jnp.clip(place / stop_gradient(peak), -1.0, 1.0)) for place in places]
+        displacements = stop_gradient((peak - release, peak - release - 2.0 * self.gap))
+        angles = [
+            jnp.arccos(jnp.clip(displacement / stop_gradient(peak), -1.0, 1.0))
+            for displacement in displacements
+        ]
         theta, weights = gauss_legendre_between(_NODES, jnp.zeros_like(peak), *angles, jnp.pi)
         column = [x[..., None] for x in jnp.broadcast_arrays(peak, tip[0], tip[1])]
         force = self._falling(column[0] * (1.0 - jnp.cos(theta)), (column[1], column[2]))
@@ -258,8 +261,8 @@ class GapSeries(Law):
         peak = synthesis(q, start)
         tip = self.at_tip(peak)
         release = unloading(self, tip[0])
-        places = stop_gradient((peak - release, peak - release - 2.0 * self.gap))
-        breaks = (angle_of(fixed, start, place) for place in places)
+        displacements = stop_gradient((peak - release, peak - release - 2.0 * self.gap))
+        breaks = (angle_of(fixed, start, displacement) for displacement in displacements)
         num_nodes = _NODES + _NODES_PER_HARMONIC * q.shape[0]
         theta, weights = gauss_legendre_between(num_nodes, start, *breaks, start + jnp.pi)
         y: Float[Array, " node"] = jnp.sum(exponentials(theta, q.shape[0]) * q, -1).real

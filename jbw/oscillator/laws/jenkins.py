@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jax.lax import stop_gradient
 from jaxtyping import Array, Bool, Complex, Float
 
-from jbw.oscillator.kinks import Ends, StepPath, kept, kink_impulse, signed, slope_jump_impulse
+from jbw.oscillator.kinks import Ends, StepPath, barrier, kink_impulse, signed, slope_jump_impulse
 from jbw.oscillator.law import Bounds, Law, Loop, Monomial, Scales, Threshold
 from jbw.oscillator.parameters import Conversion, Material, Scalar, of_opensees
 from jbw.oscillator.steady.waveform import (
@@ -21,8 +21,8 @@ from jbw.oscillator.steady.waveform import (
 )
 from jbw.quantities import Quantity
 
-# The first slip is looked for between these parts of the largest displacement, the others from
-# there on up by ratios of at least one, so that no two sliders may change places. The ratios
+# The prior of the first slip is between these fractions of the largest displacement, of the others
+# from there up by ratios of at least one, so that sliders cannot be interchanged. The ratios
 # together span as much; a slider that never slips is a linear spring.
 SLIP = (0.02, 2.0)
 SHARE = (0.002, 0.5)  # of the stiffness, all sliders together
@@ -90,8 +90,8 @@ class Jenkins(Law):
         """The array of stiffness_1, slip_1, stiffness_2, slip_ratio_2 (or slip_2 itself), ..."""
         phi = [theta["slip_1"]]
         for i in range(2, len(cls.table) // 2 + 1):
-            own = f"slip_{i}"
-            phi.append(theta[own] if own in theta else phi[-1] * theta[f"slip_ratio_{i}"])
+            slip = f"slip_{i}"
+            phi.append(theta[slip] if slip in theta else phi[-1] * theta[f"slip_ratio_{i}"])
         return cls(tuple(theta[f"stiffness_{i}"] for i in range(1, len(phi) + 1)), tuple(phi))
 
     def parameters(self) -> dict[str, Any]:
@@ -189,23 +189,23 @@ class Jenkins(Law):
         start = jnp.where(ends[0] == 0.0, ends[1], ends[0])
         # All sliders at once: one by one they take several times as long to compile.
         alpha, phi, x = (jnp.stack(part) for part in (self.alpha, self.phi, memory))
-        there = kept(jnp.clip(x + path.before, -phi, phi))
-        slid = signed(there, start) >= phi
+        at_turn = barrier(jnp.clip(x + path.before, -phi, phi))
+        slid = signed(at_turn, start) >= phi
         first = slid & (signed(x, start) < phi), path.passage(signed(phi, start) - x, first=True)
-        last = kept(jnp.clip(there + path.after, -phi, phi))
-        again = path.turns & (signed(last, ends[1]) >= phi)
-        place = path.before + signed(phi, ends[1]) - there
+        last = barrier(jnp.clip(at_turn + path.after, -phi, phi))
+        slips_again = path.turns & (signed(last, ends[1]) >= phi)
+        place = path.before + signed(phi, ends[1]) - at_turn
         regained = jnp.where(path.turns & slid, alpha, 0.0)
         turned = kink_impulse(1.0 - path.fraction, regained * path.bend, 0.0)
         impulse_v, impulse_y = turned.v, turned.y
         # Slip begins: the slope of r falls by alpha. It ends where the motion turns.
-        for begins, s in (first, (again, path.passage(place, first=False))):
-            s = kept(jnp.where(begins, s, 1.0))
+        for begins, s in (first, (slips_again, path.passage(place, first=False))):
+            s = barrier(jnp.where(begins, s, 1.0))
             lost = jnp.where(begins, -alpha, 0.0)
             v, dy = slope_jump_impulse(
                 1.0 - s, lost * path.cubic.slope(s), lost * path.cubic.bend(s)
             )
-            impulse_v, impulse_y = kept((impulse_v + v, impulse_y + dy))
+            impulse_v, impulse_y = barrier((impulse_v + v, impulse_y + dy))
         return tuple(last), jnp.sum(impulse_v), jnp.sum(impulse_y)
 
     def shift(
@@ -254,8 +254,8 @@ class Jenkins(Law):
         num_nodes = _NODES + _NODES_PER_HARMONIC * q.shape[0]
         total = jnp.zeros_like(q)
         for alpha, phi in zip(self.alpha, self.phi, strict=True):
-            begin, again = stop_gradient((start, angle_of(q, start, peak - 2.0 * phi)))
-            theta, weights = gauss_legendre_between(num_nodes, begin, again, begin + jnp.pi)
+            begin, slip_angle = stop_gradient((start, angle_of(q, start, peak - 2.0 * phi)))
+            theta, weights = gauss_legendre_between(num_nodes, begin, slip_angle, begin + jnp.pi)
             basis = exponentials(theta, q.shape[0])
             r = self._unloading(phi, peak, jnp.sum(basis * q, -1).real)
             total = total + alpha * ((weights * r) @ basis.conj())

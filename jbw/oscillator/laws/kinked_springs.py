@@ -8,7 +8,7 @@ from jax.lax import stop_gradient
 from jaxtyping import Array, Bool, Complex, Float
 
 from jbw.oscillator import generic
-from jbw.oscillator.kinks import Ends, StepPath, kept, signed, slope_jump_impulse
+from jbw.oscillator.kinks import Ends, StepPath, barrier, signed, slope_jump_impulse
 from jbw.oscillator.law import Bounds, Loop, Scales, Threshold
 from jbw.oscillator.laws.springs import MOST_SHARE, Spring
 from jbw.oscillator.parameters import (
@@ -68,7 +68,7 @@ class KinkedSpring(Spring):
     ) -> tuple[tuple[()], Bool[Array, "..."]]:
         """Whether the step leads through a corner."""
         passed = ((y > corner.y) != (y + dy > corner.y) for corner in self.corners())
-        return (), jnp.any(jnp.stack([jnp.asarray(each) for each in passed]), 0)
+        return (), jnp.any(jnp.stack([jnp.asarray(crossed) for crossed in passed]), 0)
 
     def turn(
         self, y: Scalar, memory: tuple[()], ends: Ends, quartic: Scalar
@@ -82,13 +82,13 @@ class KinkedSpring(Spring):
         """
         path = StepPath.through(ends, quartic)
         cubic = path.cubic
-        corner = Corner(*(jnp.stack([jnp.asarray(x) for x in each])
-                          for each in zip(*self.corners(), strict=True)))  # fmt: skip
+        corner = Corner(*(jnp.stack([jnp.asarray(x) for x in column])
+                          for column in zip(*self.corners(), strict=True)))  # fmt: skip
         top = y + path.before
         impulse_v, impulse_y = 0.0, 0.0
         for first, start, stop in ((True, y, top), (False, top, y + ends[2])):
             passes = (start > corner.y) != (stop > corner.y)
-            s = kept(jnp.where(passes, path.passage(corner.y - y, first=first), 1.0))
+            s = barrier(jnp.where(passes, path.passage(corner.y - y, first=first), 1.0))
             v, a, twist = cubic.slope(s), cubic.bend(s), 6.0 * cubic.c_3
             slope, curvature = (
                 jnp.where(passes, signed(jump, stop - start), 0.0) for jump in corner[1:]
@@ -99,7 +99,7 @@ class KinkedSpring(Spring):
                 slope * a + curvature * v**2,
                 slope * twist + 3.0 * curvature * v * a,
             )
-            impulse_v, impulse_y = kept((impulse_v + on_v, impulse_y + on_y))
+            impulse_v, impulse_y = barrier((impulse_v + on_v, impulse_y + on_y))
         return (), jnp.sum(impulse_v), jnp.sum(impulse_y)
 
     # -- along a periodic motion -------------------------------------------------------------------
@@ -111,8 +111,8 @@ class KinkedSpring(Spring):
             return generic.harmonics_by_moves(self, q, max_turns)
         fixed = stop_gradient(q)
         start = crest(fixed)
-        places = (stop_gradient(jnp.asarray(corner.y, float)) for corner in self.corners())
-        breaks = (angle_of(fixed, start, place) for place in places)
+        displacements = (stop_gradient(jnp.asarray(corner.y, float)) for corner in self.corners())
+        breaks = (angle_of(fixed, start, displacement) for displacement in displacements)
         num_nodes = _NODES + _NODES_PER_HARMONIC * q.shape[0]
         theta, weights = gauss_legendre_between(num_nodes, start, *breaks, start + jnp.pi)
         basis = exponentials(theta, q.shape[0])

@@ -15,13 +15,13 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
 from jbw.oscillator.kinks import (
-    Cubic,
+    CubicPath,
     Ends,
     KinkImpulse,
     PathSlopes,
+    barrier,
     hermite,
     hermite_basis,
-    kept,
     kink_impulse,
     passage,
     signed,
@@ -45,7 +45,7 @@ class _Kinked(NamedTuple):
 class _Motion(NamedTuple):
     """Path of a step, where it turns and how sharply, and the two moves along it."""
 
-    path: Cubic
+    path: CubicPath
     turns: Bool[Array, "..."]
     fraction: Scalar
     sharpness: Scalar
@@ -71,7 +71,7 @@ def _kinked_step_jvp(primals, tangents):
 
     def total(value, slopes):
         # All results scale with (alpha, z).
-        by_alpha = kept((value - z * slopes[2]) / alpha)
+        by_alpha = barrier((value - z * slopes[2]) / alpha)
         return by_alpha * alpha_dot + sum(s * x for s, x in zip(slopes, dots, strict=True))
 
     return values, tuple(total(*pair) for pair in zip(values, slopes, strict=True))
@@ -88,7 +88,7 @@ def _kinked(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> _Kinked:
         law, ends, motion, turn_slopes, sharpness_slopes, fraction_slopes
     )
     zero, zero_impulses = _zero_impulse(law, z, motion, end_slopes)
-    impulses = (kept(_sum(*pair)) for pair in zip(turn_impulses, zero_impulses, strict=True))
+    impulses = (barrier(_sum(*pair)) for pair in zip(turn_impulses, zero_impulses, strict=True))
     return _Kinked((z_1, turn.v + zero.v, turn.y + zero.y), (end_slopes, *impulses))
 
 
@@ -96,10 +96,10 @@ def _motion(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> _Motion:
     """Where the path turns, and z along it."""
     start, end, rise = ends
     turns = jnp.asarray(start * end < 0.0)
-    path = kept(hermite(*ends))
+    path = barrier(hermite(*ends))
     fraction, sharpness = turning_point(turns, path)
     weight = (fraction * (1.0 - fraction)) ** 2
-    before = kept(jnp.where(turns, path.move(fraction) + quartic * weight, rise))
+    before = barrier(jnp.where(turns, path.move(fraction) + quartic * weight, rise))
     directions = jnp.where(start == 0.0, end, start), end
     moves = two_moves(*law, z, (before, rise - before), directions)
     return _Motion(path, turns, fraction, sharpness, moves)
@@ -113,8 +113,8 @@ def _turn_slopes(
     The cubic being flat there, its move depends on the path alone and not on where it turns.
     """
     move, slope, bend = hermite_basis(motion.fraction)
-    per_bend = kept(jnp.where(motion.turns, signed(1.0 / motion.sharpness, ends[0]), 0.0))
-    fraction = PathSlopes(*kept(tuple(per_bend * x for x in slope)))
+    per_bend = barrier(jnp.where(motion.turns, signed(1.0 / motion.sharpness, ends[0]), 0.0))
+    fraction = PathSlopes(*barrier(tuple(per_bend * x for x in slope)))
     sign = -signed(1.0, ends[0])
     twist = 6.0 * motion.path.c_3
     sharpness = (sign * (b + twist * f) for b, f in zip(bend, fraction, strict=True))
@@ -124,9 +124,9 @@ def _turn_slopes(
     move = (m + shift * f for m, f in zip(move, fraction, strict=True))
     return (
         fraction,
-        PathSlopes(*kept(tuple(sharpness))),
-        PathSlopes(*kept(tuple(move))),
-        kept(weight**2),
+        PathSlopes(*barrier(tuple(sharpness))),
+        PathSlopes(*barrier(tuple(move))),
+        barrier(weight**2),
     )
 
 
@@ -135,7 +135,7 @@ def _along(moves: MoveSlopes, by_path: PathSlopes, by_quartic: Scalar) -> Slopes
     delta, gamma, z, first, second = moves
     more = first - second
     start, end, rise = (more * x for x in by_path)
-    return kept((delta, gamma, z, start, end, rise + second, more * by_quartic))
+    return barrier((delta, gamma, z, start, end, rise + second, more * by_quartic))
 
 
 def _turn_impulse(
@@ -150,7 +150,7 @@ def _turn_impulse(
     gamma, z = law[2], motion.moves.turn
     twice = jnp.where(motion.turns, -2.0, 0.0)
     sharpness, twist = motion.sharpness, signed(6.0 * motion.path.c_3, ends[1])
-    found = kink_impulse(
+    impulse = kink_impulse(
         1.0 - motion.fraction, twice * gamma * sharpness * z, twice * gamma * twist * z
     )
     six = signed(6.0, ends[1])
@@ -161,7 +161,7 @@ def _turn_impulse(
         by_z = twice * gamma * (by_2 * sharpness + by_3 * twist)
         by_gamma = twice * z * (by_2 * sharpness + by_3 * twist)
         by_2, by_3 = twice * gamma * z * by_2, twice * gamma * z * by_3
-        by_z, by_gamma, by_2, by_3 = kept((by_z, by_gamma, by_2, by_3))
+        by_z, by_gamma, by_2, by_3 = barrier((by_z, by_gamma, by_2, by_3))
         delta, gamma_, z_, *path, quartic = (by_z * x for x in z_slopes)
         path = (
             p + by_2 * a + by_3 * b - by_fraction * s
@@ -171,7 +171,7 @@ def _turn_impulse(
         )
         return delta, gamma_ + by_gamma, z_, *path, quartic
 
-    return found, (by_path(found.v_slopes), by_path(found.y_slopes))
+    return impulse, (by_path(impulse.v_slopes), by_path(impulse.y_slopes))
 
 
 def _zero_impulse(
@@ -182,25 +182,25 @@ def _zero_impulse(
     path, z_1 = motion.path, motion.moves.end
     crosses = z * z_1 < 0.0
     steady = crosses & ~motion.turns
-    share = kept(1.0 / jnp.where(crosses, z - z_1, 1.0))
+    share = barrier(1.0 / jnp.where(crosses, z - z_1, 1.0))
     s = passage(steady, path, z * share, motion.moves.zero)  # pyright: ignore[reportArgumentType]
-    speed, bend = kept((path.slope(s), path.bend(s)))
+    speed, bend = barrier((path.slope(s), path.bend(s)))
     size = jnp.abs(speed)
     twice = jnp.where(crosses, -2.0 * alpha, 0.0)
     shape_2, shape_3 = speed * size, 3.0 * size * bend - 2.0 * gamma * speed**3
-    shape_2, shape_3 = kept((twice * shape_2, twice * shape_3))
-    found = kink_impulse(1.0 - s, delta * shape_2, delta * shape_3)
+    shape_2, shape_3 = barrier((twice * shape_2, twice * shape_3))
+    impulse = kink_impulse(1.0 - s, delta * shape_2, delta * shape_3)
 
     # Where z passes zero: on the exact map if the path does not turn, else on a chord of z.
-    move_basis, slope_basis, bend_basis = (kept(tuple(b)) for b in hermite_basis(s))
-    per_speed = kept(jnp.where(steady, 1.0 / jnp.where(steady, speed, 1.0), 0.0))
+    move_basis, slope_basis, bend_basis = (barrier(tuple(b)) for b in hermite_basis(s))
+    per_speed = barrier(jnp.where(steady, 1.0 / jnp.where(steady, speed, 1.0), 0.0))
     chord = jnp.where(steady, 0.0, share**2)
     zero = motion.moves.zero_slopes
     targets = (zero.delta, zero.gamma, zero.z, *(-x for x in move_basis), 0.0)
     s_slopes = tuple(
         per_speed * a + chord * z * b for a, b in zip(targets, end_slopes, strict=True)
     )
-    s_slopes = kept((*s_slopes[:2], s_slopes[2] - chord * z_1, *s_slopes[3:]))
+    s_slopes = barrier((*s_slopes[:2], s_slopes[2] - chord * z_1, *s_slopes[3:]))
     scale = twice * delta
 
     def by_all(weights):
@@ -210,7 +210,7 @@ def _zero_impulse(
         )
         by_bend = scale * by_3 * 3.0 * size
         by_s = by_speed * bend + by_bend * 6.0 * path.c_3 - by_fraction
-        by_speed, by_bend, by_s = kept((by_speed, by_bend, by_s))
+        by_speed, by_bend, by_s = barrier((by_speed, by_bend, by_s))
         by_delta, by_gamma, by_z, *by_path, by_quartic = (by_s * x for x in s_slopes)
         by_path = (
             x + by_speed * a + by_bend * b
@@ -220,7 +220,7 @@ def _zero_impulse(
         by_gamma = by_gamma - 2.0 * scale * by_3 * speed**3
         return by_delta, by_gamma, by_z, *by_path, by_quartic
 
-    return found, (by_all(found.v_slopes), by_all(found.y_slopes))
+    return impulse, (by_all(impulse.v_slopes), by_all(impulse.y_slopes))
 
 
 def _sum(first: Sequence[Scalar], second: Sequence[Scalar]) -> Slopes:

@@ -19,7 +19,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float
 
-from jbw.oscillator.kinks import Ends, StepPath, kept, kink_impulse, slope_jump_impulse
+from jbw.oscillator.kinks import Ends, StepPath, barrier, kink_impulse, slope_jump_impulse
 from jbw.oscillator.law import Law, Loop
 from jbw.oscillator.laws.masing_loop import steady_force, steady_harmonics, steady_loop
 from jbw.oscillator.laws.reversals import (
@@ -113,10 +113,10 @@ class Masing(Law):
 
     def refreshed(self, y: Scalar, memory: Branch) -> Branch:
         """The branch and the force at y found anew from the reversals."""
-        found = branch_of(memory.sense, memory.stack)
-        force, slope = self._on_branch(found, y)
+        branch = branch_of(memory.sense, memory.stack)
+        force, slope = self._on_branch(branch, y)
         moved = memory.stack.count > 0.5
-        return found._replace(
+        return branch._replace(
             force=jnp.where(moved, force, memory.force), slope=jnp.where(moved, slope, 0.0)
         )
 
@@ -127,7 +127,7 @@ class Masing(Law):
 
     def memory_unit(self, omega_n: Scalar) -> Branch:
         """A force over omega_n and a displacement times omega_n are velocities."""
-        # What only counts, or follows from the rest, weighs little; a power of two rounds nothing.
+        # Counters and dependent entries have a small weight; a power of two causes no rounding.
         small = 2.0**-10 + 0.0 * omega_n
         none = 0.0 * omega_n  # `missed` counts on
         stack = Stack(small, small, none, (omega_n,) * self.depth, (1.0 / omega_n,) * self.depth)
@@ -181,9 +181,9 @@ class Masing(Law):
         """A monotone move."""
         sense, stack = headed(memory.sense, memory.stack, y, memory.force, dy)
         begin = branch_of(sense, stack)._replace(force=memory.force)
-        begin, stack = kept((begin, stack))
+        begin, stack = barrier((begin, stack))
         stack, popped, closure = closed(sense, stack, y + dy)
-        end = kept(self.refreshed(y + dy, branch_of(sense, stack)._replace(force=memory.force)))
+        end = barrier(self.refreshed(y + dy, branch_of(sense, stack)._replace(force=memory.force)))
         return _Move(begin, end, popped, closure)
 
     # -- through a time step -----------------------------------------------------------------------
@@ -216,17 +216,17 @@ class Masing(Law):
     ) -> tuple[Branch, Scalar, Scalar]:
         """Two moves, before and after the turning point, and the impulses of their kinks."""
         start, end, rise = ends
-        # A start against the sense is a rest of the corrector's: too short for a turn of its own.
+        # A start against the sense is a residue of the corrector: too short for a turn.
         strays = (memory.sense * start <= 0.0) & (start * end < 0.0)
         path = StepPath.through((jnp.where(strays, 0.0, start), end, rise), quartic)
         first = self._moved(y, memory, path.before)
         last = self.move(y + path.before, first.end, path.after)
         # The slope of the turn's new branch is that of rest.
         jump = jnp.where(path.turns, -first.end.slope, 0.0)
-        found = kink_impulse(1.0 - path.fraction, jump * path.bend, jump * 6.0 * path.cubic.c_3)
-        impulse_v, impulse_y = found.v, found.y
+        impulse = kink_impulse(1.0 - path.fraction, jump * path.bend, jump * 6.0 * path.cubic.c_3)
+        impulse_v, impulse_y = impulse.v, impulse.y
         for more_v, more_y in self._kinks(y, path, first):
-            impulse_v, impulse_y = kept((impulse_v + more_v, impulse_y + more_y))
+            impulse_v, impulse_y = barrier((impulse_v + more_v, impulse_y + more_y))
         return last, impulse_v, impulse_y
 
     def shift(self, y: Scalar, memory: Branch, dy: Scalar, branch: tuple) -> Branch:
@@ -293,7 +293,7 @@ def _slope_jump(
     path: StepPath, target: Scalar, slope: Scalar, curvature: Scalar = 0.0
 ) -> tuple[Scalar, Scalar]:
     """Impulses where the slope of the force jumps on the way to the turning point."""
-    s = kept(path.passage(target, first=True))
+    s = barrier(path.passage(target, first=True))
     speed = path.cubic.slope(s)
     return slope_jump_impulse(
         1.0 - s, slope * speed, slope * path.cubic.bend(s) + curvature * speed**2

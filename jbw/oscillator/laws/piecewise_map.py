@@ -17,7 +17,7 @@ from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Bool
 from numpy.polynomial import Chebyshev, Polynomial
 
-from jbw.oscillator.kinks import kept, signed
+from jbw.oscillator.kinks import barrier, signed
 from jbw.oscillator.parameters import Scalar
 
 
@@ -57,18 +57,18 @@ def saturation(x: Scalar) -> Scalar:
 def _far_saturation(x: Scalar) -> Scalar:
     """P(x) for |x| <= 4, through P(2x) = P(x) (1 - x P(x)/2)."""
     x = 0.25 * x
-    p = kept(saturation(x))
+    p = barrier(saturation(x))
     p = p * (1.0 - 0.5 * x * p)
-    return kept(p * (1.0 - x * p))
+    return barrier(p * (1.0 - x * p))
 
 
 def saturation_slope(x: Scalar) -> Scalar:
     """P'(x) for |x| <= 4, through 2 P'(2x) = P'(x) (1 - x P(x)) - P(x)^2/2."""
     x = 0.25 * x
-    p, slope = kept((saturation(x), _polynomial(_P_SLOPE, x)))
+    p, slope = barrier((saturation(x), _polynomial(_P_SLOPE, x)))
     slope = 0.5 * slope * (1.0 - x * p) - 0.25 * p**2
     p = p * (1.0 - 0.5 * x * p)
-    return kept(0.5 * slope * (1.0 - 2.0 * x * p) - 0.25 * p**2)
+    return barrier(0.5 * slope * (1.0 - 2.0 * x * p) - 0.25 * p**2)
 
 
 def smooth_move(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> Scalar:
@@ -87,7 +87,7 @@ def segment(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> tuple[Scalar, Sc
       \partial_c z_1 = (\alpha - c z)\,dy^2 P'(c\,dy) - z\phi$$
     """
     phi = dy * _far_saturation(c * dy)
-    return kept((z + (alpha - c * z) * phi, phi))
+    return barrier((z + (alpha - c * z) * phi, phi))
 
 
 @jax.custom_jvp
@@ -102,8 +102,8 @@ def distance(c: Scalar, w: Scalar) -> Scalar:
     q_2 = jnp.sqrt(1.0 - c * w)
     q = jnp.sqrt(q_2)
     scale = 1.0 / ((1.0 + q) ** 2 * (1.0 + q_2))
-    scale = kept(scale)
-    return kept(8.0 * w * scale * _polynomial(_ATANH, (c * w * scale) ** 2))
+    scale = barrier(scale)
+    return barrier(8.0 * w * scale * _polynomial(_ATANH, (c * w * scale) ** 2))
 
 
 @partial(distance.defjvp, symbolic_zeros=True)
@@ -121,7 +121,7 @@ def _distance_jvp(primals, tangents):
 def _total(out: Scalar, tangents: tuple, *partials: Callable[[], Scalar]) -> Scalar:
     """Total derivative: only the partial derivatives that are asked for are computed."""
     terms = [
-        kept(derivative()) * tangent
+        barrier(derivative()) * tangent
         for derivative, tangent in zip(partials, tangents, strict=True)
         if not isinstance(tangent, SymbolicZero)
     ]
@@ -197,20 +197,20 @@ def two_moves(
         for part, length in ((a, length_a), (b, length_b), (c, c.length))
     )
     # Slope of the signed distance to zero by the force there: 1/(alpha - c z).
-    per_start = kept(1.0 / jnp.where(early, alpha - a.c * z, 1.0))
-    per_turn = kept(1.0 / jnp.where(late, alpha - b.c * a.end, 1.0))
-    slope_b, slope_c = kept((alpha - b.c * b.end, alpha - c.c * c.end))
+    per_start = barrier(1.0 / jnp.where(early, alpha - a.c * z, 1.0))
+    per_turn = barrier(1.0 / jnp.where(late, alpha - b.c * a.end, 1.0))
+    slope_b, slope_c = barrier((alpha - b.c * b.end, alpha - c.c * c.end))
     zero_a = alpha * bend_a * per_start
-    by_a = kept(jnp.where(early, -slope_b * zero_a, (alpha - a.c * z) * bend_a - z * a.phi))
-    by_z = kept(jnp.where(early, slope_b * per_start, 1.0 - a.c * a.phi))
-    by_first = kept(jnp.where(early, slope_b, alpha - a.c * a.end))
+    by_a = barrier(jnp.where(early, -slope_b * zero_a, (alpha - a.c * z) * bend_a - z * a.phi))
+    by_z = barrier(jnp.where(early, slope_b * per_start, 1.0 - a.c * a.phi))
+    by_first = barrier(jnp.where(early, slope_b, alpha - a.c * a.end))
     own_b = (alpha - b.c * b.start) * bend_b - b.start * b.phi
-    turn_b = kept(jnp.where(early, own_b, 0.0))
+    turn_b = barrier(jnp.where(early, own_b, 0.0))
     after = jnp.where(early, 1.0 - c.c * c.phi, 1.0 - b.c * b.phi)
-    after = kept(jnp.where(late, slope_c * per_turn, after))
+    after = barrier(jnp.where(late, slope_c * per_turn, after))
     end_b = jnp.where(late, -slope_c * alpha * bend_b * per_turn, own_b)
-    end_b = kept(jnp.where(early, after * own_b, end_b))
-    end_c = kept((alpha - c.c * c.start) * bend_c - c.start * c.phi)
+    end_b = barrier(jnp.where(early, after * own_b, end_b))
+    end_c = barrier((alpha - c.c * c.start) * bend_c - c.start * c.phi)
     none = jnp.zeros_like(by_z)
     return TwoMoves(
         jnp.where(early, b.end, a.end),
@@ -231,7 +231,7 @@ def _by_law(*terms: tuple[_Segment, Scalar]) -> Pair:
     """Derivatives by delta and gamma from those by the constants c of the segments."""
     by_delta = sum((part.delta_sign * by_c for part, by_c in terms), 0.0)
     by_gamma = sum((part.gamma_sign * by_c for part, by_c in terms), 0.0)
-    return kept((by_delta, by_gamma))
+    return barrier((by_delta, by_gamma))
 
 
 def _segments(
@@ -242,7 +242,7 @@ def _segments(
     """  # noqa: D205
 
     def along(gamma_sign, delta_sign, start, length):
-        c = kept(gamma_sign * gamma + delta_sign * delta)
+        c = barrier(gamma_sign * gamma + delta_sign * delta)
         end, phi = segment(alpha, c, start, length)
         return _Segment(gamma_sign, delta_sign, c, start, length, end, phi)
 
@@ -251,7 +251,7 @@ def _segments(
     early = jnp.asarray(z * a.end < 0.0)
     sign_b = jnp.where(early, first, second), jnp.where(early, first, signed(1.0, a.end))
     # Signed distance from zero to a.end along the first segment's branch, or the second's.
-    c_zero = kept(jnp.where(early, a.c, sign_b[0] * gamma + sign_b[1] * delta))
+    c_zero = barrier(jnp.where(early, a.c, sign_b[0] * gamma + sign_b[1] * delta))
     heading_to_zero = early | (a.end * second < 0.0)
     past = distance(c_zero, jnp.where(heading_to_zero, a.end, 0.0) / alpha)
     b = along(*sign_b, jnp.where(early, 0.0, a.end), jnp.where(early, past, moves[1]))

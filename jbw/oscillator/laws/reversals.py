@@ -15,11 +15,11 @@ import jax.numpy as jnp
 from jax.lax import stop_gradient
 from jaxtyping import Array, Bool
 
-from jbw.oscillator.kinks import kept
+from jbw.oscillator.kinks import barrier
 from jbw.oscillator.parameters import Scalar
 
-SIZE = 10  # unless a law says more
-# A closure met to rounding is met: of the displacements that it is found from.
+SIZE = 10  # by default
+# A closure is met to this rounding, of the displacements that determine it.
 _ROUNDING = 1e-14
 
 # A tuple of scalars, or one array in a time loop, which must copy little.
@@ -131,7 +131,7 @@ def closed(sense: Scalar, stack: Stack, y: Scalar) -> tuple[Stack, Scalar, Scala
 
     shape = jnp.broadcast_shapes(*(jnp.shape(x) for x in (sense, stack.count, y, *stack.y)))
     begun = going_on(jnp.broadcast_to(fixed.count, shape))
-    count, _ = kept(jax.lax.while_loop(lambda at: jnp.any(at[1]), forget, begun))
+    count, _ = barrier(jax.lax.while_loop(lambda at: jnp.any(at[1]), forget, begun))
     popped = fixed.count - count
     in_pairs = popped == 2.0 * jnp.floor(0.5 * popped)
     place = jnp.where(in_pairs, _at(stack.y, count), _mirrored(stack.y))
@@ -162,10 +162,10 @@ def _at(entries: Entries, place: Scalar) -> Scalar:
     if not isinstance(entries, tuple):
         place = jnp.asarray(place, jnp.int32)
         return jax.lax.dynamic_index_in_dim(entries, place, keepdims=False)
-    found = entries[0]
+    chosen = entries[0]
     for i, entry in enumerate(entries[1:], 1):
-        found = jnp.where(place > i - 0.5, entry, found)
-    return found
+        chosen = jnp.where(place > i - 0.5, entry, chosen)
+    return chosen
 
 
 def _replaced(entries: Entries, chosen: Callable[[Any], Any], value: Scalar) -> Entries:

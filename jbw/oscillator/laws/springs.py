@@ -11,7 +11,7 @@ from jaxtyping import Array, Complex, Float
 
 from jbw.errors import ModelError
 from jbw.oscillator.checks import is_concrete
-from jbw.oscillator.kinks import kept
+from jbw.oscillator.kinks import barrier
 from jbw.oscillator.law import Bounds, Law, Loop, Scales
 from jbw.oscillator.parameters import Restoring, Scalar
 from jbw.oscillator.steady.waveform import odd_harmonics, synthesis
@@ -38,7 +38,7 @@ class Spring(Law):
         self, h: Scalar, y: Scalar, v: Scalar, memory: tuple[()], branch: tuple[()]
     ) -> tuple[Scalar, Scalar]:
         """The force f(y), and h times its rate f'(y) v."""
-        return kept(jax.jvp(self, (y,), (h * v,)))
+        return barrier(jax.jvp(self, (y,), (h * v,)))
 
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int
@@ -82,11 +82,11 @@ class Spring(Law):
             return None
         for y in _PROBES:
             with jax.ensure_compile_time_eval():  # of constants under jit, too
-                there, back = self(y), self(-y)
-            if not is_concrete(there, back):  # a function that holds a traced number in itself
+                plus, minus = self(y), self(-y)
+            if not is_concrete(plus, minus):  # a function that holds a traced number in itself
                 return None
-            there, back = np.asarray(there), np.asarray(back)
-            if not np.all(np.abs(there + back) <= 1e-9 * np.abs(there - back)):
+            plus, minus = np.asarray(plus), np.asarray(minus)
+            if not np.all(np.abs(plus + minus) <= 1e-9 * np.abs(plus - minus)):
                 return "f(-y) differs from -f(y)"
         return None
 

@@ -13,11 +13,11 @@ import jax.numpy as jnp
 
 from jbw.oscillator.adjoint import in_chunks
 from jbw.oscillator.modes.step import (
-    Given,
+    FreeMotion,
+    JointForces,
     ModalState,
     ModalStep,
     ModalStepping,
-    Seen,
     driven,
     freely,
     kernel,
@@ -48,7 +48,11 @@ def _march(stepping: ModalStepping, initial: ModalState) -> Trajectory:
 
     def packed(state: ModalState) -> ModalState:
         q, v, memory = state
-        return q, v, tuple(law.packed(own) for law, own in zip(laws, memory, strict=True))
+        return (
+            q,
+            v,
+            tuple(law.packed(law_memory) for law, law_memory in zip(laws, memory, strict=True)),
+        )
 
     def onward(state, powers):
         state = modal_advance(stepping.step, state, stepping.push(powers), branch=True)
@@ -57,7 +61,11 @@ def _march(stepping: ModalStepping, initial: ModalState) -> Trajectory:
     first = jax.tree.map(jnp.asarray, packed(initial))
     _, following = jax.lax.scan(onward, first, stepping.pieces)
     q, v, memory = _joined(first, following)
-    return q, v, tuple(law.unpacked(own) for law, own in zip(laws, memory, strict=True))
+    return (
+        q,
+        v,
+        tuple(law.unpacked(law_memory) for law, law_memory in zip(laws, memory, strict=True)),
+    )
 
 
 def _joined(first: Any, following: Any) -> Any:
@@ -89,23 +97,26 @@ def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, 
     arguments = (*seen, *memories)
 
     def joint(constants, arguments):
-        given, after = kernel(
-            constants, Seen(*arguments[:5]), jax.tree.unflatten(tree, arguments[5:]), branch=False
+        joint_forces, after = kernel(
+            constants,
+            FreeMotion(*arguments[:5]),
+            jax.tree.unflatten(tree, arguments[5:]),
+            branch=False,
         )
-        return (*given, *jax.tree.leaves(after))
+        return (*joint_forces, *jax.tree.leaves(after))
 
-    found, by_arguments = jax.linearize(lambda arguments: joint(step.joint, arguments), arguments)
+    outputs, by_arguments = jax.linearize(lambda arguments: joint(step.joint, arguments), arguments)
     none, unit = jnp.zeros_like(q[0]), jnp.ones_like(q[0])
     size = len(arguments)
     columns = tuple(
         by_arguments(tuple(unit if i == j else none for i in range(size))) for j in range(size)
     )
     _, offset = jax.jvp(lambda c: joint(c, arguments), (step.joint,), (step_dot.joint,))
-    given = Given(*found[:6])
+    joint_forces = JointForces(*outputs[:6])
     # The step's own change of what the modes do with the joint's force.
     none_each = tuple(none for _ in q)
     _, post = jax.jvp(
-        lambda step: driven(step, none_each, none_each, none_each, none_each, given),
+        lambda step: driven(step, none_each, none_each, none_each, none_each, joint_forces),
         (step,),
         (step_dot,),
     )
@@ -126,11 +137,11 @@ def _recurrence(step: ModalStep, x_dot, inputs):
         for i, part in enumerate(offset)
     ]
     rise, gain = _added(rise, rise_by), _added(gain, gain_by)
-    ends = driven(step, q, v, rise, gain, Given(*after[:6]))
+    ends = driven(step, q, v, rise, gain, JointForces(*after[:6]))
     q, v = (_added(end, part) for end, part in zip(ends, post, strict=True))
     x_dot = q, v, jax.tree.unflatten(tree, after[6:])
     return x_dot, x_dot
 
 
-def _added(one: tuple, other: tuple) -> tuple:
-    return tuple(a + b for a, b in zip(one, other, strict=True))
+def _added(first: tuple, second: tuple) -> tuple:
+    return tuple(a + b for a, b in zip(first, second, strict=True))

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jbw.oscillator.hold import HeldInput
-from jbw.oscillator.kinks import kept
+from jbw.oscillator.kinks import barrier
 from jbw.oscillator.law import Law, Memory
 from jbw.oscillator.linear import impulse_moments
 from jbw.oscillator.modes.structure import Structure
@@ -40,7 +40,7 @@ ModalState = tuple[Coordinates, Coordinates, tuple[Memory, ...]]
 ModalPush = tuple[tuple[Any, ...], tuple[Any, ...], Any]
 
 
-class Mode(eqx.Module):
+class ModeStep(eqx.Module):
     """Constants of one mode's step; `on_y`, `on_v` weigh r, h r', the change of r and h r_1'."""
 
     h: Scalar
@@ -77,12 +77,12 @@ class ModalStep(eqx.Module):
     """Constants of a step of all modes; all leaves are scalars."""
 
     joint: JointStep
-    modes: tuple[Mode, ...]
+    modes: tuple[ModeStep, ...]
     input_gain: Scalar
 
 
-class Seen(NamedTuple):
-    """What the joint sees of the modes, without its own force in this step."""
+class FreeMotion(NamedTuple):
+    """Motion of the joint by the modes alone, without its own force in this step."""
 
     x: Scalar
     v: Scalar
@@ -91,8 +91,8 @@ class Seen(NamedTuple):
     gain: Scalar
 
 
-class Given(NamedTuple):
-    """What the joint gives to the modes: r, h r', the change of r, h r_1', and two impulses."""
+class JointForces(NamedTuple):
+    """What the joint does to the modes: r, h r', the change of r, h r_1', and two impulses."""
 
     r: Scalar
     rate: Scalar
@@ -130,7 +130,7 @@ class ModalStepping(eqx.Module):
     def pushed(self) -> Pushed:
         """Constants of the step, and what the input adds in every substep, by one product."""
         start = self.gain * np.eye(1, len(self.pieces))[0]
-        weights = [jnp.stack(one) for one in (*self.on_q, *self.on_v)]
+        weights = [jnp.stack(moments) for moments in (*self.on_q, *self.on_v)]
         rows = tuple(jnp.stack([*weights, start]) @ jnp.stack(self.pieces))
         count = len(self.on_q)
         return Pushed(self.step, (rows[:count], rows[count:-1], rows[-1]))
@@ -168,7 +168,7 @@ def _constants(structure: Structure, dt: Scalar) -> tuple[ModalStep, list[Array]
             tuple(-p * w for w in (r, s + a, d, b))
             for r, s, d, a, b in ((r_y, s_y, d_y, a_y, b_y), (r_v, s_v, d_v, a_v, b_v))
         )
-        modes.append(Mode(h, p, stiffness, damping, m.f_11, m.f_12, m.f_21, m.f_22, on_y, on_v))
+        modes.append(ModeStep(h, p, stiffness, damping, m.f_11, m.f_12, m.f_21, m.f_22, on_y, on_v))
         weights = (1.0, r_y, r_v, s_y, s_v, d_y, d_v, a_y, a_v, b_y, b_v)
         sums.append([h * p * w for w in weights])
         moments_y.append(m.y)
@@ -186,22 +186,22 @@ def modal_advance(
     q, v, memory = state
     rise, gain = freely(step, q, v, push)
     seen = seen_by_joint(step, q, v, rise, gain, push[2])
-    given, memory = kernel(step.joint, seen, memory, branch=branch)
-    return *driven(step, q, v, rise, gain, given), memory
+    joint_forces, memory = kernel(step.joint, seen, memory, branch=branch)
+    return *driven(step, q, v, rise, gain, joint_forces), memory
 
 
 def freely(
     step: ModalStep, q: Coordinates, v: Coordinates, push: ModalPush
 ) -> tuple[Coordinates, Coordinates]:
-    """What every mode changes by without the joint."""
+    """Change of every mode without the joint's force."""
     modes = list(zip(step.modes, q, v, push[0], push[1], strict=True))
     rise = tuple(m.f_11 * y + m.f_12 * dy + on_y for m, y, dy, on_y, _ in modes)
     gain = tuple(m.f_21 * y + m.f_22 * dy + on_v for m, y, dy, _, on_v in modes)
     return rise, gain
 
 
-def seen_by_joint(step: ModalStep, q, v, rise, gain, u: Scalar) -> Seen:
-    """The five scalars of the modes that the joint sees."""
+def seen_by_joint(step: ModalStep, q, v, rise, gain, u: Scalar) -> FreeMotion:
+    """Motion of the joint by the modes alone: five scalars."""
     modes = step.modes
     pull = added(
         m.h * (m.damping * dy + m.stiffness * y) for m, y, dy in zip(modes, q, v, strict=True)
@@ -210,12 +210,14 @@ def seen_by_joint(step: ModalStep, q, v, rise, gain, u: Scalar) -> Seen:
         added(m.h * part for m, part in zip(modes, parts, strict=True))
         for parts in (q, v, rise, gain)
     )
-    return Seen(x, dx, step.input_gain * u - pull, up, faster)
+    return FreeMotion(x, dx, step.input_gain * u - pull, up, faster)
 
 
-def driven(step: ModalStep, q, v, rise, gain, given: Given) -> tuple[Coordinates, Coordinates]:
+def driven(
+    step: ModalStep, q, v, rise, gain, joint_forces: JointForces
+) -> tuple[Coordinates, Coordinates]:
     """The modes at the end of the step, the joint's force included."""
-    forces = given[:4]
+    forces = joint_forces[:4]
 
     def after(start, free, kick, weights, p):
         return start + (
@@ -225,27 +227,29 @@ def driven(step: ModalStep, q, v, rise, gain, given: Given) -> tuple[Coordinates
     modes = step.modes
     return (
         tuple(
-            after(y, free, given.kick_y, m.on_y, m.p)
+            after(y, free, joint_forces.kick_y, m.on_y, m.p)
             for m, y, free in zip(modes, q, rise, strict=True)
         ),
         tuple(
-            after(dy, free, given.kick_v, m.on_v, m.p)
+            after(dy, free, joint_forces.kick_v, m.on_v, m.p)
             for m, dy, free in zip(modes, v, gain, strict=True)
         ),
     )
 
 
 def kernel(
-    joint: JointStep, seen: Seen, memory: tuple[Memory, ...], *, branch: bool
-) -> tuple[Given, tuple[Memory, ...]]:
-    """The joint's step: as `jbw.oscillator.step.advance`, of which the modes are taken out."""
+    joint: JointStep, seen: FreeMotion, memory: tuple[Memory, ...], *, branch: bool
+) -> tuple[JointForces, tuple[Memory, ...]]:
+    """The joint's step: `jbw.oscillator.step.advance` without the motion of the modes."""
     laws = joint.laws
     x, v = seen.x, seen.v
     none = jnp.zeros_like(v)
     if not laws:
-        return Given(none, none, none, none, none, none), memory
+        return JointForces(none, none, none, none, none, none), memory
     state = x, v, memory
-    branches = tuple(law.branch(v, own) for law, own in zip(laws, memory, strict=True))
+    branches = tuple(
+        law.branch(v, law_memory) for law, law_memory in zip(laws, memory, strict=True)
+    )
     r, rate = remainders(laws, joint.dt, state, branches)
     x_1 = x + (seen.rise - joint.r_y * r - joint.s_y * rate)
     v_1 = v + (seen.gain - joint.r_v * r - joint.s_v * rate)
@@ -258,17 +262,17 @@ def kernel(
             operands = joint, (state, branches, a), (x_1, v_1)
             end, shift = where_rare(kinked, lambda at: _through_kinks(*at), operands, smooth)
         else:
-            x_1, v_1, r, rate = kept((x_1, v_1, r, rate))
-            end, shift = kept(_through_kinks(joint, (state, branches, a), (x_1, v_1)))
+            x_1, v_1, r, rate = barrier((x_1, v_1, r, rate))
+            end, shift = barrier(_through_kinks(joint, (state, branches, a), (x_1, v_1)))
     end = past_cusps(laws, joint.dt, state, end)
     r_1, rate_1 = remainders(laws, joint.dt, (end.y, end.v, end.memory), end.branches)
     change = r_1 - r
     if not branch:
-        change, rate_1 = kept((change, rate_1))
+        change, rate_1 = barrier((change, rate_1))
     weighted = joint.d_y * change + joint.a_y * rate + joint.b_y * rate_1
     dx = (joint.mobility * end.kick_y - shift) - weighted
-    given = Given(r, rate, change, rate_1, end.kick_y, end.kick_v)
-    return given, shifted(laws, end, dx)
+    joint_forces = JointForces(r, rate, change, rate_1, end.kick_y, end.kick_v)
+    return joint_forces, shifted(laws, end, dx)
 
 
 def _through_kinks(joint: JointStep, start: tuple, predicted: tuple) -> tuple[End, Scalar]:
