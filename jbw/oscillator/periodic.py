@@ -23,7 +23,7 @@ _NEWTON_STEPS = 4  # that a steady state takes, about
 
 
 def steady_period(
-    period: Callable[[Any], Any], guess: Any, unit: Any, *, alone: bool = False
+    period: Callable[[Any], Any], guess: Any, unit: Any, *, one_by_one: bool = False
 ) -> tuple[Any, Float[Array, ""]]:
     """Trajectory over the period that ends where it starts.
 
@@ -32,7 +32,7 @@ def steady_period(
     Derivatives of the result come from the implicit function, exact.
     `unit` makes the leaves of the state comparable with a velocity, and is zero for what counts up
     for ever and need not come back; the residual is what the state still changes, relative to its
-    largest value. Under vmap, states that settle `alone` do so one after another.
+    largest value. Under vmap, states settle `one_by_one` where that is asked for.
     """
     _, tree = jax.tree.flatten(guess)
     units = jax.lax.stop_gradient(jnp.stack([jnp.asarray(x) for x in jax.tree.leaves(unit)]))
@@ -46,24 +46,24 @@ def steady_period(
     def gap(x):
         return packed(jax.tree.map(lambda leaf: leaf[-1], period(state(x)))) - x
 
-    settle = _settle_alone if alone else _settle
+    settle = _settle_one_by_one if one_by_one else _settle
     start = jax.lax.custom_root(gap, packed(guess), settle, _solve_linear)
     trajectory = period(state(start))
     leaves = jnp.stack(jax.tree.leaves(trajectory))
     scale = units * jnp.max(jnp.abs(leaves), axis=1)
     change = units * jnp.abs(leaves[:, -1] - leaves[:, 0])
-    # What a memory holds in places that it does not use is round-off, of which all may change.
+    # Unused entries of a memory hold round-off, all of which may change.
     nothing = change <= _NOTHING * jnp.max(scale)
     residual = jnp.max(jnp.where(nothing, 0.0, change) / jnp.where(nothing, 1.0, scale))
     return jax.tree.map(lambda x: x[:-1], trajectory), jax.lax.stop_gradient(residual)
 
 
-def _settle_alone(gap: Callable, x: Float[Array, " state"]) -> Float[Array, " state"]:
+def _settle_one_by_one(gap: Callable, x: Float[Array, " state"]) -> Float[Array, " state"]:
     """The same, under vmap one point after another.
 
     Side by side all are solved again until the last has settled.
     """
-    of_all, hidden = jax.closure_convert(gap, x)  # vmap has to see all that differs by lane
+    of_all, hidden = jax.closure_convert(gap, x)  # vmap must see every value that differs by lane
 
     @jax.custom_batching.sequential_vmap
     def settled(x, *hidden):
@@ -89,12 +89,12 @@ def _settle(gap: Callable, x: Float[Array, " state"]) -> Float[Array, " state"]:
 
     def improve(carry):
         x, rest, tried, sloped, is_newton, least, idle, count = carry
-        left, slope = _value_and_slope(gap, tried, sloped)
-        taken = ~is_newton | (_norm(left) < _norm(rest))
-        marching = ~sloped & (_norm(left) <= pays * _norm(rest))
-        x, rest = jnp.where(taken, tried, x), jnp.where(taken, left, rest)
-        is_newton = taken & sloped
-        step = jax.lax.cond(is_newton, lambda: -_solved(slope, left), lambda: rest)
+        tried_gap, slope = _value_and_slope(gap, tried, sloped)
+        accepted = ~is_newton | (_norm(tried_gap) < _norm(rest))
+        marching = ~sloped & (_norm(tried_gap) <= pays * _norm(rest))
+        x, rest = jnp.where(accepted, tried, x), jnp.where(accepted, tried_gap, rest)
+        is_newton = accepted & sloped
+        step = jax.lax.cond(is_newton, lambda: -_solved(slope, tried_gap), lambda: rest)
         nearer = _norm(rest) < _PROGRESS * least
         least, idle = jnp.where(nearer, _norm(rest), least), jnp.where(nearer, 0, idle + 1)
         return x, rest, x + step, ~marching, is_newton, least, idle, count + 1
@@ -107,7 +107,7 @@ def _settle(gap: Callable, x: Float[Array, " state"]) -> Float[Array, " state"]:
 def _value_and_slope(
     gap: Callable, x: Float[Array, " state"], sloped: Bool[Array, ""]
 ) -> tuple[Float[Array, " state"], Float[Array, "state state"]]:
-    """The gap, and where it is asked for its slope by differences, one after another.
+    """The gap and, where `sloped`, its slope by differences, one column after another.
 
     Newton's steps outdo the slope's error in the next round.
     """

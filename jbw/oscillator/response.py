@@ -37,7 +37,7 @@ from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.oscillator import Joint, Oscillator, as_oscillator
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.periodic import steady_period
-from jbw.oscillator.solver import sampled_input, solve_stock, stepping
+from jbw.oscillator.solver import StockScheme, sampled_input, solve_stock, stepping
 from jbw.oscillator.step import State
 
 Input = Float[Array | np.ndarray, "... time"] | HeldInput | Callable[[Array], ArrayLike]
@@ -175,7 +175,7 @@ def simulate(
 
 
 class _Options(NamedTuple):
-    """What is no array among the arguments of `simulate`."""
+    """Arguments of `simulate` that are no arrays."""
 
     hold: Hold
     substeps: int
@@ -194,9 +194,9 @@ def _simulate_batch(
     lead = () if callable(source) else source.gain.shape
     # A memory may be an array, of `iwan5` one of sliders: its own axes are no batch.
     starts, tree = jax.tree.flatten(initial)
-    own = [jnp.shape(leaf) for leaf in jax.tree.leaves((0.0, 0.0, joint.at_rest()))]
+    rest_shapes = [jnp.shape(leaf) for leaf in jax.tree.leaves((0.0, 0.0, joint.at_rest()))]
     shapes = [jnp.shape(leaf) for leaf in jax.tree.leaves(joint)]
-    shapes += [x.shape[: x.ndim - len(rest)] for x, rest in zip(starts, own, strict=True)]
+    shapes += [x.shape[: x.ndim - len(rest)] for x, rest in zip(starts, rest_shapes, strict=True)]
     batch = jnp.broadcast_shapes(*shapes, lead)
     if not batch:
         return _simulate(options, joint, source, fs, initial)
@@ -207,13 +207,13 @@ def _simulate_batch(
     if lead:
         source = jax.tree.map(lambda x: lanes(x, *x.shape[len(lead) :]), source)
 
-    def one(joint, initial, record):
+    def simulate_lane(joint, initial, record):
         return _simulate(options, joint, record if lead else source, fs, initial)
 
     joint = jax.tree.map(lanes, joint)
-    starts = [lanes(x, *rest) for x, rest in zip(starts, own, strict=True)]
+    starts = [lanes(x, *rest) for x, rest in zip(starts, rest_shapes, strict=True)]
     initial = jax.tree.unflatten(tree, starts)
-    response = jax.vmap(one)(joint, initial, source if lead else joint.omega_n)
+    response = jax.vmap(simulate_lane)(joint, initial, source if lead else joint.omega_n)
     unflat = jax.tree.map(lambda x: x.reshape(*batch, *x.shape[1:]), response)
     return eqx.tree_at(lambda r: r.t, unflat, response.t[0])
 
@@ -239,20 +239,22 @@ def _simulate(
         else:
             trajectory_from = partial(_stock, options, joint, partial(sampled_input, u), fs)
     if options.periodic:
-        own = tuple(law.memory_unit(joint.omega_n) for law in joint.laws)
-        unit = joint.omega_n, jnp.ones_like(joint.omega_n), own
+        memory_units = tuple(law.memory_unit(joint.omega_n) for law in joint.laws)
+        unit = joint.omega_n, jnp.ones_like(joint.omega_n), memory_units
         (y, v, memory), residual = steady_period(
-            trajectory_from, initial, unit, alone=any(law.stacks for law in joint.laws)
+            trajectory_from, initial, unit, one_by_one=any(law.stacks for law in joint.laws)
         )
     else:
         (y, v, memory), residual = trajectory_from(initial), jnp.zeros(())
-    z, beside, guesses = jnp.zeros_like(y), jnp.zeros_like(y), jnp.zeros(())
-    for law, own in zip(joint.laws, memory, strict=True):
-        force = law.force(y, v, own)
-        z, beside = (z + force, beside) if law.remembers else (z, beside + force)
-        counts = jnp.broadcast_to(jnp.asarray(law.guesses(own), float), y.shape)
+    z, memoryless_force, guesses = jnp.zeros_like(y), jnp.zeros_like(y), jnp.zeros(())
+    for law, law_memory in zip(joint.laws, memory, strict=True):
+        force = law.force(y, v, law_memory)
+        z, memoryless_force = (
+            (z + force, memoryless_force) if law.remembers else (z, memoryless_force + force)
+        )
+        counts = jnp.broadcast_to(jnp.asarray(law.guesses(law_memory), float), y.shape)
         guesses = guesses + counts[-1] - counts[0]
-    a = u_sampled - 2.0 * joint.zeta * joint.omega_n * v - joint.k * y - z - beside
+    a = u_sampled - 2.0 * joint.zeta * joint.omega_n * v - joint.k * y - z - memoryless_force
     return Response(t, y, v, z, a, residual, guesses)
 
 
@@ -261,13 +263,8 @@ def _stock(
 ) -> Trajectory:
     """Trajectory through a stock solver; a periodic one goes on to the next period's start."""
     default = ConstantStepSize() if options.solver else PIDController(rtol=1e-9, atol=1e-12)
-    return solve_stock(  # pyright: ignore[reportReturnType]
-        joint,
-        u,
-        options.num_samples + 1 if options.periodic else options.num_samples,
-        fs,
-        initial,
-        options.substeps,
-        options.solver or Dopri8(),
-        options.controller or default,
+    scheme = StockScheme(
+        options.solver or Dopri8(), options.controller or default, options.substeps
     )
+    num_samples = options.num_samples + 1 if options.periodic else options.num_samples
+    return solve_stock(joint, u, num_samples, fs, initial, scheme)  # pyright: ignore[reportReturnType]

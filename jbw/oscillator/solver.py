@@ -118,7 +118,9 @@ def oscillate(oscillator: Oscillator, u: Scalar, state: State) -> State:
     y, v, memory = state
     damping = 2.0 * oscillator.zeta * oscillator.omega_n
     dv = u - damping * v - oscillator.k * y - oscillator.force(y, v, memory)
-    rates = (law.rate(y, v, own) for law, own in zip(oscillator.laws, memory, strict=True))
+    rates = (
+        law.rate(y, v, law_memory) for law, law_memory in zip(oscillator.laws, memory, strict=True)
+    )
     return v, dv, tuple(rates)
 
 
@@ -157,15 +159,21 @@ class HysteresisExact(diffrax.AbstractSolver):
         return terms.vf(t0, y0, args)
 
 
+class StockScheme(NamedTuple):
+    """How a stock solver integrates: its method, its step sizes, and substeps a sample."""
+
+    solver: diffrax.AbstractSolver
+    controller: diffrax.AbstractStepSizeController
+    substeps: int
+
+
 def solve_stock(
     oscillator: Any,
     u: Callable[[Scalar], Scalar],
     num_samples: int,
     fs: Scalar,
     initial: Any,
-    substeps: int,
-    solver: diffrax.AbstractSolver,
-    controller: diffrax.AbstractStepSizeController,
+    scheme: StockScheme,
     field: Callable[[Any, Scalar, Any], Any] = oscillate,
 ) -> Any:
     """States at the samples; inf from where an adaptive solver gave up. Time counts samples.
@@ -173,6 +181,7 @@ def solve_stock(
     `field` gives the rates of a state of the oscillator under an input.
     """
     leaves, tree = jax.tree.flatten(initial)
+    solver, controller, substeps = scheme
 
     def rate(tau, leaves, oscillator):
         rates = field(oscillator, u(tau), jax.tree.unflatten(tree, leaves))

@@ -14,7 +14,7 @@ from jbw.oscillator.response import simulate
 SIZE = 12
 
 
-def settled(kept, solved, *, alone=False):
+def settled(kept, solved, *, one_by_one=False):
     """Steady state of x <- kept x + 1, whose other numbers follow at once; `solved` counts."""
 
     def period(state):
@@ -23,7 +23,7 @@ def settled(kept, solved, *, alone=False):
         return jax.tree.map(lambda a, b: jnp.stack([jnp.asarray(a), b]), state, after)
 
     start = tuple(jnp.zeros(()) for _ in range(SIZE))
-    trajectory, residual = steady_period(period, start, (1.0,) * SIZE, alone=alone)
+    trajectory, residual = steady_period(period, start, (1.0,) * SIZE, one_by_one=one_by_one)
     return trajectory[0][0], residual
 
 
@@ -80,17 +80,17 @@ def test_a_motion_without_a_period_is_given_up():
     assert count < 23 * 13
 
 
-@pytest.mark.parametrize("alone", [True, False])
-def test_lanes_agree_and_wait_for_none_where_they_settle_alone(alone):
+@pytest.mark.parametrize("one_by_one", [True, False])
+def test_lanes_agree_and_wait_for_none_where_they_settle_alone(one_by_one):
     kept = np.append(np.zeros(7), 0.5)
 
     def lanes(kept, solved):
-        return jax.vmap(lambda one: settled(one, solved, alone=alone))(kept)
+        return jax.vmap(lambda one: settled(one, solved, one_by_one=one_by_one))(kept)
 
     (x, _), count = count_of(lanes, kept)
     np.testing.assert_allclose(x, 1 / (1 - kept), rtol=1e-11)
     each = sum(count_of(settled, one)[1] for one in kept)
-    assert count <= each if alone else count > 2 * each
+    assert count <= each if one_by_one else count > 2 * each
 
 
 def test_reversals_that_a_law_gives_up_do_not_keep_a_record_from_its_period():

@@ -30,7 +30,7 @@ from jbw.oscillator.modes.step import ModalState, modal_stepping
 from jbw.oscillator.modes.structure import Structure, admitted, require_sampled
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.periodic import steady_period
-from jbw.oscillator.solver import sampled_input, solve_stock
+from jbw.oscillator.solver import StockScheme, sampled_input, solve_stock
 
 
 class StructureResponse(eqx.Module):
@@ -63,13 +63,13 @@ class StructureResponse(eqx.Module):
 
 
 class ModalOptions(NamedTuple):
-    """What is no array among the arguments of `simulate`; `own` where our own step may do it."""
+    """Arguments of `simulate` that are no arrays; `exact_step` where our own step is admitted."""
 
     hold: Hold
     substeps: int
     periodic: bool
     num_samples: int | None
-    own: bool
+    exact_step: bool
     solver: AbstractSolver
     controller: AbstractStepSizeController
 
@@ -80,7 +80,7 @@ def simulate_structure(
     """Response of a structure; `jbw.simulate` says what its arguments are."""
     substeps, num_samples = options.substeps, options.num_samples
     check_options(fs, options.hold, substeps, num_samples, callable(u))  # pyright: ignore[reportArgumentType]
-    given, structure = structure, admitted(structure)
+    stated_structure, structure = structure, admitted(structure)
     require_sampled(structure, fs, substeps)
     q, v, memory = initial_state(structure, initial)
     warn_of_unbounded_law(structure)
@@ -92,10 +92,12 @@ def simulate_structure(
         u = jnp.asarray(u, float)
         check_input(u, num_samples)
         num_samples = u.shape[-1]
-    # Dampers feel the velocity, of which the joint's kernel knows no second prediction.
-    own = options.own and not callable(u)
-    own = own and all(law.stepped and not isinstance(law, Damper) for law in structure.laws)
-    options = options._replace(num_samples=num_samples, own=own)
+    # Dampers need a second prediction of the velocity, which the joint's kernel does not make.
+    exact_step = options.exact_step and not callable(u)
+    exact_step = exact_step and all(
+        law.stepped and not isinstance(law, Damper) for law in structure.laws
+    )
+    options = options._replace(num_samples=num_samples, exact_step=exact_step)
     start = _per_mode(q, structure), _per_mode(v, structure), memory
 
     def solved(structure: Structure, start: Any) -> StructureResponse:
@@ -104,9 +106,9 @@ def simulate_structure(
 
     response = deep_enough(solved, structure, start)
     check_settled(response.residual)
-    check_bounded(given, response.x)
+    check_bounded(stated_structure, response.x)
     warn_of_guesses(response.guesses)
-    if own:
+    if exact_step:
         speed = jnp.einsum("i,...it->...t", jnp.asarray(structure.h, float), response.dq)
         warn_of_long_steps(fs, substeps, response.x, speed)
     return response
@@ -122,9 +124,9 @@ def _simulate_lanes(
     if callable(u) or not u.gain.shape:
         return _simulate(options, structure, u, fs, initial)
     lead = u.gain.shape
-    one = partial(_simulate, options, structure)
+    simulate_record = partial(_simulate, options, structure)
     records = jax.tree.map(lambda x: x.reshape(-1, *x.shape[len(lead) :]), u)
-    lanes = jax.vmap(lambda own: one(own, fs, initial))(records)
+    lanes = jax.vmap(lambda record: simulate_record(record, fs, initial))(records)
     unflat = jax.tree.map(lambda x: x.reshape(*lead, *x.shape[1:]), lanes)
     return eqx.tree_at(lambda r: r.t, unflat, lanes.t[0])
 
@@ -151,7 +153,7 @@ def _simulate(
         trajectory_from = partial(_stock, options, structure, lambda tau: u(tau / fs), fs)
     else:
         u_sampled = u.u
-        if options.own:
+        if options.exact_step:
             steps = modal_stepping(structure, u, fs, options.substeps)
 
             def trajectory_from(initial: ModalState) -> Trajectory:
@@ -161,23 +163,24 @@ def _simulate(
     residual = jnp.zeros(())
     if options.periodic:
         omega_n = tuple(structure.omega_n)  # pyright: ignore[reportArgumentType]
-        own = tuple(law.memory_unit(omega_n[0]) for law in structure.laws)
-        unit = omega_n, tuple(jnp.ones_like(w) for w in omega_n), own
+        memory_units = tuple(law.memory_unit(omega_n[0]) for law in structure.laws)
+        unit = omega_n, tuple(jnp.ones_like(w) for w in omega_n), memory_units
         (q, dq, memory), residual = steady_period(trajectory_from, initial, unit)  # pyright: ignore[reportArgumentType]
     else:
         q, dq, memory = trajectory_from(initial)
-    return _told(structure, t, u_sampled, jnp.stack(q), jnp.stack(dq), memory, residual)
+    return _response_of(structure, t, u_sampled, (q, dq, memory), residual)
 
 
-def _told(structure, t, u, q, dq, memory, residual) -> StructureResponse:
-    """What is reported of a trajectory."""
+def _response_of(structure, t, u, trajectory, residual) -> StructureResponse:
+    """Motion of the modes, the joint and the outputs along a trajectory."""
+    q, dq, memory = jnp.stack(trajectory[0]), jnp.stack(trajectory[1]), trajectory[2]
     x, v = structure.h @ q, structure.h @ dq
     z, r, guesses = jnp.zeros_like(x), jnp.zeros_like(x), jnp.zeros(())
-    for law, own in zip(structure.laws, memory, strict=True):
-        force = law.force(x, v, own)
+    for law, law_memory in zip(structure.laws, memory, strict=True):
+        force = law.force(x, v, law_memory)
         z = z + force if law.remembers else z
         r = r + force - law.stiffness() * x
-        counts = jnp.broadcast_to(jnp.asarray(law.guesses(own), float), x.shape)
+        counts = jnp.broadcast_to(jnp.asarray(law.guesses(law_memory), float), x.shape)
         guesses = guesses + counts[-1] - counts[0]
     ddq = _accelerations(structure, q, dq, r, u)
     c = structure.c
@@ -198,13 +201,15 @@ def oscillate_modes(structure: Structure, u: Scalar, state: Any) -> Any:
     q, v, memory = (*(jnp.stack(part) for part in state[:2]), state[2])
     x, dx = structure.h @ q, structure.h @ v
     pairs = list(zip(structure.laws, memory, strict=True))
-    r = sum((law.force(x, dx, own) - law.stiffness() * x for law, own in pairs), 0.0 * x)
-    rates = tuple(law.rate(x, dx, own) for law, own in pairs)
+    r = sum(
+        (law.force(x, dx, law_memory) - law.stiffness() * x for law, law_memory in pairs), 0.0 * x
+    )
+    rates = tuple(law.rate(x, dx, law_memory) for law, law_memory in pairs)
     return state[1], tuple(_accelerations(structure, q, v, r, u)), rates
 
 
 def _stock(options: ModalOptions, structure: Structure, u: Callable, fs: Scalar, initial: Any):
     """Trajectory through a stock solver; a periodic one goes on to the next period's start."""
     num = (options.num_samples or 0) + options.periodic
-    stock = options.solver, options.controller
-    return solve_stock(structure, u, num, fs, initial, options.substeps, *stock, oscillate_modes)
+    scheme = StockScheme(options.solver, options.controller, options.substeps)
+    return solve_stock(structure, u, num, fs, initial, scheme, oscillate_modes)
