@@ -1,4 +1,4 @@
-r"""Modes that do not meet: each an oscillator by itself, of which the outputs are sums.
+r"""Uncoupled modes: each is an oscillator by itself, and the outputs are sums over them.
 
 $$y_o = \sum_i c_{oi}\, q_i, \qquad q_i \ \text{of oscillator}\ i\ \text{under}\ b_i u$$
 """
@@ -33,6 +33,8 @@ def simulate_apart(
 ) -> MotionApart:
     """Outputs c of modes that the input u moves by b each; options as `jbw.simulate` has them."""
     pairs = zip(oscillators, b, strict=True)
-    each = [simulate(one, u.times(b_i), fs, **options) for one, b_i in pairs]
-    y, v, a = (c @ jnp.stack(rows) for rows in zip(*((q.y, q.v, q.a) for q in each), strict=True))
-    return MotionApart(y, v, a, jnp.sum(jnp.stack([q.guesses for q in each])))
+    motions = [simulate(oscillator, u.times(b_i), fs, **options) for oscillator, b_i in pairs]
+    y, v, a = (
+        c @ jnp.stack(rows) for rows in zip(*((q.y, q.v, q.a) for q in motions), strict=True)
+    )
+    return MotionApart(y, v, a, jnp.sum(jnp.stack([q.guesses for q in motions])))

@@ -35,7 +35,7 @@ _TOLERANCE = 1e-10
 _MAX_NEWTON = 12
 _MAX_STEPS = 400
 _LEAST_STEP = 1e-6
-# What one step along X may change: more may be another mode's branch.
+# Largest change of a point in one step along X: beyond it may lie another mode's branch.
 _MOST_CHANGE = 0.05
 
 
@@ -79,8 +79,8 @@ def modal_backbone(
     if num_harmonics < 1:
         raise ConfigError(f"Argument `num_harmonics` must be at least 1, but is {num_harmonics}.")
     x_peak = jnp.asarray(x_peak, float)
-    found, good = _backbone(structure, x_peak, mode, num_harmonics, max_turns)
-    if is_concrete(structure, x_peak, found) and not np.all(good):
+    backbone, good = _backbone(structure, x_peak, mode, num_harmonics, max_turns)
+    if is_concrete(structure, x_peak, backbone) and not np.all(good):
         first = float(np.asarray(x_peak)[~np.asarray(good)].min())
         raise ModelError(
             f"The backbone of mode {mode} was not found at a joint displacement of {first:g} m.",
@@ -88,7 +88,7 @@ def modal_backbone(
             "often in a period than was allowed.",
             remedy="Stay below, look at `internal_resonances`, or raise `max_turns`.",
         )
-    return found
+    return backbone
 
 
 def _require_mode(structure: Structure, mode: int) -> None:
@@ -116,10 +116,10 @@ def _backbone(
     points, good = _followed(options, structure, flat[order])
     back = jnp.argsort(order)
     points, good = points[back], good[back]
-    told = jax.vmap(partial(_told, options, structure))(points, flat)
-    told = jax.tree.map(lambda leaf: jnp.where(_like(good, leaf), leaf, jnp.nan), told)
+    backbone = jax.vmap(partial(_backbone_point, options, structure))(points, flat)
+    backbone = jax.tree.map(lambda leaf: jnp.where(_like(good, leaf), leaf, jnp.nan), backbone)
     shape = x_peak.shape
-    return jax.tree.map(lambda leaf: leaf.reshape(*shape, *leaf.shape[1:]), (told, good))
+    return jax.tree.map(lambda leaf: leaf.reshape(*shape, *leaf.shape[1:]), (backbone, good))
 
 
 def _like(good: Array, leaf: Array) -> Array:
@@ -134,9 +134,9 @@ def _followed(options: tuple, structure: Structure, x_peak: Array) -> tuple[Arra
 
     def onward(carry, target):
         at, point, good = carry
-        reached, point = _to(options, structure, at, point, target)
-        good = good & (reached == target)
-        return (reached, point, good), (point, good)
+        x_reached, point = _to(options, structure, at, point, target)
+        good = good & (x_reached == target)
+        return (x_reached, point, good), (point, good)
 
     start = jnp.zeros_like(x_peak[0]), first, jnp.asarray(True)
     return jax.lax.scan(onward, start, x_peak)[1]
@@ -150,11 +150,11 @@ def _followed_jvp(options, primals, tangents):
 
     def slope(point, x_peak, x_dot):
         _, change = jax.jvp(
-            lambda structure, x_peak: _left(options, structure, point, x_peak),
+            lambda structure, x_peak: _imbalance(options, structure, point, x_peak),
             (structure, x_peak),
             (tangents[0], x_dot),
         )
-        jacobian = jax.jacfwd(lambda point: _left(options, structure, point, x_peak))(point)
+        jacobian = jax.jacfwd(lambda point: _imbalance(options, structure, point, x_peak))(point)
         return -jnp.linalg.solve(jacobian, change)
 
     points_dot = jax.vmap(slope)(points, x_peak, tangents[1])
@@ -177,26 +177,26 @@ def _to(
         ahead = point + (following - at) / width * (point - last)  # the secant
         tried, ok = _newton(options, structure, ahead, following)
         ok = ok & (jnp.max(jnp.abs(tried - point)) < _MOST_CHANGE)
-        kept = (following, 2.0 * step, tried, at, point), (at, 0.5 * step, point, last_at, last)
-        return *(jnp.where(ok, a, b) for a, b in zip(*kept, strict=True)), tries + 1
+        outcomes = (following, 2.0 * step, tried, at, point), (at, 0.5 * step, point, last_at, last)
+        return *(jnp.where(ok, a, b) for a, b in zip(*outcomes, strict=True)), tries + 1
 
     state = at, target - at, point, at, point, 0
-    reached, _, point, *_ = jax.lax.while_loop(unfinished, advance, state)
-    return reached, point
+    x_reached, _, point, *_ = jax.lax.while_loop(unfinished, advance, state)
+    return x_reached, point
 
 
 def _newton(options: tuple, structure: Structure, start: Point, x_peak: Array):
     """Newton's iteration at one amplitude."""
     solution = optimistix.root_find(
-        lambda point, args: _left(options, args[0], point, args[1]),
+        lambda point, args: _imbalance(options, args[0], point, args[1]),
         optimistix.Newton(rtol=_TOLERANCE, atol=_TOLERANCE),
         start,
         (structure, x_peak),
         max_steps=_MAX_NEWTON,
         throw=False,
     )
-    found = solution.result == optimistix.RESULTS.successful
-    return solution.value, found & jnp.all(jnp.isfinite(solution.value))
+    converged = solution.result == optimistix.RESULTS.successful
+    return solution.value, converged & jnp.all(jnp.isfinite(solution.value))
 
 
 def _motion(options: tuple, structure: Structure, point: Point) -> tuple[Array, Array, Array]:
@@ -207,8 +207,8 @@ def _motion(options: tuple, structure: Structure, point: Point) -> tuple[Array, 
     return omega, point[1], shape
 
 
-def _left(options: tuple, structure: Structure, point: Point, x_peak: Scalar) -> Point:
-    """What a point leaves of the balance; the first harmonic multiplied by d of the mode."""
+def _imbalance(options: tuple, structure: Structure, point: Point, x_peak: Scalar) -> Point:
+    """Residual of the balance at a point; the first harmonic multiplied by d of the mode."""
     mode, num_harmonics, max_turns = options
     omega, zeta, shape = _motion(options, structure, point)
     unit = structure.omega_n[mode] ** 2  # pyright: ignore[reportIndexIssue]
@@ -220,12 +220,14 @@ def _left(options: tuple, structure: Structure, point: Point, x_peak: Scalar) ->
     others = hp.at[mode].set(0.0)[:, None] / d.at[mode, 0].set(1.0)  # pyright: ignore
     first = d[mode, 0] * (shape[0] + jnp.sum(others[:, 0]) * r[0]) + hp[mode] * r[0]  # pyright: ignore
     higher = shape[1:] + (hp @ (1.0 / d.at[:, 0].set(1.0)))[1:] * r[1:]
-    left = jnp.concatenate([first[None], higher])
-    return jnp.stack([left.real, left.imag], axis=1).ravel()
+    imbalance = jnp.concatenate([first[None], higher])
+    return jnp.stack([imbalance.real, imbalance.imag], axis=1).ravel()
 
 
-def _told(options: tuple, structure: Structure, point: Point, x_peak: Array) -> ModalBackbone:
-    """What is reported of a point."""
+def _backbone_point(
+    options: tuple, structure: Structure, point: Point, x_peak: Array
+) -> ModalBackbone:
+    """Frequency, damping and harmonics of a point of the backbone."""
     mode, num_harmonics, max_turns = options
     omega, zeta, shape = _motion(options, structure, point)
     unit = structure.omega_n[mode] ** 2  # pyright: ignore[reportIndexIssue]
@@ -234,7 +236,7 @@ def _told(options: tuple, structure: Structure, point: Point, x_peak: Array) -> 
     d = dynamic_stiffness(structure, omega, num_harmonics, zeta) / unit
     relative = -structure.p[:, None] * r / d.at[mode, 0].set(1.0)  # pyright: ignore
     # The mode's own first harmonic from that of the joint, which holds at zero amplitude too.
-    beside = structure.h @ relative[:, 0] - structure.h[mode] * relative[mode, 0]  # pyright: ignore
-    relative = relative.at[mode, 0].set((shape[0] - beside) / structure.h[mode])  # pyright: ignore
+    other_modes = structure.h @ relative[:, 0] - structure.h[mode] * relative[mode, 0]  # pyright: ignore
+    relative = relative.at[mode, 0].set((shape[0] - other_modes) / structure.h[mode])  # pyright: ignore
     q = x_peak * relative
     return ModalBackbone(x_peak, omega, zeta, relative[:, 0], x_peak * shape, q, structure.c @ q)  # pyright: ignore[reportArgumentType]

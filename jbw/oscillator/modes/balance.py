@@ -59,11 +59,15 @@ def joint_force(
 def modal_imbalance(
     structure: Structure, omega: Scalar, x: Complex[Array, " harmonic"], load: Any, max_turns: int
 ) -> Complex[Array, " harmonic"]:
-    """What a motion of the joint leaves of the condensed balance."""
+    """Residual of the condensed balance at a motion of the joint."""
     d = dynamic_stiffness(structure, omega, x.shape[0])
-    own = (structure.p * structure.h) @ (1.0 / d)
-    driven = (structure.b * structure.h) @ (1.0 / d)
-    return x + own * joint_force(structure.laws, omega, x, max_turns) - driven * load
+    joint_receptance = (structure.p * structure.h) @ (1.0 / d)
+    drive_receptance = (structure.b * structure.h) @ (1.0 / d)
+    return (
+        x
+        + joint_receptance * joint_force(structure.laws, omega, x, max_turns)
+        - drive_receptance * load
+    )
 
 
 def modal_response(

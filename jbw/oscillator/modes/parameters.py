@@ -74,27 +74,27 @@ def own_name(name: str, mode: int) -> str:
 def own_quantities(laws: tuple[str, ...], num_modes: int = 1 + len(MODES)) -> list[Quantity]:
     """Parameters of the laws that further modes have where they do not meet."""
     return [
-        one._replace(
-            name=own_name(one.name, mode), symbol=f"{one.symbol}({mode})",
-            meaning=f"{one.meaning}, mode {mode}",
+        quantity._replace(
+            name=own_name(quantity.name, mode), symbol=f"{quantity.symbol}({mode})",
+            meaning=f"{quantity.meaning}, mode {mode}",
         )
         for mode in range(2, num_modes + 1)
-        for one in quantities_of(laws)
+        for quantity in quantities_of(laws)
     ]  # fmt: skip
 
 
 def modes_apart(theta: Mapping[str, Any], laws: tuple[str, ...]) -> tuple[Oscillator, ...] | None:
     """An oscillator a mode, each with laws of its own; None where theta has none such."""
-    own = [quantity.name for quantity in quantities_of(laws)]
-    if not own or own_name(own[0], 2) not in theta:
+    law_names = [quantity.name for quantity in quantities_of(laws)]
+    if not law_names or own_name(law_names[0], 2) not in theta:
         return None
-    found = [oscillator_of(theta, laws)]
+    oscillators = [oscillator_of(theta, laws)]
     for mode, names in enumerate(NAMES, 2):
         if names.omega in theta:
             linear = {"omega_n": theta[names.omega], "zeta": theta[names.zeta]}
-            law = {name: theta[own_name(name, mode)] for name in own}
-            found.append(oscillator_of(linear | law, laws))
-    return tuple(found)
+            law = {name: theta[own_name(name, mode)] for name in law_names}
+            oscillators.append(oscillator_of(linear | law, laws))
+    return tuple(oscillators)
 
 
 def gain_ratios(theta: Mapping[str, Any]) -> list[Any]:
@@ -120,6 +120,6 @@ def _mode(theta: Mapping[str, Any], names: Names) -> tuple[Any, ...]:
     if names.shape not in theta:
         return *linear, 0.0, 0.0, b
     h = theta[names.sign] * theta[names.shape]
-    known = names.coupling in theta
-    p = theta[names.sign] * theta[names.coupling] / h**2 if known else h * b
+    has_coupling = names.coupling in theta
+    p = theta[names.sign] * theta[names.coupling] / h**2 if has_coupling else h * b
     return *linear, h, p, b

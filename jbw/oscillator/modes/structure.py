@@ -1,4 +1,4 @@
-"""Several modes of a structure that meet in one joint, and what its doors refuse."""
+"""Several modes of a structure that are coupled by one joint, and the checks of their numbers."""
 
 import warnings
 from typing import Any, NamedTuple
@@ -72,7 +72,7 @@ class Commensurate(NamedTuple):
 
 
 def admitted(structure: Structure) -> Structure:
-    """The structure with an array for every number; raises where it cannot be meant.
+    """The structure with an array for every number; raises where it is invalid.
 
     Raises:
         ConfigError: Shapes differ, or nothing of the first mode reaches the joint.
@@ -80,14 +80,14 @@ def admitted(structure: Structure) -> Structure:
     """
     values = {name: jnp.asarray(getattr(structure, name), float) for name in (*_PER_MODE, "c")}
     shapes = {name: values[name].shape for name in _PER_MODE}
-    given = {shape for shape in shapes.values() if shape}
-    if len(given) > 1 or any(len(shape) > 1 for shape in given):
+    distinct_shapes = {shape for shape in shapes.values() if shape}
+    if len(distinct_shapes) > 1 or any(len(shape) > 1 for shape in distinct_shapes):
         raise ConfigError(
             f"The fields {', '.join(_PER_MODE)} of a `Structure` must hold one number a mode each, "
             f"but have the shapes {', '.join(map(str, shapes.values()))}.",
             remedy="Give every mode all five; for a batch of structures use `jax.vmap`.",
         )
-    modes = next(iter(given), (1,))
+    modes = next(iter(distinct_shapes), (1,))
     if any(not shape for shape in shapes.values()) and modes != (1,):
         bare = next(name for name, shape in shapes.items() if not shape)
         raise ConfigError(
@@ -139,15 +139,17 @@ def require_sampled(structure: Structure, fs: Any, substeps: int) -> None:
         return
     highest = float(np.max(np.asarray(structure.omega_n)))
     angle = highest / (float(fs) * substeps)
-    said = (
+    motion_in_step = (
         f"The highest mode, at {highest / (2 * np.pi):.4g} Hz, moves by {angle:.3g} rad in a step "
         f"of `fs` = {float(fs):g} Hz and `substeps` = {substeps}"
     )
     remedy = "Raise `substeps`, sample the input faster, or leave the mode out."
     if angle > np.pi:
-        raise ConfigError(f"{said}, but at most pi can be followed.", remedy=remedy)
+        raise ConfigError(f"{motion_in_step}, but at most pi can be followed.", remedy=remedy)
     if angle > 1.0:
-        warnings.warn(f"{said}; beyond 1 the joint's motion is coarse. {remedy}", stacklevel=4)
+        warnings.warn(
+            f"{motion_in_step}; beyond 1 the joint's motion is coarse. {remedy}", stacklevel=4
+        )
 
 
 def internal_resonances(

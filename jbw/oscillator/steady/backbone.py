@@ -93,9 +93,9 @@ def backbone(
     if isinstance(joint, Structure):
         options = dict(mode=mode, num_harmonics=num_harmonics, max_turns=max_turns)
         return modal_backbone(joint, y_peak, **options)
-    given, joint = joint, as_oscillator(joint)
-    _require_loops(given)
-    require_finite(given, y_peak=y_peak)
+    stated_joint, joint = joint, as_oscillator(joint)
+    _require_loops(stated_joint)
+    require_finite(stated_joint, y_peak=y_peak)
     require_at_least("y_peak", y_peak, 0.0)
     y_peak = jnp.asarray(y_peak, float)
     loop = joint.loop(y_peak)
@@ -109,7 +109,7 @@ def backbone(
 def _require_loops(joint: Any) -> None:
     """Raise where the equivalent stiffness and damping of a law at an amplitude are not known."""
     for law in joint.laws:
-        if not isinstance(law, Square):  # what it does to second order, `Oscillator.loop` knows
+        if not isinstance(law, Square):  # `Oscillator.loop` includes its effect of second order
             law.check_periodic()
 
 

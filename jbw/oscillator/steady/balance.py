@@ -43,7 +43,7 @@ def unpack(packed: Packed) -> Complex[Array, " harmonic"]:
     return jax.lax.complex(packed[0], packed[1])
 
 
-# In its dimensionless form; of a structure the motion is the joint's.
+# The oscillator in its dimensionless form; of a structure the motion is the joint's.
 Unit = Oscillator | Structure
 
 
@@ -62,7 +62,7 @@ def imbalance(
     load: Shaped[ArrayLike, " harmonic"],
     max_turns: int = 2,
 ) -> Complex[Array, " harmonic"]:
-    r"""What a motion leaves of the balance, harmonic by harmonic, in any units.
+    r"""Residual of the harmonic balance at a motion, harmonic by harmonic, in any units.
 
     $$R_n = (\omega_n^2 - n^2\omega^2 + 2j\zeta\omega_n n\omega)\,q_n + \sum r_n - u_n$$
 
@@ -70,10 +70,10 @@ def imbalance(
     harmonics come is each law's own: Bouc-Wen's by quadrature between the turning points and zeros
     of z, whose steady value at the turning points is solved for, not marched.
     """
-    left = _dynamic_stiffness(joint, omega, orders(q.shape[0])) * q - load
+    r_n = _dynamic_stiffness(joint, omega, orders(q.shape[0])) * q - load
     dampers = [law for law in joint.laws if isinstance(law, Damper)]
-    left = reduce(add, (law.harmonics_at(omega, q, max_turns) for law in dampers), left)
-    return reduce(add, (law.harmonics(q, max_turns) for law in joint.laws), left)
+    r_n = reduce(add, (law.harmonics_at(omega, q, max_turns) for law in dampers), r_n)
+    return reduce(add, (law.harmonics(q, max_turns) for law in joint.laws), r_n)
 
 
 def refined(
@@ -106,14 +106,14 @@ def refined(
     joint = as_oscillator(joint)
     require_periodic(joint)
 
-    def left(packed: Packed) -> Packed:
+    def packed_imbalance(packed: Packed) -> Packed:
         return pack(imbalance(joint, omega, unpack(packed), load))
 
     packed, size = pack(start), 2 * start.shape[0]
     for _ in range(num_steps):
         packed = jax.lax.stop_gradient(packed)
-        slope = jax.lax.stop_gradient(jax.jacfwd(left)(packed)).reshape(size, size)
-        packed -= jnp.linalg.solve(slope, left(packed).ravel()).reshape(packed.shape)
+        slope = jax.lax.stop_gradient(jax.jacfwd(packed_imbalance)(packed)).reshape(size, size)
+        packed -= jnp.linalg.solve(slope, packed_imbalance(packed).ravel()).reshape(packed.shape)
     return unpack(packed)
 
 
@@ -150,11 +150,11 @@ def balance(
         laws = tuple(law.scaled(next_load, 1.0) for law in joint.laws)
         loaded = replace(joint, laws=laws)
         tried, ok = newton(loaded, omega, packed, max_turns)
-        kept = jnp.where(load > 0.0, packed, linear)
+        fallback = jnp.where(load > 0.0, packed, linear)
         return (
             jnp.where(ok, next_load, load),
             jnp.where(ok, 2.0 * step, 0.5 * step),
-            jnp.where(ok, tried, kept),
+            jnp.where(ok, tried, fallback),
             tries + 1,
         )
 

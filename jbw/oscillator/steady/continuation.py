@@ -123,8 +123,11 @@ def response_curve(  # pyright: ignore[reportInconsistentOverload]
         ConfigError: It is being traced, or as for `steady_state`.
     """
     require_concrete("response_curve", joint, omega_start, omega_stop, amplitude)
-    given, joint = joint, admitted(joint) if isinstance(joint, Structure) else as_oscillator(joint)
-    require_sense(given, omega_start, amplitude, num_harmonics, max_turns)
+    stated_joint, joint = (
+        joint,
+        admitted(joint) if isinstance(joint, Structure) else as_oscillator(joint),
+    )
+    require_sense(stated_joint, omega_start, amplitude, num_harmonics, max_turns)
     scalars = jax.tree.map(lambda x: jnp.asarray(x, float), (joint, omega_start, amplitude))
     unit, first, length = dimensionless(*scalars)
     unit_frequency = float(jnp.ravel(joint.omega_n)[0])
@@ -150,9 +153,11 @@ def response_curve(  # pyright: ignore[reportInconsistentOverload]
     omega, harmonics = x[:, -1] * unit_frequency, float(length) * (q[:, 0] + 1j * q[:, 1])
     onward = side * np.stack(directions)[:, -1] > 0.0
     if isinstance(joint, Structure):
-        told = partial(modes_of, joint, max_turns=max_turns)
-        found = jax.vmap(lambda omega, x: told(omega, amplitude, x))(omega, harmonics)
-        return StructureCurve(omega, found, onward)
+        harmonics_at = partial(modes_of, joint, max_turns=max_turns)
+        all_harmonics = jax.vmap(lambda omega, x: harmonics_at(omega, amplitude, x))(
+            omega, harmonics
+        )
+        return StructureCurve(omega, all_harmonics, onward)
     return ResponseCurve(omega, harmonics, onward)
 
 

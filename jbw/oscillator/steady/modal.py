@@ -1,4 +1,4 @@
-"""Periodic response of several modes with one joint: the doors' part that is theirs alone."""
+"""Periodic response of several modes with one joint."""
 
 from functools import partial
 
@@ -34,12 +34,12 @@ def modal_tones(
     require_sense(structure, omega, amplitude, num_harmonics, max_turns)
     omega, amplitude = jnp.asarray(omega, float), jnp.asarray(amplitude, float)
     solve = partial(_solved, structure, omega, amplitude, num_harmonics, swept=swept)
-    found, turns = solve(max_turns)
-    if not is_concrete(structure, omega, amplitude, found):
-        return found
+    harmonics, turns = solve(max_turns)
+    if not is_concrete(structure, omega, amplitude, harmonics):
+        return harmonics
     if max_turns == 2 and np.any(np.asarray(turns) > 2):
-        found, turns = solve(_MANY_TURNS)
-    failed = np.isnan(np.asarray(found.x)).any(axis=-1)
+        harmonics, turns = solve(_MANY_TURNS)
+    failed = np.isnan(np.asarray(harmonics.x)).any(axis=-1)
     if failed.any():
         first = np.unravel_index(np.argmax(failed), failed.shape)
         tones = np.broadcast_to(np.asarray(omega), failed.shape)
@@ -51,7 +51,7 @@ def modal_tones(
             remedy="Lower `amplitude`, follow the branch with `response_curve`, or raise "
             "`max_turns`.",
         )
-    return found
+    return harmonics
 
 
 @partial(jax.jit, static_argnums=(3, 4), static_argnames=("swept",))
@@ -94,5 +94,5 @@ def _sweep(structure, omega, num_harmonics, max_turns, amplitude):
 
     start = linear_response(unit, ratio[0], num_harmonics)
     _, (x, turns) = jax.lax.scan(tone, start, ratio)
-    told = jax.vmap(lambda omega, x: modes_of(structure, omega, amplitude, x, max_turns))
-    return told(omega, x), turns
+    harmonics_at = jax.vmap(lambda omega, x: modes_of(structure, omega, amplitude, x, max_turns))
+    return harmonics_at(omega, x), turns

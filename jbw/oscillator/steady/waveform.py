@@ -25,9 +25,9 @@ def orders(num_harmonics: int) -> Float[np.ndarray, " harmonic"]:
 def exponentials(theta: Float[Array, "..."], num_harmonics: int) -> Complex[Array, "... harmonic"]:
     r"""The basis exp(j n theta), by products, doubling the number of orders each time."""
     powers = jnp.exp(1j * theta)[..., None]
-    while (known := powers.shape[-1]) < num_harmonics:
-        shift = jnp.exp(2j * known * theta)[..., None]
-        powers = jnp.concatenate([powers, shift * powers[..., : num_harmonics - known]], -1)
+    while (count := powers.shape[-1]) < num_harmonics:
+        shift = jnp.exp(2j * count * theta)[..., None]
+        powers = jnp.concatenate([powers, shift * powers[..., : num_harmonics - count]], -1)
     return powers
 
 
