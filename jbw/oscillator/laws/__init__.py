@@ -85,10 +85,10 @@ def law_named(name: str | Kind) -> Kind:
     member = re.fullmatch(r"(\w+)_([1-9]\d?)", str(name))
     if member and member[1] in FAMILIES:
         return FAMILIES[member[1]](int(member[2]))
-    known = [*LAWS, *(f"{family}_3" for family in FAMILIES)]
-    nearest = get_close_matches(str(name), known, n=1, cutoff=0.5)
+    choices = [*LAWS, *(f"{family}_3" for family in FAMILIES)]
+    nearest = get_close_matches(str(name), choices, n=1, cutoff=0.5)
     hint = f"; did you mean `{nearest[0]}`" if nearest else ""
-    raise ConfigError(f"Unknown law `{name}`{hint} (known: {', '.join(known)}).")
+    raise ConfigError(f"Unknown law `{name}`{hint} (known: {', '.join(choices)}).")
 
 
 def laws_named(names: Iterable[str | Kind]) -> tuple[Kind, ...]:
@@ -123,13 +123,13 @@ def same_by_construction(names: Iterable[str | Kind]) -> str | None:
     kinds = laws_named(names)
     sliders = [kind.name for kind in kinds if issubclass(kind, Masing | Jenkins)]
     exponents = [kind.name for kind in kinds if issubclass(kind, BoucWenLaw | BoucWenNu)]
-    for alike, why in (
+    for same_laws, why in (
         (sliders, "only the sum of their virgin curves acts on any motion"),
         (exponents, "the one is the other with its exponent at 1"),
     ):
-        if len(alike) > 1:
+        if len(same_laws) > 1:
             return (
-                f"The laws {' and '.join(f'`{name}`' for name in alike)} cannot be told apart: "
+                f"The laws {' and '.join(f'`{name}`' for name in same_laws)} cannot be told apart: "
                 f"{why}. Keep one of them."
             )
     return None
@@ -142,9 +142,11 @@ def quantities_of(laws: Iterable[str | Kind]) -> tuple[Quantity, ...]:
 
 def vocabulary() -> dict[str, Quantity]:
     """Quantities of all laws by name: parameters, products and other coordinates."""
-    found: dict[str, Quantity] = {}
+    quantities: dict[str, Quantity] = {}
     for law in LAWS.values():
-        coordinates = (each for other in law.coordinates.values() for each in other.table)
+        coordinates = (quantity for other in law.coordinates.values() for quantity in other.table)
         products = (product.quantity for product in law.products)
-        found |= {each.name: each for each in (*law.table, *coordinates, *products)}
-    return found
+        quantities |= {
+            quantity.name: quantity for quantity in (*law.table, *coordinates, *products)
+        }
+    return quantities

@@ -27,9 +27,9 @@ _GAMMA = Quantity("gamma", "γ", "1/m", "opening of the hysteresis loop")
 
 SHARE = (0.0005, 0.9)  # of the stiffness: from a joint that hardly carries to nearly all of it
 FORCED_SHARE = (0.01, 1.0)  # under a prescribed displacement nothing else need carry at all
-REACH = 4.0  # times a fitted product: where it is looked for
+REACH = 4.0  # times a fitted product: the upper bound of its prior
 
-# Weak motion knows the joint by alpha delta and alpha gamma alone: its softening and its losses.
+# Weak motion identifies two products alone: alpha delta (softening) and alpha gamma (losses).
 _PRODUCTS = Coordinates(
     "products",
     forward=(
@@ -88,7 +88,7 @@ class BoucWenLaw(Law):
         ),
     )
     coordinates: ClassVar[Mapping[str, Coordinates]] = {"products": _PRODUCTS}
-    # Where plans that know nothing of a parameter look for it: as which part of what.
+    # Range that a plan assumes for a parameter without a stated one: a fraction of a quantity.
     usual: ClassVar[Mapping[str, tuple[str, tuple[float, float]]]] = {
         "alpha": ("omega_n^2", (0.01, 0.1)),
         "gamma": ("delta", (0.05, 0.3)),
@@ -118,8 +118,8 @@ class BoucWenLaw(Law):
         cls, coordinates: str, bounds: Bounds, theta: Mapping[str, float], stated: Bounds
     ) -> Bounds:
         """Products to four times the larger fitted one, below zero where delta or gamma may be."""
-        found = cls.coordinates[coordinates].from_parameters(theta)
-        largest = REACH * max(abs(found["softening"]), abs(found["opening"]))
+        fitted = cls.coordinates[coordinates].from_parameters(theta)
+        largest = REACH * max(abs(fitted["softening"]), abs(fitted["opening"]))
         square = theta["omega_n"] ** 2
         alpha = stated.get("alpha")
         return {

@@ -208,9 +208,9 @@ class BoucWenNu(Law):
             m = jnp.where(moves, (mean_1 - mean) * over, lost)
             spread = jnp.where(near, (square_1 - square) * over - m**2, (lost_1 - lost) ** 2 / 12.0)
             rest = jnp.where(m == 1.0, _TINY, 1.0 - m)
-            found = w + dy * rest / (1.0 + spread / rest**2)
+            iterate = w + dy * rest / (1.0 + spread / rest**2)
             # What f at the end does to m is most of the slope.
-            end = end + (found - end) / (1.0 + jnp.maximum((lost_1 - m) / rest, -0.5))
+            end = end + (iterate - end) / (1.0 + jnp.maximum((lost_1 - m) / rest, -0.5))
         return end
 
     # -- through a time step -----------------------------------------------------------------------
@@ -222,8 +222,8 @@ class BoucWenNu(Law):
         self, h: Scalar, y: Scalar, v: Scalar, memory: Scalar, branch: Scalar
     ) -> tuple[Scalar, Scalar]:
         """Alpha (w - y), and h times its rate."""
-        own = self.nu_stiffness
-        return own * (memory - y), -h * own * v * self._lost(v, memory)
+        alpha = self.nu_stiffness
+        return alpha * (memory - y), -h * alpha * v * self._lost(v, memory)
 
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: Scalar, branch: Scalar
@@ -242,10 +242,14 @@ class BoucWenNu(Law):
     ) -> tuple[Scalar, Scalar, Scalar]:
         """Two short moves, and the impulse of the slope's jump, 2 alpha g |w|^nu."""
         path = StepPath.through(ends, quartic)
-        there = self._stretched(memory, path.before)
-        jump = self.nu_stiffness * (self._lost(path.before, there) - self._lost(path.after, there))
-        found = kink_impulse(1.0 - path.fraction, jnp.where(path.turns, jump * path.bend, 0.0), 0.0)
-        return self._stretched(there, path.after), found.v, found.y
+        w_turn = self._stretched(memory, path.before)
+        jump = self.nu_stiffness * (
+            self._lost(path.before, w_turn) - self._lost(path.after, w_turn)
+        )
+        impulse = kink_impulse(
+            1.0 - path.fraction, jnp.where(path.turns, jump * path.bend, 0.0), 0.0
+        )
+        return self._stretched(w_turn, path.after), impulse.v, impulse.y
 
     def shift(self, y: Scalar, memory: Scalar, dy: Scalar, branch: Scalar) -> Scalar:
         """The stretch along its tangent."""
@@ -265,10 +269,10 @@ class BoucWenNu(Law):
         rate = jnp.where(near, -0.5 * self.nu_stiffness * h * (v + v_1), 0.0)
 
         def integrals(w: Scalar) -> tuple[Scalar, ...]:
-            found = [rate * self._lost(v, w)]
+            f_k = [rate * self._lost(v, w)]
             for k in (1, 2, 3):
-                found.append(found[-1] * (w * over) / (self.nu + k))
-            return tuple(found)
+                f_k.append(f_k[-1] * (w * over) / (self.nu + k))
+            return tuple(f_k)
 
         return cusp_impulse(integrals(w), integrals(w_1))
 
@@ -287,7 +291,7 @@ class BoucWenNu(Law):
         """Force along the period that ends where it starts, by moves between the angles."""
         y = synthesis(q, theta)
         steps = jnp.diff(jnp.append(y, y[0]))
-        # Where slip is long, steps between angles pass the whole layer in which it begins.
+        # In long slip, a step between two angles passes the whole layer in which slip begins.
         most = jnp.max(jnp.abs(jnp.stack(self._factors())))
         longest = _SHORT * stretch_path.stretch_limit(most, self.nu)
 

@@ -134,9 +134,9 @@ def conversions(joint: Any, mass: float) -> dict[str, Conversion]:
     length, force = ("1/m", "1/m") if n == 1.0 else (f"1/m^{n:g}", f"N^{1.0 - n:g}/m")
     baber_units = {**OF_BOTH, "ratio": "1", "beta": length, "gamma": length, "n": "1"}
     benchmark_units = {**OF_BOTH, "alpha": "N/m", "beta": "1", "gamma": force, "delta": force}
-    own = (bouc_wen(mass * float(joint.alpha), baber.n, baber.gamma, baber.beta),)
+    materials = (bouc_wen(mass * float(joint.alpha), baber.n, baber.gamma, baber.beta),)
     return {
-        "Bouc-Wen-Baber-Noori, OpenSees": Conversion(baber._asdict(), baber_units, own),
+        "Bouc-Wen-Baber-Noori, OpenSees": Conversion(baber._asdict(), baber_units, materials),
         "hysteretic benchmark": Conversion(benchmark._asdict(), benchmark_units | {"nu": "1"}),
     }
 

@@ -79,8 +79,8 @@ class QuadraticDamping(Damper):
         r"""Of the turning point, where g'' jumps: $J_2 = 4 c\,a|a|$, $J_3 = 12 c\,|a|\dot a$."""
         path = StepPath.through(ends, quartic)
         size = jnp.where(path.turns, 4.0 * self.c / h**2 * jnp.abs(path.bend), 0.0)
-        found = kink_impulse(1.0 - path.fraction, size * path.bend, 18.0 * size * path.cubic.c_3)
-        return found.v, found.y
+        impulse = kink_impulse(1.0 - path.fraction, size * path.bend, 18.0 * size * path.cubic.c_3)
+        return impulse.v, impulse.y
 
     def scaled(self, length: Scalar, stiffness: Scalar) -> "QuadraticDamping":
         """In units of displacement and stiffness."""

@@ -78,16 +78,20 @@ class GivenBackbone(Masing):
     def lag_integral(self, x: Scalar) -> Scalar:
         """Integral of the lag."""
         c, t, before = self._piece(x)
-        own = before + t * (c[0] + t * (c[1] / 2.0 + t * (c[2] / 3.0 + t * c[3] / 4.0)))
-        return self.scale_force * self.scale_displacement * own
+        scaled_integral = before + t * (c[0] + t * (c[1] / 2.0 + t * (c[2] / 3.0 + t * c[3] / 4.0)))
+        return self.scale_force * self.scale_displacement * scaled_integral
 
     def _piece(self, x: Scalar) -> tuple[Float[Array, "4 ..."], Scalar, Scalar]:
         """Coefficients of the piece that x lies in, the way from its knot, the integral before."""
         way = jnp.asarray(x, float) / self.scale_displacement
         knots = jnp.asarray(self.knots)
         index = jnp.sum(stop_gradient(way)[..., None] >= knots[1:], -1)
-        own = jnp.asarray(self.pieces)[index]
-        return jnp.moveaxis(own, -1, 0), way - knots[index], jnp.asarray(self.integrals)[index]
+        coefficients = jnp.asarray(self.pieces)[index]
+        return (
+            jnp.moveaxis(coefficients, -1, 0),
+            way - knots[index],
+            jnp.asarray(self.integrals)[index],
+        )
 
 
 def given_backbone(name: str, x: Sequence[float], force: Sequence[float]) -> type[GivenBackbone]:
@@ -105,7 +109,7 @@ def given_backbone(name: str, x: Sequence[float], force: Sequence[float]) -> typ
     """
     if not name.isidentifier():
         raise ConfigError(f"The name of a law must be a word such as `lap_joint`, not {name!r}.")
-    points, values = (np.asarray(each, float) for each in (x, force))
+    points, values = (np.asarray(column, float) for column in (x, force))
     _require_curve(points, values)
     curve = PchipInterpolator(points, values)
     _require_softening(curve, points, values)

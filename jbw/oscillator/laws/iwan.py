@@ -176,9 +176,9 @@ class Iwan4(Masing):
 
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
         """Segalman's parameters of a joint with this modal mass, and where macroslip begins."""
-        own = {"K_T": mass * self.iwan_stiffness, "F_S": mass * self.f_s}
-        own |= {"chi": self.iwan_chi, "beta": self.iwan_beta, "phi_max": self.phi_max}
-        values = {name: float(x) for name, x in own.items()}
+        parameters = {"K_T": mass * self.iwan_stiffness, "F_S": mass * self.f_s}
+        parameters |= {"chi": self.iwan_chi, "beta": self.iwan_beta, "phi_max": self.phi_max}
+        values = {name: float(x) for name, x in parameters.items()}
         return {"Segalman's Iwan": Conversion(values, SEGALMAN_UNITS)}
 
     def stiffness(self) -> Scalar:
@@ -278,8 +278,8 @@ class MasingExponential(Masing):
     def lag(self, x: Scalar) -> tuple[Scalar, Scalar]:
         """Lag without cancellation, alpha x s E_2(s) with s = b x; and its slope alpha s E_1(s)."""
         s = jnp.asarray(self.exponential_b * x, float)
-        own = self.exponential_alpha
-        return own * x * s * exponential_remainder(2, s), own * s * exponential_remainder(1, s)
+        alpha = self.exponential_alpha
+        return alpha * x * s * exponential_remainder(2, s), alpha * s * exponential_remainder(1, s)
 
     def lag_integral(self, x: Scalar) -> Scalar:
         """Integral of the lag, alpha x^2 s E_3(s)."""

@@ -33,7 +33,7 @@ _GRADED = 3  # power of a loop's nodes
 _WITHIN = 1.0 - 1e-14  # of the largest drop, at which its angle has no derivative
 
 
-class Sliders(NamedTuple):
+class SliderStretches(NamedTuple):
     """Every slider's stretch [m], and whether it slides: the direction, or 0 where it sticks."""
 
     stretch: Float[Array, " slider"]
@@ -90,24 +90,24 @@ class Iwan5(Law):
         """K_T [1/s^2]."""
         return self.iwan_stiffness
 
-    def at_rest(self) -> Sliders:
+    def at_rest(self) -> SliderStretches:
         """No slider stretched."""
-        return Sliders(jnp.zeros(self.count), jnp.zeros(self.count))
+        return SliderStretches(jnp.zeros(self.count), jnp.zeros(self.count))
 
-    def force(self, y: Scalar, v: Scalar, memory: Sliders) -> Scalar:
+    def force(self, y: Scalar, v: Scalar, memory: SliderStretches) -> Scalar:
         """Sum of the sliders' forces [N/kg]."""
         return memory.stretch @ self.array()[0]
 
-    def move(self, y: Scalar, memory: Sliders, dy: Scalar) -> Sliders:
+    def move(self, y: Scalar, memory: SliderStretches, dy: Scalar) -> SliderStretches:
         """Sliders after a monotone move, exact for each."""
         limit = self.array()[1]
         way = jnp.sign(jnp.asarray(dy, float))
-        reached = memory.stretch + dy
+        stuck_stretch = memory.stretch + dy
         goes_on = (memory.slides == way) & (way != 0.0)
-        slides = goes_on | (way * reached >= limit)
-        stretch = jnp.where(slides, way * self.iwan_theta * limit, reached)
+        slides = goes_on | (way * stuck_stretch >= limit)
+        stretch = jnp.where(slides, way * self.iwan_theta * limit, stuck_stretch)
         direction = jnp.where(way == 0.0, memory.slides, jnp.where(slides, way, 0.0))
-        return Sliders(stretch, direction)
+        return SliderStretches(stretch, direction)
 
     def virgin(self, x: Scalar) -> Scalar:
         """Force of the first loading to a displacement x >= 0 [N/kg], in closed form."""
@@ -171,27 +171,29 @@ class Iwan5(Law):
             jnp.where(at_zero, 0.0, energy / (jnp.pi * peak**2)),
         )
 
-    def rate(self, y: Scalar, v: Scalar, memory: Sliders) -> Sliders:
+    def rate(self, y: Scalar, v: Scalar, memory: SliderStretches) -> SliderStretches:
         """Rate of the sliders that stick [m/s]; their drops, one by one, are left to `move`."""
         stays = memory.slides * v > 0.0
-        return Sliders(jnp.where(stays, 0.0, v), jnp.zeros_like(memory.slides))
+        return SliderStretches(jnp.where(stays, 0.0, v), jnp.zeros_like(memory.slides))
 
     def turn(
-        self, y: Scalar, memory: Sliders, ends: Ends, quartic: Scalar
-    ) -> tuple[Sliders, Scalar, Scalar]:
+        self, y: Scalar, memory: SliderStretches, ends: Ends, quartic: Scalar
+    ) -> tuple[SliderStretches, Scalar, Scalar]:
         """Every slider that slides sticks at the turning point."""
         path = StepPath.through(ends, quartic)
-        there = self.move(y, memory, path.before)
-        regained = jnp.sum(self.array()[0] * jnp.abs(there.slides))
-        found = kink_impulse(
+        at_turn = self.move(y, memory, path.before)
+        regained = jnp.sum(self.array()[0] * jnp.abs(at_turn.slides))
+        impulse = kink_impulse(
             1.0 - path.fraction, jnp.where(path.turns, regained * path.bend, 0.0), 0.0
         )
-        return self.move(y + path.before, there, path.after), found.v, found.y
+        return self.move(y + path.before, at_turn, path.after), impulse.v, impulse.y
 
-    def shift(self, y: Scalar, memory: Sliders, dy: Scalar, branch: Branch) -> Sliders:
+    def shift(
+        self, y: Scalar, memory: SliderStretches, dy: Scalar, branch: Branch
+    ) -> SliderStretches:
         """None that slides sticks or climbs anew by the corrector's small way back."""
         stretch = memory.stretch + jnp.where(memory.slides == 0.0, dy, 0.0)
-        return Sliders(stretch, memory.slides)
+        return SliderStretches(stretch, memory.slides)
 
     def memory_unit(self, omega_n: Scalar) -> NoReturn:
         """None: a period's start is not solved for in so many stretches."""

@@ -133,11 +133,11 @@ def turning_angles(q: Complex[Array, " harmonic"], max_turns: int) -> Float[Arra
     rising = synthesis(stop_gradient(q), theta, 1) > 0.0
     size = max_turns // 2 - 1
     (cell,) = jnp.nonzero(rising[1:] != rising[:-1], size=size, fill_value=points)
-    found = cell < points
+    has_turn = cell < points
     lower = theta[jnp.minimum(cell, points - 2)]
     inner = _polish(q, lower, jnp.pi / points)
     end = start + jnp.pi
-    return jnp.concatenate([start[None], jnp.where(found, inner, end), end[None]])
+    return jnp.concatenate([start[None], jnp.where(has_turn, inner, end), end[None]])
 
 
 def _polish(

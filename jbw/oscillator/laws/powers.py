@@ -24,11 +24,11 @@ def power(x: Scalar, exponent: Scalar) -> Float[Array, "..."]:
 @power.defjvp
 def _power_jvp(primals, tangents):
     (x, exponent), (x_dot, exponent_dot) = primals, tangents
-    found = power(x, exponent)
+    x_power = power(x, exponent)
     acts = jnp.asarray(x) > 0.0
     safe = jnp.where(acts, x, 1.0)
-    by_x = jnp.where(acts, exponent * found / safe, 0.0)
-    return found, by_x * x_dot + found * jnp.log(safe) * exponent_dot
+    by_x = jnp.where(acts, exponent * x_power / safe, 0.0)
+    return x_power, by_x * x_dot + x_power * jnp.log(safe) * exponent_dot
 
 
 def power_loop(exponent: Scalar) -> tuple[Scalar, Scalar]:
@@ -38,8 +38,10 @@ def power_loop(exponent: Scalar) -> tuple[Scalar, Scalar]:
       I(n) = \int_0^{\pi/2} \sin^n = \frac{\sqrt\pi}{2}
       \frac{\Gamma((n+1)/2)}{\Gamma(n/2+1)}$$
     """
-    known = isinstance(exponent, float)  # then by NumPy: there is nothing to trace or to compile
-    q = exponent if known else jnp.asarray(exponent, float)
-    xp, log_gamma = (np, special.gammaln) if known else (jnp, gammaln)
+    is_constant = isinstance(
+        exponent, float
+    )  # then by NumPy: there is nothing to trace or to compile
+    q = exponent if is_constant else jnp.asarray(exponent, float)
+    xp, log_gamma = (np, special.gammaln) if is_constant else (jnp, gammaln)
     integral = 0.5 * np.sqrt(np.pi) * xp.exp(log_gamma(q + 1.5) - log_gamma(q + 2.0))
     return 8.0 / np.pi * integral * (1.0 + q) / (2.0 + q), 4.0 / np.pi * q / (2.0 + q)

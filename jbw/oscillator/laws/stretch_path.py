@@ -70,9 +70,9 @@ def _lag(c: Scalar, w: Scalar, nu: Scalar, m: int = 0, gap: Scalar | None = None
     rest = jnp.where(near, -jnp.expm1(nu * log_z), 1.0 - lost)
     pole = jnp.where(near, x * s / nu / -jnp.expm1(log_z), 0.0)
     weights = jnp.asarray(_UNIT_WEIGHTS) * p * power(unit, p - 1.0) * s**m
-    found = jnp.sum(weights * (lost / rest - pole))
-    known = (-jnp.log(gap) - x - 0.5 * m * x**2) / (nu * x ** (m + 1))
-    return w ** (m + 1) * (found + jnp.where(near, known, 0.0))
+    regular = jnp.sum(weights * (lost / rest - pole))
+    pole_part = (-jnp.log(gap) - x - 0.5 * m * x**2) / (nu * x ** (m + 1))
+    return w ** (m + 1) * (regular + jnp.where(near, pole_part, 0.0))
 
 
 def stretch_limit(c: Scalar, nu: Scalar) -> Scalar:
@@ -108,20 +108,20 @@ def _scale(most: Scalar, nu: Scalar, way: Scalar) -> tuple[Scalar, Scalar]:
 
 
 def _root(
-    left: Callable[[Scalar], Scalar], high: Scalar, slope: Callable[[Scalar], Scalar]
+    excess: Callable[[Scalar], Scalar], high: Scalar, slope: Callable[[Scalar], Scalar]
 ) -> Scalar:
     """Root of a rising function between 0 and `high`, with the derivatives of one Newton's step."""
 
     def halved(_, pair: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high = pair
         middle = 0.5 * (low + high)
-        above = left(middle) > 0.0
+        above = excess(middle) > 0.0
         return jnp.where(above, low, middle), jnp.where(above, middle, high)
 
     high = stop_gradient(high)
     low, high = jax.lax.fori_loop(0, _HALVINGS, halved, (0.0 * high, high))
     w = stop_gradient(0.5 * (low + high))
-    return w - left(w) / stop_gradient(slope(w))
+    return w - excess(w) / stop_gradient(slope(w))
 
 
 def moved(law: StretchLaw, memory: Scalar, dy: Scalar) -> Scalar:
@@ -137,10 +137,10 @@ def moved(law: StretchLaw, memory: Scalar, dy: Scalar) -> Scalar:
     target = jnp.where(falls, to_zero - way, jnp.where(against, way - to_zero, begun + way))
     scale, largest = _scale(c, nu, target)
 
-    def left(q: Scalar) -> Scalar:
+    def excess(q: Scalar) -> Scalar:
         return _way(c, -scale * jnp.expm1(-q), nu, _gap(q, c, nu, c)) - target
 
-    q = _root(left, largest, lambda q: _slope(q, c, nu, c, scale))
+    q = _root(excess, largest, lambda q: _slope(q, c, nu, c, scale))
     sense = jnp.where(falls, signed(1.0, w), signed(1.0, dy))
     return jnp.where(dy == 0.0, w, -sense * scale * jnp.expm1(-q))
 
@@ -160,7 +160,7 @@ def _tip(law: StretchLaw, peak: Scalar) -> tuple[Scalar, Scalar, Scalar]:
     most, nu = jnp.maximum(less, more), law.nu
     scale, largest = _scale(most, nu, 2.0 * peak)
 
-    def left(q: Scalar) -> Scalar:
+    def excess(q: Scalar) -> Scalar:
         w = -scale * jnp.expm1(-q)
         ways = (_way(c, w, nu, _gap(q, c, nu, most)) for c in (less, more))
         return sum(ways) - 2.0 * peak
@@ -168,7 +168,7 @@ def _tip(law: StretchLaw, peak: Scalar) -> tuple[Scalar, Scalar, Scalar]:
     def slope(q: Scalar) -> Scalar:
         return sum(_slope(q, c, nu, most, scale) for c in (less, more))
 
-    return _root(left, largest, slope), scale, most
+    return _root(excess, largest, slope), scale, most
 
 
 def tip(law: StretchLaw, y_peak: Scalar) -> Scalar:
@@ -191,7 +191,7 @@ def loop(law: StretchLaw, y_peak: Scalar) -> tuple[Scalar, Scalar]:
     """
     at_zero = y_peak == 0.0
     peak = jnp.where(at_zero, REFERENCE, y_peak)
-    own, nu = law.nu_stiffness, law.nu
+    alpha, nu = law.nu_stiffness, law.nu
     less, more = law.nu_softening - law.nu_opening, law.nu_softening + law.nu_opening
     end, scale, most = _tip(law, peak)
 
@@ -207,11 +207,11 @@ def loop(law: StretchLaw, y_peak: Scalar) -> tuple[Scalar, Scalar]:
     reach = jnp.minimum(end, _DEEP)
     q = reach * jnp.sin(t)
     y = jnp.stack([
-        zero + jax.vmap(lambda one: way(less, one))(q),
-        zero - jax.vmap(lambda one: way(more, one))(q),
+        zero + jax.vmap(lambda q_i: way(less, q_i))(q),
+        zero - jax.vmap(lambda q_i: way(more, q_i))(q),
     ])  # fmt: skip
     height = jnp.sqrt(jnp.maximum(1.0 - (y / peak) ** 2, 1e-300))
     weights = weights * reach * jnp.cos(t) * scale * jnp.exp(-q)
-    real = 2.0 * own / (jnp.pi * peak) * jnp.sum(weights * height)
-    imaginary = 2.0 * own / (jnp.pi * peak**2) * (moment(more) - moment(less))
-    return jnp.where(at_zero, own, real), jnp.where(at_zero, 0.0, imaginary)
+    real = 2.0 * alpha / (jnp.pi * peak) * jnp.sum(weights * height)
+    imaginary = 2.0 * alpha / (jnp.pi * peak**2) * (moment(more) - moment(less))
+    return jnp.where(at_zero, alpha, real), jnp.where(at_zero, 0.0, imaginary)

@@ -62,8 +62,8 @@ class Valanis(Law):
 
     def bouc_wen_limit(self) -> BoucWenLaw:
         """Bouc-Wen's law that it is for kappa = 0, beside a spring of the stiffness E_t."""
-        left = self.valanis_stiffness * (1.0 - self.valanis_hardening)
-        return BoucWenLaw(left, 0.0, self.valanis_rate)
+        alpha = self.valanis_stiffness * (1.0 - self.valanis_hardening)
+        return BoucWenLaw(alpha, 0.0, self.valanis_rate)
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
@@ -90,7 +90,7 @@ class Valanis(Law):
 
     def rate(self, y: Scalar, v: Scalar, memory: Scalar) -> Any:
         """Slope dZ/dy in the direction of motion, times the velocity."""
-        own, towards = self.valanis_stiffness, jnp.where(v < 0.0, -1.0, 1.0)
-        part = towards * self.valanis_rate * memory / own
-        slope = own * ((1.0 - part) / (1.0 - self.valanis_microslip * part))
-        return (slope - self.valanis_hardening * own) * v
+        stiffness, towards = self.valanis_stiffness, jnp.where(v < 0.0, -1.0, 1.0)
+        part = towards * self.valanis_rate * memory / stiffness
+        slope = stiffness * ((1.0 - part) / (1.0 - self.valanis_microslip * part))
+        return (slope - self.valanis_hardening * stiffness) * v
