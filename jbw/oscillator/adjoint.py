@@ -37,7 +37,7 @@ def solve(substeps: int, stepping: Stepping, initial: State) -> Trajectory:
 
 
 def _states(substeps: int, every: int, stepping: Stepping, initial: State) -> Trajectory:
-    """States after every so many of the substeps, as the time loop carries them."""
+    """States after every `every` substeps, in the layout of the time loop."""
     num_steps = stepping.num_steps
     carried = packed(stepping, initial)
     solution = diffrax.diffeqsolve(
@@ -58,21 +58,25 @@ def _states(substeps: int, every: int, stepping: Stepping, initial: State) -> Tr
 
 
 def packed(stepping: Stepping, state: State) -> State:
-    """A state as the time loop carries it."""
+    """A state in the layout of the time loop."""
     y, v, memory = state
     laws = stepping.step.laws
-    return y, v, tuple(law.packed(own) for law, own in zip(laws, memory, strict=True))
+    return y, v, tuple(law.packed(law_memory) for law, law_memory in zip(laws, memory, strict=True))
 
 
 def _unpacked(stepping: Stepping, trajectory: Trajectory) -> Trajectory:
-    """States of scalars from those of the time loop."""
+    """States of scalars from the layout of the time loop."""
     y, v, memory = trajectory
     laws = stepping.step.laws
-    return y, v, tuple(law.unpacked(own) for law, own in zip(laws, memory, strict=True))
+    return (
+        y,
+        v,
+        tuple(law.unpacked(law_memory) for law, law_memory in zip(laws, memory, strict=True)),
+    )
 
 
 def unused_field(tau, state, stepping):
-    """Stands where diffrax wants a vector field; `HysteresisExact` steps by its `args` alone."""
+    """Placeholder: diffrax requires a vector field, but `HysteresisExact` steps by its `args`."""
     return state
 
 
@@ -90,8 +94,8 @@ def _solve_jvp(substeps, primals, tangents):
     along = adjoint_stack.tangent if stacks else partial(in_chunks, _linearised, _recurrence)
     stepping_dot, initial_dot = tangents
     pushed, pushed_dot = jax.jvp(Stepping.pushed, (stepping,), (stepping_dot,))
-    found = along(pushed, trajectory, pushed_dot, initial_dot)
-    sampled = jax.tree.map(lambda x: x[::substeps], (trajectory, found))
+    trajectory_dot = along(pushed, trajectory, pushed_dot, initial_dot)
+    sampled = jax.tree.map(lambda x: x[::substeps], (trajectory, trajectory_dot))
     return _unpacked(stepping, sampled[0]), _unpacked(stepping, sampled[1])
 
 

@@ -1,6 +1,6 @@
-r"""Derivatives of the solve where a law remembers a stack of its past, as Masing's laws do.
+r"""Derivatives of the solve for laws whose memory is a stack of reversals, such as Masing's.
 
-Derivatives travel by y, v, the memories of other laws and the reversals; all else of a branch
+Tangents are carried by y, v, the memories of other laws and the reversals; the rest of a branch
 follows from these. The tangents of all states solve a linear system,
 
 $$\dot x_0 = \dot x(0), \qquad
@@ -28,7 +28,7 @@ Trajectory = tuple[Float[Array, " time"], Float[Array, " time"], Any]
 
 
 class Carriers(NamedTuple):
-    """What derivatives travel by.
+    """The variables whose tangents are carried from step to step.
 
     Attributes:
         heads: y, v and the memories of laws without a stack.
@@ -40,7 +40,7 @@ class Carriers(NamedTuple):
 
 
 class _Steps(NamedTuple):
-    """Where the derivatives of all steps are taken: at these states, pushes and kinks."""
+    """Linearisation points of all steps: states, pushes and kinks."""
 
     starts: State
     push: Push
@@ -63,21 +63,21 @@ def tangent(
     before, after = _but_last(trajectory), _but_first(trajectory)
     kinked = jax.vmap(partial(_kinked, stepping.step))(before, after, stepping.push)
     steps = _Steps(before, stepping.push, kinked)
-    given = _right_hand_side(
+    right_hand_side = _right_hand_side(
         _split(laws, initial_dot), stepping_dot, num_states=trajectory[0].shape[0]
     )
     x_dot = jax.lax.custom_linear_solve(
         partial(_system, stepping.step, steps),
-        given,
+        right_hand_side,
         lambda _, b: _lanes_apart(_forward)((stepping.step, steps), b),
         lambda _, c: _lanes_apart(_backward)((stepping.step, steps), c),
     ).x
 
-    def whole(state, x, x_dot):
+    def full_tangent(state, x, x_dot):
         primals, tangents = (laws, x), (stepping_dot.step.laws, x_dot)
         return jax.jvp(lambda laws, x: _joined(laws, state, x), primals, tangents)[1]
 
-    return jax.vmap(whole)(trajectory, jax.vmap(partial(_split, laws))(trajectory), x_dot)
+    return jax.vmap(full_tangent)(trajectory, jax.vmap(partial(_split, laws))(trajectory), x_dot)
 
 
 def _kinked(step: ExactStep, before: State, after: State, push: Push) -> Bool[Array, ""]:
@@ -106,19 +106,19 @@ def _right_hand_side(first: Carriers, stepping_dot: Pushed, num_states: int) -> 
 
 def _system(step: ExactStep, steps: _Steps, unknown: _Tangents) -> _Tangents:
     """The system's left-hand side."""
-    made = jax.vmap(partial(_after, step), (0, 0, None, 0))(
+    advanced = jax.vmap(partial(_after, step), (0, 0, None, 0))(
         steps, _but_last(unknown.x), unknown.step, unknown.push
     )
-    return unknown._replace(x=jax.tree.map(lambda x, y: x.at[1:].add(-y), unknown.x, made))
+    return unknown._replace(x=jax.tree.map(lambda x, y: x.at[1:].add(-y), unknown.x, advanced))
 
 
 def _forward(at: tuple[ExactStep, _Steps], b: _Tangents) -> _Tangents:
-    """Its solution, forward in time."""
+    """Solution of the system, forward in time."""
     step, steps = at
 
     def onward(x, inputs):
-        one, push_dot, more = inputs
-        x = _sum(_after(step, one, x, b.step, push_dot), more)
+        point, push_dot, more = inputs
+        x = _sum(_after(step, point, x, b.step, push_dot), more)
         return x, x
 
     first = jax.tree.map(lambda x: x[0], b.x)
@@ -132,8 +132,8 @@ def _backward(at: tuple[ExactStep, _Steps], c: _Tangents) -> _Tangents:
 
     def back(carried, inputs):
         x, step_bar = carried
-        one, push_bar, more = inputs
-        x, by_step, by_push = _before(step, one, x)
+        point, push_bar, more = inputs
+        x, by_step, by_push = _before(step, point, x)
         x = _sum(x, more)
         return (x, _sum(step_bar, by_step)), (x, _sum(push_bar, by_push))
 
@@ -146,13 +146,13 @@ def _backward(at: tuple[ExactStep, _Steps], c: _Tangents) -> _Tangents:
 
 
 def _lanes_apart(solve: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-    """The same, under vmap one lane after another, but many right-hand sides at once.
+    """The same solve; under vmap one lane after another, but many right-hand sides at once.
 
     Lanes side by side take the long derivative of a kink always.
     """
-    alone = jax.custom_batching.custom_vmap(solve)
+    sequential = jax.custom_batching.custom_vmap(solve)
 
-    @alone.def_vmap
+    @sequential.def_vmap
     def _(size, batched, at, b):
         if not any(jax.tree.leaves(batched[0])):
             axes = jax.tree.map(lambda is_batched: 0 if is_batched else None, batched[1])
@@ -162,10 +162,10 @@ def _lanes_apart(solve: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
                 lambda x, is_batched: x if is_batched else jnp.broadcast_to(x, (size, *x.shape)),
                 (at, b), tuple(batched),
             )  # fmt: skip
-            solved = jax.lax.map(lambda one: _lanes_apart(solve)(*one), spread)
+            solved = jax.lax.map(lambda lane: _lanes_apart(solve)(*lane), spread)
         return solved, jax.tree.map(lambda _: True, solved)
 
-    return alone
+    return sequential
 
 
 # -- one step --------------------------------------------------------------------------------------
@@ -201,24 +201,24 @@ def _split(laws: Laws, state: State) -> Carriers:
     """The carriers of a state."""
     y, v, memory = state
     heads, columns = [jnp.asarray(y), jnp.asarray(v)], []
-    for law, own in zip(laws, memory, strict=True):
+    for law, law_memory in zip(laws, memory, strict=True):
         if law.stacks:
-            columns.extend(jnp.asarray(column) for column in law.stack_columns(own))
+            columns.extend(jnp.asarray(column) for column in law.stack_columns(law_memory))
         else:
-            heads.extend(jax.tree.leaves(own))
+            heads.extend(jax.tree.leaves(law_memory))
     return Carriers(tuple(heads), tuple(columns))
 
 
 def _joined(laws: Laws, state: State, x: Carriers) -> State:
-    """A state with these carriers, all else found from them."""
+    """A state with these carriers; everything else follows from them."""
     (y, v, *heads), columns = x.heads, list(x.columns)
     memory = []
-    for law, own in zip(laws, state[2], strict=True):
+    for law, law_memory in zip(laws, state[2], strict=True):
         if law.stacks:
-            pair = tuple(columns.pop(0) for _ in law.stack_columns(own))
-            memory.append(law.with_columns(y, own, pair))
+            pair = tuple(columns.pop(0) for _ in law.stack_columns(law_memory))
+            memory.append(law.with_columns(y, law_memory, pair))
         else:
-            leaves, tree = jax.tree.flatten(own)
+            leaves, tree = jax.tree.flatten(law_memory)
             memory.append(jax.tree.unflatten(tree, [heads.pop(0) for _ in leaves]))
     return y, v, tuple(memory)
 

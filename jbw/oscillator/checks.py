@@ -1,4 +1,4 @@
-"""What the public functions refuse before they start, and report after; tracers are trusted.
+"""Checks of the public functions before and after they compute; traced values are not checked.
 
 A joint is a `BoucWen`, its law alone, or an `Oscillator` of any laws.
 """
@@ -26,7 +26,7 @@ def is_concrete(*values: object) -> bool:
 
 
 def require_closed_form(joint: Any) -> None:
-    """Raise unless nu = 1, whose hysteresis has a closed form; being static, under tracing too."""
+    """Raise unless nu = 1, which has a closed form; nu is static, so under tracing too."""
     if joint.nu != 1.0:
         raise ModelError(
             f"Parameter `nu` must be 1 for the closed-form hysteresis, but nu = {joint.nu:g}.",
@@ -63,7 +63,7 @@ def require_at_least(name: str, value: ArrayLike, bound: float, *, open_end: boo
 
 
 def require_none(joint: Any, function: str) -> None:
-    """Raise where a restoring force stands beside the joint of a formula without a place for it."""
+    """Raise where a joint has a restoring force that a formula does not include."""
     if joint.restoring is not None:
         raise ModelError(
             f"Parameter `restoring` must be None for `{function}`, but it is a force of kind "
@@ -90,7 +90,7 @@ def require_float64(
 def check_options(
     fs: float, hold: str, substeps: int, num_samples: int | None, callable_input: bool
 ) -> None:
-    """Refuse a float32 session and options that cannot be meant."""
+    """Refuse a float32 session and invalid options."""
     require_float64("Time integration", "A sweep keeps no correct digit of its gradients")
     if hold not in HOLDS:
         raise ConfigError(f"Argument `hold` must be one of {', '.join(HOLDS)}, but is {hold!r}.")
@@ -127,30 +127,31 @@ def initial_state(joint: Any, initial: tuple) -> tuple:
     """State of a start: (y, v), (y, v, z) of the only law with a memory, or (y, v, memories)."""
     if len(initial) not in (2, 3):
         raise ConfigError(f"Argument `initial` must be (y, v, z), but has {len(initial)} entries.")
-    y, v, *given = initial
+    y, v, *start_memory = initial
     memory = joint.at_rest()
     remembering = [law.remembers for law in joint.laws]
-    if given and isinstance(given[0], tuple):
-        memory = given[0]
-    elif given and sum(remembering) == 1 == len(jax.tree.leaves(memory)):
+    if start_memory and isinstance(start_memory[0], tuple):
+        memory = start_memory[0]
+    elif start_memory and sum(remembering) == 1 == len(jax.tree.leaves(memory)):
         memory = tuple(
-            given[0] if has else own for has, own in zip(remembering, memory, strict=True)
+            start_memory[0] if remembers else rest_memory
+            for remembers, rest_memory in zip(remembering, memory, strict=True)
         )
-    elif given and np.any(np.asarray(given[0]) != 0.0):
+    elif start_memory and np.any(np.asarray(start_memory[0]) != 0.0):
         raise ConfigError(
             "Argument `initial` gives one z, but there are laws with several memories, or none.",
             remedy="Give (y, v), or (y, v, memories) with the memory of every law.",
         )
     expected = jax.tree.structure(joint.at_rest())
-    if (found := jax.tree.structure(memory)) != expected:
+    if (tree := jax.tree.structure(memory)) != expected:
         raise ConfigError(
-            f"Argument `initial` must hold the memories of the laws as {expected}, but has {found}."
+            f"Argument `initial` must hold the memories of the laws as {expected}, but has {tree}."
         )
     if is_concrete(joint, initial):
         if not all(np.all(np.isfinite(value)) for value in jax.tree.leaves(initial)):
             raise DataError(f"Argument `initial` must be finite, but is {initial}.")
-        for law, own in zip(joint.laws, memory, strict=True):
-            law.admits(own)
+        for law, law_memory in zip(joint.laws, memory, strict=True):
+            law.admits(law_memory)
     return y, v, memory
 
 
@@ -221,7 +222,7 @@ def warn_of_long_steps(fs: Any, substeps: int, y: Any, v: Any) -> None:
 
 
 def warn_of_guesses(guesses: Any) -> None:
-    """Warn where a law came back to reversals that it had given up for want of places."""
+    """Warn where a law returned to reversals that it had dropped because its memory was full."""
     if not is_concrete(guesses) or not np.any(count := np.asarray(guesses)):
         return
     warnings.warn(
@@ -237,8 +238,10 @@ def check_bounded(joint: Any, y: Any) -> None:
     if not is_concrete(joint, y) or np.all(finite := np.isfinite(y)):
         return
     sample = int(np.argwhere(~finite)[0][-1])
-    beside = {name: x for name, x in parameters(joint).items() if name not in ("omega_n", "zeta")}
-    text = ", ".join(f"{name} = {value}" for name, value in beside.items())
+    law_parameters = {
+        name: x for name, x in parameters(joint).items() if name not in ("omega_n", "zeta")
+    }
+    text = ", ".join(f"{name} = {value}" for name, value in law_parameters.items())
     if np.any((zeta := np.asarray(parameters(joint).get("zeta", 0.0))) < 0.0):
         raise ModelError(
             f"The trajectory diverges at sample {sample}: zeta = {np.min(zeta):g} is negative, so "
@@ -255,7 +258,7 @@ def check_bounded(joint: Any, y: Any) -> None:
 
 
 def check_settled(residual: Any) -> None:
-    """Report a periodic record whose steady state Newton did not find."""
+    """Report a periodic record for which Newton's iteration did not converge."""
     if not is_concrete(residual) or np.all(np.asarray(residual) < 1e-8):
         return
     raise ModelError(
@@ -275,7 +278,7 @@ def require_periodic(joint: Any) -> None:
 def require_sense(
     joint: Any, omega: ArrayLike, amplitude: ArrayLike, num_harmonics: int, max_turns: int
 ) -> None:
-    """Raise where an argument of a periodic response cannot be meant."""
+    """Raise where an argument of a periodic response is invalid."""
     require_periodic(joint)
     require_finite(joint, omega=omega, amplitude=amplitude)
     require_float64()
@@ -288,7 +291,7 @@ def require_sense(
 
 
 def require_concrete(function: str, *values: object) -> None:
-    """Raise where a function that looks at its numbers as it goes is being traced."""
+    """Raise where a function that branches on its values is being traced."""
     if is_concrete(*values, jnp.zeros(())):
         return
     raise ConfigError(

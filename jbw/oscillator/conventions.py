@@ -1,6 +1,6 @@
 """The joint in the parameters of Baber and Noori, of OpenSees and of the hysteretic benchmark.
 
-Public as `jbw.conventions`: `to_` makes theirs of ours, `from_` ours of theirs.
+Public as `jbw.conventions`: `to_...` converts our parameters to theirs, `from_...` theirs to ours.
 """
 
 from jbw.oscillator.laws.conversions import BaberNoori as BaberNoori

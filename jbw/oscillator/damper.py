@@ -1,4 +1,4 @@
-r"""The protocol of a force $g(v)$ of the velocity itself, beside laws that are rate independent.
+r"""The protocol of a force $g(v)$ of the velocity, in parallel with rate-independent laws.
 
 The rate of such a force needs the acceleration, its harmonics and its losses the frequency. What
 a `Law` says of slow motion (`move`, `harmonics`, `loop`) is therefore that nothing is felt.
@@ -13,7 +13,7 @@ from jbw.oscillator.parameters import Scalar
 
 
 class Damper(Law):
-    """An odd force of v; a kind says `__call__`, `drag`, `harmonics_at` and `loop_at`."""
+    """An odd force of v; a subclass defines `__call__`, `drag`, `harmonics_at` and `loop_at`."""
 
     def __call__(self, v: Scalar) -> Scalar:
         """Force at the velocity v [N/kg]."""
@@ -39,7 +39,7 @@ class Damper(Law):
 
     # -- in slow motion ----------------------------------------------------------------------------
     def stiffness(self) -> Scalar:
-        """None [1/s^2]."""
+        """Zero [1/s^2]."""
         return 0.0
 
     def force(self, y: Scalar, v: Scalar, memory: tuple[()]) -> Scalar:
@@ -47,20 +47,20 @@ class Damper(Law):
         return self(v)
 
     def loop(self, y_peak: Scalar) -> Loop:
-        """None."""
+        """Zero: the losses at amplitude Y depend on the frequency, see `loop_at`."""
         none = 0.0 * jnp.asarray(y_peak, float)
         return Loop(none, none)
 
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int
     ) -> Complex[Array, " harmonic"]:
-        """None."""
+        """Zero: the harmonics depend on the frequency, see `harmonics_at`."""
         return jnp.zeros_like(q)
 
     def force_over_period(
         self, q: Complex[Array, " harmonic"], theta: Float[Array, " time"], max_turns: int
     ) -> Float[Array, " time"]:
-        """None."""
+        """Zero: slow motion feels no damper."""
         return jnp.zeros_like(theta)
 
     # -- through a time step -----------------------------------------------------------------------
@@ -73,5 +73,5 @@ class Damper(Law):
     def turn(
         self, y: Scalar, memory: tuple[()], ends: Ends, quartic: Scalar
     ) -> tuple[tuple[()], Scalar, Scalar]:
-        """Nothing of the path: see `reversal`."""
+        """No impulses from the path; see `reversal`."""
         return (), 0.0, 0.0

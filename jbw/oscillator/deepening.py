@@ -1,4 +1,4 @@
-"""More room for the reversals that Masing's laws remember, where a motion asks for it."""
+"""A deeper memory of reversals for Masing's laws, where a motion needs one."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -29,7 +29,7 @@ class Guessing(Protocol):
 def deep_enough[Model: Oscillator | Structure, Solved: Guessing](
     solve: Callable[[Model, Any], Solved], joint: Model, initial: Any
 ) -> Solved:
-    """The response, solved again with twice the memory as long as that was too short and helps.
+    """The response, solved again with twice the memory while that was too short and doubling helps.
 
     `solve` takes the model and its state at the start, whose last part are the laws' memories.
     """
@@ -47,7 +47,7 @@ def deep_enough[Model: Oscillator | Structure, Solved: Guessing](
 
 
 def forgot(joint: Oscillator | Structure, guesses: object) -> bool:
-    """Whether a law gave up reversals that the motion came back to, and more room is to be had."""
+    """Whether a law dropped reversals that the motion returned to, and its memory can grow."""
     if not (is_concrete(guesses) and np.any(np.asarray(guesses))):
         return False
     return any(isinstance(law, Masing) and law.depth < MOST for law in joint.laws)
@@ -56,19 +56,19 @@ def forgot(joint: Oscillator | Structure, guesses: object) -> bool:
 def with_places[Model: Oscillator | Structure](
     joint: Model, start: Any, depth: int
 ) -> tuple[Model, Any]:
-    """The same model and its state with room for so many reversals at least."""
+    """The same model and its state with memory for at least `depth` reversals."""
     *motion, memory = start
     laws, memories = [], []
-    for law, own in zip(joint.laws, memory, strict=True):
+    for law, law_memory in zip(joint.laws, memory, strict=True):
         short = isinstance(law, Masing) and law.depth < depth
         laws.append(replace(law, depth=depth) if short else law)
-        memories.append(with_room(own, depth) if short else own)
+        memories.append(with_room(law_memory, depth) if short else law_memory)
     return replace(joint, laws=tuple(laws)), (*motion, tuple(memories))
 
 
 def with_depth[Model: Oscillator | Structure](joint: Model, depth: int | None) -> Model:
-    """The model whose laws of Masing's kind remember so many reversals; None for the usual."""
+    """The model whose Masing laws remember `depth` reversals; unchanged where that is None."""
     if depth is None:
         return joint
-    own = (replace(law, depth=depth) if isinstance(law, Masing) else law for law in joint.laws)
-    return replace(joint, laws=tuple(own))
+    laws = (replace(law, depth=depth) if isinstance(law, Masing) else law for law in joint.laws)
+    return replace(joint, laws=tuple(laws))

@@ -93,10 +93,10 @@ def sweep(
 
     def u(t):
         cycles = start_hz * t + 0.5 * (end_hz - start_hz) / duration * t**2
-        left = duration - t
-        faded = 0.5 - 0.5 * jnp.cos(jnp.pi * left / jnp.where(fade > 0.0, fade, 1.0))
-        gain = jnp.where(left < fade, faded, 1.0)
-        return amplitude * jnp.where(left > 0.0, gain * jnp.sin(2.0 * jnp.pi * cycles), 0.0)
+        remaining = duration - t
+        faded = 0.5 - 0.5 * jnp.cos(jnp.pi * remaining / jnp.where(fade > 0.0, fade, 1.0))
+        gain = jnp.where(remaining < fade, faded, 1.0)
+        return amplitude * jnp.where(remaining > 0.0, gain * jnp.sin(2.0 * jnp.pi * cycles), 0.0)
 
     return u
 

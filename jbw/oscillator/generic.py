@@ -1,4 +1,4 @@
-r"""What every law does that knows no better: by its force, its rate and its move alone.
+r"""Defaults of every law, from its force, its rate and its move alone.
 
 Exact for no law, right for all whose force is continuous and odd and whose rate is proportional to
 the velocity.
@@ -66,13 +66,13 @@ def remainder_by_rates(
     law: Law, h: Scalar, y: Scalar, v: Scalar, memory: Memory
 ) -> tuple[Scalar, Scalar]:
     """Remainder F - K y and h times its rate, from the law's force and rate."""
-    own, rate = law.stiffness(), law.rate(y, v, memory)
+    stiffness, rate = law.stiffness(), law.rate(y, v, memory)
     force, rise = jax.jvp(
         lambda y, memory: law.force(y, v, memory),
         (y, memory),
         (h * v, jax.tree.map(lambda x: h * x, rate)),
     )
-    return force - own * y, rise - own * h * v
+    return force - stiffness * y, rise - stiffness * h * v
 
 
 def bend_by_rates(
@@ -93,38 +93,38 @@ def turn_by_slopes(
     """Two moves through a turning point, and the impulse of the slope's jump there."""
     path = StepPath.through(ends, quartic)
     top = y + path.before
-    there = law.move(y, memory, path.before)
-    jump = slope(law, top, there, path.after) - slope(law, top, there, path.before)
-    found = kink_impulse(1.0 - path.fraction, jnp.where(path.turns, jump * path.bend, 0.0), 0.0)
-    return law.move(top, there, path.after), found.v, found.y
+    memory_at_top = law.move(y, memory, path.before)
+    jump = slope(law, top, memory_at_top, path.after) - slope(law, top, memory_at_top, path.before)
+    impulse = kink_impulse(1.0 - path.fraction, jnp.where(path.turns, jump * path.bend, 0.0), 0.0)
+    return law.move(top, memory_at_top, path.after), impulse.v, impulse.y
 
 
 def loop_by_moves(law: Law, y_peak: Scalar) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     """Equivalent stiffness and damping by the trapezium rule on half a cycle from the tip."""
     y_peak = jnp.asarray(y_peak, float)
     at_zero = y_peak == 0.0
-    peak, own = jnp.where(at_zero, 1.0, y_peak), law.stiffness()
+    peak, stiffness = jnp.where(at_zero, 1.0, y_peak), law.stiffness()
     theta = jnp.linspace(0.0, jnp.pi, _LOOP_POINTS + 1)
 
-    def left(y: Array, memory: Memory) -> Array:
-        return law.force(y, 0.0 * y, memory) - own * y
+    def remainder(y: Array, memory: Memory) -> Array:
+        return law.force(y, 0.0 * y, memory) - stiffness * y
 
     def onward(memory: Memory, pair: Array) -> tuple[Memory, Array]:
         before, after = peak * pair[0], peak * pair[1]
         memory = law.move(before, memory, after - before)
-        return memory, left(after, memory)
+        return memory, remainder(after, memory)
 
     like = jnp.broadcast_shapes(*(jnp.shape(x) for x in jax.tree.leaves((law, peak))))
     tip = jax.tree.map(lambda x: jnp.broadcast_to(x, like).astype(float), law.at_tip(peak))
     pairs = jnp.stack([jnp.cos(theta[:-1]), jnp.cos(theta[1:])], 1)
     _, rest = jax.lax.scan(onward, tip, pairs)
-    force = jnp.concatenate([jnp.broadcast_to(left(peak, tip), like)[None], rest])
+    force = jnp.concatenate([jnp.broadcast_to(remainder(peak, tip), like)[None], rest])
     weights = jnp.ones(theta.size).at[jnp.array([0, -1])].set(0.5) * 2.0 / _LOOP_POINTS
     real, imaginary = (
         jnp.where(at_zero, 0.0, jnp.tensordot(weights * wave, force, 1) / peak)
         for wave in (jnp.cos(theta), -jnp.sin(theta))
     )
-    return own + real, imaginary
+    return stiffness + real, imaginary
 
 
 def harmonics_by_moves(
@@ -154,10 +154,10 @@ def force_by_moves(
 
 
 def no_force(law: Law) -> str | None:
-    """A warning of a parameter below where the law makes sense, or None; concrete values only."""
-    own = law.parameters()
+    """A warning of a parameter below its least value, or None; concrete values only."""
+    parameters = law.parameters()
     for quantity in law.table:
-        least = float(np.min(np.asarray(own[quantity.name])))
+        least = float(np.min(np.asarray(parameters[quantity.name])))
         if (must := must_be(quantity, least)) is not None:
             return (
                 f"Parameter `{quantity.name}` of `{law.name}` must be {must}, but it is "

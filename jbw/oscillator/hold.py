@@ -102,7 +102,7 @@ def quintic(start: Float[Array, "... 3"], end: Float[Array, "... 3"]) -> Float[A
     """
     xp = _namespace(start)
     u, du, ddu = (start[..., i] for i in range(3))
-    # What the end asks for beyond the parabola of the start.
+    # Value, slope and curvature at the end, less those of the parabola of the start.
     rise = end[..., 0] - (u + du + 0.5 * ddu)
     turn = end[..., 1] - (du + ddu)
     bend = end[..., 2] - ddu

@@ -1,4 +1,4 @@
-r"""The protocol of a joint's law, and what every law has without saying more.
+r"""The protocol of a joint's law, and the defaults of every law.
 
 A law is one force across the joint, per unit modal mass. It is a record whose leaves are its
 parameters, a table that names them, and a few functions; `jbw.oscillator.laws` holds the register.
@@ -36,13 +36,13 @@ Memory = Any  # a pytree of scalars: z of Bouc-Wen, the sliders' forces, () of a
 class Law(eqx.Module):
     r"""One force F across the joint, per unit modal mass; its leaves are its parameters.
 
-    A law says `table`, `prior` and `force`, one with a memory `at_rest` and `rate`. All else has a
-    generic default here, to be overridden where more is known.
+    A law defines `table`, `prior`, `force` and, with a memory, `at_rest` and `rate`. The rest has a
+    generic default here, to be overridden by exact methods.
 
     Attributes:
         name: Name in a campaign, `[joint] laws = ["bouc_wen"]`; a class variable.
         table: Every parameter's name, symbol, unit, meaning and least value; a class variable.
-        products: What weak motion knows of them; a class variable.
+        products: Products of them that weak motion identifies; a class variable.
         coordinates: Other parameters to sample in, by name; a class variable.
     """
 
@@ -60,12 +60,12 @@ class Law(eqx.Module):
 
     @classmethod
     def build(cls, theta: Mapping[str, Any]) -> Self:
-        """The law of a dictionary of its own parameters, in which others may stand too."""
+        """The law from a dictionary of its parameters, which may hold others too."""
         return cls(**{name: theta[name] for name in cls.names()})
 
     @classmethod
     def of(cls, theta: Mapping[str, Any]) -> Self:
-        """The law of a dictionary in its own parameters or any of its other coordinates."""
+        """The law from a dictionary of its parameters or of any of its other coordinates."""
         for coordinates in cls.coordinates.values():
             if set(coordinates.names) <= theta.keys():
                 return cls.build(coordinates.to_parameters(theta))
@@ -84,7 +84,7 @@ class Law(eqx.Module):
     def coordinate_bounds(
         cls, coordinates: str, bounds: Bounds, theta: Mapping[str, float], stated: Bounds
     ) -> Bounds:
-        """Bounds of other coordinates about a fit; a law with coordinates says them.
+        """Bounds of other coordinates about a fit; a law with coordinates defines them.
 
         Args:
             coordinates: Which of the law's coordinates.
@@ -113,7 +113,7 @@ class Law(eqx.Module):
         return ()
 
     def stiffness(self) -> Scalar:
-        """Slope dF/dy at rest, which omega_n^2 holds already [1/s^2]."""
+        """Slope dF/dy at rest, which omega_n^2 includes [1/s^2]."""
         rest = jax.tree.map(lambda x: jnp.asarray(x, float), self.at_rest())
         return generic.slope(self, jnp.zeros(()), rest, jnp.ones(()))
 
@@ -122,7 +122,7 @@ class Law(eqx.Module):
         return generic.move_by_rates(self, y, memory, dy)
 
     def follow(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
-        """The same of one of many moves along a record, where `move` would be costly."""
+        """`move` as one of many moves along a record, where the exact one would be costly."""
         return self.move(y, memory, dy)
 
     def at_tip(self, y_peak: Scalar) -> Memory:
@@ -148,16 +148,16 @@ class Law(eqx.Module):
         return {}
 
     def thresholds(self) -> tuple[Threshold, ...]:
-        """Displacements that a motion must reach for the law to be known beyond them."""
+        """Displacements that a motion must reach to identify the law beyond them."""
         return ()
 
     # -- through a time step of length h ---------------------------------------------------------
     def packed(self, memory: Memory) -> Memory:
-        """Memory as the time loop carries it; what seldom changes in few arrays."""
+        """Memory in the layout of the time loop: entries that seldom change in few arrays."""
         return memory
 
     def unpacked(self, memory: Memory) -> Memory:
-        """Memory as everybody else sees it, of scalars, from that of the time loop."""
+        """Memory of scalars from the layout of the time loop."""
         return memory
 
     @property
@@ -166,7 +166,7 @@ class Law(eqx.Module):
         return True
 
     def branch(self, v: Scalar, memory: Memory) -> Branch:
-        """What holds until the next kink, such as signs; for the functions below."""
+        """Quantities that are constant until the next kink, such as signs."""
         return ()
 
     def remainder(
@@ -185,13 +185,13 @@ class Law(eqx.Module):
         self, y: Scalar, memory: Memory, dy: Scalar, branch: Branch
     ) -> tuple[Memory, Bool[Array, "..."] | bool]:
         """Memory after a step without a turn, and whether it met a kink, so that `turn` is due."""
-        # A kink that is not said here, such as a yield, leaves the step first order in h.
+        # A kink that is not reported here, such as a yield, leaves the step first order in h.
         return self.move(y, memory, dy), False
 
     def turn(
         self, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
     ) -> tuple[Memory, Scalar, Scalar]:
-        """Memory after a step that may turn, and what the kink there gives to the motion.
+        """Memory after a step that may turn, and the impulses of its kinks on the motion.
 
         Args:
             y: Displacement at the start [m].
@@ -251,7 +251,7 @@ class Law(eqx.Module):
         """Raise a ModelError where `harmonics` do not hold."""
 
     def guesses(self, memory: Memory) -> Scalar:
-        """How often until now the force may have been a guess, as the memory was too short."""
+        """Number of times that the memory was too short, so that the force may be a guess."""
         return 0.0
 
     def doubts(self) -> str | None:
@@ -259,7 +259,7 @@ class Law(eqx.Module):
         return generic.no_force(self)
 
     def memory_unit(self, omega_n: Scalar) -> Memory:
-        """Factors to a velocity, those of a force at first; zero of what counts for ever."""
+        """Factors from the memory to velocities, by default those of forces; zero for counters."""
         return jax.tree.map(lambda _: 1.0 / omega_n, self.at_rest())
 
     @property
@@ -269,7 +269,7 @@ class Law(eqx.Module):
 
     @property
     def kinked(self) -> bool:
-        """Whether a step may meet a kink of the law, so that `glide` and `turn` are asked."""
+        """Whether a step may meet a kink of the law, so that `glide` and `turn` are called."""
         return self.remembers
 
 
@@ -300,9 +300,9 @@ class ScaledLaw(Law):
     def harmonics(
         self, q: Complex[Array, " harmonic"], max_turns: int
     ) -> Complex[Array, " harmonic"]:
-        """The law's own along the motion l q."""
+        """Those of the law along the motion l q."""
         at_rest = self.length == 0.0
         length = jnp.where(at_rest, 1.0, self.length)
         harmonics = self.law.harmonics(length * q, max_turns) / length
-        left = Law.stiffness(self.law) - self.law.stiffness()
-        return jnp.where(at_rest, left * q, harmonics) / self.unit
+        rest_slope = Law.stiffness(self.law) - self.law.stiffness()
+        return jnp.where(at_rest, rest_slope * q, harmonics) / self.unit

@@ -51,17 +51,17 @@ class Oscillator(eqx.Module):
     def force(self, y: Scalar, v: Scalar, memory: tuple[Memory, ...]) -> Scalar:
         """Sum of the laws' forces [N/kg]."""
         pairs = zip(self.laws, memory, strict=True)
-        return sum((law.force(y, v, own) for law, own in pairs), 0.0 * y)
+        return sum((law.force(y, v, law_memory) for law, law_memory in pairs), 0.0 * y)
 
     def move(self, y: Scalar, memory: tuple[Memory, ...], dy: Scalar) -> tuple[Memory, ...]:
         """Memories after a monotone move from y by dy."""
         pairs = zip(self.laws, memory, strict=True)
-        return tuple(law.move(y, own, dy) for law, own in pairs)
+        return tuple(law.move(y, law_memory, dy) for law, law_memory in pairs)
 
     def follow(self, y: Scalar, memory: tuple[Memory, ...], dy: Scalar) -> tuple[Memory, ...]:
         """The same of one of many moves along a record."""
         pairs = zip(self.laws, memory, strict=True)
-        return tuple(law.follow(y, own, dy) for law, own in pairs)
+        return tuple(law.follow(y, law_memory, dy) for law, law_memory in pairs)
 
     def at_tip(self, y_peak: Scalar) -> tuple[Memory, ...]:
         """Memories at y = Y on the steady loops between -Y and Y."""
@@ -112,8 +112,10 @@ class Oscillator(eqx.Module):
 
     def parameters(self) -> dict[str, Any]:
         """omega_n, zeta and the laws' parameters by name."""
-        own = {"omega_n": self.omega_n, "zeta": self.zeta}
-        return own | {name: x for law in self.laws for name, x in law.parameters().items()}
+        mode_parameters = {"omega_n": self.omega_n, "zeta": self.zeta}
+        return mode_parameters | {
+            name: x for law in self.laws for name, x in law.parameters().items()
+        }
 
 
 def _as_pytree(force: Restoring | None) -> Restoring | None:
@@ -161,8 +163,8 @@ class BoucWen(eqx.Module):
     @property
     def laws(self) -> tuple[Law, ...]:
         """The laws across the joint: Bouc-Wen's, and that of `restoring` beside it."""
-        beside = () if self.restoring is None else (as_law(self.restoring),)
-        return (BoucWenLaw(self.alpha, self.delta, self.gamma, self.nu), *beside)
+        springs = () if self.restoring is None else (as_law(self.restoring),)
+        return (BoucWenLaw(self.alpha, self.delta, self.gamma, self.nu), *springs)
 
 
 Joint = Oscillator | BoucWen

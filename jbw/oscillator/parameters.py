@@ -40,7 +40,7 @@ Bounds = dict[str, tuple[float, float]]
 
 
 class Scales(NamedTuple):
-    """What is known before any law is fitted.
+    """Scales of the motion, from before any law is fitted.
 
     Attributes:
         omega_n: Natural frequency at small amplitude [rad/s].
@@ -82,7 +82,7 @@ class Monomial(NamedTuple):
 
 
 class Coordinates(NamedTuple):
-    """Other parameters in which a law is sampled, one for one with its own.
+    """Another parametrisation in which a law is sampled, one to one with its parameters.
 
     Attributes:
         name: Name in `[identify] coordinates`, such as "products".
@@ -111,8 +111,8 @@ class Coordinates(NamedTuple):
 
     def from_parameters(self, theta: Mapping[str, Any]) -> dict[str, Any]:
         """The same point in these coordinates; everything else in theta as it is."""
-        own = {monomial.name for monomial in self.forward}
-        rest = {name: value for name, value in theta.items() if name not in own}
+        law_names = {monomial.name for monomial in self.forward}
+        rest = {name: value for name, value in theta.items() if name not in law_names}
         return rest | {monomial.name: monomial.of(theta) for monomial in self.inverse}
 
     def powers(self, powers: Powers) -> dict[str, int]:
@@ -126,12 +126,12 @@ class Coordinates(NamedTuple):
 
 
 class Threshold(NamedTuple):
-    """A displacement from which something of a law acts that smaller motions know nothing of.
+    """A displacement beyond which a mechanism of a law acts that smaller motions do not identify.
 
     Attributes:
-        what: That which begins there, such as "macroslip".
+        what: The mechanism that begins there, such as "macroslip".
         y: The displacement [m].
-        rests: What rests on its prior alone where no motion reaches it.
+        rests: What the prior alone determines where no motion reaches it.
     """
 
     what: str

@@ -1,4 +1,4 @@
-"""A branch that few steps take, for many lanes side by side: taken where any lane asks for it.
+"""A branch that few steps take, for many lanes at once: computed where any lane needs it.
 
 Under `jax.vmap` a condition becomes a selection, which works out both sides in every step. Here it
 stays a condition: lanes of like parameters turn within a few steps of each other, and between
@@ -28,7 +28,7 @@ def unshared() -> Iterator[None]:
 
 
 def where_rare(met: Bool[Array, ""], rare: Callable[[Any], Any], operands: Any, usual: Any) -> Any:
-    """What `rare` makes of the operands where a step has `met` a rare event, else the `usual`.
+    """The value `rare(operands)` where a step has `met` a rare event, else `usual`.
 
     Args:
         met: Whether it has.
@@ -39,7 +39,7 @@ def where_rare(met: Bool[Array, ""], rare: Callable[[Any], Any], operands: Any, 
     if not _on_one_device():
         return jax.lax.cond(met, rare, lambda _: usual, operands)
 
-    # Derivatives go through the plain condition: a rule for lanes has none of its own.
+    # Derivatives go through the plain condition: a batching rule defines none.
     @jax.custom_jvp
     def condition(met: Array, operands: Any, usual: Any) -> Any:
         return _condition(rare, 0)(met, operands, usual)
@@ -61,8 +61,8 @@ def _on_one_device() -> bool:
     every step, which costs the time loop its native call. Within `jax.shard_map` it is not, nor
     where a caller says so by `unshared`.
     """
-    whole = _UNSHARED.get() or bool(jax.sharding.get_abstract_mesh().manual_axes)
-    return whole or jax.device_count() == 1
+    lanes_unshared = _UNSHARED.get() or bool(jax.sharding.get_abstract_mesh().manual_axes)
+    return lanes_unshared or jax.device_count() == 1
 
 
 def _condition(rare: Callable[[Any], Any], depth: int) -> Callable[..., Any]:

@@ -143,7 +143,7 @@ def response_of(joint: Oscillator, order: int, state: Any, u: Any) -> Any:
 
 
 def _added(task: _Task, state: State, substep: Array, totals: Any, every: int = 1) -> Any:
-    """Totals with the residual after so many substeps, where a sample that counts stands there."""
+    """Totals with the residual after `substep` substeps, where a compared sample stands there."""
     compared, (square, along, peak) = task.compared, totals
     n = substep // every
     counts = (substep % every == 0) & (n >= compared.first)
@@ -177,7 +177,9 @@ class _Summing(HysteresisExact):
         totals = totals[0], totals[1 : 1 + size], totals[1 + size]
         laws = args.stepping.step.laws
         y, v, memory = jax.tree.unflatten(jax.tree.structure(rest), ends)
-        memory = tuple(law.unpacked(own) for law, own in zip(laws, memory, strict=True))
+        memory = tuple(
+            law.unpacked(law_memory) for law, law_memory in zip(laws, memory, strict=True)
+        )
         totals = _added(args, (y, v, memory), following, totals, self.substeps)
         y1 = (*ends, *jax.tree.leaves(totals))
         return y1, None, dict(y0=y0, y1=y1), following, result

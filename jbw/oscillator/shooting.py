@@ -147,8 +147,8 @@ def _half_period(
 ) -> tuple[State, Complex[Array, " harmonic"]]:
     """State after half a period, and the harmonics of y as integrals over it."""
     unit, ratio = problem
-    one = jnp.ones_like(ratio)
-    law = BoucWen(one, one, one, unit.delta, unit.gamma)
+    unity = jnp.ones_like(ratio)
+    law = BoucWen(unity, unity, unity, unit.delta, unit.gamma)
     n = orders(num_harmonics)
 
     def rate(theta: Any, state: tuple, _: None) -> tuple:
