@@ -1,4 +1,4 @@
-r"""A posterior of one's own, with any prior of one number a parameter, ready to be calibrated.
+r"""A posterior of the user, with any prior of one number a parameter, ready to be calibrated.
 
 Samplers know the uniform prior in a box; every other one is that of its quantiles,
 
@@ -44,9 +44,12 @@ def own_model(simulate: Simulate, log_likelihood: LogLikelihood, prior: Prior) -
         raise ConfigError(
             f"Argument `prior` must give a distribution to every parameter's name, not {prior!r}."
         )
-    for name, one in prior.items():
-        _require_quantiles(name, one)
-    theta = Partial(theta_of, quantiles={name: _quantile_of(one) for name, one in prior.items()})
+    for name, distribution in prior.items():
+        _require_quantiles(name, distribution)
+    theta = Partial(
+        theta_of,
+        quantiles={name: _quantile_of(distribution) for name, distribution in prior.items()},
+    )
 
     def simulated(key: Key[Array, ""], u: Theta) -> PyTree:
         return simulate(key, theta(u))
@@ -83,8 +86,8 @@ def _inverted(prior: dist.Distribution, u: Array) -> Array:
 
     ends = jnp.full_like(u, -FARTHEST), jnp.full_like(u, FARTHEST)
     low, high = jax.lax.fori_loop(0, HALVINGS, halved, stop_gradient(ends))
-    found = stop_gradient(onto(0.5 * (low + high)))
-    return found + (u - stop_gradient(u)) / jnp.exp(stop_gradient(prior.log_prob(found)))
+    quantile = stop_gradient(onto(0.5 * (low + high)))
+    return quantile + (u - stop_gradient(u)) / jnp.exp(stop_gradient(prior.log_prob(quantile)))
 
 
 def _require_quantiles(name: str, prior: Any) -> None:
@@ -98,9 +101,9 @@ def _require_quantiles(name: str, prior: Any) -> None:
     if prior.is_discrete:
         raise ConfigError(f"The prior of `{name}` must be of a real number, but {kind} counts.")
     middle = jnp.asarray(0.5)
-    for asked, at in ((prior.icdf, middle), (prior.cdf, biject_to(prior.support)(0.0 * middle))):
+    for function, at in ((prior.icdf, middle), (prior.cdf, biject_to(prior.support)(0.0 * middle))):
         try:
-            jax.eval_shape(asked, at)
+            jax.eval_shape(function, at)
         except WITHOUT:
             continue
         return

@@ -29,7 +29,7 @@ LEAST = 1e-9  # below, the sum of the pointwise tails is the p-value, an upper b
 
 
 class Ranked(NamedTuple):
-    """Of each quantity the draws below the truth, and whether their central 99 % hold it.
+    """Rank of the truth among the draws of each quantity, and whether their central 99 % hold it.
 
     Further whether all are finite, whether the sampler arrived, and the largest split R-hat.
     """
@@ -43,7 +43,7 @@ class Ranked(NamedTuple):
 
 @dataclass(frozen=True)
 class Calibration:
-    """What many replications say of a posterior, by the names of its quantities.
+    """Results of many replications of a posterior, by the names of its quantities.
 
     Attributes:
         ranks: Rank of the truth among `num_ranks` draws, 0 to that, (replication, quantity).
@@ -70,15 +70,15 @@ class Calibration:
         return np.any(list(self.failures.values()), axis=0)
 
 
-def judged(names: tuple[str, ...], found: Ranked, num_ranks: int) -> Calibration:
+def judged(names: tuple[str, ...], replications: Ranked, num_ranks: int) -> Calibration:
     """Test the ranks of all replications, those that failed among them."""
-    ranks, inside = np.asarray(found.rank), np.asarray(found.inside)
-    finite = np.asarray(found.finite)
+    ranks, inside = np.asarray(replications.rank), np.asarray(replications.inside)
+    finite = np.asarray(replications.finite)
     failures = {
         "not finite": ~finite,
-        "not arrived": ~np.asarray(found.arrived),
-        # Of draws that are no numbers there is no R-hat, and NaN is above no limit.
-        "not mixed": finite & ~(np.asarray(found.r_hat) <= MOST_R_HAT),
+        "not arrived": ~np.asarray(replications.arrived),
+        # Draws that are NaN have no R-hat, and NaN exceeds no limit.
+        "not mixed": finite & ~(np.asarray(replications.r_hat) <= MOST_R_HAT),
     }
     columns = dict(zip(names, ranks.T, strict=True))
     p_chi_square = {name: chi_square_p(column, num_ranks) for name, column in columns.items()}
@@ -117,7 +117,7 @@ def _uniform(p_chi_square: dict[str, float], p_ecdf: dict[str, float]) -> Findin
 def _covered(coverage: dict[str, tuple[float, float, float]], count: int) -> Finding:
     """Whether 99 % intervals hold 99 % of the truths, the worst quantity first."""
     corrected = 1 - (1 - LEVEL) / len(coverage)
-    shares = {name: each[0] for name, each in coverage.items()}
+    shares = {name: estimate[0] for name, estimate in coverage.items()}
     for name in (min(shares, key=shares.__getitem__), max(shares, key=shares.__getitem__)):
         share = shares[name]
         low, high = coverage_interval(round(share * count), count, corrected)
@@ -136,13 +136,13 @@ def _covered(coverage: dict[str, tuple[float, float, float]], count: int) -> Fin
 
 
 def _came_through(failures: dict[str, NDArray[np.bool_]]) -> Finding:
-    counts = {reason: int(np.sum(each)) for reason, each in failures.items()}
+    counts = {reason: int(np.sum(failed)) for reason, failed in failures.items()}
     share = float(np.mean(np.any(list(failures.values()), axis=0)))
-    told = ", ".join(f"{count} {reason}" for reason, count in counts.items())
+    counted = ", ".join(f"{count} {reason}" for reason, count in counts.items())
     return checked(
         "calibration_failures",
         share <= MOST_FAILED,
-        f"{share:.2%} of the replications failed ({told}); it must be below {MOST_FAILED:.0%}.",
+        f"{share:.2%} of the replications failed ({counted}); it must be below {MOST_FAILED:.0%}.",
         share,
         "Use a sampler that crosses this posterior, or give it more draws.",
     )
@@ -151,8 +151,8 @@ def _came_through(failures: dict[str, NDArray[np.bool_]]) -> Finding:
 def chi_square_p(ranks: Int[np.ndarray, " replication"], num_ranks: int) -> float:
     """p-value of Pearson's chi-square of the ranks in about 20 bins."""
     bins = np.array_split(np.arange(num_ranks + 1), min(NUM_BINS, num_ranks + 1))
-    expected = len(ranks) * np.array([len(one) for one in bins]) / (num_ranks + 1)
-    edges = [one[0] for one in bins] + [num_ranks + 1]
+    expected = len(ranks) * np.array([len(bin_ranks) for bin_ranks in bins]) / (num_ranks + 1)
+    edges = [bin_ranks[0] for bin_ranks in bins] + [num_ranks + 1]
     observed = np.histogram(ranks, edges)[0]
     return float(stats.chi2.sf(np.sum((observed - expected) ** 2 / expected), len(bins) - 1))
 
@@ -170,11 +170,11 @@ def ecdf_p(ranks: Int[np.ndarray, " replication"], num_ranks: int) -> float:
     $$\gamma = \min_i 2 \min\{P(C_i \le c_i),\, P(C_i \ge c_i)\}$$
     """
     law = _law(len(ranks), num_ranks)
-    found = counts_below(ranks, num_ranks)
-    gamma = float(np.min(2 * np.minimum(law.cdf(found), law.sf(found - 1))))
+    counts = counts_below(ranks, num_ranks)
+    gamma = float(np.min(2 * np.minimum(law.cdf(counts), law.sf(counts - 1))))
     if gamma * num_ranks < LEAST:
         return gamma * num_ranks
-    # Inside are the counts less extreme than gamma; its own rounding must not let it in.
+    # Counts less extreme than gamma are inside; rounding of gamma must not count gamma itself.
     return 1 - _stays_inside(len(ranks), num_ranks, gamma * (1 + 1e-9))
 
 
@@ -197,8 +197,8 @@ def ecdf_envelope(
 
 def coverage_interval(inside: int, count: int, level: float = 0.99) -> tuple[float, float]:
     """Clopper-Pearson interval of a probability."""
-    found = stats.binomtest(inside, count).proportion_ci(level, method="exact")
-    return float(found.low), float(found.high)
+    interval = stats.binomtest(inside, count).proportion_ci(level, method="exact")
+    return float(interval.low), float(interval.high)
 
 
 def _law(num_replications: int, num_ranks: int) -> stats.distributions.rv_frozen:
@@ -221,14 +221,14 @@ def _stays_inside(num_replications: int, num_ranks: int, gamma: float) -> float:
     """Probability that all counts stay between their bounds."""
     lower, upper = (side.astype(int) for side in _bounds(num_replications, num_ranks, gamma))
     log_factorial = gammaln(np.arange(num_replications + 1) + 1.0)
-    here, p = np.array([0]), np.array([1.0])
+    count, p = np.array([0]), np.array([1.0])
     for i in range(num_ranks):
-        there = np.arange(lower[i], upper[i] + 1)
-        step, left = there - here[:, None], (num_replications - here)[:, None]
+        next_count = np.arange(lower[i], upper[i] + 1)
+        step, remaining = next_count - count[:, None], (num_replications - count)[:, None]
         share = 1 / (num_ranks + 1 - i)  # of those not yet counted
-        possible = (step >= 0) & (step <= left)
+        possible = (step >= 0) & (step <= remaining)
         k = np.where(possible, step, 0)
-        log_p = log_factorial[left] - log_factorial[k] - log_factorial[left - k]
-        log_p = log_p + k * np.log(share) + (left - k) * np.log1p(-share)
-        here, p = there, p @ np.where(possible, np.exp(log_p), 0.0)
+        log_p = log_factorial[remaining] - log_factorial[k] - log_factorial[remaining - k]
+        log_p = log_p + k * np.log(share) + (remaining - k) * np.log1p(-share)
+        count, p = next_count, p @ np.where(possible, np.exp(log_p), 0.0)
     return float(np.sum(p))

@@ -86,11 +86,11 @@ def calibrate(
     padded = jnp.concatenate([keys, keys[: -num_replications % size]])
     rows = []
     for first in range(0, num_replications, size):
-        found = one_lot(padded[first : first + size], model, sampler, options, num_ranks)
-        rows.append(jax.tree.map(np.asarray, found))
+        lot = one_lot(padded[first : first + size], model, sampler, options, num_ranks)
+        rows.append(jax.tree.map(np.asarray, lot))
         report(min(first + size, num_replications))
-    whole = jax.tree.map(lambda *parts: np.concatenate(parts)[:num_replications], *rows)
-    return judged(model.names, whole, num_ranks)
+    replications = jax.tree.map(lambda *parts: np.concatenate(parts)[:num_replications], *rows)
+    return judged(model.names, replications, num_ranks)
 
 
 @eqx.filter_jit
@@ -99,13 +99,14 @@ def _batch(
 ) -> Ranked:
     """Replications side by side."""
 
-    def one(key: Key[Array, ""]) -> Ranked:
+    def replicate(key: Key[Array, ""]) -> Ranked:
         truth, problem, to_draw, to_rank = _posed(key, model)
         drawn = draws_of(sampler, to_draw, problem, options)
         arrived = jnp.asarray(drawn.possible) & drawn.arrived
-        return _ranks(to_rank, truth, drawn.theta, problem.data, arrived, model, num_ranks)
+        replication = _Replication(truth, problem.data, drawn.theta, arrived)
+        return _ranks(to_rank, replication, model, num_ranks)
 
-    return jax.vmap(one)(keys)
+    return jax.vmap(replicate)(keys)
 
 
 def _in_rounds(
@@ -116,10 +117,9 @@ def _in_rounds(
     drawn, *_ = module_of(sampler).gather(to_draw, problem, options)
     arrived = np.bool_(drawn.facts["khat"] < GOOD_KHAT and drawn.facts["ess_weights"] >= ESS)
     theta = {name: jnp.asarray(values) for name, values in drawn.theta.items()}
-    found = _ranks_alone(
-        to_rank, truth, theta, problem.data, jnp.asarray(arrived), model, num_ranks
-    )
-    return jax.tree.map(lambda value: value[None], found)
+    replication = _Replication(truth, problem.data, theta, jnp.asarray(arrived))
+    ranks = _ranks_alone(to_rank, replication, model, num_ranks)
+    return jax.tree.map(lambda value: value[None], ranks)
 
 
 def _posed(
@@ -129,37 +129,39 @@ def _posed(
     key_truth, key_data, key_place, key_draws, key_rank = jax.random.split(key, 5)
     truth = from_unit(jax.random.uniform(key_truth, (len(model.box.names),)), model.box)
     data = model.simulate(key_data, truth)
-    known = model.log_likelihood, model.box, data
+    posterior = model.log_likelihood, model.box, data
     if model.search is None:
-        problem = problem_of(*known, in_box(model.box, None, None, 1))
+        problem = problem_of(*posterior, in_box(model.box, None, None, 1))
     else:
-        problem = locate(key_place, model.search, *known)
+        problem = locate(key_place, model.search, *posterior)
     return truth, problem, key_draws, key_rank
 
 
-def _ranks(
-    key: Key[Array, ""],
-    truth: Mapping[str, Array],
-    theta: Mapping[str, Float[Array, "chain draw"]],
-    data: PyTree,
-    arrived: Bool[Array, ""],
-    model: Model,
-    num_ranks: int,
-) -> Ranked:
-    """Every quantity of the truth among those of the draws."""
+class _Replication(NamedTuple):
+    """A truth, data simulated from it, draws of the posterior, whether the sampler arrived."""
+
+    truth: Mapping[str, Array]
+    data: PyTree
+    theta: Mapping[str, Float[Array, "chain draw"]]
+    arrived: Bool[Array, ""]
+
+
+def _ranks(key: Key[Array, ""], replication: _Replication, model: Model, num_ranks: int) -> Ranked:
+    """Rank of every quantity of the truth among those of the draws."""
+    truth, data, draws, arrived = replication
 
     def values(theta: Theta) -> Float[Array, " quantity"]:
-        own = [theta[name] for name in model.box.names]
+        parameters = [theta[name] for name in model.box.names]
         likelihood = jnp.sum(model.log_likelihood(theta, data))
-        beside = [f(theta, data) for f in model.quantities.values()]
-        return jnp.stack([*own, likelihood, *beside])
+        derived = [f(theta, data) for f in model.quantities.values()]
+        return jnp.stack([*parameters, likelihood, *derived])
 
-    shape = theta[model.box.names[0]].shape
+    shape = draws[model.box.names[0]].shape
     # The truth stands among the draws: quantities are compiled once.
-    rows = {name: jnp.append(jnp.ravel(v), truth[name]) for name, v in theta.items()}
-    found = in_batches(values, rows)
-    of_draws = found[:-1].reshape(*shape, -1)
-    return ranked(key, found[-1], of_draws, arrived, num_ranks)
+    rows = {name: jnp.append(jnp.ravel(v), truth[name]) for name, v in draws.items()}
+    quantities = in_batches(values, rows)
+    of_draws = quantities[:-1].reshape(*shape, -1)
+    return ranked(key, quantities[-1], of_draws, arrived, num_ranks)
 
 
 # Compiled once for all replications that are not side by side.
@@ -175,11 +177,11 @@ def ranked(
 ) -> Ranked:
     """Rank one truth among evenly thinned draws of its posterior, ties by chance."""
     flat = draws.reshape(-1, draws.shape[-1])
-    kept = flat[np.linspace(0, len(flat) - 1, num_ranks).round().astype(int)]
+    thinned = flat[np.linspace(0, len(flat) - 1, num_ranks).round().astype(int)]
     tail = round(TAIL * len(flat))
     below, ties = _place(truth, flat)
     inside = (below + ties >= max(tail, 1)) & (below <= len(flat) - max(tail, 1))
-    below, ties = _place(truth, kept)
+    below, ties = _place(truth, thinned)
     extra = jax.random.randint(key, below.shape, 0, ties + 1)
     finite = jnp.all(jnp.isfinite(flat)) & jnp.all(jnp.isfinite(truth))
     return Ranked(below + extra, inside, finite, arrived, jnp.max(split_r_hat(draws)))
@@ -200,8 +202,8 @@ def split_r_hat(draws: Float[Array, "chain draw quantity"]) -> Float[Array, " qu
 
 
 def _check(model: Model, num_replications: int, num_ranks: int, batch: int) -> None:
-    given = {"num_replications": num_replications, "num_ranks": num_ranks, "batch": batch}
-    for name, value in given.items():
+    counts = {"num_replications": num_replications, "num_ranks": num_ranks, "batch": batch}
+    for name, value in counts.items():
         if value < 1:
             raise ConfigError(f"Argument `{name}` must be at least 1, but is {value}.")
     twice = {*model.quantities} & {*model.box.names, LOG_LIKELIHOOD}
