@@ -52,7 +52,7 @@ def _squared_modulus(value: Complexes) -> Float[Array, "..."]:
 
 
 class Estimate(NamedTuple):
-    """What groups say of their own offsets; log densities [nats] at the best, noise integrated out.
+    """Estimated offsets of groups; log densities [nats] at the optimum, noise integrated out.
 
     They hold half the log determinant of the offsets' precision (inverse covariance).
     """
@@ -89,14 +89,14 @@ def estimate(
     normal = num_repeats[:, None, None] * jnp.einsum("gin,gjn->gij", directions, directions)
     slope = num_repeats[:, None] * along
     offset = solve(normal, slope)
-    left = total - jnp.sum(offset * slope, axis=-1)
+    residual_square = total - jnp.sum(offset * slope, axis=-1)
     degrees = num_values - num_own
-    # No more values than offsets: these explain them exactly, and the group says nothing.
+    # With no more values than offsets the fit is exact, and the group carries no information.
     says = degrees > 0.5
-    left = jnp.where(says, left, 1.0)
-    precision = normal * jnp.where(says, degrees / left, 0.0)[:, None, None]
+    residual_square = jnp.where(says, residual_square, 1.0)
+    precision = normal * jnp.where(says, degrees / residual_square, 0.0)[:, None, None]
     # The determinant of W has a factor Q^-q; the rest of it is constant.
-    return Estimate(-num_values / 2 * jnp.log(left), offset, precision)
+    return Estimate(-num_values / 2 * jnp.log(residual_square), offset, precision)
 
 
 def known_estimate(
@@ -116,19 +116,19 @@ def known_estimate(
 def solve(
     matrix: Float[Array, "group own own"], vector: Float[Array, "group own"]
 ) -> Float[Array, "group own"]:
-    """Solution of the normal equations; zero where a group knows nothing of its offsets."""
+    """Solution of the normal equations; zero where a group does not determine its offsets."""
     lower, pivots = factorised(matrix)
-    known = jnp.all(jnp.stack(pivots) > 0, axis=0)
-    inverse = [1 / jnp.where(known, pivot, 1.0) for pivot in pivots]
-    own = range(len(pivots))
+    determined = jnp.all(jnp.stack(pivots) > 0, axis=0)
+    inverse = [1 / jnp.where(determined, pivot, 1.0) for pivot in pivots]
+    indices = range(len(pivots))
     forward: list[Array] = []
-    for i in own:  # L f = vector
+    for i in indices:  # L f = vector
         forward.append(vector[:, i] - sum(lower[i][k] * forward[k] for k in range(i)))
     solved: list[Array] = [vector[:, 0]] * len(pivots)
-    for i in reversed(own):  # L^T x = D^-1 f
-        above = sum(lower[k][i] * solved[k] for k in own if k > i)
+    for i in reversed(indices):  # L^T x = D^-1 f
+        above = sum(lower[k][i] * solved[k] for k in indices if k > i)
         solved[i] = forward[i] * inverse[i] - above
-    return jnp.where(known, jnp.stack(solved), 0.0).T
+    return jnp.where(determined, jnp.stack(solved), 0.0).T
 
 
 def log_determinant(matrix: Float[Array, "group own own"]) -> Float[Array, " group"]:
@@ -151,9 +151,11 @@ def factorised(
         for j in range(i):
             above = sum(row[k] * lower[j][k] * pivots[k] for k in range(j))
             row.append((matrix[:, i, j] - above) / jnp.where(pivots[j] > 0, pivots[j], 1.0))
-        own = matrix[:, i, i]
-        left = own - sum(entry**2 * pivot for entry, pivot in zip(row, pivots, strict=True))
-        pivots.append(jnp.where(left > ROUNDING * own, left, 0.0))
+        diagonal = matrix[:, i, i]
+        remainder = diagonal - sum(
+            entry**2 * pivot for entry, pivot in zip(row, pivots, strict=True)
+        )
+        pivots.append(jnp.where(remainder > ROUNDING * diagonal, remainder, 0.0))
         lower.append(row)
     return lower, pivots
 
@@ -184,17 +186,19 @@ def shrunk(
     standard deviation of each offset's prior.
     """
     member = members(runs)
-    slopes = [scatter[:, None] * one for one in directions]  # by offsets over their scatter
-    precision = jnp.concatenate([jnp.einsum("gin,gjn->gij", one, one) for one in slopes])
+    slopes = [
+        scatter[:, None] * direction for direction in directions
+    ]  # by offsets over their scatter
+    precision = jnp.concatenate([jnp.einsum("gin,gjn->gij", slope, slope) for slope in slopes])
     pull = jnp.concatenate(
-        [jnp.einsum("gin,gn->gi", one, r) for one, r in zip(slopes, residuals, strict=True)]
+        [jnp.einsum("gin,gn->gi", slope, r) for slope, r in zip(slopes, residuals, strict=True)]
     )
     normal = jnp.einsum("gr,gij->rij", member, precision) + jnp.eye(len(scatter))
     offset = solve(normal, jnp.einsum("gr,gi->ri", member, pull))
     ends = np.cumsum([len(r) for r in residuals])[:-1]
-    own = jnp.split(member @ offset, ends)
-    left = [
-        r - jnp.einsum("gin,gi->gn", one, b)
-        for r, one, b in zip(residuals, slopes, own, strict=True)
+    group_offsets = jnp.split(member @ offset, ends)
+    corrected = [
+        r - jnp.einsum("gin,gi->gn", slope, b)
+        for r, slope, b in zip(residuals, slopes, group_offsets, strict=True)
     ]
-    return left, offset
+    return corrected, offset

@@ -30,7 +30,7 @@ class Spread(NamedTuple):
 
 
 class _Information(NamedTuple):
-    """What data say of offsets: exp(-b W b / 2 + h b)."""
+    """Gaussian likelihood of offsets, exp(-b W b / 2 + h b)."""
 
     precision: Float[Array, "member own own"]
     pull: Float[Array, "member own"]
@@ -49,11 +49,11 @@ def scatter_grid(
     equal; about its median where that is stated: the scatter is log-normal then, within a factor of
     two in two cases of three.
     """
-    known = medians or (None,) * len(least)
-    bounds = list(zip(least, most, known, strict=True))
-    axes = [_axis(*each, NUM_SCATTERS) for each in bounds]
+    centres = medians or (None,) * len(least)
+    bounds = list(zip(least, most, centres, strict=True))
+    axes = [_axis(*limits, NUM_SCATTERS) for limits in bounds]
     if assemblies:
-        axes += [_axis(*each, NUM_ASSEMBLIES) for each in bounds]
+        axes += [_axis(*limits, NUM_ASSEMBLIES) for limits in bounds]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, len(axes))
 
 
@@ -66,7 +66,7 @@ def _axis(least: float, most: float, median: float | None, count: int) -> np.nda
 
 
 def log_density_of_offsets(
-    found: Estimate,
+    estimates: Estimate,
     levels: Levels,
     scatters: Float[Array, "node level_own"] | Float[np.ndarray, "node level_own"],
 ) -> Float[Array, ""]:
@@ -77,30 +77,35 @@ def log_density_of_offsets(
 
     [nats], up to a constant, over the nodes of the scatter's prior.
     """
-    own = found.offset.shape[1]
-    if own == 0:
+    num_own = estimates.offset.shape[1]
+    if num_own == 0:
         return jnp.zeros(())
-    runs = _of_runs(found, levels)
-    spread = jnp.sum(found.offset * jnp.einsum("gij,gj->gi", found.precision, found.offset))
-    nodes = _nodes(runs, levels, jnp.asarray(scatters), own)
+    runs = _of_runs(estimates, levels)
+    spread = jnp.sum(
+        estimates.offset * jnp.einsum("gij,gj->gi", estimates.precision, estimates.offset)
+    )
+    nodes = _nodes(runs, levels, jnp.asarray(scatters), num_own)
     return -0.5 * spread + jax.nn.logsumexp(nodes) - np.log(len(scatters))
 
 
 def draw_offsets(
-    key: Key[Array, ""], found: Estimate, levels: Levels, scatters: Float[Array, "node level_own"]
+    key: Key[Array, ""],
+    estimates: Estimate,
+    levels: Levels,
+    scatters: Float[Array, "node level_own"],
 ) -> Spread:
     """One draw of the scatter and of every run's offset, given the shared parameters."""
-    own = found.offset.shape[1]
-    runs = _of_runs(found, levels)
+    num_own = estimates.offset.shape[1]
+    runs = _of_runs(estimates, levels)
     keys = jax.random.split(key, 3)
-    chosen = scatters[jax.random.categorical(keys[0], _nodes(runs, levels, scatters, own))]
+    chosen = scatters[jax.random.categorical(keys[0], _nodes(runs, levels, scatters, num_own))]
     centre = jnp.zeros_like(runs.pull)
     if len(levels) > 1:
         member = members(levels[1])
-        together = _summed(_passed_on(runs, chosen[:own]), member)
-        centre = member @ _drawn(keys[1], together, chosen[own:])
-    beside = runs.pull - jnp.einsum("rij,rj->ri", runs.precision, centre)
-    offset = centre + _drawn(keys[2], _Information(runs.precision, beside), chosen[:own])
+        together = _summed(_passed_on(runs, chosen[:num_own]), member)
+        centre = member @ _drawn(keys[1], together, chosen[num_own:])
+    pull = runs.pull - jnp.einsum("rij,rj->ri", runs.precision, centre)
+    offset = centre + _drawn(keys[2], _Information(runs.precision, pull), chosen[:num_own])
     return Spread(chosen, offset)
 
 
@@ -111,24 +116,24 @@ def _summed(parts: _Information, member: Float[Array, "part whole"]) -> _Informa
     )
 
 
-def _of_runs(found: Estimate, levels: Levels) -> _Information:
-    pull = jnp.einsum("gij,gj->gi", found.precision, found.offset)
-    return _summed(_Information(found.precision, pull), members(levels[0]))
+def _of_runs(estimates: Estimate, levels: Levels) -> _Information:
+    pull = jnp.einsum("gij,gj->gi", estimates.precision, estimates.offset)
+    return _summed(_Information(estimates.precision, pull), members(levels[0]))
 
 
 def _nodes(
-    runs: _Information, levels: Levels, scatters: Float[Array, "node level_own"], own: int
+    runs: _Information, levels: Levels, scatters: Float[Array, "node level_own"], num_own: int
 ) -> Float[Array, " node"]:
     """Log density of the offsets under every scatter."""
 
-    def given(scatter: Float[Array, " level_own"]) -> Float[Array, ""]:
-        log_density = _integrated(runs, scatter[:own])
+    def at_scatter(scatter: Float[Array, " level_own"]) -> Float[Array, ""]:
+        log_density = _integrated(runs, scatter[:num_own])
         if len(levels) > 1:
-            together = _summed(_passed_on(runs, scatter[:own]), members(levels[1]))
-            log_density += _integrated(together, scatter[own:])
+            together = _summed(_passed_on(runs, scatter[:num_own]), members(levels[1]))
+            log_density += _integrated(together, scatter[num_own:])
         return log_density
 
-    return jax.vmap(given)(scatters)
+    return jax.vmap(at_scatter)(scatters)
 
 
 def _scaled(
@@ -165,7 +170,7 @@ def _drawn(
     precision, pull = _scaled(data, scatter)
     root = jnp.linalg.cholesky(precision)
     white = jax.random.normal(key, pull.shape)
-    apart = jax.vmap(lambda one, w: jax.scipy.linalg.solve_triangular(one, w, lower=True, trans=1))(
-        root, white
-    )
+    apart = jax.vmap(
+        lambda factor, w: jax.scipy.linalg.solve_triangular(factor, w, lower=True, trans=1)
+    )(root, white)
     return scatter * (solve(precision, pull) + apart)
