@@ -26,9 +26,9 @@ def numbers(draws: Float[np.ndarray, "chain draw"]) -> Row:
     stats: Any = array_stats  # its annotations admit tuples that it never returns here
     row = {"mean": np.mean(draws), "sd": np.std(draws, ddof=1)}
     row |= {name: np.quantile(draws, probability) for name, probability in QUANTILES.items()}
-    known = diagnose(draws)
-    row |= known
-    if np.isfinite(known["ess_bulk"]):
+    diagnostics = diagnose(draws)
+    row |= diagnostics
+    if np.isfinite(diagnostics["ess_bulk"]):
         row |= {f"mcse_{name}": stats.mcse(draws, method=name) for name in ("mean", "sd")}
         for name, probability in QUANTILES.items():
             row[f"mcse_{name}"] = stats.mcse(draws, method="quantile", prob=probability)
@@ -36,33 +36,33 @@ def numbers(draws: Float[np.ndarray, "chain draw"]) -> Row:
 
 
 def exact_numbers(tree: xr.DataTree) -> dict[str, Row]:
-    """The same from the table that a quadrature left, whose errors are what it states."""
+    """The same from the table of a quadrature, with the errors that it states."""
     table = tree["exact"].to_dataset()
     error = float(tree.attrs["quadrature_error"])
     rows: dict[str, Row] = {}
     for name in table["parameter"].values:
-        own = table.sel(parameter=name)
-        row = {"mean": float(own["mean"]), "sd": float(own["sd"])}
+        column = table.sel(parameter=name)
+        row = {"mean": float(column["mean"]), "sd": float(column["sd"])}
         for called, probability in QUANTILES.items():
-            row[called] = float(own["quantiles"].sel(probability=probability, method="nearest"))
-        errors = {f"mcse_{each}": error * row["sd"] for each in QUANTITIES}
+            row[called] = float(column["quantiles"].sel(probability=probability, method="nearest"))
+        errors = {f"mcse_{quantity}": error * row["sd"] for quantity in QUANTITIES}
         rows[str(name)] = {**row, **errors}
     return rows
 
 
 def worst_ess(rows: Mapping[str, Row]) -> float | None:
     """Smallest effective sample size, of bulk and tail, over all parameters."""
-    found = [row[kind] for row in rows.values() for kind in ("ess_bulk", "ess_tail")]
-    known = [value for value in found if value is not None]
-    return min(known) if known and len(known) == len(found) else None
+    sizes = [row[kind] for row in rows.values() for kind in ("ess_bulk", "ess_tail")]
+    available = [value for value in sizes if value is not None]
+    return min(available) if available and len(available) == len(sizes) else None
 
 
 def reference_of(rows: Mapping[str, Mapping[str, Row]]) -> str:
     """The sampler of the largest worst effective size, of those whose chains agree or of all."""
 
     def agrees(sampler: str) -> bool:
-        found = [row["r_hat"] for row in rows[sampler].values()]
-        return all(value is not None and value < GOOD_R_HAT for value in found)
+        r_hats = [row["r_hat"] for row in rows[sampler].values()]
+        return all(value is not None and value < GOOD_R_HAT for value in r_hats)
 
     among = [sampler for sampler in rows if agrees(sampler)] or list(rows)
     return max(among, key=lambda sampler: worst_ess(rows[sampler]) or 0.0)
@@ -76,17 +76,19 @@ def distances(row: Row, reference: Row) -> dict[str, float | None]:
 def distance(
     row: Mapping[Any, Any], reference: Mapping[Any, Any], name: str, error: str
 ) -> float | None:
-    r"""How far two numbers are apart, $(a - b) / \sqrt{\mathrm{mcse}_a^2 + \mathrm{mcse}_b^2}$."""
-    known: list[Any] = [each.get(key) for key in (name, error) for each in (row, reference)]
-    if None in known:
+    r"""Distance in standard errors, $(a - b) / \sqrt{\mathrm{mcse}_a^2 + \mathrm{mcse}_b^2}$."""
+    operands: list[Any] = [
+        sampler_row.get(key) for key in (name, error) for sampler_row in (row, reference)
+    ]
+    if None in operands:
         return None
-    a, b, *errors = known
+    a, b, *errors = operands
     size = float(np.hypot(*errors))
     return float(a - b) / size if size > 0 else None
 
 
 def furthest(rows: Sequence[Row]) -> float | None:
     """Largest of all distances, without its sign."""
-    found = [row.get(f"z_{name}") for row in rows for name in QUANTITIES]
-    known = [abs(value) for value in found if value is not None]
-    return max(known) if known else None
+    scores = [row.get(f"z_{name}") for row in rows for name in QUANTITIES]
+    sizes = [abs(value) for value in scores if value is not None]
+    return max(sizes) if sizes else None

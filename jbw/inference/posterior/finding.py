@@ -1,4 +1,4 @@
-"""What a look at a posterior found, and the verdict that follows."""
+"""Findings about a posterior, and the verdict that follows from them."""
 
 from collections.abc import Collection, Iterable, Iterator
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ QUESTIONS = {
     "law": "Does the model follow the data?",
     "knowledge": "Do the data identify the parameters?",
 }
-# Codes of the findings that answer each, the most telling first; all others are of sampling.
+# Codes of the findings that answer each question, the most important first; others are of sampling.
 ASKED = {
     "sampling": ("ess_bulk", "r_hat"),
     "law": (
@@ -30,11 +30,11 @@ ASKED_BY = {code: name for name, codes in ASKED.items() for code in codes}
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was looked at.
+    """Result of one check.
 
     Attributes:
         code: Short name, such as "r_hat".
-        status: Of the four; usable is what holds within an error that is stated.
+        status: One of the four; usable means that it holds within a stated error.
         reason: One sentence with the worst quantity by name.
         number: The worst number; NaN where there is none.
         action: What to do; empty when ok.
@@ -55,14 +55,14 @@ class Verdict:
     findings: tuple[Finding, ...]
 
     def __repr__(self) -> str:
-        return "\n".join([self._told(), *text_of(self.findings)])
+        return "\n".join([self._heading(), *text_of(self.findings)])
 
     def _repr_html_(self) -> str:
-        return f"<p><b>{self._told()}</b></p>{table_of(self.findings)}"
+        return f"<p><b>{self._heading()}</b></p>{table_of(self.findings)}"
 
-    def _told(self) -> str:
-        each = ((name, told.status) for name, told in answers(self.findings))
-        return first_line(self.status, each)
+    def _heading(self) -> str:
+        statuses = ((name, answer.status) for name, answer in answers(self.findings))
+        return first_line(self.status, statuses)
 
 
 def judge(findings: Iterable[Finding]) -> Verdict:
@@ -74,19 +74,19 @@ def judge(findings: Iterable[Finding]) -> Verdict:
 
 def worst_of(statuses: Collection[Status]) -> Status:
     """The worst of some statuses; of none, not assessed."""
-    for one in WORST_FIRST:
-        if one in statuses:
-            return one
+    for status in WORST_FIRST:
+        if status in statuses:
+            return status
     return "not assessed"
 
 
-def qualified(found: Verdict, codes: Collection[str], said: str) -> Verdict:
-    """A verdict in which findings that failed are usable within what is said of them."""
+def qualified(verdict: Verdict, codes: Collection[str], limits: str) -> Verdict:
+    """A verdict in which failed findings of some codes are usable within stated limits."""
     return judge(
-        replace(one, status="usable", reason=f"{one.reason} {said}")
-        if one.code in codes and one.status == "failed"
-        else one
-        for one in found.findings
+        replace(finding, status="usable", reason=f"{finding.reason} {limits}")
+        if finding.code in codes and finding.status == "failed"
+        else finding
+        for finding in verdict.findings
     )
 
 
@@ -111,13 +111,13 @@ class Answer:
 
 
 def answers(findings: Iterable[Finding]) -> Iterator[tuple[str, Answer]]:
-    """The three answers of a verdict by name; none where nothing was looked at."""
+    """The three answers of a verdict by name; none without findings."""
     looked = tuple(findings)
     for name, question in QUESTIONS.items():
-        own = [one for one in looked if ASKED_BY.get(one.code, "sampling") == name]
-        if own:
+        relevant = [finding for finding in looked if ASKED_BY.get(finding.code, "sampling") == name]
+        if relevant:
             rank = {code: place for place, code in enumerate(ASKED[name])}
-            own.sort(key=lambda one: rank.get(one.code, len(rank)))
-            against = [one for one in own if one.status != "ok"] or own[:1]
-            because = " ".join(one.reason for one in against)
-            yield name, Answer(question, judge(own).status, because)
+            relevant.sort(key=lambda finding: rank.get(finding.code, len(rank)))
+            against = [finding for finding in relevant if finding.status != "ok"] or relevant[:1]
+            because = " ".join(finding.reason for finding in against)
+            yield name, Answer(question, judge(relevant).status, because)

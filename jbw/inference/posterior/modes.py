@@ -1,4 +1,4 @@
-"""Modes of a posterior: where a deep valley parts the draws, and what either side weighs."""
+"""Modes of a posterior: the deepest valley between the draws, and the weight of either side."""
 
 from collections.abc import Mapping
 from typing import NamedTuple
@@ -17,12 +17,12 @@ DEPTH = 0.5  # of a valley's density over the lower of the peaks beside it
 LEAST = 0.02  # of the draws on either side: fewer are a tail
 SURE = 2.0  # standard errors by which a side is more
 NUM_POINTS = 256
-FEWEST = 100  # draws that a kernel's width supposes: chains that stick make no modes of themselves
-CROSSED = 100.0  # effective draws of the side, from where on its share is a weight
+FEWEST = 100  # least draws for a kernel's width: chains that stick must not appear as modes
+CROSSED = 100.0  # least effective draws of a side for its share to count as a weight
 AGREED = 1.05  # R-hat of the side
 
 
-class Split(NamedTuple):
+class ModeSplit(NamedTuple):
     """A quantity whose density has a valley between the peaks `below` and `above`.
 
     Its depth is over the lower peak's density. The weight is the share of the draws below the
@@ -37,17 +37,17 @@ class Split(NamedTuple):
     depth: float
 
 
-def deepest_split(draws: Draws) -> Split | None:
+def deepest_split(draws: Draws) -> ModeSplit | None:
     """The quantity of the deepest valley, below half of both peaks.
 
     Either side has more than 2 % of the draws, beyond doubt: fewer are a tail.
     Modes that overlap in every marginal are not seen.
     """
-    found = [_valley(name, values) for name, values in draws.items()]
-    return min(filter(None, found), key=lambda split: split.depth, default=None)
+    valleys = [_valley(name, values) for name, values in draws.items()]
+    return min(filter(None, valleys), key=lambda split: split.depth, default=None)
 
 
-def _valley(name: str, values: Float[np.ndarray, "chain draw"]) -> Split | None:
+def _valley(name: str, values: Float[np.ndarray, "chain draw"]) -> ModeSplit | None:
     flat = values.ravel()
     if np.ptp(flat) == 0:
         return None
@@ -55,11 +55,11 @@ def _valley(name: str, values: Float[np.ndarray, "chain draw"]) -> Split | None:
     count = np.clip(np.nan_to_num(ess), min(FEWEST, flat.size), flat.size)
     grid = np.linspace(flat.min(), flat.max(), NUM_POINTS)
     density = gaussian_kde(flat, bw_method=count**-0.2)(grid)
-    left = np.maximum.accumulate(density)
-    right = np.maximum.accumulate(density[::-1])[::-1]
-    depth = density / np.minimum(left, right)
+    peak_below = np.maximum.accumulate(density)
+    peak_above = np.maximum.accumulate(density[::-1])[::-1]
+    depth = density / np.minimum(peak_below, peak_above)
     share = np.searchsorted(np.sort(flat), grid) / flat.size
-    # Few draws of a heavy tail stand in clumps: the lesser side must be one beyond its own error.
+    # Few draws of a heavy tail form clumps: the smaller side must exceed its standard error.
     error = np.maximum(np.sqrt(share * (1 - share) / count), _repeated(flat, grid))
     depth[np.minimum(share, 1 - share) - SURE * error < LEAST] = 1.0
     i = int(np.argmin(depth))
@@ -68,7 +68,7 @@ def _valley(name: str, values: Float[np.ndarray, "chain draw"]) -> Split | None:
     below = float(grid[np.argmax(density[: i + 1])])
     above = float(grid[i + 1 + np.argmax(density[i + 1 :])])
     side = (values < grid[i]).astype(float)
-    return Split(name, below, above, float(side.mean()), _error(side), float(depth[i]))
+    return ModeSplit(name, below, above, float(side.mean()), _error(side), float(depth[i]))
 
 
 def _repeated(
@@ -94,18 +94,18 @@ def _error(side: Float[np.ndarray, "chain draw"]) -> float:
 
 
 def modes_findings(draws: Draws) -> list[Finding]:
-    """Whether chains weigh what modes there are, and whether any quantity has two of them.
+    """Whether the chains determine the weights of modes, and whether any quantity has two modes.
 
     Two modes of known weights are two answers of the data; no mean or interval describes them.
     """
     split = deepest_split(draws)
     if split is None:
         return [Finding("crossing", "ok", "No quantity has two modes with a valley between.", 0.0)]
-    places = f"The posterior of {split.name} has modes at {split.below:.4g} and {split.above:.4g}"
+    peaks = f"The posterior of {split.name} has modes at {split.below:.4g} and {split.above:.4g}"
     smaller = min(split.weight, 1 - split.weight)
     if np.isnan(split.error):
         reason = (
-            f"{places}, and the chains do not cross between them often enough to weigh them: "
+            f"{peaks}, and the chains do not cross between them often enough to weigh them: "
             f"{split.weight:.0%} of the draws at the first is an accident of their starts."
         )
         action = f"{put('identify', 'sampler', 'tempered_smc')} It weighs modes, as nested does."
@@ -114,5 +114,5 @@ def modes_findings(draws: Draws) -> list[Finding]:
     action = "Report each mode by itself, with its weight: a mean between them describes neither."
     return [
         Finding("crossing", "ok", f"Draws weigh both modes of {split.name}.", split.error),
-        Finding("modes", "failed", f"{places}, which weigh {weights}.", smaller, action),
+        Finding("modes", "failed", f"{peaks}, which weigh {weights}.", smaller, action),
     ]

@@ -1,4 +1,4 @@
-"""What to do about a finding, as the line to put into the campaign file, with its number."""
+"""Remedies of findings, as the line to put into the campaign file, with its number."""
 
 import json
 from collections.abc import Iterable
@@ -7,9 +7,9 @@ from typing import Any
 
 Bounds = tuple[float, float]
 
-MOST = 20.0  # times the draws: what takes more of them is not sampled by more draws
-NEARER = 0.1  # of a bound's distance from the least value that makes sense
-NUM_WARMUP = 500  # of a sampler that does not say
+MOST = 20.0  # times the draws: where more would be needed, another sampler is
+NEARER = 0.1  # of a bound's distance from the parameter's least value
+NUM_WARMUP = 500  # of a sampler that states none
 
 
 def put(table: str, key: str, value: Any) -> str:
@@ -22,12 +22,12 @@ def other_sampler(now: str = "") -> str:
     return put("identify", "sampler", "tempered_smc" if now == "nuts" else "nuts")
 
 
-def more_draws(num_samples: int, least: float, wanted: float, sampler: str = "") -> str:
-    """The line of as many draws a chain as make the least effective number of them the wanted.
+def more_draws(num_samples: int, least: float, target: float, sampler: str = "") -> str:
+    """The line of the draws a chain that raise the least effective number of draws to a target.
 
-    Another sampler where that were more than twenty times as many: those chains do not move.
+    Another sampler where that would be more than twenty times as many: those chains do not move.
     """
-    times = wanted / least if least > 0 else float("inf")
+    times = target / least if least > 0 else float("inf")
     if not times <= MOST:
         return f"More draws are no way out. {other_sampler(sampler)}"
     step = 10 ** max(floor(log10(num_samples)) - 1, 0)
@@ -41,8 +41,8 @@ def wider(bounds: Bounds, sides: Iterable[str], least: float | None = None) -> B
     span = high - low
     end = 0.0 if least is None and low > 0.0 else least
     if "lower" in sides:
-        further = low - span
-        low = further if end is None else max(further, end + NEARER * (low - end))
+        lower_end = low - span
+        low = lower_end if end is None else max(lower_end, end + NEARER * (low - end))
     return low, high + span if "upper" in sides else high
 
 

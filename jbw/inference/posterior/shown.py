@@ -12,34 +12,35 @@ SIZE = 1500  # bytes of a table at most
 
 def first_line(status: str, answers: Iterable[tuple[str, str]] = ()) -> str:
     """The status, and that of each answer."""
-    parts = ", ".join(f"{name} {each}" for name, each in answers)
+    parts = ", ".join(f"{name} {answer}" for name, answer in answers)
     return f"Verdict: {status}" + (f" ({parts})" if parts else "")
 
 
 def text_of(findings: Sequence[Said]) -> Iterator[str]:
     """A line a finding that is not ok, and how many are."""
-    against = [one for one in findings if one.status != "ok"]
-    for one in against:
-        yield f"  {one.status}, {one.code}: {shorten(one.reason, CHARACTERS)} {one.action}".rstrip()
+    against = [finding for finding in findings if finding.status != "ok"]
+    for finding in against:
+        reason = shorten(finding.reason, CHARACTERS)
+        yield f"  {finding.status}, {finding.code}: {reason} {finding.action}".rstrip()
     yield f"  {len(findings) - len(against)} of {len(findings)} checks passed"
 
 
 def table_of(findings: Sequence[Said], size: int = SIZE) -> str:
     """The same as a table of HTML within so many bytes, the failed first; names escaped."""
-    against = sorted((one for one in findings if one.status != "ok"), key=_badness)
+    against = sorted((finding for finding in findings if finding.status != "ok"), key=_badness)
     rows, spent = [], 0
-    for one in against:
-        cells = one.status, one.code, shorten(one.reason, CHARACTERS), one.action
+    for finding in against:
+        cells = finding.status, finding.code, shorten(finding.reason, CHARACTERS), finding.action
         row = "".join(f"<td>{escape(shorten(cell, CHARACTERS))}</td>" for cell in cells)
         spent += len(row.encode()) + 10
         if spent > size:
             break
         rows.append(f"<tr>{row}</tr>")
-    left = len(against) - len(rows)
-    more = f", {left} more against it" if left else ""
+    omitted = len(against) - len(rows)
+    more = f", {omitted} more against it" if omitted else ""
     passed = f"<p>{len(findings) - len(against)} of {len(findings)} checks passed{more}</p>"
     return (f"<table>{''.join(rows)}</table>" if rows else "") + passed
 
 
-def _badness(one: Said) -> int:
-    return ("failed", "not assessed", "usable").index(one.status)
+def _badness(finding: Said) -> int:
+    return ("failed", "not assessed", "usable").index(finding.status)

@@ -1,4 +1,4 @@
-"""What a posterior says: a row of numbers for every quantity, bands, running means."""
+"""Summaries of a posterior: a row of numbers for every quantity, bands, running means."""
 
 import math
 from collections.abc import Mapping
@@ -56,7 +56,7 @@ def _row(
 ) -> Row:
     low, high = (float(q) for q in np.quantile(draws, [QUANTILES[0], QUANTILES[2]]))
     mean, sd = float(np.mean(draws)), float(np.std(draws, ddof=1))
-    told: Row = diagnose(draws) if chains else dict.fromkeys(DIAGNOSTICS, math.nan)
+    diagnostics: Row = diagnose(draws) if chains else dict.fromkeys(DIAGNOSTICS, math.nan)
     row = {
         "map": float(draws.ravel()[np.argmax(lp)]),
         "mean": mean,
@@ -66,7 +66,7 @@ def _row(
         "q995": high,
         "kl": math.nan,
         "contraction": math.nan,
-        **told,
+        **diagnostics,
     }
     if bounds is not None and np.all(np.isfinite(draws)):
         lower, upper = bounds

@@ -93,12 +93,12 @@ def _convergence(draws: Draws, sampler: str = "") -> list[Finding]:
         reason = "One chain cannot be compared with itself."
         action = put("identify", "num_chains", 4)
         return [*findings, Finding("r_hat", "not assessed", reason, float("nan"), action)]
-    # A number that cannot be had is the worst of all.
+    # An R-hat that cannot be computed counts as the worst.
     name = max(rows, key=lambda name: np.nan_to_num(rows[name]["r_hat"], nan=np.inf))
     r_hat = rows[name]["r_hat"]
     reason = f"r_hat of {name} is {r_hat:.4g}; it must be below {R_HAT:g}."
-    again = _more(draws[name], min(row["ess_bulk"] for row in rows.values()), sampler)
-    return [*findings, checked("r_hat", r_hat < R_HAT, reason, r_hat, again)]
+    remedy = _more(draws[name], min(row["ess_bulk"] for row in rows.values()), sampler)
+    return [*findings, checked("r_hat", r_hat < R_HAT, reason, r_hat, remedy)]
 
 
 def _more(draws: Float[np.ndarray, "chain draw"], size: float, sampler: str) -> str:
@@ -116,12 +116,12 @@ def _least_effective(
 
 def bands_finding(draws: Draws) -> Finding:
     """Whether the quantities that response bands are made of have converged: the worst by name."""
-    worst = min(_convergence(draws), key=lambda one: WORST_FIRST.index(one.status))
+    worst = min(_convergence(draws), key=lambda finding: WORST_FIRST.index(finding.status))
     return replace(worst, code="response_bands")
 
 
 def leaning(draws: Draws, box: Box) -> Iterator[tuple[str, str, float]]:
-    """Parameters that pile up at a bound, which bound, and the share of their draws there.
+    """Parameters that a prior bound truncates, which bound, and the share of their draws there.
 
     Not where a lower bound is zero: there a quantity ends by itself, and an upper limit is an
     answer.
@@ -138,12 +138,12 @@ def leaning(draws: Draws, box: Box) -> Iterator[tuple[str, str, float]]:
 
 def _bounds(draws: Draws, box: Box, ending: Collection[str]) -> list[Finding]:
     findings, bounds = [], bounds_by_name(box)
-    found = list(leaning(draws, box))
-    for name, side, share in found:
+    truncated = list(leaning(draws, box))
+    for name, side, share in truncated:
         where = f"within {EDGE:.0%} of its 99 % span from its {side} bound"
         reason = f"{share:.1%} of the posterior of {name} lie {where}."
         ends = name in ending
-        sides = [s for n, s, _ in found if n == name and not (ends and s == "upper")]
+        sides = [s for n, s, _ in truncated if n == name and not (ends and s == "upper")]
         if side in sides:
             action = f"{put_bounds(name, wider(bounds[name], sides))} Or doubt the model."
         else:
@@ -164,7 +164,7 @@ def _identified(draws: Draws, box: Box) -> Finding:
     )
     name = weak.names[0]
     low, high = bounds_by_name(box)[name]
-    # Never the posterior's own interval: as a prior it would count the data twice.
+    # The remedy never states the posterior's interval: as a prior it would count the data twice.
     action = (
         "Report the combination, or add tests at higher amplitude (jbw plan). If you know "
         f"{name} from another source, put its range in the place of the present bounds, "
@@ -208,7 +208,7 @@ def _trajectories(stats: xr.Dataset, facts: Mapping[Any, Any]) -> list[Finding]:
 
 
 def _at_once(facts: Mapping[Any, Any]) -> list[Finding]:
-    """What a sampler that draws everything at once says of itself in the tree's attributes."""
+    """Findings from the tree's attributes of a sampler that draws everything at once."""
     findings = []
     if "khat" in facts:
         khat = float(facts["khat"])
@@ -242,18 +242,18 @@ def _budget(facts: Mapping[Any, Any], findings: Iterable[Finding]) -> list[Findi
     if "budget_spent_s" not in facts:
         return []
     spent = float(facts["budget_spent_s"])
-    sizes = [one.number for one in findings if one.code in ("ess_bulk", "ess_tail")]
+    sizes = [finding.number for finding in findings if finding.code in ("ess_bulk", "ess_tail")]
     least = min((size for size in sizes if size > 0), default=1.0)
-    wanted = spent * max(ESS / least, 2.0)
+    budget = spent * max(ESS / least, 2.0)
     reason = f"The budget of {spent:.3g} s was spent before the draws were enough."
-    action = f"{put('identify', 'budget_s', float(f'{wanted:.2g}'))} At the rate so far."
+    action = f"{put('identify', 'budget_s', float(f'{budget:.2g}'))} At the rate so far."
     return [checked("budget", False, reason, spent, action)]
 
 
 def enough(draws: Draws) -> bool:
-    """Whether draws pass every look at their convergence that a verdict takes."""
+    """Whether draws pass every check of convergence of a verdict."""
     finite = all(np.all(np.isfinite(values)) for values in draws.values())
-    return finite and all(one.status != "failed" for one in _convergence(draws))
+    return finite and all(finding.status != "failed" for finding in _convergence(draws))
 
 
 def converged(facts: Mapping[Any, Any]) -> bool:
