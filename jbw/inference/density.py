@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-# What lies beyond five standard deviations of a normal distribution: a box that leaves out as much
-# at each end moves no posterior that its data or its prior narrow.
+# Probability beyond five standard deviations of a normal distribution. A box that excludes as much
+# at each end changes no posterior that its data or its prior narrow.
 TAIL = 2.866515718791933e-07  # Phi(-5)
 COMMON = (
     "Beta", "Cauchy", "Exponential", "Gamma", "HalfCauchy", "HalfNormal", "InverseGamma", "Laplace",
@@ -49,10 +49,11 @@ class Density(tuple[float, float]):
         return density
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """By name and arguments; a distribution that a caller made travels itself."""
-        return _again, (self.family, self.arguments, self._given())
+        """Pickle by name and arguments; a distribution that a caller made is pickled itself."""
+        return _rebuilt, (self.family, self.arguments, self._distribution_of_caller())
 
-    def _given(self) -> Any:
+    def _distribution_of_caller(self) -> Any:
+        """The distribution that a caller made; None where family and arguments state it."""
         return None if isinstance(self.arguments, dict) or self.arguments else self.build()
 
     def __repr__(self) -> str:
@@ -68,8 +69,9 @@ class Density(tuple[float, float]):
         return {self.family: stated}
 
 
-def _again(family: str, arguments: Any, given: Any) -> Density:
-    return Density(family, arguments, None if given is None else lambda: given)
+def _rebuilt(family: str, arguments: Any, distribution: Any) -> Density:
+    """The density of a pickle."""
+    return Density(family, arguments, None if distribution is None else lambda: distribution)
 
 
 def density_of(stated: Any) -> Density:
@@ -165,12 +167,15 @@ def _quantile(distribution: Any, mass: float) -> float:
 
     below, above = _bracket(excess, low, high)
     root: Any = below if below == above else brentq(excess, below, above, xtol=1e-300)
-    found = float(root)
+    crossing = float(root)
     end = low if mass < 0.5 else high
-    if not isfinite(end) or found == end:
-        return found
-    near, there = distribution.log_prob(end + NEAR * (found - end)), distribution.log_prob(found)
-    return end if float(near - there) > np.log(0.5) else found
+    if not isfinite(end) or crossing == end:
+        return crossing
+    near_end, at_crossing = (
+        distribution.log_prob(end + NEAR * (crossing - end)),
+        distribution.log_prob(crossing),
+    )
+    return end if float(near_end - at_crossing) > np.log(0.5) else crossing
 
 
 def _bracket(excess: Callable[[float], float], low: float, high: float) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""Where a posterior is sampled: its coordinates, their bounds, and what a fit knows there."""
+"""Parametrisations of a posterior: coordinates, their bounds, and the fit in them."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -16,7 +16,7 @@ Theta = Mapping[str, Any]
 Covariance = Float[np.ndarray, "parameter parameter"]
 
 EDGE = 1e-6  # of the box: the logit of a start on a bound would be infinite
-CERTAIN = 3.0  # conditional standard deviations from zero: then zero is out of the question
+CERTAIN = 3.0  # conditional standard deviations from zero: then the parameter cannot be zero
 WIDER = 10.0  # times the box's width to either side
 FLOOR = 1e-6  # of the optimum: where a lower bound of zero is put
 
@@ -38,22 +38,22 @@ def in_box(
     box: Box, start: Theta | None, covariance: Covariance | None, num_chains: int
 ) -> Reparametrisation:
     """The parameters themselves, in their prior box; starts and covariance checked."""
-    known = Reparametrisation(IDENTITY, box.lower, box.upper)
+    parametrisation = Reparametrisation(IDENTITY, box.lower, box.upper)
     if start is None:
         if covariance is not None:
             raise ConfigError(
                 "Argument `covariance` needs `start`, the point it was found at.",
                 remedy="Pass the `theta` of the fit beside its covariance.",
             )
-        return known
+        return parametrisation
     points = _checked_start(start, box, num_chains)
     if covariance is None:
         width = box.upper - box.lower
         x = jnp.clip((points - box.lower) / width, EDGE, 1 - EDGE)
-        return known._replace(start=np.asarray(box.lower + x * width))
+        return parametrisation._replace(start=np.asarray(box.lower + x * width))
     if any(np.ndim(value) for value in start.values()):
         raise ConfigError("Argument `start` must be one point when `covariance` is given.")
-    return known._replace(start=points[0], covariance=np.asarray(covariance))
+    return parametrisation._replace(start=points[0], covariance=np.asarray(covariance))
 
 
 def _checked_start(start: Theta, box: Box, num_chains: int) -> Float[np.ndarray, "chain parameter"]:

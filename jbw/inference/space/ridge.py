@@ -31,7 +31,7 @@ from jbw.inference.space.reparametrisation import (
     never_zero,
 )
 
-PART = 0.3  # a parameter is of the ridge from this share of its largest component on
+PART = 0.3  # least share of the ridge's largest component that makes a parameter a member
 NARROW = 1e-9  # component of the direction below which a wall is parallel to it
 MIDDLE = (0.05, 0.95)  # where along the ridge chains start, though the optimum be at a wall
 
@@ -69,11 +69,11 @@ class Ridge(Coordinate):
         return jnp.concatenate([others, w, r[None]])
 
     def log_abs_det_jacobian(self, x: Vector) -> Float[Array, ""]:
-        """Logarithm of the length between the walls, in the parameters; -inf beside the box."""
+        """Logarithm of the length between the walls, in the parameters; -inf outside the box."""
         low, high = walls(self._foot(x), self.along)
         length = jnp.where(high > low, high - low, 1.0)
-        whole = jnp.log(length) + jnp.sum(jnp.log(self.width))
-        return jnp.where(high > low, whole, -jnp.inf)
+        log_length = jnp.log(length) + jnp.sum(jnp.log(self.width))
+        return jnp.where(high > low, log_length, -jnp.inf)
 
     def _foot(self, x: Vector) -> Member:
         """The point s_0 + B w on the plane across the ridge."""
@@ -98,38 +98,44 @@ def walls(foot: Member, along: Member) -> tuple[Float[Array, ""], Float[Array, "
 def along_ridge(theta: Mapping[str, float], covariance: Covariance, box: Box) -> Reparametrisation:
     """The coordinates about the optimum of a fit; its least known direction is the ridge."""
     logarithms = never_zero(theta, covariance, box)
-    about = in_logarithms(theta, covariance, box, logarithms)
-    # Logarithms down to a floor where the prior has none: far, and of no account.
+    in_logs = in_logarithms(theta, covariance, box, logarithms)
+    # Where the prior's lower bound is zero, logarithms end at a floor too low to matter.
     floored = np.isin(box.names, logarithms) & (np.asarray(box.lower) <= 0)
-    ridge = _ridge_of(about, floored)
+    ridge = _ridge_of(in_logs, floored)
     # The corners of the box as seen across the ridge: beyond them no line meets the box.
     corners = np.array(list(product((0.0, 1.0), repeat=len(ridge.members))))
     ends = (corners - np.asarray(ridge.origin)) @ np.asarray(ridge.across)
     others = np.array(ridge.others, dtype=int)
     # Their logarithms as `along_logarithms` bounds them.
-    reach = floored[others] * WIDER * (about.upper - about.lower)[others]
+    reach = floored[others] * WIDER * (in_logs.upper - in_logs.lower)[others]
     return Reparametrisation(
-        Composed((ridge, about.outer)),
-        jnp.concatenate([about.lower[others] - reach, jnp.asarray(ends.min(axis=0)), jnp.zeros(1)]),
-        jnp.concatenate([about.upper[others] + reach, jnp.asarray(ends.max(axis=0)), jnp.ones(1)]),
-        *_laplace_along(about, ridge),
+        Composed((ridge, in_logs.outer)),
+        jnp.concatenate(
+            [in_logs.lower[others] - reach, jnp.asarray(ends.min(axis=0)), jnp.zeros(1)]
+        ),
+        jnp.concatenate(
+            [in_logs.upper[others] + reach, jnp.asarray(ends.max(axis=0)), jnp.ones(1)]
+        ),
+        *_laplace_along(in_logs, ridge),
     )
 
 
-def _ridge_of(about: Reparametrisation, floored: NDArray[np.bool_]) -> Ridge:
+def _ridge_of(in_logs: Reparametrisation, floored: NDArray[np.bool_]) -> Ridge:
     """The ridge along the weakest direction, in units of the box.
 
     Its members have a part in that direction, in which logarithms down to a floor count as they
     are: that this lies far down makes none of them small.
     """
-    lower, width = np.asarray(about.lower), np.asarray(about.upper - about.lower)
-    covariance = np.asarray(about.covariance)
-    unit, own = (covariance / np.outer(by, by) for by in (width, np.where(floored, 1.0, width)))
-    weakest = np.abs(np.linalg.eigh(own)[1][:, -1])
+    lower, width = np.asarray(in_logs.lower), np.asarray(in_logs.upper - in_logs.lower)
+    covariance = np.asarray(in_logs.covariance)
+    unit, floored_unit = (
+        covariance / np.outer(by, by) for by in (width, np.where(floored, 1.0, width))
+    )
+    weakest = np.abs(np.linalg.eigh(floored_unit)[1][:, -1])
     is_member = weakest > PART * weakest.max()
     members, others = np.flatnonzero(is_member), np.flatnonzero(~is_member)
     directions = np.linalg.eigh(unit[np.ix_(members, members)])[1]
-    origin = (np.asarray(about.start)[members] - lower[members]) / width[members]
+    origin = (np.asarray(in_logs.start)[members] - lower[members]) / width[members]
     return Ridge(
         tuple(members.tolist()),
         tuple(others.tolist()),
@@ -142,7 +148,7 @@ def _ridge_of(about: Reparametrisation, floored: NDArray[np.bool_]) -> Ridge:
 
 
 def _laplace_along(
-    about: Reparametrisation, ridge: Ridge
+    in_logs: Reparametrisation, ridge: Ridge
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Optimum and covariance in the coordinates of the ridge, which are linear about the optimum.
 
@@ -151,15 +157,15 @@ def _laplace_along(
     low, high = (float(wall) for wall in walls(ridge.origin, ridge.along))
     length = max(high - low, NARROW)  # zero for an optimum in a corner
     others, members = np.array(ridge.others, dtype=int), np.array(ridge.members)
-    across, size = np.zeros(len(members) - 1), len(about.lower)
-    start = [*np.asarray(about.start)[others], *across, np.clip(-low / length, *MIDDLE)]
+    across, size = np.zeros(len(members) - 1), len(in_logs.lower)
+    start = [*np.asarray(in_logs.start)[others], *across, np.clip(-low / length, *MIDDLE)]
     turn = np.zeros((size, size))
     turn[range(len(others)), others] = 1.0
     directions = np.column_stack([ridge.across, ridge.along]).T / np.asarray(ridge.width)
     turn[np.ix_(range(len(others), size), members)] = directions
     turn[-1] /= length
-    covariance = turn @ np.asarray(about.covariance) @ turn.T
-    # No more than a uniform r's; the others follow r as they did.
+    covariance = turn @ np.asarray(in_logs.covariance) @ turn.T
+    # The variance of r is at most that of a uniform r; the other parameters follow r as before.
     with_r, excess = covariance[:, -1], max(covariance[-1, -1] - 1 / 12, 0.0)
-    known = covariance - excess * np.outer(with_r, with_r) / covariance[-1, -1] ** 2
-    return np.array(start), known
+    limited = covariance - excess * np.outer(with_r, with_r) / covariance[-1, -1] ** 2
+    return np.array(start), limited
