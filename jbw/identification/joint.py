@@ -194,8 +194,8 @@ def sample_joint(
     }  # fmt: skip
     if settings.sampler == "auto":
         return climb(
-            key, dataset.log_likelihood, prior, data, places=places, further=further,
-            is_costly=data.stepped,
+            key, dataset.log_likelihood, prior, data,
+            parametrisations=places, costly_parametrisations=further, is_costly=data.stepped,
             num_samples=settings.num_samples, num_warmup=settings.num_warmup,
             enough=None if settings.num_samples is not None else enough,
             keep=lambda rung: keep(f"{name}_{rung}"), **shared,

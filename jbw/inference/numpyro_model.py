@@ -13,7 +13,7 @@ from numpyro.distributions import Distribution, biject_to
 from numpyro.infer import NUTS, init_to_value
 from numpyro.infer.mcmc import MCMCKernel
 
-from jbw.inference.samplers.random_walk import PAPER, Options, State, kernel
+from jbw.inference.samplers.random_walk import PAPER, Options, WalkState, kernel
 from jbw.inference.space.box import Box, bounds_by_name
 from jbw.inference.space.problem import LOGIT_PRIOR_PRECISION, Problem
 
@@ -142,18 +142,18 @@ class RandomWalk(MCMCKernel):
         init_params: Any,
         model_args: Any,
         model_kwargs: Any,
-    ) -> State:
+    ) -> WalkState:
         """The state at the fit, for every chain that a key is given for."""
         self._options = self._options._replace(num_warmup=num_warmup)
         chain = kernel(self._problem, self._options)
         origin = jnp.zeros(len(self._problem.box.names))
 
-        def begun(key: Key[Array, ""]) -> State:
+        def begun(key: Key[Array, ""]) -> WalkState:
             return chain.init(key, origin)
 
         return begun(rng_key) if _is_one(rng_key) else jax.vmap(begun)(rng_key)
 
-    def sample(self, state: State, model_args: Any, model_kwargs: Any) -> State:
+    def sample(self, state: WalkState, model_args: Any, model_kwargs: Any) -> WalkState:
         """The state after one more step of every chain."""
         step = kernel(self._problem, self._options).step
         return step(state) if _is_one(state.rng_key) else jax.vmap(step)(state)
@@ -168,7 +168,7 @@ class RandomWalk(MCMCKernel):
 
         return sites
 
-    def get_diagnostics_str(self, state: State) -> str:
+    def get_diagnostics_str(self, state: WalkState) -> str:
         """Rate of acceptance of the last step, for the progress bar."""
         return f"acc. prob={np.mean(state.accept_prob):.2f}"
 

@@ -43,7 +43,9 @@ def climbed(seed, log_likelihood, bounds, data, places, **options):
         "is_costly": False, "num_chains": 4, "num_samples": None, "enough": is_enough,
         "budget_s": 60.0, "keep": nothing_kept, **options,
     }  # fmt: skip
-    return climb(jax.random.key(seed), log_likelihood, bounds, data, places=places, **options)
+    return climb(
+        jax.random.key(seed), log_likelihood, bounds, data, parametrisations=places, **options
+    )
 
 
 @pytest.fixture(scope="module", name="thin_places")

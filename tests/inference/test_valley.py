@@ -129,7 +129,7 @@ def test_a_law_whose_weights_are_rough_is_weighed_along_the_valley_too(fit, monk
 def test_a_winding_posterior_is_drawn_along_its_valley(seed, fit):
     tree = climbed(
         seed, winding, BOX, MIDDLE, {"box": lambda: straight(fit)},
-        further={"valley": lambda: curved(fit)},
+        costly_parametrisations={"valley": lambda: curved(fit)},
     )  # fmt: skip
     assert tree.attrs["sampler"] == "amis"
     assert tree.attrs["coordinates"] == "valley"

@@ -1,4 +1,4 @@
-r"""Adaptive multiple importance sampling: mixtures refitted to all that was weighed so far.
+r"""Adaptive multiple importance sampling: mixtures refitted to all weighted points so far.
 
 $$w_i = \frac{p(D | \theta_i)\,\pi(x_i)}{\frac1n \sum_r n_r\,q_r(x_i)}, \qquad
 \hat Z = \frac1n \sum_i w_i$$
@@ -48,7 +48,7 @@ from jbw.inference.samplers.mixtures import Mixture, Points, Weights
 from jbw.inference.samplers.weighed_points import (
     Pair,
     Past,
-    Weighed,
+    SmoothedWeights,
     as_arrays,
     relative,
     resumed,
@@ -58,14 +58,14 @@ from jbw.inference.space.problem import Problem, log_prior
 
 LEAST = 10.0  # effective points a dimension that a mixture is fitted to
 ENDS = 2000.0  # effective draws that the ends of 99 % intervals take, ten on either side
-CHEAP = 4.0  # points an effective draw up to which so many are waited for
-PATIENCE = 10  # rounds after which a k-hat that is barely good is no choice of chance
+CHEAP = 4.0  # points an effective draw up to which sampling goes on to `ENDS`
+PATIENCE = 10  # rounds after which a k-hat just below the limit is accepted
 SMALL, SHARE = 8, 4  # first rounds that take one in so many points
 SURE_KHAT = 0.5  # below it weights have a variance
 
 
 class Options(NamedTuple):
-    """What is drawn, and when it is given up.
+    """Number of draws, and when the sampler gives up.
 
     Attributes:
         num_samples: Draws kept of each group.
@@ -89,25 +89,29 @@ def gather(
     problem: Problem,
     options: Options,
     progress: Progress | None = None,
-    kept: Kept | None = None,
+    checkpoint: Kept | None = None,
     until: Until | None = None,
 ) -> tuple[Draws, Float[np.ndarray, "chain draw term"], float]:
     """Draws of equal weight, their terms, and the time that earlier processes spent on them [s].
 
     Rounds follow until the weights can be trusted and their draws are enough, or it is seen that
-    they will not be, or rounds or time are spent. Rounds that were kept are gone on from.
+    they will not be, or rounds or time are spent. Rounds of a checkpoint are continued.
     """
     began, seed = perf_counter(), words_of(key)
-    mark = "" if kept is None else fingerprint((key, problem), problem, gather, options)
-    past, before = resumed(kept_arrays(kept, mark))
-    watching = [one for one in (progress, None if kept is None else kept.grown) if one is not None]
+    mark = "" if checkpoint is None else fingerprint((key, problem), problem, gather, options)
+    past, before = resumed(kept_arrays(checkpoint, mark))
+    watching = [
+        listener
+        for listener in (progress, None if checkpoint is None else checkpoint.grown)
+        if listener is not None
+    ]
     while True:
         if past is not None:
-            spent, found = before + perf_counter() - began, weighed(past)
-            drawn = _draws(np.random.default_rng(seed), past, found, problem, options)
-            last = _is_over(past, found, drawn[0], options, until, spent)
-            if kept is not None and (last or kept.due()):
-                kept.save(as_arrays(past, spent, mark), last=last)
+            spent, smoothed = before + perf_counter() - began, weighed(past)
+            drawn = _draws(np.random.default_rng(seed), past, smoothed, problem, options)
+            last = _is_over(past, smoothed, drawn[0], options, until, spent)
+            if checkpoint is not None and (last or checkpoint.due()):
+                checkpoint.save(as_arrays(past, spent, mark), last=last)
             for tell in watching:
                 count, most, theta = len(past.rounds), options.most_rounds, drawn[0].theta
                 tell(SoFar(count, most, theta, None, None, in_rounds=True))
@@ -119,7 +123,7 @@ def gather(
 
 
 def look(key: Key[Any, ""], problem: Problem, num_points: int) -> float:
-    """What so many points about the fit are worth, in effective draws."""
+    """Effective number of draws of `num_points` points about the fit."""
     return weighed(_grown(generator(key), None, problem, num_points)).effective
 
 
@@ -144,34 +148,39 @@ class WeighedPoints(NamedTuple):
 def points(
     key: Key[Any, ""], problem: Problem, *, size: int, least: float, most_rounds: int
 ) -> WeighedPoints:
-    """Points for the mean of something: rounds of `size` until they are worth `least` draws."""
+    """Weighted points for averages: rounds of `size` until their effective number is `least`."""
     seed = words_of(key)
     past = _grown(np.random.default_rng([*seed, 0]), None, problem, size)
-    found = weighed(past)
+    smoothed = weighed(past)
     for count in range(1, most_rounds):
-        if found.khat < GOOD_KHAT and found.effective >= least:
+        if smoothed.khat < GOOD_KHAT and smoothed.effective >= least:
             break
         past = _grown(np.random.default_rng([*seed, count]), past, problem, size)
-        found = weighed(past)
+        smoothed = weighed(past)
     theta = jax.tree.map(np.asarray, _placed(problem, jax.device_put(past.w))[0])
     log_evidence = float(logsumexp(past.log_weight) - np.log(len(past.w)))
-    return WeighedPoints(theta, past.terms, found.weights, found.khat, log_evidence)
+    return WeighedPoints(theta, past.terms, smoothed.weights, smoothed.khat, log_evidence)
 
 
 def _is_over(
-    past: Past, found: Weighed, drawn: Draws, options: Options, until: Until | None, spent: float
+    past: Past,
+    smoothed: SmoothedWeights,
+    drawn: Draws,
+    options: Options,
+    until: Until | None,
+    spent: float,
 ) -> bool:
     """Whether the rounds end: their draws are enough, or will not be, or the time is spent."""
     count = len(past.rounds)
     if count >= options.most_rounds or (until is not None and spent >= until.budget_s):
         return True
-    if count >= options.trial and found.effective < options.least:
+    if count >= options.trial and smoothed.effective < options.least:
         return True
-    # A k-hat that is barely good may be so by chance: ending at once would choose such rounds.
+    # A k-hat just below the limit may be so by chance: ending at once would select such rounds.
     limit = SURE_KHAT if count < PATIENCE else GOOD_KHAT
-    if not (found.khat < limit and found.effective >= ESS):
+    if not (smoothed.khat < limit and smoothed.effective >= ESS):
         return False
-    if found.effective < ENDS and len(past.w) <= CHEAP * found.effective:
+    if smoothed.effective < ENDS and len(past.w) <= CHEAP * smoothed.effective:
         return False
     return until is None or until.enough(drawn.theta)
 
@@ -180,27 +189,29 @@ def _grown(rng: np.random.Generator, past: Past | None, problem: Problem, num_po
     """One more round: the mixtures that suit all points so far, and points from them."""
     first = mixtures.standard(len(problem.box.names))
     pair = (first, first) if past is None else _next_pair(rng, past)
-    own = max(num_points // 2, 1)
-    halves = [mixtures.draw(rng, mixture, own) for mixture in pair]
+    half_size = max(num_points // 2, 1)
+    halves = [mixtures.draw(rng, mixture, half_size) for mixture in pair]
     w = np.stack(halves, axis=1).reshape(-1, halves[0].shape[1])
-    theta, prior = (jax.tree.map(np.asarray, each) for each in _placed(problem, jax.device_put(w)))
+    theta, prior = (
+        jax.tree.map(np.asarray, values) for values in _placed(problem, jax.device_put(w))
+    )
     terms = at_points(problem.log_likelihood, theta, problem.data)
     terms = terms.reshape(len(w), -1)
     likelihood = terms.sum(axis=1)
     density = np.where(np.isfinite(likelihood), likelihood + prior, -np.inf)
-    mixed = np.log(own) + _log_density(pair, w)
+    mixed = np.log(half_size) + _log_density(pair, w)
     if past is None:
         require_possible(bool(np.any(np.isfinite(density))))
-        return Past(w, terms, density, mixed, np.array([own]), (pair,))
-    for size, one in zip(past.sizes, past.rounds, strict=True):
-        mixed = np.logaddexp(mixed, np.log(size) + _log_density(one, w))
-    earlier = np.logaddexp(past.log_mixed, np.log(own) + _log_density(pair, past.w))
+        return Past(w, terms, density, mixed, np.array([half_size]), (pair,))
+    for size, past_pair in zip(past.sizes, past.rounds, strict=True):
+        mixed = np.logaddexp(mixed, np.log(size) + _log_density(past_pair, w))
+    earlier = np.logaddexp(past.log_mixed, np.log(half_size) + _log_density(pair, past.w))
     return Past(
         np.concatenate([past.w, w]),
         np.concatenate([past.terms, terms]),
         np.concatenate([past.log_density, density]),
         np.concatenate([earlier, mixed]),
-        np.append(past.sizes, own),
+        np.append(past.sizes, half_size),
         (*past.rounds, pair),
     )
 
@@ -222,9 +233,9 @@ def _next_pair(rng: np.random.Generator, past: Past) -> Pair:
     """The mixtures of both halves, each of the points of the other; of all where it has none."""
     raw = relative(past.log_weight)
     others = [slice(1 - i, None, 2) for i in range(2)]
-    others = [one if np.any(raw[one] > SMALLEST) else slice(None) for one in others]
-    one, other = (_next_mixture(rng, past.w[each], raw[each]) for each in others)
-    return one, other
+    others = [half if np.any(raw[half] > SMALLEST) else slice(None) for half in others]
+    first, second = (_next_mixture(rng, past.w[half], raw[half]) for half in others)
+    return first, second
 
 
 def _next_mixture(rng: np.random.Generator, w: Points, log_weight: Weights) -> Mixture:
@@ -246,7 +257,11 @@ def _next_mixture(rng: np.random.Generator, w: Points, log_weight: Weights) -> M
 
 
 def _draws(
-    rng: np.random.Generator, past: Past, found: Weighed, problem: Problem, options: Options
+    rng: np.random.Generator,
+    past: Past,
+    smoothed: SmoothedWeights,
+    problem: Problem,
+    options: Options,
 ) -> tuple[Draws, Float[np.ndarray, "chain draw term"]]:
     """Draws of equal weight, each group from points of its own, by stratified resampling.
 
@@ -255,19 +270,19 @@ def _draws(
     """
     rows, order = [], rng.permutation(len(past.w))
     for group in range(options.num_chains):
-        own = order[group :: options.num_chains]
-        ends = np.cumsum(found.weights[own])
-        places = (np.arange(options.num_samples) + rng.random(options.num_samples)) * ends[-1]
-        which = np.searchsorted(ends, places / options.num_samples)
-        rows.append(own[np.minimum(which, len(own) - 1)])
+        group_rows = order[group :: options.num_chains]
+        ends = np.cumsum(smoothed.weights[group_rows])
+        levels = (np.arange(options.num_samples) + rng.random(options.num_samples)) * ends[-1]
+        which = np.searchsorted(ends, levels / options.num_samples)
+        rows.append(group_rows[np.minimum(which, len(group_rows) - 1)])
     chosen = np.stack(rows)
     theta = jax.tree.map(np.asarray, _placed(problem, jax.device_put(past.w[chosen.ravel()]))[0])
     log_weight, count = past.log_weight, len(past.w)
     facts = {
         "log_evidence": float(logsumexp(log_weight) - np.log(count)),
-        "log_evidence_error": float(np.sqrt(max(1 / found.effective - 1 / count, 0.0))),
-        "khat": found.khat,
-        "ess_weights": found.effective,
+        "log_evidence_error": float(np.sqrt(max(1 / smoothed.effective - 1 / count, 0.0))),
+        "khat": smoothed.khat,
+        "ess_weights": smoothed.effective,
         "num_evaluations": count,
         "rounds": len(past.rounds),
     }

@@ -18,20 +18,20 @@ from jbw.inference.samplers.register import Sampler, module_of
 from jbw.inference.space.coordinates import interval
 from jbw.inference.space.problem import Problem
 
-MAX_TRIALS = 100  # starts tried before a chain is left where the likelihood is impossible
+MAX_TRIALS = 100  # starts tried before a chain stays where the likelihood is zero
 TOGETHER = 64  # points evaluated side by side
 OVERDISPERSION = 2.0  # standard deviations of the Laplace approximation
 
 
 class Draw(NamedTuple):
-    """What one step of a chain leaves: the parameters by name, and the sampler's statistics."""
+    """Result of one step of a chain: the parameters by name, and the sampler's statistics."""
 
     theta: dict[str, Float[Array, "..."]]
     stats: dict[str, Array]
 
 
 class Kernel(NamedTuple):
-    """A Markov chain whose law is the posterior: (key, w) to the first state, step, what it says.
+    """A Markov chain with the posterior as its law: (key, w) to the first state, step, read-out.
 
     Its options have `num_warmup`, `num_samples`, `num_chains` and `chain_method`.
     """
@@ -94,17 +94,17 @@ def draw_chains(make: MakeKernel, key: Key[Array, ""], problem: Problem, options
     starts = starts_of(key, problem, None, options.num_chains)
     total = options.num_warmup + options.num_samples
 
-    def one(argument: tuple[Key[Array, ""], Array], shared: PyTree) -> PyTree:
+    def run_chain(argument: tuple[Key[Array, ""], Array], shared: PyTree) -> PyTree:
         problem, spread = shared
         chain = make(problem, options)
         state, possible = _first_state(chain, argument, problem, spread)
-        # One loop, so that the step is compiled once: rows of the warm-up are written nowhere.
+        # One loop, so that the step is compiled once; the warm-up's rows are dropped.
         bounds = jnp.asarray(total), options.num_samples, options.num_warmup
         return possible, _advanced(chain, state, *bounds)[1]
 
     keys = jax.random.split(key, options.num_chains)
     shared = problem, starts.spread
-    possible, draws = over_chains(one, options.chain_method)((keys, starts.centre), shared)
+    possible, draws = over_chains(run_chain, options.chain_method)((keys, starts.centre), shared)
     return Draws(draws.theta, draws.stats, jnp.all(possible), True)
 
 
@@ -158,12 +158,12 @@ def evaluate_chains(
     def evaluate(theta: dict[str, Array], shared: tuple[Problem, Array, Array]) -> PyTree:
         problem, first, last = shared
 
-        def one(i: Array) -> Array:
+        def terms_at(i: Array) -> Array:
             point = {name: values[i] for name, values in theta.items()}
             return jnp.ravel(problem.log_likelihood(point, problem.data))
 
-        rows = _empty_rows(lambda: one(jnp.asarray(0)), len(next(iter(theta.values()))))
-        return jax.lax.fori_loop(first, last, lambda i, rows: _set_row(rows, i, one(i)), rows)
+        rows = _empty_rows(lambda: terms_at(jnp.asarray(0)), len(next(iter(theta.values()))))
+        return jax.lax.fori_loop(first, last, lambda i, rows: _set_row(rows, i, terms_at(i)), rows)
 
     return over_chains(evaluate, chain_method)(theta, (problem, first, last))
 
@@ -180,16 +180,16 @@ def over_chains(f: Callable[..., PyTree], method: str) -> Callable[..., PyTree]:
         arrays, static = eqx.partition(shared, eqx.is_array)
 
         def in_turn(chains: PyTree, arrays: PyTree) -> PyTree:
-            return jax.lax.map(lambda one: f(one, eqx.combine(arrays, static)), chains)
+            return jax.lax.map(lambda chain: f(chain, eqx.combine(arrays, static)), chains)
 
         if method == "vectorized":
-            return jax.vmap(lambda one: f(one, shared))(chains)
+            return jax.vmap(lambda chain: f(chain, shared))(chains)
         if method == "sequential":
             return in_turn(chains, arrays)
         devices = num_devices_for(len(jax.tree.leaves(chains)[0]))
         mesh = Mesh(np.array(jax.devices()[:devices]), ("chain",))
-        each = PartitionSpec("chain")
-        specs = {"in_specs": (each, PartitionSpec()), "out_specs": each}
+        by_chain = PartitionSpec("chain")
+        specs = {"in_specs": (by_chain, PartitionSpec()), "out_specs": by_chain}
         return jax.shard_map(in_turn, mesh=mesh, check_vma=False, **specs)(chains, arrays)
 
     return mapped
@@ -200,8 +200,8 @@ def in_batches(f: Callable[[PyTree], PyTree], points: PyTree) -> PyTree:
     count = len(jax.tree.leaves(points)[0])
     batch = min(TOGETHER, count)
     padded = jax.tree.map(lambda v: jnp.concatenate([v, v[:1].repeat(-count % batch, 0)]), points)
-    found = jax.lax.map(f, padded, batch_size=batch)
-    return jax.tree.map(lambda values: values[:count], found)
+    mapped = jax.lax.map(f, padded, batch_size=batch)
+    return jax.tree.map(lambda values: values[:count], mapped)
 
 
 def _advanced(
@@ -245,9 +245,9 @@ def _first_state(
         w = start[1] + spread * disperse(key_move, start[1].shape, start[1].dtype)
         return trial + 1, key, w, jnp.isfinite(problem.log_density(w))
 
-    def again(carry: tuple[Array, Array, Array, Array]) -> Array:
+    def keep_proposing(carry: tuple[Array, Array, Array, Array]) -> Array:
         return (carry[0] < MAX_TRIALS) & ~carry[3]
 
     first = (jnp.array(0), key_start, start[1], jnp.array(False))
-    _, _, w, possible = jax.lax.while_loop(again, propose, first)
+    _, _, w, possible = jax.lax.while_loop(keep_proposing, propose, first)
     return kernel.init(key_chain, w), possible

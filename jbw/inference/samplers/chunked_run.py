@@ -1,4 +1,4 @@
-"""Chains grown chunk by chunk and kept while they grow; where chunks end does not change draws."""
+"""Chains that run chunk by chunk with checkpoints; where chunks end does not change draws."""
 
 import hashlib
 import warnings
@@ -24,9 +24,9 @@ from jbw.inference.samplers.chains import (
 from jbw.inference.space.problem import Problem
 
 CHUNK = 250  # steps at most between two looks at the clock; short enough for a progress bar
-CHUNK_S = 10.0  # what a chunk lasts where chains are kept: so much is lost by a kill
-# Devices wait for the slowest at the end of a chunk, the less the more steps it has: where steps
-# are long, chunks last a share of the time spent before, up to a minute.
+CHUNK_S = 10.0  # duration of a chunk between checkpoints: so much is lost by a kill
+# Devices wait for the slowest at the end of each chunk, relatively less in a long one: where steps
+# are slow, a chunk takes a share of the time spent before, up to a minute.
 CHUNK_SHARE, LONGEST_S = 0.05, 60.0
 GROWTH = 4  # of a chunk over the one before, whose time is the only measure of a step
 
@@ -36,7 +36,7 @@ Rows = tuple[Draw, np.ndarray]
 
 
 class SoFar(NamedTuple):
-    """Chains under way, for those who wait.
+    """Progress of running chains.
 
     Attributes:
         done: Steps taken by every chain, warm-up included.
@@ -58,10 +58,10 @@ class SoFar(NamedTuple):
 
 
 class Kept(Protocol):
-    """A place that outlives the process, for the chains of one posterior."""
+    """A checkpoint of the chains of one posterior, which outlives the process."""
 
     def grown(self, so_far: SoFar) -> None:
-        """Told after every chunk of steps."""
+        """Called after every chunk of steps."""
         ...
 
     def load(self) -> Arrays | None:
@@ -78,10 +78,10 @@ class Kept(Protocol):
 
 
 class Until(NamedTuple):
-    """When chains have grown enough: each time their draws have doubled, it is asked again.
+    """When chains are long enough; evaluated each time that their draws have doubled.
 
     Attributes:
-        enough: Whether the draws by name, (chain, draw), are.
+        enough: Whether the draws by name, (chain, draw), are enough.
         budget_s: Time after which chains end as they are [s].
     """
 
@@ -112,10 +112,10 @@ def grow_chains(
     make: MakeKernel,
     options: Any,
     progress: Progress | None = None,
-    kept: Kept | None = None,
+    checkpoint: Kept | None = None,
     until: Until | None = None,
 ) -> tuple[Rows, float]:
-    """Run all chains to their end, from where they were kept if they were.
+    """Run all chains to their end, from their checkpoint if there is one.
 
     Every chunk runs the same compiled loop with another count of steps: chains that were kept go
     on to the very draws that they would have come to without a break. With `until` the number of
@@ -123,13 +123,13 @@ def grow_chains(
     that earlier processes spent on them [s].
     """
     began, total = perf_counter(), options.num_warmup + options.num_samples
-    mark = "" if kept is None else fingerprint(starts, problem, make, options)
+    mark = "" if checkpoint is None else fingerprint(starts, problem, make, options)
     options = options._replace(num_samples=0, num_chains=0)  # not compiled in
-    before = _resumed(kept, mark)
-    done, rows, count = before.done, before.rows, CHUNK if kept is None else 1
+    before = _resumed(checkpoint, mark)
+    done, rows, count = before.done, before.rows, CHUNK if checkpoint is None else 1
 
     def end(spent: float) -> int:
-        """Where the chains end, as far as their draws and the time spent on them say."""
+        """Steps at which the chains end, by their draws and the time spent on them."""
         if until is not None and rows and spent >= until.budget_s:
             return done
         if done < total or until is None or until.enough(_joined(rows)[0][0].theta):
@@ -141,19 +141,25 @@ def grow_chains(
     total = end(before.wall_s)
     states = _states(before, starts, problem, make, options) if done < total else None
     timed: tuple[int, float] | None = None  # steps and clock from where on the rate is counted
-    watching = [one for one in (progress, None if kept is None else kept.grown) if one is not None]
+    watching = [
+        listener
+        for listener in (progress, None if checkpoint is None else checkpoint.grown)
+        if listener is not None
+    ]
     while done < total:
         clock, count = perf_counter(), min(count, total - done)
         states, new = _grown(states, done, count, problem, make, options)
         rows, done = [*rows, *new], done + count
         spent = before.wall_s + perf_counter() - began
         total = end(spent)
-        if kept is not None:
+        if checkpoint is not None:
             count = _next_count(count, perf_counter() - clock, spent)
-            if done == total or kept.due():
+            if done == total or checkpoint.due():
                 rows = _joined(rows)
                 plain = [np.asarray(_plain(leaf)) for leaf in jax.tree.leaves(states)]
-                kept.save(_as_arrays(Chains(plain, done, rows, spent), mark), last=done == total)
+                checkpoint.save(
+                    _as_arrays(Chains(plain, done, rows, spent), mark), last=done == total
+                )
         if watching:
             rate = None if timed is None else (perf_counter() - timed[1]) / (done - timed[0])
             so_far = _so_far(done, total, rows, rate)
@@ -164,15 +170,15 @@ def grow_chains(
     return _joined(rows)[0], before.wall_s
 
 
-def _resumed(kept: Kept | None, mark: str) -> Chains:
-    """The chains as they were kept; none grown where there are none of this posterior."""
-    arrays = kept_arrays(kept, mark)
+def _resumed(checkpoint: Kept | None, mark: str) -> Chains:
+    """The chains of a checkpoint; empty chains without one of this posterior."""
+    arrays = kept_arrays(checkpoint, mark)
     return Chains([], 0, [], 0.0) if arrays is None else _from_arrays(arrays)
 
 
-def kept_arrays(kept: Kept | None, mark: str) -> Arrays | None:
-    """What was kept of the posterior of a `fingerprint`; None where that is another's, warned."""
-    arrays = None if kept is None else kept.load()
+def kept_arrays(checkpoint: Kept | None, mark: str) -> Arrays | None:
+    """The checkpoint with a `fingerprint`; None, with a warning, where it has another."""
+    arrays = None if checkpoint is None else checkpoint.load()
     if arrays is None or str(arrays.get("fingerprint")) == mark:
         return arrays
     warnings.warn(
@@ -186,7 +192,7 @@ def kept_arrays(kept: Kept | None, mark: str) -> Arrays | None:
 def _states(
     before: Chains, starts: Starts, problem: Problem, make: MakeKernel, options: Any
 ) -> PyTree:
-    """States to go on from: the kept ones, or the first."""
+    """States to continue from: those of the checkpoint, or the first."""
     first, possible = start_chains(starts, problem, make, options)
     if not np.all(possible):
         raise ModelError(
@@ -230,8 +236,8 @@ def _so_far(done: int, total: int, rows: list[Rows], rate: float | None) -> SoFa
 def _next_count(count: int, seconds: float, spent: float) -> int:
     """Steps of the next chunk, to last as long as it may if steps take as long as those before."""
     lasting = max(CHUNK_S, min(CHUNK_SHARE * spent, LONGEST_S))
-    wanted = int(count * lasting / max(seconds, 1e-9))
-    return max(1, min(wanted, GROWTH * count, CHUNK))
+    target = int(count * lasting / max(seconds, 1e-9))
+    return max(1, min(target, GROWTH * count, CHUNK))
 
 
 def _joined(rows: list[Rows]) -> list[Rows]:
@@ -259,8 +265,8 @@ def fingerprint(starts: PyTree, problem: Problem, make: Callable, options: Any) 
     functions = [
         getattr(f, "__qualname__", type(f).__name__) for f in (problem.log_likelihood, make)
     ]
-    known = functions, make.__module__, problem.box.names, problem.located, options
-    digest = hashlib.sha256(repr(known).encode())
+    identity = functions, make.__module__, problem.box.names, problem.located, options
+    digest = hashlib.sha256(repr(identity).encode())
     for leaf in jax.tree.leaves(eqx.filter((starts, problem), eqx.is_array)):
         values = np.asarray(_plain(leaf))
         digest.update(f"{values.dtype}{values.shape}".encode())

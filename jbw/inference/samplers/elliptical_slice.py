@@ -39,7 +39,7 @@ class Options(NamedTuple):
     chain_method: str = "sequential"
 
 
-class State(NamedTuple):
+class SliceState(NamedTuple):
     """Where one chain is; `num_steps` points were looked at for the last draw."""
 
     w: Float[Array, " parameter"]
@@ -56,9 +56,9 @@ def kernel(problem: Problem, options: Options) -> Kernel:
         value = log_ratio(problem, w)
         return jnp.where(value > FORBIDDEN, value, -jnp.inf)
 
-    def init(key: Key[Array, ""], w: Float[Array, " parameter"]) -> State:
+    def init(key: Key[Array, ""], w: Float[Array, " parameter"]) -> SliceState:
         """From here the first ellipse takes any possible point."""
-        return State(w, jnp.array(-jnp.inf), jnp.zeros((), COUNT), key)
+        return SliceState(w, jnp.array(-jnp.inf), jnp.zeros((), COUNT), key)
 
     def move(at: EllipSliceState, key: Key[Array, ""]) -> tuple[EllipSliceState, Array]:
         w = jnp.asarray(at.position)
@@ -66,16 +66,16 @@ def kernel(problem: Problem, options: Options) -> Kernel:
         shape, rate = 0.5 * (HEAVY + w.size), 0.5 * (HEAVY + w @ w)
         variance = rate / jax.random.gamma(key_scale, shape)
         ellipse = elliptical_slice.build_kernel(variance * jnp.ones_like(w), jnp.zeros_like(w))
-        at, info = ellipse(key_move, at, ratio)
-        return at, jnp.asarray(info.subiter)
+        at, move_info = ellipse(key_move, at, ratio)
+        return at, jnp.asarray(move_info.subiter)
 
-    def step(state: State) -> State:
+    def step(state: SliceState) -> SliceState:
         key, *keys = jax.random.split(state.rng_key, 1 + MOVES)
         end, looked = jax.lax.scan(move, EllipSliceState(state.w, state.log_ratio), jnp.stack(keys))
         w, value = jnp.asarray(end.position), jnp.asarray(end.logdensity)
-        return State(w, value, jnp.sum(looked, dtype=COUNT), key)
+        return SliceState(w, value, jnp.sum(looked, dtype=COUNT), key)
 
-    def read(state: State) -> Draw:
+    def read(state: SliceState) -> Draw:
         return Draw(problem.theta(state.w), {"n_steps": state.num_steps})
 
     return Kernel(init, step, read)

@@ -64,8 +64,8 @@ def weighted_moments(
 ) -> tuple[Float[Array, " parameter"], Float[Array, "parameter parameter"]]:
     """Mean and covariance of points whose weights sum to one."""
     mean = weights @ points
-    left = points - mean
-    return mean, (weights[:, None] * left).T @ left
+    deviations = points - mean
+    return mean, (weights[:, None] * deviations).T @ deviations
 
 
 def highest_power(

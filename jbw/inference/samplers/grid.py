@@ -94,7 +94,7 @@ def log_density_at(
     problem: Problem, whitening: Coordinate, w: Float[Array, "node parameter"]
 ) -> Float[Array, " node"]:
     """Log posterior density of whitened points, the prior in it [nats]; FORBIDDEN at worst."""
-    placed = eqx.tree_at(lambda one: one.whitening, problem, whitening)
+    placed = eqx.tree_at(lambda posterior: posterior.whitening, problem, whitening)
     values = in_batches(placed.log_density, w)
     return jnp.where(jnp.isfinite(values), values, FORBIDDEN)
 
@@ -122,7 +122,7 @@ class Place(NamedTuple):
     power: Float[Array, ""]
     highest: Float[Array, ""]
     rounds: Array
-    whole: Array
+    full_power: Array
     settled: Array
     possible: Array
 
@@ -145,8 +145,8 @@ def located(problem: Problem) -> Place:
     state = power, zero, none, none, jnp.array(False), jnp.array(True)
     first = Place(problem.whitening.centre, spread, *state)
 
-    def again(at: Place) -> Array:
-        over = at.settled | (at.whole >= MOST_WHOLE) | (at.rounds >= MOST_ROUNDS)
+    def unsettled(at: Place) -> Array:
+        over = at.settled | (at.full_power >= MOST_WHOLE) | (at.rounds >= MOST_ROUNDS)
         return at.possible & ~over
 
     def narrow(at: Place) -> Place:
@@ -164,19 +164,19 @@ def located(problem: Problem) -> Place:
             power,
             jnp.max(grid.log_p) - grid.whitening.log_abs_det_jacobian(at.mean),
             at.rounds + 1,
-            at.whole + (power == 1),
+            at.full_power + (power == 1),
             (power == 1) & still,
             jnp.max(grid.log_p) > FORBIDDEN / 2,
         )
 
-    return jax.lax.while_loop(again, narrow, first)
+    return jax.lax.while_loop(unsettled, narrow, first)
 
 
 def _raised(
     problem: Problem, grid: Grid, power: Float[Array, ""]
 ) -> tuple[Float[Array, ""], Float[Array, " node"]]:
     """A higher power of the likelihood that the grid still resolves, and log p at it."""
-    placed = eqx.tree_at(lambda one: one.whitening, problem, grid.whitening)
+    placed = eqx.tree_at(lambda posterior: posterior.whitening, problem, grid.whitening)
     prior = jax.vmap(placed.coordinate.log_abs_det_jacobian)(grid.nodes) - log_volume(problem.box)
     likelihood = grid.log_p - prior
 
@@ -185,10 +185,10 @@ def _raised(
 
     least = SHRINK * effective(power)
 
-    # In the logarithm: the first powers are small beyond guessing.
+    # In the logarithm: the first powers may be arbitrarily small.
     ends = jnp.log(jnp.maximum(power, jnp.exp(-60.0))), jnp.zeros(())
-    found = jnp.exp(highest_power(lambda log: effective(jnp.exp(log)), least, ends, HALVINGS))
-    power = jnp.where(effective(jnp.ones(())) >= least, 1.0, found)
+    raised = jnp.exp(highest_power(lambda log: effective(jnp.exp(log)), least, ends, HALVINGS))
+    power = jnp.where(effective(jnp.ones(())) >= least, 1.0, raised)
     return power, prior + power * likelihood
 
 
@@ -215,7 +215,7 @@ def bounds_of(problem: Problem, whitening: Affine, place: Place, num_places: int
         log_p = log_density_at(problem, whitening, jnp.concatenate(faces))
         return jnp.max(log_p.reshape(2, d, -1), axis=-1) > floor
 
-    def again(state: tuple[Bounds, Array]) -> Array:
+    def any_open(state: tuple[Bounds, Array]) -> Array:
         return jnp.any(state[1])
 
     def push(state: tuple[Bounds, Array]) -> tuple[Bounds, Array]:
@@ -223,4 +223,4 @@ def bounds_of(problem: Problem, whitening: Affine, place: Place, num_places: int
         return bounds, open_sides(bounds) & (jnp.abs(bounds) < WIDEST)
 
     first = jnp.array([[-REACH], [REACH]]) / WIDER * jnp.ones(d)
-    return jax.lax.while_loop(again, push, (first, jnp.ones((2, d), bool)))[0]
+    return jax.lax.while_loop(any_open, push, (first, jnp.ones((2, d), bool)))[0]

@@ -36,7 +36,7 @@ from jbw.inference.space.coordinates import Affine
 from jbw.inference.space.problem import Problem
 
 FEW = 0.05  # share of the draws that moments are taken from at least
-DEEPEST = 200.0  # nats below the best that a draw is told apart
+DEEPEST = 200.0  # nats below the best at which a log weight is cut off
 HALVINGS = 30  # of the power that flattens the weights
 SMALLEST = -700.0  # log weight that counts as zero, and is still a number
 NUGGET = 1e-8  # of the variance of the coordinate, where draws coincide
@@ -61,9 +61,9 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
     key_rounds, key_keep = jax.random.split(key)
 
     def weigh(whitening: Affine, key: Key[Array, ""]) -> tuple[Affine, tuple[Affine, Array, Array]]:
-        about = eqx.tree_at(lambda one: one.whitening, problem, whitening)
-        w = jnp.asarray(reference(about).sample(key, (count,)))
-        ratio = in_batches(lambda one: log_ratio(about, one), w)
+        rewhitened = eqx.tree_at(lambda posterior: posterior.whitening, problem, whitening)
+        w = jnp.asarray(reference(rewhitened).sample(key, (count,)))
+        ratio = in_batches(lambda point: log_ratio(rewhitened, point), w)
         return moved(whitening, w, ratio), (whitening, w, ratio)
 
     keys = jax.random.split(key_rounds, options.num_rounds)
@@ -73,9 +73,9 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
     raw = jnp.where(ratio > FORBIDDEN, ratio, -jnp.inf)
     weights, khat = smoothed(raw)
     effective = effective_draws(weights)
-    kept = _kept(key_keep, weights, options)
-    about = eqx.tree_at(lambda one: one.whitening, problem, whitening)
-    theta = jax.vmap(jax.vmap(about.theta))(w[kept])
+    rows = _resampled(key_keep, weights, options)
+    rewhitened = eqx.tree_at(lambda posterior: posterior.whitening, problem, whitening)
+    theta = jax.vmap(jax.vmap(rewhitened.theta))(w[rows])
     facts = {
         "log_evidence": jax.nn.logsumexp(raw) - jnp.log(count),
         "log_evidence_error": jnp.sqrt(jnp.maximum(1 / effective - 1 / count, 0.0)),
@@ -84,8 +84,8 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
         "num_evaluations": count * options.num_rounds,
     }
     possible = is_possible(ratio)
-    arrived = possible & (effective >= ENOUGH * kept.size)
-    return Draws(theta, {"log_weight": raw[kept]}, possible, arrived, facts)
+    arrived = possible & (effective >= ENOUGH * rows.size)
+    return Draws(theta, {"log_weight": raw[rows]}, possible, arrived, facts)
 
 
 def smoothed(log_weights: Float[Array, " draw"]) -> tuple[Float[Array, " draw"], Float[Array, ""]]:
@@ -95,8 +95,8 @@ def smoothed(log_weights: Float[Array, " draw"]) -> tuple[Float[Array, " draw"],
     """
     raw = jnp.maximum(log_weights - jnp.max(log_weights), SMALLEST)
     shapes = jax.ShapeDtypeStruct(raw.shape, raw.dtype), jax.ShapeDtypeStruct((), raw.dtype)
-    found, khat = jax.pure_callback(smooth, shapes, raw, vmap_method="sequential")
-    return jax.nn.softmax(found), khat
+    log_smoothed, khat = jax.pure_callback(smooth, shapes, raw, vmap_method="sequential")
+    return jax.nn.softmax(log_smoothed), khat
 
 
 def smooth(raw: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -109,14 +109,14 @@ def smooth(raw: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     raw = np.asarray(raw)
     try:
         with np.errstate(over="ignore"):
-            found, khat = stats.psislw(-raw)
+            log_smoothed, khat = stats.psislw(-raw)
     except ValueError:  # the largest are copies of one draw: no tail to fit, unless all are alike
-        found, khat = raw, np.inf if np.ptp(raw) > 0 else 0.0
-    return np.asarray(found), np.asarray(khat, dtype=float)
+        log_smoothed, khat = raw, np.inf if np.ptp(raw) > 0 else 0.0
+    return np.asarray(log_smoothed), np.asarray(khat, dtype=float)
 
 
-def _kept(key: Key[Array, ""], weights: Float[Array, " draw"], options: Options) -> Array:
-    """Places of the draws that are kept, each group from points of its own, by stratified draws.
+def _resampled(key: Key[Array, ""], weights: Float[Array, " draw"], options: Options) -> Array:
+    """Rows of the draws, each group from points of its own, by stratified resampling.
 
     Copies stand together: an effective size from autocorrelation counts them as one.
     """

@@ -41,7 +41,7 @@ def standard(size: int) -> Mixture:
 
 
 def draw(rng: np.random.Generator, mixture: Mixture, count: int) -> Points:
-    """So many points."""
+    """Points drawn from a mixture."""
     size = mixture.centres.shape[1]
     which = rng.choice(len(mixture.shares), count, p=mixture.shares)
     normal = rng.standard_normal((count, size))
@@ -88,7 +88,7 @@ def refitted(rng: np.random.Generator, x: Points, weights: Weights) -> Mixture:
     Reference:
         Cappé, Douc, Guillin, Marin and Robert (2008), Statistics and Computing 18, 447.
     """
-    if 1 / np.sum(weights**2) > ENOUGH:  # as many draws tell a mixture well enough
+    if 1 / np.sum(weights**2) > ENOUGH:  # as many draws determine a mixture well enough
         x = x[rng.choice(len(x), ENOUGH, p=weights)]
         weights = np.full(ENOUGH, 1 / ENOUGH)
     x, weights = _of_weight(x, weights)
@@ -102,10 +102,10 @@ def refitted(rng: np.random.Generator, x: Points, weights: Weights) -> Mixture:
 def _of_weight(
     x: Points, weights: Weights
 ) -> tuple[Float[np.ndarray, "heavy parameter"], Float[np.ndarray, " heavy"]]:
-    """The points that have all of the weight but a ten-thousandth, which cost as much as others."""
+    """The points that hold all of the weight but a ten-thousandth, and their weights."""
     order = np.argsort(-weights)
-    kept = np.sort(order[: 1 + int(np.searchsorted(np.cumsum(weights[order]), 1 - SLIGHT))])
-    return x[kept], weights[kept] / weights[kept].sum()
+    heavy = np.sort(order[: 1 + int(np.searchsorted(np.cumsum(weights[order]), 1 - SLIGHT))])
+    return x[heavy], weights[heavy] / weights[heavy].sum()
 
 
 def widened(mixture: Mixture, x: Points, weights: Weights) -> Mixture:
@@ -151,15 +151,15 @@ def _improved(
     parts = _log_components(mixture, squares)
     belongs = weights[:, None] * softmax(parts, axis=1)
     shares = belongs.sum(axis=0)
-    kept = shares * effective > min(size, 0.5 * effective)
-    shares, belongs, squares = shares[kept], belongs[:, kept], squares[:, kept]
+    supported = shares * effective > min(size, 0.5 * effective)
+    shares, belongs, squares = shares[supported], belongs[:, supported], squares[:, supported]
     pull = (belongs * (HEAVY + size) / (HEAVY + squares)).T
     centres = pull @ x / pull.sum(axis=1)[:, None]
     away = x - centres[:, None]
-    own = np.swapaxes(pull[..., None] * away, 1, 2) @ away
+    spreads = np.swapaxes(pull[..., None] * away, 1, 2) @ away
     lean = PRIOR_POINTS * size
     points = (shares * effective)[:, None, None]
-    scales = (effective * own + lean * overall) / (points + lean)
+    scales = (effective * spreads + lean * overall) / (points + lean)
     return Mixture(shares / shares.sum(), centres, np.linalg.cholesky(scales))
 
 

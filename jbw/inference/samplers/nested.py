@@ -43,7 +43,7 @@ class Options(NamedTuple):
     num_chains: int = 4
 
 
-class Run(NamedTuple):
+class NestedRun(NamedTuple):
     """One run: draws, evidence and its variance by simulated volumes [nats], and what it cost."""
 
     theta: dict[str, Float[Array, " draw"]]
@@ -51,7 +51,7 @@ class Run(NamedTuple):
     variance: Float[Array, ""]
     effective: Float[Array, ""]
     num_evaluations: Int[Array, ""]
-    left: Float[Array, ""]
+    live_share: Float[Array, ""]
     possible: Bool[Array, ""]
 
 
@@ -60,17 +60,17 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
     num_live = max(options.num_samples // 2, 8 * len(problem.box.names), 20)
     keys = jax.random.split(key, options.num_chains)
 
-    def one(key: Key[Array, ""], problem: Problem) -> Run:
+    def single_run(key: Key[Array, ""], problem: Problem) -> NestedRun:
         return _run(key, problem, num_live, options.num_samples)
 
-    runs = over_chains(one, "sequential")(keys, problem)
+    runs = over_chains(single_run, "sequential")(keys, problem)
     facts = {
         **pooled_evidence(runs.log_evidence, runs.variance),
         "ess_weights": jnp.sum(runs.effective),
         "num_live": num_live,
         "num_evaluations": jnp.sum(runs.num_evaluations),
     }
-    return Draws(runs.theta, {}, jnp.all(runs.possible), jnp.all(runs.left <= LEFT), facts)
+    return Draws(runs.theta, {}, jnp.all(runs.possible), jnp.all(runs.live_share <= LEFT), facts)
 
 
 def require_arrival(arrived: bool) -> None:
@@ -93,13 +93,15 @@ class _Carry(NamedTuple):
     evaluations: Int[Array, ""]
 
 
-def _run(key: Key[Array, ""], problem: Problem, num_live: int, num_draws: int) -> Run:
-    about, d = reference(problem), len(problem.box.names)
+def _run(key: Key[Array, ""], problem: Problem, num_live: int, num_draws: int) -> NestedRun:
+    reference_density, d = reference(problem), len(problem.box.names)
     together = max(1, num_live // TOGETHER)
     ratio = partial(log_ratio, problem)
-    slices: Any = blackjax.nss(about.log_prob, ratio, max(5, 2 * d), num_delete=together)
+    slices: Any = blackjax.nss(
+        reference_density.log_prob, ratio, max(5, 2 * d), num_delete=together
+    )
     key_first, key_init, key_run, key_volume, key_keep, key_order = jax.random.split(key, 6)
-    state = slices.init(about.sample(key_first, (num_live,)), key_init)
+    state = slices.init(reference_density.sample(key_first, (num_live,)), key_init)
     possible = is_possible(state.particles.loglikelihood)
     last = _shrunk(key_run, slices, state, possible, together)
     points = jax.tree.map(lambda *parts: jnp.concatenate(parts), last.dead, last.state.particles)
@@ -107,19 +109,19 @@ def _run(key: Key[Array, ""], problem: Problem, num_live: int, num_draws: int) -
     filled = jnp.concatenate([jnp.arange(room) < last.count, jnp.ones(num_live, bool)])
     shares, totals = _weights(key_volume, points, filled)
     order = jax.random.permutation(key_order, shares.size)  # points came from the edge inwards
-    kept = order[resampling.stratified(key_keep, shares[order], num_draws)]
-    return Run(
-        jax.vmap(problem.theta)(points.position[kept]),
+    chosen = order[resampling.stratified(key_keep, shares[order], num_draws)]
+    return NestedRun(
+        jax.vmap(problem.theta)(points.position[chosen]),
         jnp.mean(totals),
         jnp.var(totals),
         effective_draws(shares),
         last.evaluations,
-        _left(last.state),
+        _live_share(last.state),
         possible,
     )
 
 
-def _left(state: Any) -> Float[Array, ""]:
+def _live_share(state: Any) -> Float[Array, ""]:
     """Share of the evidence that is left in the live points."""
     live = state.integrator.logZ_live
     return jnp.exp(live - jnp.logaddexp(state.integrator.logZ, live))
@@ -131,28 +133,28 @@ def _shrunk(
     """The run from its first live points to its end."""
     num_live = len(state.particles.loglikelihood)
     room = ROOM * num_live // together * together
-    # Rows that no point has filled were born and died above all others, where no volume is left.
+    # Empty rows have births and deaths above all others, where the volume is zero.
     empty = jax.tree.map(
         lambda v: jnp.full((room, *v.shape[1:]), jnp.inf, v.dtype), state.particles
     )
 
-    def again(at: _Carry) -> Bool[Array, ""]:
-        return possible & (_left(at.state) > LEFT) & (at.count < room)
+    def unfinished(at: _Carry) -> Bool[Array, ""]:
+        return possible & (_live_share(at.state) > LEFT) & (at.count < room)
 
     def replace(at: _Carry) -> _Carry:
         key, key_step = jax.random.split(at.key)
-        state, info = slices.step(key_step, at.state)
+        state, step_info = slices.step(key_step, at.state)
         # Both ends of a bracket are looked at before it grows.
-        looked = info.update_info.num_expansions + info.update_info.num_shrink + 2
+        looked = step_info.update_info.num_expansions + step_info.update_info.num_shrink + 2
         dead = jax.tree.map(
             lambda rows, new: jax.lax.dynamic_update_slice_in_dim(rows, new, at.count, 0),
             at.dead,
-            info.particles,
+            step_info.particles,
         )
         return _Carry(key, state, dead, at.count + together, at.evaluations + jnp.sum(looked))
 
     first = _Carry(key, state, empty, jnp.array(0), jnp.array(num_live))
-    return jax.lax.while_loop(again, replace, first)
+    return jax.lax.while_loop(unfinished, replace, first)
 
 
 def _weights(
@@ -169,7 +171,7 @@ def _weights(
     births = jnp.sort(jnp.nan_to_num(points.loglikelihood_birth, nan=-jnp.inf, posinf=jnp.inf))
     num_live = jnp.maximum(jnp.searchsorted(births, deaths) - jnp.arange(deaths.size), 1)
 
-    def one(total: Array, key: Key[Array, ""]) -> tuple[Array, Array]:
+    def simulated_volume(total: Array, key: Key[Array, ""]) -> tuple[Array, Array]:
         log_x = jnp.cumsum(jnp.log1p(-jax.random.uniform(key, deaths.shape)) / num_live)
         before = jnp.concatenate([jnp.zeros(1), log_x[:-1]])
         after = jnp.concatenate([log_x[1:], jnp.full(1, -jnp.inf)])
@@ -177,5 +179,7 @@ def _weights(
         weights = jnp.where(filled[order], width + deaths, -jnp.inf)
         return total + jax.nn.softmax(weights) / VOLUMES, jax.nn.logsumexp(weights)
 
-    shares, totals = jax.lax.scan(one, jnp.zeros(filled.size), jax.random.split(key, VOLUMES))
+    shares, totals = jax.lax.scan(
+        simulated_volume, jnp.zeros(filled.size), jax.random.split(key, VOLUMES)
+    )
     return jnp.zeros_like(shares).at[order].set(shares), totals

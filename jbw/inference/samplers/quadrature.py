@@ -73,9 +73,11 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
     if problem.outer != IDENTITY:
         raise ConfigError("Sampler quadrature draws in the parameters themselves, in their box.")
     place, count = located(problem), options.num_places or PLACES[d]
-    found = [_on_its_axis(i, problem, place, count) for i in range(d)]
-    marginals = jax.tree.map(lambda *parts: jnp.stack(parts), *(one for one, _ in found))
-    grid = found[-1][1]
+    by_axis = [_on_its_axis(i, problem, place, count) for i in range(d)]
+    marginals = jax.tree.map(
+        lambda *parts: jnp.stack(parts), *(marginal for marginal, _ in by_axis)
+    )
+    grid = by_axis[-1][1]
     theta = _drawn(key, problem, grid, options)
     error = jnp.max(marginals.error)
     facts = {
@@ -106,7 +108,7 @@ def _on_its_axis(i: int, problem: Problem, place: Any, count: int) -> tuple[Marg
     d = len(grid.axes)
     every_other = grid.log_p.reshape([count] * d)[(slice(None, None, 2),) * d]
     coarse = Grid(drawn_in, grid.axes[:, ::2], every_other.ravel())
-    fine, rough = (_marginal(i, problem, whitening, one) for one in (grid, coarse))
+    fine, rough = (_marginal(i, problem, whitening, rule) for rule in (grid, coarse))
     changes = jnp.stack([
         jnp.abs(fine.log_evidence - rough.log_evidence),
         jnp.abs(fine.mean - rough.mean) / fine.sd,
@@ -125,8 +127,8 @@ def _marginal(i: int, problem: Problem, whitening: Affine, grid: Grid) -> Margin
     mean = p @ x
     sd = jnp.sqrt(p @ (x - mean) ** 2)
     shape = jax.ShapeDtypeStruct((len(PROBABILITIES),), p.dtype)
-    places = jax.pure_callback(_quantiles, shape, grid.axes[0], p, vmap_method="sequential")
-    quantiles = lower + width * jax.nn.sigmoid(centre + slope * Stretch().forward(places))
+    nodes = jax.pure_callback(_quantiles, shape, grid.axes[0], p, vmap_method="sequential")
+    quantiles = lower + width * jax.nn.sigmoid(centre + slope * Stretch().forward(nodes))
     return Marginal(
         grid.log_evidence, lower + width * (middle + mean), width * sd, quantiles, jnp.zeros(())
     )
@@ -142,7 +144,9 @@ def _quantiles(axis: Any, p: Any) -> NDArray[np.float64]:
         return distribution(w, axis, p) - probability
 
     ends = axis[0] - reach, axis[-1] + reach
-    roots: Any = [brentq(short, *ends, args=(each,), xtol=1e-12) for each in PROBABILITIES]
+    roots: Any = [
+        brentq(short, *ends, args=(probability,), xtol=1e-12) for probability in PROBABILITIES
+    ]
     return np.array(roots)
 
 
@@ -168,7 +172,7 @@ def _drawn(
     moved = jax.random.uniform(key_move, (count, len(grid.axes)), minval=-0.5, maxval=0.5)
     w = grid.nodes[cells] + moved * grid.spacing
     ratio = log_density_at(problem, grid.whitening, w) - grid.log_p[cells]
-    kept = resampling.stratified(key_keep, jax.nn.softmax(ratio), count)
-    placed = eqx.tree_at(lambda one: one.whitening, problem, grid.whitening)
+    chosen = resampling.stratified(key_keep, jax.nn.softmax(ratio), count)
+    placed = eqx.tree_at(lambda posterior: posterior.whitening, problem, grid.whitening)
     shape = options.num_chains, options.num_samples
-    return {name: v.reshape(shape) for name, v in jax.vmap(placed.theta)(w[kept]).items()}
+    return {name: v.reshape(shape) for name, v in jax.vmap(placed.theta)(w[chosen]).items()}

@@ -39,7 +39,7 @@ PAPER = Options(num_warmup=85, num_samples=765, step_size=2.5108e-3)
 """The published chain: 850 draws of which 10 % are burn-in, and sigma_p."""
 
 
-class State(NamedTuple):
+class WalkState(NamedTuple):
     """Where one walk is, after i steps, and what happened in the last one.
 
     `log_step` is that of the proposal's standard deviation in x, used on average after the burn-in;
@@ -68,28 +68,28 @@ def kernel(problem: Problem, options: Options) -> Kernel:
     def density(x: Float[Array, " parameter"]) -> Float[Array, ""]:
         return log_density(problem, unit, x)
 
-    def init(key: Key[Array, ""], w: Float[Array, " parameter"]) -> State:
+    def init(key: Key[Array, ""], w: Float[Array, " parameter"]) -> WalkState:
         x = jax.nn.sigmoid(problem.whitening.forward(w))
         first = FIRST_STEP[shaped] if options.step_size is None else options.step_size
         log_step = jnp.log(jnp.asarray(first, dtype=float))
         none, no = jnp.zeros(()), jnp.array(False)
-        return State(jnp.array(0), x, density(x), log_step, log_step, none, no, no, key)
+        return WalkState(jnp.array(0), x, density(x), log_step, log_step, none, no, no, key)
 
-    def step(state: State) -> State:
+    def step(state: WalkState) -> WalkState:
         rng_key, key_proposal, key_accept = jax.random.split(state.rng_key, 3)
         move = jax.random.normal(key_proposal, state.x.shape)
-        there = state.x + jnp.exp(state.log_step) * (scale @ move if shaped else move)
-        inside = jnp.all((there >= 0) & (there <= 1))
+        proposal = state.x + jnp.exp(state.log_step) * (scale @ move if shaped else move)
+        inside = jnp.all((proposal >= 0) & (proposal <= 1))
         # The model is evaluated inside the box even for a proposal that will be rejected.
-        proposed = density(jnp.where(inside, there, state.x))
+        proposed = density(jnp.where(inside, proposal, state.x))
         failed = ~jnp.isfinite(proposed)
         ratio = jnp.exp(jnp.minimum(proposed - state.log_density, 0.0))
         accept_prob = jnp.where(inside & ~failed, ratio, 0.0)
         accepted = jax.random.uniform(key_accept) < accept_prob
         log_step, average = tuned(state, accept_prob, options)
-        return State(
+        return WalkState(
             state.i + 1,
-            jnp.where(accepted, there, state.x),
+            jnp.where(accepted, proposal, state.x),
             jnp.where(accepted, proposed, state.log_density),
             log_step,
             average,
@@ -99,7 +99,7 @@ def kernel(problem: Problem, options: Options) -> Kernel:
             rng_key,
         )
 
-    def read(state: State) -> Draw:
+    def read(state: WalkState) -> Draw:
         stats = {
             "acceptance_rate": state.accept_prob,
             "accepted": state.accepted,
@@ -112,7 +112,7 @@ def kernel(problem: Problem, options: Options) -> Kernel:
 
 
 def tuned(
-    state: State, accept_prob: Float[Array, ""], options: Options
+    state: WalkState, accept_prob: Float[Array, ""], options: Options
 ) -> tuple[Float[Array, ""], Float[Array, ""]]:
     """Robbins and Monro's next log step and its average, which takes over at the end."""
     if options.step_size is not None:

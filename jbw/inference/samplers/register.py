@@ -95,7 +95,7 @@ for _sampler in (
 
 
 def sampler_named(name: str) -> Sampler:
-    """The sampler of a name; an unknown one is refused, and the nearest known one said."""
+    """The sampler of a name; an unknown name is refused with the nearest known one."""
     if name in SAMPLERS:
         return SAMPLERS[name]
     near = get_close_matches(name, SAMPLERS, 1)
@@ -111,9 +111,9 @@ def module_of(sampler: Sampler) -> Any:
     return import_module(module) if isinstance(module, str) else module
 
 
-def options_of(sampler: Sampler, **given: Any) -> Any:
-    """The options of a sampler; those given that are None or that it does not have are left out."""
+def options_of(sampler: Sampler, **choices: Any) -> Any:
+    """The options of a sampler; choices that are None or that it does not have are ignored."""
     options = getattr(module_of(sampler), sampler.options)
     defaults = options() if isinstance(options, type) else options
-    known = {n: v for n, v in given.items() if n in defaults._fields and v is not None}
-    return defaults._replace(**known)
+    accepted = {n: v for n, v in choices.items() if n in defaults._fields and v is not None}
+    return defaults._replace(**accepted)

@@ -1,4 +1,4 @@
-"""Drawing again about the moments of the draws, where those about a fit did not agree.
+"""Sampling again about the moments of the draws, where chains about a fit disagree.
 
 A fit knows the posterior about its optimum. Where that is no normal distribution, slices about the
 fit's covariance crawl; the draws that they leave know better where the posterior lies.
@@ -40,7 +40,7 @@ def sample_until(
     keep: Callable[[int], Kept | None] = lambda round_: None,
     **options: Any,
 ) -> xr.DataTree:
-    """Sample until draws are enough; where chains disagree, again about their mean and covariance.
+    """Sample until draws are enough; where chains disagree, sample again about their moments.
 
     Chains go on, twice as many draws at a time. What draws everything at once draws again, twice as
     many, unless k-hat says that more of its draws would be no better.

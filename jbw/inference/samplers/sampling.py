@@ -33,7 +33,9 @@ from jbw.inference.space.reparametrisation import Reparametrisation, in_box
 
 ChainMethod = Literal["sequential", "vectorized", "parallel"]
 VERSIONED = ("jax", "jaxlib", "numpyro", "numpy")
-Found = tuple[Draws, NDArray[np.float64], float]  # draws, terms at each, seconds spent before
+SamplerOutput = tuple[
+    Draws, NDArray[np.float64], float
+]  # draws, terms at each, seconds spent before
 _drawn = eqx.filter_jit(draws_of)
 
 
@@ -102,23 +104,23 @@ def sample(
     """
     require_float64()
     entry = sampler_named(sampler)
-    given = {"num_warmup": num_warmup, "num_samples": num_samples, "num_chains": num_chains}
-    _check(given, chain_method)
+    sizes = {"num_warmup": num_warmup, "num_samples": num_samples, "num_chains": num_chains}
+    _check(sizes, chain_method)
     place = coordinates or in_box(box, start, covariance, num_chains)
     _check_suits(entry, place, box)
     method = _available(chain_method, num_chains)
-    chosen = options_of(entry, **given, chain_method=method, **(options or {}))
+    chosen = options_of(entry, **sizes, chain_method=method, **(options or {}))
     clock = time.perf_counter()
     problem = problem_of(log_likelihood, box, data, place)
     module = module_of(entry)
     if entry.in_rounds:
-        found = module.gather(key, problem, chosen, progress, kept, until)
+        outcome = module.gather(key, problem, chosen, progress, kept, until)
     elif hasattr(module, "draw"):
-        found = _at_once(entry, key, problem, chosen, method)
+        outcome = _at_once(entry, key, problem, chosen, method)
     else:
         starts = starts_of(key, problem, place.start, num_chains)
-        found = _in_chunks(starts, problem, module.kernel, chosen, progress, kept, until)
-    drawn, terms, earlier = found
+        outcome = _in_chunks(starts, problem, module.kernel, chosen, progress, kept, until)
+    drawn, terms, earlier = outcome
     tree = _tree(drawn, terms, box, attrs or {})
     spent = {"wall_s": time.perf_counter() - clock + earlier}
     tree["timing"] = xr.DataTree(xr.Dataset(attrs=spent))  # apart: it differs between equal runs
@@ -136,20 +138,20 @@ def sample(
 
 def _in_chunks(
     starts: Starts, problem: Problem, make: MakeKernel, options: Any, *watched: Any
-) -> Found:
+) -> SamplerOutput:
     """Chains, chunk by chunk, so that they can be watched and kept."""
     (draw, terms), earlier = grow_chains(starts, problem, make, options, *watched)
     # As many evaluations a draw in the warm-up as after.
-    each = np.mean(draw.stats["n_steps"]) if "n_steps" in draw.stats else 1.0
+    evaluations = np.mean(draw.stats["n_steps"]) if "n_steps" in draw.stats else 1.0
     num_samples = next(iter(draw.theta.values())).shape[1]
     steps = options.num_chains * (options.num_warmup + num_samples)
-    facts = {"num_evaluations": round(float(each) * steps), "num_samples": num_samples}
+    facts = {"num_evaluations": round(float(evaluations) * steps), "num_samples": num_samples}
     return Draws(draw.theta, draw.stats, True, True, facts), terms, earlier
 
 
 def _at_once(
     entry: Sampler, key: Key[Array, ""], problem: Problem, options: Any, method: str
-) -> Found:
+) -> SamplerOutput:
     """All draws at once, and the terms of the log likelihood at each."""
     drawn = _drawn(entry, key, problem, options)
     require_possible(bool(drawn.possible))
@@ -168,7 +170,7 @@ def _tree(
 ) -> xr.DataTree:
     """The posterior's one container, the prior bounds beside each parameter."""
     dims, log_prior = ("chain", "draw"), np.full(terms.shape[:2], -float(log_volume(box)))
-    one = {"units": "1"}
+    dimensionless = {"units": "1"}
     stats = {**drawn.stats, "lp": np.sum(terms, axis=-1) + log_prior}
     variables = {
         "posterior": {
@@ -177,9 +179,11 @@ def _tree(
             )
             for name, (low, high) in bounds_by_name(box).items()
         },
-        "sample_stats": {name: xr.Variable(dims, values, one) for name, values in stats.items()},
-        "log_likelihood": {"terms": xr.Variable((*dims, "term"), terms, one)},
-        "log_prior": {"log_prior": xr.Variable(dims, log_prior, one)},
+        "sample_stats": {
+            name: xr.Variable(dims, values, dimensionless) for name, values in stats.items()
+        },
+        "log_likelihood": {"terms": xr.Variable((*dims, "term"), terms, dimensionless)},
+        "log_prior": {"log_prior": xr.Variable(dims, log_prior, dimensionless)},
     }
     coords = {dim: np.arange(size) for dim, size in zip(dims, log_prior.shape, strict=True)}
     datasets = {name: xr.Dataset(content, coords) for name, content in variables.items()}
@@ -206,14 +210,14 @@ def _available(method: str, num_chains: int) -> str:
     return "sequential"
 
 
-def _check(given: Mapping[str, int | None], chain_method: str) -> None:
-    known = get_args(ChainMethod)
-    if chain_method not in known:
+def _check(sizes: Mapping[str, int | None], chain_method: str) -> None:
+    methods = get_args(ChainMethod)
+    if chain_method not in methods:
         raise ConfigError(
-            f"Argument `chain_method` must be one of {', '.join(known)}, not {chain_method!r}."
+            f"Argument `chain_method` must be one of {', '.join(methods)}, not {chain_method!r}."
         )
     least = {"num_samples": 1, "num_warmup": 0, "num_chains": 1}
-    for name, value in given.items():
+    for name, value in sizes.items():
         if value is not None and value < least[name]:
             raise ConfigError(f"Argument `{name}` must be at least {least[name]}, but is {value}.")
 

@@ -51,10 +51,10 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
     keys = jax.random.split(key, options.num_chains)
     moves = options.num_moves or 5 * len(problem.box.names) + 5
 
-    def one(key: Key[Array, ""], problem: Problem) -> tuple[Any, _State, Array]:
+    def single_run(key: Key[Array, ""], problem: Problem) -> tuple[Any, _State, Array]:
         return _run(key, problem, options.num_samples, moves)
 
-    theta, runs, possible = over_chains(one, options.chain_method)(keys, problem)
+    theta, runs, possible = over_chains(single_run, options.chain_method)(keys, problem)
     beta = runs.particles.tempering_param
     facts = {
         **pooled_evidence(runs.log_evidence, runs.variance),
@@ -81,7 +81,7 @@ def _run(
     key: Key[Array, ""], problem: Problem, num_particles: int, num_moves: int
 ) -> tuple[dict[str, Float[Array, " draw"]], _State, Bool[Array, ""]]:
     """The particles at the end, the state there, and whether any first particle was possible."""
-    about = reference(problem)
+    reference_density = reference(problem)
     ratio = partial(log_ratio, problem)
     walk = random_walk.build_additive_step()
 
@@ -92,7 +92,7 @@ def _run(
         return walk(key, state, log_density, step)
 
     kernel = adaptive_tempered.build_kernel(
-        about.log_prob, ratio, move, random_walk.init, resampling.systematic, TARGET_ESS
+        reference_density.log_prob, ratio, move, random_walk.init, resampling.systematic, TARGET_ESS
     )
 
     def advance(at: _State) -> _State:
@@ -102,28 +102,28 @@ def _run(
         covariance = weighted_moments(at.particles.weights, at.particles.particles)[1]
         nugget = NUGGET * jnp.diag(jnp.diagonal(covariance) + 1e-300)
         factor = jnp.exp(at.log_scale) * jnp.linalg.cholesky(covariance + nugget)
-        particles, info = kernel(key_step, at.particles, num_moves, {"factor": factor[None]})
-        accept = jnp.mean(info.update_info.acceptance_rate)
+        particles, step_info = kernel(key_step, at.particles, num_moves, {"factor": factor[None]})
+        accept = jnp.mean(step_info.update_info.acceptance_rate)
         return _State(
             key,
             particles,
             at.log_scale + accept - TARGET_ACCEPT,
-            at.log_evidence + info.log_likelihood_increment,
+            at.log_evidence + step_info.log_likelihood_increment,
             at.variance + jnp.sum(particles.weights**2) - 1 / num_particles,
             at.num_steps + ~ended,
             ended,
         )
 
     key, key_draw = jax.random.split(key)
-    w = jnp.asarray(about.sample(key_draw, (num_particles,)))
+    w = jnp.asarray(reference_density.sample(key_draw, (num_particles,)))
     particles = adaptive_tempered.init(w)._replace(tempering_param=jnp.zeros(()))
     possible = is_possible(jax.vmap(ratio)(w))
     log_scale = jnp.log(2.38 / jnp.sqrt(w.shape[1]))
     zero = jnp.zeros(())
     first = _State(key, particles, log_scale, zero, zero, jnp.array(0), jnp.array(False))
 
-    def again(at: _State) -> Bool[Array, ""]:
+    def unfinished(at: _State) -> Bool[Array, ""]:
         return possible & ~at.ended & (at.num_steps < MOST_STEPS)
 
-    last = jax.lax.while_loop(again, advance, first)
+    last = jax.lax.while_loop(unfinished, advance, first)
     return jax.vmap(problem.theta)(last.particles.particles), last, possible

@@ -1,4 +1,4 @@
-"""All points that were weighed so far, with the mixtures that they came from, and their weights."""
+"""All weighted points so far, the mixtures that they were drawn from, and their weights."""
 
 from typing import Any, NamedTuple
 
@@ -39,10 +39,10 @@ class Past(NamedTuple):
         return self.log_density - self.log_mixed + np.log(len(self.w) / 2)
 
 
-class Weighed(NamedTuple):
-    """Smoothed weights that sum to one, their k-hat, and how many draws they are worth.
+class SmoothedWeights(NamedTuple):
+    """Smoothed weights that sum to one, their k-hat, and their effective number of draws.
 
-    Raw weights may be worth less than the smoothed ones: a point far from all others, in another
+    Raw weights may be less effective than smoothed ones: a point far from all others, in another
     mode, weighs too little once it is smoothed, and its evidence would be trusted without it.
     """
 
@@ -51,18 +51,18 @@ class Weighed(NamedTuple):
     effective: float
 
 
-def weighed(past: Past) -> Weighed:
+def weighed(past: Past) -> SmoothedWeights:
     """The weights of all points, their tail smoothed."""
     return weights_of(past.log_weight)
 
 
-def weights_of(log_weight: Weights) -> Weighed:
+def weights_of(log_weight: Weights) -> SmoothedWeights:
     """Weights by their logarithms up to a constant, the tail smoothed by a Pareto's."""
     raw = relative(log_weight)
-    found, khat = smooth(raw)
-    weights = softmax(found)
-    worth = min(1 / np.sum(each**2) for each in (weights, softmax(raw)))
-    return Weighed(weights, float(khat), float(worth))
+    log_smoothed, khat = smooth(raw)
+    weights = softmax(log_smoothed)
+    worth = min(1 / np.sum(normalised**2) for normalised in (weights, softmax(raw)))
+    return SmoothedWeights(weights, float(khat), float(worth))
 
 
 def relative(log_weight: Weights) -> Weights:
@@ -80,7 +80,7 @@ def as_arrays(past: Past, spent: float, mark: str) -> dict[str, np.ndarray]:
 
 
 def resumed(arrays: Arrays | None) -> tuple[Past | None, float]:
-    """The rounds that were kept, none where there are none, and the time spent on them [s]."""
+    """The rounds of a checkpoint, None without one, and the time spent on them [s]."""
     if arrays is None:
         return None, 0.0
 
