@@ -25,12 +25,9 @@ def force_per_unit(campaign: Any) -> Gain:  # as checked, or with its records
 
 def gain_of(gain: Gain, drive: str) -> float | None:
     """What `force_per_unit` says of a drive."""
-    return gain.get(drive or "force") if isinstance(gain, Mapping) else gain
+    return gain.get(drive) if isinstance(gain, Mapping) else gain
 
 
 def differ(drives: Collection[str]) -> bool:
-    """Whether a force is measured in some tests, and a shaker's feed drives others.
-
-    That along a prescribed displacement too, which nothing drives.
-    """
-    return not FED.keys().isdisjoint(drives) and not {"force", ""}.isdisjoint(drives)
+    """Whether a measured force drives some tests, and a shaker's feed others."""
+    return "force" in drives and not FED.keys().isdisjoint(drives)

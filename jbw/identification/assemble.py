@@ -157,11 +157,12 @@ def _held(parts: Sequence[Observable], gain: Gain, tests: Sequence[Test]) -> dic
     if "zeta" not in informed:  # nothing moves freely, and nothing is damped
         held["zeta"] = 0.0
     stated = {named("gain", drive): gain_of(gain, drive) for drive in others}
-    if others and known is None and "gain" in held and any(t.traits.is_prescribed for t in tests):
+    loops = any(test.traits.is_prescribed for test in tests)
+    if loops and known is None and ((others and "gain" in held) or first in FED):
         raise DataError(
             "Loops beside tests driven by a shaker's feed need the modal mass; nothing tells it.",
             why="A measured force or a free decay would; a voltage or a current does not.",
-            remedy="State `modal_mass`, or hold the loops out.",
+            remedy="Fit a free decay or a sweep by a measured force too, or hold the loops out.",
         )
     return held | {name: value for name, value in stated.items() if value is not None}
 

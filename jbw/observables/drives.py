@@ -1,8 +1,7 @@
 r"""Drives side by side: one joint, and a natural frequency, damping and gain for each.
 
-A measured force moves the structure alone, and so does nothing at all; along a prescribed
-displacement it is alone too. A voltage or a current moves it with its shaker, of which the armature
-is a part of what oscillates:
+A measured force moves the structure alone, and so does nothing at all. A voltage or a current moves
+it with its shaker, of which the armature is a part of what oscillates:
 
 $$\omega_n' \ne \omega_n, \qquad \zeta' \ne \zeta, \qquad g' \ne g$$
 
@@ -49,8 +48,7 @@ def attached(parts: Sequence[Observable]) -> tuple[str, ...]:
     """Drives that have names of their own: beside the structure alone, else beside the first."""
     known = {part.drive for part in parts if part.drive}
     fed = tuple(drive for drive in FED if drive in known)
-    alone = known - set(fed) or any(part.is_prescribed for part in parts)
-    return fed if alone else fed[1:]
+    return fed if known - set(fed) else fed[1:]
 
 
 def parts_of(drive: str, parts: Sequence[Observable]) -> list[Observable]:

@@ -11,14 +11,13 @@ SOURCES = {
     "force": 'channels = { force = "f", velocity = "v" }',
     "both": 'channels = { input = "u", force = "f", velocity = "v" }\nunits = { input = "V" }',
     "free": 'channels = { velocity = "v" }',
-    "pulled": 'channels = { displacement = "y", restoring_force = "f" }',
 }
 
 
 def campaign(*tests, head=""):
     blocks = [f"[campaign]\n{head}"]
     for i, (source, stated) in enumerate(tests):
-        kind = {"free": "decay", "pulled": "loop"}.get(source, "sweep")
+        kind = "decay" if source == "free" else "sweep"
         blocks.append(f'[[test]]\nkind = "{kind}"\nname = "{i}"\nfiles = "a.h5"')
         blocks.append(f"{SOURCES[source]}\n{stated}")
     return parse("\n".join(blocks))
@@ -53,8 +52,6 @@ BOTH = "gain = 15.0\nmodal_mass = 2.0"
 def test_gain_and_modal_mass_stand_together_where_either_source_is():
     known = force_per_unit(campaign(("voltage", ""), ("force", ""), head=BOTH))
     assert (gain_of(known, "voltage"), gain_of(known, "force")) == (15.0, 0.5)
-    pulled = force_per_unit(campaign(("voltage", ""), ("pulled", ""), head=BOTH))
-    assert (gain_of(pulled, "voltage"), gain_of(pulled, "")) == (15.0, 0.5)
     only = force_per_unit(campaign(("voltage", ""), ("force", ""), head="modal_mass = 2.0"))
     assert (gain_of(only, "voltage"), gain_of(only, "force")) == (None, 0.5)
     with pytest.raises(ConfigError, match="gain or modal_mass, not both"):
