@@ -5,13 +5,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from time import perf_counter
 
-import xarray as xr
-
 from jbw.campaign.gains import force_per_unit
 from jbw.campaign.load import Campaign
 from jbw.errors import Attempts
-from jbw.identification.assemble import entered, measured_in
-from jbw.identification.instruments import as_recorded, instruments_sentence, sensors_of
+from jbw.identification.assemble import measured_in
 from jbw.identification.laplace import fit_alone
 from jbw.identification.paper.sequential_vs_joint import compare_routes
 from jbw.identification.prepare import Fitted
@@ -23,21 +20,15 @@ from jbw.measurement.records import INPUTS, Test, drive_of
 from jbw.observables.drives import named
 from jbw.observables.records import compile_beside
 from jbw.quantities import gain_unit
-from jbw.report.opening import opening
 from jbw.study.collect import collect
 from jbw.study.final import for_use
-from jbw.study.identifiability import as_group, look_again
-from jbw.study.look import look_groups, look_quietly
+from jbw.study.finishing import about_instruments, finished_study, with_main
+from jbw.study.identifiability import look_again
+from jbw.study.look import look_quietly
+from jbw.study.order import Order, ReadCampaign
 from jbw.study.quick import first_answer, fit_lines
 from jbw.study.study import Study
-from jbw.study.summary import (
-    fitted_and_held_out,
-    record_of,
-    steps_group,
-    widened_by_instruments,
-)
 from jbw.study.surroundings import constants_sentence
-from jbw.verification.predictive_basis import AS_RECORDED
 from jbw.verification.verify import with_predictions
 
 logger = logging.getLogger("jbw")
@@ -79,30 +70,27 @@ def identify(
         Fig. 2, the procedure.
     """
     require_float64()
+    seed = campaign.settings.seed if seed is None else seed
 
     def once(campaign: Campaign, keep: Keep) -> Study:
-        return _identified(
-            campaign, seed=seed, truth=truth, report=report, keep=keep, command=command, quick=quick
-        )
+        order = Order(campaign, seed, truth, command, perf_counter())
+        read = read_campaign(campaign, report)
+        if quick:
+            fit = fit_alone(read.measured, seed=seed, report=report)
+            name_gain_unit(read.measured.tests, fit)
+            return first_answer(order, read, fit)
+        return drawn_study(order, read, report, keep)
 
     if campaign.settings.final and not quick:
         return for_use(once, campaign, keep, report)
     return once(campaign, keep)
 
 
-def _identified(
-    campaign: Campaign,
-    *,
-    seed: int | None,
-    truth: Mapping[str, float] | None,
-    report: Report,
-    keep: Keep,
-    command: str | None,
-    quick: bool,
-) -> Study:
-    """The procedure once, as far as `identify` says."""
-    started = perf_counter()
-    seed = campaign.settings.seed if seed is None else seed
+def read_campaign(campaign: Campaign, report: Report) -> ReadCampaign:
+    """The tests that can be used, a look at them without a model, and what each step takes.
+
+    All of this comes before anything is sampled: what is wrong with a record then costs no result.
+    """
     gain = force_per_unit(campaign)
     several = campaign.structure is not None and len(campaign.structure.modes) > 1
     tests, left_out = usable(campaign.tests, campaign.settings, gain, several_modes=several)
@@ -110,66 +98,46 @@ def _identified(
         report(sentence)
     if not several:
         compile_beside(tests, campaign.laws)
-    # Before anything is sampled: what is wrong with a record then costs no result.
     report("Reading the records without a model")
-    looked = look_quietly(replace(campaign, tests=tests))
-    seen = measured_in(campaign, report, tests)
-    if quick:
-        found = fit_alone(seen, seed=seed, report=report)
-        name_gain_unit(tests, found)
-        return first_answer(
-            campaign, seen, looked, found, left_out=left_out, truth=truth, seed=seed,
-            command=command, started=started,
-        )  # fmt: skip
+    look = look_quietly(replace(campaign, tests=tests))
+    return ReadCampaign(measured_in(campaign, report, tests), look, tuple(left_out))
 
-    def at_fit(ready: Fitted) -> None:
+
+def drawn_study(order: Order, read: ReadCampaign, report: Report, keep: Keep) -> Study:
+    """The posteriors of a campaign, the checks of the main one, and every test predicted."""
+    settings, seed, measured = order.campaign.settings, order.seed, read.measured
+
+    def answer_of_fit(ready: Fitted) -> None:
         lines = Attempts(report).make(
-            "The answer of the fit", lambda: fit_lines(seen, ready, seed), []
+            "The answer of the fit", lambda: fit_lines(measured, ready, seed), []
         )
-        for line in lines:
+        for line in (*lines, "Drawing the posterior"):
             report(line)
-        report("Drawing the posterior")
 
-    found = run_procedure(seen, seed=seed, report=report, keep=keep, at_fit=at_fit)
-    source = name_gain_unit(tests, found)
+    posteriors = run_procedure(measured, seed=seed, report=report, keep=keep, at_fit=answer_of_fit)
+    source_unit = name_gain_unit(measured.tests, posteriors)
     # From here on the posterior is drawn: what cannot be made of it is left out and said.
     attempts = Attempts(report)
-    known = attempts.make(
-        "The study of identifiability", lambda: look_again(found, campaign.settings, report), None
+    identifiability = attempts.make(
+        "The study of identifiability", lambda: look_again(posteriors, settings, report), None
     )
-    tree = collect(seen, found, seed, truth, report, campaign.settings, attempts)
-    main = found.main
-    verdict = with_predictions(main.verdict, tree)
+    tree = collect(measured, posteriors, seed, order.truth, report, settings, attempts)
+    main = posteriors.main
     outside = attempts.make(
         "The constant of the modes outside the band",
-        lambda: constants_sentence(main.posterior["posterior"].to_dataset(), main.held, source),
+        lambda: constants_sentence(
+            main.posterior["posterior"].to_dataset(), main.held, source_unit
+        ),
         None,
     )
-    compared = attempts.make("The comparison of the routes", lambda: compare_routes(found), {})
-    said = (*left_out, *main.statements, *([outside] if outside else []), *attempts.said)
-    sensors = sensors_of(seen.chosen)
-    said = (*said, instruments_sentence(campaign.instruments, sensors))
-    main = replace(main, verdict=verdict, statements=said)
-    found = replace(found, steps={**found.steps, main.name: main})
-    wide = widened_by_instruments(campaign, sensors, found, seed)
-    if wide is not None:
-        recorded = tree["posterior"].to_dataset()
-        attrs = {name: values.attrs for name, values in recorded.data_vars.items()}
-        tree[AS_RECORDED] = xr.DataTree(as_recorded(recorded, wide))
-        widened = {name: wide[name].assign_attrs(attrs[name]) for name in recorded.data_vars}
-        tree["posterior"] = xr.DataTree(recorded.assign(widened))
-    record = record_of(
-        campaign, found, tree, verdict=verdict, truth=truth, compared=compared, seed=seed,
-        command=command, started=started, tests=fitted_and_held_out(seen), wide=wide,
-    )  # fmt: skip
-    record["look"] = looked.record
-    tree = xr.DataTree.from_dict({**tree.to_dict(), **look_groups(looked, entered(seen))})
-    record["opening"] = list(opening(record, tree))
-    tree["procedure"] = xr.DataTree(steps_group(record))
-    if known is not None:
-        tree["identifiability"] = xr.DataTree(as_group(known))
-        record["identifiability"] = known.summary()
-    return Study(tree, record, campaign, found)
+    compared = attempts.make("The comparison of the routes", lambda: compare_routes(posteriors), {})
+    statements = [*read.left_out, *main.statements, outside, *attempts.said]
+    statements.append(about_instruments(order, read))
+    verdict = with_predictions(main.verdict, tree)
+    identification = with_main(posteriors, verdict, list(filter(None, statements)))
+    return finished_study(
+        order, read, identification, tree, identifiability=identifiability, compared=compared
+    )
 
 
 def name_gain_unit(tests: Sequence[Test], found: Identification) -> str:

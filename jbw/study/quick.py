@@ -1,72 +1,45 @@
 """The first answer of a campaign: its fit with the bands of the fit's covariance, in seconds."""
 
-from collections.abc import Mapping, Sequence
 from time import perf_counter
 from typing import Any
 
 import jax
 import xarray as xr
 
-from jbw.campaign.load import Campaign
-from jbw.identification.assemble import Measured, entered
-from jbw.identification.instruments import instruments_sentence, sensors_of
+from jbw.identification.assemble import Measured
 from jbw.identification.laplace import about_fit
 from jbw.identification.prepare import Fitted
 from jbw.identification.procedure import Identification
 from jbw.observables import dataset
-from jbw.report.opening import effect_sentence, fit_sentence, known_parameters, opening
+from jbw.report.opening import effect_sentence, fit_sentence, known_parameters
 from jbw.study.collect import run_attrs
-from jbw.study.identifiability import as_group, look
-from jbw.study.look import Look, look_groups
+from jbw.study.finishing import about_instruments, finished_study, with_main
+from jbw.study.identifiability import look
+from jbw.study.order import Order, ReadCampaign
 from jbw.study.study import Study
 from jbw.study.summary import (
-    fitted_and_held_out,
-    record_of,
     step_record,
-    steps_group,
     verdict_record,
-    widened_by_instruments,
 )
 from jbw.verification.backbone import backbone_group
 from jbw.verification.predictive_basis import NUM_DRAWS, basis_of
 
 
-def first_answer(
-    campaign: Campaign,
-    seen: Measured,
-    looked: Look,
-    found: Identification,
-    *,
-    left_out: Sequence[str],
-    truth: Mapping[str, float] | None,
-    seed: int,
-    command: str | None,
-    started: float,
-) -> Study:
+def first_answer(order: Order, read: ReadCampaign, identification: Identification) -> Study:
     """The study of a fit alone: parameters, frequency and damping against amplitude, with bands.
 
     It has the form of any other study, but no test is predicted in it.
     """
-    tree = fit_tree(seen, found)
-    sensors = sensors_of(seen.chosen)
-    record = record_of(
-        campaign, found, tree, verdict=found.main.verdict, truth=truth, compared={}, seed=seed,
-        command=command, started=started, tests=fitted_and_held_out(seen),
-        wide=widened_by_instruments(campaign, sensors, found, seed),
-    )  # fmt: skip
-    record["steps"]["joint"]["statements"] = [
-        *left_out, *found.main.statements, instruments_sentence(campaign.instruments, sensors)
-    ]  # fmt: skip
-    record |= {"quick": fit_errors(found), "look": looked.record}
-    record["opening"] = list(opening(record, tree))
-    tree = xr.DataTree.from_dict({**tree.to_dict(), **look_groups(looked, entered(seen))})
-    tree["procedure"] = xr.DataTree(steps_group(record))
-    if found.fitted is not None:
-        known = look(found.fitted, with_profiles=False)
-        tree["identifiability"] = xr.DataTree(as_group(known))
-        record["identifiability"] = known.summary()
-    record["wall_time_s"] = round(perf_counter() - started, 2)
-    return Study(tree, record, campaign, found)
+    main, fitted = identification.main, identification.fitted
+    statements = (*read.left_out, *main.statements, about_instruments(order, read))
+    return finished_study(
+        order,
+        read,
+        with_main(identification, main.verdict, statements),
+        fit_tree(read.measured, identification),
+        identifiability=None if fitted is None else look(fitted, with_profiles=False),
+        notes={"quick": fit_errors(identification)},
+    )
 
 
 def fit_tree(seen: Measured, found: Identification) -> xr.DataTree:

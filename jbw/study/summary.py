@@ -1,7 +1,7 @@
 """What `summary.json` holds of a study: its steps, verdict, predictions, inputs and versions."""
 
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from importlib.metadata import version
 from time import perf_counter
@@ -25,6 +25,7 @@ from jbw.inference.posterior.summary import as_plain, correlations, summarise
 from jbw.measurement.records import INPUTS, Test
 from jbw.report.result import node, verified
 from jbw.study.identifiability import plain
+from jbw.study.order import Order
 from jbw.study.study import input_hashes
 
 VERSIONED = ("jbw", "jax", "numpyro", "diffrax", "optimistix", "arviz", "numpy", "scipy")
@@ -34,24 +35,20 @@ ERRORS = (
 
 
 def record_of(
-    campaign: Campaign,
+    order: Order,
+    measured: Measured,
     found: Identification,
     tree: xr.DataTree,
     *,
-    verdict: Verdict,
-    truth: Mapping[str, float] | None,
     compared: Mapping[str, Any],
-    seed: int,
-    command: str | None,
-    started: float,
-    tests: Sequence[Mapping[str, Any]],
     wide: xr.Dataset | None = None,
 ) -> dict[str, Any]:
-    """The summary of what was identified; `started` is the `perf_counter()` of the beginning.
+    """The summary of what was identified.
 
-    `tests` are what `fitted_and_held_out` says of them, `wide` is the main posterior with the
-    errors of the instruments, where they are stated.
+    `compared` is the comparison of the routes, `wide` the main posterior with the errors of the
+    instruments, where they are stated.
     """
+    campaign, truth = order.campaign, order.truth
     steps = {} if found.linear is None else {"linear": _linear(found.linear, truth or {})}
     steps |= {
         name: step_record(step, truth or {}, wide if name == found.main.name else None)
@@ -59,20 +56,20 @@ def record_of(
     }
     return {
         "campaign": campaign.name,
-        "verdict": verdict_record(verdict),
+        "verdict": verdict_record(found.main.verdict),
         "main": found.main.name,
         "steps": steps,
         "comparison": compared,
-        "tests": tests,
+        "tests": fitted_and_held_out(measured),
         "predictions": _predictions(tree),
         "across_kinds": _across_kinds(tree),
         "loops": _loops(tree),
         "versions": {package: version(package) for package in VERSIONED},
-        "seed": seed,
+        "seed": order.seed,
         "inputs": input_hashes(campaign),
         "assembly": _assembly(campaign),
-        "command": command or " ".join(["jbw", *sys.argv[1:]]),
-        "wall_time_s": round(perf_counter() - started, 2),
+        "command": order.command or " ".join(["jbw", *sys.argv[1:]]),
+        "wall_time_s": round(perf_counter() - order.started, 2),
     }
 
 

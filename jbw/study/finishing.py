@@ -1,0 +1,77 @@
+"""The last lines of every identification: instruments, summary, opening sentences, the tree."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from time import perf_counter
+from typing import Any
+
+import xarray as xr
+
+from jbw.identification.assemble import entered
+from jbw.identification.instruments import as_recorded, instruments_sentence, sensors_of
+from jbw.identification.procedure import Identification
+from jbw.inference.posterior.finding import Verdict
+from jbw.report.opening import opening
+from jbw.study.identifiability import Identifiability, as_group
+from jbw.study.look import look_groups
+from jbw.study.order import Order, ReadCampaign
+from jbw.study.study import Study
+from jbw.study.summary import record_of, steps_group, widened_by_instruments
+from jbw.verification.predictive_basis import AS_RECORDED
+
+
+def finished_study(
+    order: Order,
+    read: ReadCampaign,
+    identification: Identification,
+    tree: xr.DataTree,
+    *,
+    identifiability: Identifiability | None,
+    compared: Mapping[str, Any] | None = None,
+    notes: Mapping[str, Any] | None = None,
+) -> Study:
+    """The study of what was identified, as `posterior.nc` and `summary.json` hold it.
+
+    `compared` is the comparison of the routes, `notes` what else stands in the summary.
+    """
+    sensors = sensors_of(read.measured.chosen)
+    wide = widened_by_instruments(order.campaign, sensors, identification, order.seed)
+    if wide is not None:
+        tree = _with_instruments(tree, wide)
+    record = record_of(
+        order, read.measured, identification, tree, compared=compared or {}, wide=wide
+    )
+    record |= {"look": read.look.record, **(notes or {})}
+    groups = look_groups(read.look, entered(read.measured))
+    tree = xr.DataTree.from_dict({**tree.to_dict(), **groups})
+    record["opening"] = list(opening(record, tree))
+    tree["procedure"] = xr.DataTree(steps_group(record))
+    if identifiability is not None:
+        tree["identifiability"] = xr.DataTree(as_group(identifiability))
+        record["identifiability"] = identifiability.summary()
+    record["wall_time_s"] = round(perf_counter() - order.started, 2)
+    return Study(tree, record, order.campaign, identification)
+
+
+def with_main(
+    identification: Identification, verdict: Verdict, statements: Sequence[str]
+) -> Identification:
+    """The identification with this verdict and these statements of its main posterior."""
+    main = replace(identification.main, verdict=verdict, statements=tuple(statements))
+    return replace(identification, steps={**identification.steps, main.name: main})
+
+
+def about_instruments(order: Order, read: ReadCampaign) -> str:
+    """What the intervals include of the errors of sensors and clock."""
+    return instruments_sentence(order.campaign.instruments, sensors_of(read.measured.chosen))
+
+
+def _with_instruments(tree: xr.DataTree, wide: xr.Dataset) -> xr.DataTree:
+    """The tree with the instruments' errors in its posterior, and that of the records beside it."""
+    recorded = tree["posterior"].to_dataset()
+    widened = {n: wide[n].assign_attrs(x.attrs) for n, x in recorded.data_vars.items()}
+    groups = {
+        f"/{AS_RECORDED}": as_recorded(recorded, wide),
+        "/posterior": recorded.assign(widened),
+    }
+    return xr.DataTree.from_dict({**tree.to_dict(), **groups})
