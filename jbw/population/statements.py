@@ -71,14 +71,14 @@ def _trends(record: Record) -> Iterator[str]:
         if (slope := row.get("slope_torque")) is not None:
             way = "rises" if slope["q005"] > 0 else "falls" if slope["q995"] < 0 else None
             if way:
-                yield f"{name} {way} with torque, by its power {_interval(slope)}."
+                yield f"{name} {way} with torque, as torque^{_interval(slope)}."
 
 
 def _ratios(record: Record) -> Iterator[str]:
     for name, slope in record["ratios"].items():
         held = slope["q005"] <= 0.0 <= slope["q995"]
-        yield f"{name} goes with torque by its power {_interval(slope)}" + (
-            ": it may well not depend on it." if held else ": it depends on it."
+        yield f"{name} goes as torque^{_interval(slope)}" + (
+            ": no dependence on torque is seen." if held else ": it depends on torque."
         )
 
 
@@ -103,11 +103,11 @@ def _stands(record: Record) -> Iterator[str]:
     num, weighed = len(record["units"]), record["weighed"]
     if weighed:
         yield (
-            f"{len(weighed)} of {num} units stand with their own draws, weighed anew: "
-            f"{100 * min(weighed.values()):.0f} % of them count at least."
+            f"{len(weighed)} of {num} units enter by their own draws, reweighted: the effective "
+            f"sample size is {100 * min(weighed.values()):.0f} % of the draws or more."
         )
     if rest := [name for name in record["units"] if name not in weighed]:
-        yield f"The normal summary of its posterior stands for {', '.join(rest)}."
+        yield f"Of {', '.join(rest)} a normal approximation of the posterior enters."
 
 
 def _weak(record: Record) -> Iterator[str]:
@@ -137,9 +137,9 @@ def _wrench(record: Record) -> Iterator[str]:
     )
     part = WRENCH**2 / (np.var(np.log(record["torque"])) + WRENCH**2)
     yield (
-        f"A torque that a wrench sets to {100 * WRENCH:.0f} % takes nothing off a slope: it is "
-        f"part of the scatter, {100 * WRENCH * slope:.2g} % of {name}. A torque that was "
-        f"read with such an error takes about {100 * part:.1g} % off every slope."
+        f"Where a wrench sets the torque to within {100 * WRENCH:.0f} %, the exponents stay "
+        f"unbiased, and the wrench adds a scatter of {100 * WRENCH * slope:.2g} % to {name}. Where "
+        f"the torque is read with that error, every exponent is about {100 * part:.1g} % too small."
     )
 
 

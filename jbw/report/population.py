@@ -8,7 +8,7 @@ import numpy as np
 from jbw.report.sheet import Sheet
 from jbw.report.style import BLUE, INK, VERMILLION, Panels, finish, panels, shade
 from jbw.report.table import Cell, Column, Table, digits, table, words
-from jbw.report.text import NOTHING
+from jbw.report.text import NOTHING, axis_label
 from jbw.report.words import badge
 
 HALF_99 = 2.5758  # sd of a normal interval of 99 %
@@ -47,7 +47,7 @@ def population_figure(
                  np.exp(mean[:, i] + HALF_99 * sd[:, i]) - value]  # fmt: skip
         each.errorbar(place, value, error, fmt="o", color=INK, ms=4, lw=1.0, label="unit, 99 %")
         each.plot(place[odd], value[odd], "s", color=VERMILLION, ms=8, mfc="none")
-        each.set_ylabel(f"{row['symbol']} [{row['unit']}]" if row["unit"] != "1" else row["symbol"])
+        each.set_ylabel(axis_label(row["symbol"], row["unit"]))
         if not trend:
             each.set_xticks(place, record["units"] if i == len(rows) - 1 else [""] * len(place))
     axes[-1, 0].set_xlabel("tightening torque [N m]" if trend else "unit")
@@ -68,10 +68,10 @@ def population_sheet(
     """
     trend = " against torque" if "torque" in record["columns"] else ""
     return Sheet(
-        title=f"Fleet {name}",
+        title=f"Population of {name}",
         about=f"{len(record['units'])} units identified by jbw, and their population.",
         caption=f"Every unit{trend} with its own 99 % interval, and the band in which 99 % of "
-        "units lie that nobody measured. A square marks a unit that does not belong.",
+        "further units lie. A square marks a unit that does not belong to the others.",
         sentences=record["statements"],
         tables=[("The population", pooled), *units_tables(record, mean, sd)],
         status=badge(record["status"]),
@@ -138,7 +138,7 @@ def units_table(
         unit = record["parameters"][name]["unit"]
         heading = name if unit == "1" else f"{name} [{unit}]"
         columns.append(Column(heading, lambda one, name=name: _interval(one[name])))
-    columns += [digits("P(as far off)", "belongs"), words("stands for it", "stands")]
+    columns += [digits("P(as far off)", "belongs"), words("enters by", "stands")]
     return table("Every unit, median [99 %]", rows, *columns)
 
 
