@@ -152,7 +152,7 @@ def within_response(
     theta = _joint_draws(posterior, held, laws)
     if theta is None or not laws or y_peak <= 0:
         return found
-    shift, added = _effects(theta, y_peak, laws)
+    shift, added = map(np.asarray, _effects(theta, y_peak, laws))
     spans = []
     for values in (shift, theta["zeta"] + added):
         low, middle, high = np.quantile(values, QUANTILES)

@@ -44,6 +44,7 @@ from jbw.identification.stated_modes import (
 from jbw.identification.step import Step, attrs, finished, means_of
 from jbw.identification.widening import ending, widened
 from jbw.inference.fit.valley import about_valley
+from jbw.inference.generator import parts_of
 from jbw.inference.posterior.finding import Finding
 from jbw.inference.posterior.verdict import Verdict, enough
 from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
@@ -84,7 +85,7 @@ def joint_step(
         Eq. (37), with every parameter set to update.
     """
     started = perf_counter()
-    keys = jax.random.split(key, 5)
+    keys = parts_of(key, 5)
     known: dict[str, float] = {}
     for step in ("third_order_nuts", "opening_nuts"):
         if step in earlier:
@@ -292,7 +293,7 @@ def draw_noise_std(
     for part in data.parts:
         if not part.dimension:
             continue
-        key, now = jax.random.split(key)
+        key, now = parts_of(key, 2)
         noise = part.draw_noise(now, of_part(theta, part), labelled, data.num_offsets)
         name, dim, number = f"noise_std{part.suffix}", part.dimension, 2
         while name in derived:

@@ -16,7 +16,6 @@ from time import perf_counter
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float, Key
@@ -29,7 +28,7 @@ from jbw.identification.prepare import Fitted, prepare
 from jbw.identification.procedure import Identification, decays_in
 from jbw.identification.step import Step, attrs
 from jbw.inference.fit.costly_fit import evaluator, from_search, to_search
-from jbw.inference.generator import generator
+from jbw.inference.generator import generator, parts_of
 from jbw.inference.posterior.finding import Finding, judge
 from jbw.inference.posterior.summary import LAPLACE
 from jbw.inference.space.box import bounds_by_name
@@ -54,7 +53,7 @@ def fit_alone(seen: Measured, *, seed: int, report: Report) -> Identification:
     started, key = perf_counter(), jax.random.key(seed)
     data = assemble(seen)
     report(f"Least squares: all parameters from {len(data.labels)} groups of data")
-    ready = prepare(jax.random.split(key), data, seen.settings, quick=True)
+    ready = prepare(parts_of(key, 2), data, seen.settings, quick=True)
     return about_fit(key, seen, ready, started)
 
 
@@ -141,9 +140,7 @@ def laplace_draws(
     names = never_zero(best.theta, best.covariance, prior)
     place = in_logarithms(best.theta, best.covariance, prior, names)
     scale = np.array([best.theta[name] if name in names else 1.0 for name in prior.names])
-    theta = np.asarray(
-        jax.vmap(place.outer.forward)(jnp.asarray(np.asarray(place.start) + apart / scale))
-    )
+    theta = place.outer.forward(np.asarray(place.start) + apart / scale)
     lower, upper = np.asarray(prior.lower), np.asarray(prior.upper)
     is_outside = np.any((theta < lower) | (theta > upper), axis=1)
     is_outside[0] = False
@@ -168,11 +165,11 @@ def gaussians_about(ready: Fitted) -> list[Gaussian]:
     if not (data.has_offsets and all(columns)):
         return [Gaussian(1.0, np.zeros(len(prior.names)), best.covariance)]
     # Without room for offsets the rows are the residuals as they are, by the program of the fit.
-    bare = replace(data, scatter=NOTHING * data.scatter)
+    bare = replace(data, scatter=jax.device_put(NOTHING * np.asarray(data.scatter)))
     part = evaluator(dataset.stacked, prior, bare)
-    width = np.asarray(prior.upper - prior.lower)
+    width = np.asarray(prior.upper) - np.asarray(prior.lower)
     s = np.asarray(to_search(np.asarray(best.x), prior))
-    slope = np.asarray(from_search(jnp.asarray(s), prior)[1])
+    slope = np.asarray(from_search(jax.device_put(s), prior)[1])
     rows, jacobian = by_label(part(s, 0), bare), by_label(part(s, 1) / slope / width, bare)
     groups = [
         (label, data.shared_runs.index(run) if not each.own_shifts else -1)

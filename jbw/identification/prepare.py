@@ -8,10 +8,9 @@ misfit of each would let a record that a poor fit misses lose its voice, and be 
 """
 
 import logging
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-import jax
 import numpy as np
 from jaxtyping import Array, Key
 
@@ -37,6 +36,7 @@ from jbw.identification.run_effects import (
 from jbw.identification.thresholds_crossed import fitted_displacement
 from jbw.inference.fit.costly_fit import TOLERANCE, costly_fit
 from jbw.inference.fit.fitting import Fit
+from jbw.inference.generator import parts_of
 from jbw.inference.lanes import at_points
 from jbw.inference.posterior.finding import Finding
 from jbw.inference.space.box import Box
@@ -73,11 +73,11 @@ def fit_joint(key: Key[Array, ""], seen: Measured, report: Report) -> Fitted:
     """Fit the joint to a campaign as the joint posterior would."""
     data = assemble(seen)
     report(f"Least squares: all parameters from {len(data.labels)} groups of data")
-    return prepare(jax.random.split(key), data, seen.settings)
+    return prepare(parts_of(key, 2), data, seen.settings)
 
 
 def prepare(
-    keys: Key[Array, " two"],
+    keys: Sequence[Key[Array, ""]],
     data: Dataset,
     settings: Identify,
     known: Mapping[str, float] | None = None,
@@ -94,7 +94,7 @@ def prepare(
 
 
 def weighed(
-    keys: Key[Array, " two"],
+    keys: Sequence[Key[Array, ""]],
     data: Dataset,
     settings: Identify,
     known: Mapping[str, float] | None = None,

@@ -21,6 +21,7 @@ from jbw.identification.prepare import Fitted, fit_joint, refit
 from jbw.identification.selection import DecaySplit, Sweeps
 from jbw.identification.step import Step, means_of
 from jbw.inference.fit.fitting import Fit
+from jbw.inference.generator import parts_of
 from jbw.inference.posterior.finding import Finding, judge
 from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.inference.space.box import Box
@@ -86,7 +87,7 @@ def run_procedure(
     Raises:
         DataError: If there is nothing that the joint can be fitted to.
     """
-    keys = iter(jax.random.split(jax.random.key(seed), 16))
+    keys = iter(parts_of(jax.random.key(seed), 16))
     found = Identification(linear=seen.linear, sweeps=seen.sweeps, decays=seen.decays)
     said = paper_words(seen)
     if said:

@@ -215,7 +215,7 @@ def with_scatter(key: Key[Array, ""], best: Fit, data: Dataset) -> Dataset:
     Its root mean square: the likelihood integrates over it, and the mean of runs scatters by that.
     """
     theta = {name: np.array([value]) for name, value in best.theta.items()}
-    found = estimates_at(theta, data, lanes=1)
+    found = estimates_at(theta, data)  # by the program of the draws
     every = jax.tree.map(lambda x: np.repeat(x, NUM_DRAWS, axis=0), found)
     drawn = np.asarray(_drawn(jax.random.split(key, NUM_DRAWS), every, data).scatter)
     scatter = np.sqrt(np.mean(drawn[:, : len(OFFSETS)] ** 2, axis=0))

@@ -298,7 +298,7 @@ def with_directions(
 
 def as_arrays(theta: Mapping[str, float], data: Dataset) -> dict[str, Array]:
     """A point of the parameters with what is held, as arrays, which are not compiled in."""
-    return {**data.held, **{name: jnp.asarray(value) for name, value in theta.items()}}
+    return {**data.held, **jax.device_put({n: np.asarray(x, float) for n, x in theta.items()})}
 
 
 def left_by_label(rows: Float[np.ndarray, " values"], data: Dataset) -> dict[str, Row]:

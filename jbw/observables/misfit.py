@@ -32,12 +32,13 @@ class Left(NamedTuple):
 
 def left_of(groups: Repeats, left: Rows) -> list[Left]:
     """What a fit leaves of every group, its noise by the scatter of repeats where there are any."""
-    found = []
-    for i, label in enumerate(groups.labels):
-        row, count, size = left[label], float(groups.num_repeats[i]), float(groups.size[i])
+    found, arrays = [], (groups.num_repeats, groups.size, groups.within)
+    numbers = zip(groups.labels, *(np.asarray(x, float).tolist() for x in arrays), strict=True)
+    for label, count, size, within in numbers:
+        row = left[label]
         square, coloured = float(np.sum(np.abs(row) ** 2)) / size, is_coloured(row)
         if count > 1:
-            noise = float(groups.within[i]) / (size * (count - 1))
+            noise = within / (size * (count - 1))
         else:
             noise = 0.0 if coloured else square
         misfit = max(square - noise / count, 0.0)

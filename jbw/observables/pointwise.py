@@ -22,7 +22,7 @@ import numpy as np
 from jaxtyping import Array, Float, Int, Key
 from numpy.typing import NDArray
 
-from jbw.inference.generator import generator
+from jbw.inference.generator import generator, parts_of
 from jbw.inference.groups.scatter import draw_offsets
 from jbw.inference.lanes import Solved, at_points, num_cores, solved_first
 from jbw.observables.dataset import Dataset, as_arrays, estimates, solved
@@ -88,7 +88,7 @@ def records_of(
     """
     rows = tuple(None if split is None else _factors(split) for split in splits)
     count = len(next(iter(theta.values())))
-    keys = jax.random.split(key)
+    keys = parts_of(key, 2)
     sums = at_points(_sums, {**theta, SEED: np.arange(float(count))}, (keys[0], data, rows))
     found, known = [], {}
     for i, (part, split, own) in enumerate(zip(data.parts, splits, sums["parts"], strict=True)):

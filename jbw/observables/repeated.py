@@ -50,7 +50,7 @@ class Repeated(Observable):
 
     def compared(self, group: int) -> slice | Bool[np.ndarray, " value"]:
         """Which values of a group's row are compared, of complex ones which of their pairs."""
-        return slice(int(self.repeats.size[group]) // (2 if self.is_complex else 1))
+        return slice(int(np.asarray(self.repeats.size)[group]) // (2 if self.is_complex else 1))
 
     def coordinate(self, group: int) -> tuple[str, str, Float[np.ndarray, " value"]]:
         """What the compared values of a group stand over: name, unit, places; here, numbers."""

@@ -20,7 +20,7 @@ from jaxtyping import Array, Float, Key
 from jbw.identification.assemble import Measured, single_records
 from jbw.identification.joint import law_variables
 from jbw.identification.procedure import Identification
-from jbw.inference.generator import generator
+from jbw.inference.generator import generator, parts_of
 from jbw.inference.space.box import Box, bounds_by_name
 from jbw.observables.dataset import Dataset
 from jbw.observables.pointwise import Records, records_of, splits_of
@@ -52,7 +52,7 @@ def arviz_groups(seen: Measured, found: Identification, seed: int) -> Groups:
     step, data = found.main, found.data
     posterior = step.posterior["posterior"].to_dataset()
     shape = posterior.sizes["chain"], posterior.sizes["draw"]
-    keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), KEY), 3)
+    keys = parts_of(jax.random.fold_in(jax.random.key(seed), KEY), 3)
     splits = splits_of(step.fit.theta, data, single_records(seen))
     if all(split is None for split in splits):  # nothing but what was read off a record before
         return {}

@@ -35,11 +35,11 @@ def backbone_group(draws: Draws, y_peak: float, laws: Laws) -> xr.Dataset | None
     if not needed <= set(draws) or not 0.0 < y_peak < np.inf:
         return None
     amplitude = np.linspace(0.0, CARRIED_ON * y_peak, NUM_AMPLITUDES + 1)[1:]
-    frequency, damping, _ = carry(curves, draws, jnp.asarray(amplitude), laws)
+    frequency, damping, _ = carry(curves, draws, jax.device_put(amplitude), laws)
     peaks = y_peak * np.asarray(PARTS)
     angle = np.linspace(0.0, np.pi, NUM_PHASES + 1)[:-1]
     half = peaks[:, None] * np.cos(angle)
-    falling, stuck = carry(_unloading, draws, jnp.asarray(peaks), jnp.asarray(half), laws)
+    falling, stuck = carry(_unloading, draws, *jax.device_put((peaks, half)), laws)
     y, z = np.concatenate([half, -half], -1), np.concatenate([falling, -falling], -1)
     slip = z - stuck[:, None, None] * y
     loops = ("quantile", "loop", "phase")

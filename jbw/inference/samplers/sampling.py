@@ -169,7 +169,8 @@ def _tree(
     attrs: Mapping[str, Mapping[str, str]],
 ) -> xr.DataTree:
     """The posterior's one container, the prior bounds beside each parameter."""
-    dims, log_prior = ("chain", "draw"), np.full(terms.shape[:2], -float(log_volume(box)))
+    dims, volume = ("chain", "draw"), float(log_volume(jax.device_get(box)))
+    log_prior = np.full(terms.shape[:2], -volume)
     dimensionless = {"units": "1"}
     stats = {**drawn.stats, "lp": np.sum(terms, axis=-1) + log_prior}
     variables = {

@@ -17,7 +17,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 from numpyro.distributions import biject_to, constraints
-from numpyro.distributions.transforms import AffineTransform, ExpTransform, Transform
+from numpyro.distributions.transforms import AffineTransform, Transform
 
 Vector = Float[Any, " parameter"]  # NumPy's where nothing is traced
 
@@ -106,7 +106,8 @@ class Logarithms(Coordinate):
 
     def forward(self, x: Vector) -> Vector:
         """The point with the chosen ones exponentiated."""
-        return jnp.where(self._mask, ExpTransform()(jnp.where(self._mask, x, 0.0)), x)
+        xp = _namespace(x)
+        return xp.where(self._mask, xp.exp(xp.where(self._mask, x, 0.0)), x)
 
     def inverse(self, y: Vector) -> Vector:
         """The point with the logarithms of the chosen ones."""
