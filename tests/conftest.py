@@ -30,13 +30,14 @@ hypothesis.settings.register_profile("new", derandomize=False)
 hypothesis.settings.load_profile("repeated")
 # What JAX traces lives long, and looking through it for garbage takes a twentieth of the time.
 gc.set_threshold(100_000, 20, 20)
-from jbw.inference.compiled import forget_when_many  # noqa: E402
+from jbw.inference.compiled import forget_when_large, forget_when_many  # noqa: E402
 from jbw.run.session import keep_compiled  # noqa: E402
 
 KEPT = keep_compiled(f"tests of {platform.node()}")
 # Each test file compiles hundreds of small things anew, together as long as the few large ones.
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
+MOST_MEMORY = 3e9  # [bytes]
 FORTNIGHT = 14 * 86400  # [s]
 GOLDEN = json.loads((Path(__file__).parent / "golden.json").read_text())
 
@@ -48,8 +49,12 @@ def golden():
 
 @pytest.fixture(scope="module", autouse=True)
 def _compiled_code_does_not_pile_up():
-    """A process that runs out of mappings dies in the compiler, not in the test that filled it."""
+    """A process that runs out of mappings dies in the compiler, not in the test that filled it.
+
+    What the next file shares comes back from the disk, where compiled code is kept.
+    """
     yield
+    forget_when_large(MOST_MEMORY)
     forget_when_many()
 
 
