@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from known_laws import compiled
 from scipy.integrate import solve_ivp
 
 import jbw
@@ -28,25 +29,35 @@ def joint(name):
     return jbw.Oscillator(RULES["omega_n"], RULES["zeta"], (law,))
 
 
+@compiled
+def steady(law, y_peak):
+    """Loop, harmonics exact and on a grid, force at the tip, and on the way down."""
+    q = y_peak * jnp.array([1.0, 0.0], complex)
+    exact, generic = (law.harmonics(q, turns) + law.stiffness() * q for turns in (2, 4))
+    tip = law.force(y_peak, 1.0, law.at_tip(y_peak))
+    angles = jnp.arccos(jnp.array([0.5, 0.0, -0.5]))
+    return law.loop(y_peak), exact, generic, tip, law.force_over_period(q, angles, 2)
+
+
+@compiled
+def moved(law, y, memory, dy):
+    memory = law.move(y, memory, dy)
+    return memory, law.force(y + dy, dy, memory)
+
+
 @pytest.mark.parametrize("name", ["jenkins", "jenkins_array"])
 def test_the_steady_loop_is_golden(name):
     law = joint(name).laws[0]
     for row in GOLD[name]["steady"]:
         y_peak, kappa = row["Y"], complex(*row["kappa"])
-        loop = law.loop(y_peak)
+        loop, harmonics, generic, tip, down = steady(law, y_peak)
         np.testing.assert_allclose(complex(loop.stiffness, loop.damping), kappa, rtol=1e-12)
         np.testing.assert_allclose(loop.energy(y_peak), row["energy"], rtol=1e-12, atol=1e-16)
-        q = jnp.array([y_peak, 0.0], complex)
-        harmonics = law.harmonics(q, 2) + law.stiffness() * q
         np.testing.assert_allclose(harmonics[0] / y_peak, kappa, rtol=1e-12)
         np.testing.assert_allclose(harmonics[1], complex(*row["F3"]), rtol=1e-9, atol=1e-14)
         # Of the 512-point grid that laws have without more knowledge, an error of second order.
-        generic = law.harmonics(q, 4) + law.stiffness() * q
         np.testing.assert_allclose(generic, harmonics, atol=1e-4 * abs(kappa) * y_peak)
-        tip = law.at_tip(y_peak)
-        np.testing.assert_allclose(law.force(y_peak, 1.0, tip), row["F_tip"], rtol=1e-12)
-        angles = jnp.arccos(jnp.array([0.5, 0.0, -0.5]))
-        down = law.force_over_period(q, angles, 2)
+        np.testing.assert_allclose(tip, row["F_tip"], rtol=1e-12)
         np.testing.assert_allclose(down, row["F_unloading"], rtol=1e-10, atol=1e-13)
 
 
@@ -58,9 +69,9 @@ def test_prescribed_motion_is_golden(name):
     for before, after in itertools.pairwise(turns):
         for _ in range(2):
             dy = 0.5 * (after - before)
-            memory = law.move(y, memory, dy)
+            memory, end = moved(law, y, memory, dy)
             y += dy
-            force.append(float(law.force(y, dy, memory)))
+            force.append(float(end))
     np.testing.assert_allclose(force, GOLD[name]["path_force"], rtol=1e-12, atol=1e-14)
 
 
