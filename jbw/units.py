@@ -320,9 +320,9 @@ def quantity_of(unit: str, among: tuple[str, ...] = tuple(FACTORS)) -> str:
     # Of torsion, the few who want it know.
     shown = [quantity for quantity in among if quantity not in TORSION] or among
     wanted = " or ".join(
-        f"{'an' if quantity[0] in 'aeiou' else 'a'} {quantity}" for quantity in among
+        f"{'an' if quantity[0] in 'aeiou' else 'a'} {quantity}" for quantity in shown
     )
-    known = [name for quantity in among for name in FACTORS[quantity]]
+    known = [name for quantity in shown for name in FACTORS[quantity]]
     others = [quantity for quantity in FACTORS if _factor(written, quantity) is not None]
     if written.lower() == "db":
         raise ConfigError(

@@ -4,24 +4,29 @@ import re
 import tomllib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import groupby
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from jbw.campaign.document import commented, toml
+from jbw.campaign.roles import MOST_SAMPLES, Channel, Leaves, channels_by_role, last_name
 from jbw.campaign.settings import Identify
 from jbw.campaign.tables import Head, TestSpec
 from jbw.errors import ConfigError, DataError, JbwError, RunError
 from jbw.measurement.files.assemble import Wanted
 from jbw.measurement.files.paths import select
-from jbw.measurement.files.read import READERS, channels_of, opened, records
-from jbw.measurement.files.tree import RATE, Leaf, load
-from jbw.measurement.kinds import KINDS
-from jbw.measurement.records import INPUTS, QUANTITIES, RESPONSES, ROLES, si_of
+from jbw.measurement.files.read import READERS, opened, records
+from jbw.measurement.files.sampling import sampling_frequency
+from jbw.measurement.files.tree import RATE, Contents, Leaf, load, names
+from jbw.measurement.kinds import KINDS, Kind
+from jbw.measurement.recorders.facts import is_time
+from jbw.measurement.records import INPUTS, RESPONSES, si_of
+from jbw.measurement.resampled import proposed_rate
 from jbw.measurement.response_checks import band_about_peak
-from jbw.units import quantity_of, si_unit
+from jbw.units import plain
 
 HEAD = """\
 # Campaign file of jbw. Lines marked CHECK hold what the records do not say.
@@ -37,24 +42,23 @@ MOST_GROUPS = 500  # names of files that are not repeats of one another
 MOST_BLOCKS = 40  # tests drafted from one file
 # Keys of a test that are offered in a comment.
 OPTIONAL = ("level", "band", "delay", "assembly", "run", "exclude", "span")
-# A channel's name to its role, most telling first.
-HINTS = (
-    (r"^t$|time|zeit", "time"),
-    (r"restoring|friction", "restoring_force"),
-    (r"^freq|^f_?hz$", "frequency"),
-    (r"phase|^phi$", "phase"),
-    (r"vel|laser|vib|^v$|ldv", "velocity"),
-    (r"acc", "acceleration"),
-    (r"dis[pl]|lvdt|^[yx]$|pos", "displacement"),
-    (r"force|load|^f$", "force"),
-    (r"input|shaker|volt|drive|source|amp|^u$|^v1$", "input"),
-)
-KIND_HINTS = dict(step="stepped", tone="tones", hammer="decay", impact="decay", msine="multisine",
-                  sinesw="sweep")  # fmt: skip
+KIND_HINTS = dict(step="stepped", tone="tones", hammer="decay", impact="decay", tap="decay",
+                  pluck="decay", ringdown="decay", msine="multisine", sinesw="sweep",
+                  chirp="sweep", random="noise", hyster="loop", cyclic="loop")  # fmt: skip
 Assume = Callable[[str], None]
-Leaves = Mapping[str, Leaf]
+NOBODY = Channel("...", "", "")
 Reach = tuple[float, float]  # lowest and highest frequency [Hz]
 FEW_COLUMNS = 16  # a table of more is no record of a few channels
+
+
+@dataclass(frozen=True)
+class Looked:
+    """What one look into a file shows."""
+
+    leaves: Leaves  # all arrays
+    series: Leaves  # those that may be channels
+    fs: float | None  # of the whole file [Hz]
+    recorder: str
 
 
 @dataclass(frozen=True)
@@ -104,14 +108,21 @@ def start_campaign(folder: str | Path) -> Draft:
     return Draft("\n".join([*head, *blocks, *foot]), tuple(_once(assumed)))
 
 
+def looked_at(contents: Contents) -> Looked:
+    """The channels of an open file, its rate and its recorder."""
+    leaves = {name: item for name, item in names(contents.root) if isinstance(item, Leaf)}
+    series = _series_in(leaves) if contents.series is None else dict(contents.series)
+    return Looked(leaves, series, contents.fs, contents.recorder)
+
+
 def _once(assumed: Sequence[tuple[str, str]]) -> Iterator[str]:
     """Every assumption in one line with all the files that it concerns."""
     files: dict[str, list[str]] = {}
     for name, what in assumed:
         files.setdefault(what, []).append(name)
-    for what, names in files.items():
-        shown = [name for name in names[:LISTED] if name]
-        more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
+    for what, concerned in files.items():
+        shown = [name for name in concerned[:LISTED] if name]
+        more = f" and {len(concerned) - LISTED} more" if len(concerned) > LISTED else ""
         yield f"{', '.join(shown)}{more}: {what}" if shown else what
 
 
@@ -157,16 +168,14 @@ def _frequencies_of_curves(groups: Sequence[Sequence[Path]]) -> Reach | None:
     """Lowest and highest frequency of response curves [Hz], among which the joint's mode lies."""
     found: list[float] = []
     for files in groups:
-        with suppress(JbwError):
-            series = _series_in(channels_of(files[0]))
-            roles = _roles_of(series)
+        with suppress(JbwError), opened(files[0]) as contents:
+            roles = channels_by_role(looked_at(contents).series)
             if not {"frequency", "phase"} <= set(roles):
                 continue
-            with opened(files[0]) as contents:
-                leaf = select(contents.root, roles["frequency"])
-                if isinstance(leaf, Leaf):
-                    hz = load(leaf) * si_of("frequency", leaf.unit or "Hz")[0]
-                    found += [float(np.nanmin(hz)), float(np.nanmax(hz))]
+            leaf = select(contents.root, roles["frequency"].path)
+            if isinstance(leaf, Leaf):
+                hz = load(leaf) * si_of("frequency", roles["frequency"].unit or "Hz")[0]
+                found += [float(np.nanmin(hz)), float(np.nanmax(hz))]
     return (min(found), max(found)) if found else None
 
 
@@ -175,12 +184,16 @@ def _blocks(
 ) -> list[str]:
     """The [[test]] tables of some files, or a comment where they cannot be a test."""
     try:
-        leaves = channels_of(files[0])
+        with opened(files[0]) as contents:
+            looked = looked_at(contents)
+            found = _records_in(looked.series)
+            blocks = [
+                _block(files, replace(looked, series=series), assumed, curves)
+                for series in found[:MOST_BLOCKS]
+            ]
     except JbwError as error:
         assumed.append(("", error.what))
         return ["".join(f"# {line}\n" for line in error.what.splitlines())]
-    found = _records_in(_series_in(leaves))
-    blocks = [_block(files, series, leaves, assumed, curves) for series in found[:MOST_BLOCKS]]
     if len(found) > MOST_BLOCKS:
         blocks.append(f"# {len(found) - MOST_BLOCKS} more groups like these are in the file.\n")
     return blocks
@@ -188,8 +201,7 @@ def _blocks(
 
 def _block(
     files: Sequence[Path],
-    series: Leaves,
-    leaves: Leaves,
+    looked: Looked,
     assumed: list[tuple[str, str]],
     curves: Reach | None,
 ) -> str:
@@ -198,15 +210,21 @@ def _block(
     def assume(what: str) -> None:
         assumed.append((files[0].name, what))
 
-    roles = _roles_of(series)
-    if roles.keys().isdisjoint(RESPONSES):
+    series = looked.series
+    channels = channels_by_role(series)
+    if channels.keys().isdisjoint(RESPONSES):
         assume("no channel is named like a response.")
-        return _skeleton(files, series, leaves)
-    kind, known = _kind_of(files[0], roles)
+        return _skeleton(files, looked, channels)
+    kind, known = _kind_of(files[0], channels, series)
     traits = KINDS[kind]
+    if traits.is_prescribed and "restoring_force" not in channels:
+        channels = {"restoring_force" if r == "force" else r: c for r, c in channels.items()}
+    clock = _clock(channels, looked, traits)
+    channels = {role: c for role, c in channels.items() if role not in clock.unused}
+    roles = {role: channel.path for role, channel in channels.items()}
     if not known:
         assume(f"kind {kind!r} is a guess.")
-    guessed = [role for role, name in roles.items() if "ampl" in _last_name(name)]
+    guessed = [r for r, c in channels.items() if c.guessed or "ampl" in last_name(c.path)]
     for role in guessed:
         assume(f"role {role} of {roles[role]} is a guess.")
     lines = [
@@ -215,12 +233,13 @@ def _block(
         f"files = {toml(_pattern(files))}  # {len(files)} file(s), one repeat each",
         f"channels = {toml(roles)}"
         + (f"  # CHECK: {', '.join(guessed)} is a guess" if guessed else ""),
-        _units({role: series[name] for role, name in roles.items()}, assume),
+        _units(channels, assume),
+        *clock.lines,
     ]
-    timed = "time" in roles or any(series[name].fs for name in roles.values())
-    timed = timed or _states_rate(files[0])
-    if not traits.is_curve and not timed:
-        lines.append(_sampling(leaves, assume))
+    for line in clock.assumed:
+        assume(line)
+    if not clock.is_known:
+        lines.append(_sampling(looked.leaves, assume))
     if traits.is_free:
         lines.append(_band(files[0], roles, lines, assume, curves))
     if traits.is_steady:
@@ -228,18 +247,83 @@ def _block(
         assume("tones must be given.")
     if traits.is_stepped:
         lines.append("dwell = 1.0  # CHECK: duration of each step [s]")
-    if unused := [name for name in series if name not in roles.values()]:
+    unused = [name for name in series if name not in roles.values() and name not in clock.columns]
+    if unused:
         lines.append(f"# not used: {_listed(unused)}")
     return "\n".join(lines) + "\n"
 
 
-def _units(channels: Leaves, assume: Assume) -> str:
+class Clock(NamedTuple):
+    """What a draft says of the sampling of a test."""
+
+    is_known: bool  # the rate needs no word
+    unused: tuple[str, ...] = ()  # roles that are not drafted
+    columns: tuple[str, ...] = ()  # channels that are only clocks
+    lines: tuple[str, ...] = ()
+    assumed: tuple[str, ...] = ()
+
+
+def _clock(channels: Mapping[str, Channel], looked: Looked, traits: Kind) -> Clock:
+    """How the channels of a test are sampled: together, at two rates, unevenly, from two starts."""
+    if traits.is_curve:
+        return Clock(True)
+    taken = {role: looked.series[c.path] for role, c in channels.items() if role != "time"}
+    rates = [leaf.fs for leaf in taken.values() if leaf.fs]
+    lines: list[str] = []
+    assumed: list[str] = []
+    if (delay := _delay(taken)) and abs(delay) > 0.5 / max(rates, default=1.0):
+        lines.append(f"delay = {toml(delay)}  # by the start times in the file")
+    if len(rates) == len(taken):
+        if min(rates) < (1 - 2e-5) * max(rates):
+            lines.append(f"resample = {toml(_round(min(rates)))}  # [Hz], the slowest channel's")
+        times = tuple(p for p, leaf in looked.series.items() if is_time(leaf.label or p))
+        return Clock(True, ("time",), times, tuple(lines), ())
+    if "time" in channels:
+        channel = channels["time"]
+        proposal = _uneven(looked.series[channel.path], channel.unit or "s")
+        if proposal:
+            lines.append(f"resample = {toml(proposal)}  # CHECK: [Hz]; its times are not even")
+            assumed.append(f"resampled at {proposal:g} Hz, since its times are not even.")
+        return Clock(True, (), (), tuple(lines), tuple(assumed))
+    return Clock(bool(rates) or looked.fs is not None, (), (), tuple(lines), ())
+
+
+def _delay(taken: Mapping[str, Leaf]) -> float:
+    """Start of the drive after that of the response by the file [s]; 0 where it does not say."""
+    starts = [
+        next((taken[role].start_s for role in roles if role in taken), None)
+        for roles in (INPUTS, RESPONSES)
+    ]
+    drive, response = starts
+    return 0.0 if drive is None or response is None else float(f"{drive - response:.9g}")
+
+
+def _round(fs: float) -> float:
+    return float(f"{fs:.9g}")
+
+
+def _uneven(leaf: Leaf, unit: str) -> float | None:
+    """A rate to resample times at that are not even [Hz]; None where they are, or go backward."""
+    with suppress(JbwError):
+        seconds = np.asarray(load(leaf), np.float64) * si_of("time", unit)[0]
+        if len(seconds) > MOST_SAMPLES or not np.isfinite(seconds).all():
+            return None
+        if np.any(np.diff(seconds) <= 0):
+            return None
+        try:
+            sampling_frequency(seconds)
+        except DataError:
+            return proposed_rate(seconds)
+    return None
+
+
+def _units(channels: Mapping[str, Channel], assume: Assume) -> str:
     units, guessed = {}, []
-    for role, leaf in channels.items():
-        if leaf.unit:
-            units[role] = leaf.unit
+    for role, channel in channels.items():
+        if channel.unit:
+            units[role] = plain(channel.unit)
         elif role != "time":  # seconds, unless the file says otherwise
-            units[role] = si_unit(QUANTITIES[role][0])
+            units[role] = channel.default
             guessed.append(role)
             assume(f"unit of {role} assumed to be {units[role]}.")
     mark = f"  # CHECK: not in the file for {', '.join(guessed)}" if guessed else ""
@@ -260,7 +344,7 @@ def _band(
     """
     try:
         stated = tomllib.loads("\n".join(lines[1:]))
-        wanted = Wanted(roles, stated["units"], stated.get("fs"))
+        wanted = Wanted(roles, stated["units"], stated.get("fs"), resample=stated.get("resample"))
         low, high = band_about_peak(records(path, wanted)[0], within=curves)
     except (JbwError, ValueError, IndexError):  # for `jbw check` to say
         assume("band must be given.")
@@ -269,38 +353,35 @@ def _band(
     return f"band = {toml([low, high])}  # CHECK: about the strongest line; no other mode in it"
 
 
-def _states_rate(path: Path) -> bool:
-    """Whether a file gives one sampling frequency for all that it holds."""
-    with opened(path) as contents:
-        return contents.fs is not None
-
-
 def _sampling(leaves: Leaves, assume: Assume) -> str:
     for name, leaf in leaves.items():
         is_scalar = all(length == 1 for length in leaf.shape)
-        if is_scalar and RATE.search(_last_name(name)):
+        if is_scalar and RATE.search(last_name(name)):
             return f"fs = {toml(name)}  # the scalar of that name in the file"
     assume("the sampling frequency fs must be given.")
     return "# fs = 1024.0  # CHECK: sampling frequency [Hz], not in the file"
 
 
-def _skeleton(files: Sequence[Path], series: Leaves, leaves: Leaves) -> str:
+def _skeleton(files: Sequence[Path], looked: Looked, channels: Mapping[str, Channel]) -> str:
     """A [[test]] table to be filled in by hand, commented out, with the units of the file."""
-    found = series or leaves
-    known = _roles_of(found)
+    found = looked.series or looked.leaves
+    known = {role: channel.path for role, channel in channels.items()}
     # By the file's name alone: which of its channels drives is not known.
-    kind, said = _kind_of(files[0], {**known, "force": "", "restoring_force": ""})
+    kind, said = _kind_of(files[0], {**channels, "force": NOBODY, "restoring_force": NOBODY}, {})
+    if "frequency" in known and "force" not in known and any(map(_is_complex, found.values())):
+        kind, said = "frf", True
     traits = KINDS[kind] if said else None
     roles = dict(known)
     if traits is not None and traits.is_prescribed:
         roles = {"displacement": "...", "restoring_force": "...", **roles}
     else:
-        driven = traits is None or traits.is_driven
+        driven = traits is None or (traits.is_driven and not traits.is_curve)
         roles |= {"force": "..."} if driven and roles.keys().isdisjoint(INPUTS) else {}
         roles["acceleration"] = "..."
-    units = {role: found[name].unit if name in found else "" for role, name in roles.items()}
+    units = {role: channels[role].unit if role in channels else "" for role in roles}
     units = {role: unit or "..." for role, unit in units.items() if role != "time"}
-    timed = "time" in known or any(leaf.fs for leaf in found.values()) or _states_rate(files[0])
+    timed = "time" in known or any(leaf.fs for leaf in found.values()) or looked.fs is not None
+    timed = timed or (traits is not None and traits.is_curve)
     lines = [
         f"# CHECK: name the channels of {toml(files[0].name)} by hand, from {_listed(found)}.",
         "# [[test]]",
@@ -308,9 +389,9 @@ def _skeleton(files: Sequence[Path], series: Leaves, leaves: Leaves) -> str:
         f"# files = {toml(_pattern(files))}",
         f"# channels = {toml(roles)}",
         f"# units = {toml(units)}",
-        *([] if timed else ["# " + _sampling(leaves, lambda _: None).lstrip("# ")]),
+        *([] if timed else ["# " + _sampling(looked.leaves, lambda _: None).lstrip("# ")]),
     ]
-    if sources := {role: _pattern(files) for role in _roles_of(found) if role in INPUTS}:
+    if sources := {role: _pattern(files) for role in known if role in INPUTS}:
         own = toml({**sources, "velocity": "..."})
         lines.append(f"# where the response lies in files of its own: files = {own}")
     return "\n".join(lines) + "\n"
@@ -350,51 +431,32 @@ def _records_in(series: Leaves) -> list[dict[str, Leaf]]:
     groups: dict[str, dict[str, Leaf]] = {}
     for name, leaf in series.items():
         groups.setdefault(name.rpartition(".")[0], {})[name] = leaf
-    alike = len(groups) > 1 and len({frozenset(map(_last_name, g)) for g in groups.values()}) == 1
+    alike = len(groups) > 1 and len({frozenset(map(last_name, g)) for g in groups.values()}) == 1
     return list(groups.values()) if alike else [dict(series)]
 
 
-def _last_name(path: str) -> str:
-    """The last name of a path, without what follows in brackets."""
-    return re.split(r"[./]", re.sub(r"\[[^\]]*\]", "", path))[-1].lower()
+def _is_complex(leaf: Leaf) -> bool:
+    return np.issubdtype(leaf.array.dtype, np.complexfloating)
 
 
-def _roles_of(series: Leaves) -> dict[str, str]:
-    """Role to channel, by the channels' names, and by their units where the file gives them."""
-    roles: dict[str, str] = {}
-    for name, leaf in series.items():
-        if (role := _role(name, leaf.unit)) and role not in roles:
-            roles[role] = name
-    unanswered = roles.keys().isdisjoint(RESPONSES)
-    if unanswered and {"frequency", "phase", "force", "input"} <= set(roles):
-        # Beside a force and a phase, an amplitude is that of the response.
-        roles["acceleration"] = roles.pop("input")
-    return roles
-
-
-def _role(name: str, unit: str) -> str:
-    """What a channel is by its name, unless its unit says otherwise; nothing where unknown."""
-    last = _last_name(name)
-    by_name = [last] if last in ROLES else []
-    by_name += [role for pattern, role in HINTS if re.search(pattern, last)]
-    for role in by_name:
-        with suppress(ConfigError):  # another unit than the role's
-            if unit:
-                quantity_of(unit, QUANTITIES[role])
-            return role
-    return ""
-
-
-def _kind_of(path: Path, roles: Mapping[str, str]) -> tuple[str, bool]:
+def _kind_of(path: Path, roles: Mapping[str, Channel], series: Leaves) -> tuple[str, bool]:
     """Kind of a test by its file's name and channels, and whether these say so."""
     if {"frequency", "phase"} <= set(roles):
         return "frf", True
+    response = next((r for r in RESPONSES if r in roles), "")
+    if response and "frequency" in roles and _is_complex_in(series, roles[response].path):
+        return "frf", True
     name = path.stem.lower()
     driven = not roles.keys().isdisjoint(INPUTS)
-    fitting = {"decay": True, "loop": "restoring_force" in roles, "frf": False}
+    looped = "restoring_force" in roles or {"force", "displacement"} <= set(roles)
+    fitting = {"decay": True, "loop": looped, "frf": False}
     for hint, kind in {**{kind: kind for kind in KINDS}, **KIND_HINTS}.items():
         if hint in name and fitting.get(kind, driven):
             return kind, True
     if not driven and {"restoring_force", "displacement"} <= set(roles):
         return "loop", False
     return ("sweep" if driven else "decay"), False
+
+
+def _is_complex_in(series: Leaves, path: str) -> bool:
+    return path in series and _is_complex(series[path])

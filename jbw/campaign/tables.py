@@ -96,6 +96,17 @@ class TestSpec(Table):
     fs: values.Sampling | None = key(
         None, "sampling frequency [Hz], or the path of a scalar in the file"
     )
+    resample: values.Positive | None = key(
+        None,
+        "sampling frequency to which channels of several rates, or of a clock that jitters or "
+        "pauses, are brought by band-limited interpolation, whose error `jbw check` says [Hz]",
+        100.0,
+    )
+    units_are: Literal["file", "mine"] = key(
+        "file",
+        "whose units count where those of the file are others: mine, of this table, override them",
+        "mine",
+    )
     band: values.Span | None = key(None, "lowest and highest frequency to use [Hz]", [5.0, 40.0])
     residuals: Literal["auto", "none", "upper", "both", "own"] = key(
         "auto",
@@ -248,6 +259,13 @@ def _contradictions(test: TestSpec) -> Iterator[str]:
         yield (
             f"gaps: kind `{test.kind}` needs every sample, only {curves} can mask; "
             "keep a clean part with span, or drop the repeat with exclude."
+        )
+    if test.resample and is_curve:
+        yield f"resample: for records in time, not for kind {curves}."
+    if test.resample and test.band and 2 * test.band[1] > test.resample:
+        yield (
+            f"resample: must be at least twice the end of band, {test.band[1]:g} Hz, but is "
+            f"{test.resample:g}; nothing is left above half of it."
         )
     if test.point in test.points:
         yield f"points: must be others than `{test.point}`, which is the test's own `point`."

@@ -1,16 +1,30 @@
 r"""Samples of one clock at the instants of another: band-limited interpolation.
 
+Even samples go to another rate by
+
 $$x(\tau) = \sum_n x_n\,\mathrm{sinc}(\tau - n)\,w(\tau - n)$$
 
 with Kaiser's window w over 64 samples, which keeps what lies below nine tenths of half the sampling
-rate to some 1e-6. Beyond the ends a record goes on as its mirror image through the end.
+rate to some 1e-6. Beyond the ends a record goes on as its mirror image through the end. To a lower
+rate the kernel is as much wider, and what lies above half that rate is taken out.
+
+Uneven samples, of a clock that jitters or pauses, are met in least squares by a band-limited signal
+
+$$\min_g \sum_n \Big[x_n - \sum_k g_k\,\mathrm{sinc}(q t_n - k)\,w(q t_n - k)\Big]^2$$
+
+whose rate q is below three quarters of the mean rate, and below one sample a pause. Its error is
+that of every eighth sample by a signal that was found without these.
 """
 
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
+import scipy.sparse
+import scipy.sparse.linalg
 from jaxtyping import Float
 
+from jbw.errors import DataError
 from jbw.measurement.channels import Reals
 from jbw.measurement.records import RESPONSES, Record
 
@@ -18,25 +32,149 @@ REACH = 32  # samples to either side
 BETA = 10.0  # of Kaiser's window
 CHUNK = 1 << 14  # samples interpolated at once
 MILLION = 1e6
+PASSED = 0.9  # of half a rate: what lies below is kept
+SHARE = 0.75  # of the mean rate, that of a signal through uneven samples
+BLOCK, OVERLAP = 1 << 15, 128  # of its values found at once, and shared by two blocks
+DAMPED = 1e-4  # of a value where no sample tells it
+HELD_OUT = 8  # every so many-th sample, to tell the error
+LARGEST_ERROR = 0.5  # of the rms: such a signal is not met
+ABOVE = 1.05  # times the usual rate of uneven samples, to which they may be resampled
 OF_RESPONSE = (*RESPONSES, "drive_point")  # roles that the response's recorder samples
 
 
-def interpolated(x: Float[np.ndarray, " time"], place: Float[np.ndarray, " at"]) -> Reals:
-    """Values of a sampled band-limited signal at places counted in samples."""
-    before, after = 2 * x[0] - x[REACH:0:-1], 2 * x[-1] - x[-2 : -REACH - 2 : -1]
-    padded = np.concatenate([before, x, after])
-    offsets = np.arange(1 - REACH, REACH + 1)
+def interpolated(
+    x: Float[np.ndarray, " time"], place: Float[np.ndarray, " at"], stretch: float = 1.0
+) -> Reals:
+    """Values of a sampled band-limited signal at places counted in samples.
+
+    What lies above half of the rate over `stretch`, 1 or more, is taken out.
+    """
+    reach = int(np.ceil(REACH * stretch))
+    offsets = np.arange(1 - reach, reach + 1)
+    padded = _mirrored(x, reach)
     found = []
-    for first in range(0, len(place), CHUNK):
-        at = place[first : first + CHUNK]
+    for first in range(0, len(place), max(1, int(CHUNK / stretch))):
+        at = place[first : first + max(1, int(CHUNK / stretch))]
         whole = np.floor(at).astype(int)
-        away = (at - whole)[:, None] - offsets
-        inside = np.clip(1 - (away / REACH) ** 2, 0.0, None)
-        weight = np.sinc(away) * np.i0(BETA * np.sqrt(inside)) / np.i0(BETA)
-        rows = padded[whole[:, None] + offsets + REACH]
+        weight = _kernel(((at - whole)[:, None] - offsets) / stretch)
+        rows = padded[whole[:, None] + offsets + reach]
         # Their sum is one but for the window's ripple: a constant stays what it is.
         found.append(np.sum(weight * rows, axis=1) / np.sum(weight, axis=1))
-    return np.concatenate(found)
+    return np.concatenate(found) if found else np.zeros(0)
+
+
+def _mirrored(x: Reals, reach: int) -> Reals:
+    """A signal with its mirror image through either end, as often as it takes."""
+    return np.asarray(np.pad(x, reach, mode="reflect", reflect_type="odd"), np.float64)
+
+
+def _kernel(away: Reals) -> Reals:
+    inside = np.clip(1 - (away / REACH) ** 2, 0.0, None)
+    shown = np.abs(away) < REACH
+    return np.sinc(away) * np.i0(BETA * np.sqrt(inside)) / np.i0(BETA) * shown
+
+
+def at_rate(x: Reals, fs: float, wanted: float) -> tuple[Reals, str]:
+    """Even samples at another rate that is not higher, and what was done to them in words."""
+    if wanted > fs * (1 + 2e-5):
+        raise DataError(
+            f"`resample` must be at most the channel's sampling frequency, {fs:.7g} Hz, but is "
+            f"{wanted:g} Hz.",
+            why="Above half of that frequency nothing was measured.",
+            remedy=f"Put under [[test]]: `resample = {fs:.9g}`, or less.",
+        )
+    size = int(np.floor((len(x) - 1) * wanted / fs * (1 + 1e-12))) + 1
+    ratio = max(fs / wanted, 1.0)
+    if len(x) < 2 * REACH * ratio:
+        raise DataError(
+            f"{len(x)} samples are too few to be resampled from {fs:g} to {wanted:g} Hz.",
+            remedy="Measure longer, or at one rate.",
+        )
+    y = interpolated(x, np.arange(size) * (fs / wanted), ratio)
+    lost = np.sqrt(max(0.0, 1 - np.var(y) / max(float(np.var(x)), 1e-300)))
+    return y, (
+        f"from {fs:.7g} to {wanted:.7g} Hz, to 3e-05 below {PASSED * wanted / 2:.4g} Hz; "
+        f"{100 * lost:.2g} % of its rms lay above"
+    )
+
+
+def from_uneven(x: Reals, time: Reals, wanted: float) -> tuple[Reals, str]:
+    """Uneven samples at an even rate, and the error of that in words."""
+    usual = 1 / float(np.median(np.diff(time)))
+    if wanted > ABOVE * usual:
+        raise DataError(
+            f"`resample` must be at most the usual sampling frequency, {usual:.5g} Hz, but is "
+            f"{wanted:g} Hz.",
+            why="Above half of that frequency nothing was measured.",
+            remedy=f"Put under [[test]]: `resample = {proposed_rate(time):.9g}`, or less.",
+        )
+    span = float(time[-1] - time[0])
+    pause = float(np.max(np.diff(time)))
+    rate = min(SHARE * (len(time) - 1) / span, 1 / pause, wanted)
+    at = np.arange(int(np.floor(span * wanted * (1 + 1e-12))) + 1) / wanted
+    out = np.arange(len(time)) % HELD_OUT == HELD_OUT // 2
+    _, met = _band_limited(x[~out], time[~out] - time[0], rate, time[out] - time[0])
+    error = float(np.std(met - x[out]) / max(float(np.std(x[out])), 1e-300))
+    if not error < LARGEST_ERROR:
+        raise DataError(
+            f"Samples that a signal below {PASSED * rate / 2:.4g} Hz was found without are missed "
+            f"by {100 * error:.3g} % of their rms.",
+            why=f"The samples are {1e3 * pause:.3g} ms apart where they are fewest, which leaves "
+            "no more of the signal.",
+            remedy="Keep a part without pauses with span = [first second, last second], or measure "
+            "at a higher rate.",
+        )
+    y, _ = _band_limited(x, time - time[0], rate, at)
+    return y, (
+        f"from uneven samples of some {usual:.4g} Hz to {wanted:.7g} Hz, below "
+        f"{PASSED * rate / 2:.4g} Hz; samples held out are met to {100 * error:.2g} % of the rms, "
+        "their noise included"
+    )
+
+
+def proposed_rate(time: Reals) -> float:
+    """A rate of three digits to which uneven samples may be resampled [Hz]: their usual one."""
+    return float(f"{1 / float(np.median(np.diff(time))):.3g}")
+
+
+def _band_limited(x: Reals, time: Reals, rate: float, at: Reals) -> tuple[Reals, Reals]:
+    """Values of the band-limited signal through uneven samples, and those at further instants."""
+    last = max(float(time[-1]), float(at[-1]))
+    size = int(np.ceil(last * rate)) + 1
+    mean, scale = float(np.mean(x)), float(np.std(x)) or 1.0
+    values = np.zeros(size + 2 * REACH)
+    for first, end in _blocks(size):
+        low, high = (first - REACH) / rate, (end + REACH) / rate
+        rows = (time >= low) & (time <= high)
+        matrix = _matrix(time[rows] * rate - first + REACH, end - first + 2 * REACH)
+        solved = scipy.sparse.linalg.lsmr(
+            matrix, (x[rows] - mean) / scale, damp=DAMPED, atol=1e-10, btol=1e-10, maxiter=400
+        )[0]
+        inner = OVERLAP // 2 if first else 0
+        values[first + inner : end + 2 * REACH] = solved[inner:]
+    found = np.concatenate([
+        _matrix(at[i : i + CHUNK] * rate + REACH, len(values)) @ values
+        for i in range(0, len(at), CHUNK)
+    ])  # fmt: skip
+    return mean + scale * values, mean + scale * found
+
+
+def _blocks(size: int) -> Iterator[tuple[int, int]]:
+    """Beginning and end of blocks that overlap."""
+    step = BLOCK - OVERLAP
+    for first in range(0, max(size - OVERLAP, 1), step):
+        yield first, min(first + BLOCK, size)
+
+
+def _matrix(place: Reals, size: int) -> scipy.sparse.csr_array:
+    """The kernel at places, a row each, over values of unit distance."""
+    whole = np.floor(place).astype(int)
+    columns = whole[:, None] + np.arange(1 - REACH, REACH + 1)
+    inside = (columns >= 0) & (columns < size)
+    weight = np.where(inside, _kernel(place[:, None] - columns), 0.0)
+    rows = np.broadcast_to(np.arange(len(place))[:, None], columns.shape)
+    picked = (weight[inside], (rows[inside], columns[inside]))
+    return scipy.sparse.csr_array(picked, shape=(len(place), size))
 
 
 def on_one_clock(record: Record, clock_ppm: float) -> Record:

@@ -206,7 +206,7 @@ def test_a_folder_that_may_not_be_written_names_the_way_round(tmp_path, capsys, 
 def test_ten_thousand_files_are_refused_without_reading_them(tmp_path, capsys, monkeypatch):
     for i in range(10_000):
         (tmp_path / f"take_{i}_left.npz").touch()
-    monkeypatch.setattr("jbw.campaign.draft.channels_of", lambda path: pytest.fail("was read"))
+    monkeypatch.setattr("jbw.campaign.draft.opened", lambda path: pytest.fail("was read"))
     code, told = refused(capsys, "init", tmp_path)
     assert code == 3
     assert "10000 measurement files of 10000 names" in told

@@ -56,7 +56,7 @@ def test_csv_in_utf16_and_without_header(tmp_path):
 @pytest.mark.fault(49)
 @pytest.mark.parametrize(
     "text",
-    ["1.5\n2.5\n3.5\n", "1,5\n2,5\n3,5\n", '"1,5","2,5"\n"1,6","2,6"\n', "a;b\n1.234,5;2\n", "hi"],
+    ["1,5\n2,5\n3,5\n", '"1,5","2,5"\n"1,6","2,6"\n', "a;b\n1.234,5;2\n", "hi"],
 )
 def test_csv_that_could_be_misread_is_refused(tmp_path, text):
     path = tmp_path / "a.csv"

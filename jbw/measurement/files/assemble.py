@@ -9,11 +9,19 @@ import numpy as np
 from jbw.errors import ConfigError, DataError, naming
 from jbw.measurement.channels import Reals
 from jbw.measurement.files.paths import select
-from jbw.measurement.files.sampling import Repeats, Wanted, cut, rows_of, sampling_of
-from jbw.measurement.files.tree import Contents, Leaf, names
+from jbw.measurement.files.sampling import (
+    MINE,
+    Repeats,
+    Wanted,
+    cut,
+    on_even_grid,
+    rows_of,
+    sampling_of,
+)
+from jbw.measurement.files.tree import WHOLE, Contents, Leaf, names
 from jbw.measurement.records import INPUTS, QUANTITIES, RESPONSES, ROLES, Record, si_of
 from jbw.measurement.steady_lines import lines_removed, without_lines
-from jbw.units import TORSION, plain, si_unit
+from jbw.units import TORSION, decibels, plain, si_unit
 
 LARGEST_GAIN = 30.0  # exponent: 1e13, beyond what any converter resolves
 TURNING = {si_unit(quantity) for quantity in TORSION}
@@ -23,7 +31,11 @@ CENTRED = (*INPUTS, *RESPONSES, "restoring_force")  # roles whose mean may be ta
 def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> tuple[Record, ...]:
     """Records of an open file in SI, one a repeat; what was done to them is in the provenance."""
     sources = _sources(contents, wanted)
-    fs, said = sampling_of(contents, sources, wanted)
+    fs, said = (
+        (wanted.resample, f"{wanted.resample:.10g} Hz, to which it is resampled")
+        if wanted.resample and "frequency" not in sources
+        else sampling_of(contents, sources, wanted)
+    )
     part = cut(fs, wanted.span)
     provenance = {"path": str(path), "sha256": digest, "reader": contents.reader, "fs": said}
     provenance |= contents.notes
@@ -32,17 +44,28 @@ def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> t
     for role, items in sources.items():
         if role == "time":
             continue
-        unit = _unit(role, items[0].unit, wanted)
+        unit, against = _unit(role, items[0].unit, wanted)
+        reference, unit = decibels(unit) or (0.0, unit)
         factor, units[role], source = si_of(role, unit)
         factor *= _calibration(role, contents.reader, wanted)
         is_curve = "frequency" in sources and role in RESPONSES
-        rows = [row for item in items for row in rows_of(item, role, wanted, part, curve=is_curve)]
+        read = WHOLE if wanted.resample else part
+        rows = [row for item in items for row in rows_of(item, role, wanted, read, curve=is_curve)]
+        if wanted.resample and "frequency" not in sources:
+            rows, done = on_even_grid(rows, items[0], contents, sources, wanted)
+            rows = [row[part] for row in rows]
+            provenance[f"resampled {role}"] = done
+        if reference:
+            rows = [reference * 10 ** (_of_amplitudes(row, role, is_curve) / 20) for row in rows]
+            provenance[f"decibels of {role}"] = f"0 dB is {reference:g} {unit}"
         # Most files are in SI already: no copy of a long record then.
         rows = rows if factor == 1.0 else [row * factor for row in rows]
         if items[0].start_s is not None:
             provenance[f"start of {role}"] = f"{items[0].start_s:.9g} s"
         provenance[f"channel of {role}"] = (wanted.channels or {}).get(role, role)
         provenance[f"unit of {role}"] = unit if factor == 1.0 else f"{unit}, times {factor:.10g}"
+        if against:
+            provenance[f"unit of {role}"] += f", by the campaign, against `{against}` of the file"
         if wanted.remove_mean and role in CENTRED:
             means = [float(row.mean()) for row in rows]
             rows = [row - mean for row, mean in zip(rows, means, strict=True)]
@@ -83,7 +106,24 @@ def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> t
         provenance["conjugate"] = "phase turned, from exp(-j omega t) to exp(j omega t)"
     if wanted.span:
         provenance["span"] = f"{wanted.span[0]:g}-{wanted.span[1]:g} s"
+    if wanted.resample and "frequency" not in sources:
+        channels = _of_one_length(channels)
     return _repeats(channels, Record(fs, {}, units, path.name, provenance))
+
+
+def _of_one_length(channels: Mapping[str, Repeats]) -> dict[str, Repeats]:
+    """Resampled channels without what some have beyond the end of others."""
+    size = min(len(row) for rows in channels.values() for row in rows)
+    return {role: [row[:size] for row in rows] for role, rows in channels.items()}
+
+
+def _of_amplitudes(row: Reals, role: str, is_curve: bool) -> Reals:
+    if not is_curve or np.iscomplexobj(row):
+        raise DataError(
+            f"role `{role}` is in decibels, which only the real amplitudes of a measured FRF are.",
+            remedy="Export its linear values.",
+        )
+    return row
 
 
 def _require_one_motion(units: Mapping[str, str]) -> None:
@@ -134,8 +174,11 @@ def _repeats(channels: Mapping[str, Repeats], record: Record) -> tuple[Record, .
     )
 
 
-def _unit(role: str, stated: str, wanted: Wanted) -> str:
-    """The unit that the caller gives, which must not contradict the one that the file states."""
+def _unit(role: str, stated: str, wanted: Wanted) -> tuple[str, str]:
+    """The unit of a role, and the one that the file states where the caller's counts instead.
+
+    The caller's must not contradict the file's, unless he says that his are right.
+    """
     given = wanted.units.get(role, "")
     if not (given or stated):
         raise ConfigError(
@@ -143,14 +186,19 @@ def _unit(role: str, stated: str, wanted: Wanted) -> str:
             why="A wrong unit gives a wrong joint without any sign of it.",
             remedy=f'Say it: units = {{ {role} = "..." }}.',
         )
-    if given:
+    bare = decibels(given) is None
+    if given and bare:
         si_of(role, given)  # an unknown unit is the first thing to say
-    if given and stated and plain(given) != plain(stated):
+    contradicts = bool(given and stated) and plain(given) != plain(stated)
+    if contradicts and wanted.units_are == "mine":
+        return given, stated
+    # Of decibels the file says that they are such, and the campaign what 0 dB stands for.
+    if contradicts and not (plain(stated).lower() == "db" and not bare):
         raise DataError(
             f"role `{role}` is in `{given}` by the campaign but in `{stated}` by the file.",
-            remedy="Correct whichever is wrong; the file's own unit needs no mention.",
+            remedy=MINE,
         )
-    return given or stated
+    return given or stated, ""
 
 
 def _calibration(role: str, reader: str, wanted: Wanted) -> float:

@@ -1,6 +1,7 @@
-"""Text columns in their dialects: delimiter, decimal comma, header lines, byte order marks."""
+"""Text columns in their dialects: delimiter, decimal mark, names, units, footers, lost cells."""
 
 import io
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -8,14 +9,23 @@ from itertools import takewhile
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
-from jbw.errors import DataError
-from jbw.measurement.files.tree import Contents, Node, leaf
-from jbw.units import FACTORS, plain, titled
+from jbw.errors import DataError, JbwError
+from jbw.measurement.channels import Reals
+from jbw.measurement.files.cells import is_lost, since_first, stamp, ungrouped
+from jbw.measurement.files.sampling import sampling_frequency
+from jbw.measurement.files.tree import Contents, Leaf, Node, Opaque, leaf
+from jbw.measurement.recorders import of_lines
+from jbw.measurement.recorders.facts import is_time, rate_in
+from jbw.units import factor_of, is_unit, titled
 
-WORDS = {None: "spaces", "\t": "tab", ";": "semicolon", ",": "comma"}
+WORDS = {None: "spaces", "\t": "tab", ";": "semicolon", ",": "comma", "|": "stroke"}
 LOOKED_AT = 400  # lines, to find the dialect
 LEAST_LINES = 2  # of numbers, before a dialect is believed
+HEADED = 6  # lines above a table, among which names and units are looked for
+SEPARATOR = re.compile(r'\s*"?sep\s*=\s*(\\t|.)"?\s*$', re.IGNORECASE)  # for spreadsheets
+NO_UNIT = ("-", "--", "none", "1", "[-]", "(-)", "[]", "()")  # in a row of units
 
 
 @dataclass(frozen=True)
@@ -26,34 +36,38 @@ class Dialect:
     decimal: str  # decimal mark
     first: int = 0  # line of the first numbers, counted from zero
     columns: int = 0  # fields in a line
+    trailing: bool = False  # a delimiter ends every line
 
     def fields(self, line: str) -> list[str]:
-        """Fields of a line, without quotes; a delimiter at its end begins none."""
-        fields = [text.strip().strip('"') for text in line.split(self.delimiter)]
-        return fields[:-1] if self.delimiter and len(fields) > 1 and not fields[-1] else fields
+        """Fields of a line, without quotes; a delimiter that ends every line begins none."""
+        fields = [text.strip().strip('"').strip() for text in line.split(self.delimiter)]
+        return fields[:-1] if self.trailing and len(fields) > 1 and not fields[-1] else fields
 
     def is_number(self, text: str) -> bool:
         """Whether a field is a number; a point beside a decimal comma makes it none."""
-        if self.decimal == ",":
-            text = text.replace(".", "?").replace(",", ".")
         try:
-            float(text)
+            float(ungrouped(text, self.decimal))
         except ValueError:
             return False
-        return True
+        return "_" not in text  # which Python would read
+
+    def is_cell(self, text: str) -> bool:
+        """Whether a field is a number, a date or time, or stands for a lost sample."""
+        return self.is_number(text) or is_lost(text) or stamp(text) is not None
 
     def has_decimals(self, fields: Sequence[str]) -> bool:
         """Whether a field is a number with decimals, as no column's number is."""
         return any(self.decimal in text and self.is_number(text) for text in fields)
 
     def width(self, line: str) -> int:
-        """Numbers in a line; 0 when some field is no number, -1 when the line is blank."""
+        """Cells in a line; 0 when some field is none, or all are lost; -1 when it is blank."""
         if not line.strip():
             return -1
-        if any(text.count('"') % 2 for text in line.split(self.delimiter)):
+        if '"' in line and any(text.count('"') % 2 for text in line.split(self.delimiter)):
             return 0  # the delimiter cuts a quoted field, such as "1,5"
         fields = self.fields(line)
-        return len(fields) if all(map(self.is_number, fields)) else 0
+        is_row = all(map(self.is_cell, fields)) and not all(map(is_lost, fields))
+        return len(fields) if is_row else 0
 
     def digits(self, line: str) -> tuple[int, int, int]:
         """Length of a line without signs, and digits of its last number's fraction and exponent."""
@@ -65,8 +79,8 @@ class Dialect:
 
 DIALECTS = tuple(
     Dialect(*marks)
-    for marks in (("\t", "."), ("\t", ","), (";", "."), (";", ","), (",", "."), (None, "."),
-                  (None, ","))
+    for marks in (("\t", "."), ("\t", ","), (";", "."), (";", ","), (",", "."), ("|", "."),
+                  (None, "."), (None, ","))
 )  # fmt: skip
 
 
@@ -75,32 +89,65 @@ def contents(path: Path) -> Iterator[Contents]:
     """Open a text file of columns; without a header they are `column[0]`, `column[1]`, ..."""
     text = _decode(path.read_bytes())
     lines = text.splitlines()
-    dialect = sniff(lines[:LOOKED_AT], path.name)
+    found = of_lines(lines, path)
+    yield found or table(lines, path, is_ended=text.endswith(("\n", "\r")))
+
+
+def table(
+    lines: Sequence[str],
+    path: Path,
+    *,
+    is_ended: bool = True,
+    names: Sequence[str] | None = None,
+    units: Sequence[str] | None = None,
+    fs: float | None = None,
+    dialect: Dialect | None = None,
+) -> Contents:
+    """The one table of a text; what its recorder knows of it in the place of what its lines say.
+
+    Args:
+        lines: Of the file, or what its recorder makes of them.
+        path: Of the file, for messages.
+        is_ended: Whether the last line ends.
+        names: Of all columns; by default from the lines above the table.
+        units: The same.
+        fs: Sampling frequency [Hz]; by default from the lines above the table, if they state one.
+        dialect: How the numbers are written, where that is known.
+    """
+    separator = SEPARATOR.match(lines[0].lstrip("\ufeff")) if lines else None
+    lines = lines[1:] if separator else lines
+    mark = separator[1].replace("\\t", "\t") if separator else ""
+    dialect = dialect or sniff(lines[:LOOKED_AT], path.name, mark)
     header, body = lines[: dialect.first], lines[dialect.first :]
     _refuse_broken(header, dialect, path)
-    _refuse_cut(text, body, dialect, path)
-    rows = "\n".join(line.rstrip(dialect.delimiter) for line in body).replace('"', "")
-    rows = rows.replace(",", ".") if dialect.decimal == "," else rows
-    # A short or broken line raises with its number.
-    table = np.loadtxt(io.StringIO(rows), delimiter=dialect.delimiter, comments=None, ndmin=2)
-    root: dict[str, Node] = {"column": leaf(table.T)}
-    root |= {name: leaf(table[:, i], unit=unit) for i, name, unit in _named(header, dialect)}
+    body, footer = _without_footer(body, dialect)
+    if not is_ended and not footer:
+        _refuse_cut(body, dialect, path)
+    columns = _columns(body, dialect, path)
+    titles, stated = _titles(header, dialect)
+    titles = list(names) if names is not None else titles
+    stated = list(units) if units is not None else stated
     notes = {
-        "delimiter": WORDS[dialect.delimiter],
+        "delimiter": WORDS.get(dialect.delimiter, str(dialect.delimiter)),
         "decimal mark": dialect.decimal,
-        "header lines": str(dialect.first),
-    }
-    yield Contents(root, "CSV", notes=notes)
+        "header lines": str(dialect.first + bool(separator)),
+    } | ({"footer": f"{len(footer)} lines left out"} if footer else {})
+    root, series = _tree(columns, titles, stated)
+    fs = rate_in(header) if fs is None else fs
+    return Contents(root, "CSV", fs=fs, notes=notes, series=series)
 
 
-def sniff(lines: Sequence[str], file: str) -> Dialect:
-    """The dialect that reads most of the first lines as numbers, in at least two columns."""
-    count, dialect = max((_trial(lines, marks) for marks in DIALECTS), key=lambda found: found[0])
+def sniff(lines: Sequence[str], file: str, mark: str = "") -> Dialect:
+    """The dialect that reads most of the first lines as numbers; one column of points alone."""
+    among = [marks for marks in DIALECTS if not mark or marks.delimiter == mark] or DIALECTS
+    count, dialect = max((_trial(lines, marks) for marks in among), key=lambda found: found[0])
+    if count < LEAST_LINES:
+        count, dialect = _one_column(lines)
     if count < LEAST_LINES:
         shown = " | ".join(line[:60] for line in lines[:3])
         raise DataError(
             f"File `{file}` does not read as two or more columns of numbers; it begins: {shown!r}.",
-            why="A single column is usually a wrong delimiter or decimal mark.",
+            why="A single column is read where its numbers hold a decimal point and nothing else.",
             remedy="Export columns with a tab or a semicolon between, and a decimal point.",
         )
     if _is_ambiguous(lines, dialect):
@@ -114,13 +161,46 @@ def sniff(lines: Sequence[str], file: str) -> Dialect:
 
 def _trial(lines: Sequence[str], marks: Dialect) -> tuple[int, Dialect]:
     """Lines that read as numbers in the last block of one width, and the dialect if believed."""
+    rows = [line for line in lines if marks.width(line) > 1]
+    ended = marks.delimiter is not None and rows and all(
+        line.rstrip().endswith(marks.delimiter.strip() or marks.delimiter) for line in rows
+    )  # fmt: skip
+    marks = replace(marks, trailing=bool(ended))
     widths = [marks.width(line) for line in lines]
-    while widths and widths[-1] < 0:  # blank lines at the end
-        widths.pop()
+    while widths and (widths[-1] < 0 or (widths[-1] == 0 and _is_label(lines[len(widths) - 1]))):
+        widths.pop()  # blank lines and statistics at the end
     columns = widths[-1] if widths else 0
     count = len(list(takewhile(lambda width: width == columns, reversed(widths))))
     dialect = replace(marks, first=len(widths) - count, columns=columns)
     return count if columns > 1 else 0, dialect
+
+
+def _one_column(lines: Sequence[str]) -> tuple[int, Dialect]:
+    """The same of lines that hold a number each, with a decimal point and nothing that divides."""
+    marks = Dialect(None, ".")
+    widths = [0 if re.search("[,;\t]", line) else marks.width(line) for line in lines]
+    while widths and widths[-1] < 0:
+        widths.pop()
+    count = len(list(takewhile(lambda width: width == 1, reversed(widths))))
+    first = len(widths) - count
+    is_decimal = any(marks.has_decimals([line.strip()]) for line in lines[first : len(widths)])
+    return count if is_decimal else 0, replace(marks, first=first, columns=1)
+
+
+def _is_label(line: str) -> bool:
+    """Whether a line begins with a word, as that of a statistic below a table does."""
+    first = line.strip().strip('"#*%')
+    return bool(re.match(r"\s*[^\W\d_]{2,}", first)) and not is_lost(first.split(";")[0])
+
+
+def _without_footer(body: Sequence[str], dialect: Dialect) -> tuple[list[str], list[str]]:
+    """Rows, and the lines below them that begin with a word: maxima, means, an end mark."""
+    end = len(body)
+    while end and (not body[end - 1].strip() or _is_label(body[end - 1])):
+        if body[end - 1].strip() and dialect.width(body[end - 1]) == dialect.columns:
+            break
+        end -= 1
+    return list(body[:end]), [line for line in body[end:] if line.strip()]
 
 
 def _is_ambiguous(lines: Sequence[str], dialect: Dialect) -> bool:
@@ -164,9 +244,9 @@ def _refuse_broken(header: Sequence[str], dialect: Dialect, path: Path) -> None:
         )
 
 
-def _refuse_cut(text: str, body: Sequence[str], dialect: Dialect, path: Path) -> None:
+def _refuse_cut(body: Sequence[str], dialect: Dialect, path: Path) -> None:
     """A last line without its end, with fewer digits than all others: some may be lacking."""
-    if text.endswith(("\n", "\r")) or len(body) < 2:
+    if len(body) < 2:
         return
     last, *others = map(dialect.digits, (body[-1], *body[:-1]))
     if any(own < min(column) for own, column in zip(last, zip(*others, strict=True), strict=True)):
@@ -178,22 +258,197 @@ def _refuse_cut(text: str, body: Sequence[str], dialect: Dialect, path: Path) ->
         )
 
 
-def _named(header: Sequence[str], dialect: Dialect) -> Iterator[tuple[int, str, str]]:
-    """Columns with their names and units, from the last header lines of the table's width."""
-    rows = [dialect.fields(line.lstrip("#% ")) for line in header[-2:]]
+def _titles(header: Sequence[str], dialect: Dialect) -> tuple[list[str], list[str]]:
+    """Names and units of the columns, from the last lines of the table's width above it."""
+    lines = [line for line in header if line.strip()][-HEADED:]
+    rows = [_row(line, dialect) for line in lines]
     rows = [row for row in rows if len(row) == dialect.columns]
-    known = {unit for factors in FACTORS.values() for unit in factors}
-    has_units = len(rows) == 2 and all(plain(text.strip("[]()")) in known for text in rows[1])
-    titles = (rows[0] if has_units else rows[-1]) if rows else []
-    units = [text.strip("[]()") for text in rows[1]] if has_units else [""] * len(titles)
-    if not has_units and titles:
-        parts = [titled(title) for title in titles]
-        alone = len({name for name, _ in parts}) == len(parts)
-        titles, units = zip(*parts, strict=True) if alone else (titles, units)
-    for i, (title, unit) in enumerate(zip(titles, units, strict=True)):
+    units: list[str] = []
+    while rows:
+        *rows, last = rows
+        if not units and _are_units(last) and (rows or len(last) == 1):
+            units = ["" if text.lower() in NO_UNIT else text.strip("[](){} ") for text in last]
+        elif not any(text and not dialect.is_number(text) for text in last):
+            if any(text.strip() for text in last) and not rows:
+                return last, units or [""] * len(last)  # numbers may name the columns too
+        else:
+            parts = [titled(title) for title in last]
+            alone = len({name for name, _ in parts}) == len(parts) or _names_times(last)
+            if not alone:
+                return last, units or [""] * len(last)
+            behind = [unit for _, unit in parts]
+            return [name for name, _ in parts], units or behind
+    return [], []
+
+
+def _row(line: str, dialect: Dialect) -> list[str]:
+    """Fields of a line above the table, whose delimiter may be written behind all, or not."""
+    fields = dialect.fields(line.lstrip("#% "))
+    extra = len(fields) == dialect.columns + 1 and not fields[-1] and dialect.delimiter
+    return fields[:-1] if extra else fields
+
+
+def _are_units(row: Sequence[str]) -> bool:
+    """Whether a row holds units, one of them at least, and nothing else but signs of none."""
+    bare = [text.strip("[](){} ") for text in row]
+    known = [is_unit(text) or bool(re.fullmatch(r"EU|%|Pa|[a-z]?C|degC|K|bar|psi", text))
+             for text in bare]  # fmt: skip
+    empty = [not text or text.lower() in NO_UNIT for text in bare]
+    return any(known) and all(k or e for k, e in zip(known, empty, strict=True))
+
+
+def _names_times(row: Sequence[str]) -> bool:
+    """Whether several columns of a row are times, which may be called alike."""
+    return sum(is_time(titled(title)[0]) for title in row) > 1
+
+
+def _columns(body: Sequence[str], dialect: Dialect, path: Path) -> list[Reals]:
+    """The columns of a table, lost samples as NaN; a ValueError names a line that breaks it."""
+    rows = "\n".join(
+        line.rstrip().rstrip(dialect.delimiter) if dialect.trailing else line for line in body
+    ).replace('"', "")
+    rows = rows.replace(",", ".") if dialect.decimal == "," else rows
+    try:
+        if dialect.decimal == "," and any("." in line for line in body[:LOOKED_AT]):
+            raise ValueError("grouped digits")
+        whole = np.loadtxt(io.StringIO(rows), delimiter=dialect.delimiter, comments=None, ndmin=2)
+    except ValueError:
+        return _cell_by_cell(body, dialect)
+    if whole.shape[1] != dialect.columns:
+        raise ValueError(f"{whole.shape[1]} columns in place of {dialect.columns}")
+    return list(whole.T)
+
+
+def _cell_by_cell(body: Sequence[str], dialect: Dialect) -> list[Reals]:
+    """The same of a table with lost cells, grouped digits, dates or times."""
+    cells: list[list[str]] = []
+    for i, line in enumerate(body):
+        if not line.strip():
+            continue
+        fields = dialect.fields(line)
+        if len(fields) != dialect.columns:
+            raise ValueError(
+                f"the number of columns changed from {dialect.columns} to {len(fields)} at row "
+                f"{i + 1}: {line[:60]!r}"
+            )
+        cells.append(fields)
+    columns = []
+    for k in range(dialect.columns):
+        texts = [row[k] for row in cells]
+        stamps = [stamp(text) for text in texts]
+        if any(stamps) and not any(dialect.is_number(text) for text in texts):
+            if bad := next((i for i, (s, x) in enumerate(zip(stamps, texts, strict=True))
+                            if s is None and not is_lost(x)), None):  # fmt: skip
+                raise ValueError(f"could not read the time {texts[bad][:40]!r} at row {bad + 1}")
+            columns.append(since_first(stamps))
+            continue
+        columns.append(np.array([_value(text, dialect, i, k) for i, text in enumerate(texts)]))
+    return columns
+
+
+def _value(text: str, dialect: Dialect, row: int, column: int) -> float:
+    if dialect.is_number(text):
+        return float(ungrouped(text, dialect.decimal))
+    if is_lost(text):
+        return float("nan")
+    raise ValueError(
+        f"could not convert string {text[:40]!r} to float64 at row {row}, column {column + 1}."
+    )
+
+
+def _tree(
+    columns: Sequence[Reals], titles: Sequence[str], units: Sequence[str]
+) -> tuple[dict[str, Node], dict[str, Leaf]]:
+    """Columns by number and by title; and those that were measured, by the path of each."""
+    titles = list(titles) if len(titles) == len(columns) else [""] * len(columns)
+    units = list(units) if len(units) == len(columns) else [""] * len(columns)
+    clocks = [i for i, title in enumerate(titles) if is_time(title)]
+    leaves = _on_own_clocks(columns, titles, units, clocks)
+    root: dict[str, Node] = {"column": _numbered(columns, leaves)}
+    series: dict[str, Leaf] = {}
+    for i, (title, one) in enumerate(zip(titles, leaves, strict=True)):
         # A name that is given twice would be a guess; its columns keep their numbers only.
-        if title and titles.count(title) == 1:
-            yield i, title, unit
+        alone = bool(title) and titles.count(title) == 1
+        if alone:
+            root[title] = one
+        series[title if alone else f"column[{i}]"] = one
+    return root, series
+
+
+def _numbered(columns: Sequence[Reals], leaves: Sequence[Leaf]) -> Node:
+    """The columns by their numbers: one table where all are alike, else one by one."""
+    if all(one.fs is None and not one.unit for one in leaves):
+        return leaf(np.stack(columns)) if columns else Opaque("empty")
+    found: NDArray[np.object_] = np.empty(len(leaves), dtype=object)
+    found[:] = leaves
+    return found
+
+
+def _on_own_clocks(
+    columns: Sequence[Reals], titles: Sequence[str], units: Sequence[str], clocks: Sequence[int]
+) -> list[Leaf]:
+    """Leaves of the columns, each of the rate of the column of times before it, if several are.
+
+    Cells that are empty below the end of a shorter column, and those between the samples of a
+    slower one, are no lost samples.
+    """
+    plain_leaves = [
+        replace(leaf(column), unit=unit, label=title)
+        for column, title, unit in zip(columns, titles, units, strict=True)
+    ]
+    if len(clocks) < 2:
+        return [_of_slower(one, columns, clocks) for one in plain_leaves]
+    found = []
+    for i, one in enumerate(plain_leaves):
+        own = max((k for k in clocks if k <= i), default=None)
+        if own is None:
+            found.append(one)
+            continue
+        time = columns[own]
+        size = _filled(time)
+        if _filled(columns[i]) > size:
+            raise ValueError(f"column {i + 1} is longer than its times, column {own + 1}")
+        one = replace(leaf(columns[i][:size]), unit=one.unit, label=one.label)
+        found.append(one if i == own else _timed(one, time[:size], units[own]))
+    return found
+
+
+def _filled(column: Reals) -> int:
+    """Length of a column without the empty cells at its end."""
+    there = np.flatnonzero(np.isfinite(column))
+    return int(there[-1]) + 1 if len(there) else 0
+
+
+def _timed(one: Leaf, time: Reals, unit: str) -> Leaf:
+    """A leaf with rate and start by its own times, where these are even."""
+    try:
+        seconds = time * factor_of(unit or "s", "time")
+        fs, _ = sampling_frequency(seconds)
+    except JbwError:  # uneven, or in no unit of time: nothing is stated then
+        return one
+    return replace(one, fs=fs, start_s=float(seconds[0]))
+
+
+def _of_slower(one: Leaf, columns: Sequence[Reals], clocks: Sequence[int]) -> Leaf:
+    """A channel that fills every k-th row only is one of a slower rate, by the table's times."""
+    values = np.asarray(one.array)
+    there = np.isfinite(values)
+    step = _stride(there)
+    if step < 2 or len(clocks) != 1:
+        return one
+    first = int(np.argmax(there))
+    time = columns[clocks[0]][first::step]
+    slow = replace(leaf(values[first::step]), unit=one.unit, label=one.label)
+    return _timed(slow, time, "s")
+
+
+def _stride(there: NDArray[np.bool_]) -> int:
+    """Distance of the rows that are filled, if all are as far apart; 1 where they are not."""
+    rows = np.flatnonzero(there)
+    if len(rows) < 3 or 2 * len(rows) > len(there) + 1:
+        return 1
+    steps = np.unique(np.diff(rows))
+    return int(steps[0]) if len(steps) == 1 and rows[0] < steps[0] else 1
 
 
 def _decode(data: bytes) -> str:

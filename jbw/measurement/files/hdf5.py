@@ -5,6 +5,7 @@ import os
 import struct
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +19,7 @@ from jbw.measurement.records import Record
 
 HEAP = b"GCOL\x01\0\0\0"  # signature, version, three bytes of nothing; then the heap's size
 HEAD = 16  # bytes of a heap's head, and of an object's
+MOST_TEXTS, MOST_FACTS = 256, 64  # that are looked at of an attribute, and of a dataset
 LEAST_HEAP = 4096  # bytes
 REACH = 2**26  # bytes looked through at either end of a file; samples lie between
 
@@ -27,7 +29,9 @@ def contents(path: Path) -> Iterator[Contents]:
     """Open an HDF5 file: groups are names, datasets stay on disk until loaded."""
     require_sound_heaps(path)
     with h5py.File(path, "r") as file:
-        yield Contents(group_tree(file, _node), "HDF5", fs=fs_of(file.attrs))
+        yield Contents(
+            group_tree(file, _node), "HDF5", fs=fs_of(file.attrs), attributes=facts_of(file.attrs)
+        )
 
 
 def write_hdf5(
@@ -110,6 +114,8 @@ def inside(dataset: h5py.Dataset) -> h5py.Dataset:
 def text_of(attributes: Mapping[str, Any], name: str) -> str:
     """An attribute as text."""
     value = attribute(attributes, name)
+    if isinstance(value, np.ndarray) and value.size <= MOST_TEXTS:
+        return _joined(value)
     return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
 
 
@@ -128,9 +134,39 @@ def _node(group: h5py.Group, name: str) -> Node:
 
 def _array(item: Any) -> Node:
     if not isinstance(item, h5py.Dataset) or not np.issubdtype(item.dtype, np.number):
-        return Opaque("not numeric", "Store the samples as a dataset of floats or integers.")
+        return Opaque("not numeric", "Store the samples as a dataset of floats or integers.",
+                      _texts(item))  # fmt: skip
     unit = text_of(item.attrs, "unit") or text_of(item.attrs, "units")
-    return leaf(inside(item), fs=fs_of(item.attrs), unit=unit)
+    unit = "" if item.ndim > 1 and "\n" in unit else unit  # one a channel: for a recorder
+    found = leaf(inside(item), fs=fs_of(item.attrs), unit=unit.partition(" since ")[0])
+    return replace(found, attributes=facts_of(item.attrs))
+
+
+def _texts(item: Any) -> str:
+    """Texts of a dataset of few, a line each; empty of anything else."""
+    is_text = isinstance(item, h5py.Dataset) and (
+        item.dtype.kind == "S" or h5py.check_string_dtype(item.dtype) is not None
+    )
+    if not is_text or item.shape is None or int(np.prod(item.shape)) > MOST_TEXTS:
+        return ""
+    return _joined(inside(item)[()]) if item.dtype.kind == "S" else _joined(item[()])
+
+
+def _joined(value: Any) -> str:
+    flat = np.ravel(np.asarray(value, dtype=object))
+    return "\n".join(x.decode("utf-8", "replace") if isinstance(x, bytes) else str(x) for x in flat)
+
+
+def facts_of(attributes: Mapping[str, Any]) -> dict[str, Any]:
+    """Attributes that are texts or numbers, by name; several texts are a line each."""
+    facts: dict[str, Any] = {}
+    for name in list(attributes)[:MOST_FACTS]:
+        value = attribute(attributes, name)
+        if np.size(value) > MOST_TEXTS:
+            continue
+        is_number = np.issubdtype(np.asarray(value).dtype, np.number)
+        facts[str(name)] = value if is_number else _joined(value)
+    return facts
 
 
 def _behind(group: h5py.Group, name: str, target: str) -> Node:

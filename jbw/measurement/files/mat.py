@@ -10,11 +10,22 @@ import h5py
 import numpy as np
 import scipy.io
 import scipy.sparse
+from numpy.typing import NDArray
 
 from jbw.errors import DataError
 from jbw.measurement.files import hdf5
 from jbw.measurement.files.mat_headers import require_sound
-from jbw.measurement.files.tree import MAX_BYTES, Contents, Leaf, Node, Opaque, cells, numeric
+from jbw.measurement.files.tree import (
+    LONGEST_TEXT,
+    MAX_BYTES,
+    Contents,
+    Leaf,
+    Node,
+    OnDemand,
+    Opaque,
+    cells,
+    numeric,
+)
 
 # What MATLAB keeps as its own objects: they hold no arrays that can be told from outside.
 OPAQUE = (
@@ -56,6 +67,16 @@ def _node(value: Any) -> Node:
     return numeric(np.asarray(value))
 
 
+def _complex73(item: Any) -> OnDemand:
+    """Complex numbers, which MATLAB keeps as compounds of `real` and `imag`."""
+
+    def read(index: Any) -> NDArray[np.complex128]:
+        parts = item[index]
+        return np.asarray(parts["real"] + 1j * parts["imag"], np.complex128)
+
+    return OnDemand(item.shape, np.dtype(np.complex128), read)
+
+
 def _node73(group: h5py.Group, name: str) -> Node:
     """A tree from MATLAB's conventions in HDF5: references for cells, axes in reverse."""
     link = group.get(name, getlink=True)
@@ -91,9 +112,23 @@ def _item73(item: Any) -> Node:
         shape = tuple(n for n in references.shape if n != 1)
         nodes = [_item73(item.file[reference]) for reference in references.ravel()]
         return cells(nodes, shape) if shape else nodes[0]
-    if of_class == "char" or not np.issubdtype(item.dtype, np.number):
-        return Opaque("text" if of_class == "char" else "not numeric")
+    axes = tuple(axis for axis in reversed(range(item.ndim)) if item.shape[axis] != 1)
+    if item.dtype.names == ("real", "imag"):
+        return Leaf(_complex73(hdf5.inside(item)), axes)
+    if of_class == "char":
+        return Opaque("text", text=_text73(item))
+    if not np.issubdtype(item.dtype, np.number):
+        return Opaque("not numeric")
     if hdf5.attribute(item.attrs, "MATLAB_empty"):
         return Opaque("empty")
-    axes = [axis for axis in reversed(range(item.ndim)) if item.shape[axis] != 1]
-    return Leaf(hdf5.inside(item), tuple(axes))
+    return Leaf(hdf5.inside(item), axes)
+
+
+def _text73(item: Any) -> str:
+    """Text of a char array of one row, which is stored as codes; empty if it is none."""
+    if not np.issubdtype(item.dtype, np.integer) or item.size > LONGEST_TEXT:
+        return ""
+    if hdf5.attribute(item.attrs, "MATLAB_empty"):
+        return ""
+    codes = np.ravel(hdf5.inside(item)[()])
+    return "".join(chr(code) for code in codes if 0 < code < 0xD800)

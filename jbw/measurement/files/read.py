@@ -17,6 +17,7 @@ from jbw.measurement.checks import Fault, inspect
 from jbw.measurement.files.assemble import records_of
 from jbw.measurement.files.sampling import Wanted
 from jbw.measurement.files.tree import Contents, Leaf, names
+from jbw.measurement.recorders import annotated
 from jbw.measurement.records import ROLES, Record
 
 # Suffix to the module that reads it, imported when first needed.
@@ -32,7 +33,7 @@ def register(module: str, *suffixes: str) -> None:
 register("jbw.measurement.files.mat", ".mat")
 register("jbw.measurement.files.hdf5", ".h5", ".hdf5", ".hdf", ".nc")
 register("jbw.measurement.files.npz", ".npz", ".npy")
-register("jbw.measurement.files.csv", ".csv", ".txt", ".tsv", ".dat", ".asc")
+register("jbw.measurement.files.csv", ".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm")
 register("jbw.measurement.files.wav", ".wav")
 register("jbw.measurement.files.uff", ".uff", ".unv")
 register("jbw.measurement.files.tdms", ".tdms")
@@ -120,7 +121,7 @@ def opened(path: Path) -> Iterator[Contents]:
     module = _reader_of(path)
     try:
         with import_module(module).contents(path) as contents:
-            yield contents
+            yield annotated(contents)
     except (JbwError, KeyboardInterrupt):
         raise
     except Exception as error:  # a damaged file may raise anything inside a reader

@@ -11,6 +11,7 @@ from jbw.errors import ConfigError, DataError
 from jbw.measurement.files.paths import select
 from jbw.measurement.files.tree import WHOLE, Contents, Leaf, load, names
 from jbw.measurement.records import si_of
+from jbw.measurement.resampled import at_rate, from_uneven
 from jbw.units import TIME, plain
 
 SLOWEST, FASTEST = 1e-6, 1e12  # [Hz] sampling frequencies that recorders have
@@ -18,6 +19,10 @@ REGULARITY = 1e-3  # of a sampling interval: the largest deviation of a sample f
 LOOSEST_SNAP = 2e-5  # relative: however coarse the times are printed
 SNAP = 5e-6  # relative: what six printed digits of a sampling interval lose
 
+MINE = (
+    "Correct whichever is wrong; the file's own unit needs no mention. Where the file is wrong, "
+    'put under [[test]]: `units_are = "mine"`.'
+)
 ADRIFT = 1.0  # intervals at most between a sample's time and its place
 EVEN = "Spectra and sampled inputs need even samples."
 Repeats = list[NDArray[np.float64]]
@@ -39,6 +44,8 @@ class Wanted:
     window_s: float | None = None
     lines_hz: tuple[float, ...] = ()
     conjugate: bool = False
+    resample: float | None = None  # [Hz], for channels of several rates or uneven clocks
+    units_are: str = "file"  # whose units count where the file's are others: "file", or "mine"
 
 
 def sampling_of(contents: Contents, sources: Sources, wanted: Wanted) -> tuple[float, str]:
@@ -74,13 +81,63 @@ def sampling_of(contents: Contents, sources: Sources, wanted: Wanted) -> tuple[f
             raise DataError(
                 f"sampling frequencies must agree, but {said} is {fs:.7g} Hz "
                 f"and {other} is {value:.7g} Hz.",
-                remedy="Name channels of one rate, or resample them where they were measured.",
+                remedy="Name channels of one rate, or put under [[test]] the rate to resample them "
+                f"to: `resample = {min(found.values()):.9g}`.",
             )
     if "time" not in sources:
         _agree_with_unused_time(contents, sources, wanted, fs)
     kept = snapped(fs) if wanted.fs is None else fs
     rounded = "" if kept == fs else f", snapped from {fs:.10g} Hz"
     return kept, f"{kept:.10g} Hz from {said}{rounded}"
+
+
+def on_even_grid(
+    rows: Repeats, item: Leaf, contents: Contents, sources: Sources, wanted: Wanted
+) -> tuple[Repeats, str]:
+    """Rows of a channel at the rate that the caller wants, and what was done to them in words."""
+    fs = wanted.resample or 0.0
+    found: Repeats = []
+    said = ""
+    for row in rows:
+        if not np.isfinite(row).all():
+            lost = int(np.flatnonzero(~np.isfinite(row))[0])
+            raise DataError(
+                f"samples that are resampled must be finite, but sample {lost} is not.",
+                remedy="Keep a part without lost samples, or export the record again.",
+            )
+        own, time = _own_clock(row, item, contents, sources, wanted)
+        y, said = at_rate(row, own, fs) if time is None else from_uneven(row, time, fs)
+        found.append(y)
+    return found, said
+
+
+def _own_clock(
+    row: NDArray[np.float64], item: Leaf, contents: Contents, sources: Sources, wanted: Wanted
+) -> tuple[float, NDArray[np.float64] | None]:
+    """Rate of a channel [Hz], or the times of its samples where these are uneven."""
+    if item.fs is not None:
+        return item.fs, None
+    for clock in sources.get("time", ()):
+        unit = clock.unit if wanted.units_are == "file" else ""
+        factor = si_of("time", unit or wanted.units.get("time", "") or clock.unit or "s")[0]
+        time = np.asarray(np.ravel(load(clock)), np.float64) * factor
+        if len(time) != len(row):
+            continue
+        if not np.isfinite(time).all() or np.any(np.diff(time) <= 0):
+            sampling_frequency(time)  # which refuses them by their places
+        try:
+            return sampling_frequency(time)[0], None
+        except DataError:
+            return 0.0, time
+    if wanted.fs is not None:
+        return _given(contents, wanted.fs)[0], None
+    if contents.fs is not None:
+        return contents.fs, None
+    raise DataError(
+        "the sampling frequency is missing.",
+        why="Nothing in the file gives it, and it cannot be guessed.",
+        remedy="Give fs = <Hz>, or name a time column: channels = { time = ... }.",
+    )
 
 
 def _agree_with_unused_time(
@@ -131,11 +188,12 @@ def _timed(sources: Sources, wanted: Wanted) -> dict[str, float]:
     timed = {}
     for item in sources.get("time", ()):
         given = wanted.units.get("time", "")
-        if given and item.unit and plain(given) != plain(item.unit):
+        mine = wanted.units_are == "mine"
+        if given and item.unit and plain(given) != plain(item.unit) and not mine:
             raise DataError(
                 f"role `time` is in `{given}` by the campaign but in `{item.unit}` by the file.",
                 why="The sampling frequency hangs on it.",
-                remedy="Correct whichever is wrong; the file's own unit needs no mention.",
+                remedy=MINE,
             )
         factor = si_of("time", given or item.unit or "s")[0]
         for row in rows_of(item, "time", wanted, exact=False):
@@ -182,6 +240,10 @@ def rows_of(
     return list(np.atleast_2d(loaded))
 
 
+def _usual(time: NDArray[np.float64]) -> float:
+    return float(f"{1 / float(np.median(np.diff(time))):.3g}")
+
+
 def snapped(fs: float, uncertainty: float = 0.0) -> float:
     """The multiple of 1 Hz, or of 0.1 Hz, that a rounded sampling frequency means, or itself."""
     # A file that keeps dt = 0.000976562 s means 1024 Hz, not 1024.0005 Hz: after 16 s the two are
@@ -214,7 +276,8 @@ def sampling_frequency(time: NDArray[np.floating], name: str = "time") -> tuple[
             f"Time channel `{name}` must be even within {REGULARITY:g} of an interval at "
             f"{fs:.6g} Hz, but sample {i} is {off[i]:.3g} off and the worst {off.max():.3g}.",
             why=EVEN,
-            remedy="Resample it to an even grid; a sampling frequency beside it would be wrong.",
+            remedy="A sampling frequency beside it would be wrong: put under [[test]] "
+            f"`resample = {_usual(time):.9g}`, which says the error that it makes.",
         )
     return fs, found
 
@@ -260,5 +323,6 @@ def _require_steps(time: NDArray[np.float64], rounding: float, name: str) -> Non
         raise DataError(
             f"Time channel `{name}` must be even, but has {len(gaps)} gap(s): {listed}.",
             why=EVEN,
-            remedy="Keep a part without gaps with span = [start, stop], or export it again.",
+            remedy="Keep a part without gaps with span = [start, stop], or put under [[test]] "
+            f"`resample = {1 / usual:.3g}`, which says the error that it makes.",
         )

@@ -6,6 +6,7 @@ import struct
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib import import_module
 from io import BufferedReader, FileIO
 from logging.handlers import BufferingHandler
@@ -124,4 +125,5 @@ def _node(channel: Any, start_s: float | None) -> Node:
     if start_s is not None:
         start_s += float(channel.properties.get(OFFSET) or 0.0)
     fs = 1 / interval if interval > 0 else None
-    return leaf(array, fs=fs, unit=unit.strip(), start_s=start_s)
+    found = leaf(array, fs=fs, unit=unit.strip(), start_s=start_s)
+    return replace(found, label=str(channel.properties.get("NI_ChannelName", "")))

@@ -16,6 +16,7 @@ from jbw.errors import DataError
 RATE = re.compile(
     r"(?:^|_)(?:fs|sampl(?:e|ing)_(?:frequency|freq|rate)|samplerate)(?:_?hz)?_*$", re.IGNORECASE
 )
+LONGEST_TEXT = 4096  # letters of a text in a file that are looked at
 MAX_BYTES = 4 * 2**30  # of one channel in memory: stops decompression bombs and slips
 WHOLE = slice(0, None)
 
@@ -63,7 +64,7 @@ class Opaque:
 
     kind: str  # what it is, for messages
     remedy: str = ""  # how to export it instead
-    text: str = ""  # what it says, if it is text
+    text: str = ""  # what it says, if it is text; of several texts a line each
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,10 @@ def numeric(array: NDArray[Any]) -> Leaf | Opaque:
     """Leaf of an array in memory, if it holds numbers."""
     if np.issubdtype(array.dtype, np.number):
         return leaf(array)
-    return Opaque("text" if np.issubdtype(array.dtype, np.character) else "not numeric")
+    if not np.issubdtype(array.dtype, np.character):
+        return Opaque("not numeric")
+    few = array.size <= LONGEST_TEXT and array.nbytes <= 64 * LONGEST_TEXT
+    return Opaque("text", text="\n".join(map(str, array.ravel())) if few else "")
 
 
 def cells(nodes: Sequence[Node], shape: tuple[int, ...]) -> NDArray[Any]:

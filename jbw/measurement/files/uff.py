@@ -2,8 +2,9 @@
 
 import os
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,19 @@ from jbw.errors import ConfigError, DataError
 from jbw.measurement.files.sampling import sampling_frequency
 from jbw.measurement.files.tree import Contents, Leaf, Node, cells, leaf, load, names, optional
 from jbw.measurement.records import Record
+from jbw.units import FACTORS, measured, plain
 
+# Specific data types of the format.
+SPECIFIC = {8: "displacement", 9: "force", 11: "velocity", 12: "acceleration", 13: "force"}
+BEHIND = {"displacement": "", "force": "", "velocity": "/s", "acceleration": "/s^2"}
+SYSTEMS = {
+    1: {"length": "m", "force": "N"}, 2: {"length": "ft", "force": "lbf"},
+    3: {"length": "m", "force": "kgf"}, 5: {"length": "mm", "force": "mN"},
+    7: {"length": "in", "force": "lbf"}, 8: {"length": "mm", "force": "kgf"},
+    10: {"length": "mm", "force": "N"},
+}  # fmt: skip
+SAME_FACTOR = 1e-5  # of a unit that has a name, as files round it
+MOST_PADDED = 5  # numbers that fill the last line of a set
 FREQUENCY_RESPONSE = 4  # function type of the format
 SET_58 = re.compile(rb"^ {4}-1 *\r?\n *58[ b]", re.MULTILINE)
 
@@ -30,37 +43,100 @@ def contents(path: Path) -> Iterator[Contents]:
             f"File `{path}` declares {declared} sets of type 58, but {len(sets)} can be read.",
             remedy="Export it again, as UFF 58 with time records.",
         )
-    nodes = [_node(one, f"{path.name}, set[{i}]") for i, one in enumerate(sets)]
-    titles = [str(one.get("id1", "")).strip() for one in sets]
+    system = next((one for one in every if one.get("type") == 164), {})
+    nodes = [_node(one, f"{path.name}, set[{i}]", system) for i, one in enumerate(sets)]
+    titles = _titles(sets)
     root: dict[str, Node] = {"set": cells(nodes, (len(nodes),))}
-    root |= {
+    alone = {
         title: node
         for title, node in zip(titles, nodes, strict=True)
         if title and titles.count(title) == 1
     }
-    yield Contents(root, "UFF 58")
+    series: dict[str, Leaf] = {}
+    for i, (title, node) in enumerate(zip(titles, nodes, strict=True)):
+        path_of = title if title in alone else f"set[{i}]"
+        series |= dict(names_of(node, path_of))
+    notes = {} if not system else {"units of set 164": str(system.get("units_code", ""))}
+    program = next((one for one in every if one.get("type") == 151), {})
+    facts = {"program": str(program.get("prog_name") or program.get("model_name") or "").strip()}
+    yield Contents(root | alone, "UFF 58", notes=notes, series=series, attributes=facts)
 
 
-def _node(found: Mapping[str, Any], where: str) -> Node:
-    data = np.asarray(found["data"])
-    if found.get("num_pts") not in (None, len(data)):
+def names_of(node: Node, path: str) -> Iterator[tuple[str, Leaf]]:
+    """The arrays of a set, by their paths."""
+    for name, item in names(node):
+        if isinstance(item, Leaf):
+            yield (f"{path}.{name}" if name else path), item
+
+
+def _stated(found: Mapping[str, Any], key: str) -> str:
+    """A text of a set; empty where it says NONE."""
+    text = str(found.get(key, "")).strip()
+    return "" if text.upper() == "NONE" else text
+
+
+def _titles(sets: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Names of the sets: their first line, or where that says nothing the label of the ordinate."""
+    firsts = [_stated(one, "id1") for one in sets]
+    labels = [_stated(one, "ordinate_axis_lab") for one in sets]
+    told = len(set(firsts)) > 1 or len(sets) == 1
+    return firsts if told and all(firsts) else labels
+
+
+def _node(found: Mapping[str, Any], where: str, system: Mapping[str, Any]) -> Node:
+    data, declared = np.asarray(found["data"]), found.get("num_pts")
+    x = np.asarray(found["x"])
+    if declared is not None and declared < len(data) <= declared + MOST_PADDED:
+        if not np.any(data[declared:]):  # zeros that fill the last line
+            data, x = data[:declared], x[:declared]
+    if declared not in (None, len(data)):
         raise DataError(
-            f"{where} declares {found['num_pts']} samples, but has {len(data)}.",
+            f"{where} declares {declared} samples, but has {len(data)}.",
             remedy="Copy the file again, or export it again.",
         )
-    unit = str(found.get("ordinate_axis_units_lab", "")).strip()
-    unit = "" if unit.upper() == "NONE" else unit
+    quantity = SPECIFIC.get(int(found.get("ordinate_spec_data_type") or 0), "")
+    unit = _unit_of(found, "ordinate", quantity, system)
+    label = _stated(found, "ordinate_axis_lab")
+    label = f"{quantity} {label}".strip() if quantity else label
     if found.get("func_type") == FREQUENCY_RESPONSE:
+        per = SPECIFIC.get(int(found.get("orddenom_spec_data_type") or 0), "")
+        below = _unit_of(found, "orddenom", per, system)
+        if unit and below and "/" + plain(below) not in plain(unit) and not _is_ratio(unit):
+            unit = f"({unit})/{below}"
         return {
-            "frequency": leaf(np.asarray(found["x"]), unit="Hz"),
-            "response": leaf(data, unit=unit),
+            "frequency": replace(leaf(x, unit="Hz"), label="frequency"),
+            "response": replace(leaf(data, unit=unit), label=label),
         }
     spacing, fs = float(found.get("abscissa_inc") or 0.0), None
     if spacing > 0:
         fs = 1 / spacing
-    elif len(found["x"]) > 1:  # uneven
-        fs, _ = sampling_frequency(np.asarray(found["x"]), f"{where}, abscissa")
-    return leaf(data, fs=fs, unit=unit)
+    elif len(x) > 1:  # uneven
+        fs, _ = sampling_frequency(x, f"{where}, abscissa")
+    start = float(found.get("abscissa_min") or 0.0)
+    return replace(leaf(data, fs=fs, unit=unit, start_s=start), label=label)
+
+
+def _is_ratio(unit: str) -> bool:
+    """Whether a unit is a response per force already, as `m/s^2/N` or `1/kg`."""
+    found = measured(plain(unit))
+    return found is not None and found[1][1] < 0
+
+
+def _unit_of(found: Mapping[str, Any], axis: str, quantity: str, system: Mapping[str, Any]) -> str:
+    """Unit of an axis by its label, else by what it measures and the system of units of set 164.
+
+    Numbers of the file are SI numbers times the factors of that set; where a factor contradicts
+    the code of the system, nothing is stated.
+    """
+    unit = _stated(found, f"{axis}_axis_units_lab")
+    if unit or not quantity or not system:
+        return unit
+    which = "force" if quantity == "force" else "length"
+    factor = float(system.get(which) or 0.0)
+    table = FACTORS["force" if which == "force" else "displacement"]
+    base = next((n for n, si in table.items() if abs(si * factor - 1) < SAME_FACTOR), "")
+    said = SYSTEMS.get(int(system.get("units_code") or 0), {}).get(which, base)
+    return base + BEHIND.get(quantity, "") if base and base == said else ""
 
 
 def write_uff(path: str | Path, record: Record) -> None:

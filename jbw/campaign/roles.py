@@ -1,0 +1,176 @@
+"""What the channels of a file are: by their names and labels, and by the units that it gives."""
+
+import re
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from typing import NamedTuple
+
+import numpy as np
+
+from jbw.errors import ConfigError
+from jbw.measurement.files.tree import Leaf, load
+from jbw.measurement.records import INPUTS, QUANTITIES, RESPONSES, ROLES, si_of
+from jbw.units import TORSION, plain, quantity_of, si_unit
+
+Leaves = Mapping[str, Leaf]
+# A channel's name to its role, most telling first.
+HINTS = (
+    (r"^t$|time(?!r)|zeit", "time"),
+    (r"restoring|friction", "restoring_force"),
+    (r"^freq|^f_?hz$|frequency|frequenz", "frequency"),
+    (r"phase|^phi$", "phase"),
+    (r"vel|laser|vib|^v$|ldv|geschwindigkeit", "velocity"),
+    (r"acc|beschl", "acceleration"),
+    (r"dis[pl]|lvdt|^[yx]$|pos|angle|rotation|twist|weg\b|auslenkung|stroke", "displacement"),
+    (r"force|load|^f$|torque|moment|kraft|hammer", "force"),
+    (r"input|shaker|volt|drive|source|amp|^u$|^v1$", "input"),
+)
+TURNED = r"angle|rotation|twist|torque|moment"  # in names of torsion
+STRONGER = 3.0  # times the first channel of a role, for another to be meant
+MOST_SAMPLES = 4_000_000  # of a channel that is looked at
+MOST_RADIANS = 7.0
+BY_QUANTITY = {
+    "force": "force", "torque": "force", "acceleration": "acceleration",
+    "angular acceleration": "acceleration", "velocity": "velocity",
+    "angular velocity": "velocity", "displacement": "displacement", "voltage": "input",
+    "current": "input", "force per mass": "input", "time": "time",
+}  # fmt: skip
+
+
+class Channel(NamedTuple):
+    """What one channel is taken for."""
+
+    path: str
+    unit: str  # as the file states it, or as its name does
+    default: str  # SI unit where nothing states one
+    guessed: bool = False  # by its unit alone
+
+
+def last_name(path: str) -> str:
+    """The last name of a path, without what follows in brackets."""
+    return re.split(r"[./]", re.sub(r"\[[^\]]*\]", "", path))[-1].lower()
+
+
+def channels_by_role(series: Leaves) -> dict[str, Channel]:
+    """Role to channel, by names, labels and units."""
+    named: dict[str, list[Channel]] = {}
+    rest: list[tuple[str, Leaf]] = []
+    for path, leaf in series.items():
+        texts = [text for text in (last_name(path), leaf.label.lower()) if text]
+        for text in texts:
+            if found := _by_text(path, text, leaf.unit):
+                role, channel = found
+                named.setdefault(role, []).append(channel)
+                break
+        else:
+            rest.append((path, leaf))
+    for path, leaf in rest:
+        role = _by_unit(leaf)
+        others = [each for _, each in rest if _by_unit(each) == role]
+        # Of several voltages none is known to be the source's.
+        if role and role not in named and not (role == "input" and len(others) > 1):
+            named[role] = [Channel(path, leaf.unit, "", True)]
+    roles = {role: _meant(many, series) for role, many in named.items()}
+    roles = _of_a_curve(roles, series)
+    if "phase" in roles and not roles["phase"].unit:
+        roles["phase"] = roles["phase"]._replace(default=_turns(series[roles["phase"].path]))
+    unanswered = roles.keys().isdisjoint(RESPONSES)
+    if unanswered and {"frequency", "phase", "force", "input"} <= set(roles):
+        # Beside a force and a phase, an amplitude is that of the response.
+        amplitude = roles.pop("input")
+        role = next((r for r in RESPONSES if _fits(r, amplitude.unit)), "acceleration")
+        roles[role] = amplitude._replace(default=si_unit(role))
+    return roles
+
+
+def _by_text(path: str, text: str, unit: str) -> tuple[str, Channel] | None:
+    """Role of a channel by a text, unless its unit says otherwise; None where unknown."""
+    by_name = [text] if text in ROLES else []
+    by_name += [role for pattern, role in HINTS if re.search(pattern, text)]
+    for role in by_name:
+        stated = unit or _behind(text, role)
+        if stated and not _fits(role, stated):
+            continue
+        turned = [q for q in QUANTITIES[role] if q in TORSION] if re.search(TURNED, text) else []
+        return role, Channel(path, stated, si_unit((turned or QUANTITIES[role])[0]))
+    return None
+
+
+def _fits(role: str, unit: str) -> bool:
+    with suppress(ConfigError):
+        if unit:
+            si_of(role, unit)
+            return True
+    return False
+
+
+def _behind(text: str, role: str) -> str:
+    """A unit at the end of a name, such as that of `disp_mm` or `frequency_Hz`; or none."""
+    for mark in range(len(text)):
+        if text[mark] != "_" or mark == 0:
+            continue
+        unit = text[mark + 1 :].replace("_", "/")
+        for written in (unit, unit.upper(), unit.capitalize(), unit[:1] + unit[1:].upper()):
+            with suppress(ConfigError):
+                quantity_of(written, QUANTITIES[role])
+                return plain(written)
+    return ""
+
+
+def _by_unit(leaf: Leaf) -> str:
+    """The role that the unit of a channel alone tells, or none."""
+    with suppress(ConfigError):
+        return BY_QUANTITY.get(quantity_of(leaf.unit), "") if leaf.unit else ""
+    return ""
+
+
+def _meant(channels: Sequence[Channel], series: Leaves) -> Channel:
+    """Of several channels of a role the first, unless another is much stronger."""
+    exact = [each for each in channels if last_name(each.path) in ROLES]
+    channels = exact or channels
+    if len(channels) == 1:
+        return channels[0]
+    sizes = [strength(series[each.path]) for each in channels]
+    strongest = int(np.argmax(sizes))
+    return channels[strongest if sizes[strongest] > STRONGER * sizes[0] else 0]
+
+
+def strength(leaf: Leaf) -> float:
+    """Standard deviation of a channel; 0 of one that is too long, or no series."""
+    if int(np.prod(leaf.shape, dtype=float)) > MOST_SAMPLES or len(leaf.shape) != 1:
+        return 0.0
+    samples = load(leaf)
+    return float(np.nanstd(samples)) if np.isfinite(samples).any() else 0.0
+
+
+def _turns(leaf: Leaf) -> str:
+    """Unit of phases that state none: a mode's, beyond more than a turn in radians, are degrees."""
+    samples = np.abs(load(leaf)) if leaf.shape and leaf.shape[0] <= MOST_SAMPLES else np.zeros(1)
+    return "deg" if float(np.nanmax(samples)) > MOST_RADIANS else "rad"
+
+
+def _of_a_curve(roles: dict[str, Channel], series: Leaves) -> dict[str, Channel]:
+    """Where a channel is complex, a real one that rises from a positive number is its frequency."""
+    is_complex = [p for p, leaf in series.items() if _is_complex(leaf)]
+    if not is_complex:
+        return roles
+    taken = {role: c for role, c in roles.items() if role not in ("time", *INPUTS)}
+    if "frequency" not in taken:
+        sizes = {series[p].shape for p in is_complex}
+        for path, leaf in series.items():
+            if path not in is_complex and leaf.shape in sizes and rises(leaf):
+                taken["frequency"] = Channel(path, leaf.unit, "Hz", True)
+                break
+    return taken
+
+
+def _is_complex(leaf: Leaf) -> bool:
+    return np.issubdtype(leaf.array.dtype, np.complexfloating)
+
+
+def rises(leaf: Leaf) -> bool:
+    """Whether a channel only ever increases, from no negative number."""
+    if len(leaf.shape) != 1 or leaf.shape[0] > MOST_SAMPLES:
+        return False
+    samples = load(leaf)
+    return bool(np.isrealobj(samples) and samples[0] >= 0 and np.all(np.diff(samples) > 0))

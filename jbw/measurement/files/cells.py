@@ -1,0 +1,77 @@
+"""Cells of a text table that are no plain number: lost samples, grouped digits, dates and times."""
+
+import re
+from collections.abc import Sequence
+
+import numpy as np
+
+from jbw.measurement.channels import Reals
+
+# Words that recorders write in the place of a sample that they lost, in lower case.
+LOST = frozenset(
+    ("", "-", "--", "---", "*", "nan", "n/a", "na", "#n/a", "null", "none", "nil", "ovl", "ovld",
+     "overload", "ovf", "overflow", "over", "missing", "lost", "invalid", "no data", "err",
+     "error", "#value!", "1.#qnan", "-1.#ind", "1.#inf", "?")
+)  # fmt: skip
+GROUPED = {
+    ".": re.compile(r"[-+]?\d{1,3}(?:[,' ]\d{3})+\.\d+(?:[eE][-+]?\d+)?"),
+    ",": re.compile(r"[-+]?\d{1,3}(?:[.' ]\d{3})+,\d+(?:[eE][-+]?\d+)?"),
+}
+CLOCK = r"(\d{1,2}):(\d{2})(?::(\d{2})(?:[.,:](\d{1,9}))?)?\s*([AaPp][Mm])?(?:Z|[+-]\d\d:?\d\d)?"
+DATES = (r"(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})", r"(\d{1,2})[./-](\d{1,2})[./-](\d{4}|\d{2})")
+STAMP = re.compile(rf"(?:(?:{DATES[0]}|{DATES[1]})(?:[ T,;_]+|$))?(?:{CLOCK})?")
+DAY = 86400.0
+
+
+def is_lost(text: str) -> bool:
+    """Whether a cell stands for a sample that is not there."""
+    return text.partition("(")[0].strip().lower() in LOST
+
+
+def ungrouped(text: str, decimal: str) -> str:
+    """A number without the marks between its thousands, and with a decimal point."""
+    if GROUPED[decimal].fullmatch(text):
+        return re.sub(r"[.' ]" if decimal == "," else r"[,' ]", "", text).replace(",", ".")
+    if decimal == ",":
+        return text.replace(".", "?").replace(",", ".")
+    return text
+
+
+def stamp(text: str) -> tuple[int, float] | None:
+    """Day and seconds in it of a date, a time of day, or both; None of anything else."""
+    if ":" not in text and text.count("-") + text.count(".") + text.count("/") < 2:
+        return None
+    found = STAMP.fullmatch(text.strip()) if 5 < len(text) <= 40 else None
+    if not found or not (found[7] or found[1] or found[4]):
+        return None
+    year, month, day = (int(x) for x in (found[1], found[2], found[3]) if x) if found[1] else (
+        (int(found[6]), int(found[5]), int(found[4])) if found[4] else (0, 1, 1)
+    )  # fmt: skip
+    if not (1 <= month <= 31 and 1 <= day <= 31):
+        return None
+    # Only differences count: whether a month or a day comes first matters at midnight alone.
+    days = 372 * year + 31 * month + day
+    if not found[7]:
+        return days, 0.0
+    hours, minutes, seconds = int(found[7]), int(found[8]), int(found[9] or 0)
+    if (found[11] or "").lower() == "pm" and hours < 12:
+        hours += 12
+    if (found[11] or "").lower() == "am" and hours == 12:
+        hours = 0
+    if minutes > 59 or seconds > 60 or hours > 24:
+        return None
+    part = int(found[10]) / 10 ** len(found[10]) if found[10] else 0.0
+    return days, hours * 3600.0 + minutes * 60.0 + seconds + part
+
+
+def since_first(stamps: Sequence[tuple[int, float] | None]) -> Reals:
+    """Seconds since the first of some stamps, past midnight too; NaN where one is missing."""
+    seconds = np.array([np.nan if each is None else each[1] for each in stamps])
+    days = np.array([0 if each is None else each[0] for each in stamps])
+    # Of a time of day alone, and of a date: the day after is the next one, whatever the month.
+    turned = np.concatenate([[0.0], np.cumsum(np.diff(days) != 0)])
+    plain = np.nan_to_num(seconds)
+    if not turned.any():
+        turned = np.concatenate([[0.0], np.cumsum(np.diff(plain) < -DAY / 2)])
+    first = seconds[np.isfinite(seconds)][:1]
+    return np.asarray(seconds + DAY * turned - (first[0] if len(first) else 0.0), np.float64)

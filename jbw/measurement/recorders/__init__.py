@@ -1,0 +1,55 @@
+"""The table of recorders: one file a recorder, found by being here.
+
+A module of this folder that defines `RECORDER`, or `RECORDERS`, is in the table; nothing else needs
+to be changed. Its docstring is its row in the documentation: a title, then lines such as `Known by:
+...`. They are loaded with the first file that is opened.
+"""
+
+import pkgutil
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+
+from jbw.measurement.files.tree import Contents
+from jbw.measurement.recorders.recorder import Recorder
+
+LOOKED_AT = 80  # lines of a text by which its recorder is known
+
+
+@cache
+def modules() -> tuple[str, ...]:
+    """Dotted names of the modules in the table."""
+    return tuple(
+        f"{__name__}.{found.name}"
+        for found in sorted(pkgutil.iter_modules(__path__), key=lambda found: found.name)
+        if found.name not in ("recorder", "facts")
+    )
+
+
+@cache
+def recorders() -> tuple[Recorder, ...]:
+    """All recorders, in the order of their files."""
+    found: list[Recorder] = []
+    for name in modules():
+        module = import_module(name)
+        found += getattr(module, "RECORDERS", None) or (module.RECORDER,)
+    return tuple(found)
+
+
+def of_lines(lines: Sequence[str], path: Path) -> Contents | None:
+    """What a text holds by its recorder's own rules; None where no recorder is known by it."""
+    head = lines[:LOOKED_AT]
+    for recorder in recorders():
+        if recorder.of_text and recorder.read_text and recorder.of_text(head):
+            return replace(recorder.read_text(lines, path), recorder=recorder.name)
+    return None
+
+
+def annotated(contents: Contents) -> Contents:
+    """An open file with what its recorder says of the channels; as it is where none is known."""
+    for recorder in recorders() if not contents.recorder else ():
+        if recorder.of and recorder.read and recorder.of(contents):
+            return replace(recorder.read(contents), recorder=recorder.name)
+    return contents

@@ -1,0 +1,120 @@
+"""What trees and preambles say in words: texts, numbers, rates, titles."""
+
+import math
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from jbw.measurement.files.tree import Leaf, Node, Opaque, load
+from jbw.units import is_unit, plain, titled
+
+MOST_VALUES = 4096  # that are read to learn one fact
+
+
+def node_at(node: Node | None, *names: str) -> Node | None:
+    """What lies at names within structs, or None."""
+    for name in names:
+        if not isinstance(node, Mapping) or name not in node:
+            return None
+        node = node[name]
+    return node
+
+
+def text_at(node: Node | None, *names: str) -> str:
+    """Text at names within structs; empty where there is none."""
+    found = node_at(node, *names)
+    return found.text.strip() if isinstance(found, Opaque) else ""
+
+
+def number_at(node: Node | None, *names: str) -> float:
+    """Number at names within structs, or as text there, perhaps with a decimal comma; else NaN."""
+    found = node_at(node, *names)
+    if isinstance(found, Leaf) and 0 < math.prod(found.shape) <= MOST_VALUES:
+        values = np.ravel(load(found))
+        return float(values[0]) if not np.iscomplexobj(values) else math.nan
+    return number_in(found.text) if isinstance(found, Opaque) else math.nan
+
+
+def number_in(text: Any) -> float:
+    """The number that a text begins with, `51200,0 Hz` too; NaN where it begins with none."""
+    found = re.match(r"\s*([-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?)", str(text)[:80])
+    try:
+        return float(found[1].replace(",", ".")) if found else math.nan
+    except ValueError:
+        return math.nan
+
+
+def rate_of(increment: float) -> float | None:
+    """Sampling frequency of an increment in seconds [Hz], if that is one."""
+    return 1 / increment if math.isfinite(increment) and increment > 0 else None
+
+
+def known(value: float) -> float | None:
+    """A number that is positive and finite, or None."""
+    return value if math.isfinite(value) and value > 0 else None
+
+
+def long_leaves(root: Node, least: int = 8) -> Iterator[tuple[str, Leaf]]:
+    """Top-level arrays of a tree that hold a series."""
+    if isinstance(root, Mapping):
+        for name, item in root.items():
+            if isinstance(item, Leaf) and max(item.shape, default=0) >= least:
+                yield str(name), item
+
+
+def stated(text: str, pattern: str) -> str:
+    """What stands behind a key in a line such as `Sample rate: 1000 Hz`, or `Key;value`; or ''."""
+    found = re.match(rf"[\"#%\s]*(?:{pattern})[\"\s]*(?:[:=;,\t]|\s{{2,}})[\"\s]*(.*)", text,
+                     re.IGNORECASE)  # fmt: skip
+    return found[1].strip(' "\t;,') if found else ""
+
+
+RATE = re.compile(
+    r"^[\"#%\s]*(?:default\s+)?(?P<key>fs|f_s|(?:sampling|sample|scan|acquisition)[\s_]*"
+    r"(?:frequency|freq\.?|rate)|samplerate|abtastrate|abtastfrequenz|messrate)"
+    r"\s*(?:\[(?P<unit>[^\]]*)\]|\((?P<unit2>[^)]*)\))?[\"\s]*[:=;,\t ][\"\s]*"
+    r"(?P<value>[-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*(?P<behind>[A-Za-zµ/]*)",
+    re.IGNORECASE,
+)
+INTERVAL = re.compile(
+    r"^[\"#%\s]*(?P<key>dt|delta[\s_]*t|delta[\s_]*x|(?:sampling|sample|x|time|horizontal)[\s_]*"
+    r"(?:interval|increment|period|resolution)|x[\s_]*increment|abtastintervall|increment)"
+    r"\s*(?:\[(?P<unit>[^\]]*)\]|\((?P<unit2>[^)]*)\))?[\"\s]*[:=;,\t ][\"\s]*"
+    r"(?P<value>[-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*(?P<behind>[A-Za-zµ]*)",
+    re.IGNORECASE,
+)
+TIMES = r"^t$|\btime|\bdatetime\b|\bzeit(?:stempel)?\b|\btemps\b|^date$"
+HERTZ = {"hz": 1.0, "khz": 1e3, "mhz": 1e6, "s/s": 1.0, "sa/s": 1.0, "ks/s": 1e3, "": 1.0}
+SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "sec": 1.0, "": 1.0}
+
+
+def rate_in(lines: Sequence[str]) -> float | None:
+    """Sampling frequency that the lines above a table state [Hz]; None where they state none."""
+    for pattern, units, to_fs in (
+        (RATE, HERTZ, lambda x: x),
+        (INTERVAL, SECONDS, lambda x: 1 / x),
+    ):
+        for line in lines:
+            found = pattern.match(line[:200])
+            if not found:
+                continue
+            unit = (found["unit"] or found["unit2"] or found["behind"] or "").strip().lower()
+            value = float(found["value"].replace(",", "."))
+            if unit in units and value > 0:
+                return float(to_fs(value * units[unit]))
+    return None
+
+
+def named(leaf: Leaf, title: str, unit: str = "") -> Leaf:
+    """A leaf with a title, whose unit is taken from behind the name where it is not stated."""
+    name, behind = titled(title)
+    unit = unit or behind
+    return replace(leaf, label=name, unit=plain(unit) if is_unit(unit) else unit)
+
+
+def is_time(title: str) -> bool:
+    """Whether a title names a column of times."""
+    return re.search(TIMES, title.replace("_", " ").strip().lower()) is not None
