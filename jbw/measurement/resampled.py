@@ -113,7 +113,7 @@ def from_uneven(x: Reals, time: Reals, wanted: float) -> tuple[Reals, str]:
     rate = min(SHARE * (len(time) - 1) / span, 1 / pause, wanted)
     at = np.arange(int(np.floor(span * wanted * (1 + 1e-12))) + 1) / wanted
     out = np.arange(len(time)) % HELD_OUT == HELD_OUT // 2
-    _, met = _band_limited(x[~out], time[~out] - time[0], rate, time[out] - time[0])
+    met = _band_limited(x[~out], time[~out] - time[0], rate, time[out] - time[0])
     error = float(np.std(met - x[out]) / max(float(np.std(x[out])), 1e-300))
     if not error < LARGEST_ERROR:
         raise DataError(
@@ -124,7 +124,7 @@ def from_uneven(x: Reals, time: Reals, wanted: float) -> tuple[Reals, str]:
             remedy="Keep a part without pauses with span = [first second, last second], or measure "
             "at a higher rate.",
         )
-    y, _ = _band_limited(x, time - time[0], rate, at)
+    y = _band_limited(x, time - time[0], rate, at)
     return y, (
         f"from uneven samples of some {usual:.4g} Hz to {wanted:.7g} Hz, below "
         f"{PASSED * rate / 2:.4g} Hz; samples held out are met to {100 * error:.2g} % of the rms, "
@@ -137,8 +137,8 @@ def proposed_rate(time: Reals) -> float:
     return float(f"{1 / float(np.median(np.diff(time))):.3g}")
 
 
-def _band_limited(x: Reals, time: Reals, rate: float, at: Reals) -> tuple[Reals, Reals]:
-    """Values of the band-limited signal through uneven samples, and those at further instants."""
+def _band_limited(x: Reals, time: Reals, rate: float, at: Reals) -> Reals:
+    """Values of the band-limited signal through uneven samples at further instants."""
     last = max(float(time[-1]), float(at[-1]))
     size = int(np.ceil(last * rate)) + 1
     mean, scale = float(np.mean(x)), float(np.std(x)) or 1.0
@@ -156,7 +156,7 @@ def _band_limited(x: Reals, time: Reals, rate: float, at: Reals) -> tuple[Reals,
         _matrix(at[i : i + CHUNK] * rate + REACH, len(values)) @ values
         for i in range(0, len(at), CHUNK)
     ])  # fmt: skip
-    return mean + scale * values, mean + scale * found
+    return np.asarray(mean + scale * found, np.float64)
 
 
 def _blocks(size: int) -> Iterator[tuple[int, int]]:

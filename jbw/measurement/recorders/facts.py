@@ -8,13 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from jbw.measurement.files.tree import Leaf, Node, Opaque, load
+from jbw.measurement.files.tree import Contents, Leaf, Node, Opaque, load
 from jbw.units import is_unit, plain, titled
 
 MOST_VALUES = 4096  # that are read to learn one fact
 
 
-def node_at(node: Node | None, *names: str) -> Node | None:
+def top(contents: Contents) -> dict[str, Any]:
+    """What stands at the top of a tree, by names."""
+    root = contents.root
+    return {str(name): node for name, node in root.items()} if isinstance(root, Mapping) else {}
+
+
+def node_at(node: Any, *names: str) -> Any:
     """What lies at names within structs, or None."""
     for name in names:
         if not isinstance(node, Mapping) or name not in node:
@@ -23,13 +29,13 @@ def node_at(node: Node | None, *names: str) -> Node | None:
     return node
 
 
-def text_at(node: Node | None, *names: str) -> str:
+def text_at(node: Any, *names: str) -> str:
     """Text at names within structs; empty where there is none."""
     found = node_at(node, *names)
     return found.text.strip() if isinstance(found, Opaque) else ""
 
 
-def number_at(node: Node | None, *names: str) -> float:
+def number_at(node: Any, *names: str) -> float:
     """Number at names within structs, or as text there, perhaps with a decimal comma; else NaN."""
     found = node_at(node, *names)
     if isinstance(found, Leaf) and 0 < math.prod(found.shape) <= MOST_VALUES:
@@ -113,6 +119,11 @@ def named(leaf: Leaf, title: str, unit: str = "") -> Leaf:
     name, behind = titled(title)
     unit = unit or behind
     return replace(leaf, label=name, unit=plain(unit) if is_unit(unit) else unit)
+
+
+def titled_leaf(leaf: Leaf, title: str) -> Leaf:
+    """A leaf with the name that a file made of a title, underscores for what it could not keep."""
+    return replace(leaf, label=title.replace("_", " ").strip())
 
 
 def is_time(title: str) -> bool:

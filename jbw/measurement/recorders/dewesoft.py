@@ -1,0 +1,74 @@
+"""DEWESoft X: MATLAB files and text.
+
+Files: .mat, .csv, .txt
+Known by: arrays `Data1_NAME` beside `Data1_time_NAME`; in text a preamble with `Sample rate` and
+    `Data info`
+Names: behind `Data1_`; in text the columns
+Units: none in MATLAB files; in text in parentheses behind the names
+Rate: the times of each channel; in text its times, with which `Sample rate` must agree
+Start: the first time of each channel
+Rests on: public scripts that load such exports
+Never seen: files of asynchronous channels
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from jbw.errors import JbwError
+from jbw.measurement.files.sampling import sampling_frequency
+from jbw.measurement.files.tree import Contents, Leaf, load
+from jbw.measurement.recorders.facts import number_at, rate_of, stated, titled_leaf, top
+from jbw.measurement.recorders.recorder import Recorder
+
+TIME = re.compile(r"(Data\d+)_time_?(.*)")
+
+
+def is_of(contents: Contents) -> bool:
+    """Whether there are times beside channels of their names."""
+    root = top(contents)
+    return contents.reader.startswith("MATLAB") and any(TIME.fullmatch(str(name)) for name in root)
+
+
+def read(contents: Contents) -> Contents:
+    """Rate and start of every channel by its own times."""
+    root = top(contents)
+    series: dict[str, Leaf] = {}
+    for name, item in top(contents).items():
+        data = re.fullmatch(r"(Data\d+)_(.+)", str(name))
+        if TIME.fullmatch(str(name)) or not (data and isinstance(item, Leaf)):
+            continue
+        clock = root.get(f"{data[1]}_time_{data[2]}", root.get(f"{data[1]}_time"))
+        told = titled_leaf(item, data[2])
+        if isinstance(clock, Leaf) and clock.shape == item.shape:
+            told = _timed(told, clock)
+        root[name] = series[str(name)] = told
+    fs = rate_of(1 / number_at(root, "Sample_rate")) if "Sample_rate" in root else None
+    return replace(contents, root=root, series=series, fs=contents.fs or fs)
+
+
+def _timed(item: Leaf, clock: Leaf) -> Leaf:
+    time = np.asarray(load(clock), np.float64)
+    try:
+        return replace(item, fs=sampling_frequency(time)[0], start_s=float(time[0]))
+    except JbwError:  # uneven: its rate is not stated
+        return item
+
+
+def is_text(lines: Sequence[str]) -> bool:
+    """Whether a preamble is DEWESoft's."""
+    has_rate = any(stated(line, "sample rate") for line in lines)
+    return has_rate and any(stated(line, "data info") for line in lines)
+
+
+def read_text(lines: Sequence[str], path: Path) -> Contents:
+    """The table below the preamble."""
+    from jbw.measurement.files.csv import table
+
+    return table(lines, path)
+
+
+RECORDER = Recorder("DEWESoft", is_of, read, is_text, read_text)

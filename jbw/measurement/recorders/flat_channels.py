@@ -1,0 +1,52 @@
+"""HBK Pulse (B&K) and HBM catman: flat MATLAB files.
+
+Files: .mat
+Known by: a struct `File_Header` with `SampleFrequency`, and arrays `Channel_1_Data`
+Names: `Channel_1_Header.SignalName`
+Units: `Channel_1_Header.Unit`
+Rate: `File_Header.SampleFrequency`, as text, perhaps with a decimal comma
+Start: none
+Rests on: the reader of the ITA toolbox, public scripts for exports of PULSE and of catman
+Never seen: files of several rates
+"""
+
+import math
+import re
+from dataclasses import replace
+
+from jbw.measurement.files.tree import Contents, Leaf
+from jbw.measurement.recorders.facts import known, named, number_at, text_at, top
+from jbw.measurement.recorders.recorder import Recorder
+
+DATA = re.compile(r"(Channel_\d+)_Data")
+
+
+def is_of(contents: Contents) -> bool:
+    """Whether there is a header of the file, and channels."""
+    root = top(contents)
+    return not math.isnan(number_at(root, "File_Header", "SampleFrequency")) and any(
+        DATA.fullmatch(str(name)) for name in root
+    )
+
+
+def read(contents: Contents) -> Contents:
+    """Rate of the file; name and unit of each channel of as many samples as it declares."""
+    root = top(contents)
+    series: dict[str, Leaf] = {}
+    fs = known(number_at(root, "File_Header", "SampleFrequency"))
+    count = number_at(root, "File_Header", "NumberOfSamplesPerChannel")
+    for name, item in top(contents).items():
+        found = DATA.fullmatch(str(name))
+        if not (found and isinstance(item, Leaf)):
+            continue
+        header = f"{found[1]}_Header"
+        size = max(item.shape, default=0)
+        if not math.isnan(count) and count != size:
+            raise ValueError(f"`{name}` holds {size} samples, but the file declares {count:g}")
+        title = text_at(root, header, "SignalName") or str(name)
+        told = named(item, title, text_at(root, header, "Unit"))
+        root[name] = series[str(name)] = replace(told, fs=fs)
+    return replace(contents, root=root, series=series)
+
+
+RECORDER = Recorder("HBK Pulse and HBM catman", of=is_of, read=read)

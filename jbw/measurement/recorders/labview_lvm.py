@@ -1,0 +1,97 @@
+"""NI LabVIEW measurement files (LVM).
+
+Files: .lvm, .txt
+Known by: the first line `LabVIEW Measurement`
+Names: the line that begins with `X_Value`
+Units: `Y_Unit_Label`
+Rate: `Delta_X`, or the column of times where `X_Columns` is `One`
+Start: `X0`
+Rests on: NI's specification of the LabVIEW Measurement File, and the reader lvm_read
+Never seen: files with special blocks within the data
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from jbw.errors import DataError
+from jbw.measurement.files.csv import Dialect, table
+from jbw.measurement.files.tree import Contents
+from jbw.measurement.recorders.facts import number_in, rate_of, top
+from jbw.measurement.recorders.recorder import Recorder
+
+END = "***End_of_Header***"
+SEPARATORS = {"tab": "\t", "comma": ","}
+
+
+def is_text(lines: Sequence[str]) -> bool:
+    """Whether it begins as the specification says."""
+    return bool(lines) and lines[0].strip("\ufeff \t,").startswith("LabVIEW Measurement")
+
+
+def read_text(lines: Sequence[str], path: Path) -> Contents:
+    """One segment: its channels with their own rate, start and unit."""
+    ends = [i for i, line in enumerate(lines) if line.startswith(END)]
+    if len(ends) < 2:
+        raise ValueError(f"a LabVIEW measurement has two headers, but this has {len(ends)}")
+    if len(ends) > 2:
+        raise DataError(
+            f"File `{path.name}` holds {len(ends) - 1} segments of a LabVIEW measurement.",
+            remedy="Write each into a file of its own, or all as TDMS.",
+        )
+    facts = _facts(lines[: ends[0]])
+    mark = SEPARATORS.get(facts.get("separator", ["Tab"])[0].lower(), "\t")
+    decimal = facts.get("decimal_separator", ["."])[0] or "."
+    own = _facts(lines[ends[0] + 1 : ends[1]], mark)
+    number = int(number_in(own.get("channels", ["0"])[0]))
+    names = [text.strip() for text in lines[ends[1] + 1].split(mark)]
+    has_times = facts.get("x_columns", ["No"])[0].lower() == "one"
+    if facts.get("x_columns", ["No"])[0].lower() == "multi":
+        raise DataError(
+            f"File `{path.name}` has a column of times for each channel of an LVM file.",
+            remedy="Write it with one column of times, or none, or as TDMS.",
+        )
+    titles = [names[0] or "X_Value", *names[1 : 1 + number]]
+    first = 0 if has_times else 1
+    rows = [_cells(line, mark, first, number) for line in lines[ends[1] + 2 :] if line.strip()]
+    units = ["s", *_of_each(own, "y_unit_label", number)][first:]
+    dialect = Dialect(mark, decimal, 0, number + 1 - first)
+    found = table(
+        rows, path, names=["time" if i == 0 else t for i, t in enumerate(titles)][first:],
+        units=units, dialect=dialect,
+    )  # fmt: skip
+    deltas, starts = _of_each(own, "delta_x", number), _of_each(own, "x0", number)
+    if has_times:
+        return found
+    counts = _of_each(own, "samples", number)
+    told = {}
+    for i, (path_of, item) in enumerate((found.series or {}).items()):
+        start = number_in(starts[i])
+        declared = number_in(counts[i])
+        if declared == declared and declared != item.shape[0]:
+            raise ValueError(f"`{path_of}` declares {declared:g} samples of {item.shape[0]}")
+        start_s = None if np.isnan(start) else start
+        told[path_of] = replace(item, fs=rate_of(number_in(deltas[i])), start_s=start_s)
+    return replace(found, root={**top(found), **told}, series=told)
+
+
+def _facts(lines: Sequence[str], mark: str = "\t") -> dict[str, list[str]]:
+    """Keys of a header, in lower case, and what stands behind each."""
+    mark = mark if any(mark in line for line in lines) else ","
+    parts = [[text.strip() for text in line.split(mark)] for line in lines]
+    return {row[0].lower(): row[1:] for row in parts if row[0] and len(row) > 1}
+
+
+def _of_each(facts: dict[str, list[str]], key: str, number: int) -> list[str]:
+    values = facts.get(key, [])[:number]
+    return values + [""] * (number - len(values))
+
+
+def _cells(line: str, mark: str, first: int, number: int) -> str:
+    """The numbers of a row: without the empty column of times, and without a comment."""
+    return mark.join(line.split(mark)[first : number + 1])
+
+
+RECORDER = Recorder("NI LabVIEW LVM", of_text=is_text, read_text=read_text)

@@ -1,0 +1,94 @@
+"""MATLAB: tables and timetables as structs, and structs with units and a rate beside the arrays.
+
+Files: .mat
+Known by: `Properties.VariableNames` and `Properties.VariableUnits`; or `units` beside arrays, a
+    struct of texts by their names, or as many texts as there are arrays
+Names: the fields
+Units: `VariableUnits`, or `units`
+Rate: a field `Time`; or a text or number called `fs`, `sample_rate`, and the like
+Start: the first time
+Rests on: MathWorks' documentation of tables and timetables, and of MAT-files
+Never seen: tables as MATLAB's own objects, which are refused with what to export
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from jbw.measurement.files.tree import RATE, Contents, Leaf, Opaque
+from jbw.measurement.recorders.facts import known, node_at, number_in, top
+from jbw.measurement.recorders.recorder import Recorder
+
+UNITS = ("units", "Units", "unit", "VariableUnits")
+
+
+def _texts(node: Any) -> list[str]:
+    """Texts of a cell, or lines of one text."""
+    if isinstance(node, Opaque):
+        return [line.strip() for line in node.text.split("\n")] if node.text else []
+    if isinstance(node, np.ndarray):
+        return [item.text.strip() if isinstance(item, Opaque) else "" for item in node.ravel()]
+    return []
+
+
+def _units_of(node: Mapping[str, Any]) -> dict[str, str]:
+    """Units of the arrays of a struct by their names; empty where none are stated."""
+    fields = [name for name, item in node.items() if isinstance(item, Leaf)]
+    properties = node_at(node, "Properties")
+    if isinstance(properties, Mapping):
+        names = _texts(properties.get("VariableNames"))
+        units = _texts(properties.get("VariableUnits"))
+        return dict(zip(names, units, strict=False)) if len(names) == len(units) else {}
+    for key in UNITS:
+        found = node.get(key)
+        if isinstance(found, Mapping):
+            return {n: x.text.strip() for n, x in found.items() if isinstance(x, Opaque)}
+        texts = _texts(found)
+        series = [n for n in fields if max(node[n].shape, default=0) > 1]
+        if texts and len(texts) == len(series):
+            return dict(zip(series, texts, strict=True))
+    return {}
+
+
+def _rate_of(node: Mapping[str, Any]) -> float | None:
+    """A rate that a struct states as text."""
+    for name, item in node.items():
+        if isinstance(item, Opaque) and item.text and RATE.search(str(name)):
+            return known(number_in(item.text))
+    return None
+
+
+def _is_told(node: Any) -> bool:
+    return isinstance(node, Mapping) and bool(_units_of(node) or _rate_of(node))
+
+
+def is_of(contents: Contents) -> bool:
+    """Whether the file, or a struct at its top, states units or a rate beside its arrays."""
+    root = top(contents)
+    if not contents.reader.startswith(("MATLAB", "npz")):
+        return False
+    return _is_told(root) or any(_is_told(node) for node in root.values())
+
+
+def read(contents: Contents) -> Contents:
+    """Arrays with the units and the rate that stand beside them."""
+    root = _told(top(contents))
+    for name, node in top(contents).items():
+        if _is_told(node):
+            root[name] = _told(node)
+    return replace(contents, root=root)
+
+
+def _told(node: Any) -> dict[str, Any]:
+    units, fs = _units_of(node), _rate_of(node)
+    return {
+        name: replace(item, unit=item.unit or units.get(name, ""), fs=item.fs or fs)
+        if isinstance(item, Leaf) and max(item.shape, default=0) > 1
+        else item
+        for name, item in node.items()
+    }
+
+
+RECORDER = Recorder("MATLAB structs", of=is_of, read=read)

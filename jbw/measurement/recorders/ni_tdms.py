@@ -1,0 +1,37 @@
+"""NI TDMS, of LabVIEW, FlexLogger, DIAdem, and others that write it.
+
+Files: .tdms
+Known by: the format itself
+Names: the channels' own, or `NI_ChannelName`
+Units: `unit_string`, `NI_UnitDescription`, or `unit`
+Rate: `wf_increment`, or a channel of times beside the others
+Start: `wf_start_time` and `wf_start_offset`
+Rests on: NI's description of the TDMS internal format, read by npTDMS
+Never seen: files of DAQmx raw data with scales other than linear
+"""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+from jbw.measurement.files.tree import Contents, Leaf
+from jbw.measurement.recorders.facts import is_time, top
+from jbw.measurement.recorders.recorder import Recorder
+
+
+def _channels(root: Any) -> Iterator[tuple[str, Leaf]]:
+    for group, channels in root.items() if isinstance(root, Mapping) else ():
+        for name, item in channels.items():
+            if isinstance(item, Leaf):
+                yield f"{group}.{name}", item
+
+
+def read(contents: Contents) -> Contents:
+    """The channels; those of a rate of their own need no channel of times."""
+    series = dict(_channels(top(contents)))
+    timed = [name for name, item in series.items() if item.fs]
+    kept = {n: x for n, x in series.items() if not (timed and is_time(n.rpartition(".")[2]))}
+    return replace(contents, series=kept)
+
+
+RECORDER = Recorder("NI TDMS", lambda contents: contents.reader == "TDMS", read)

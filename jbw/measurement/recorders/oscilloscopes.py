@@ -1,0 +1,61 @@
+"""Oscilloscopes of Tektronix and Rigol: text with facts beside the samples.
+
+Files: .csv, .txt
+Known by: Tektronix: `Record Length` first, facts in the first columns and samples in the last two;
+    Rigol: a first line of `X`, channels, `Start` and `Increment`
+Names: Tektronix `Source`; Rigol the channels of the first line
+Units: Tektronix `Vertical Units`; Rigol the second line
+Rate: Tektronix `Sample Interval`, which must agree with the times; Rigol `Increment`
+Start: Tektronix the first time; Rigol `Start`
+Rests on: the manuals of TDS2000 and DS1000Z on export, and public readers of such files
+Never seen: exports of several Tektronix channels in one file
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from jbw.measurement.files.csv import table
+from jbw.measurement.files.tree import Contents
+from jbw.measurement.recorders.facts import number_in, rate_of
+from jbw.measurement.recorders.recorder import Recorder
+
+
+def is_tektronix(lines: Sequence[str]) -> bool:
+    """Whether facts stand beside the samples."""
+    return bool(lines) and re.match(r"\"?Record Length\"?,[^,]*,[^,]*,[^,]*,", lines[0]) is not None
+
+
+def read_tektronix(lines: Sequence[str], path: Path) -> Contents:
+    """The last two columns, times and samples."""
+    rows = [line.rstrip().rstrip(",").split(",") for line in lines if line.strip()]
+    facts = {row[0].strip('" '): row[1].strip('" ') for row in rows if len(row) > 1 and row[0]}
+    texts = [",".join(cell.strip() for cell in row[3:5]) for row in rows]
+    name = facts.get("Source", "CH1") or "CH1"
+    units = [facts.get("Horizontal Units", "s") or "s", facts.get("Vertical Units", "")]
+    return table(texts, path, names=["time", name], units=units,
+                 fs=rate_of(number_in(facts.get("Sample Interval", ""))))  # fmt: skip
+
+
+def is_rigol(lines: Sequence[str]) -> bool:
+    """Whether the first line ends in start and increment."""
+    return bool(lines) and re.match(r"X,.*,\s*Start,\s*Increment", lines[0], re.I) is not None
+
+
+def read_rigol(lines: Sequence[str], path: Path) -> Contents:
+    """Channels of the rate that the second line states."""
+    names = [text.strip() for text in lines[0].split(",") if text.strip()][1:-2]
+    second = [text.strip() for text in lines[1].split(",")]
+    units, numbers = second[1 : 1 + len(names)], second[1 + len(names) :]
+    rows = [",".join(line.split(",")[: 1 + len(names)]) for line in lines[2:]]
+    found = table(rows, path, names=["number", *names], units=["", *units],
+                  fs=rate_of(number_in(numbers[1]) if len(numbers) > 1 else 0.0))  # fmt: skip
+    series = {name: item for name, item in (found.series or {}).items() if name != "number"}
+    return replace(found, series=series)
+
+
+RECORDERS = (
+    Recorder("Tektronix", of_text=is_tektronix, read_text=read_tektronix),
+    Recorder("Rigol", of_text=is_rigol, read_text=read_rigol),
+)

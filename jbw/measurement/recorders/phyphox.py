@@ -1,0 +1,36 @@
+"""Telephones: phyphox and others that write tables of a sensor.
+
+Files: .csv, .txt, .tsv
+Known by: a first column `Time (s)` and columns such as `Acceleration x (m/s^2)`
+Names: the columns
+Units: in parentheses behind the names
+Rate: the times, which jitter: `jbw init` proposes `resample`
+Start: the first time
+Rests on: the documentation of phyphox on its export
+Never seen: tables of sensors that are sampled apart
+"""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from jbw.measurement.files.csv import table
+from jbw.measurement.files.tree import Contents
+from jbw.measurement.recorders.recorder import Recorder
+
+FIRST = re.compile(
+    r"\"?Time \(s\)\"?[,;\t]\"?(?:Linear |Absolute |Total )?(?:Acceleration|Gyroscope)", re.I
+)
+
+
+def is_text(lines: Sequence[str]) -> bool:
+    """Whether the columns are those of a telephone's sensor."""
+    return bool(lines) and FIRST.match(lines[0].lstrip("\ufeff")) is not None
+
+
+def read_text(lines: Sequence[str], path: Path) -> Contents:
+    """The table below its names."""
+    return table(lines, path)
+
+
+RECORDER = Recorder("phyphox", of_text=is_text, read_text=read_text)

@@ -1,0 +1,57 @@
+"""PicoScope: MATLAB files and text.
+
+Files: .mat, .csv, .txt
+Known by: a number `Tinterval` beside arrays `A`, `B`, ...; in text columns `Time`, `Channel A`, ...
+Names: the letters of the channels
+Units: none in MATLAB files; in text a row of its own in parentheses, such as `(ms),(V),(mV)`
+Rate: `Tinterval`; in text its times
+Start: `Tstart`
+Rests on: the user's guide of PicoScope 6, on export to MATLAB and CSV
+Never seen: files of several captured waveforms
+"""
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from jbw.measurement.files.tree import Contents, Leaf
+from jbw.measurement.recorders.facts import number_at, rate_of, top
+from jbw.measurement.recorders.recorder import Recorder
+
+
+def is_of(contents: Contents) -> bool:
+    """Whether there is an interval beside channels of one letter."""
+    root = top(contents)
+    return "Tinterval" in root and any(
+        re.fullmatch("[A-H]", str(name)) for name in root
+    )  # fmt: skip
+
+
+def read(contents: Contents) -> Contents:
+    """Rate and start of every channel."""
+    root = top(contents)
+    series: dict[str, Leaf] = {}
+    fs, start = rate_of(number_at(root, "Tinterval")), number_at(root, "Tstart")
+    for name, item in top(contents).items():
+        if isinstance(item, Leaf) and re.fullmatch("[A-H]", str(name)):
+            start_s = None if math.isnan(start) else start
+            told = replace(item, fs=fs, start_s=start_s, label=f"Channel {name}")
+            root[name] = series[str(name)] = told
+    return replace(contents, root=root, series=series)
+
+
+def is_text(lines: Sequence[str]) -> bool:
+    """Whether the columns are called as PicoScope calls them."""
+    return bool(lines) and re.match(r"\"?Time\"?[,;\t]\"?Channel [A-H]", lines[0]) is not None
+
+
+def read_text(lines: Sequence[str], path: Path) -> Contents:
+    """The table below names and units."""
+    from jbw.measurement.files.csv import table
+
+    return table(lines, path)
+
+
+RECORDER = Recorder("PicoScope", is_of, read, is_text, read_text)

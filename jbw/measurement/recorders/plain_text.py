@@ -1,0 +1,24 @@
+"""Tables of text of Polytec, m+p, HBM catman, Head acoustics, Dantec, Prosig, Data Physics, others.
+
+Files: .csv, .txt, .tsv, .dat, .asc
+Known by: a table of numbers, where no other recorder is known
+Names: the last line above the table that has as many names as it has columns
+Units: behind the names in brackets, parentheses, or after a comma; or a row of their own
+Rate: a column of times; else a line such as `Sample rate: 1000 Hz` or `Interval;0.001 s`
+Start: the first time
+Rests on: the manuals of these programs on text export, by which the dialects of the tests are made
+Never seen: files of the programs themselves
+"""
+
+from dataclasses import replace
+
+from jbw.measurement.files.tree import Contents
+from jbw.measurement.recorders.recorder import Recorder
+
+
+def read(contents: Contents) -> Contents:
+    """The table as the reader found it."""
+    return replace(contents)
+
+
+RECORDER = Recorder("plain text", lambda contents: contents.reader == "CSV", read)

@@ -1,0 +1,143 @@
+"""Python: NumPy, h5py with attributes, pandas, xarray, and SEP-005 kept in these.
+
+Files: .npz, .h5, .hdf5, .nc
+Known by: a two-dimensional array `data` (or any of HDF5) with the names of its channels in an
+    attribute or array `channel_names`, `channels`, `names` or `columns`; a data frame of pandas by
+    `block0_values`; a coordinate `time` of xarray
+Names: the named list; `block0_items` of pandas; the variables of xarray
+Units: `units`, `unit` or `unit_str`, a list by channel or one of all
+Rate: `fs`, `sampling_rate`, `dt` and the like; the index of a data frame; the coordinate `time`
+Start: the first value of index or coordinate
+Rests on: the documentation of NumPy, h5py, pandas (fixed format), xarray (CF conventions), SEP-005
+Never seen: data frames of mixed types, and pandas' table format
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from jbw.errors import JbwError
+from jbw.measurement.files.sampling import sampling_frequency
+from jbw.measurement.files.tree import Contents, Leaf, Opaque, load
+from jbw.measurement.recorders.facts import known, number_in, top
+from jbw.measurement.recorders.recorder import Recorder
+
+NAMES = ("channel_names", "channels", "names", "columns", "labels", "channel")
+UNITS = ("units", "unit", "unit_str", "channel_units")
+RATES = ("fs", "sampling_rate", "sample_rate", "sampling_frequency", "samplerate")
+INTERVALS = ("dt", "interval", "sampling_interval", "increment")
+ITEMS, VALUES, INDEX = "block0_items", "block0_values", "axis1"  # of pandas
+
+
+def _list(facts: Mapping[str, Any], keys: tuple[str, ...]) -> list[str]:
+    for key in keys:
+        value = facts.get(key)
+        text = value.text if isinstance(value, Opaque) else value
+        if isinstance(text, str) and text:
+            return [line.strip() for line in text.split("\n")]
+    return []
+
+
+def _rate(facts: Mapping[str, Any]) -> float | None:
+    for keys, to_fs in ((RATES, lambda x: x), (INTERVALS, lambda x: 1 / x)):
+        for key in keys:
+            value = facts.get(key)
+            value = load(value).ravel() if isinstance(value, Leaf) else value
+            if value is not None and np.size(value) == 1:
+                number = number_in(np.ravel(value)[0])
+                if known(number):
+                    return float(to_fs(number))
+    return None
+
+
+def _facts(node: Any, item: Leaf) -> dict[str, Any]:
+    """What stands beside an array, and in its attributes, which come first."""
+    beside = dict(node) if isinstance(node, Mapping) else {}
+    return {**beside, **item.attributes}
+
+
+def _tables(node: Any, prefix: str = "") -> list[tuple[str, Leaf, dict[str, Any]]]:
+    found = []
+    for name, item in node.items() if isinstance(node, Mapping) else ():
+        if isinstance(item, Mapping):
+            found += _tables(item, f"{prefix}{name}.")
+        elif isinstance(item, Leaf) and len(item.shape) == 2:
+            facts = _facts(node, item)
+            names = _list(facts, NAMES) or _list(facts, (ITEMS,)) * (name == VALUES)
+            if names and names.count("") == 0 and len(names) in item.shape:
+                found.append((f"{prefix}{name}", item, {**facts, "_names": names}))
+    return found
+
+
+def _clock(node: Any) -> Leaf | None:
+    clock = node.get("time") if isinstance(node, Mapping) else None
+    is_one = isinstance(clock, Leaf) and len(clock.shape) == 1 and "units" in clock.attributes
+    return clock if is_one else None
+
+
+def is_of(contents: Contents) -> bool:
+    """Whether there is a table with names."""
+    return contents.reader in ("HDF5", "npz") and bool(_tables(top(contents)))
+
+
+def read(contents: Contents) -> Contents:
+    """Every row or column of a named table as a channel of its name."""
+    root = top(contents)
+    series: dict[str, Leaf] = {}
+    for _, item, facts in _tables(top(contents)):
+        names, units = facts["_names"], _list(facts, UNITS)
+        along = 0 if item.shape[0] == len(names) else 1
+        if item.shape[0] == item.shape[1]:
+            raise ValueError(f"{len(names)} channels of as many samples: which is which?")
+        units = units * len(names) if len(units) == 1 else units
+        units = units if len(units) == len(names) else [""] * len(names)
+        fs, start = _rate(facts) or contents.fs or _rate(contents.attributes), None
+        index = facts.get(INDEX)
+        if isinstance(index, Leaf) and index.shape == (item.shape[1 - along],):
+            fs, start = _timed(index, fs)
+        for i, (name, unit) in enumerate(zip(names, units, strict=True)):
+            axis = item.axes[along]
+            channel = Leaf(
+                item.array, tuple(a for a in item.axes if a != axis), {**item.fixed, axis: i},
+                fs, unit, start,
+            )  # fmt: skip
+            if name in root:
+                continue  # the file has another thing of that name
+            root[name] = series[name] = channel
+    return replace(contents, root=root, series=series)
+
+
+def _timed(index: Leaf, fs: float | None) -> tuple[float | None, float | None]:
+    """Rate and start by an index of times in seconds; one of whole numbers counts the rows."""
+    values = load(index)
+    if np.issubdtype(values.dtype, np.integer):
+        return fs, None
+    try:
+        return sampling_frequency(values)[0], float(values[0])
+    except JbwError:
+        return fs, None
+
+
+def is_labelled(contents: Contents) -> bool:
+    """Whether there is a coordinate of times."""
+    return contents.reader == "HDF5" and _clock(top(contents)) is not None
+
+
+def read_labelled(contents: Contents) -> Contents:
+    """Variables along a coordinate of times, which is the role `time` of all."""
+    clock = _clock(top(contents))
+    assert clock is not None
+    kept = {
+        str(name): item
+        for name, item in top(contents).items()
+        if isinstance(item, Leaf) and item.shape == clock.shape
+    }
+    return replace(contents, series=kept)
+
+
+RECORDERS = (
+    Recorder("Python tables", is_of, read),
+    Recorder("xarray", is_labelled, read_labelled),
+)

@@ -1,0 +1,25 @@
+"""Universal files, data set 58, of Testlab, Pulse, PSV, SO Analyzer, SignalCalc, DATS and others.
+
+Files: .uff, .unv
+Known by: the format itself; the program is that of set 151
+Names: the first line of identification; where it says nothing, the label of the ordinate
+Units: the label of the ordinate's unit, else by specific data type and set 164
+Rate: the spacing of the abscissa
+Start: its minimum
+Rests on: SDRC's description of the data sets 58, 151 and 164, read by pyuff
+Never seen: waterfalls, and shapes of data set 55
+"""
+
+from dataclasses import replace
+
+from jbw.measurement.files.tree import Contents
+from jbw.measurement.recorders.recorder import Recorder
+
+
+def read(contents: Contents) -> Contents:
+    """The sets as the reader found them, and the program that wrote them."""
+    program = str(contents.attributes.get("program", ""))
+    return replace(contents, notes={**contents.notes, "program": program or "not stated"})
+
+
+RECORDER = Recorder("Universal file 58", lambda contents: contents.reader == "UFF 58", read)
