@@ -1,1 +1,1 @@
-"""What the joint does: pure functions of (parameters, coordinate)."""
+"""Dynamics of the joint: pure functions of (parameters, coordinate)."""

@@ -1,4 +1,4 @@
-r"""What a shaker adds to a structure: the armature as a linear attachment at the drive point.
+r"""A shaker on a structure: its armature is a linear attachment at the drive point.
 
 A voltage V drives an armature that is tied to the structure where this moves by $x_d$,
 

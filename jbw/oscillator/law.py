@@ -140,7 +140,7 @@ class Law(eqx.Module):
         return Loop(*generic.loop_by_moves(self, y_peak))
 
     def powers_of_length(self) -> dict[str, Scalar]:
-        """Powers of length that parameters and products have beside their units, by name.
+        """Powers of length of parameters and products, in addition to their units, by name.
 
         Of what is stated at a fixed displacement: a stiffness lost at 1 mm by the power q of the
         displacement has the power -q of the unit of length.
@@ -162,7 +162,7 @@ class Law(eqx.Module):
 
     @property
     def stepped(self) -> bool:
-        """Whether the time step knows this law; otherwise a stock solver integrates `rate`."""
+        """Whether the time step supports this law; otherwise a stock solver integrates `rate`."""
         return True
 
     def branch(self, v: Scalar, memory: Memory) -> Branch:

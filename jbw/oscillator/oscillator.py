@@ -1,4 +1,4 @@
-"""The oscillator across whose joint any laws stand beside each other."""
+"""The oscillator with any laws in parallel across its joint."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -41,7 +41,7 @@ class Oscillator(eqx.Module):
 
     @property
     def k(self) -> Scalar:
-        """Stiffness beside the laws, omega_n^2 - sum K [1/s^2]."""
+        """Stiffness in parallel with the laws, omega_n^2 - sum K [1/s^2]."""
         return self.omega_n**2 - sum(law.stiffness() for law in self.laws)
 
     def at_rest(self) -> tuple[Memory, ...]:
@@ -157,12 +157,12 @@ class BoucWen(eqx.Module):
 
     @property
     def k(self) -> Scalar:
-        """Stiffness beside the joint, omega_n^2 - alpha [1/s^2]."""
+        """Stiffness in parallel with the joint, omega_n^2 - alpha [1/s^2]."""
         return self.omega_n**2 - self.alpha
 
     @property
     def laws(self) -> tuple[Law, ...]:
-        """The laws across the joint: Bouc-Wen's, and that of `restoring` beside it."""
+        """The laws across the joint: Bouc-Wen's, and that of `restoring` if any."""
         springs = () if self.restoring is None else (as_law(self.restoring),)
         return (BoucWenLaw(self.alpha, self.delta, self.gamma, self.nu), *springs)
 

@@ -182,7 +182,7 @@ class Conversion(NamedTuple):
 
 
 def of_opensees(*materials: Material) -> dict[str, Conversion]:
-    """The conversions of a law that is known as materials of OpenSees alone."""
+    """The conversions of a law that only OpenSees has, as materials."""
     return {"OpenSees": Conversion({}, {}, materials)}
 
 

@@ -66,7 +66,7 @@ def _on_one_device() -> bool:
 
 
 def _condition(rare: Callable[[Any], Any], depth: int) -> Callable[..., Any]:
-    """The condition on any of all lanes, with so many axes of lanes; under vmap one axis more."""
+    """The condition on any of all lanes, with `depth` axes of lanes; under vmap one axis more."""
     rare_of_lanes = rare
     for _ in range(depth):
         rare_of_lanes = jax.vmap(rare_of_lanes)
@@ -96,5 +96,5 @@ def _condition(rare: Callable[[Any], Any], depth: int) -> Callable[..., Any]:
 
 
 def _spread(met: Array, ndim: int) -> Array:
-    """A flag a lane with axes of length one for what a lane's value has of its own."""
+    """One flag a lane, with axes of length one for those of a lane's value."""
     return met.reshape(met.shape + (1,) * (ndim - met.ndim))

@@ -25,7 +25,7 @@ from jbw.oscillator.step import State
 
 
 class Compared(eqx.Module):
-    """What a response is compared with, sample by sample.
+    """Measured response and rows that a response is compared with, sample by sample.
 
     Rows begin at the first sample that counts.
 

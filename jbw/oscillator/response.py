@@ -45,7 +45,7 @@ _Input = Float[Array, "... time"] | HeldInput | Callable[[Array], ArrayLike]  # 
 
 
 class SimulateOptions(TypedDict, total=False):
-    """What `simulate` takes by keyword, for both kinds of joint."""
+    """Keyword arguments of `simulate`, for both kinds of joint."""
 
     hold: Hold
     initial: tuple[Scalar | Memory, ...]
@@ -219,7 +219,7 @@ def _simulate_batch(
 
 
 def _is_stepped(joint: Oscillator) -> bool:
-    """Whether our own step knows all laws."""
+    """Whether the exact step supports all laws."""
     return all(law.stepped for law in joint.laws)
 
 

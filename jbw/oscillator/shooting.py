@@ -1,4 +1,4 @@
-r"""Periodic response by shooting over half a period: a second route beside harmonic balance."""
+r"""Periodic response by shooting over half a period: an alternative to harmonic balance."""
 
 from functools import partial
 from typing import Any

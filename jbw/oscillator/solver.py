@@ -56,7 +56,7 @@ class Stepping(eqx.Module):
         return self.pieces[0].shape[0]
 
     def push(self, substep: Array) -> Push:
-        """What the input adds to y [m] and v [m/s] in a substep, and the input there [N/kg]."""
+        """Change of y [m] and v [m/s] by the input in a substep, and the input there [N/kg]."""
         return self.push_of(tuple(piece[substep] for piece in self.pieces))
 
     def push_of(self, powers: tuple[Scalar, ...]) -> Push:

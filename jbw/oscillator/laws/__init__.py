@@ -56,7 +56,7 @@ def is_law(kind: Any) -> bool:
 
 
 def register(law: Kind) -> Kind:
-    """Make a law known by its name; usable as a decorator.
+    """Add a law to the register by its name; usable as a decorator.
 
     Args:
         law: The class.
@@ -92,7 +92,7 @@ def law_named(name: str | Kind) -> Kind:
 
 
 def laws_named(names: Iterable[str | Kind]) -> tuple[Kind, ...]:
-    """The kinds of several laws that stand beside each other.
+    """The kinds of several laws that act in parallel.
 
     Raises:
         ConfigError: One is unknown, one is there twice, or two share a parameter's name.

@@ -217,7 +217,7 @@ class BoucWenLaw(Law):
         return self.alpha * periodic_path.force_over_period(q, theta, *args)  # pyright: ignore[reportReturnType]
 
     def check_periodic(self) -> None:
-        """Only with nu = 1 is the force along a period known."""
+        """Refuse nu other than 1: only there is the force along a period available."""
         require_closed_form(self)
 
     def admits(self, memory: Scalar) -> None:

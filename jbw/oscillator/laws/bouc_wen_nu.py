@@ -41,7 +41,7 @@ _PERIODS = 4  # Newton's steps to the steady stretch
 
 
 def weak_loop(nu: Scalar) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
-    r"""What weak motion loses of stiffness over delta, and damping over gamma: of (alpha Y)^nu.
+    r"""Stiffness loss over delta and damping over gamma in weak motion, per (alpha Y)^nu.
 
     $$C_s = \frac{4 I(\nu + 2)}{\pi (\nu + 1)}, \qquad C_d = \frac{4}{\pi (\nu + 2)}$$
     """

@@ -112,7 +112,7 @@ def to_benchmark(joint: Any, mass: float, beta: float = 1.0) -> Benchmark:
 
 
 def bouc_wen(stiffness: Scalar, n: Scalar, gamma: Scalar, beta: Scalar) -> Material:
-    r"""The hysteretic force alone in OpenSees [N]; spring and dashpot stand beside it.
+    r"""The hysteretic force alone in OpenSees [N], without the parallel spring and dashpot.
 
     $$F = k_0 z, \qquad dz / dy = 1 - |z|^n\,(\gamma + \beta\,\mathrm{sgn}(z\,dy))$$
 

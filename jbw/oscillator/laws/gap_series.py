@@ -96,7 +96,7 @@ class GapSeries(Law):
 
     @classmethod
     def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
-        """What a prior warns of: a gap that no motion crosses leaves the element without effect."""
+        """A warning of a prior whose gap no motion may cross: the element then has no effect."""
         return beyond_all_motion("gap", bounds["gap"], y_peak)
 
     def thresholds(self) -> tuple[Threshold, ...]:

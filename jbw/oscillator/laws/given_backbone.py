@@ -95,7 +95,7 @@ class GivenBackbone(Masing):
 
 
 def given_backbone(name: str, x: Sequence[float], force: Sequence[float]) -> type[GivenBackbone]:
-    r"""The kind of law of a given virgin curve; `register` makes it known to campaigns.
+    r"""The kind of law of a given virgin curve; `register` makes it available to campaigns.
 
     Args:
         name: Name of the law, such as `lap_joint`; its parameters are `NAME_force` and

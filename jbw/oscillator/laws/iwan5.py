@@ -196,7 +196,7 @@ class Iwan5(Law):
         return SliderStretches(stretch, memory.slides)
 
     def memory_unit(self, omega_n: Scalar) -> NoReturn:
-        """None: a period's start is not solved for in so many stretches."""
+        """Not available: the periodic state of all sliders' stretches is not solved for."""
         raise ModelError(
             "The periodic motion of the law `iwan5` is not solved for: each slider has its own.",
             remedy="Take its `backbone`, or simulate until the motion repeats.",

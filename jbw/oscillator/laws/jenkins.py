@@ -32,7 +32,7 @@ _SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
 
 def _table(count: int) -> tuple[Quantity, ...]:
-    """Parameters of so many sliders, in the order of their slips."""
+    """Parameters of `count` sliders, in the order of their slips."""
     rows = []
     for i in range(1, count + 1):
         low, before = (f"{number}".translate(_SUBSCRIPT) for number in (i, i - 1))
@@ -162,7 +162,7 @@ class Jenkins(Law):
     def remainder(
         self, h: Scalar, y: Scalar, v: Scalar, memory: tuple[Scalar, ...], branch: tuple
     ) -> tuple[Scalar, Scalar]:
-        """What slip has taken, sum alpha (x - y); its rate is that of the slipping sliders."""
+        """Force lost to slip, sum alpha (x - y); its rate is that of the slipping sliders."""
         pairs = zip(self.alpha, memory, strict=True)
         return sum(alpha * (x - y) for alpha, x in pairs), -h * v * self._slipping(branch)
 
@@ -283,7 +283,7 @@ class Jenkins(Law):
 
 @cache
 def jenkins(count: int) -> type[Jenkins]:
-    """The kind of law with so many sliders, `jenkins_3` in a campaign."""
+    """The kind of law with `count` sliders, `jenkins_3` in a campaign."""
     body = {
         "name": f"jenkins_{count}",
         "table": _table(count),

@@ -48,7 +48,7 @@ class Corner(NamedTuple):
 
 
 class KinkedSpring(Spring):
-    """Base of the odd springs with corners, which the time step and the quadrature must know."""
+    """Base of the odd springs with corners, at which the time step and the quadrature are split."""
 
     def corners(self) -> tuple[Corner, ...]:
         """The corners in falling order of their displacements."""
@@ -200,7 +200,7 @@ class Stop(KinkedSpring):
 
     @classmethod
     def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
-        """What a prior warns of: a stop that no motion reaches has no effect."""
+        """A warning of a prior whose stop no motion may reach: the stop then has no effect."""
         return beyond_all_motion("stop_gap", bounds["stop_gap"], y_peak)
 
     def thresholds(self) -> tuple[Threshold, ...]:

@@ -78,7 +78,7 @@ def _kinked_step_jvp(primals, tangents):
 
 
 def _kinked(law: Law, z: Scalar, ends: Ends, quartic: Scalar) -> _Kinked:
-    """Values and derivatives; what is not asked for is not computed under jit."""
+    """Values and derivatives; under jit only those that are used are computed."""
     motion = _motion(law, z, ends, quartic)
     fraction_slopes, sharpness_slopes, by_path, by_quartic = _turn_slopes(motion, ends, quartic)
     z_1 = motion.moves.end

@@ -67,7 +67,7 @@ class _Move(NamedTuple):
 
 
 class Masing(Law):
-    """Base of Masing's laws; one of them says its stiffness, `lag` and `lag_integral`.
+    """Base of Masing's laws; a subclass defines `stiffness`, `lag` and `lag_integral`.
 
     Attributes:
         depth: Reversals that are remembered; static.
@@ -147,7 +147,7 @@ class Masing(Law):
         return memory._replace(stack=memory.stack._replace(y=y, f=f))
 
     def guesses(self, memory: Branch) -> Scalar:
-        """How often the motion came back to reversals that had been given up."""
+        """Number of times that the motion returned to reversals that had been dropped."""
         return memory.stack.missed
 
     # -- for derivatives ---------------------------------------------------------------------------

@@ -119,7 +119,7 @@ def _distance_jvp(primals, tangents):
 
 
 def _total(out: Scalar, tangents: tuple, *partials: Callable[[], Scalar]) -> Scalar:
-    """Total derivative: only the partial derivatives that are asked for are computed."""
+    """Total derivative: only the partial derivatives that are needed are computed."""
     terms = [
         barrier(derivative()) * tangent
         for derivative, tangent in zip(partials, tangents, strict=True)

@@ -42,7 +42,7 @@ def _remainder_jvp(k: int, primals: tuple[Array], tangents: tuple[Array]) -> tup
 
 
 def lag(c: Real[ArrayLike, "..."], x: Real[ArrayLike, "..."]) -> Float[Array, "..."]:
-    r"""What relaxation takes from the move x.
+    r"""Part of the move x that is lost to relaxation.
 
     $$x - \phi(c, x) = s\,x\,E_2(s), \qquad s = c\,x$$
 
@@ -195,7 +195,7 @@ def unloading_lag(
     delta: Float[Array, "..."],
     gamma: Float[Array, "..."],
 ) -> Float[Array, "..."]:
-    r"""What hysteresis takes from the elastic line on unloading.
+    r"""Difference of the unloading branch from the elastic line.
 
     $$y - y_0 - Z/\alpha, \qquad Z = Z_1 \text{ for } y > y_0, \quad Z_2 \text{ for } y < y_0$$
 

@@ -72,20 +72,20 @@ _OUT_OF_REACH = 1e3  # m
 
 
 def nothing_remembered(size: int = SIZE) -> Branch:
-    """Nothing remembered, with room for so many reversals."""
+    """An empty memory for `size` reversals."""
     none = (0.0,) * size
     return Branch(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, Stack(0.0, 0.0, 0.0, none, none))
 
 
 def with_room(memory: Branch, size: int) -> Branch:
-    """A memory with room for more reversals; those that were given up are not found again."""
+    """A memory for more reversals; those that were dropped are lost."""
     stack = memory.stack
     more = tuple(0.0 * stack.count for _ in range(size - len(stack.y)))
     return memory._replace(stack=stack._replace(y=(*stack.y, *more), f=(*stack.f, *more)))
 
 
 def branch_of(sense: Scalar, stack: Stack) -> Branch:
-    """The branch that the reversals leave, before its force is known."""
+    """The branch that follows from the reversals, before its force is computed."""
     none, last = 0.0 * stack.count, stack.count - 1.0
     behind = _closing_place(stack.y, stack.count)
     closure = jnp.where(stack.count > 1.5, behind, sense * _OUT_OF_REACH)
@@ -148,7 +148,7 @@ def closed(sense: Scalar, stack: Stack, y: Scalar) -> tuple[Stack, Scalar, Scala
 
 
 def _closing_place(y: Entries, count: Scalar) -> Scalar:
-    """Displacement at which the last of so many branches closes, where one lies behind it [m]."""
+    """Displacement at which the last of `count` branches closes, where one precedes it [m]."""
     return jnp.where(count > 2.5, _at(y, count - 2.0), _mirrored(y))
 
 

@@ -1,4 +1,4 @@
-r"""A law of Masing's kind as sliders in parallel, for programs that know no other hysteresis.
+r"""A law of Masing's kind as sliders in parallel, for programs that have no other hysteresis.
 
 A slider of stiffness k and slip s stands for the part of the density $-F_b''$ between two edges,
 
@@ -22,7 +22,7 @@ GRADING = 4
 
 
 class Sliders(NamedTuple):
-    """Elasto-plastic elements in parallel, and a spring beside them.
+    """Elasto-plastic elements in parallel with each other and a spring.
 
     Attributes:
         stiffness: Of each slider [1/s^2].
@@ -56,6 +56,6 @@ def sliders_of(law: Masing, reach: float, count: int = COUNT) -> Sliders:
 
 
 def lost_by(sliders: Sliders, y_peak: ArrayLike) -> NDArray[np.float64]:
-    """What a steady cycle loses, the sum of 4 k s (Y - s) over those that slip [J/kg]."""
+    """Energy loss of a steady cycle, the sum of 4 k s (Y - s) over those that slip [J/kg]."""
     over = np.maximum(np.asarray(y_peak)[..., None] - sliders.slip, 0.0)
     return np.sum(4.0 * sliders.stiffness * sliders.slip * over, axis=-1)

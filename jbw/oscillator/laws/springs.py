@@ -77,7 +77,7 @@ class Spring(Law):
             )
 
     def even_part(self) -> str | None:
-        """What is even in the force at some displacements, or None; concrete values only."""
+        """The even part of the force in words, or None, by some displacements; concrete only."""
         if not is_concrete(self):
             return None
         for y in _PROBES:

@@ -61,7 +61,7 @@ class Valanis(Law):
         return cls(stiffness, 0.0, stiffness / friction, 0.0)
 
     def bouc_wen_limit(self) -> BoucWenLaw:
-        """Bouc-Wen's law that it is for kappa = 0, beside a spring of the stiffness E_t."""
+        """The equal Bouc-Wen law for kappa = 0, in parallel with a spring of the stiffness E_t."""
         alpha = self.valanis_stiffness * (1.0 - self.valanis_hardening)
         return BoucWenLaw(alpha, 0.0, self.valanis_rate)
 

@@ -69,7 +69,7 @@ def modal_backbone(
     num_harmonics: int,
     max_turns: int,
 ) -> ModalBackbone:
-    """Backbone of a mode; `jbw.backbone` says what its arguments are."""
+    """Backbone of a mode; `jbw.backbone` documents its arguments."""
     structure = admitted(structure)
     require_periodic(structure)
     require_finite(structure, y_peak=x_peak)

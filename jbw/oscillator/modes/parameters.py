@@ -32,7 +32,7 @@ from jbw.quantities import MODES, POINTS, Quantity
 
 
 class Names(NamedTuple):
-    """Names of the parameters of a mode beside the first."""
+    """Names of the parameters of a mode other than the first."""
 
     omega: str
     zeta: str
@@ -52,7 +52,7 @@ def model_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Oscillator | St
 
 
 def has_further_modes(names: Container[str]) -> bool:
-    """Whether there are modes beside the first among names of parameters."""
+    """Whether names of parameters include those of a second mode or a further one."""
     return NAMES[0].omega in names
 
 
@@ -67,7 +67,7 @@ def structure_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Structure:
 
 
 def own_name(name: str, mode: int) -> str:
-    """What a parameter of a law is called that is a further mode's own, the second one's by 2."""
+    """Name of a law's parameter of a further mode; `mode` is 2 for the second."""
     return f"{name}_mode_{mode}"
 
 
@@ -84,7 +84,7 @@ def own_quantities(laws: tuple[str, ...], num_modes: int = 1 + len(MODES)) -> li
 
 
 def modes_apart(theta: Mapping[str, Any], laws: tuple[str, ...]) -> tuple[Oscillator, ...] | None:
-    """An oscillator a mode, each with laws of its own; None where theta has none such."""
+    """One oscillator for each uncoupled mode, with laws of its own; None where theta has none."""
     law_names = [quantity.name for quantity in quantities_of(laws)]
     if not law_names or own_name(law_names[0], 2) not in theta:
         return None
@@ -103,7 +103,7 @@ def gain_ratios(theta: Mapping[str, Any]) -> list[Any]:
 
 
 def seen_by_points(theta: Mapping[str, Any], num_modes: int) -> Float[Array, "point mode"]:
-    """What every point sees of the modes: the first point, then the further ones in order."""
+    """Weights of the modes at every point: the first point, then the further ones in order."""
     others = (point[:num_modes] for point in SEEN if point[0] in theta)
     rows = (jnp.stack([theta[name] for name in names]) for names in others)
     return jnp.stack(jnp.broadcast_arrays(jnp.ones(num_modes), *rows))

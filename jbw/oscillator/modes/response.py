@@ -77,7 +77,7 @@ class ModalOptions(NamedTuple):
 def simulate_structure(
     structure: Structure, u: Any, fs: Scalar, initial: tuple, options: ModalOptions
 ) -> StructureResponse:
-    """Response of a structure; `jbw.simulate` says what its arguments are."""
+    """Response of a structure; `jbw.simulate` documents its arguments."""
     substeps, num_samples = options.substeps, options.num_samples
     check_options(fs, options.hold, substeps, num_samples, callable(u))  # pyright: ignore[reportArgumentType]
     stated_structure, structure = structure, admitted(structure)

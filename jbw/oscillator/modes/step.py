@@ -120,7 +120,7 @@ class ModalStepping(eqx.Module):
     pieces: tuple[Float[Array, " substep"], ...]
 
     def push(self, powers: tuple[Any, ...]) -> ModalPush:
-        """What the input's coefficients, of one substep or of all, add to every mode."""
+        """Change of every mode by the input's coefficients, of one substep or of all."""
         on_q, on_v = (
             tuple(weighted(weights, powers) for weights in modes)
             for modes in (self.on_q, self.on_v)

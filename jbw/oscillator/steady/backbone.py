@@ -107,7 +107,7 @@ def backbone(
 
 
 def _require_loops(joint: Any) -> None:
-    """Raise where the equivalent stiffness and damping of a law at an amplitude are not known."""
+    """Raise where a law has no equivalent stiffness and damping at an amplitude."""
     for law in joint.laws:
         if not isinstance(law, Square):  # `Oscillator.loop` includes its effect of second order
             law.check_periodic()

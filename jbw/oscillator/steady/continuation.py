@@ -215,7 +215,7 @@ def _tangent(unit: Unit, x: Point, previous: Point, max_turns: int) -> Point:
 
 
 def _scale(x: Point) -> Point:
-    """What counts as a change by 1: the size of the harmonics, a fifth of the frequency."""
+    """Scale of every unknown: the size of the harmonics, a fifth of the frequency."""
     size = jnp.full_like(x, jnp.linalg.norm(x[:-1]))
     return size.at[-1].set(_FREQUENCY_SCALE * x[-1])
 
