@@ -1,1 +1,1 @@
-"""How we learn: sees a log density, names and bounds; knows no joint and no rig."""
+"""Inference from a log density, names and bounds, independent of joint and rig."""

@@ -102,7 +102,7 @@ def _arguments(distribution: Any) -> dict[str, float]:
 
 
 def is_distribution(value: Any) -> bool:
-    """Whether a value is one of NumPyro's distributions, told without loading it."""
+    """Whether a value is one of NumPyro's distributions, without loading NumPyro."""
     return any(kind.__module__.startswith("numpyro.distributions") for kind in type(value).__mro__)
 
 

@@ -1,4 +1,4 @@
-"""Samplers for a likelihood of one's own, and their judgement, public as `jbw.sampling`.
+"""Samplers for a user's likelihood, and the verdict on their draws, public as `jbw.sampling`.
 
 box = jbw.sampling.box({"zeta": (1e-3, 1e-2), "alpha": (100.0, 900.0)})
 tree = jbw.sampling.sample(key, log_likelihood, box, data, sampler="nuts")

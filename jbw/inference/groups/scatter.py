@@ -151,7 +151,7 @@ def _integrated(data: _Information, scatter: Float[Array, " own"]) -> Float[Arra
 
 
 def _passed_on(data: _Information, scatter: Float[Array, " own"]) -> _Information:
-    """What data of b = a + c say of a: W - W G W and h - W G h, with $G = (W + S^{-1})^{-1}$."""
+    """Likelihood of a from b = a + c: W - W G W and h - W G h, with $G = (W + S^{-1})^{-1}$."""
     precision, pull = _scaled(data, scatter)
     weight = data.precision * scatter  # W s
     gained = jax.vmap(lambda column: solve(precision, column), in_axes=2, out_axes=2)(

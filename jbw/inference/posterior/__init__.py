@@ -1,1 +1,1 @@
-"""What draws say: the tree, summaries, checks, verdicts, comparisons, calibration."""
+"""Results from draws: the tree, summaries, checks, verdicts, comparisons, calibration."""

@@ -66,7 +66,7 @@ class Verdict:
 
 
 def judge(findings: Iterable[Finding]) -> Verdict:
-    """The verdict that follows from findings; one that says nothing is not assessed."""
+    """The verdict that follows from findings; not assessed without any."""
     findings = tuple(findings)
     statuses: set[Status] = {finding.status for finding in findings}
     return Verdict(worst_of(statuses), findings)
@@ -97,7 +97,7 @@ def checked(code: str, ok: bool | np.bool_, reason: str, number: float, action: 
 
 @dataclass(frozen=True)
 class Answer:
-    """What the findings say to one question of the verdict.
+    """Answer of the findings to one question of the verdict.
 
     Attributes:
         question: The question.

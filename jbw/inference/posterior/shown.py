@@ -26,7 +26,7 @@ def text_of(findings: Sequence[Said]) -> Iterator[str]:
 
 
 def table_of(findings: Sequence[Said], size: int = SIZE) -> str:
-    """The same as a table of HTML within so many bytes, the failed first; names escaped."""
+    """The same as a table of HTML of at most `size` bytes, the failed first; names escaped."""
     against = sorted((finding for finding in findings if finding.status != "ok"), key=_badness)
     rows, spent = [], 0
     for finding in against:

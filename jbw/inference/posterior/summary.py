@@ -19,13 +19,13 @@ LAPLACE = "laplace"  # sampler of draws about a fit, which are independent and o
 
 
 def evenly_spaced(posterior: xr.Dataset, num_draws: int) -> NDArray[np.intp]:
-    """Numbers of so many draws at most, evenly spaced over all chains laid end to end."""
+    """Indices of at most `num_draws` draws, evenly spaced over all chains laid end to end."""
     total = posterior.sizes["chain"] * posterior.sizes["draw"]
     return np.unique(np.linspace(0, total - 1, min(num_draws, total)).round().astype(int))
 
 
 def summarise(tree: xr.DataTree, box: Box) -> dict[str, Row]:
-    """Row of every scalar quantity of the tree that `sample` left, by its name.
+    """Row of every scalar quantity of a tree of `sample`, by its name.
 
     `map` is the draw of the highest density, `kl` [nats] is from the prior, `contraction` 1 less
     the variance over the prior's; NaN for what cannot be had, as what is said of chains where the

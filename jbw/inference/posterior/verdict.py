@@ -48,7 +48,7 @@ def verdict(
     chi_square: tuple[float, int] | None = None,
     ending: Collection[str] = (),
 ) -> Verdict:
-    """Judge a posterior that `sample` left: R-hat < 1.01 and effective sizes >= 400 among others.
+    """Judge a posterior of `sample`: R-hat < 1.01 and effective sizes >= 400 among others.
 
     Scalar quantities that the box does not name are judged for convergence only. `chi_square` is
     that of the best fit with its degrees of freedom, where known; parameters that are `ending` by

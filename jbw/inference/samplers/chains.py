@@ -207,7 +207,7 @@ def in_batches(f: Callable[[PyTree], PyTree], points: PyTree) -> PyTree:
 def _advanced(
     kernel: Kernel, state: PyTree, count: Int[Array, ""], capacity: int, skipped: int
 ) -> tuple[PyTree, Draw]:
-    """The state after `count` steps, and rows of what the steps after `skipped` left."""
+    """The state after `count` steps, and the draws of the steps after `skipped`, as rows."""
 
     def step(i: Array, carry: tuple[PyTree, Draw]) -> tuple[PyTree, Draw]:
         state, rows = carry

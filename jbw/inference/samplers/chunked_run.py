@@ -65,7 +65,7 @@ class Kept(Protocol):
         ...
 
     def load(self) -> Arrays | None:
-        """What was saved last, or None."""
+        """The arrays that were saved last, or None."""
         ...
 
     def due(self) -> bool:
@@ -223,7 +223,7 @@ def _grown(
 
 
 def _so_far(done: int, total: int, rows: list[Rows], rate: float | None) -> SoFar:
-    """What is known of the chains after a chunk, at a rate of seconds a step where one is known."""
+    """Progress of the chains after a chunk, at a rate of seconds a step where it was measured."""
     left_s = None if rate is None else rate * (total - done)
     if not rows:
         return SoFar(done, total, {}, None, left_s)

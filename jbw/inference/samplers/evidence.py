@@ -74,7 +74,7 @@ def highest_power(
     ends: tuple[Array, Array],
     halvings: int,
 ) -> Float[Array, ""]:
-    """The highest power between two that leaves so many draws effective, by bisection."""
+    """The highest power between two that leaves `least` draws effective, by bisection."""
 
     def halve(_: int, ends: tuple[Array, Array]) -> tuple[Array, Array]:
         low, high = ends

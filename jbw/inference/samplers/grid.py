@@ -85,7 +85,7 @@ def tensor(axes: list[Float[Array, " _place"]]) -> Float[Array, "node parameter"
 
 
 def grid_within(problem: Problem, whitening: Coordinate, bounds: Bounds, num_places: int) -> Grid:
-    """A grid of so many places along each coordinate."""
+    """A grid of `num_places` nodes along each coordinate."""
     axes = jnp.linspace(bounds[0], bounds[1], num_places, axis=1)
     return Grid(whitening, axes, log_density_at(problem, whitening, tensor(list(axes))))
 
@@ -111,7 +111,7 @@ def whitened_by(
 
 
 class Place(NamedTuple):
-    """Where a posterior lies: moments of its logit at a power of the likelihood, 1 at the end.
+    """Location of a posterior: moments of its logit at a power of the likelihood, 1 at the end.
 
     Further the highest log density of the last grid [nats], grids that were spent, how many of them
     at the power 1, and whether the posterior was possible at any node of every grid.

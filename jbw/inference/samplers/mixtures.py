@@ -130,7 +130,7 @@ def _score(
 
 
 def _fitted(rng: np.random.Generator, x: Points, weights: Weights, count: int) -> Mixture:
-    """The mixture of so many components at most."""
+    """The fitted mixture of at most `count` components."""
     size = x.shape[1]
     effective = 1 / np.sum(weights**2)
     overall = _overall(weights, x)
@@ -145,7 +145,7 @@ def _fitted(rng: np.random.Generator, x: Points, weights: Weights, count: int) -
 def _improved(
     mixture: Mixture, x: Points, weights: Weights, effective: float, overall: NDArray[np.float64]
 ) -> Mixture:
-    """The mixture after one step; components of too few points are left out."""
+    """The mixture after one step, without components of too few points."""
     size = x.shape[1]
     squares = _squares(mixture, x)
     parts = _log_components(mixture, squares)

@@ -46,7 +46,7 @@ PROBABILITIES = (0.005, 0.01, 0.05, 0.5, 0.95, 0.99, 0.995)
 
 
 class Options(NamedTuple):
-    """Draws of each of so many groups; nodes along each coordinate, odd, or as suits when None."""
+    """Draws of each of `num_chains` groups; nodes along each coordinate, odd, None for the default."""
 
     num_samples: int = 1000
     num_chains: int = 4
@@ -54,7 +54,7 @@ class Options(NamedTuple):
 
 
 class Marginal(NamedTuple):
-    """What the grid of one parameter says, quantiles at `PROBABILITIES`.
+    """Marginal of one parameter by its grid, quantiles at `PROBABILITIES`.
 
     The error is what the finer of two rules changed: log evidence [nats], mean and standard
     deviation over the deviation.
@@ -99,7 +99,7 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
 
 
 def _on_its_axis(i: int, problem: Problem, place: Any, count: int) -> tuple[Marginal, Grid]:
-    """A grid whose first coordinate alone decides one parameter, and what it says of that."""
+    """A grid whose first coordinate alone determines one parameter, and the marginal of that."""
     whitening = whitened_by(place.mean, place.covariance, first=i)
     bounds = bounds_of(problem, whitening, place, FACES[len(problem.box.names)])
     # The rule converges in the stretched coordinate as well: it is smooth, and ends as low.

@@ -49,7 +49,7 @@ class Sampler(NamedTuple):
     in_rounds: bool = False
 
     def suits(self, num_parameters: int) -> bool:
-        """Whether the sampler takes so many parameters."""
+        """Whether the sampler takes `num_parameters` parameters."""
         return self.most_parameters is None or num_parameters <= self.most_parameters
 
 

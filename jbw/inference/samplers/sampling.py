@@ -194,7 +194,7 @@ def _tree(
 
 
 def _plain(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Values as netCDF can store them: truth values as 0 and 1, absent ones left out."""
+    """Values as netCDF can store them: truth values as 0 and 1, without those that are None."""
     plain = {n: np.asarray(value).tolist() for n, value in values.items() if value is not None}
     return {n: int(value) if isinstance(value, bool) else value for n, value in plain.items()}
 

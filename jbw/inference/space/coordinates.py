@@ -175,7 +175,7 @@ class Composed(Coordinate):
 
 
 def _namespace(x: Any) -> Any:
-    """NumPy of its own arrays, for which nothing is compiled, otherwise JAX."""
+    """NumPy for its arrays, for which nothing is compiled, otherwise JAX."""
     return np if isinstance(x, np.ndarray) else jnp
 
 

@@ -96,7 +96,7 @@ def walls(foot: Member, along: Member) -> tuple[Float[Array, ""], Float[Array, "
 
 
 def along_ridge(theta: Mapping[str, float], covariance: Covariance, box: Box) -> Reparametrisation:
-    """The coordinates about the optimum of a fit; its least known direction is the ridge."""
+    """The coordinates about the optimum of a fit; its least determined direction is the ridge."""
     logarithms = never_zero(theta, covariance, box)
     in_logs = in_logarithms(theta, covariance, box, logarithms)
     # Where the prior's lower bound is zero, logarithms end at a floor too low to matter.

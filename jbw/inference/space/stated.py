@@ -1,4 +1,4 @@
-r"""Prior densities that a campaign states, beside the uniform prior of the box.
+r"""Prior densities that a campaign states, in addition to the uniform prior of the box.
 
 A parameter with a stated density $\pi$ keeps a box, whose bounds [l, u] hold all of the density
 but a negligible tail. Its posterior is that of the box with one more term,

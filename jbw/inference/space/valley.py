@@ -75,7 +75,7 @@ class Valley(Coordinate):
     def _at(
         self, q: Float[Array, ""]
     ) -> tuple[Float[Array, " other"], Float[Array, "other other"]]:
-        """The floor, which goes on beyond its ends, and the root, which stays as it is there."""
+        """The floor, extrapolated beyond its ends, and the root, constant beyond them."""
         i = jnp.clip(jnp.searchsorted(self.knots, q) - 1, 0, self.knots.size - 2)
         length = self.knots[i + 1] - self.knots[i]
         part = jnp.clip((q - self.knots[i]) / length, 0.0, 1.0)
