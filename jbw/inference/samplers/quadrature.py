@@ -46,7 +46,7 @@ PROBABILITIES = (0.005, 0.01, 0.05, 0.5, 0.95, 0.99, 0.995)
 
 
 class Options(NamedTuple):
-    """Draws of each of `num_chains` groups; nodes along each coordinate, odd, None for the default."""
+    """Draws of each of `num_chains` groups; nodes a coordinate, odd, None for the default."""
 
     num_samples: int = 1000
     num_chains: int = 4
