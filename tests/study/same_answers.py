@@ -34,6 +34,7 @@ UNITS = {
     # the verdict's, each of which is a part of something or a count
     "number": (PURE, ONE),
     "seed": PURE,
+    "quick": PURE,  # of a first answer: relative errors by test
     # a comparison of laws
     "spring": "1/(m s^2)", "damper": "1/m",
     **dict.fromkeys(("softening", "softening_exponent", "damping_exponent", "masing"), PURE),

@@ -4,6 +4,7 @@ Where time is stretched by c, lengths by s and masses by m, a quantity in kg^a m
 by m^a s^b c^d; volts are not. Nothing that jbw says may depend on it but by this factor.
 """
 
+import json
 from dataclasses import dataclass, replace
 from functools import cache
 
@@ -122,6 +123,38 @@ def campaign_in(campaign, scale):
     mass = campaign.modal_mass and campaign.modal_mass * scale.mass
     tests = tuple(test_in(test, scale) for test in campaign.tests)
     return replace(campaign, tests=tests, settings=Identify.of(stated), modal_mass=mass)
+
+
+def reordered(campaign):
+    """Its tests and the repeats of each in the opposite order."""
+    tests = [replace(test, records=test.records[::-1]) for test in campaign.tests[::-1]]
+    return replace(campaign, tests=tuple(tests))
+
+
+NAMES = {
+    name: f'Prüfung {i} <{name[::-1]}> "a/b"' for i, name in enumerate(plan.name for plan in PLANS)
+}
+
+
+def renamed(campaign):
+    """Its tests under names with slashes, brackets, quotes, umlauts and spaces."""
+    tests = tuple(
+        replace(
+            test,
+            name=NAMES[test.name],
+            records=tuple(replace(one, name=NAMES[test.name]) for one in test.records),
+        )
+        for test in campaign.tests
+    )
+    return replace(campaign, tests=tests)
+
+
+def with_names_back(answer):
+    """An answer to the renamed campaign, as JSON reads it, with the names of the campaign."""
+    text = json.dumps(answer, ensure_ascii=False)
+    for name, other in NAMES.items():
+        text = text.replace(json.dumps(other, ensure_ascii=False)[1:-1], name)
+    return json.loads(text)
 
 
 def write_campaign(campaign, folder):

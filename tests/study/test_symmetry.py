@@ -10,7 +10,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from same_answers import differences
-from scaled_campaigns import AT_TRUTH, PLANS, Scale, campaign_in, measured, write_campaign
+from scaled_campaigns import (
+    AT_TRUTH,
+    PLANS,
+    Scale,
+    campaign_in,
+    measured,
+    renamed,
+    reordered,
+    with_names_back,
+    write_campaign,
+)
 
 from jbw.campaign.check import as_json, check_campaign
 from jbw.identification.assemble import assemble, measured_in
@@ -82,12 +92,6 @@ def test_a_check_of_an_image_finds_the_same(scale, tmp_path):
     assert differences(found, checked(campaign, tmp_path / "itself"), scale, allowed(scale)) == []
 
 
-def reordered(campaign):
-    """Its tests and the repeats of each in the opposite order."""
-    tests = [replace(test, records=test.records[::-1]) for test in campaign.tests[::-1]]
-    return replace(campaign, tests=tuple(tests))
-
-
 def in_order(answer):
     """An answer whose rows and sentences are by test, in the order of their names and words."""
     ordered = {key: sorted(answer[key]) for key in ("seen", "statements")}
@@ -100,28 +104,6 @@ def test_a_look_does_not_depend_on_the_order_of_tests_and_files():
     found, expected = (in_order(seen(one)) for one in (reordered(campaign), campaign))
     # Sums over repeats in another order.
     assert differences(found, expected, Scale(), EXACT) == []
-
-
-NAMES = {name: f'Prüfung {i} <{name[::-1]}> "a/b"' for i, name in enumerate(KINDS)}
-
-
-def renamed(campaign):
-    tests = tuple(
-        replace(
-            test,
-            name=NAMES[test.name],
-            records=tuple(replace(one, name=NAMES[test.name]) for one in test.records),
-        )
-        for test in campaign.tests
-    )
-    return replace(campaign, tests=tests)
-
-
-def with_names_back(answer):
-    text = json.dumps(answer, ensure_ascii=False)
-    for name, other in NAMES.items():
-        text = text.replace(json.dumps(other, ensure_ascii=False)[1:-1], name)
-    return json.loads(text)
 
 
 def test_a_look_and_a_check_do_not_depend_on_names(tmp_path):
