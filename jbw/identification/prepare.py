@@ -37,7 +37,7 @@ from jbw.identification.thresholds_crossed import fitted_displacement
 from jbw.inference.fit.costly_fit import TOLERANCE, costly_fit
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.generator import parts_of
-from jbw.inference.lanes import at_points
+from jbw.inference.lanes import at_points, forget
 from jbw.inference.posterior.finding import Finding
 from jbw.inference.space.box import Box
 from jbw.observables import dataset
@@ -170,6 +170,7 @@ def completed(
             finer = refined(key, data, prior, best)
             if finer is data:
                 break
+            forget()  # the programs of coarser steps
             data, best = finer, refit(best, prior, finer)
     best = replace(best, waterfall=weighted.fit.waterfall)
     return replace(weighted, fit=best, box=prior, data=data, statements=tuple(words))

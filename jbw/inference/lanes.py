@@ -81,6 +81,17 @@ def _rest(
     return jax.vmap(lambda one, own: function(one, eqx.combine(data, own)))(dict(theta), solved)
 
 
+def forget() -> None:
+    """Free the programs of functions at points, some 50 MB each, once data have other shapes.
+
+    What is asked for again is compiled again, or read from the user's cache.
+    """
+    compiled = getattr(_values, "_cached", None)  # where Equinox keeps what JAX compiled
+    clear = getattr(compiled, "clear_cache", None)
+    if clear is not None:
+        clear()
+
+
 def num_cores() -> int:
     """Cores that this process may use."""
     affinity = getattr(os, "sched_getaffinity", None)  # not on every system

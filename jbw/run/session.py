@@ -1,12 +1,18 @@
 """JAX and linear algebra as every run of jbw wants them, in a process of its own."""
 
+import ctypes
 import logging
 import os
 import platform
+import sys
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import platformdirs
 
+COMPILED = "/jax/core/compile/backend_compile_duration"
+LONG_S = 0.3  # of a compile: below, less is freed than looking for it is worth
 THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 
 
@@ -27,9 +33,35 @@ def prepare_process() -> None:
 
     jax.config.update("jax_enable_x64", True)
     keep_compiled(platform.node())
+    give_back_after_compiling()
     logging.getLogger("jax").setLevel(logging.ERROR)
     if not any(name in os.environ for name in THREADS):
         threadpool_limits(1, user_api="blas")
+
+
+def give_back_after_compiling() -> None:
+    """Let the C library give back to the system what every longer compile has freed.
+
+    A compiler frees tens of megabytes in small pieces, which glibc keeps for more of them: after a
+    dozen programs a gigabyte that nobody uses. Where the library is another, nothing is done.
+    """
+    from jax import monitoring
+
+    if sys.platform != "linux":
+        return
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if trim is not None:
+        monitoring.register_event_duration_secs_listener(trimming(trim))
+
+
+def trimming(trim: Callable[[int], Any]) -> Callable[..., None]:
+    """What is told of durations and asks to `trim` the heap, keeping no margin, after compiles."""
+
+    def told(event: str, duration: float, **facts: str | int) -> None:
+        if event == COMPILED and duration >= LONG_S:
+            trim(0)
+
+    return told
 
 
 def keep_compiled(name: str) -> Path | None:

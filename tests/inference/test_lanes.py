@@ -65,6 +65,25 @@ def test_it_is_compiled_once_whatever_the_data_and_the_number_of_points():
     assert traced == 1
 
 
+def test_what_is_forgotten_is_compiled_again_to_the_same_digits():
+    """The programs that were compiled are gone: one that is asked for again is compiled anew."""
+    asked, theta = [], points(5)
+
+    def listener(event, seconds, **_):
+        asked.append(event) if event.endswith("backend_compile_duration") else None
+
+    first = at_points(wavy, theta, jnp.asarray(0.3))
+    jax.monitoring.register_event_duration_secs_listener(listener)
+    try:
+        at_points(wavy, theta, jnp.asarray(0.3))
+        assert not asked
+        lanes.forget()
+        np.testing.assert_array_equal(at_points(wavy, theta, jnp.asarray(0.3)), first)
+        assert asked
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listener)
+
+
 def test_one_point_that_cannot_be_solved_spoils_no_other():
     theta = points(40)
     theta["b"][17] = np.nan

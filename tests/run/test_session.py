@@ -6,7 +6,8 @@ import sys
 
 import pytest
 
-from jbw.run.session import THREADS
+from jbw.run import session
+from jbw.run.session import COMPILED, THREADS, trimming
 
 SHOWN = """
 from jbw.run.session import prepare_process
@@ -26,3 +27,27 @@ def test_linear_algebra_has_one_thread_unless_the_environment_names_more(named, 
         [sys.executable, "-c", SHOWN], env=without | named, capture_output=True, text=True
     )
     assert shown.stdout.strip() == found, shown.stderr
+
+
+def test_the_heap_is_given_back_after_longer_compiles_alone():
+    asked = []
+    told = trimming(asked.append)
+    for event, seconds in ((COMPILED, 0.01), ("/jax/other", 9.0), (COMPILED, 2.0)):
+        told(event, seconds, fun_name="any")
+    assert asked == [0]
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="of glibc")
+def test_a_process_asks_after_its_own_compiles(monkeypatch):
+    """JAX tells of a compile by the name that is listened for."""
+    import jax
+
+    asked = []
+    monkeypatch.setattr(session, "LONG_S", 0.0)
+    listener = trimming(asked.append)
+    jax.monitoring.register_event_duration_secs_listener(listener)
+    try:
+        jax.jit(lambda x: x + 1.2345)(1.0)
+    finally:
+        jax.monitoring.unregister_event_duration_listener(listener)
+    assert set(asked) == {0}

@@ -151,7 +151,7 @@ def renamed(campaign):
 
 def with_names_back(answer):
     """An answer to the renamed campaign, as JSON reads it, with the names of the campaign."""
-    text = json.dumps(answer, ensure_ascii=False)
+    text = json.dumps(answer, ensure_ascii=False).replace("\u2215", "/")  # of a stored group
     for name, other in NAMES.items():
         text = text.replace(json.dumps(other, ensure_ascii=False)[1:-1], name)
     return json.loads(text)
