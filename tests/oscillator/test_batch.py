@@ -1,13 +1,16 @@
 """Oscillators side by side by one program, against `jbw.simulate` one after the other."""
 
 import gc
+from typing import Any
 
 import jax
 import jax.numpy as jnp
+import mpmath as mp
 import numpy as np
 import pytest
 
 import jbw
+from jbw.inference.groups.offsets import estimate
 from jbw.observables.samples import band_limited
 from jbw.oscillator import batch
 from jbw.oscillator.batch import INTERVALS, LANES, Measured, compile_ahead, march, record_of
@@ -76,6 +79,57 @@ def test_sums_are_those_of_the_written_residual():
     silent = march(many, gains, record, FS, 2, 1, known=known, writes=False)
     assert silent.response is None
     np.testing.assert_array_equal(silent.square, found.square)
+
+
+def exact_sums(residuals_of, rows) -> Any:
+    """Squares, products with the rows, and what is left of the squares without these, by mpmath."""
+    with mp.workdps(50):
+        values, response, known = residuals_of
+        rows = [[mp.mpf(x) for x in row] for row in rows]
+        parts = [[mp.mpf(part) * x for x in row] for part, row in zip(known, rows, strict=True)]
+        pairs = zip(values, response, *parts, strict=True)
+        residual = [mp.mpf(d) - mp.mpf(x) - sum(part) for d, x, *part in pairs]
+        square, along = mp.fdot(residual, residual), [mp.fdot(row, residual) for row in rows]
+        normal = mp.matrix([[mp.fdot(one, other) for other in rows] for one in rows])
+        offset = mp.lu_solve(normal, mp.matrix(along))
+        return square, along, square - mp.fdot(offset, along)
+
+
+def test_terms_are_exact_but_for_rounding():
+    """Where offsets take away nearly all of the squares, their rounding is what a term has left.
+
+    So terms of the loop's sums and of sums over written rows differ by it, neither being the
+    better one: where |r|^2 is 1e4 times what is left, by 1e-12 of the term.
+    """
+    size, many, source, gains = 3000, joints(2), sweep(3000), np.array([8.0, 15.0])
+    time = np.arange(size) / FS
+    like = march(many, gains, record_of(source), FS, 2, 1).response[0]
+    # Of an offset of frequency, which shifts the motion in time, and of damping.
+    rows = np.stack([np.gradient(like, 1 / FS) * time / 118.0, like * time * 118.0])
+    noise = np.random.default_rng(1).standard_normal(size)
+    values, known = like + 1e-3 * np.abs(like).max() * noise, np.array([[0.3, 1e-4], [2.0, 3e-3]])
+    record = record_of(source, None, Measured(values, rows))
+    found = march(many, gains, record, FS, 2, 1, known=known)
+    taken = []  # squares over what is left of them
+    for i, response in enumerate(found.response):
+        square, along, left = exact_sums((values, response, known[i]), rows)
+        written = values - response - known[i] @ rows
+        for squares, products in (
+            (found.square[i], found.along[i]),
+            (written @ written, rows @ written),
+        ):
+            # One sum after the other of 3,000 terms: as the root of their number, 6e-15.
+            assert abs(float(squares / square - 1)) < 3e-14
+            scale = np.sqrt(float(square) * np.sum(rows**2, axis=1))
+            error = [float(x - exact) for x, exact in zip(products, along, strict=True)]
+            np.testing.assert_allclose(error / scale, 0.0, atol=3e-14)
+            term = estimate(
+                *map(jnp.asarray, ([squares], [products], [0.0], [1.0], [float(size)], [rows]))
+            ).log_density[0]
+            rounding = 3e-14 * float(square / left) * size / 2
+            assert abs(float(term) + size / 2 * float(mp.log(left))) < rounding
+        taken.append(float(square / left))
+    assert taken[0] > 1e3
 
 
 def test_laws_that_remember_reversals_march_too():
