@@ -242,7 +242,7 @@ def test_the_steady_state_is_that_of_a_periodic_record(compiled_law):
     slope = jax.grad(lambda a: jnp.abs(jbw.steady_state(joint, omega, a)[0]))(4.0)
     near = [abs(complex(jbw.steady_state(joint, omega, a)[0])) for a in (4.0004, 3.9996)]
     np.testing.assert_allclose(slope, (near[0] - near[1]) / 8e-4, rtol=1e-3)
-    found = jbw.backbone(joint, np.array([0.0, 3e-3]))
+    found = compiled(jbw.backbone)(joint, np.array([0.0, 3e-3]))
     assert np.all(np.isfinite(np.asarray(found.omega)))
     assert found.omega[0] == pytest.approx(118.0)
 

@@ -183,15 +183,18 @@ def power(function):
 def test_the_gradient_by_every_number_is_the_slope(name):
     """Along one direction that changes all numbers, against a central difference."""
     function, *numbers = CASES[name]
-    free = (JOINT, *numbers)
     # The residual of a periodic record is round-off, which has no slope.
-    sizes = [max(float(np.max(np.abs(x))), 1e-9) for x in jax.tree.leaves(function(*free))]
-    total = power(function)
-    slopes = jax.jit(jax.grad(total))(free, sizes)
+    leaves = jax.tree.leaves(jax.jit(function)(JOINT, *numbers))  # by the program of the test above
+    sizes = [max(float(np.max(np.abs(x))), 1e-9) for x in leaves]
+    free = jax.tree.map(np.asarray, (JOINT, *numbers))
+    total = jax.jit(jax.value_and_grad(power(function)))
+    _, slopes = total(free, sizes)
     assert all(np.all(np.isfinite(x)) for x in jax.tree.leaves(slopes))
-    way = jax.tree.map(lambda x: 1e-5 * np.asarray(x), free)
-    ahead, behind = (jax.tree.map(lambda x, d, s=sign: x + s * d, free, way) for sign in (1, -1))
-    expected = float(total(ahead, sizes) - total(behind, sizes)) / 2
+    way = jax.tree.map(lambda x: 1e-5 * x, free)
+    ahead, behind = (
+        jax.tree.map(lambda x, d, s=sign: np.asarray(x + s * d), free, way) for sign in (1, -1)
+    )
+    expected = float(total(ahead, sizes)[0] - total(behind, sizes)[0]) / 2
     # Of a complex number jax has the slope by its conjugate.
     parts = jax.tree.map(lambda g, d: np.sum(np.real(g * d)), slopes, way)
     scale = float(sum(abs(part) for part in jax.tree.leaves(parts)))
