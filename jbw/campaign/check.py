@@ -327,8 +327,11 @@ def _believable(record: Record, test: TestSpec, per_unit: float | None) -> Itera
         dwell = test.dwell if traits.is_stepped else None
         yield from response_checks.unsteady(record, test.tones, test.settle, dwell)
     elif traits.is_curve:
-        yield from response_checks.phase_in_degrees(record.channels["phase"])
-        yield from response_checks.impassive(response_curve(record))
+        if in_degrees := list(response_checks.phase_in_degrees(record.channels["phase"])):
+            # A phase of another unit tells nothing of signs or of a backbone.
+            yield from in_degrees
+        else:
+            yield from response_checks.impassive(response_curve(record))
     elif traits.is_prescribed:
         yield from response_checks.gives_energy(forced_loop(record))
         yield from degrading(forced_loop(record))

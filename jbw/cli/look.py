@@ -39,8 +39,9 @@ def look(
 
     Frequency, damping, scatter of repeats, third harmonic and what a linear oscillator leaves, test
     by test in the order of the motion; then whether frequency and damping change with amplitude, by
-    how much and by which power, and what harmonics, distortion and coherence say. `jbw check` looks
-    at the channels, `jbw identify` fits a joint.
+    how much and by which power, and what harmonics, distortion and coherence say. What is doubtful
+    about the records is said first: it changes the numbers. `jbw check` looks at the channels,
+    `jbw identify` fits a joint.
     """
     if figure is not None and figure.suffix not in ENDINGS:
         raise ConfigError(
@@ -58,9 +59,11 @@ def look(
         from jbw.study.look import look_groups
 
         say(f"Reading {campaign}")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # what is doubtful of channels is said by `jbw check`
+        with warnings.catch_warnings(record=True) as doubts:
+            warnings.simplefilter("always")
             loaded = load_campaign(campaign, allow_outside=allow_outside)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # readings that cannot be made are listed as unread
             found = look_at(loaded, report=say)
         if figure is not None:
             import xarray
@@ -79,8 +82,10 @@ def look(
     tables = tests_table(found.record), loops_table(found.record)
     made = (("Figure", figure), ("Choose the band", html))
     saved = "\n".join(f"{what}: {path}" for what, path in made if path is not None)
-    record = found.record
-    answer(json_, record, *tables, *record["statements"], *record["seen"], saved=saved)
+    record = found.record | {"doubts": [str(doubt.message) for doubt in doubts]}
+    # What the records were mishandled by changes the numbers above: it is said beside them.
+    doubted = [f"Doubtful: {doubt}" for doubt in record["doubts"]]
+    answer(json_, record, *tables, *doubted, *record["statements"], *record["seen"], saved=saved)
     following("identify", campaign)
 
 
