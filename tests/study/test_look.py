@@ -308,7 +308,8 @@ def test_the_command_says_what_is_doubtful_beside_the_numbers_that_it_changes(tm
     )
     assert run(["look", str(path)]) == 0
     said = capsys.readouterr().out
-    assert "Doubtful: Test decay" in said and "window_s = " in said
+    assert "Doubtful: Test decay" in said
+    assert "window_s = " in said
     assert run(["look", str(path), "--json"]) == 0
     (doubt,) = json.loads(capsys.readouterr().out)["doubts"]
     stated = float(doubt.rpartition("window_s = ")[2].split("`")[0])
