@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from jbw.inference.posterior.finding import ASKED
 from jbw.report.result import BACKBONE, laws_of, node
 from jbw.report.text import length_unit
 from jbw.report.words import grades
@@ -203,8 +204,14 @@ def _listed(names: Sequence[str]) -> str:
 
 
 def _following(summary: Summary) -> str:
-    """The remedy of the first finding that fails, else of the first that is not ok."""
+    """The remedy of the first finding that fails, else of the first that is not ok.
+
+    Of a joint that is not seen no parameter can be identified: its bounds are no remedy.
+    """
     against = [one for one in summary["verdict"]["findings"] if one["status"] != "ok"]
+    if any(one["code"] == ABSENT for one in against):
+        follows = set(ASKED["knowledge"]) - {ABSENT}
+        against = [one for one in against if one["code"] not in follows]
     against.sort(key=lambda one: one["status"] != "failed")
     action = next((one["action"] for one in against if one["action"]), None)
     return f"To do next: {action}" if action else "To do next: nothing; the result can be used."

@@ -85,6 +85,17 @@ def test_no_joint_is_said_in_the_words_of_its_finding_and_only_when_it_is_agains
     assert "linear" in opening(present, tree_of(laws="[]"))[0]
 
 
+def test_bounds_of_a_joint_that_is_not_seen_are_no_next_step():
+    """They follow from it: data that see no joint leave its parameters to the prior."""
+    follows = [finding("at_bound", action="Widen it."), finding("unidentified", action="Narrow.")]
+    absent = summary_of(findings=[*follows, finding("no_joint", action="Drive harder.")])
+    assert opening(absent, tree_of())[-1] == "To do next: Drive harder."
+    assert opening(summary_of(findings=follows), tree_of())[-1] == "To do next: Widen it."
+    unsure = finding("r_hat", action="Draw more.")
+    mixed = summary_of(findings=[unsure, *follows, finding("no_joint", action="Drive harder.")])
+    assert opening(mixed, tree_of())[-1] == "To do next: Draw more."
+
+
 def test_a_prescribed_motion_tells_stiffness_and_no_frequency():
     """Stiffness goes by the frequency squared: (19.6 / 19.96)^2 = 0.9642."""
     forced = summary_of({"alpha": facts(500.0, 0.02)})
