@@ -95,8 +95,8 @@ def smoothing(
         Eq. (25), corrected: with alpha gamma^2/6; lambda_3 stays negative where the force softens.
     """
     if variant not in get_args(Variant):
-        known = ", ".join(f'"{name}"' for name in get_args(Variant))
-        raise ConfigError(f'Argument `variant` must be one of {known}, but it is "{variant}".')
+        variants = ", ".join(f'"{name}"' for name in get_args(Variant))
+        raise ConfigError(f'Argument `variant` must be one of {variants}, but it is "{variant}".')
     require_closed_form(joint)
     require_finite(joint, y_peak=y_peak)
     y_open = _threshold(joint, y_peak, y_open)
@@ -281,13 +281,13 @@ def smoothing_error(
     y_peak = jnp.asarray(y_peak, float)
     y_open = _threshold(joint, y_peak, y_open)
     s, weights = gauss_legendre_between(_NUM_NODES, -1.0, jnp.asarray(y_open / y_peak), 1.0)
-    whole = Smoothing(*(jnp.asarray(x)[..., None] for x in jax.tree.leaves(polynomial)))
+    broadcast = Smoothing(*(jnp.asarray(x)[..., None] for x in jax.tree.leaves(polynomial)))
     alpha, delta, gamma, peak, y_0 = (
         jnp.asarray(x)[..., None] for x in (joint.alpha, joint.delta, joint.gamma, y_peak, y_open)
     )
     y = s * peak
     z = alpha * (y - y_0 - unloading_lag(y, y_0, delta, gamma))
-    return y_peak * jnp.sum(weights * (z - unloading_force(whole, y)) ** 2, axis=-1)
+    return y_peak * jnp.sum(weights * (z - unloading_force(broadcast, y)) ** 2, axis=-1)
 
 
 # The fits are in units of Y and alpha Y: d = delta Y, g = gamma Y, eta = y_open/Y, s = y/Y. They
@@ -354,5 +354,5 @@ def _printed(d: Array, g: Array, eta: Array) -> Coefficients:
 
 def _printed_closed(d: Array, g: Array, eta: Array) -> Coefficients:
     """Eqs. (24), (25): the closed loop, where only lambda_1 and lambda_3 remain."""
-    zero, one = jnp.zeros_like(d), jnp.ones_like(d)
-    return zero, one, zero, closed_loop_stiffness(one, d, one)
+    zero, unity = jnp.zeros_like(d), jnp.ones_like(d)
+    return zero, unity, zero, closed_loop_stiffness(unity, d, unity)

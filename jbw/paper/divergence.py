@@ -132,10 +132,12 @@ def kl_joint(
     values = np.asarray(draws, float)
     num_draws, num_parameters = values.shape
     bounds = np.broadcast_arrays(lower, upper, np.empty(num_parameters))[:2]
-    alone = sum(kl_draws(x, float(a), float(b)) for x, a, b in zip(values.T, *bounds, strict=True))
+    marginal = sum(
+        kl_draws(x, float(a), float(b)) for x, a, b in zip(values.T, *bounds, strict=True)
+    )
     scores = ndtri((rankdata(values, axis=0) - 0.5) / num_draws)
     correlation = np.atleast_2d(np.corrcoef(scores, rowvar=False))
-    return alone - 0.5 * float(np.linalg.slogdet(correlation)[1])
+    return marginal - 0.5 * float(np.linalg.slogdet(correlation)[1])
 
 
 def _require_width(lower: Real, upper: Real) -> None:

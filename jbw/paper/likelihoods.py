@@ -238,16 +238,16 @@ def map_estimate(
     def cost(z: Array, _: Any) -> Array:
         return -jnp.sum(log_density(from_unit(jax.nn.sigmoid(z), bounds)))
 
-    found = optimistix.minimise(
+    minimum = optimistix.minimise(
         cost, optimistix.BFGS(rtol=1e-10, atol=1e-10), jnp.log(x) - jnp.log1p(-x),
         max_steps=max_steps, throw=False,
     )  # fmt: skip
-    if is_concrete(found.value) and found.result != optimistix.RESULTS.successful:
+    if is_concrete(minimum.value) and minimum.result != optimistix.RESULTS.successful:
         raise ModelError(
             f"The search for the greatest density did not converge in {max_steps} steps.",
             remedy="Start nearer to it, or raise `max_steps`.",
         )
-    return from_unit(jax.nn.sigmoid(found.value), bounds)
+    return from_unit(jax.nn.sigmoid(minimum.value), bounds)
 
 
 def unit_of(theta: Mapping[str, float], bounds: Box) -> Float[Array, " parameter"]:

@@ -58,10 +58,10 @@ def rows_of(function: str, docstring: str) -> list[Equation]:
     text = re.sub(r"\s+", " ", section[1]).strip()
     rows = []
     for entry in re.split(r"(?<=\.) (?=Eqs?\. \()", text):
-        if (found := _ENTRY.fullmatch(entry)) is None:
+        if (match := _ENTRY.fullmatch(entry)) is None:
             continue
-        status, note = found[2] or "as printed", found[3] or found[4] or ""
-        rows += [Equation(number, function, status, note) for number in numbers(found[1])]
+        status, note = match[2] or "as printed", match[3] or match[4] or ""
+        rows += [Equation(number, function, status, note) for number in numbers(match[1])]
     return rows
 
 

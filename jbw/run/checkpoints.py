@@ -50,18 +50,18 @@ class Interruption:
         if threading.current_thread() is not threading.main_thread():
             yield  # only the main thread may listen
             return
-        heard, told = socket.socketpair()
-        told.setblocking(False)
+        reader, writer = socket.socketpair()
+        writer.setblocking(False)
         before = {number: signal.signal(number, self._ask) for number in SIGNALS}
-        wakeup = signal.set_wakeup_fd(told.fileno(), warn_on_full_buffer=False)
-        threading.Thread(target=self._listen, args=(heard, farewell), daemon=True).start()
+        wakeup = signal.set_wakeup_fd(writer.fileno(), warn_on_full_buffer=False)
+        threading.Thread(target=self._listen, args=(reader, farewell), daemon=True).start()
         try:
             yield
         finally:
             signal.set_wakeup_fd(wakeup)
             for number, handler in before.items():
                 signal.signal(number, handler)
-            told.close()
+            writer.close()
 
     def _listen(self, heard: socket.socket, farewell: Callable[[], str]) -> None:
         count = 0
@@ -125,17 +125,19 @@ class Checkpoint:
     def load(self) -> dict[str, np.ndarray] | None:
         """What was saved last and is whole, or None; what is damaged is warned of."""
         contents = [path.read_bytes() for path in self._files if path.exists()]
-        whole = sorted(filter(None, map(unpack, contents)), key=lambda one: one.number)
-        if len(whole) < len(contents):
-            then = "the one before it is used" if whole else "its chains start again"
+        intact = sorted(
+            filter(None, map(unpack, contents)), key=lambda generation: generation.number
+        )
+        if len(intact) < len(contents):
+            then = "the one before it is used" if intact else "its chains start again"
             warnings.warn(
                 f"A checkpoint of {self._name} in {self._files[0].parent} is damaged: {then}.",
                 stacklevel=2,
             )
-        if not whole:
+        if not intact:
             return None
-        self._number = whole[-1].number + 1
-        return whole[-1].arrays
+        self._number = intact[-1].number + 1
+        return intact[-1].arrays
 
     def grown(self, so_far: Any) -> None:
         """Pass on how far the chains are."""

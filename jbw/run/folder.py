@@ -63,8 +63,8 @@ def lock(file: Path, folder: Path) -> "BaseFileLock":
 def _holder(file: Path) -> str:
     """Who holds the lock, as far as it is written there."""
     try:
-        found = json.loads(file.with_suffix(HOLDER).read_text(encoding="utf-8"))
-        return f" (number {found['pid']} on {found['host']})"
+        holder = json.loads(file.with_suffix(HOLDER).read_text(encoding="utf-8"))
+        return f" (number {holder['pid']} on {holder['host']})"
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return ""
 

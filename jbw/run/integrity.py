@@ -30,8 +30,8 @@ def unsealed(summary: Mapping[str, Any], posterior: Path) -> dict[str, Any]:
     if SEAL not in summary:
         return content
     hashes = summary[SEAL]
-    found = {"summary": _digest(content), posterior.name: hash_of(posterior)}
-    for name, digest in found.items():
+    digests = {"summary": _digest(content), posterior.name: hash_of(posterior)}
+    for name, digest in digests.items():
         if not isinstance(hashes, Mapping) or hashes.get(name) != digest:
             raise damaged(
                 posterior if name == posterior.name else posterior.parent / "summary.json"

@@ -64,8 +64,8 @@ def read_manifest(path: Path) -> Manifest:
     """The manifest of an unfinished run; refused where it was changed or is of another format."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-        whole = content.pop("sha256") == _digest(content) and content.pop("format") == FORMAT
-        if whole:
+        intact = content.pop("sha256") == _digest(content) and content.pop("format") == FORMAT
+        if intact:
             return Manifest(**content)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         pass
@@ -86,19 +86,19 @@ def with_inputs(manifest: Manifest, campaign: Path, inputs: Mapping[str, str]) -
     With the hash of every data file by its path, as it was read.
     """
     folder = campaign.resolve().parent
-    found = {}
+    digests = {}
     for name, digest in inputs.items():
         path = Path(name).resolve()
         below = path.is_relative_to(folder)
-        found[path.relative_to(folder).as_posix() if below else str(path)] = digest
-    known = found if manifest.inputs is None else manifest.inputs
-    for name in sorted(found | known):
-        if name not in known:
+        digests[path.relative_to(folder).as_posix() if below else str(path)] = digest
+    recorded = digests if manifest.inputs is None else manifest.inputs
+    for name in sorted(digests | recorded):
+        if name not in recorded:
             raise _other_data(f"{name} is among the campaign's files, but was not before.")
-        if name not in found:
+        if name not in digests:
             raise _other_data(f"{name} is no more among the campaign's files.")
-        _require_same(name, known[name], found[name])
-    return replace(manifest, inputs=found)
+        _require_same(name, recorded[name], digests[name])
+    return replace(manifest, inputs=digests)
 
 
 def _require_same(name: str, was: str, now: str) -> None:

@@ -70,7 +70,7 @@ def keep_compiled(name: str) -> Path | None:
 
     if jax.config.jax_compilation_cache_dir is not None:  # the environment's, or a program's
         return None
-    kept = platformdirs.user_cache_path("jbw") / name
-    jax.config.update("jax_compilation_cache_dir", str(kept))
+    cache = platformdirs.user_cache_path("jbw") / name
+    jax.config.update("jax_compilation_cache_dir", str(cache))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
-    return kept
+    return cache

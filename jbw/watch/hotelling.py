@@ -98,9 +98,9 @@ def power(false_alarms: float, p: int, num: int, change: float) -> float:
     return float(ncf.sf(limit, p, num - p, change**2 * num / (num + 1)))
 
 
-def excess_noise(own: Matrix, usual: Matrix) -> Matrix:
+def excess_noise(covariance: Matrix, usual: Matrix) -> Matrix:
     """The part of a reading's own covariance beyond the references', positive semidefinite."""
-    values, vectors = np.linalg.eigh(own - usual)
+    values, vectors = np.linalg.eigh(covariance - usual)
     return (vectors * np.maximum(values, 0.0)) @ vectors.T
 
 

@@ -37,7 +37,7 @@ def read_log(path: Path) -> list[Entry]:
     """
     if not path.exists():
         return []
-    found = []
+    entries = []
     lines = path.read_bytes().split(b"\n")
     for number, line in enumerate(lines[:-1], start=1):
         try:
@@ -51,27 +51,27 @@ def read_log(path: Path) -> list[Entry]:
                 why="What is stated of later records depends on it.",
                 remedy="Restore the file from a copy, or move it away and begin the watch anew.",
             )
-        found.append(entry)
-    return found
+        entries.append(entry)
+    return entries
 
 
 def set_aside(path: Path) -> str | None:
     """Move a last line that a crash cut off to `watch.torn`; what to say of it, None if whole."""
     content = path.read_bytes() if path.exists() else b""
-    whole, mark, torn = content.rpartition(b"\n")
+    complete, mark, torn = content.rpartition(b"\n")
     if not torn:
         return None
-    beside = path.with_name(TORN)
+    torn_path = path.with_name(TORN)
     try:
-        _append(beside, torn + b"\n")  # first kept, then cut: a crash between leaves it twice
+        _append(torn_path, torn + b"\n")  # first kept, then cut: a crash between leaves it twice
         with path.open("rb+") as stream:
-            stream.truncate(len(whole) + len(mark))
+            stream.truncate(len(complete) + len(mark))
             os.fsync(stream.fileno())
     except OSError as error:
         raise _unwritable(path, error) from error
     return (
         f"The last line of {path} was cut off by a crash; its {len(torn)} bytes are kept in "
-        f"{beside}. Add that record again."
+        f"{torn_path}. Add that record again."
     )
 
 

@@ -37,7 +37,7 @@ class Particles(NamedTuple):
     log_density: Float[np.ndarray, " particle"]
 
 
-class Taken(NamedTuple):
+class Update(NamedTuple):
     """What a record has made of particles."""
 
     particles: Particles
@@ -51,7 +51,7 @@ def particles_of(x: Float[np.ndarray, "particle d"], log_density: LogDensity) ->
     return Particles(x, np.full(len(x), -np.log(len(x))), log_density(x))
 
 
-def take_in(rng: np.random.Generator, before: Particles, log_density: LogDensity) -> Taken:
+def take_in(rng: np.random.Generator, before: Particles, log_density: LogDensity) -> Update:
     """Particles with one record more; `log_density` is that of the posterior with it in [nats]."""
     density = log_density(before.x)
     log_weight = before.log_weight + density - before.log_density
@@ -63,7 +63,7 @@ def take_in(rng: np.random.Generator, before: Particles, log_density: LogDensity
     if kish < ENOUGH:
         shape = np.atleast_2d(np.cov(before.x.T, aweights=weight))
         now, accepted = moved(rng, evenly(rng, now), shape, log_density)
-    return Taken(now, evidence, kish, accepted)
+    return Update(now, evidence, kish, accepted)
 
 
 def evenly(rng: np.random.Generator, particles: Particles) -> Particles:
@@ -86,10 +86,13 @@ def moved(
     root, shares = np.linalg.cholesky(shape), []
     scale = 2.38 / np.sqrt(x.shape[1])
     for _ in range(NUM_MOVES):
-        wished = x + scale * rng.standard_normal(x.shape) @ root.T
-        there = log_density(wished)
-        on = np.log(rng.uniform(size=len(x))) < there - density
-        x, density = np.where(on[:, None], wished, x), np.where(on, there, density)
-        shares.append(np.mean(on))
+        proposed = x + scale * rng.standard_normal(x.shape) @ root.T
+        proposed_density = log_density(proposed)
+        accepted = np.log(rng.uniform(size=len(x))) < proposed_density - density
+        x, density = (
+            np.where(accepted[:, None], proposed, x),
+            np.where(accepted, proposed_density, density),
+        )
+        shares.append(np.mean(accepted))
         scale *= np.exp(shares[-1] - TARGET_ACCEPT)
     return Particles(x, particles.log_weight, density), float(np.mean(shares))

@@ -96,8 +96,8 @@ def reading(record: Record, test: Test, amplitudes: Sequence[float]) -> Reading:
                 why="The joint then moves by more than its own mode, and dissipates more.",
                 remedy="Read at a lower amplitude, where other modes have died.",
             )
-        each = slice(inside.start, inside.stop, chosen.step)
-        parts.append(_at(times[each], envelope[each], amplitude, chosen, record))
+        samples = slice(inside.start, inside.stop, chosen.step)
+        parts.append(_at(times[samples], envelope[samples], amplitude, chosen, record))
     return _joined(parts, max(shares))
 
 
@@ -187,9 +187,9 @@ def _at(
     design = np.vander((times - middle) / half, 3, increasing=True)
     log = np.stack([np.log(np.abs(envelope)), np.unwrap(np.angle(envelope))], axis=-1)
     coefficients, *_ = np.linalg.lstsq(design, log, rcond=None)
-    left = log - design @ coefficients
+    residual = log - design @ coefficients
     spread = np.linalg.inv(design.T @ design)
-    noise = np.sum(left**2, axis=0) / (len(times) - 3)
+    noise = np.sum(residual**2, axis=0) / (len(times) - 3)
     place = _crossing(coefficients[:, 0], np.log(amplitude))
     value, slope = np.array([1, place, place**2]), np.array([0, 1, 2 * place])
     (fall, turn), bends = slope @ coefficients, 2 * coefficients[2]
@@ -226,8 +226,8 @@ def _joined(
     """Readings at several amplitudes as one; frequencies beyond the first by their difference."""
     values = np.concatenate([part for part, _ in parts])
     covariance = np.zeros((len(values), len(values)))
-    for i, (_, own) in enumerate(parts):
-        covariance[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = own
+    for i, (_, part_covariance) in enumerate(parts):
+        covariance[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = part_covariance
     change = np.eye(len(values))
     change[2::2, 0] = -1.0
     return Reading(change @ values, change @ covariance @ change.T, share)

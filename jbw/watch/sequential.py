@@ -27,7 +27,7 @@ from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
 from jbw.observables.decay import Decays
 from jbw.study.study import Study
-from jbw.watch.particles import LogDensity, Taken, evenly, particles_of, take_in
+from jbw.watch.particles import LogDensity, Update, evenly, particles_of, take_in
 
 NUM_PARTICLES = 1000
 SAME = 0.5  # nats: what the likelihood that is built anew may stray from the run's own, its sd
@@ -76,17 +76,19 @@ def updated(
     draws = np.stack([v.values.ravel()[rows] for v in sampled.values()], axis=-1)
     bounds = np.array([[v.attrs["lower"], v.attrs["upper"]] for v in sampled.values()])
     names = tuple(sampled)
-    own = np.ravel(study.posterior["sample_stats"].to_dataset()["lp"].values)[rows]
+    stored_density = np.ravel(study.posterior["sample_stats"].to_dataset()["lp"].values)[rows]
     now = particles_of(draws, _density_of(data, names, bounds))
-    _require_same(now.log_density - own)
-    rng, taken = np.random.default_rng(seed), []
+    _require_same(now.log_density - stored_density)
+    rng, updates = np.random.default_rng(seed), []
     for i, record in enumerate(records):
         data = replace(data, parts=(_with_records(part, test, records[: i + 1]),))
-        taken.append(take_in(rng, now, _density_of(data, names, bounds)))
-        now = taken[-1].particles
-        moved = "" if taken[-1].accepted is None else ", moved since"
-        report(f"{record.name or i + 1}: {taken[-1].kish:.0%} of the particles count{moved}")
-    return _tree(dict(zip(names, evenly(rng, now).x.T, strict=True)), sampled, data, taken, records)
+        updates.append(take_in(rng, now, _density_of(data, names, bounds)))
+        now = updates[-1].particles
+        moved = "" if updates[-1].accepted is None else ", moved since"
+        report(f"{record.name or i + 1}: {updates[-1].kish:.0%} of the particles count{moved}")
+    return _tree(
+        dict(zip(names, evenly(rng, now).x.T, strict=True)), sampled, data, updates, records
+    )
 
 
 def _fitted(study: Study, campaign: Campaign) -> tuple[Dataset, Decays, Test]:
@@ -140,13 +142,13 @@ def _density_of(
 ) -> LogDensity:
     """Log posterior density of points under the run's uniform prior, up to its constant."""
 
-    def found(x: Float[np.ndarray, "particle d"]) -> Float[np.ndarray, " particle"]:
+    def log_posterior(x: Float[np.ndarray, "particle d"]) -> Float[np.ndarray, " particle"]:
         inside = np.all((x >= bounds[:, 0]) & (x <= bounds[:, 1]), axis=1)
         points = dict(zip(names, np.clip(x, *bounds.T).T, strict=True))
         terms = at_points(dataset.log_likelihood, points, data).sum(axis=1)
         return np.where(inside & np.isfinite(terms), terms, -np.inf)
 
-    return found
+    return log_posterior
 
 
 def _require_same(strays: Float[np.ndarray, " particle"]) -> None:
@@ -164,7 +166,7 @@ def _tree(
     draws: dict[str, Float[np.ndarray, " draw"]],
     sampled: dict[str, xr.DataArray],
     data: Dataset,
-    taken: Sequence[Taken],
+    updates: Sequence[Update],
     records: Sequence[Record],
 ) -> xr.DataTree:
     """The draws as a chain, with what follows from them, and what each record did."""
@@ -172,11 +174,15 @@ def _tree(
         {n: (("chain", "draw"), x[None], sampled[n].attrs) for n, x in draws.items()}
     )
     posterior = posterior.assign(law_variables(posterior, data))
-    accepted = [np.nan if one.accepted is None else one.accepted for one in taken]
+    accepted = [np.nan if update.accepted is None else update.accepted for update in updates]
     sequential = xr.Dataset(
         {
-            "log_evidence": ("record", [one.log_evidence for one in taken], {"units": "nat"}),
-            "kish": ("record", [one.kish for one in taken], {"units": "1"}),
+            "log_evidence": (
+                "record",
+                [update.log_evidence for update in updates],
+                {"units": "nat"},
+            ),
+            "kish": ("record", [update.kish for update in updates], {"units": "1"}),
             "accepted": ("record", accepted, {"units": "1"}),
         },
         {"record": [record.name or str(i + 1) for i, record in enumerate(records)]},

@@ -47,8 +47,8 @@ def state(
     watched: Float[np.ndarray, "n p"],
     false_alarms: float,
     *,
-    own: Float[np.ndarray, "p p"] | None = None,
-    usual: Float[np.ndarray, "p p"] | None = None,
+    noise_covariance: Float[np.ndarray, "p p"] | None = None,
+    reference_noise: Float[np.ndarray, "p p"] | None = None,
     trend: Trend | None = None,
 ) -> Statement:
     """What is stated of the last watched reading, by itself and together with those before it.
@@ -62,13 +62,17 @@ def state(
         references: Readings without change.
         watched: All readings since then, in their order.
         false_alarms: Rate of false alarms.
-        own: Covariance of the last reading by its own noise.
-        usual: Covariance of the references by their own noise.
+        noise_covariance: Covariance of the last reading by its own noise.
+        reference_noise: Covariance of the references by their own noise.
         trend: How readings go with torque, where a population says so.
     """
     reference = reference_of(references)
     num, p = references.shape
-    excess = None if own is None or usual is None else excess_noise(own, usual)
+    excess = (
+        None
+        if noise_covariance is None or reference_noise is None
+        else excess_noise(noise_covariance, reference_noise)
+    )
     squared = float(distance(watched[-1], reference, excess))
     far = float(tail(np.array(squared), p, num))
     run = run_length(watched, after_change(reference), false_alarms, start=known_from(reference))
@@ -100,7 +104,7 @@ def change_of(reference: Reference, behind: Float[np.ndarray, "n p"], first: int
     reach = student.ppf((1 + LEVEL) / 2, reference.num - 1) * sd
     low, middle, high = (away - reach)[:2], away[:2], (away + reach)[:2]
     frequency = (float(middle[0]), float(low[0]), float(high[0]))
-    middle_d, low_d, high_d = (float(np.expm1(each[1])) for each in (middle, low, high))
+    middle_d, low_d, high_d = (float(np.expm1(change[1])) for change in (middle, low, high))
     return Change(first, frequency, (middle_d, low_d, high_d), _direction(low, high))
 
 
@@ -117,27 +121,27 @@ def _direction(low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"]) -> s
 
 def sentence(statement: Statement, names: Sequence[str], num_reference: int) -> str:
     """A statement in words; `names` are those of the watched records."""
-    said = (
+    figures = (
         f"T^2 is {statement.squared:.3g}, threshold {statement.threshold:.3g}; no change since the "
         f"{num_reference} references has the probability {statement.unchanged:.3g}."
     )
     change = statement.change
     if change is None:
-        return f"No alarm. {said}"
+        return f"No alarm. {figures}"
     (f, f_low, f_high), (z, z_low, z_high) = change.frequency, change.damping
     like = "" if change.torque is None else f", {words_of(change.torque)}"
     since = "" if change.first == len(names) else f", since {names[change.first - 1]}"
     return (
         f"Alarm ({statement.alarm}) at {names[-1]}{since}: {change.direction}. Frequency "
         f"{f:+.3g} Hz [{f_low:+.3g}, {f_high:+.3g}], damping {100 * z:+.3g} % "
-        f"[{100 * z_low:+.3g}, {100 * z_high:+.3g}]{like}. {said}"
+        f"[{100 * z_low:+.3g}, {100 * z_high:+.3g}]{like}. {figures}"
     )
 
 
 def as_plain(statement: Statement) -> dict[str, Any]:
     """A statement as a line of the log has it."""
-    found, change = statement._asdict(), statement.change
+    plain, change = statement._asdict(), statement.change
     if change is None:
-        return found
+        return plain
     torque = {} if change.torque is None else {"torque": change.torque._asdict()}
-    return found | {"change": {k: v for k, v in change._asdict().items() if v is not None} | torque}
+    return plain | {"change": {k: v for k, v in change._asdict().items() if v is not None} | torque}

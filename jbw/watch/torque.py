@@ -65,12 +65,12 @@ def torque_after(
     slopes, freedom = trend.slopes, reference.num - 1
     squared = np.einsum("si,ij,sj->s", slopes, weight, slopes)[:, None]
     along = (slopes @ weight @ away)[:, None]
-    left = away @ weight @ away - (2 * along - squared * PLACES) * PLACES
-    density = np.mean((1 + left / freedom) ** (-(freedom + 1) / 2), axis=0)
+    residual_square = away @ weight @ away - (2 * along - squared * PLACES) * PLACES
+    density = np.mean((1 + residual_square / freedom) ** (-(freedom + 1) / 2), axis=0)
     mass = np.cumsum(density * np.exp(-(PLACES**2) / 2))
     low, middle, high = trend.torque * np.exp(np.interp(QUANTILES, mass / mass[-1], PLACES))
     # `tail` is that of one further reading, whose covariance is (1 + 1/n_0) S.
-    rest = tail(left.min() * (1 + 1 / reference.num), len(away), reference.num)
+    rest = tail(residual_square.min() * (1 + 1 / reference.num), len(away), reference.num)
     return TorqueChange(
         trend.torque, float(middle), float(low), float(high),
         bool(rest > UNEXPLAINED), bool(trend.least <= middle <= trend.most),
@@ -80,12 +80,12 @@ def torque_after(
 def words_of(change: TorqueChange) -> str:
     """A change of torque as the end of a sentence."""
     way = "fallen" if change.after < change.before else "risen"
-    said = (
+    phrase = (
         f"as if the torque had {way} from {change.before:.3g} to {change.after:.3g} N m "
         f"[{change.low:.3g}, {change.high:.3g}]"
     )
     if not change.inside:
-        said += ", beyond the torques of the fleet"
+        phrase += ", beyond the torques of the fleet"
     if not change.explained:
-        said += ", though no torque explains frequency and damping together"
-    return said
+        phrase += ", though no torque explains frequency and damping together"
+    return phrase

@@ -51,34 +51,35 @@ def trend_of(
             remedy="State it in [assembly] torque, or leave --population out.",
         )
     _require_known(fleet, amplitudes, test)
-    found = population_of(fleet, report=report)
-    require_torque(found.design, torque)
-    if found.record["status"] != "ok":
+    population = population_of(fleet, report=report)
+    require_torque(population.design, torque)
+    if population.record["status"] != "ok":
         raise DataError(
-            f"The status of the population is {found.record['status']}.",
+            f"The status of the population is {population.record['status']}.",
             why="A change of torque would be stated with more confidence than there is.",
             remedy="Collect more units, look with jbw population, or leave --population out.",
         )
     before, raised = (
-        _readings_at(each, found, fleet, amplitudes, test) for each in (torque, RAISED * torque)
+        _readings_at(tightening, population, fleet, amplitudes, test)
+        for tightening in (torque, RAISED * torque)
     )
-    known = np.array(found.record["torque"])
-    part = WRENCH**2 / (np.var(np.log(known)) + WRENCH**2)
+    torques = np.array(population.record["torque"])
+    part = WRENCH**2 / (np.var(np.log(torques)) + WRENCH**2)
     report(
         f"Where the fleet's torques were read to {100 * WRENCH:.0f} %, and not set, its slopes are "
         f"about {100 * part:.1g} % too small, and a change of torque is overstated by as much."
     )
     slopes = (raised - before) / np.log(RAISED)
-    return Trend(torque, slopes, float(known.min()), float(known.max()))
+    return Trend(torque, slopes, float(torques.min()), float(torques.max()))
 
 
 def _require_known(fleet: xr.DataTree, amplitudes: Sequence[float], test: Test) -> None:
     """Refuse displacements that not every unit of a fleet was driven to."""
-    peaks = [float(fleet[one].attrs.get("y_peak", np.nan)) for one in unit_names(fleet)]
+    peaks = [float(fleet[name].attrs.get("y_peak", np.nan)) for name in unit_names(fleet)]
     centre, order = _response_of(test)
-    highest, known = max(amplitudes) / centre**order, np.min(peaks)
-    if not highest <= known:
-        says = "some do not say how far" if np.isnan(known) else f"{known:.3g} m"
+    highest, reached_by_all = max(amplitudes) / centre**order, np.min(peaks)
+    if not highest <= reached_by_all:
+        says = "some do not say how far" if np.isnan(reached_by_all) else f"{reached_by_all:.3g} m"
         raise DataError(
             f"Read is at a displacement of {highest:.3g} m, but all units of the fleet were driven "
             f"to no more than: {says}.",
@@ -88,11 +89,15 @@ def _require_known(fleet: xr.DataTree, amplitudes: Sequence[float], test: Test) 
 
 
 def _readings_at(
-    torque: float, found: Population, fleet: xr.DataTree, amplitudes: Sequence[float], test: Test
+    torque: float,
+    population: Population,
+    fleet: xr.DataTree,
+    amplitudes: Sequence[float],
+    test: Test,
 ) -> Float[np.ndarray, "draw p"]:
     """What further units read at a torque, the same units whatever the torque."""
     laws: Any = tuple(json.loads(fleet.attrs["laws"]))
-    draws = new_units(found, fleet, torque)
+    draws = new_units(population, fleet, torque)
     centre, order = _response_of(test)
     frequency, damping, _ = carry(
         curves_of_response, draws, jnp.asarray(amplitudes), centre, order, laws

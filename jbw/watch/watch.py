@@ -76,23 +76,23 @@ def watch(
         entries = read_log(path)
         source = campaign_of(folder, campaign)
         spec = read_spec(source)
-        settings = next((one for one in entries if one["kind"] == "settings"), None)
+        settings = next((entry for entry in entries if entry["kind"] == "settings"), None)
         table = _decay_test(spec, wishes.test if settings is None else settings["test"])
         place = source.resolve().parent
-        own = load_test(table, place, per_unit=force_per_unit(spec), allow_outside=True)
+        campaign_test = load_test(table, place, per_unit=force_per_unit(spec), allow_outside=True)
         begins = settings is None
         if settings is None:
-            settings = _begun(own, table.name, wishes)
+            settings = _begun(campaign_test, table.name, wishes)
         else:
             _require_same(settings, wishes)
         torque, amplitudes = spec.assembly.torque, settings["amplitudes"]
-        trend = None if trend_at is None else trend_at(torque, amplitudes, own)
+        trend = None if trend_at is None else trend_at(torque, amplitudes, campaign_test)
         if begins:
             append(path, settings)
-        keeper = _Keeper(path, settings, own, say, entries, trend)
-        known = {one["id"] for one in entries if one["kind"] != "settings"}
-        for identity, record in _identified(own.records):
-            if identity not in known:  # all of them on the first call, or after a crash in it
+        keeper = _Keeper(path, settings, campaign_test, say, entries, trend)
+        identities = {entry["id"] for entry in entries if entry["kind"] != "settings"}
+        for identity, record in _identified(campaign_test.records):
+            if identity not in identities:  # all of them on the first call, or after a crash in it
                 keeper.take(identity, record)
         added: list[Entry] = []
         for file in files:
@@ -113,16 +113,16 @@ class _Keeper:
     def take(self, identity: str, record: Record) -> Entry:
         """Read a record, state what there is to state, and append it; or that it is refused."""
         try:
-            found = reading(record, self.test, self.settings["amplitudes"])
+            measured = reading(record, self.test, self.settings["amplitudes"])
         except DataError as error:
             return self.refuse(identity, record.name, error)
-        readings = [one for one in self.entries if one["kind"] == "reading"]
+        readings = [entry for entry in self.entries if entry["kind"] == "reading"]
         number, num_reference = len(readings) + 1, self.settings["reference"]
         entry: Entry = {
             "kind": "reading", "number": number, "record": record.name, "id": identity,
             "when": _now(), "role": "reference" if number <= num_reference else "watched",
-            "values": found.values.tolist(), "covariance": found.covariance.tolist(),
-            "other_modes": found.other_modes,
+            "values": measured.values.tolist(), "covariance": measured.covariance.tolist(),
+            "other_modes": measured.other_modes,
         }  # fmt: skip
         if number > num_reference:
             entry |= _stated(
@@ -147,32 +147,33 @@ class _Keeper:
 def _stated(
     readings: Sequence[Entry], num_reference: int, false_alarms: float, trend: Trend | None
 ) -> Entry:
-    values = np.array([one["values"] for one in readings])
-    own = np.array([one["covariance"] for one in readings])
-    found = state(
+    values = np.array([entry["values"] for entry in readings])
+    noise_covariance = np.array([entry["covariance"] for entry in readings])
+    statement = state(
         values[:num_reference], values[num_reference:], false_alarms,
-        own=own[-1], usual=own[:num_reference].mean(axis=0), trend=trend,
+        noise_covariance=noise_covariance[-1],
+        reference_noise=noise_covariance[:num_reference].mean(axis=0), trend=trend,
     )  # fmt: skip
-    names = [one["record"] for one in readings[num_reference:]]
-    return {**as_plain(found), "statement": sentence(found, names, num_reference)}
+    names = [entry["record"] for entry in readings[num_reference:]]
+    return {**as_plain(statement), "statement": sentence(statement, names, num_reference)}
 
 
 def _of_file(
     file: Path, table: TestSpec, spec: CampaignSpec, place: Path, keeper: _Keeper
 ) -> list[Entry]:
     """Take the records of a file that was measured as those of the test were."""
-    wanted = table.model_copy(update={"files": (str(file.absolute()),), "exclude": ()})
+    file_spec = table.model_copy(update={"files": (str(file.absolute()),), "exclude": ()})
     try:
-        found = load_test(wanted, place, per_unit=force_per_unit(spec), allow_outside=True)
+        test = load_test(file_spec, place, per_unit=force_per_unit(spec), allow_outside=True)
     except JbwError as error:
         return [keeper.refuse(str(file), file.name, error)]
     entries = []
-    for identity, record in _identified(found.records):
+    for identity, record in _identified(test.records):
         before = [o for o in keeper.entries if o["kind"] == "reading" and o["id"] == identity]
         if before:
-            told = f"`{record.name}` is in the watch already, as number {before[0]['number']}."
-            keeper.say(f"warning: {told}")
-            entries.append({"kind": "known", "record": record.name, "reason": told})
+            reason = f"`{record.name}` is in the watch already, as number {before[0]['number']}."
+            keeper.say(f"warning: {reason}")
+            entries.append({"kind": "known", "record": record.name, "reason": reason})
         else:
             entries.append(keeper.take(identity, record))
     return entries
@@ -181,12 +182,12 @@ def _of_file(
 def _identified(records: Sequence[Record]) -> list[tuple[str, Record]]:
     """Records by the hash of their file and their place in it, so that none counts twice."""
     count: dict[str, int] = {}
-    found = []
+    identified = []
     for record in records:
         digest = record.provenance.get("sha256", record.name)
         count[digest] = count.get(digest, -1) + 1
-        found.append((f"{digest}#{count[digest]}", record))
-    return found
+        identified.append((f"{digest}#{count[digest]}", record))
+    return identified
 
 
 def _decay_test(spec: CampaignSpec, name: str | None) -> TestSpec:
@@ -217,7 +218,7 @@ def _decay_test(spec: CampaignSpec, name: str | None) -> TestSpec:
     return chosen
 
 
-def _begun(own: Test, name: str, wishes: Wishes) -> Entry:
+def _begun(test: Test, name: str, wishes: Wishes) -> Entry:
     """The settings of a new watch; what is not wished is chosen from the campaign's records."""
     false_alarms = FALSE_ALARMS if wishes.false_alarms is None else wishes.false_alarms
     if not 0 < false_alarms < 0.5:
@@ -225,15 +226,17 @@ def _begun(own: Test, name: str, wishes: Wishes) -> Entry:
             f"`--false-alarms` must lie between 0 and 0.5, but is {false_alarms:g}.",
             remedy="It is the rate of false alarms a record, such as 1e-3.",
         )
-    amplitudes = wishes.amplitudes or (common_amplitude(own),)
-    if not all(0 < one < np.inf for one in amplitudes) or len(set(amplitudes)) < len(amplitudes):
+    amplitudes = wishes.amplitudes or (common_amplitude(test),)
+    if not all(0 < amplitude < np.inf for amplitude in amplitudes) or len(set(amplitudes)) < len(
+        amplitudes
+    ):
         raise ConfigError(
             "`--amplitude` must be positive numbers, each once, but is "
-            f"{','.join(f'{one:g}' for one in amplitudes)}.",
+            f"{','.join(f'{amplitude:g}' for amplitude in amplitudes)}.",
             remedy="Give peak amplitudes of the response, in its SI unit.",
         )
     least = PER_AMPLITUDE * len(amplitudes) + SPARE
-    number = wishes.num_reference or max(_comparable(own, amplitudes), least)
+    number = wishes.num_reference or max(_comparable(test, amplitudes), least)
     if number < least:
         raise ConfigError(
             f"`--reference` must be at least {least} for {len(amplitudes)} amplitudes, but is "
@@ -241,7 +244,7 @@ def _begun(own: Test, name: str, wishes: Wishes) -> Entry:
             why="With fewer the scatter is hardly known, and no change would be found.",
             remedy="Begin with more records without change, or read at one amplitude.",
         )
-    unit = own.records[0].units.get(own.records[0].response, "")
+    unit = test.records[0].units.get(test.records[0].response, "")
     return {
         "kind": "settings", "format": FORMAT, "when": _now(), "test": name,
         "amplitudes": list(amplitudes), "unit": unit, "false_alarms": false_alarms,
@@ -249,12 +252,12 @@ def _begun(own: Test, name: str, wishes: Wishes) -> Entry:
     }  # fmt: skip
 
 
-def _comparable(own: Test, amplitudes: Sequence[float]) -> int:
+def _comparable(test: Test, amplitudes: Sequence[float]) -> int:
     """How many of the campaign's records can be read at the amplitudes."""
     count = 0
-    for record in own.records:
+    for record in test.records:
         try:
-            reading(record, replace(own, records=(record,)), amplitudes)
+            reading(record, replace(test, records=(record,)), amplitudes)
             count += 1
         except DataError:
             continue
