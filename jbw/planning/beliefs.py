@@ -51,7 +51,7 @@ class Beliefs:
         """How many joints."""
         return len(self.scale)
 
-    def each(self) -> Iterator[dict[str, Array]]:
+    def joint_by_joint(self) -> Iterator[dict[str, Array]]:
         """Every joint's parameters by name."""
         for i in range(self.num_joints):
             yield {name: jnp.asarray(values[i]) for name, values in self.joints.items()}
@@ -59,13 +59,13 @@ class Beliefs:
 
 def modes_of(joints: Mapping[str, np.ndarray]) -> list[Mode]:
     """Natural frequency and motion of the joint, over the first mode's, of every mode."""
-    own = np.asarray(joints["omega_n"])
-    found = [Mode(own, np.ones_like(own))]
+    omega_n = np.asarray(joints["omega_n"])
+    modes = [Mode(omega_n, np.ones_like(omega_n))]
     for names in NAMES:
         if names.omega in joints:
-            h = np.abs(joints.get(names.shape, np.ones_like(own)))
-            found.append(Mode(np.asarray(joints[names.omega]), h))
-    return found
+            h = np.abs(joints.get(names.shape, np.ones_like(omega_n)))
+            modes.append(Mode(np.asarray(joints[names.omega]), h))
+    return modes
 
 
 def shares_of(laws: tuple[str, ...]) -> dict[str, str]:
@@ -99,8 +99,8 @@ def ranges_of(
         elif share:
             ranges[share] = stated[share] or usual[name][1]
         else:
-            whole, (least, most) = usual[name]
-            low, high = sorted(map(abs, ranges[whole]))
+            reference, (least, most) = usual[name]
+            low, high = sorted(map(abs, ranges[reference]))
             ranges[name] = least * low, most * high
     return ranges
 
@@ -138,19 +138,19 @@ def before(
         for (name, (low, high)), x in zip(ranges.items(), unit.T, strict=True)
     }
     std = np.array([np.log(abs(b / a)) for a, b in wide.values()]) / np.sqrt(12)
-    covariance, given = np.diag(std**2), list(ranges)
+    covariance, inferred = np.diag(std**2), list(ranges)
     for share, stiffness in shares_of(laws).items():
         if share in ranges:
             drawn[stiffness] = drawn.pop(share) * drawn["omega_n"] ** 2
             low, high = wide[share]
             wide[stiffness] = (low * wide["omega_n"][0] ** 2, high * wide["omega_n"][1] ** 2)
             # log stiffness = log share + 2 log omega_n
-            to_stiffness = np.eye(len(given))
-            to_stiffness[given.index(share), given.index("omega_n")] = 2.0
+            to_stiffness = np.eye(len(inferred))
+            to_stiffness[inferred.index(share), inferred.index("omega_n")] = 2.0
             covariance = to_stiffness @ covariance @ to_stiffness.T
-            given[given.index(share)] = stiffness
-    names = tuple(name for name in parameter_names(laws) if name in given)
-    order = [given.index(name) for name in names]
+            inferred[inferred.index(share)] = stiffness
+    names = tuple(name for name in parameter_names(laws) if name in inferred)
+    order = [inferred.index(name) for name in names]
     fixed = {name: np.full(num_joints, value) for name, value in held.items()}
     return Beliefs(
         joints={**fixed, **drawn},

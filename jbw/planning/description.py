@@ -39,21 +39,21 @@ def _range(value: Any) -> Range:
     return float(low), float(high)
 
 
-def _within(quantity: Quantity, found: Range) -> Range:
-    low, high = found
+def _within(quantity: Quantity, bounds: Range) -> Range:
+    low, high = bounds
     if (must := must_be(quantity, low)) is not None:
         shown = f"{low:g}" if low == high else f"[{low:g}, {high:g}]"
         raise ValueError(f"must be {must}, but is {shown}.")
-    return found
+    return bounds
 
 
-def _part(found: Range) -> Range:
+def _part(bounds: Range) -> Range:
     """A share below one: the rest is the stiffness beside the joint."""
-    if found[1] >= 1:
+    if bounds[1] >= 1:
         raise ValueError(
-            f"must lie between 0 and 1, a part of the stiffness, but reaches {found[1]:g}."
+            f"must lie between 0 and 1, a part of the stiffness, but reaches {bounds[1]:g}."
         )
-    return found
+    return bounds
 
 
 def _motion_unit(value: Any) -> str:
@@ -110,11 +110,11 @@ def plan_table(laws: tuple[str, ...] = DEFAULT_LAWS) -> type[PlanTable]:
     words = Literal["omega_n", "zeta", *fields]  # pyright: ignore[reportInvalidTypeForm]
     check = BeforeValidator(strings, json_schema_input_type=words | list[words])
     says = PlanTable.model_fields["wanted"].description or ""
-    wanted: Any = Annotated[tuple[words, ...] | None, check], key(None, says)
+    field: Any = Annotated[tuple[words, ...] | None, check], key(None, says)
     part: Any = Part
     for share, name in shares_of(laws).items():
         fields[share] = part | None, key(None, f"{name} / omega_n^2, instead of {name}")
-    return create_model("PlanTable", __base__=PlanTable, wanted=wanted, **fields)
+    return create_model("PlanTable", __base__=PlanTable, wanted=field, **fields)
 
 
 TABLES: dict[str, type[Table]] = {"joint": Joint, "plan": PlanTable, **GRIDS}
@@ -156,13 +156,17 @@ def parse(source: str, file: str = "plan.toml", *, of_run: bool = False) -> Desc
     except ConfigError as error:
         errors.append(f"[joint] laws: {error}")
         laws, model = DEFAULT_LAWS, plan_table()
-    given = document.get("plan", {})
-    plan = checked(model, given, "[plan]", errors)
-    given = set(given) if isinstance(given, dict) else set()
+    table = document.get("plan", {})
+    plan = checked(model, table, "[plan]", errors)
+    table = set(table) if isinstance(table, dict) else set()
     pairs = [("natural_hz", "omega_n"), *shares_of(laws).items(), ("gain", "modal_mass")]
-    told = [f": give {one} or {other}, not both." for one, other in pairs if {one, other} <= given]
-    told += _told_by_run(plan, given, laws) if of_run else _missing(plan, given, laws)
-    errors += [f"[plan]{line}" for line in told]
+    faults = [
+        f": give {first} or {second}, not both."
+        for first, second in pairs
+        if {first, second} <= table
+    ]
+    faults += _told_by_run(plan, table, laws) if of_run else _missing(plan, table, laws)
+    errors += [f"[plan]{line}" for line in faults]
     if of_run and "joint" in document:
         errors.append("[joint]: the run tells it; leave it out.")
     grids = {
@@ -184,34 +188,34 @@ def parse(source: str, file: str = "plan.toml", *, of_run: bool = False) -> Desc
     )
 
 
-def _told_by_run(plan: PlanTable | None, given: set[str], laws: tuple[str, ...]) -> list[str]:
+def _told_by_run(plan: PlanTable | None, stated_keys: set[str], laws: tuple[str, ...]) -> list[str]:
     names = ("natural_hz", "omega_n", "zeta", *shares_of(laws))
     joint = (*names, *(quantity.name for quantity in quantities_of(laws)))
-    told = [f" {name}: the run tells it; leave it out." for name in joint if name in given]
-    return told + [
+    faults = [f" {name}: the run tells it; leave it out." for name in joint if name in stated_keys]
+    return faults + [
         f" {name}: must be a single value beside a run, but is {list(plan[name])}."
         for name in ("gain", "modal_mass")
         if plan and plan[name] and plan[name][0] != plan[name][1]
     ]
 
 
-def _missing(plan: PlanTable | None, given: set[str], laws: tuple[str, ...]) -> list[str]:
+def _missing(plan: PlanTable | None, stated_keys: set[str], laws: tuple[str, ...]) -> list[str]:
     """Keys that no default stands for, and stiffnesses of the joint beyond the whole."""
-    told, usual = [], usual_of(laws)
-    tells_frequency = bool({"natural_hz", "omega_n"} & given)
+    faults, usual = [], usual_of(laws)
+    tells_frequency = bool({"natural_hz", "omega_n"} & stated_keys)
     if not tells_frequency:
-        told.append(" natural_hz: missing; natural frequency at small amplitude [Hz].")
+        faults.append(" natural_hz: missing; natural frequency at small amplitude [Hz].")
     names = [quantity.name for quantity in quantities_of(laws) if quantity.name not in usual]
     fields = plan_table(laws).model_fields
-    told += [
+    faults += [
         f" {name}: missing; {fields[name].description}."
         for name in (*names, "noise")
-        if name not in given
+        if name not in stated_keys
     ]
     if plan is None or not tells_frequency:
-        return told
+        return faults
     least = _omega_n(plan)[0] ** 2
-    return told + [
+    return faults + [
         f" {quantity.name}: must stay below omega_n^2, which begins at {least:g}, "
         f"but reaches {plan[quantity.name][1]:g}."
         for quantity in quantities_of(laws)

@@ -29,13 +29,17 @@ class Modes(NamedTuple):
 
 def modes(precision: Matrices, information: Matrices) -> Modes:
     """Modes F w_k = f_k P w_k, w_k^T P w_k = 1 of a prior P and the information F, by joint."""
-    values, vectors = zip(*(eigh(told, precision) for told in information), strict=True)
+    values, vectors = zip(
+        *(eigh(fisher_matrix, precision) for fisher_matrix in information), strict=True
+    )
     return Modes(np.maximum(values, 0.0), np.square(vectors))
 
 
-def spread(found: Modes, repeats: float) -> Float[np.ndarray, "joint parameter"]:
+def spread(eigenmodes: Modes, repeats: float) -> Float[np.ndarray, "joint parameter"]:
     """Coefficients of variation, CV_i^2 = [(P + R F)^-1]_ii = sum_k w_ik^2 / (1 + R f_k)."""
-    return np.sqrt(np.sum(found.shares / (1.0 + repeats * found.values[..., None, :]), axis=-1))
+    return np.sqrt(
+        np.sum(eigenmodes.shares / (1.0 + repeats * eigenmodes.values[..., None, :]), axis=-1)
+    )
 
 
 def covariance(precision: Matrices) -> Matrices:
@@ -50,11 +54,11 @@ def worst_decile(values: Float[np.ndarray, " joint *n"]) -> Float[np.ndarray, "*
     return np.quantile(values, 0.9, axis=0, method="inverted_cdf")
 
 
-def repeats_needed(found: Modes, wanted: list[int], cv: float, most: int) -> int | None:
+def repeats_needed(eigenmodes: Modes, positions: list[int], cv: float, most: int) -> int | None:
     """Fewest repeats after which nine joints in ten meet the CV; None where `most` do not."""
 
     def enough(repeats: int) -> bool:
-        return bool(np.all(worst_decile(spread(found, repeats))[wanted] <= cv))
+        return bool(np.all(worst_decile(spread(eigenmodes, repeats))[positions] <= cv))
 
     # The spread falls with every repeat.
     repeats = 1 + bisect_left(range(1, most + 1), True, key=enough)
@@ -62,7 +66,7 @@ def repeats_needed(found: Modes, wanted: list[int], cv: float, most: int) -> int
 
 
 def information_gain(
-    precision: Matrices, information: Matrices, wanted: Sequence[int] | None = None
+    precision: Matrices, information: Matrices, positions: Sequence[int] | None = None
 ) -> Float[np.ndarray, "*joint"]:
     r"""Expected information gain of a test, where the posterior is near Gaussian.
 
@@ -70,9 +74,9 @@ def information_gain(
       \Sigma = P^{-1}, \quad \Sigma' = (P + F)^{-1}$$
 
     P is the information that there is already, F that of the test. The gain [nats] is about the
-    parameters at the positions `wanted`, the others unknown beside them; about all when None.
+    parameters at the `positions`, the others unknown beside them; about all when None.
     """
-    chosen = list(range(precision.shape[-1]) if wanted is None else wanted)
+    chosen = list(range(precision.shape[-1]) if positions is None else positions)
     before, after = (
         np.linalg.slogdet(covariance(p)[..., chosen, :][..., chosen])[1]
         for p in (precision, precision + information)
@@ -83,10 +87,10 @@ def information_gain(
 def row(prospect: Prospect, beliefs: Beliefs, wish: Wish) -> Row:
     """A candidate judged: repeats, spread, gain and limits."""
     candidate, information = prospect.candidate, prospect.information
-    wanted = [beliefs.names.index(name) for name in wish.wanted]
-    found = modes(beliefs.precision, information)
-    repeats = repeats_needed(found, wanted, wish.cv, wish.max_repeats)
-    made = repeats or wish.max_repeats
+    positions = [beliefs.names.index(name) for name in wish.wanted]
+    eigenmodes = modes(beliefs.precision, information)
+    repeats = repeats_needed(eigenmodes, positions, wish.cv, wish.max_repeats)
+    planned_repeats = repeats or wish.max_repeats
     y_peak = prospect.y_peak[np.isfinite(prospect.y_peak)]
     y_peak = y_peak if y_peak.size else np.array([np.nan])
     largest = float(np.max(y_peak))
@@ -109,13 +113,13 @@ def row(prospect: Prospect, beliefs: Beliefs, wish: Wish) -> Row:
         repeats=repeats,
         seconds_each=candidate.seconds,
         seconds=None if repeats is None else repeats * candidate.seconds,
-        cv=expected(spread(found, made), beliefs, wish),
+        cv=expected(spread(eigenmodes, planned_repeats), beliefs, wish),
         information_gain=float(np.mean(information_gain(beliefs.precision, information))),
         status=status,
         notes=(
             *exceeded,
             *lost,
-            *_undetermined(beliefs, beliefs.precision + made * information, wanted),
+            *_undetermined(beliefs, beliefs.precision + planned_repeats * information, positions),
         ),
     )
 
@@ -132,24 +136,26 @@ def expected(
     }
 
 
-def _undetermined(beliefs: Beliefs, precision: Matrices, wanted: Sequence[int]) -> tuple[str, ...]:
+def _undetermined(
+    beliefs: Beliefs, precision: Matrices, positions: Sequence[int]
+) -> tuple[str, ...]:
     """Which combination of parameters is all that the tests determine; none where all are."""
     # Told at the joint whose wanted parameters are known as well as at half of the joints.
-    left = covariance(precision)
-    poorest = np.max(np.diagonal(left, axis1=1, axis2=2)[:, list(wanted)], axis=1)
+    remaining = covariance(precision)
+    poorest = np.max(np.diagonal(remaining, axis1=1, axis2=2)[:, list(positions)], axis=1)
     i = int(np.argsort(poorest)[len(poorest) // 2])
     mean = {name: float(beliefs.joints[name][i]) for name in beliefs.names}
     units = np.outer(beliefs.scale[i], beliefs.scale[i])
-    found = weak_direction(mean, units * left[i], beliefs.box)
-    return () if found is None else (found.text,)
+    direction = weak_direction(mean, units * remaining[i], beliefs.box)
+    return () if direction is None else (direction.text,)
 
 
 def ordered(rows: Sequence[Row]) -> tuple[Row, ...]:
     """Rows by status, then by measuring time, then by what they tell."""
 
-    def place(one: Row) -> tuple[int, float, float]:
-        seconds = one.seconds_each * (one.repeats or 1)
-        return STATUSES.index(one.status), seconds, -one.information_gain
+    def place(candidate: Row) -> tuple[int, float, float]:
+        seconds = candidate.seconds_each * (candidate.repeats or 1)
+        return STATUSES.index(candidate.status), seconds, -candidate.information_gain
 
     return tuple(sorted(rows, key=place))
 
@@ -159,23 +165,23 @@ def combine(prospects: Sequence[Prospect], beliefs: Beliefs, wish: Wish) -> Comb
     # Each step adds the repeat that gains most about the wanted parameters for a second of
     # measuring, on an average over the joints. What no longer is needed at the end, because a later
     # test told more, is taken away again, the longest first.
-    wanted = [beliefs.names.index(name) for name in wish.wanted]
+    positions = [beliefs.names.index(name) for name in wish.wanted]
     seconds = np.array([prospect.candidate.seconds for prospect in prospects])
     counts = np.zeros(len(prospects), int)
     start = np.broadcast_to(beliefs.precision, (beliefs.num_joints, *beliefs.precision.shape))
 
-    def told(counts: np.ndarray) -> Matrices:
+    def precision_after(counts: np.ndarray) -> Matrices:
         return start + sum(n * p.information for n, p in zip(counts, prospects, strict=True))
 
     def spread_of(counts: np.ndarray) -> Float[np.ndarray, "joint parameter"]:
-        return np.sqrt(np.diagonal(covariance(told(counts)), axis1=-2, axis2=-1))
+        return np.sqrt(np.diagonal(covariance(precision_after(counts)), axis1=-2, axis2=-1))
 
     def met(counts: np.ndarray) -> bool:
-        return bool(np.all(worst_decile(spread_of(counts))[wanted] <= wish.cv))
+        return bool(np.all(worst_decile(spread_of(counts))[positions] <= wish.cv))
 
     while prospects and counts.sum() < wish.max_repeats and not met(counts):
-        known = told(counts)
-        gains = [np.mean(information_gain(known, p.information, wanted)) for p in prospects]
+        precision = precision_after(counts)
+        gains = [np.mean(information_gain(precision, p.information, positions)) for p in prospects]
         counts[int(np.argmax(gains / seconds))] += 1
     is_met = met(counts)
     for i in np.argsort(-seconds, kind="stable") if is_met else ():
@@ -191,5 +197,5 @@ def combine(prospects: Sequence[Prospect], beliefs: Beliefs, wish: Wish) -> Comb
         seconds=float(counts @ seconds),
         cv=expected(spread_of(counts), beliefs, wish),
         met=is_met,
-        notes=_undetermined(beliefs, told(counts), wanted),
+        notes=_undetermined(beliefs, precision_after(counts), positions),
     )

@@ -74,19 +74,25 @@ def plan_tests(
     if aim is None:
         aim = displacement_for(beliefs)
         notes += [] if tree is None else [UNKNOWN_REACH.format(aim)]
-    natural_hz = max(float(np.median(one.omega)) for one in modes_of(beliefs.joints)) / (2 * np.pi)
+    natural_hz = max(float(np.median(mode.omega)) for mode in modes_of(beliefs.joints)) / (
+        2 * np.pi
+    )
     reach = Reach(settings.fs or rig.fs or sampling_for(natural_hz), aim, wish.max_input)
     grids = description.grids or default_grids(beliefs)
-    found = prospects(propose(grids, beliefs, reach), beliefs, noise, report)
-    rows = [row(one, beliefs, wish) for one in found]
-    admitted = [one for one, judged in zip(found, rows, strict=True) if judged.status in ADMITTED]
-    known = np.sqrt(np.diag(covariance(beliefs.precision)))
+    predicted = prospects(propose(grids, beliefs, reach), beliefs, noise, report)
+    rows = [row(prospect, beliefs, wish) for prospect in predicted]
+    admitted = [
+        prospect
+        for prospect, judged in zip(predicted, rows, strict=True)
+        if judged.status in ADMITTED
+    ]
+    prior_sd = np.sqrt(np.diag(covariance(beliefs.precision)))
     return Plan(
         rows=ordered(rows),
         combination=combine(admitted, beliefs, wish),
         wish=wish,
         num_joints=beliefs.num_joints,
-        before=expected(known[None], beliefs, wish),
+        before=expected(prior_sd[None], beliefs, wish),
         notes=(*notes, NOISE_ALONE),
     )
 
@@ -129,22 +135,22 @@ def _after(
         )
     held = {**rig.held, **({} if description.gain is None else {"gain": description.gain})}
     beliefs = after(tree, held={"gain": 1.0, **held}, num_joints=description.settings.joints)
-    told = description.input_unit or rig.input_unit or "input's unit"
-    return beliefs, noise, told if inferred or "gain" in held else None
+    unit = description.input_unit or rig.input_unit or "input's unit"
+    return beliefs, noise, unit if inferred or "gain" in held else None
 
 
 def _wish(description: Description, beliefs: Beliefs, input_unit: str) -> Wish:
     settings, names = description.settings, beliefs.names
-    sizes = {name for own in NAMES for name in (own.shape, own.coupling)}
+    sizes = {name for mode_names in NAMES for name in (mode_names.shape, mode_names.coupling)}
     usual = [quantity.name for quantity in quantities_of(beliefs.laws)]
-    asked = settings.wanted or [*usual, *(name for name in names if name in sizes)]
-    if not set(asked) & set(names):
+    requested = settings.wanted or [*usual, *(name for name in names if name in sizes)]
+    if not set(requested) & set(names):
         raise ConfigError(
-            f"Key `wanted` must name parameters that are inferred, but has {', '.join(asked)}.",
+            f"Key `wanted` must name parameters that are inferred, but has {', '.join(requested)}.",
             remedy=f"Choose among {', '.join(names)}.",
         )
     return Wish(
-        wanted=tuple(name for name in names if name in asked),
+        wanted=tuple(name for name in names if name in requested),
         cv=settings.cv,
         max_repeats=settings.max_repeats,
         max_displacement=settings.max_displacement or np.inf,
@@ -167,8 +173,8 @@ class Rig:
 
 def rig_of(tree: xr.DataTree) -> Rig:
     """What a run tells of its rig, from its result, as `posterior.nc` holds it."""
-    known = "verification" in tree.children
-    tests = [node.to_dataset() for node in tree["verification"].subtree] if known else []
+    verified = "verification" in tree.children
+    tests = [node.to_dataset() for node in tree["verification"].subtree] if verified else []
     seen = json.loads(str(tree.attrs.get("tests", "{}")))
     units = [str(test.attrs.get("level_unit", "")) for test in tests]
     units += [str(facts.get("source", "")) for facts in seen.values()]

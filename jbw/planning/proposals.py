@@ -103,18 +103,23 @@ def propose(grids: Mapping[str, Grid], beliefs: Beliefs, reach: Reach) -> list[C
     """Candidates of every kind, by default aimed at parts of the largest displacement."""
     makers = {"sweep": _sweeps, "tones": _tones, "stepped": _steps}
     _require_one_mode(grids, beliefs)
-    found = [one for kind, grid in grids.items() for one in makers[kind](grid, beliefs, reach)]
-    for one in found:
-        if isinstance(one, Sweep):
-            highest, what = one.stop_hz, "the sweep's last frequency"
+    candidates = [
+        candidate
+        for kind, grid in grids.items()
+        for candidate in makers[kind](grid, beliefs, reach)
+    ]
+    for candidate in candidates:
+        if isinstance(candidate, Sweep):
+            highest, what = candidate.stop_hz, "the sweep's last frequency"
         else:
-            highest, what = 3 * max(one.frequencies_hz), "the third harmonic of the tones"
-        if 2 * highest >= one.fs:
+            highest, what = 3 * max(candidate.frequencies_hz), "the third harmonic of the tones"
+        if 2 * highest >= candidate.fs:
             raise ConfigError(
-                f"Key `fs` must be more than twice {what}, {highest:g} Hz, but is {one.fs:g} Hz.",
+                f"Key `fs` must be more than twice {what}, {highest:g} Hz, "
+                f"but is {candidate.fs:g} Hz.",
                 remedy=f"Sample at {sampling_for(highest):g} Hz, or lower the frequencies.",
             )
-    return found
+    return candidates
 
 
 def default_grids(beliefs: Beliefs) -> dict[str, Grid]:
@@ -137,21 +142,21 @@ def _sweeps(grid: SweepTable, beliefs: Beliefs, reach: Reach) -> list[Sweep]:
     """Sweeps about every mode, at levels that move the joint alike."""
     modes = modes_of(beliefs.joints)
     centres = [float(np.median(mode.omega) / (2 * np.pi)) for mode in modes]
-    spans = [grid.span] if grid.span else [_span_about(own, centres) for own in centres]
+    spans = [grid.span] if grid.span else [_span_about(centre, centres) for centre in centres]
     rest = _decay(beliefs) if grid.rest is None else grid.rest
-    found: list[Sweep] = []
+    sweeps: list[Sweep] = []
     for mode, natural, (low, high) in zip(modes, centres, spans, strict=False):
         rates = grid.rates or tuple(_rounded(natural * (high - low) / n) for n in PERIODS)
         shapes = [Sweep(1.0, low, high, rate, rest, reach.fs) for rate in rates]
         goals = [y / float(np.median(mode.h)) for y in reach.goals]
         starts = list(zip(_steady_levels(beliefs, reach), goals, strict=True))
-        found += [
+        sweeps += [
             replace(shape, level=level)
             for shape in shapes
             for level in grid.levels
             or _within([_aimed(shape, start, y, beliefs) for start, y in starts], reach)
         ]
-    return found
+    return sweeps
 
 
 def _span_about(natural: float, every: Sequence[float]) -> tuple[float, float]:

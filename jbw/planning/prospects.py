@@ -57,42 +57,42 @@ def prospects(
     """Information and peak displacement of candidates at every joint."""
     # Records of sweeps are filled up to the length of the longest, for each new length would be
     # compiled anew; what fills them up is not counted.
-    sweeps = [one for one in candidates if isinstance(one, Sweep)]
-    longest = max((one.num_samples for one in sweeps), default=0)
+    sweeps = [candidate for candidate in candidates if isinstance(candidate, Sweep)]
+    longest = max((candidate.num_samples for candidate in sweeps), default=0)
     report("Timing the first candidate of each form")
     report(cost_sentence(candidates, _seconds_each(candidates, beliefs, noise, longest), beliefs))
-    found = []
+    predicted = []
     for i, candidate in enumerate(candidates):
         report(f"{i + 1}/{len(candidates)} {candidate}, input {candidate.level:g}")
-        found.append(_prospect(candidate, beliefs, noise, longest))
-    return tuple(found)
+        predicted.append(_prospect(candidate, beliefs, noise, longest))
+    return tuple(predicted)
 
 
 def _seconds_each(
     candidates: Sequence[Candidate], beliefs: Beliefs, noise: Noise, longest: int
 ) -> dict[type, float]:
     """Time that one joint takes in the first candidate of each form, once compiled [s]."""
-    alone = replace(
+    one_joint = replace(
         beliefs, scale=beliefs.scale[:1], joints={n: v[:1] for n, v in beliefs.joints.items()}
     )
-    found = {}
-    for first in {type(one): one for one in reversed(candidates)}.values():
-        _prospect(first, alone, noise, longest)
+    seconds = {}
+    for first in {type(candidate): candidate for candidate in reversed(candidates)}.values():
+        _prospect(first, one_joint, noise, longest)
         began = perf_counter()
-        _prospect(first, alone, noise, longest)
-        found[type(first)] = perf_counter() - began
-    return found
+        _prospect(first, one_joint, noise, longest)
+        seconds[type(first)] = perf_counter() - began
+    return seconds
 
 
 def cost_sentence(
-    candidates: Sequence[Candidate], each: Mapping[type, float], beliefs: Beliefs
+    candidates: Sequence[Candidate], seconds_of_form: Mapping[type, float], beliefs: Beliefs
 ) -> str:
     """What a plan costs: the time of the first candidate of each form times their number."""
-    seconds = beliefs.num_joints * sum(each[type(one)] for one in candidates)
-    told = f"{seconds:.2g} s" if seconds < 2 * MINUTE else f"{seconds / MINUTE:.2g} minutes"
+    seconds = beliefs.num_joints * sum(seconds_of_form[type(candidate)] for candidate in candidates)
+    duration = f"{seconds:.2g} s" if seconds < 2 * MINUTE else f"{seconds / MINUTE:.2g} minutes"
     return (
-        f"{len(candidates)} candidates at {beliefs.num_joints} joints: about {told} by the first, "
-        "once compiled; fewer candidates or `joints` in [plan] take less"
+        f"{len(candidates)} candidates at {beliefs.num_joints} joints: about {duration} by the "
+        "first, once compiled; fewer candidates or `joints` in [plan] take less"
     )
 
 
@@ -105,7 +105,9 @@ def _prospect(candidate: Candidate, beliefs: Beliefs, noise: Noise, longest: int
     information = np.array(
         [
             fisher(theta, beliefs.names, jnp.asarray(scale), *design)
-            for theta, scale, design in zip(beliefs.each(), beliefs.scale, designs, strict=True)
+            for theta, scale, design in zip(
+                beliefs.joint_by_joint(), beliefs.scale, designs, strict=True
+            )
         ]
     )
     lost = ~np.isfinite(information).all(axis=(1, 2)) | ~np.isfinite(y_peak)
@@ -118,8 +120,11 @@ def peak_displacements(
 ) -> Float[np.ndarray, " joint"]:
     """Peak displacement of every joint under a sweep [m]; not finite where it diverges."""
     source = band_limited(_source(candidate, longest))
-    each = [_displacement(theta, source, candidate.fs, beliefs.laws) for theta in beliefs.each()]
-    return np.max(np.abs(np.array(each)), axis=1)
+    displacements = [
+        _displacement(theta, source, candidate.fs, beliefs.laws)
+        for theta in beliefs.joint_by_joint()
+    ]
+    return np.max(np.abs(np.array(displacements)), axis=1)
 
 
 def _sweep_design(candidate: Sweep, laws: tuple[str, ...], noise: Noise, longest: int) -> Design:
@@ -130,8 +135,8 @@ def _sweep_design(candidate: Sweep, laws: tuple[str, ...], noise: Noise, longest
     test = Test("sweep", (Record(candidate.fs, channels, units),), name="planned")
     planned = Records.of([test], laws=laws, substeps=SUBSTEPS)
     planned = planned.with_repeats(noise_std=jnp.full(1, noise.std))
-    kept = np.arange(len(source)) < candidate.num_samples
-    return Dataset.of([planned]), jnp.asarray(kept, float)
+    is_measured = np.arange(len(source)) < candidate.num_samples
+    return Dataset.of([planned]), jnp.asarray(is_measured, float)
 
 
 def _tones_designs(
@@ -141,7 +146,7 @@ def _tones_designs(
     omega, level = 2 * np.pi * np.array(candidate.frequencies_hz), jnp.asarray(candidate.level)
     phase = jnp.linspace(0.0, 2 * np.pi, NUM_PHASES, endpoint=False)
     y_peak, designs = [], []
-    for theta in beliefs.each():
+    for theta in beliefs.joint_by_joint():
         motion = np.asarray(_steady(theta, jnp.asarray(omega), level, beliefs.laws))
         y_peak.append(np.max(np.abs([synthesis(jnp.asarray(q), phase) for q in motion])))
         planned = Points.design(
@@ -165,7 +170,7 @@ def fisher(
     names: tuple[str, ...],
     scale: Float[Array, " parameter"],
     data: Dataset,
-    kept: Float[Array, " value"],
+    is_measured: Float[Array, " value"],
 ) -> Float[Array, "parameter parameter"]:
     r"""Fisher information of a test about relative changes of the parameters.
 
@@ -174,15 +179,15 @@ def fisher(
     r being the residual in standard errors, whose derivative does not depend on what is measured,
     and s, the `scale`, the parameter itself where it is positive, so that the standard deviations
     of x are coefficients of variation. The noise, which the identification integrates out, costs
-    the parameters nothing at this order. `kept` is 1 for values that are measured, 0 for those that
-    only fill up the record.
+    the parameters nothing at this order. `is_measured` is 1 for values that are measured, 0 for
+    those that only fill up the record.
     """
 
     def moved(x: Float[Array, " parameter"]) -> Float[Array, " value"]:
         changed = {n: theta[n] + d for n, d in zip(names, scale * x, strict=True)}
         return stacked({**theta, **changed}, data)
 
-    slope = kept[:, None] * jax.jacfwd(moved)(jnp.zeros(len(names)))
+    slope = is_measured[:, None] * jax.jacfwd(moved)(jnp.zeros(len(names)))
     return slope.T @ slope
 
 
