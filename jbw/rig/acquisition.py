@@ -109,11 +109,11 @@ def measure(
     # Two tests at once: FFT, compiled loop and random numbers all release the interpreter's lock.
     with ThreadPoolExecutor(max_workers=2) as pool:
         by_plan = pool.map(lambda plan: record_test(plan, rig, days, conditions), plans)
-        taken = list(chain.from_iterable(by_plan))
+        recorded = list(chain.from_iterable(by_plan))
     return RigCampaign(
         name=f"virtual rig, {rig.name}",
         folder=None,
-        tests=tuple(test for test, _ in taken),
+        tests=tuple(test for test, _ in recorded),
         settings=_settings(rig, plans, conditions, joint_truth),
         truth={
             "preset": rig.name,
@@ -122,7 +122,7 @@ def measure(
             "days": [{"omega_n": day.omega_n, "zeta": day.zeta} for day in days],
             "conditions": asdict(conditions),
         },
-        demands={test.name: demands for test, demands in taken if demands},
+        demands={test.name: demands for test, demands in recorded if demands},
         laws=tuple(law.name for law in joint.laws),
     )
 
@@ -143,9 +143,9 @@ def _settings(
     fewest = min((plan.repeats for plan in sweeps), default=0)
     if fewest >= 8 and not conditions.varies:
         settings["fit_repeats"] = fewest // 2
-    known = {
+    prior = {
         name: (low, high)
         for name, (low, high) in PRIOR.items()
         if name in truth and low < truth[name] < high
     }
-    return Identify(**settings, prior=known)
+    return Identify(**settings, prior=prior)

@@ -48,9 +48,9 @@ class Sweep:
         s = t[on]
         slope = (self.stop_hz - self.start_hz) / self.burst
         phase = 2.0 * np.pi * (self.start_hz + slope * s / 2.0) * s
-        left = np.minimum((self.burst - s) / self.fade, 1.0)
+        fade_out = np.minimum((self.burst - s) / self.fade, 1.0)
         u = np.zeros_like(t)
-        u[on] = self.level * np.sin(np.pi / 2.0 * left) ** 2 * _wave(np.sin, phase, distortion)
+        u[on] = self.level * np.sin(np.pi / 2.0 * fade_out) ** 2 * _wave(np.sin, phase, distortion)
         return u
 
 

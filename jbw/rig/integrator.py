@@ -161,8 +161,8 @@ def integrated(
     for first in range(0, num_samples, block):
         u = source(first * GRID, (first + block) * GRID + 1)
         state, now = _advance(seen, system, state, u, 1.0 / (fs * SUBSTEPS))
-        saved.append([np.asarray(each) for each in now])
-    return [np.concatenate(each)[:num_samples] for each in zip(*saved, strict=True)]
+        saved.append([np.asarray(channel) for channel in now])
+    return [np.concatenate(blocks)[:num_samples] for blocks in zip(*saved, strict=True)]
 
 
 @partial(jax.jit, static_argnums=0)

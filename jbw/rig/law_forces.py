@@ -114,12 +114,12 @@ def forces_of(laws: Iterable[Law], number: Callable[[Any], Scalar] = float) -> t
                 f"Parameter `joint.nu` of the rig must be 1, but is {nu}.",
                 remedy="The law `bouc_wen_nu` takes any: BoucWenNu.of_bouc_wen(...).",
             )
-        known = law.name.rstrip("_0123456789")
-        if known not in FORCES:
+        kind = law.name.rstrip("_0123456789")
+        if kind not in FORCES:
             raise ModelError(
                 f"The law `{law.name}` of the joint is none of the rig's: {', '.join(FORCES)}.",
                 why="The rig integrates every law by a code of its own.",
                 remedy="Make records with `simulate`, which takes every law.",
             )
-        forces += FORCES[known]({name: number(x) for name, x in law.parameters().items()})
+        forces += FORCES[kind]({name: number(x) for name, x in law.parameters().items()})
     return tuple(forces)

@@ -277,8 +277,8 @@ def preset_named(preset: str | Preset) -> Preset:
     if isinstance(preset, Preset):
         return preset
     if preset not in PRESETS:
-        known = ", ".join(f'"{name}"' for name in PRESETS)
-        raise ConfigError(f'Argument `preset` must be one of {known}, but is "{preset}".')
+        names = ", ".join(f'"{name}"' for name in PRESETS)
+        raise ConfigError(f'Argument `preset` must be one of {names}, but is "{preset}".')
     return PRESETS[preset]
 
 
@@ -286,14 +286,14 @@ def plans_named(preset: Preset, names: Iterable[str] | None) -> list[Plan]:
     """The plans with these names, in the order of the preset; all when None."""
     if names is None:
         return list(preset.plans)
-    wanted = [names] if isinstance(names, str) else list(names)
-    known = [plan.name for plan in preset.plans]
-    if not wanted:
+    requested = [names] if isinstance(names, str) else list(names)
+    planned = [plan.name for plan in preset.plans]
+    if not requested:
         raise ConfigError("Argument `tests` must name at least one test, but is empty.")
-    for name in wanted:
-        if name not in known:
+    for name in requested:
+        if name not in planned:
             raise ConfigError(
                 f'Argument `tests` must name planned tests, but holds "{name}".',
-                remedy=did_you_mean(name, known) + f"Known: {', '.join(known)}.",
+                remedy=did_you_mean(name, planned) + f"Known: {', '.join(planned)}.",
             )
-    return [plan for plan in preset.plans if plan.name in wanted]
+    return [plan for plan in preset.plans if plan.name in requested]

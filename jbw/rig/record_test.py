@@ -88,14 +88,14 @@ def record_test(
     records = [
         Record(
             fs=float("nan") if isinstance(excitation, Held) else conditions.fs,
-            channels=each,
-            units={role: BY_NAME[role].unit for role in each},
+            channels=record_channels,
+            units={role: BY_NAME[role].unit for role in record_channels},
             name=f"{plan.name}_{r + 1:02d}",
             provenance={"reader": "jbw.rig", "preset": rig.name, "seed": str(conditions.seed)},
         )
-        for r, each in enumerate(channels)
+        for r, record_channels in enumerate(channels)
     ]
-    whole = Test(
+    test = Test(
         kind=plan.kind,
         records=tuple(records),
         name=plan.name,
@@ -109,12 +109,12 @@ def record_test(
         drive=plan.drive,
     )
     if not conditions.varies:
-        return [(whole, demands)]
+        return [(test, demands)]
     tests = []
     for r, record in enumerate(records):
         name, day = f"{plan.name}_day{r + 1}", f"day {r + 1}"
-        kept = (replace(record, name=f"{name}_01"),)
-        tests.append((replace(whole, records=kept, name=name, run=day), demands[r : r + 1]))
+        of_day = (replace(record, name=f"{name}_01"),)
+        tests.append((replace(test, records=of_day, name=name, run=day), demands[r : r + 1]))
     return tests
 
 

@@ -108,17 +108,17 @@ def move(
 ) -> Motion:
     """Motion from rest under a source [V, or N] at points i .. j - 1, `GRID` a sample."""
     require_double()
-    own = doubles(structure)
+    doubled = doubles(structure)
     size = min(BLOCK, 1 << (num_samples - 1).bit_length())  # few compilations for short records
     x, q, rate, change, played = integrated(
-        _motion_and_source, own, own.at_rest(), source, num_samples, fs, block=size
+        _motion_and_source, doubled, doubled.at_rest(), source, num_samples, fs, block=size
     )
     if not np.isfinite(q).all():
         raise ModelError("The response of the structure must stay finite, but it is not.")
     shapes, shaker = structure.shapes, structure.armature
     tied = (shaker.stiffness * q + shaker.damping * rate + shaker.mass * change) @ shapes.drive
     force = shaker.gain * played - tied
-    y, v, a = (each @ shapes.output for each in (q, rate, change))
+    y, v, a = (modal @ shapes.output for modal in (q, rate, change))
     return Motion(y, v, a, change @ shapes.drive, force, x)
 
 
@@ -153,9 +153,9 @@ def modal_truth(shapes: Shapes, mode: int = 0) -> dict[str, Modal]:
     with c_i = 1 at the output r, per newton of the source.
     """
     across, along = shapes.joint / shapes.output, shapes.joint * shapes.output
-    found = {"omega_n": shapes.omega, "zeta": shapes.zeta}
-    found |= {"h": across / across[mode], "p": along / along[mode]}
-    return found | {"b": shapes.drive * shapes.output, "c": np.ones_like(across)}
+    truth = {"omega_n": shapes.omega, "zeta": shapes.zeta}
+    truth |= {"h": across / across[mode], "p": along / along[mode]}
+    return truth | {"b": shapes.drive * shapes.output, "c": np.ones_like(across)}
 
 
 def law_of_mode(law: Law, shapes: Shapes, mode: int = 0) -> dict[str, float]:
@@ -168,9 +168,9 @@ def law_of_mode(law: Law, shapes: Shapes, mode: int = 0) -> dict[str, float]:
     push, stretch = float(shapes.joint[mode]), float(shapes.joint[mode] / shapes.output[mode])
     if push == 0:
         raise ModelError(f"Mode {mode} must move the joint, but its shape there is 0.")
-    own = {name: float(value) for name, value in law.parameters().items()}
+    across_joint = {name: float(value) for name, value in law.parameters().items()}
     powers = {quantity.name: powers_of(quantity.unit) for quantity in law.table}
-    return {name: x * _factor(powers[name], push, abs(stretch)) for name, x in own.items()}
+    return {name: x * _factor(powers[name], push, abs(stretch)) for name, x in across_joint.items()}
 
 
 def _factor(powers: Mapping[str, int], push: float, stretch: float) -> float:

@@ -97,21 +97,23 @@ def tightened(
     preload = np.log(torque / how.reference) + how.bedding * np.log(sequence) + how.wrench * e[4]
     p = how.contact
     stiffness, displacement = (-p, 1.0) if how.load_path == "series" else (p, 1.0 - p)
-    own = how.omega_n, how.zeta, stiffness, displacement
+    exponents = how.omega_n, how.zeta, stiffness, displacement
     scatter = np.array([how.scatter.get(name, 0.0) for name in SCATTERING])
-    omega_n, zeta, stiffer, farther = np.array(own) * preload + scatter * e[:4]
-    whole = as_oscillator(joint)
+    omega_n, zeta, stiffer, farther = np.array(exponents) * preload + scatter * e[:4]
+    oscillator = as_oscillator(joint)
     laws = []
-    for law in whole.laws:
+    for law in oscillator.laws:
         kind = law_named(law.name)
-        units = {one.name: one.unit for one in kind.table}
+        units = {quantity.name: quantity.unit for quantity in kind.table}
         changed = {
             name: float(value) * np.exp(_power(name, units[name]) @ (stiffer, farther))
             for name, value in law.parameters().items()
         }
         laws.append(kind.build(changed))
     return Oscillator(
-        float(whole.omega_n) * np.exp(omega_n), float(whole.zeta) * np.exp(zeta), tuple(laws)
+        float(oscillator.omega_n) * np.exp(omega_n),
+        float(oscillator.zeta) * np.exp(zeta),
+        tuple(laws),
     )
 
 
@@ -154,14 +156,18 @@ def measure_fleet(
         raise ConfigError(f'Argument `order` must be "shuffled" or "given", but is "{order}".')
     campaigns = []
     for assembly in range(assemblies):
-        places = (
+        order_of_torques = (
             _order(len(torques), assembly, seed) if order == "shuffled" else range(len(torques))
         )
-        for number, place in enumerate(places, start=1):
+        for number, place in enumerate(order_of_torques, start=1):
             chance, torque = _chance(seed, assembly, place), torques[place]
-            own = tightened(joint, torque, how, sequence=number, chance=chance.standard_normal(5))
-            one = measure(preset, joint=own, seed=int(chance.integers(2**31)), **conditions)
-            campaigns.append(_stated(one, f"assembly {assembly + 1}", torque, number))
+            tightened_joint = tightened(
+                joint, torque, how, sequence=number, chance=chance.standard_normal(5)
+            )
+            campaign = measure(
+                preset, joint=tightened_joint, seed=int(chance.integers(2**31)), **conditions
+            )
+            campaigns.append(_stated(campaign, f"assembly {assembly + 1}", torque, number))
     return campaigns
 
 
@@ -171,24 +177,24 @@ def _chance(seed: int, *key: int) -> np.random.Generator:
 
 def _order(num: int, assembly: int, seed: int) -> Sequence[int]:
     """Places of the torques in turn: by chance, and of every second assembly the reverse."""
-    places = _chance(seed, assembly // 2).permutation(num).tolist()
-    return places[::-1] if assembly % 2 else places
+    permutation = _chance(seed, assembly // 2).permutation(num).tolist()
+    return permutation[::-1] if assembly % 2 else permutation
 
 
-def _stated(one: RigCampaign, assembly: str, torque: float, sequence: int) -> RigCampaign:
+def _stated(campaign: RigCampaign, assembly: str, torque: float, sequence: int) -> RigCampaign:
     """A campaign with its [assembly] table and without the paper's prior boxes."""
     table = Assembly(name=assembly, torque=torque, sequence=sequence)
-    settings = one.settings.model_copy(update={"prior": {}})
-    name = f"{one.name}, {assembly} at {torque:g} N m"
-    return replace(one, name=name, assembly=table, settings=settings)
+    settings = campaign.settings.model_copy(update={"prior": {}})
+    name = f"{campaign.name}, {assembly} at {torque:g} N m"
+    return replace(campaign, name=name, assembly=table, settings=settings)
 
 
 def _power(name: str, unit: str) -> Float[np.ndarray, " 2"]:
     """Powers of a stiffness and of a displacement that a parameter of this unit is."""
-    found = powers_of(unit)
-    seconds = found.pop("s", 0)
-    metres = found.pop("m", 0)
-    if seconds > 0 or seconds % 2 or found:
+    exponents = powers_of(unit)
+    seconds = exponents.pop("s", 0)
+    metres = exponents.pop("m", 0)
+    if seconds > 0 or seconds % 2 or exponents:
         raise ModelError(
             f"Parameter {name} must be a power of a stiffness per mass and of a displacement, but "
             f"its unit is {unit}.",
