@@ -11,6 +11,7 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
+from jbw.campaign.written import require_file
 from jbw.errors import ConfigError
 from jbw.inference.density import Density
 
@@ -60,10 +61,9 @@ def text_of(path: Path, what: str, remedy: str) -> str:
     """Text of a file that somebody wrote; messages say what it should be, and what to do.
 
     Raises:
-        ConfigError: No such file, or not UTF-8.
+        ConfigError: No such file, none that may be read, or not UTF-8.
     """
-    if not path.is_file():
-        raise ConfigError(f"{what} `{path}` does not exist.", remedy=remedy)
+    require_file(path, what, remedy)
     if (size := path.stat().st_size) > MOST_BYTES:
         raise ConfigError(
             f"{what} `{path}` must be of {MOST_BYTES // 2**20} MiB at most, but has {size} bytes.",

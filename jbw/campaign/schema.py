@@ -11,6 +11,7 @@ from jbw.campaign.gains import differ
 from jbw.campaign.settings import Identify, Joint, Structured, law_errors, laws_of, structure_errors
 from jbw.campaign.tables import NOT_STATED, Assembly, Head, Instruments, TestSpec
 from jbw.campaign.together import among, at_every_point, named, of_others
+from jbw.campaign.written import CAMPAIGN
 from jbw.quantities import DEFAULT_LAWS
 
 
@@ -46,7 +47,7 @@ class CampaignSpec:
 
 def read_spec(path: Path) -> CampaignSpec:
     """Read and check a campaign file; a ConfigError of all that is wrong with it."""
-    return parse(text_of(path, "Campaign file", "Write one with: jbw init FOLDER"), path.name)
+    return parse(text_of(path, *CAMPAIGN), path.name)
 
 
 def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:

@@ -9,7 +9,9 @@ from typing import Any
 import click
 from rich.text import Text
 
+from jbw.campaign.written import CAMPAIGN, require_file
 from jbw.cli.options import (
+    campaign_argument,
     json_option,
     out_option,
     outside_option,
@@ -38,7 +40,7 @@ Say = Callable[[str], None]
 
 
 @click.command()
-@click.argument("campaign", type=click.Path(path_type=Path))
+@campaign_argument
 @click.option("--profiles", is_flag=True, help="Follow the profile likelihood of every parameter.")
 @seed_option("campaign")
 @json_option
@@ -156,6 +158,7 @@ def identify(
         return identify_several(campaigns, place, workers, seed, json_, allow_outside, strict)
     if workers is not None:
         raise click.UsageError("--workers is for several campaigns; one runs in one process.")
+    require_file(campaign, *CAMPAIGN)
     source = str(campaign.resolve())
     asked = Manifest(
         command_line(), source, seed=seed, allow_outside=allow_outside, quick=quick, final=final

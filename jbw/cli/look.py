@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from jbw.cli.options import json_option, outside_option
+from jbw.cli.options import campaign_argument, json_option, outside_option
 from jbw.cli.printing import answer, following
 from jbw.cli.progress import computing
 from jbw.errors import ConfigError
@@ -19,7 +19,7 @@ Row = Mapping[str, Any]
 
 
 @click.command()
-@click.argument("campaign", type=click.Path(path_type=Path))
+@campaign_argument
 @click.option(
     "--figure",
     type=click.Path(dir_okay=False, writable=True, path_type=Path),

@@ -18,6 +18,21 @@ outside_option = click.option(
 strict_option = click.option(
     "--strict", is_flag=True, help="End with 4 where the verdict is anything but ok."
 )
+
+
+class CampaignFile(click.Path):
+    """A campaign file, refused before anything heavy is loaded where it is none."""
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> Any:
+        """The path, where a file is there that may be read."""
+        from jbw.campaign.written import CAMPAIGN, require_file
+
+        path = Path(str(super().convert(value, param, ctx)))
+        require_file(path, *CAMPAIGN)
+        return path
+
+
+campaign_argument = click.argument("campaign", type=CampaignFile(path_type=Path))
 run_argument = click.argument(
     "folder", metavar="DIR", type=click.Path(exists=True, file_okay=False, path_type=Path)
 )

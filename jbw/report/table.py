@@ -8,6 +8,7 @@ from jbw.errors import printable
 from jbw.report.text import NOTHING, Names, number, percent, symbol, typed
 
 Row = Mapping[str, Any]
+WHOLE = 12  # letters of a cell that a narrow terminal does not fold
 MARKS = {"good": "green", "doubt": "yellow", "bad": "bold red", "flag": "bold"}
 
 
@@ -127,25 +128,43 @@ def print_table(screen: Any, shown: Table) -> None:
         if width() <= screen.width:
             break
         made = _rich(shown, most)
+    if screen.is_terminal and width() > screen.width:
+        made = _rich(shown, most_spared(shown), is_tight=True)
     # In a file or pipe lines may be as long as they are; only a terminal folds them.
     room = screen.width if screen.is_terminal else max(width(), screen.width)
     screen.print(made, width=room, crop=False)
 
 
-def _rich(shown: Table, spared: int) -> Any:
-    """The table as Rich knows it, without the columns that are spared first."""
+def most_spared(shown: Table) -> int:
+    """Up to which number columns are spared where there is little room."""
+    return max(column.spared for column in shown.columns)
+
+
+def typed_cell(cell: Cell) -> str:
+    """A cell as a terminal shows it, without control characters: names come from files."""
+    return printable(cell.typed or typed(cell.text))
+
+
+def _rich(shown: Table, spared: int, *, is_tight: bool = False) -> Any:
+    """The table as Rich knows it, without the columns that are spared first.
+
+    A tight one has single spaces between columns, and folds those with long cells alone.
+    """
     from rich.box import SIMPLE_HEAD  # the page needs no terminal
     from rich.table import Table as Rich
     from rich.text import Text
 
     columns = [each for each in shown.told("terminal") if not 0 < each.spared <= spared]
     title = Text(printable(shown.title)) if shown.title else None
-    made = Rich(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1))
+    made = Rich(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1 - is_tight))
     if shown.of:
         made.add_column(shown.of, overflow="fold")
     for column in columns:
         justify = "right" if column.align == "right" else "left"
-        made.add_column(Text(column.heading), justify=justify, overflow="fold")
+        cells = (typed_cell(column.cell(row)) for part in shown.sections for row in part.rows)
+        is_whole = is_tight and max(map(len, [*cells, *column.heading.split("\n")])) <= WHOLE
+        heading = Text(column.heading)
+        made.add_column(heading, justify=justify, overflow="fold", no_wrap=is_whole)
     if shown.of:
         made.add_column("verdict")
     for section in shown.sections:
@@ -154,9 +173,7 @@ def _rich(shown: Table, spared: int) -> Any:
             if shown.of:  # the ends are those of the section's first row
                 name, badge = (section.name, section.badge) if place == 0 else ("", Cell(""))
                 cells = [Cell(name), *cells, badge]
-            # Text, not markup, and no control characters: names come from files.
-            made.add_row(
-                *(Text(printable(c.typed or typed(c.text)), MARKS.get(c.mark, "")) for c in cells)
-            )
+            # Text, not markup.
+            made.add_row(*(Text(typed_cell(cell), MARKS.get(cell.mark, "")) for cell in cells))
         made.add_section()
     return made

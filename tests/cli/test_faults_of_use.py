@@ -262,3 +262,32 @@ def test_a_terminal_of_sixty_columns_and_none_at_all(monkeypatch):
             assert "\x1b" not in stream.getvalue()
             assert lines[-1].startswith("A sentence")
             assert lines[-1].endswith("yes.")
+
+
+@pytest.mark.parametrize("command", ["check", "look", "identify", "identifiability"])
+def test_a_folder_for_a_campaign_file_is_refused_at_once_with_the_command_to_type(
+    command, tmp_path, capsys, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    folder = tmp_path / "my records"
+    folder.mkdir()
+    assert run([command, str(folder)]) == 2
+    said = capsys.readouterr().err
+    assert "must be a file, but it is a folder" in said
+    assert f"jbw init '{folder}'" in said
+    assert "Loading" not in said
+    np.savetxt(folder / "noise.csv", np.ones((64, 3)), delimiter=",", header="t,u,v", comments="")
+    assert run(["init", str(folder)]) == 0  # the remedy, as it is typed
+    capsys.readouterr()
+    assert run([command, str(folder)]) == 2
+    assert f"Name the file in it: '{folder / 'campaign.toml'}'" in capsys.readouterr().err
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["my records"]  # and no run's folder
+
+
+def test_a_campaign_file_without_permission_is_said_to_be_unreadable(tmp_path, capsys, monkeypatch):
+    def denied(path):
+        raise PermissionError(13, "Permission denied", str(path))
+
+    monkeypatch.setattr(Path, "is_file", denied)
+    assert run(["check", str(tmp_path / "campaign.toml")]) == 2
+    assert "must be readable, but permission is denied" in capsys.readouterr().err

@@ -1,9 +1,12 @@
 """One description of a table: columns that say nothing go, numbers are typed in the terminal."""
 
+import re
+from io import StringIO
+
 import pytest
 from rich.console import Console
 
-from jbw.report.table import Cell, Column, print_table, table
+from jbw.report.table import Cell, Column, print_table, table, words
 from jbw.report.text import typed
 
 ROWS = [{"name": "beam", "x": "−3.2×10⁻⁶"}, {"name": "[red]arm[/red]\x1b", "x": "–"}]
@@ -42,3 +45,19 @@ def test_a_narrow_screen_spares_columns_and_names_steer_nothing(capsys, width, h
     assert ("-3.2e-06" in told) == has_x
     assert "[red]arm[/red]" in told
     assert "\x1b" not in told
+
+
+def test_a_narrow_terminal_folds_long_cells_alone():
+    rows = [{"test": "noise_of_the_first_day_5mV", "role": "velocity", "repeats": 3}]
+    shown = table(
+        "Campaign", rows, words("test", "test"), words("role", "role"),
+        words("repeats", "repeats", "right"),
+    )  # fmt: skip
+    said = StringIO()
+    print_table(Console(file=said, width=30, force_terminal=True, no_color=True), shown)
+    lines = re.sub(r"\x1b\[[0-9;]*m", "", said.getvalue()).splitlines()
+    assert max(map(len, lines)) <= 30
+    assert any("repeats" in line for line in lines)
+    (first,) = [line for line in lines if "velocity" in line]
+    assert first.split()[-1] == "3"
+    assert "noise_of_the_first_day_5mV".startswith(first.split()[0])

@@ -1,0 +1,31 @@
+"""A file that somebody wrote is there and may be read; known before anything heavy is loaded."""
+
+import shlex
+from pathlib import Path
+
+from jbw.errors import ConfigError
+
+CAMPAIGN = "Campaign file", "Write one with: jbw init FOLDER"
+
+
+def require_file(path: Path, what: str, remedy: str) -> None:
+    """Refuse a path that is no file, or none that may be read; arguments as for `text_of`."""
+    try:
+        is_folder, is_file = path.is_dir(), path.is_file()
+        if is_file:
+            path.open("rb").close()
+    except PermissionError:
+        raise ConfigError(
+            f"{what} `{path}` must be readable, but permission is denied.",
+            remedy="Ask its owner for permission to read the file and its folder.",
+        ) from None
+    if is_folder:
+        inside = sorted(path.glob("*.toml"))
+        raise ConfigError(
+            f"{what} `{path}` must be a file, but it is a folder.",
+            remedy=f"Name the file in it: {shlex.quote(str(inside[0]))}"
+            if inside
+            else remedy.replace("FOLDER", shlex.quote(str(path))),
+        )
+    if not is_file:
+        raise ConfigError(f"{what} `{path}` does not exist.", remedy=remedy)
