@@ -386,3 +386,31 @@ def test_a_likelihood_of_one_s_own_mixes(tmp_path, monkeypatch):
     extra = names["mcmc"].get_extra_fields()
     assert extra["diverging"].sum() == 0
     assert extra["num_steps"].mean() < 20  # gradients a draw: more than that is bad scaling
+
+
+howto = loaded("run_howto", DOCS / "run_howto.py")
+each_shown = pytest.mark.parametrize(
+    "page", [page for page in sorted(howto.PAGES.glob("*.md")) if howto.asked(page)],
+    ids=lambda page: page.stem,
+)  # fmt: skip
+
+
+@each_shown
+def test_a_how_to_page_shows_what_was_run_for_it(page):
+    remedy = f"Run it again: jbw demo && python docs/run_howto.py demo {page.stem}"
+    kept = howto.kept()[page.stem]
+    assert kept["source"] == howto.source_of(page), remedy
+    assert page.read_text(encoding="utf-8") == howto.with_outputs(page), remedy
+
+
+@pytest.mark.parametrize("page", sorted(howto.PAGES.glob("*.md")), ids=lambda page: page.stem)
+def test_every_how_to_page_has_a_picture_or_an_output(page):
+    text = page.read_text(encoding="utf-8")
+    assert re.search(r"!\[[^]]+\]\(", text) or howto.asked(page)
+
+
+@pytest.mark.parametrize("name", ["drives", "neighbours"])
+def test_python_of_a_how_to_page_prints_what_it_shows(name, tmp_path):
+    page = howto.PAGES / f"{name}.md"
+    shown = howto.printed(howto.asked(page)["python"], tmp_path)
+    assert shown == howto.kept()[name]["shown"]["python"]  # three digits, of least squares
