@@ -59,7 +59,7 @@ def printed(words: list[str], folder: Path) -> str:
     done = subprocess.run(
         [sys.executable, *words], cwd=folder, env=env, stdout=subprocess.PIPE, text=True, check=True
     )
-    lines = [line.rstrip() for line in done.stdout.strip().splitlines()]
+    lines = [line.rstrip() for line in done.stdout.strip("\n").splitlines()]
     return "\n".join(lines if len(lines) <= KEPT else [*lines[: KEPT - 1], "..."])
 
 
