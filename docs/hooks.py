@@ -20,6 +20,8 @@ NOTEBOOKS = ROOT / "notebooks"
 SHOWN = ROOT / "docs" / "laboratories" / "shown"
 MARK = re.compile(r"^<!-- make (\w+)(?: (\S+))? -->$", re.MULTILINE)
 PUBLIC = re.compile(r"^::: jbw\.((?:paper\.)?\w+)$", re.MULTILINE)
+OUTPUT = re.compile(r"^```text\n(.*?)^```", re.MULTILINE | re.DOTALL)
+COLUMNS, COLUMN_GAP = 96, "   "  # letters in a line of an output; what parts columns of a table
 MATH = re.compile(r'<(div|span) class="arithmatex">\\[\[(](.*?)\\[\])]</\1>', re.DOTALL)
 # Of the theme, and of no use here: sources of its scripts, and search in other languages.
 UNUSED = ("assets/javascripts/lunr", "**/*.map", "assets/hooks.py", "assets/draw_result.py")
@@ -41,7 +43,19 @@ def on_files(files: Any, config: Any) -> Any:
 def on_page_markdown(markdown: str, **_: Any) -> str:
     """A page's text with what is made of the code in the place of the marks."""
     made = MARK.sub(lambda mark: MAKERS[mark[1]](*filter(None, mark.groups()[1:])), markdown)
+    made = OUTPUT.sub(lambda block: f"```text\n{folded(block[1])}```", made)
     return PUBLIC.sub(lambda name: public(name[1]), made)
+
+
+def folded(output: str) -> str:
+    """What was printed with its sentences folded; a wide table stays whole, and can be moved."""
+    lines = [line.rstrip() for line in output.splitlines()]
+    return "".join(
+        f"{textwrap.fill(line, COLUMNS, break_long_words=False) if COLUMN_GAP not in line.lstrip() else line}\n"
+        if len(line) > COLUMNS
+        else f"{line}\n"
+        for line in lines
+    )
 
 
 def on_page_content(html: str, **_: Any) -> str:

@@ -414,3 +414,14 @@ def test_python_of_a_how_to_page_prints_what_it_shows(name, tmp_path):
     page = howto.PAGES / f"{name}.md"
     shown = howto.printed(howto.asked(page)["python"], tmp_path)
     assert shown == howto.kept()[name]["shown"]["python"]  # three digits, of least squares
+
+
+def test_sentences_of_an_output_are_folded_and_tables_stay_whole():
+    folded = loaded("docs_hooks", DOCS / "hooks.py").folded
+    sentence = "RMS error of the tests: " + ", ".join(["0.2 %"] * 30)
+    table = f"  test   {'x' * 60}   {'y' * 60}  "
+    rule = "─" * 130
+    lines = folded(f"{sentence}\n{table}\n{rule}\n").splitlines()
+    assert lines[-2:] == [table.rstrip(), rule]
+    assert " ".join(lines[:-2]) == sentence
+    assert max(map(len, lines[:-2])) <= 96
