@@ -49,13 +49,13 @@ def on_page_markdown(markdown: str, **_: Any) -> str:
 
 def folded(output: str) -> str:
     """What was printed with its sentences folded; a wide table stays whole, and can be moved."""
-    lines = [line.rstrip() for line in output.splitlines()]
-    return "".join(
-        f"{textwrap.fill(line, COLUMNS, break_long_words=False) if COLUMN_GAP not in line.lstrip() else line}\n"
-        if len(line) > COLUMNS
-        else f"{line}\n"
-        for line in lines
-    )
+    lines = []
+    for line in map(str.rstrip, output.splitlines()):
+        is_table = COLUMN_GAP in line.lstrip()
+        lines += (
+            [line] if is_table else textwrap.wrap(line, COLUMNS, break_long_words=False) or [""]
+        )
+    return "".join(f"{line}\n" for line in lines)
 
 
 def on_page_content(html: str, **_: Any) -> str:
