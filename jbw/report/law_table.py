@@ -8,12 +8,15 @@ from jbw.report.text import NOTHING
 
 
 def law_order(record: Mapping[str, Any]) -> list[str]:
-    """Names of the laws, the best first."""
+    """Names of the laws: the preferred one, then by their scores."""
     worst = -float("inf")
 
-    def rank(name: str) -> float:
+    def rank(name: str) -> tuple[bool, float]:
         row = record["laws"][name]
-        return next((row[key] for key in ("elpd", "log_evidence") if row[key] is not None), worst)
+        keys = ("elpd", "log_evidence")
+        score = next((row[key] for key in keys if row[key] is not None), worst)
+        # Of few runs the evidence decides, whatever their scores.
+        return row.get("answer") == "best", score
 
     return sorted(record["laws"], key=rank, reverse=True)
 

@@ -105,3 +105,13 @@ def test_the_page_has_scores_the_preferred_law_and_why(comparison, record):
 def test_a_comparison_without_readings_has_its_page(comparison, record):
     del comparison["look"]
     assert "Scores" in render_laws(comparison, record)
+
+
+def test_the_preferred_law_stands_first_whatever_the_scores_of_few_runs():
+    row = {"log_evidence": 0.0}
+    laws = {
+        "high": {**row, "elpd": 500.0, "answer": "worse"},
+        "low": {**row, "elpd": -10.0, "answer": "not told apart"},
+        "chosen": {**row, "elpd": 0.0, "answer": "best"},
+    }
+    assert law_order({"laws": laws}) == ["chosen", "high", "low"]
