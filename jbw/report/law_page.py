@@ -97,7 +97,8 @@ def laws_sheet(record: Mapping[str, Any]) -> Sheet:
         caption="Frequency and damping ratio against amplitude under each law, the preferred one "
         "first, then by score, all at the scale of the first; open symbols are what each test "
         "shows without a model of the joint, read as a linear oscillator. A law whose band leaves "
-        "the points on a curve does not describe this joint. Grey: beyond the amplitudes that were fitted.",
+        "the points on a curve does not describe this joint. Grey: beyond the amplitudes that were "
+        "fitted.",
         sentences=record["statements"],
         tables=tables,
         status=Badge(best, "doubt" if alike else "good"),
