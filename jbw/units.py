@@ -286,7 +286,7 @@ def titled(title: str) -> tuple[str, str]:
         return (apart[1], apart[2]) if apart else (title, "")
     name, unit = found[1], found[2] or found[3] or found[4]
     timed = re.search(TIME, name.lower()) is not None
-    return (name, unit) if is_unit(unit) or timed else (title, "")
+    return (name.rstrip("/ "), unit) if is_unit(unit) or timed else (title, "")
 
 
 def is_unit(text: str) -> bool:

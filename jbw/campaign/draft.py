@@ -26,7 +26,7 @@ from jbw.measurement.recorders.facts import is_time
 from jbw.measurement.records import INPUTS, RESPONSES, si_of
 from jbw.measurement.resampled import proposed_rate
 from jbw.measurement.response_checks import band_about_peak
-from jbw.units import plain
+from jbw.units import decibels, plain
 
 HEAD = """\
 # Campaign file of jbw. Lines marked CHECK hold what the records do not say.
@@ -280,8 +280,10 @@ def _clock(channels: Mapping[str, Channel], looked: Looked, traits: Kind) -> Clo
         return Clock(True, ("time",), times, tuple(lines), ())
     if "time" in channels:
         channel = channels["time"]
-        proposal = _uneven(looked.series[channel.path], channel.unit or "s")
-        if proposal:
+        clock = looked.series[channel.path]
+        if rates:  # beside channels of the table's own times, slower ones
+            lines.append(f"resample = {toml(_round(min(rates)))}  # [Hz], the slowest channel's")
+        elif proposal := _uneven(clock, channel.unit or "s"):
             lines.append(f"resample = {toml(proposal)}  # CHECK: [Hz]; its times are not even")
             assumed.append(f"resampled at {proposal:g} Hz, since its times are not even.")
         return Clock(True, (), (), tuple(lines), tuple(assumed))
@@ -321,7 +323,7 @@ def _units(channels: Mapping[str, Channel], assume: Assume) -> str:
     units, guessed = {}, []
     for role, channel in channels.items():
         if channel.unit:
-            units[role] = plain(channel.unit)
+            units[role] = channel.unit if decibels(channel.unit) else plain(channel.unit)
         elif role != "time":  # seconds, unless the file says otherwise
             units[role] = channel.default
             guessed.append(role)
@@ -431,7 +433,8 @@ def _records_in(series: Leaves) -> list[dict[str, Leaf]]:
     groups: dict[str, dict[str, Leaf]] = {}
     for name, leaf in series.items():
         groups.setdefault(name.rpartition(".")[0], {})[name] = leaf
-    alike = len(groups) > 1 and len({frozenset(map(last_name, g)) for g in groups.values()}) == 1
+    named = {frozenset((last_name(n), x.label) for n, x in g.items()) for g in groups.values()}
+    alike = len(groups) > 1 and len(named) == 1
     return list(groups.values()) if alike else [dict(series)]
 
 

@@ -69,11 +69,13 @@ def channels_by_role(series: Leaves) -> dict[str, Channel]:
         others = [each for _, each in rest if _by_unit(each) == role]
         # Of several voltages none is known to be the source's.
         if role and role not in named and not (role == "input" and len(others) > 1):
-            named[role] = [Channel(path, leaf.unit, "", True)]
+            # A voltage may be anything; other units tell what is measured.
+            named[role] = [Channel(path, leaf.unit, "", role == "input")]
     roles = {role: _meant(many, series) for role, many in named.items()}
     roles = _of_a_curve(roles, series)
     if "phase" in roles and not roles["phase"].unit:
-        roles["phase"] = roles["phase"]._replace(default=_turns(series[roles["phase"].path]))
+        turned = _in_degrees(series[roles["phase"].path])
+        roles["phase"] = roles["phase"]._replace(unit="deg" if turned else "")
     unanswered = roles.keys().isdisjoint(RESPONSES)
     if unanswered and {"frequency", "phase", "force", "input"} <= set(roles):
         # Beside a force and a phase, an amplitude is that of the response.
@@ -143,10 +145,10 @@ def strength(leaf: Leaf) -> float:
     return float(np.nanstd(samples)) if np.isfinite(samples).any() else 0.0
 
 
-def _turns(leaf: Leaf) -> str:
-    """Unit of phases that state none: a mode's, beyond more than a turn in radians, are degrees."""
+def _in_degrees(leaf: Leaf) -> bool:
+    """Whether phases without a unit go beyond a turn in radians, as those of a mode never do."""
     samples = np.abs(load(leaf)) if leaf.shape and leaf.shape[0] <= MOST_SAMPLES else np.zeros(1)
-    return "deg" if float(np.nanmax(samples)) > MOST_RADIANS else "rad"
+    return float(np.nanmax(samples)) > MOST_RADIANS
 
 
 def _of_a_curve(roles: dict[str, Channel], series: Leaves) -> dict[str, Channel]:
@@ -159,7 +161,7 @@ def _of_a_curve(roles: dict[str, Channel], series: Leaves) -> dict[str, Channel]
         sizes = {series[p].shape for p in is_complex}
         for path, leaf in series.items():
             if path not in is_complex and leaf.shape in sizes and rises(leaf):
-                taken["frequency"] = Channel(path, leaf.unit, "Hz", True)
+                taken["frequency"] = Channel(path, leaf.unit, "Hz", not leaf.unit)
                 break
     return taken
 

@@ -11,7 +11,7 @@ from jbw.errors import DataError, naming
 from jbw.measurement.channels import Reals
 from jbw.measurement.kinds import Kind, kind_named
 from jbw.quantities import Motion
-from jbw.units import FACTORS, factor_of, measured, plain, quantity_of, si_unit
+from jbw.units import FACTORS, decibels, factor_of, measured, plain, quantity_of, si_unit
 
 RESPONSES: tuple[Motion, ...] = get_args(Motion)
 INPUTS = ("input", "force")
@@ -205,7 +205,11 @@ def _cut(record: Record, start: int, size: int) -> Record:
 
 
 def si_of(role: str, unit: str) -> tuple[float, str, str]:
-    """Factor to SI, SI unit, and the role of the source (force, input) that a ratio is per."""
+    """Factor to SI, SI unit, and the role of the source (force, input) that a ratio is per.
+
+    Of decibels they are those of the unit of their reference.
+    """
+    _, unit = decibels(unit) or (1.0, unit)
     above, _, below = (part.strip("()") for part in plain(unit).rpartition("/"))
     if role in RESPONSES and above in FACTORS[role]:
         for source in ("force", "input"):

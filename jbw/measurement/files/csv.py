@@ -283,6 +283,8 @@ def _titles(header: Sequence[str], dialect: Dialect) -> tuple[list[str], list[st
 
 def _row(line: str, dialect: Dialect) -> list[str]:
     """Fields of a line above the table, whose delimiter may be written behind all, or not."""
+    if dialect.columns == 1:  # of one name, which may have several words
+        return [] if rate_in([line]) else [line.strip().strip('#% "')]
     fields = dialect.fields(line.lstrip("#% "))
     extra = len(fields) == dialect.columns + 1 and not fields[-1] and dialect.delimiter
     return fields[:-1] if extra else fields

@@ -61,7 +61,7 @@ def _timed(item: Leaf, clock: Leaf) -> Leaf:
 def is_text(lines: Sequence[str]) -> bool:
     """Whether a preamble is DEWESoft's."""
     has_rate = any(stated(line, "sample rate") for line in lines)
-    return has_rate and any(stated(line, "data info") for line in lines)
+    return has_rate and any(line.lower().lstrip(' "').startswith("data info") for line in lines)
 
 
 def read_text(lines: Sequence[str], path: Path) -> Contents:
