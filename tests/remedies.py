@@ -33,6 +33,7 @@ BOUNDS = VERDICT + "test_a_line_of_bounds_never_cuts_the_box"
 LINES = VERDICT + "test_every_remedy_is_a_line_that_a_campaign_file_takes"
 AT_ONCE = VERDICT + "test_remedies_of_samplers_that_draw_at_once_are_lines_too"
 CAUSES = "identification/test_causes.py::test_the_first_cause_is_what_was_done_to_the_data"
+FILES = "corpus/test_stated_clocks.py::"
 LONG = CHECKS + "test_a_pasted_span_of_a_long_record_cures"
 OF_A_RUN = "test_remedies.py::test_a_line_of_a_finding_is_taken"
 PASTED = {
@@ -72,6 +73,9 @@ PASTED = {
     ("measurement/decay_checks.py", "settle"): DECAYS,
     ("measurement/decay_checks.py", "window_s"): DECAYS,
     ("measurement/long_records.py", "span"): LONG,
+    ("measurement/files/sampling.py", "resample"): FILES + "test_a_pasted_rate_cures",
+    ("measurement/files/sampling.py", "units_are"): FILES + "test_a_pasted_word_on_units_cures",
+    ("measurement/resampled.py", "resample"): FILES + "test_a_rate_beyond_what_was_measured",
     ("measurement/loop_checks.py", "laws"): LOOPS,
     ("measurement/loop_checks.py", "span"): LOOPS,
     ("measurement/response_checks.py", "band"): CHECKS + "test_a_missing_band_is_pasted",

@@ -39,6 +39,7 @@ FURTHER = "# Further keys of a [[test]], to be written below its line `kind`:"
 NAMED = "campaign.toml"
 LISTED = 12  # channels named in a comment
 MOST_GROUPS = 500  # names of files that are not repeats of one another
+BEGINNING = 1 << 14  # bytes of a file by which it is told whether it may hold a curve
 MOST_BLOCKS = 40  # tests drafted from one file
 # Keys of a test that are offered in a comment.
 OPTIONAL = ("level", "band", "delay", "assembly", "run", "exclude", "span")
@@ -168,6 +169,8 @@ def _frequencies_of_curves(groups: Sequence[Sequence[Path]]) -> Reach | None:
     """Lowest and highest frequency of response curves [Hz], among which the joint's mode lies."""
     found: list[float] = []
     for files in groups:
+        if not _may_hold_a_curve(files[0]):
+            continue
         with suppress(JbwError), opened(files[0]) as contents:
             roles = channels_by_role(looked_at(contents).series)
             if not {"frequency", "phase"} <= set(roles):
@@ -177,6 +180,15 @@ def _frequencies_of_curves(groups: Sequence[Sequence[Path]]) -> Reach | None:
                 hz = load(leaf) * si_of("frequency", roles["frequency"].unit or "Hz")[0]
                 found += [float(np.nanmin(hz)), float(np.nanmax(hz))]
     return (min(found), max(found)) if found else None
+
+
+def _may_hold_a_curve(path: Path) -> bool:
+    """Whether the beginning of a text speaks of frequencies; of other files nobody knows."""
+    with suppress(OSError), path.open("rb") as stream:
+        head = stream.read(BEGINNING)
+        is_text = READERS[path.suffix.lower()].endswith(".csv") and b"\0" not in head
+        return not is_text or re.search(rb"fre[qk]|hz|phase|rpm", head.lower()) is not None
+    return False
 
 
 def _blocks(

@@ -3,7 +3,7 @@
 import io
 import re
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from itertools import takewhile
 from pathlib import Path
@@ -45,11 +45,14 @@ class Dialect:
 
     def is_number(self, text: str) -> bool:
         """Whether a field is a number; a point beside a decimal comma makes it none."""
-        try:
-            float(ungrouped(text, self.decimal))
-        except ValueError:
+        if "_" in text:  # which Python would read
             return False
-        return "_" not in text  # which Python would read
+        for written in (text if self.decimal == "." else None, ungrouped(text, self.decimal)):
+            with suppress(ValueError):
+                if written is not None:
+                    float(written)
+                    return True
+        return False
 
     def is_cell(self, text: str) -> bool:
         """Whether a field is a number, a date or time, or stands for a lost sample."""
@@ -63,6 +66,8 @@ class Dialect:
         """Cells in a line; 0 when some field is none, or all are lost; -1 when it is blank."""
         if not line.strip():
             return -1
+        if self.delimiter and self.delimiter not in line:
+            return 0  # one column is looked for apart
         if '"' in line and any(text.count('"') % 2 for text in line.split(self.delimiter)):
             return 0  # the delimiter cuts a quoted field, such as "1,5"
         fields = self.fields(line)
@@ -161,12 +166,17 @@ def sniff(lines: Sequence[str], file: str, mark: str = "") -> Dialect:
 
 def _trial(lines: Sequence[str], marks: Dialect) -> tuple[int, Dialect]:
     """Lines that read as numbers in the last block of one width, and the dialect if believed."""
-    rows = [line for line in lines if marks.width(line) > 1]
-    ended = marks.delimiter is not None and rows and all(
-        line.rstrip().endswith(marks.delimiter.strip() or marks.delimiter) for line in rows
-    )  # fmt: skip
-    marks = replace(marks, trailing=bool(ended))
+    if marks.delimiter and not any(marks.delimiter in line for line in lines):
+        return 0, marks
     widths = [marks.width(line) for line in lines]
+    rows = [line for line, width in zip(lines, widths, strict=True) if width > 1]
+    if (
+        marks.delimiter
+        and rows
+        and all(line.rstrip(" ").endswith(marks.delimiter) for line in rows)
+    ):
+        marks = replace(marks, trailing=True)
+        widths = [marks.width(line) for line in lines]
     while widths and (widths[-1] < 0 or (widths[-1] == 0 and _is_label(lines[len(widths) - 1]))):
         widths.pop()  # blank lines and statistics at the end
     columns = widths[-1] if widths else 0
