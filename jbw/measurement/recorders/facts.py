@@ -86,7 +86,7 @@ RATE = re.compile(
     re.IGNORECASE,
 )
 INTERVAL = re.compile(
-    r"^[\"#%\s]*(?P<key>dt|delta[\s_]*t|delta[\s_]*x|(?:sampling|sample|x|time|horizontal)[\s_]*"
+    r"^[\"#%\s]*(?P<key>dt|d(?:elta)[\s_]*[tx]|(?:sampling|sample|x|time|horizontal)[\s_]*"
     r"(?:interval|increment|period|resolution)|x[\s_]*increment|abtastintervall|increment)"
     r"\s*(?:\[(?P<unit>[^\]]*)\]|\((?P<unit2>[^)]*)\))?[\"\s]*[:=;,\t ][\"\s]*"
     r"(?P<value>[-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*(?P<behind>[A-Za-zµ]*)",
