@@ -99,7 +99,7 @@ class TestSpec(Table):
     resample: values.Positive | None = key(
         None,
         "sampling frequency to which channels of several rates, or of a clock that jitters or "
-        "pauses, are brought by band-limited interpolation, whose error `jbw check` says [Hz]",
+        "pauses, are brought by band-limited interpolation, whose error the provenance says [Hz]",
         100.0,
     )
     units_are: Literal["file", "mine"] = key(

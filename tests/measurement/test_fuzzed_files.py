@@ -69,6 +69,32 @@ def tdms(path):
             writer.write_segment([nptdms.ChannelObject("Log", role, samples, found)])
 
 
+def lvm(path):
+    head = ["LabVIEW Measurement", "Separator\tTab", "Decimal_Separator\t.", "X_Columns\tNo",
+            "***End_of_Header***", "Channels\t2", f"Samples\t{N}\t{N}", "Y_Unit_Label\tm/s\tV",
+            f"Delta_X\t{1 / FS:.10f}\t{1 / FS:.10f}", "***End_of_Header***",
+            "X_Value\tvelocity\tinput"]  # fmt: skip
+    rows = [f"\t{v:.9e}\t{u:.9e}" for v, u in zip(*RECORD.channels.values(), strict=True)]
+    path.write_text("\n".join(head + rows) + "\n")
+
+
+def siemens(path):
+    signal = {
+        "x_values": {"start_value": 0.0, "increment": 1 / FS, "number_of_values": float(N)},
+        "y_values": {"values": VELOCITY, "quantity": {"label": "m/s"}},
+        "function_record": {"name": "Point1:+Z"},
+    }
+    scipy.io.savemat(path, {"Signal_0": signal})
+
+
+def named_table(path):
+    with h5py.File(path, "w") as file:
+        data = file.create_dataset("data", data=np.stack(list(RECORD.channels.values())))
+        data.attrs["channel_names"] = ["velocity", "input"]
+        data.attrs["units"] = ["m/s", "V"]
+        data.attrs["fs"] = FS
+
+
 def wav(path, dtype, scale):
     scipy.io.wavfile.write(path, int(FS), np.round(VELOCITY * scale, 6).astype(dtype))
 
@@ -90,6 +116,9 @@ FORMATS = {
     "uff": (".uff", lambda path: write_uff(path, RECORD), "velocity"),
     "uff, binary": (".uff", lambda path: write_uff(path, RECORD, binary=True), "velocity"),
     "tdms": (".tdms", tdms, "Log.velocity"),
+    "lvm": (".lvm", lvm, "velocity"),
+    "siemens": (".mat", siemens, "Signal_0.y_values.values"),
+    "named table": (".h5", named_table, "velocity"),
 }
 WRITTEN: dict[str, bytes] = {}  # what each format's own library wrote, once
 
@@ -195,6 +224,10 @@ def look(name, folder, damage):
         return
     velocity = record.channels["velocity"]
     assert np.isfinite(velocity).all()
+    if name == "lvm":  # which says how many samples there are
+        assert damage[0] != CUT or len(velocity) == N
+        assert damage[0] in (CUT, INSERT) or len(velocity) >= N - lines_touched(data, damage)
+        return
     if name.startswith("csv"):
         if damage[0] == CUT:  # at the end of a line a text is as good as whole
             rows = data[: damage[1] % len(data)].count(b"\n")
