@@ -40,6 +40,7 @@ NAMED = "campaign.toml"
 LISTED = 12  # channels named in a comment
 MOST_GROUPS = 500  # names of files that are not repeats of one another
 BEGINNING = 1 << 14  # bytes of a file by which it is told whether it may hold a curve
+FOLLOWING = 0.7  # correlation of force and displacement from which they are drafted as a loop
 MOST_BLOCKS = 40  # tests drafted from one file
 # Keys of a test that are offered in a comment.
 OPTIONAL = ("level", "band", "delay", "assembly", "run", "exclude", "span")
@@ -470,7 +471,24 @@ def _kind_of(path: Path, roles: Mapping[str, Channel], series: Leaves) -> tuple[
             return kind, True
     if not driven and {"restoring_force", "displacement"} <= set(roles):
         return "loop", False
+    if driven and {"force", "displacement"} <= set(roles) and _follows(roles, series):
+        return "loop", False
     return ("sweep" if driven else "decay"), False
+
+
+def _follows(roles: Mapping[str, Channel], series: Leaves) -> bool:
+    """Whether a force follows the displacement as along a loop, and does not lead to its motion.
+
+    About a resonance they are a quarter of a period apart, far above it turned.
+    """
+    pair = [series[roles[role].path] for role in ("force", "displacement")]
+    if pair[0].shape != pair[1].shape or max(pair[0].shape) > MOST_SAMPLES:
+        return False
+    force, displacement = (np.asarray(load(leaf), np.float64) for leaf in pair)
+    there = np.isfinite(force) & np.isfinite(displacement)
+    if there.sum() < 3 or not (np.ptp(force[there]) and np.ptp(displacement[there])):
+        return False
+    return float(np.corrcoef(force[there], displacement[there])[0, 1]) > FOLLOWING
 
 
 def _is_complex_in(series: Leaves, path: str) -> bool:

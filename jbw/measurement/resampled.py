@@ -38,6 +38,7 @@ BLOCK, OVERLAP = 1 << 15, 128  # of its values found at once, and shared by two 
 DAMPED = 1e-4  # of a value where no sample tells it
 HELD_OUT = 8  # every so many-th sample, to tell the error
 LARGEST_ERROR = 0.5  # of the rms: such a signal is not met
+NEAR = 2e-3  # relative, to a whole number of hertz, which is meant then
 ABOVE = 1.05  # times the usual rate of uneven samples, to which they may be resampled
 OF_RESPONSE = (*RESPONSES, "drive_point")  # roles that the response's recorder samples
 
@@ -133,8 +134,10 @@ def from_uneven(x: Reals, time: Reals, wanted: float) -> tuple[Reals, str]:
 
 
 def proposed_rate(time: Reals) -> float:
-    """A rate of three digits to which uneven samples may be resampled [Hz]: their usual one."""
-    return float(f"{1 / float(np.median(np.diff(time))):.3g}")
+    """A rate to which uneven samples may be resampled [Hz]: their usual one, of few digits."""
+    usual = 1 / float(np.median(np.diff(time)))
+    whole = round(usual)
+    return float(whole) if abs(whole - usual) < NEAR * usual else float(f"{usual:.3g}")
 
 
 def _band_limited(x: Reals, time: Reals, rate: float, at: Reals) -> Reals:

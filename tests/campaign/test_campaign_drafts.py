@@ -1,5 +1,8 @@
 """`jbw init` on folders as laboratories leave them: structs, tables, files without names."""
 
+import subprocess
+import sys
+import time
 import tomllib
 
 import h5py
@@ -73,6 +76,40 @@ def test_a_loop_is_told_by_its_channels(tmp_path):
     (test,) = tomllib.loads(start_campaign(tmp_path).text)["test"]
     assert test["kind"] == "loop"
     assert test["channels"]["restoring_force"] == "friction_force"
+
+
+@pytest.mark.parametrize(("lag", "kind"), [(0.3, "loop"), (np.pi / 2, "sweep")])
+def test_a_force_that_follows_the_displacement_is_that_of_a_loop(tmp_path, lag, kind):
+    phase = np.arange(2000) * 0.01
+    np.savez(tmp_path / "run.npz", displacement=np.sin(phase), force=np.sin(phase + lag), fs=64.0)
+    text = start_campaign(tmp_path).text
+    (test,) = tomllib.loads(text)["test"]
+    assert test["kind"] == kind
+    assert ("restoring_force" in test["channels"]) == (kind == "loop")
+    assert "# CHECK: a guess" in text
+
+
+@pytest.mark.slow
+def test_a_thousand_files_are_drafted_in_half_a_minute_and_half_a_gigabyte(tmp_path):
+    t = np.arange(1024) / 1024.0
+    decay = np.exp(-3 * t) * np.cos(2 * np.pi * 60.0 * t)
+    lines = "\n".join(f"{a:.6g},{b:.6g}" for a, b in zip(t, decay, strict=True))
+    for i in range(1000):
+        (tmp_path / f"tap_{i // 2}x_{i % 2}.csv").write_text(f"time [s],acc [m/s^2]\n{lines}\n")
+    program = (
+        "import resource, sys; from jbw.campaign.draft import start_campaign;"
+        "print(start_campaign(sys.argv[1]).text.count('[[test]]\\nkind'),"
+        "resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)"
+    )
+    begin = time.monotonic()
+    done = subprocess.run(
+        [sys.executable, "-c", program, str(tmp_path)], capture_output=True, text=True, check=True
+    )
+    tests, kilobytes = map(int, done.stdout.split())
+    assert tests == 500
+    assert time.monotonic() - begin < 30.0
+    if sys.platform == "linux":  # elsewhere in other units
+        assert kilobytes < 500_000
 
 
 def test_a_draft_explains_indices_and_marks_kinds_as_guesses(tmp_path):

@@ -90,7 +90,7 @@ BASE = '[[test]]\nkind = "noise"\nfiles = "{files}"\nchannels = {{ input = "u", 
 
 @pytest.mark.fault(10)
 @pytest.mark.parametrize(
-    ("unit", "nearest"), [("m/sec", "m/s"), ("mm\\\\s", "mm/s"), ("ms-1", "m/s"), ("Volt", "V")]
+    ("unit", "nearest"), [("m/z", "m/s"), ("mm\\\\s", "mm/s"), ("mps", "m/s"), ("vV", "V")]
 )
 def test_row_10_unknown_unit(unit, nearest):
     role = "input" if nearest == "V" else "velocity"

@@ -74,7 +74,7 @@ def test_rounded_interval_is_snapped_and_said(h5):
         (lambda t: t[[*range(100), 101, 100, *range(102, N)]], "sample 101", "span"),
         (lambda t: np.insert(t, 100, t[100])[:N], "sample 101", "span"),
         (lambda t: np.delete(np.append(t, N / FS), 100), "1 gap(s): 0.0966797-0.0986328", "span"),
-        (lambda t: t + 0.02 / FS * np.sin(np.arange(N) * 7.0), "0.0131 off", "Resample"),
+        (lambda t: t + 0.02 / FS * np.sin(np.arange(N) * 7.0), "0.0131 off", "`resample = 1024`"),
         (lambda t: np.where(np.arange(N) == 5, np.nan, t), "sample 5", ""),
     ],
 )
@@ -100,8 +100,8 @@ def test_unit_is_required_known_and_not_contradicted(tmp_path, h5):
     np.savez(tmp_path / "a.npz", laser=LASER)
     error = refused(tmp_path / "a.npz", {"velocity": "laser"}, fs=FS, error=ConfigError)
     assert "unit of role `velocity` is missing" in error.what
-    error = refused(h5, ROLES, {"velocity": "m/sec"}, error=ConfigError)
-    assert "Role `velocity`: Unit `m/sec`" in error.what
+    error = refused(h5, ROLES, {"velocity": "m/z"}, error=ConfigError)
+    assert "Role `velocity`: Unit `m/z`" in error.what
     assert "`m/s`" in error.remedy
     error = refused(h5, ROLES, {"velocity": "mm/s"})
     assert "`mm/s` by the campaign but in `m/s` by the file" in error.what

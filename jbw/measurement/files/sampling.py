@@ -11,7 +11,7 @@ from jbw.errors import ConfigError, DataError
 from jbw.measurement.files.paths import select
 from jbw.measurement.files.tree import WHOLE, Contents, Leaf, load, names
 from jbw.measurement.records import si_of
-from jbw.measurement.resampled import at_rate, from_uneven
+from jbw.measurement.resampled import at_rate, from_uneven, proposed_rate
 from jbw.units import TIME, plain
 
 SLOWEST, FASTEST = 1e-6, 1e12  # [Hz] sampling frequencies that recorders have
@@ -240,10 +240,6 @@ def rows_of(
     return list(np.atleast_2d(loaded))
 
 
-def _usual(time: NDArray[np.float64]) -> float:
-    return float(f"{1 / float(np.median(np.diff(time))):.3g}")
-
-
 def snapped(fs: float, uncertainty: float = 0.0) -> float:
     """The multiple of 1 Hz, or of 0.1 Hz, that a rounded sampling frequency means, or itself."""
     # A file that keeps dt = 0.000976562 s means 1024 Hz, not 1024.0005 Hz: after 16 s the two are
@@ -277,7 +273,7 @@ def sampling_frequency(time: NDArray[np.floating], name: str = "time") -> tuple[
             f"{fs:.6g} Hz, but sample {i} is {off[i]:.3g} off and the worst {off.max():.3g}.",
             why=EVEN,
             remedy="A sampling frequency beside it would be wrong: put under [[test]] "
-            f"`resample = {_usual(time):.9g}`, which says the error that it makes.",
+            f"`resample = {proposed_rate(time):.9g}`, which says the error that it makes.",
         )
     return fs, found
 
@@ -324,5 +320,5 @@ def _require_steps(time: NDArray[np.float64], rounding: float, name: str) -> Non
             f"Time channel `{name}` must be even, but has {len(gaps)} gap(s): {listed}.",
             why=EVEN,
             remedy="Keep a part without gaps with span = [start, stop], or put under [[test]] "
-            f"`resample = {1 / usual:.3g}`, which says the error that it makes.",
+            f"`resample = {proposed_rate(time):.9g}`, which says the error that it makes.",
         )
