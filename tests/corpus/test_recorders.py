@@ -2,13 +2,16 @@
 
 import importlib.util
 import re
+import sys
 from importlib import import_module
 from pathlib import Path
 
+import numpy as np
 import pytest
 from corpus.dialects import DIALECTS
 
-from jbw.measurement.files.read import READERS
+from jbw.measurement import recorders as package
+from jbw.measurement.files.read import READERS, read
 from jbw.measurement.recorders import modules, recorders
 
 ROOT = Path(__file__).parents[2]
@@ -43,3 +46,38 @@ def test_the_page_has_the_table_as_it_is():
 
 def test_every_recorder_has_a_dialect_in_the_corpus():
     assert {each.name for each in recorders()} == {d.recorder for d in DIALECTS.values()} - {""}
+
+
+GUEST = '''"""A guest."""
+
+from dataclasses import replace
+
+from jbw.measurement.recorders.facts import top
+from jbw.measurement.recorders.recorder import Recorder
+
+
+def read(contents):
+    told = {name: replace(item, fs=50.0, unit="g") for name, item in top(contents).items()}
+    return replace(contents, root=told)
+
+
+RECORDER = Recorder("guest", lambda contents: "zz_counts" in top(contents), read)
+'''
+
+
+def test_a_recorder_is_added_by_one_file(tmp_path, monkeypatch):
+    (tmp_path / "zz_guest.py").write_text(GUEST)
+    monkeypatch.setattr(package, "__path__", [*package.__path__, str(tmp_path)])
+    package.modules.cache_clear()
+    package.recorders.cache_clear()
+    try:
+        np.savez(tmp_path / "a.npz", zz_counts=np.sin(np.arange(500.0)))
+        (record,) = read(tmp_path / "a.npz", {"acceleration": "zz_counts"})
+    finally:
+        package.modules.cache_clear()
+        package.recorders.cache_clear()
+        sys.modules.pop("jbw.measurement.recorders.zz_guest", None)
+    assert record.fs == 50.0
+    np.testing.assert_allclose(
+        record.channels["acceleration"], 9.80665 * np.sin(np.arange(500.0)), rtol=1e-12
+    )

@@ -30,12 +30,12 @@ def modules() -> tuple[str, ...]:
 
 @cache
 def recorders() -> tuple[Recorder, ...]:
-    """All recorders, in the order of their files."""
+    """All recorders in the order of their files, those that take a whole format last."""
     found: list[Recorder] = []
     for name in modules():
         module = import_module(name)
         found += getattr(module, "RECORDERS", None) or (module.RECORDER,)
-    return tuple(found)
+    return tuple(sorted(found, key=lambda recorder: recorder.is_general))
 
 
 def of_lines(lines: Sequence[str], path: Path) -> Contents | None:

@@ -34,4 +34,4 @@ def read(contents: Contents) -> Contents:
     return replace(contents, series=kept)
 
 
-RECORDER = Recorder("NI TDMS", lambda contents: contents.reader == "TDMS", read)
+RECORDER = Recorder("NI TDMS", lambda contents: contents.reader == "TDMS", read, is_general=True)

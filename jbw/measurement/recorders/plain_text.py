@@ -21,4 +21,4 @@ def read(contents: Contents) -> Contents:
     return replace(contents)
 
 
-RECORDER = Recorder("plain text", lambda contents: contents.reader == "CSV", read)
+RECORDER = Recorder("plain text", lambda contents: contents.reader == "CSV", read, is_general=True)

@@ -21,3 +21,4 @@ class Recorder:
     read: Callable[[Contents], Contents] | None = None
     of_text: Callable[[Sequence[str]], bool] | None = None
     read_text: Callable[[Sequence[str], Path], Contents] | None = None
+    is_general: bool = False  # whether it takes what no other recorder is known by

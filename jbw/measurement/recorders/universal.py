@@ -22,4 +22,6 @@ def read(contents: Contents) -> Contents:
     return replace(contents, notes={**contents.notes, "program": program or "not stated"})
 
 
-RECORDER = Recorder("Universal file 58", lambda contents: contents.reader == "UFF 58", read)
+RECORDER = Recorder(
+    "Universal file 58", lambda contents: contents.reader == "UFF 58", read, is_general=True
+)
