@@ -23,7 +23,7 @@ HINTS = (
     (r"acc|beschl", "acceleration"),
     (r"dis[pl]|lvdt|^[yx]$|pos|angle|rotation|twist|weg\b|auslenkung|stroke", "displacement"),
     (r"force|load|^f$|torque|moment|kraft|hammer", "force"),
-    (r"input|shaker|volt|drive|source|amp|^u$|^v1$", "input"),
+    (r"input|shaker|volt|drive|source|(?<!s)amp|^u$|^v1$", "input"),
 )
 TURNED = r"angle|rotation|twist|torque|moment"  # in names of torsion
 STRONGER = 3.0  # times the first channel of a role, for another to be meant

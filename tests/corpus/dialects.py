@@ -222,6 +222,30 @@ def units_behind_an_underscore(path):
 
 
 @dialect("hammer_1.csv", **DECAY)
+def units_above_the_names(path):
+    text(
+        path,
+        ",[ms],[g]",
+        "Sample,Time,Acc",
+        *(f"{i},{row}" for i, row in enumerate(rows((1e3 * T, ACCELERATION / G)))),
+    )
+
+
+@dialect("hammer_1.txt", **DECAY)
+def rate_and_unit_above_one_column(path):
+    text(path, "fs = 1024", "Unit: g", "acc", *rows((ACCELERATION / G,), form="{:.6f}"))
+
+
+@dialect("hammer_1.csv", **DECAY)
+def times_since_1970(path):
+    text(
+        path,
+        "timestamp,acc [m/s2]",
+        *(f"{1.7e9 + t:.7f},{a:.7g}" for t, a in zip(T, ACCELERATION, strict=True)),
+    )
+
+
+@dialect("hammer_1.csv", **DECAY)
 def imperial_words(path):
     text(path, "Time (sec),Accel (in/sec^2)", *rows((T, ACCELERATION / 0.0254)))
 

@@ -17,7 +17,7 @@ from jbw.measurement.files.cells import is_lost, since_first, stamp, ungrouped
 from jbw.measurement.files.sampling import sampling_frequency
 from jbw.measurement.files.tree import Contents, Leaf, Node, Opaque, leaf
 from jbw.measurement.recorders import of_lines
-from jbw.measurement.recorders.facts import is_time, rate_in
+from jbw.measurement.recorders.facts import is_time, rate_in, stated
 from jbw.units import factor_of, is_unit, titled
 
 WORDS = {None: "spaces", "\t": "tab", ";": "semicolon", ",": "comma", "|": "stroke"}
@@ -287,14 +287,25 @@ def _titles(header: Sequence[str], dialect: Dialect) -> tuple[list[str], list[st
             if not alone:
                 return last, units or [""] * len(last)
             behind = [unit for _, unit in parts]
+            if not units and not any(behind) and rows and _are_units(rows[-1]):
+                units = [text.strip("[](){} ") for text in rows[-1]]  # above the names
+            if not units and not any(behind) and dialect.columns == 1:
+                units = _unit_in(header)
             return [name for name, _ in parts], units or behind
     return [], []
+
+
+def _unit_in(header: Sequence[str]) -> list[str]:
+    """The unit of a single column that a line above it states, such as `Unit: g`."""
+    found = [stated(line, "units?|einheit|y[ _]units?") for line in header]
+    return [text for text in found if text][-1:]
 
 
 def _row(line: str, dialect: Dialect) -> list[str]:
     """Fields of a line above the table, whose delimiter may be written behind all, or not."""
     if dialect.columns == 1:  # of one name, which may have several words
-        return [] if rate_in([line]) else [line.strip().strip('#% "')]
+        told = rate_in([line]) or stated(line, "units?|einheit|y[ _]units?")
+        return [] if told else [line.strip().strip('#% "')]
     fields = dialect.fields(line.lstrip("#% "))
     extra = len(fields) == dialect.columns + 1 and not fields[-1] and dialect.delimiter
     return fields[:-1] if extra else fields
