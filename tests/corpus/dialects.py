@@ -698,6 +698,18 @@ def numpy_arrays_and_their_units(path):
     np.savez(path, force=FORCE, velocity=VELOCITY, units=np.array(["N", "m/s"]), fs=FS)
 
 
+@dialect("hammer_1.npz", "MATLAB structs", rtol=1e-12, **DECAY)
+def numpy_with_an_interval(path):
+    np.savez(path, acc=ACCELERATION, units=np.array(["m/s^2"]), dt=1 / FS)
+
+
+@dialect("hammer_1.h5", "", rtol=1e-12, **DECAY)
+def sep005_in_attributes(path):
+    with h5py.File(path, "w") as file:
+        facts = file.create_dataset("y", data=ACCELERATION / G).attrs
+        facts["fs"], facts["unit_str"], facts["name"] = FS, "g", "tip acceleration"
+
+
 # --- UFF, TDMS, WAV ---
 def set58(name, values, unit, label, code, function=1, x=None):
     even = x is None

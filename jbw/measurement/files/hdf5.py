@@ -19,6 +19,8 @@ from jbw.measurement.records import Record
 
 HEAP = b"GCOL\x01\0\0\0"  # signature, version, three bytes of nothing; then the heap's size
 HEAD = 16  # bytes of a heap's head, and of an object's
+UNITS = ("unit", "units", "unit_str")  # attributes that hold a channel's unit
+LABELS = ("long_name", "label", "name")  # and what it is
 MOST_TEXTS, MOST_FACTS = 256, 64  # that are looked at of an attribute, and of a dataset
 LEAST_HEAP = 4096  # bytes
 REACH = 2**26  # bytes looked through at either end of a file; samples lie between
@@ -136,10 +138,11 @@ def _array(item: Any) -> Node:
     if not isinstance(item, h5py.Dataset) or not np.issubdtype(item.dtype, np.number):
         return Opaque("not numeric", "Store the samples as a dataset of floats or integers.",
                       _texts(item))  # fmt: skip
-    unit = text_of(item.attrs, "unit") or text_of(item.attrs, "units")
+    unit = next(filter(None, (text_of(item.attrs, key) for key in UNITS)), "")
+    label = next(filter(None, (text_of(item.attrs, key) for key in LABELS)), "")
     unit = "" if item.ndim > 1 and "\n" in unit else unit  # one a channel: for a recorder
     found = leaf(inside(item), fs=fs_of(item.attrs), unit=unit.partition(" since ")[0])
-    return replace(found, attributes=facts_of(item.attrs))
+    return replace(found, attributes=facts_of(item.attrs), label=label)
 
 
 def _texts(item: Any) -> str:

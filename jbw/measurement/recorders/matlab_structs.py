@@ -5,7 +5,8 @@ Known by: `Properties.VariableNames` and `Properties.VariableUnits`; or `units` 
     struct of texts by their names, or as many texts as there are arrays
 Names: the fields
 Units: `VariableUnits`, or `units`
-Rate: a field `Time`; or a text or number called `fs`, `sample_rate`, and the like
+Rate: a field `Time`; or a text or number called `fs`, `sample_rate`, and the
+    like; or a number `dt`, in seconds
 Start: the first time
 Rests on: MathWorks' documentation of tables and timetables, and of MAT-files
 Never seen: tables as MATLAB's own objects, which are refused with what to export
@@ -18,9 +19,10 @@ from typing import Any
 import numpy as np
 
 from jbw.measurement.files.tree import RATE, Contents, Leaf, Opaque
-from jbw.measurement.recorders.facts import known, node_at, number_in, top
+from jbw.measurement.recorders.facts import known, node_at, number_at, number_in, rate_of, top
 from jbw.measurement.recorders.recorder import Recorder
 
+INTERVALS = ("dt", "Dt", "DT", "Tsample", "sampling_interval", "sample_interval")
 UNITS = ("units", "Units", "unit", "VariableUnits")
 
 
@@ -53,10 +55,12 @@ def _units_of(node: Mapping[str, Any]) -> dict[str, str]:
 
 
 def _rate_of(node: Mapping[str, Any]) -> float | None:
-    """A rate that a struct states as text."""
+    """A rate that a struct states as text, or an interval that it states as a number [s]."""
     for name, item in node.items():
         if isinstance(item, Opaque) and item.text and RATE.search(str(name)):
             return known(number_in(item.text))
+        if str(name) in INTERVALS and isinstance(item, Leaf) and max(item.shape, default=1) == 1:
+            return rate_of(number_at(node, str(name)))
     return None
 
 
