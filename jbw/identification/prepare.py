@@ -77,7 +77,7 @@ def fit_joint(key: Key[Array, ""], seen: Measured, report: Report) -> Fitted:
 
 
 def prepare(
-    keys: Sequence[Key[Array, ""]],
+    keys: Key[Array, " two"] | Sequence[Key[Array, ""]],
     data: Dataset,
     settings: Identify,
     known: Mapping[str, float] | None = None,
@@ -94,7 +94,7 @@ def prepare(
 
 
 def weighed(
-    keys: Sequence[Key[Array, ""]],
+    keys: Key[Array, " two"] | Sequence[Key[Array, ""]],
     data: Dataset,
     settings: Identify,
     known: Mapping[str, float] | None = None,

@@ -27,12 +27,13 @@ LEANING, ABSENT = "at_bound", "no_joint"  # findings that say something first
 
 
 def opening(summary: Summary, tree: xr.DataTree) -> list[str]:
-    """The five sentences of a run's summary and tree; none of a run that lacks them."""
+    """The sentences of a run's summary and tree, its doubts too; none of a run that lacks them."""
     steps = summary.get("steps") or {}
     if summary.get("main") not in steps or not summary.get("verdict"):
         return []
     met = [fit_sentence(summary)] if "quick" in summary else _misfits(summary)
-    return [effect_sentence(summary, tree), *met, _unknown(summary), _following(summary)]
+    doubts = [f"Doubtful: {doubt}" for doubt in summary.get("doubts") or ()]
+    return [effect_sentence(summary, tree), *met, _unknown(summary), *doubts, _following(summary)]
 
 
 def lead(summary: Summary, drawn: Sequence[str]) -> str | None:

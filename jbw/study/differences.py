@@ -71,6 +71,7 @@ def differences(first: Path, second: Path) -> Difference:
                 "folder": str(run.folder),
                 "campaign": str(run.summary.get("campaign", "")),
                 "verdict": (run.summary.get("verdict") or {}).get("status", ""),
+                "model_adequacy": _model_adequacy(run.summary),
                 "largest_displacement": run.basis.y_peak,
             }
             for run in (one, other)
@@ -81,6 +82,12 @@ def differences(first: Path, second: Path) -> Difference:
     }
     said = _statements(record, one, other, apart)
     return Difference(record | {"statements": said}, backbones)
+
+
+def _model_adequacy(summary: Mapping[str, Any]) -> str:
+    """The answer to whether the model follows the data; empty where nothing tells."""
+    answers = (summary.get("verdict") or {}).get("answers") or {}
+    return str((answers.get("law") or {}).get("status", ""))
 
 
 def compared(a: Float[np.ndarray, " draw"], b: Float[np.ndarray, " other"]) -> dict[str, Any]:
@@ -239,11 +246,27 @@ def _statements(record: Mapping[str, Any], one: Run, other: Run, alone: Sequence
         for run in (one, other)
         if (verdict := record["runs"][run.name]["verdict"]) not in ("ok", "usable")
     ]
+    said += _discrepancy_words(record["runs"], sure)
     said.append(
         "P takes the posteriors as independent: an error that both share, of a sensor or a mass, "
         "is not in it."
     )
     return [*said, *_between_words(one, other), _scatter_words(one, other)]
+
+
+def _discrepancy_words(
+    runs: Mapping[str, Mapping[str, Any]], sure: Sequence[Mapping[str, Any]]
+) -> list[str]:
+    """That a law which leaves more than noise may make a difference, where it leaves that."""
+    inadequate = [name for name, run in runs.items() if run["model_adequacy"] not in ("ok", "")]
+    if not (sure and inadequate):
+        return []
+    return [
+        f"In {' and '.join(inadequate)} the law leaves more than noise. Its parameters then depend "
+        "on which records were fitted and how far they move, which no interval includes: a "
+        "difference may be of the records. Identify both runs over one range of motion, or by "
+        "another law: jbw laws."
+    ]
 
 
 def _is_sure(row: Mapping[str, Any]) -> bool:

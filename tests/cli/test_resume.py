@@ -162,6 +162,7 @@ def test_a_failed_report_is_tried_again_by_its_command(tmp_path, monkeypatch, ca
     monkeypatch.setattr(resumable, "identified", lambda run, say: (xr.DataTree(), {"verdict": {}}))
     monkeypatch.setattr(storage, "write_page", lambda *_: 1 / 0)
     out = tmp_path / "run"
+    (tmp_path / "x.toml").touch()
     assert run(["identify", str(tmp_path / "x.toml"), "--out", str(out)]) == 1
     assert f"jbw report {out}" in capsys.readouterr().err
     assert {path.name for path in out.iterdir()} == {"posterior.nc", "summary.json"}

@@ -202,12 +202,20 @@ def test_the_command_prints_ten_lines_and_with_verbose_the_rest(tmp_path, monkey
     monkeypatch.setattr(resumable, "identified", lambda *_: (tree_of(), found))
     monkeypatch.setattr(store, "write_page", lambda summary, tree, path: path.write_text("page"))
     monkeypatch.setattr(store, "save_figures", lambda *_: None)
-    out = tmp_path / "short"
-    assert run(["identify", "toy.toml", "--out", str(out)]) == 0
+    out, campaign = tmp_path / "short", tmp_path / "toy.toml"
+    campaign.touch()
+    assert run(["identify", str(campaign), "--out", str(out)]) == 0
     told = capsys.readouterr().out.splitlines()
     assert len(told) <= 10
     assert told[-1] == f"Report: {out / 'report.html'}"
     assert told[1] == "Verdict: ok (sampling ok)"
     assert "Drawn at once" not in "".join(told)
-    assert run(["identify", "toy.toml", "--out", str(tmp_path / "long"), "--verbose"]) == 0
+    assert run(["identify", str(campaign), "--out", str(tmp_path / "long"), "--verbose"]) == 0
     assert "joint: Drawn at once." in capsys.readouterr().out
+
+
+def test_what_is_doubtful_in_the_records_stands_before_what_to_do_next():
+    doubted = summary_of() | {"doubts": ["decay_1: at 2.21 s the motion jumps."]}
+    *_, doubt, following = opening(doubted, tree_of())
+    assert doubt == "Doubtful: decay_1: at 2.21 s the motion jumps."
+    assert following == opening(summary_of(), tree_of())[-1]

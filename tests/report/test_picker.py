@@ -95,8 +95,10 @@ def test_force_loops_have_no_band():
         render_picker("x", [Test("loop", (record,), "loop", level=1.0)])
 
 
-def test_the_page_is_named_as_one():
-    done = CliRunner().invoke(look, ["campaign.toml", "--html", "page.pdf"])
+def test_the_page_is_named_as_one(tmp_path):
+    campaign = tmp_path / "campaign.toml"
+    campaign.touch()
+    done = CliRunner().invoke(look, [str(campaign), "--html", "page.pdf"])
     assert isinstance(done.exception, ConfigError)
     assert "look.html" in str(done.exception)
 

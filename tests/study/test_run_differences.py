@@ -205,3 +205,21 @@ def test_records_that_scatter_widen_what_a_run_says(tmp_path):
     assert high - low == pytest.approx(2 * 2.576 * std, rel=0.1)
     (line,) = [line for line in told["statements"] if "Records of a run" in line]
     assert "a zeta 2 %" in line.lower()
+
+
+def adequacy(folder, status):
+    path = folder / "summary.json"
+    summary = json.loads(path.read_text())
+    summary["verdict"]["answers"] = {"law": {"status": status}}
+    path.write_text(json.dumps(summary))
+    return folder
+
+
+def test_a_sure_difference_under_a_law_that_leaves_more_than_noise_may_be_of_the_records(tmp_path):
+    first = adequacy(write_run(tmp_path / "one", (118.0, 0.01)), "usable")
+    second = adequacy(write_run(tmp_path / "other", (119.0, 0.01)), "ok")
+    text = " ".join(differences(first, second).record["statements"])
+    assert "In A the law leaves more than noise." in text
+    adequacy(first, "ok")
+    text = " ".join(differences(first, second).record["statements"])
+    assert "leaves more than noise" not in text
