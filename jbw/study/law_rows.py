@@ -18,7 +18,8 @@ from jbw.identification.reached import threshold_sentences
 from jbw.identification.unseen_runs import LeftOut, left_out, left_out_of_fits, runs_of
 from jbw.inference.compiled import forget_when_many
 
-Keys = Key[Array, " two"] | Sequence[Key[Array, ""]]  # of the posterior, and of what it makes of runs unseen
+# Of the posterior, and of what it makes of runs unseen.
+Keys = Key[Array, " two"] | Sequence[Key[Array, ""]]
 
 
 class Weighed(NamedTuple):
