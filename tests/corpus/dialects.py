@@ -300,6 +300,53 @@ def labview_under_another_suffix(path):
     lvm(path, "Comma", ".", True)
 
 
+LVM_HEAD = [
+    "LabVIEW Measurement\t",
+    "Writer_Version\t0.92",
+    "Reader_Version\t1",
+    "Separator\tTab",
+    "Multi_Headings\tNo",
+    "X_Columns\tNo",
+    "Time_Pref\tAbsolute",
+    "***End_of_Header***\t",
+    "\t",
+]
+END_OF_HEADER = "***End_of_Header***\t\t\t"
+
+
+@dialect("sweep_1.lvm", "NI LabVIEW LVM", fs=1 / 0.000977)
+def labview_packets_under_one_header(path):
+    text(
+        path,
+        *LVM_HEAD,
+        "Channels\t2\t\t",
+        f"Samples\t{N // 2}\t{N // 2}\t",
+        "Y_Unit_Label\tN\tm/s\t",
+        "X0\t0.0000000000000000E+0\t0.0000000000000000E+0\t",
+        "Delta_X\t0.000977\t0.000977\t",
+        END_OF_HEADER,
+        "X_Value\tForce\tVelocity\tComment",
+        *("\t" + line for line in rows((FORCE, VELOCITY), "\t", form="{:.9f}")),
+    )
+
+
+@dialect("sweep_1.lvm", "NI LabVIEW LVM")
+def labview_with_an_empty_channel_and_a_note(path):
+    text(
+        path,
+        *(line.strip().replace("X_Columns\tNo", "X_Columns\tOne") for line in LVM_HEAD),
+        "Notes\tX values guaranteed valid only for Force",
+        "Channels\t3",
+        f"Samples\t{N}\t0\t{N}",
+        "Y_Unit_Label\tN\tV\tm/s",
+        "X0\t0.0000000000000000E+0\t0.0000000000000000E+0\t0.0000000000000000E+0",
+        f"Delta_X\t{1 / FS:.6f}\t1.000000\t{1 / FS:.6f}",
+        END_OF_HEADER.strip(),
+        "X_Value\tForce\tUntitled\tVelocity\tComment",
+        *(f"{t:.9f}\t{f:.6f}\t\t{v:.9f}" for t, f, v in zip(T, FORCE, VELOCITY, strict=True)),
+    )
+
+
 @dialect("sweep_1.csv", "DEWESoft")
 def dewesoft_text(path):
     text(
@@ -325,6 +372,16 @@ def picoscope_text(path):
     )
 
 
+@dialect("sweep_1.csv", "PicoScope")
+def picoscope_text_with_blanks(path):
+    text(
+        path,
+        "Time, Channel A, Channel B",
+        "(µs), (N), (mm/s)",
+        *rows((1e6 * T, FORCE, 1e3 * VELOCITY), ", ", form="{:.9g}"),
+    )
+
+
 @dialect("tap_1.csv", "phyphox", fs=FS, **DECAY)
 def phyphox_even(path):
     text(
@@ -332,6 +389,17 @@ def phyphox_even(path):
         '"Time (s)","Linear Acceleration x (m/s^2)","Linear Acceleration y (m/s^2)"',
         *rows((T, 0.001 * np.sin(9 * T), ACCELERATION), form="{:.8E}"),
     )
+
+
+@dialect("tap_1.csv", "phyphox", **DECAY)
+def phyphox_semicolons_and_a_shorter_column(path):
+    rests = [*np.zeros(N - 2), np.nan, np.nan]
+    text(
+        path,
+        '"Time (s)";"Acceleration x (m/s^2)";"Acceleration y (m/s^2)"',
+        *(line.replace("NAN", "NaN")
+          for line in rows((T, rests, ACCELERATION), ";", ",", form="{:.9E}")),
+    )  # fmt: skip
 
 
 @dialect("tap_1.csv", "Tektronix", **DECAY)
@@ -350,6 +418,31 @@ def tektronix(path):
         path,
         *(
             f"{k},{v},,{t - 0.05:.8f},{a / G:.7g},"
+            for (k, v), t, a in zip(facts, T, ACCELERATION, strict=True)
+        ),
+    )
+
+
+@dialect("tap_1.csv", "Tektronix", **DECAY, rtol=2e-4)
+def tektronix_in_fixed_widths(path):
+    facts = [
+        ("Record Length", "2.500000e+03"),
+        ("Sample Interval", f"{1 / FS:.6e}"),
+        ("Trigger Point", "1.000000000000e+02"),
+        *3 * [("", "")],
+        ("Source", "CH1"),
+        ("Vertical Units", "g"),
+        ("Vertical Scale", "5.000000e-02"),
+        ("Vertical Offset", "0.000000e+00"),
+        ("Horizontal Units", "s"),
+        ("Pt Fmt", "Y"),
+        ("Model Number", "TDS2014B"),
+    ]
+    facts += (N - len(facts)) * [("", "")]
+    text(
+        path,
+        *(
+            f"{k},{v},,{t - 100 / FS:016.12f},{a / G:10.5f},"
             for (k, v), t, a in zip(facts, T, ACCELERATION, strict=True)
         ),
     )
@@ -680,6 +773,17 @@ def a_dataset_of_xarray(path):
             ("velocity", VELOCITY, "m s-1"),
         ):
             file.create_dataset(name, data=x).attrs["units"] = np.bytes_(unit)
+
+
+@dialect("sweep_1.nc", "xarray", rtol=1e-12)
+def a_dataset_of_xarray_with_dates(path):
+    with h5py.File(path, "w") as file:
+        for name, x, unit in (
+            ("time", np.round(1e9 * T).astype(np.int64), "nanoseconds since 2026-03-01 00:00:00"),
+            ("force", FORCE, "N"),
+            ("velocity", VELOCITY, "m s-1"),
+        ):
+            file.create_dataset(name, data=x).attrs["units"] = unit
 
 
 @dialect("sweep_1.npz", "Python tables", rtol=1e-12)

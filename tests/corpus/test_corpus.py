@@ -11,6 +11,7 @@ from corpus.dialects import ACCELERATION, DIALECTS, FORCE, FS, TRUTH, VELOCITY
 from jbw.campaign.draft import start_campaign
 from jbw.campaign.files import repeats_of
 from jbw.campaign.schema import parse
+from jbw.errors import DataError
 from jbw.measurement.files.read import opened
 from jbw.measurement.records import Record, si_of
 
@@ -92,7 +93,45 @@ def test_every_file_of_a_newcomer_has_its_line():
     assert {path.name for path in OWN.iterdir()} - {"expected.toml"} == set(EXPECTED)
 
 
+def test_the_provenance_says_what_labview_left_out(tmp_path):
+    path = written("labview_packets_under_one_header", tmp_path)
+    _, _, record = drafted(path)
+    assert record.provenance["packets"] == "2 under one header, read as one without a pause"
+    said = record.provenance["digits of Delta_X"]
+    assert said.endswith("uncertain by 5.1e-04")  # 0.5e-6 / 0.000977
+
+
+@pytest.mark.parametrize(("old", "new"), [("Headings\tNo", "Headings\tYes"), ("\t192", "\t191")])
+def test_samples_that_a_labview_header_does_not_declare_are_refused(tmp_path, old, new):
+    path = written("labview_packets_under_one_header", tmp_path)
+    path.write_text(path.read_text().replace(old, new))
+    with pytest.raises(DataError, match=r"declares 19\d samples of 384"), opened(path):
+        pass
+
+
+def test_a_file_of_rigol_starts_where_it_says(tmp_path):
+    path = written("rigol", tmp_path)
+    path.write_text(path.read_text().replace("mm/s,0.0,", "mm/s,-1.370000e-05,"))
+    with opened(path) as contents:
+        assert contents.series
+        assert {item.start_s for item in contents.series.values()} == {-1.37e-5}
+
+
 # --- against other readers ---
+
+
+def test_xarray_writes_dates_that_are_read_the_same(tmp_path):
+    xarray = pytest.importorskip("xarray")
+    pytest.importorskip("h5netcdf")
+    time = np.datetime64("2026-03-01", "ns") + np.arange(384) * np.timedelta64(1_000_000, "ns")
+    force = ("time", FORCE, {"units": "N"})
+    velocity = ("time", VELOCITY, {"units": "m s-1"})
+    path = tmp_path / "sweep_1.nc"
+    made = xarray.Dataset({"force": force, "velocity": velocity}, {"time": time})
+    made.to_netcdf(path, engine="h5netcdf")
+    _, _, record = drafted(path)
+    assert record.fs == 1000.0
+    np.testing.assert_array_equal(record.channels["velocity"], VELOCITY)
 
 
 def test_pyuff_reads_the_same(tmp_path):

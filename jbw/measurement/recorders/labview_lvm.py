@@ -4,10 +4,15 @@ Files: .lvm, .txt
 Known by: the first line `LabVIEW Measurement`
 Names: the line that begins with `X_Value`
 Units: `Y_Unit_Label`
-Rate: `Delta_X`, or the column of times where `X_Columns` is `One`
+Rate: `Delta_X`, or the column of times where `X_Columns` is `One`; where its digits leave the rate
+    uncertain by more than 1e-4, as 0.000977 for 1024 Hz, the provenance says so
 Start: `X0`
-Rests on: NI's specification of the LabVIEW Measurement File, and the reader lvm_read
-Never seen: files with special blocks within the data
+Rests on: the first sections of NI's page "Specification for the LabVIEW Measurement File (.lvm)";
+    lvm_read.py and the files short, with_comments, with_empty_fields, uneven_comments,
+    no_decimal_separator and long_single_header_multi_ch of ladisk/lvm_read, whose layout the reader
+    takes, except `X_Columns` `Multi`, which it refuses
+Never seen: special blocks within the data, of which the page's section was not opened; commas as
+    separators
 """
 
 from collections.abc import Sequence
@@ -24,6 +29,7 @@ from jbw.measurement.recorders.recorder import Recorder
 
 END = "***End_of_Header***"
 SEPARATORS = {"tab": "\t", "comma": ","}
+LARGEST_ROUNDING = 1e-4  # of an interval, that the provenance does not mention
 
 
 def is_text(lines: Sequence[str]) -> bool:
@@ -63,18 +69,53 @@ def read_text(lines: Sequence[str], path: Path) -> Contents:
         units=units, dialect=dialect,
     )  # fmt: skip
     deltas, starts = _of_each(own, "delta_x", number), _of_each(own, "x0", number)
-    if has_times:
-        return found
     counts = _of_each(own, "samples", number)
+    if has_times:
+        return _without_empty(found, counts)
+    is_one_header = facts.get("multi_headings", ["Yes"])[0].lower() == "no"
+    notes = dict(found.notes)
     told = {}
     for i, (path_of, item) in enumerate((found.series or {}).items()):
         start = number_in(starts[i])
-        declared = number_in(counts[i])
-        if declared == declared and declared != item.shape[0]:
-            raise ValueError(f"`{path_of}` declares {declared:g} samples of {item.shape[0]}")
+        packets = _packets(path_of, number_in(counts[i]), item.shape[0], is_one_header)
+        if packets > 1:
+            notes["packets"] = f"{packets} under one header, read as one without a pause"
+        rounding = _rounding(deltas[i])
+        if rounding > LARGEST_ROUNDING:
+            notes["digits of Delta_X"] = f"leave the sampling frequency uncertain by {rounding:.1e}"
         start_s = None if np.isnan(start) else start
         told[path_of] = replace(item, fs=rate_of(number_in(deltas[i])), start_s=start_s)
-    return replace(found, root={**top(found), **told}, series=told)
+    return replace(found, root={**top(found), **told}, series=told, notes=notes)
+
+
+def _without_empty(found: Contents, counts: Sequence[str]) -> Contents:
+    """Times and channels, but for those that declare no sample."""
+    series = found.series or {}
+    if len(series) != 1 + len(counts):
+        return found
+    declared = [1.0, *(number_in(count) for count in counts)]
+    kept = {key: item for (key, item), n in zip(series.items(), declared, strict=True) if n != 0}
+    return replace(found, series=kept)
+
+
+def _packets(name: str, declared: float, size: int, is_one_header: bool) -> int:
+    """Packets of as many samples as declared; several where one header stands for all."""
+    if np.isnan(declared) or declared == size:
+        return 1
+    if is_one_header and declared > 0 and size % declared == 0:
+        return int(size // declared)
+    raise ValueError(f"`{name}` declares {declared:g} samples of {size}")
+
+
+def _rounding(text: str) -> float:
+    """Half a unit of the last digit of a number over that number; 0 where there is no number.
+
+    LabVIEW writes six decimals; zeros at their end may be missing.
+    """
+    value = number_in(text)
+    mantissa, _, exponent = text.strip().lower().partition("e")
+    decimals = max(6, len(mantissa.replace(",", ".").partition(".")[2]))
+    return 0.5 * 10.0 ** (int(exponent or 0) - decimals) / value if value > 0 else 0.0
 
 
 def _facts(lines: Sequence[str], mark: str = "\t") -> dict[str, list[str]]:

@@ -7,10 +7,14 @@ Names: Tektronix `Source`; Rigol the channels of the first line
 Units: Tektronix `Vertical Units`; Rigol the second line
 Rate: Tektronix `Sample Interval`, which must agree with the times; Rigol `Increment`
 Start: Tektronix the first time; Rigol `Start`
-Rests on: the manuals of TDS2000 and DS1000Z on export, and public readers of such files
-Never seen: exports of several Tektronix channels in one file
+Rests on: Tektronix F0000CH1.CSV of chemdrv/python-for-pchem (TDS2001C) and of
+    MeesJanmaat/NSP2_Experiment (its last part), and "Reading oscilloscope data" of kevinpt/ripyl;
+    Rigol NewFile1.csv of Cbabe/Power_Electronics
+Never seen: several Tektronix channels in one file; Rigol's older files, which begin with
+    `Time,X(CH1)`
 """
 
+import math
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -18,7 +22,7 @@ from pathlib import Path
 
 from jbw.measurement.files.csv import table
 from jbw.measurement.files.tree import Contents
-from jbw.measurement.recorders.facts import number_in, rate_of
+from jbw.measurement.recorders.facts import number_in, rate_of, top
 from jbw.measurement.recorders.recorder import Recorder
 
 
@@ -51,8 +55,14 @@ def read_rigol(lines: Sequence[str], path: Path) -> Contents:
     rows = [",".join(line.split(",")[: 1 + len(names)]) for line in lines[2:]]
     found = table(rows, path, names=["number", *names], units=["", *units],
                   fs=rate_of(number_in(numbers[1]) if len(numbers) > 1 else 0.0))  # fmt: skip
-    series = {name: item for name, item in (found.series or {}).items() if name != "number"}
-    return replace(found, series=series)
+    start = number_in(numbers[0]) if numbers else math.nan
+    start_s = None if math.isnan(start) else start
+    series = {
+        name: replace(item, start_s=start_s)
+        for name, item in (found.series or {}).items()
+        if name != "number"
+    }
+    return replace(found, root={**top(found), **series}, series=series)
 
 
 RECORDERS = (

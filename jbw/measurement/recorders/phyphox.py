@@ -6,8 +6,10 @@ Names: the columns
 Units: in parentheses behind the names
 Rate: the times, which jitter: `jbw init` proposes `resample`
 Start: the first time
-Rests on: the documentation of phyphox on its export
-Never seen: tables of sensors that are sampled apart
+Rests on: DataExport.java of phyphox/phyphox-android: quoted names, comma, semicolon or tab, decimal
+    comma or point, ten digits, NaN where a column is shorter; and `Raw Data.csv` of
+    PHIRElab/ExampleAccML
+Never seen: tables of sensors that are sampled apart; exports of other apps
 """
 
 import re

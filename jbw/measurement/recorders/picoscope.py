@@ -6,8 +6,11 @@ Names: the letters of the channels
 Units: none in MATLAB files; in text a row of its own in parentheses, such as `(ms),(V),(mV)`
 Rate: `Tinterval`; in text its times
 Start: `Tstart`
-Rests on: the user's guide of PicoScope 6, on export to MATLAB and CSV
-Never seen: files of several captured waveforms
+Rests on: PicoScope 6 User's Guide (psw.en r32), section 6.1.1.1 "File formats for exported data":
+    CSV, text with tabs, and MAT-files of version 4; CSV files as public scripts quote them, with a
+    blank line below the units and no blanks behind the commas
+Never seen: a MAT-file of PicoScope itself; the array of times `T` in the place of `Tinterval`;
+    files of several captured waveforms
 """
 
 import math
@@ -44,7 +47,7 @@ def read(contents: Contents) -> Contents:
 
 def is_text(lines: Sequence[str]) -> bool:
     """Whether the columns are called as PicoScope calls them."""
-    return bool(lines) and re.match(r"\"?Time\"?[,;\t]\"?Channel [A-H]", lines[0]) is not None
+    return bool(lines) and re.match(r"\"?Time\"?[,;\t] *\"?Channel [A-H]", lines[0]) is not None
 
 
 def read_text(lines: Sequence[str], path: Path) -> Contents:

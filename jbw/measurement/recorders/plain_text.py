@@ -6,7 +6,7 @@ Names: the last line above the table that has as many names as it has columns
 Units: behind the names in brackets, parentheses, or after a comma; or a row of their own
 Rate: a column of times; else a line such as `Sample rate: 1000 Hz` or `Interval;0.001 s`
 Start: the first time
-Rests on: the manuals of these programs on text export, by which the dialects of the tests are made
+Rests on: not checked against a file or a description; from common knowledge of the layout
 Never seen: files of the programs themselves
 """
 

@@ -8,8 +8,12 @@ Names: the named list; `block0_items` of pandas; the variables of xarray
 Units: `units`, `unit` or `unit_str`, a list by channel or one of all
 Rate: `fs`, `sampling_rate`, `dt` and the like; the index of a data frame; the coordinate `time`
 Start: the first value of index or coordinate
-Rests on: the documentation of NumPy, h5py, pandas (fixed format), xarray (CF conventions), SEP-005
-Never seen: data frames of mixed types, and pandas' table format
+Rests on: `BlockManagerFixed` in pandas/io/pytables.py of pandas-dev/pandas; files that xarray
+    writes with h5netcdf, and xarray/coding/times.py of pydata/xarray; for the keys of SEP-005,
+    which says nothing of files, docs/seps/sep-0005.rst of sdypy/sdypy. The names of keys beside
+    arrays of NumPy and h5py are not checked against a file or a description; from common knowledge
+    of the layout.
+Never seen: a file of `to_hdf` itself, data frames of mixed types, and pandas' table format
 """
 
 from collections.abc import Mapping
