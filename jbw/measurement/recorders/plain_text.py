@@ -6,8 +6,10 @@ Names: the last line above the table that has as many names as it has columns
 Units: behind the names in brackets, parentheses, or after a comma; or a row of their own
 Rate: a column of times; else a line such as `Sample rate: 1000 Hz` or `Interval;0.001 s`
 Start: the first time
-Rests on: not checked against a file or a description; from common knowledge of the layout
-Never seen: files of the programs themselves
+Rests on: not checked against a file or a description; from common knowledge of the layout. For
+    catman public scripts agree, with titles such as `Time  1 - default sample rate [s]`
+Never seen: files of the programs themselves; catman's text with 29 lines of properties of each
+    column, whose first line names them: names, units and rate are asked for
 """
 
 from dataclasses import replace
