@@ -140,7 +140,9 @@ def laplace_draws(
     names = never_zero(best.theta, best.covariance, prior)
     place = in_logarithms(best.theta, best.covariance, prior, names)
     scale = np.array([best.theta[name] if name in names else 1.0 for name in prior.names])
-    theta = place.outer.forward(np.asarray(place.start) + apart / scale)
+    theta = np.asarray(
+        jax.vmap(place.outer.forward)(jax.device_put(np.asarray(place.start) + apart / scale))
+    )
     lower, upper = np.asarray(prior.lower), np.asarray(prior.upper)
     is_outside = np.any((theta < lower) | (theta > upper), axis=1)
     is_outside[0] = False
