@@ -7,7 +7,9 @@ where a structure's phase is known whatever its joint does,
 $$\arg \frac{Y}{U} = -\omega\,\tau(t) - \frac{2\zeta\,r}{1 - r^2} - k\pi, \quad
   r = \omega / \omega_n$$
 
-and in noise between parts of the record, whose FRFs are the same but for it.
+and in noise between parts of the record, whose FRFs are the same but for it. A block that a
+response lost at its resonance, which leaves no phase to read, shows by the samples that do not
+follow on.
 """
 
 from collections.abc import Iterator
@@ -19,10 +21,12 @@ from scipy.signal import hilbert
 from scipy.stats import f as f_distribution
 
 from jbw.errors import DataError
+from jbw.measurement.breaks import MOST_A_PERIOD, breaks_of, turn_at
 from jbw.measurement.channels import Reals
 from jbw.measurement.checks import Fault, doubt
 from jbw.measurement.records import Record
 from jbw.measurement.resonances import driven_lines, swept
+from jbw.measurement.response_checks import about_peak
 from jbw.measurement.spectra import averaged
 from jbw.quantities import derivative_order
 
@@ -41,6 +45,9 @@ PARTS, AVERAGES = 8, 8  # of a record of noise, and of each of them
 COHERENT = 0.5  # between response and drive in the mean, for a lag to be read
 MOST_TURNS = 3  # half turns of the phase that are tried about its middle
 ODDS = 1e-6  # that a lag of chance is called one
+ONE_PLACE, MOST_PLACES = 2.0, 3  # periods of a break, and places of them: more is knocking
+CUT_TURNS = 0.3  # [rad] at a cut, at the least: parts that knock turn the phase by less
+ONE_TONE = 0.15  # of the rms on both sides of it, left by one tone: more is of several
 TURNED = 0.05  # [rad] at the end of the record: a smaller error moves no damping
 
 
@@ -62,37 +69,101 @@ class Lag(NamedTuple):
 
 def untimely(record: Record, delay: float, *, is_sweep: bool) -> Iterator[Fault]:
     """The doubt that drive and response of a record do not keep one time."""
-    fs, hz = record.fs, 0.0
-    u, x = (record.channels[role] for role in (record.source, record.response))
+    lag, hz = _lag_of(record, is_sweep=is_sweep)
+    cut = _cut_of(record)
+    if lag is not None and lag.step is not None and abs(lag.step[2]) > TURNED / (2 * np.pi * hz):
+        before, after, jump = lag.step
+        # To a sample where one shows the cut; a lag tells its size, whole periods as well.
+        at, before = (cut.at_s, cut.before_s) if cut else (0.5 * (before + after), before)
+        ahead = "ahead of" if jump < 0 else "behind"
+        what = f"the response jumps by {abs(jump):.3g} s {ahead} the drive: one of them"
+        yield _of_a_block(record, at, before, what)
+    elif cut:
+        what = (
+            f"the phase of the response jumps by {cut.turn / (2 * np.pi):.2g} of a turn, and the "
+            "drive goes on: the response"
+        )
+        yield _of_a_block(record, cut.at_s, cut.before_s, what)
+    elif lag is not None:
+        yield from _lagging(record, lag, delay, TURNED / (2 * np.pi * hz), is_sweep=is_sweep)
+
+
+def _lag_of(record: Record, *, is_sweep: bool) -> tuple[Lag | None, float]:
+    """The lag along a record, None where it shows none, and the highest frequency of it [Hz]."""
     if is_sweep:
         course = _phase_of_sweep(record)
         if course is None:
-            return
-        lag = _lag_of_sweep(*course)
-        hz = float(np.max(course[1])) / (2 * np.pi)
-    else:
-        found = _lags_of_noise(u, x, fs)
-        if found is None:
-            return
-        time, lags, hz = found
-        lag = _course(time, lags)
-    if lag is None:
-        return
-    length = record.num_samples / fs
-    least = TURNED / (2 * np.pi * hz)
-    if lag.step is not None and abs(lag.step[2]) > least:
-        before, after, jump = lag.step
-        at = 0.5 * (before + after)
-        ahead = "ahead of" if jump < 0 else "behind"
-        yield doubt(
-            record.response,
-            f"At {at:.3g} s the response jumps by {abs(jump):.3g} s {ahead} the drive: one of them "
-            "lost a block of samples.",
-            "What comes after it is the response to another time of the drive.",
-            f"Put under [[test]]: `span = [0.0, {_rounded_down(before)}]`, drop the repeat "
-            "with exclude, or export it again.",
-        )
-    elif abs(lag.slope[0]) * length > least:
+            return None, 0.0
+        return _lag_of_sweep(*course), float(np.max(course[1])) / (2 * np.pi)
+    u, x = (record.channels[role] for role in (record.source, record.response))
+    parts = _lags_of_noise(u, x, record.fs)
+    if parts is None:
+        return None, 0.0
+    time, lags, hz = parts
+    return _course(time, lags), hz
+
+
+def _of_a_block(record: Record, at: float, before: float, what: str) -> Fault:
+    """The doubt that a block is missing at a time, with a span that ends before it [s]."""
+    return doubt(
+        record.response,
+        f"At {at:.3g} s {what} lost a block of samples.",
+        "What comes after it is the response to another time of the drive.",
+        f"Put under [[test]]: `span = [0.0, {_rounded_down(before)}]`, drop the repeat "
+        "with exclude, or export it again.",
+    )
+
+
+class _Cut(NamedTuple):
+    """Where a response was cut [s], a time before [s], and by how much its phase jumps [rad]."""
+
+    at_s: float
+    before_s: float
+    turn: float
+
+
+def _cut_of(record: Record) -> _Cut | None:
+    """The worst cut of a response under a drive without any.
+
+    At a resonance what a cut spreads over all lines leaves no phase to read a lag from.
+    """
+    low, high = about_peak(record)
+    period = 2 * record.fs / (low + high)
+    u, x = (record.channels[role] for role in (record.source, record.response))
+    x = x - np.mean(x)
+    broken = breaks_of(x, period)
+    # A drive that jumps moves what it drives at once.
+    if not broken or breaks_of(u - np.mean(u), period):
+        return None
+    apart = np.flatnonzero(np.diff(np.sort(broken)) > ONE_PLACE * period) + 1
+    places = np.split(np.sort(broken), apart)
+    # Parts that knock together break off every period, and hardly turn the phase.
+    if len(places) > MOST_PLACES or max(map(np.ptp, places)) > ONE_PLACE * period:
+        return None
+    (worst,) = (place for place in places if broken[0] in place)
+    cuts = _turns_about(x, int(worst[0]), int(worst[-1]), period)
+    at, turn, residual = min(cuts, key=lambda cut: cut[2], default=(0, 0.0, np.inf))
+    if abs(turn) < CUT_TURNS or residual > ONE_TONE:
+        return None
+    return _Cut(at / record.fs, (min(broken) - period) / record.fs, turn)
+
+
+def _turns_about(
+    x: Reals, first: int, last: int, period: float
+) -> Iterator[tuple[int, float, float]]:
+    """Samples about a place at which a tone may jump, its turn [rad] there, and what it leaves."""
+    for at in range(first - int(period / MOST_A_PERIOD), last + 1):
+        jump = turn_at(x, at, period)
+        if jump is not None:
+            yield at, *jump
+
+
+def _lagging(
+    record: Record, lag: Lag, delay: float, least: float, *, is_sweep: bool
+) -> Iterator[Fault]:
+    """The doubt that a lag grows along a record by more than `least` [s], or is not as stated."""
+    length = record.num_samples / record.fs
+    if abs(lag.slope[0]) * length > least:
         # A fast clock takes its samples early, so that they show what was before: a lag that grows.
         fast = "fast" if lag.slope[0] > 0 else "slow"
         yield doubt(

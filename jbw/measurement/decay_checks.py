@@ -10,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Complex, Float
-from scipy.ndimage import median_filter, uniform_filter1d
 from scipy.signal import ShortTimeFFT
 from scipy.signal.windows import blackmanharris
 from scipy.stats import chi2
 
 from jbw.errors import DataError
+from jbw.measurement.breaks import breaks_of
 from jbw.measurement.channels import Reals, whole_up
 from jbw.measurement.checks import Fault, doubt, refusal
 from jbw.measurement.demodulation import band_filter, decay_steps, demodulate
@@ -35,10 +35,6 @@ SMOOTH = 4.0  # a jump over what the cubic leaves on its sides
 CLEAN = 0.1  # of log X, left by the cubic: more is noise, whose phase turns anyhow
 SAME = 0.9  # of the largest jump, at neighbouring places
 MATTERS = 0.03  # of the largest response, on one side of a jump at the least
-FORERUNNERS, MOST_A_PERIOD = 8, 8  # samples that predict the next one, and those of a period
-REACH = 2.0  # periods on either side, whose median error is that of noise and of nonlinearity
-BREAK, BROKEN = 0.1, 12.0  # error over the rms of the motion there, and over the median error
-LOUD_OVER = 5.0  # times that error: a motion below it is lost in noise
 MOST_LINES = 4  # of a late part of an envelope: hum, the mode and what it becomes as it stiffens
 LEAST_OF_LINES = 10  # values, before lines are looked for
 WORTH_A_LINE = 0.7  # of the variance that is left: what a further line must come below
@@ -217,40 +213,17 @@ def interrupted(record: Record, course: Course) -> Iterator[Fault]:
     start = round(float(course.time[0] - course.half_s) * record.fs)
     x = record.channels[record.response][start:]
     period = record.fs / course.centre_hz
-    at = _break_of(x - np.mean(x), period)
-    if at is None:
+    broken = breaks_of(x - np.mean(x), period)
+    if not broken:
         return
+    at = (start + broken[0]) / record.fs
     yield doubt(
         record.response,
-        f"At {(start + at) / record.fs:.3g} s a sample does not follow from those before it: "
+        f"At {at:.3g} s a sample does not follow from those before it: "
         "samples are missing there, or it was hit again.",
         "A decay has one initial state; this record has two.",
         "Drop the repeat with exclude, or let `span` end before.",
     )
-
-
-def _break_of(x: Reals, period: float) -> int | None:
-    """The sample that its forerunners predict worst, where that is no noise; else None."""
-    every = max(int(period / MOST_A_PERIOD), 1)
-    if every > 1:  # of samples that are close noise is what differs
-        x = x[: len(x) // every * every].reshape(-1, every).mean(axis=1)
-        period /= every
-    reach = int(np.ceil(REACH * period))
-    if len(x) < 6 * reach:
-        return None
-    past = np.lib.stride_tricks.sliding_window_view(x, FORERUNNERS + 1)
-    # What lies around it tells how large a motion, and an error, is there.
-    size = np.sqrt(uniform_filter1d(past[:, -1] ** 2, 2 * reach)) + np.finfo(float).tiny
-    loud = size > MATTERS * size.max()
-    told = (past / size[:, None])[loud]
-    weights = np.linalg.lstsq(told[:, :-1], told[:, -1])[0]
-    error = np.abs(past[:, -1] - past[:, :-1] @ weights)
-    around = median_filter(error, 4 * reach + 1, mode="nearest") / 0.6745
-    loud &= size > LOUD_OVER * around
-    loud[: 2 * reach] = loud[-2 * reach :] = False
-    breaks = np.where(loud & (error > BREAK * size), error / np.maximum(around, 1e-300), 0.0)
-    worst = int(np.argmax(breaks))
-    return (worst + FORERUNNERS) * every if breaks[worst] > BROKEN else None
 
 
 def _jumps(course: Course) -> list[tuple[float, complex]]:

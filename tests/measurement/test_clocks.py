@@ -5,6 +5,7 @@ import pytest
 
 from jbw.campaign.check import findings
 from jbw.campaign.tables import TestSpec
+from jbw.measurement.breaks import breaks_of, turn_at
 from jbw.measurement.records import Record
 
 FS, HZ, ZETA = 512.0, 20.0, 0.005
@@ -85,6 +86,70 @@ def test_a_lost_block_is_named_with_its_time(kind, drive, lost):
     # Of a sweep the two ends that do not meet ripple the phase, by a tenth of a radian of one.
     jump = float(fault.what.split("jumps by ")[1].split()[0])
     assert jump == pytest.approx(lost / FS, rel=0.25 if kind == "sweep" else 0.05)
+
+
+@pytest.mark.parametrize("down", [False, True])
+@pytest.mark.parametrize("lost", [4, 6, 9])
+@pytest.mark.parametrize("later", [0.0, 0.5])
+def test_a_block_lost_at_the_resonance_of_a_short_sweep_is_named(later, lost, down):
+    u = sweep(15.0, down=down)
+    at = round((7.5 + later) * FS)  # the resonance is passed at 7.5 s
+    x = response(np.append(u, np.zeros(lost)))
+    x = np.concatenate([x[:at], x[at + lost :]])
+    (fault,) = found(u, x, "sweep")
+    assert "the response lost a block" in fault.what
+    assert float(fault.what.split()[1]) == pytest.approx(at / FS, abs=0.5 / HZ)
+    # Of a turn, lost HZ / FS; to two digits, and to what the size changes in two periods.
+    turn = float(fault.what.split("jumps by ")[1].split()[0])
+    assert turn == pytest.approx(lost * HZ / FS, abs=0.03)
+    before = float(fault.remedy.split("span = [0.0, ")[1].split("]")[0])
+    assert at / FS - 3 / HZ < before < at / FS
+    kept = slice(0, round(before * FS))
+    assert not any("lost a block" in fault.what for fault in found(u[kept], x[kept], "sweep"))
+
+
+@pytest.mark.parametrize("lost", [4, 6, 9])
+def test_a_lag_that_jumps_at_the_resonance_has_the_time_of_the_cut(lost):
+    u = sweep()
+    at = round(20.0 * FS)
+    x = response(np.append(u, np.zeros(lost)))
+    (fault,) = found(u, np.concatenate([x[:at], x[at + lost :]]), "sweep")
+    assert "lost a block" in fault.what
+    assert float(fault.what.split()[1]) == pytest.approx(at / FS, abs=0.5 / HZ)  # three digits
+
+
+@pytest.mark.parametrize("clicks", [1, 6])
+def test_knocking_at_the_resonance_is_no_lost_block(clicks):
+    u = sweep()
+    x = response(u)
+    # Every period a click, that decays within a sample; one alone turns no phase.
+    x[round(20.2 * FS) + np.round(np.arange(clicks) * FS / HZ).astype(int)] += 1.5 * x.max()
+    assert breaks_of(x, FS / HZ)
+    assert not any("lost a block" in fault.what for fault in found(u, x, "sweep"))
+
+
+def test_a_response_that_jumps_with_its_drive_lost_no_block():
+    u = sweep()
+    at, lost = round(20.2 * FS), 6
+    x = response(np.append(u, np.zeros(lost)))
+    cut_u, cut_x = (np.concatenate([y[:at], y[at + lost : len(u)]]) for y in (u, x))
+    assert breaks_of(cut_x, FS / HZ)
+    faults = found(cut_u, cut_x, "sweep")
+    assert not any("the response lost a block" in fault.what for fault in faults)
+
+
+@pytest.mark.parametrize("lost", [1, 3, 7, -5])
+def test_the_phase_across_a_cut_is_that_of_the_samples_lost(lost):
+    omega = 2 * np.pi / 19.3
+    n = np.arange(400.0)
+    n[200:] += lost
+    jump = turn_at(2.5 * np.cos(omega * n + 0.7), 200, period=20.0)
+    assert jump is not None
+    turn, residual = jump
+    # Exact but for the place of the least of the squares, half the digits of theirs.
+    assert turn == pytest.approx(omega * lost, abs=1e-4)
+    assert residual < 1e-4
+    assert turn_at(np.ones(50), 10, period=20.0) is None  # four periods do not fit in
 
 
 @pytest.mark.parametrize(("kind", "drive"), [("sweep", sweep()), ("noise", noise())])
