@@ -161,6 +161,19 @@ def test_an_exponential_window_is_named_and_taken_out(times, tau):
     assert named(found(without)) == []
 
 
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("size", [1700, 3000])
+def test_a_window_is_named_where_another_mode_fills_few_lines_of_noise(size, seed):
+    t = np.arange(size) / FS
+    x = free(size / FS) + 0.8 * np.exp(-RATE * t) * np.cos(2 * np.pi * 72.0 * t)
+    tau = 0.6
+    (fault,) = found(noisy(x, seed) * np.exp(-t / tau))
+    read = float(fault.remedy.split("window_s = ")[1].split("`")[0])
+    error = float(fault.what.split("standard error ")[1].split(")")[0])
+    assert read == pytest.approx(tau, abs=5 * error)
+    assert named(found(noisy(x, seed))) == []
+
+
 def test_skirts_of_a_strong_line_are_no_noise():
     record = Record(FS, {"velocity": noisy(free(), noise=1e-9)}, {"velocity": "m/s"})
     course = course_of(record, BAND, 0.0)
