@@ -7,6 +7,8 @@ $$x_n = \sum_{k=1}^{8} w_k\,x_{n-k} + e_n$$
 so that where a block was cut out a few errors e stand far above those of noise around them.
 """
 
+from typing import Any
+
 import numpy as np
 from jaxtyping import Bool, Float
 from scipy.ndimage import median_filter, uniform_filter1d
@@ -73,7 +75,7 @@ def turn_at(x: Reals, at: int, period: float) -> tuple[float, float] | None:
     tried = 2 * np.pi / period * np.linspace(SLOWEST, FASTEST, TRIED)
     best = tried[np.argmin([_left_by(omega, n, later, y)[0] for omega in tried])]
     step = tried[1] - tried[0]
-    nearest = minimize_scalar(
+    nearest: Any = minimize_scalar(
         lambda omega: _left_by(omega, n, later, y)[0], bounds=(best - step, best + step),
         method="bounded",
     )  # fmt: skip
