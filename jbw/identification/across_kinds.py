@@ -11,21 +11,23 @@ tests as of the law.
 
 import logging
 from dataclasses import replace
+from functools import reduce
+from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from jbw.identification.floors import rms
 from jbw.identification.prepare import refit
-from jbw.identification.run_effects import own_frequency_alone
-from jbw.inference.fit.costly_fit import residual_at
+from jbw.identification.run_effects import errors_with_own_frequency
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.space.box import Box
-from jbw.observables.dataset import Dataset, left_by_label, size_by_label, stacked
+from jbw.observables.dataset import Dataset
+from jbw.observables.observable import Observable
 
 under_way = logging.getLogger("jbw.progress")
-WIDER = (
-    5.0  # times its standard deviation by all tests: a parameter that rests on the kind left out
-)
+# Times its standard deviation by all tests: a parameter that rests on the kind left out.
+WIDER = 5.0
 WORDS = {
     "sweep": "sweeps", "tones": "tones and curves", "loop": "loops", "decay": "decays",
 }  # fmt: skip
@@ -36,21 +38,28 @@ def kinds_of(data: Dataset) -> dict[str, tuple[str, ...]]:
     labels: dict[str, list[str]] = {}
     for part in data.parts:
         if part.sizes():
-            kind = type(part).kinds[0]
-            labels.setdefault(WORDS.get(kind, kind), []).extend(part.labels)
+            labels.setdefault(_kind_of(part), []).extend(part.labels)
     return {kind: tuple(of_kind) for kind, of_kind in labels.items()}
+
+
+def _kind_of(part: Observable) -> str:
+    return WORDS.get(part.kinds[0], part.kinds[0])
 
 
 def without_kind(kind: str, data: Dataset) -> Dataset:
     """The dataset in which the tests of one kind count for nothing, of the same shapes."""
-    of_kind = set(kinds_of(data)[kind])
-    parts = []
-    for part in data.parts:
-        if part.sizes() and of_kind >= set(part.labels):
-            for run in dict.fromkeys(part.runs):
-                part = part.silenced(run)
-        parts.append(part)
-    return replace(data, parts=tuple(parts))
+    return replace(
+        data,
+        parts=tuple(
+            _silenced(part) if part.sizes() and _kind_of(part) == kind else part
+            for part in data.parts
+        ),
+    )
+
+
+def _silenced(part: Observable) -> Observable:
+    """A part in which every run counts for nothing."""
+    return reduce(lambda silent, run: silent.silenced(run), dict.fromkeys(part.runs), part)
 
 
 def across_kinds(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
@@ -58,13 +67,15 @@ def across_kinds(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
     kinds = kinds_of(data)
     if len(kinds) < 2:
         return None
+    as_fitted = errors_with_own_frequency(best, prior, data)
     error, fitted, wider = [], [], []
     for number, (kind, labels) in enumerate(kinds.items(), start=1):
         under_way.info("fit without kind %d of %d", number, len(kinds))
         rest = without_kind(kind, data)
         fit = refit(best, prior, rest)
-        error.append(_error(labels, fit, prior, data))
-        fitted.append(_error(labels, best, prior, data))
+        predicted = errors_with_own_frequency(fit, prior, data)
+        error.append(rms([predicted[label] for label in labels]))
+        fitted.append(rms([as_fitted[label] for label in labels]))
         wider.append(np.sqrt(np.diag(fit.covariance) / np.diag(best.covariance)))
     return xr.Dataset(
         {
@@ -80,49 +91,41 @@ def across_kinds(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
     )  # fmt: skip
 
 
-def _error(labels: tuple[str, ...], fit: Fit, prior: Box, data: Dataset) -> float:
-    """RMS error of some groups at a fit, each over the rms of its own."""
-    scored = own_frequency_alone(data)
-    residual = left_by_label(residual_at(stacked, fit.x, prior, scored), scored)
-    sizes = size_by_label(data)
-    errors = [np.linalg.norm(residual[label]) / sizes[label] for label in labels if label in sizes]
-    return float(np.sqrt(np.mean(np.square(errors))))
-
-
-def rests_on(found: xr.Dataset) -> dict[str, list[str]]:
+def rests_on(predicted: xr.Dataset) -> dict[str, list[str]]:
     """By kind the parameters that only its tests identify."""
     return {
-        str(kind): [str(name) for name, x in zip(found["parameter"].values, row, strict=True)
+        str(kind): [str(name) for name, x in zip(predicted["parameter"].values, row, strict=True)
                     if not x < WIDER]
-        for kind, row in zip(found["kind"].values, found["wider"].values, strict=True)
+        for kind, row in zip(predicted["kind"].values, predicted["wider"].values, strict=True)
     }  # fmt: skip
 
 
-def across_kinds_sentence(found: xr.Dataset) -> str:
+def across_kinds_sentence(predicted: xr.Dataset) -> str:
     """How well each kind of test is predicted from the others, in words."""
+    kinds = across_kinds_record(predicted)
     errors = [
-        f"{kind} {100 * error:.2g} % ({100 * fitted:.2g} % as fitted)"
-        for kind, error, fitted in zip(
-            found["kind"].values, found["error"].values, found["fitted"].values, strict=True
-        )
+        f"{kind} {100 * row['error']:.2g} % ({100 * row['fitted']:.2g} % as fitted)"
+        for kind, row in kinds.items()
     ]
-    given = " and their own natural frequency" if found.attrs["own_frequency"] else ""
-    sentence = f"RMS error of each kind of test, predicted from the other kinds{given}: "
     needed = [
-        f"{', '.join(names)} by {kind} alone" for kind, names in rests_on(found).items() if names
+        f"{', '.join(row['rests_on'])} by {kind} alone"
+        for kind, row in kinds.items()
+        if row["rests_on"]
     ]
+    given = " and their own natural frequency" if predicted.attrs["own_frequency"] else ""
+    sentence = f"RMS error of each kind of test, predicted from the other kinds{given}: "
     known_by = f" Identified: {'; '.join(needed)}." if needed else ""
     return f"{sentence}{'; '.join(errors)}.{known_by}"
 
 
-def across_kinds_record(found: xr.Dataset) -> dict[str, dict[str, object]]:
+def across_kinds_record(predicted: xr.Dataset) -> dict[str, dict[str, Any]]:
     """The same in plain values, by kind."""
-    needed = rests_on(found)
+    needed = rests_on(predicted)
     return {
         str(kind): {
-            "error": float(found["error"].sel(kind=kind)),
-            "fitted": float(found["fitted"].sel(kind=kind)),
+            "error": float(predicted["error"].sel(kind=kind)),
+            "fitted": float(predicted["fitted"].sel(kind=kind)),
             "rests_on": needed[str(kind)],
         }
-        for kind in found["kind"].values
+        for kind in predicted["kind"].values
     }

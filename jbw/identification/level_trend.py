@@ -17,7 +17,7 @@ from jaxtyping import Float
 from scipy import stats
 
 from jbw.identification.accuracy import another_law
-from jbw.identification.run_effects import Shifts, sizes_of
+from jbw.identification.run_effects import Shifts, moments_of, sizes_of
 from jbw.inference.posterior.finding import Finding, checked
 from jbw.observables.dataset import Dataset
 from jbw.observables.observable import OFFSETS
@@ -50,10 +50,8 @@ def slope_of(x: Values, offset: Values, std: Values) -> Slope:
 
 def _scatter(offset: Values, std: Values) -> float:
     """Variance between runs beyond their standard errors, by moments."""
-    weight = 1 / std**2
-    apart = np.sum(weight * (offset - np.average(offset, weights=weight)) ** 2)
-    scale = weight.sum() - np.sum(weight**2) / weight.sum()
-    return max(0.0, float((apart - (len(offset) - 1)) / scale))
+    chi_square, scale = moments_of(offset, std)
+    return max(0.0, (chi_square - (len(offset) - 1)) / scale)
 
 
 def trend_finding(shifts: Shifts, data: Dataset) -> Finding | None:

@@ -18,11 +18,21 @@ from scipy import stats
 
 from jbw.campaign.settings import Identify
 from jbw.identification.accuracy import thinned
+from jbw.inference.fit.costly_fit import residual_at
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.groups.offsets import Estimate
 from jbw.inference.groups.scatter import Levels, Spread, draw_offsets, scatter_grid
 from jbw.inference.posterior.summary import QUANTILES
-from jbw.observables.dataset import Dataset, by_label, estimates_at, with_directions
+from jbw.inference.space.box import Box
+from jbw.observables.dataset import (
+    Dataset,
+    by_label,
+    error_by_label,
+    estimates_at,
+    left_by_label,
+    stacked,
+    with_directions,
+)
 from jbw.observables.drives import plain
 from jbw.observables.observable import OFFSETS, assemblies_of
 from jbw.quantities import BY_NAME
@@ -117,19 +127,28 @@ def scatter_of_repeats(shifts: Shifts, sizes: Mapping[str, float]) -> float | No
         DerSimonian and Laird (1986), Controlled Clinical Trials 7, 177, within levels.
     """
     zeta = OFFSETS.index("zeta")
-    offset, weight = shifts.offset[:, zeta], 1.0 / shifts.std[:, zeta] ** 2
-    chi_square, dof, scale = 0.0, 0, 0.0
-    for level in _levels_of(shifts.runs, sizes):
-        if len(level) > 1:
-            w, b = weight[level], offset[level]
-            chi_square += float(np.sum(w * (b - np.average(b, weights=w)) ** 2))
-            dof += len(level) - 1
-            scale += float(w.sum() - np.sum(w**2) / w.sum())
-    if not dof:
+    offset, std = shifts.offset[:, zeta], shifts.std[:, zeta]
+    levels = [level for level in _levels_of(shifts.runs, sizes) if len(level) > 1]
+    if not levels:
         return None
+    dof = sum(len(level) - 1 for level in levels)
+    moments = [moments_of(offset[level], std[level]) for level in levels]
+    chi_square, scale = (sum(column) for column in zip(*moments, strict=True))
     if stats.chi2.sf(chi_square, dof) > BY_CHANCE:
         return 0.0
     return float(np.sqrt((chi_square - dof) / scale))
+
+
+def moments_of(
+    offset: Float[np.ndarray, " run"], std: Float[np.ndarray, " run"]
+) -> tuple[float, float]:
+    r"""Chi-square about the mean of runs, and what a variance between them adds to it, over that.
+
+    $$Q = \sum_r w_r (b_r - \bar b)^2, \qquad W - \sum_r w_r^2 / W, \quad w_r = 1 / \sigma_r^2$$
+    """
+    weight = 1 / std**2
+    chi_square = np.sum(weight * (offset - np.average(offset, weights=weight)) ** 2)
+    return float(chi_square), float(weight.sum() - np.sum(weight**2) / weight.sum())
 
 
 def _levels_of(runs: Sequence[str], sizes: Mapping[str, float]) -> list[list[int]]:
@@ -207,6 +226,13 @@ def own_frequency_alone(data: Dataset) -> Dataset:
     scatter = np.array(data.scatter)
     scatter[OFFSETS.index("zeta")] *= NO_SCATTER
     return replace(data, scatter=jax.device_put(scatter))
+
+
+def errors_with_own_frequency(fit: Fit, prior: Box, data: Dataset) -> dict[str, float]:
+    """Error of every group at a fit over its size; runs have no damping ratio of their own."""
+    scored = own_frequency_alone(data)
+    residual = left_by_label(residual_at(stacked, fit.x, prior, scored), scored)
+    return error_by_label(residual, scored)
 
 
 def with_scatter(key: Key[Array, ""], best: Fit, data: Dataset) -> Dataset:

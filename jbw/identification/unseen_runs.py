@@ -19,8 +19,7 @@ from scipy.special import logsumexp
 from jbw.identification.evidence import Candidate, likelihood_at, place_of
 from jbw.identification.floors import rms
 from jbw.identification.prepare import refit
-from jbw.identification.run_effects import own_frequency_alone
-from jbw.inference.fit.costly_fit import residual_at
+from jbw.identification.run_effects import errors_with_own_frequency
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.lanes import at_points
 from jbw.inference.posterior.verdict import GOOD_KHAT
@@ -165,8 +164,7 @@ def weighed_in(key: Key[Array, ""], prior: Box, data: Dataset, places: Places) -
 
 def _error_of(run: str, best: Fit, one: Candidate) -> float:
     """Error of a run over its response at a fit that does not know it, but for its frequency."""
-    data = own_frequency_alone(one.fitted.data)
-    left = dataset.left_by_label(residual_at(dataset.stacked, best.x, one.fitted.box, data), data)
-    every = dataset.error_by_label(left, data)
+    data = one.fitted.data
+    every = errors_with_own_frequency(best, one.fitted.box, data)
     pairs = zip(data.labels, data.runs, strict=True)
     return rms([every[label] for label, name in pairs if name == run and label in every])
