@@ -117,6 +117,16 @@ def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
     return Campaign(spec.name, folder, tuple(tests), *facts, spec.structure, spec.instruments)
 
 
+def load_with_doubts(
+    path: Path, *, allow_outside: bool = False
+) -> tuple[Campaign, list[warnings.WarningMessage]]:
+    """The campaign, and the warnings of what is doubtful in its records in place of warning."""
+    with warnings.catch_warnings(record=True) as doubts:
+        warnings.simplefilter("always")
+        campaign = load_campaign(path, allow_outside=allow_outside)
+    return campaign, doubts
+
+
 def load_test(test: TestSpec, folder: Path, *, per_unit: Gain, allow_outside: bool = False) -> Test:
     """One [[test]] with its records: the first error is raised, what is doubtful is warned of.
 

@@ -54,14 +54,12 @@ def look(
             remedy="Name it so, for example look.html.",
         )
     with computing() as say:
-        from jbw.campaign.load import load_campaign
+        from jbw.campaign.load import load_with_doubts
         from jbw.study.look import look as look_at
         from jbw.study.look import look_groups
 
         say(f"Reading {campaign}")
-        with warnings.catch_warnings(record=True) as doubts:
-            warnings.simplefilter("always")
-            loaded = load_campaign(campaign, allow_outside=allow_outside)
+        loaded, doubts = load_with_doubts(campaign, allow_outside=allow_outside)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # readings that cannot be made are listed as unread
             found = look_at(loaded, report=say)

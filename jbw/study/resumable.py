@@ -5,13 +5,12 @@ import json
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
 from jbw import rig
-from jbw.campaign.load import Campaign, load_campaign
+from jbw.campaign.load import load_with_doubts
 from jbw.inference.compiled import forget_when_many
 from jbw.report.opening import opening
 from jbw.report.result import read_result
@@ -58,7 +57,9 @@ def identified(run: Run, say: Say) -> tuple[Any, dict[str, Any]]:
         known = json.loads((path.parent / "truth.json").read_text(encoding="utf-8"))
         truth = {**known["joint"], "gain": known["gain"]}
     say(f"Reading {path}")
-    loaded, doubts = loaded_with_doubts(path, allow_outside=asked.allow_outside)
+    loaded, doubts = load_with_doubts(path, allow_outside=asked.allow_outside)
+    for doubt in doubts:  # at once, as it takes minutes until the answer repeats them
+        warnings.warn_explicit(doubt.message, doubt.category, doubt.filename, doubt.lineno)
     if asked.final:
         loaded = replace(loaded, settings=loaded.settings.model_copy(update={"final": True}))
     text = path.read_text(encoding="utf-8")
@@ -69,19 +70,9 @@ def identified(run: Run, say: Say) -> tuple[Any, dict[str, Any]]:
     )  # fmt: skip
     source = {"campaign_file": str(path.resolve()), "campaign_sha256": digest_of(text)}
     whole = {"wall_time_s": round(run.spent + study.record["wall_time_s"], 2)}
-    record = {**study.record, "doubts": doubts}
+    record = {**study.record, "doubts": list(dict.fromkeys(str(x.message) for x in doubts))}
     record["opening"] = list(opening(record, study.tree))
     return study.tree, {**record, **whole, **source}
-
-
-def loaded_with_doubts(path: Path, *, allow_outside: bool) -> tuple[Campaign, list[str]]:
-    """The campaign, and what is doubtful in its records; each doubt is a warning too."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        campaign = load_campaign(path, allow_outside=allow_outside)
-    for doubt in caught:
-        warnings.warn_explicit(doubt.message, doubt.category, doubt.filename, doubt.lineno)
-    return campaign, list(dict.fromkeys(str(doubt.message) for doubt in caught))
 
 
 def digest_of(text: str) -> str:
