@@ -169,6 +169,7 @@ def _acceleration(step: ExactStep, y: Scalar, v: Scalar, r: Scalar, u: Scalar) -
     return u - step.damping * v - step.stiffness * y - r
 
 
+@jax.jit  # traced once for all programs that step a law: it is the longest part of a step's trace
 def _through_kinks(
     step: ExactStep,
     state: State,
