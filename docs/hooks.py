@@ -100,6 +100,13 @@ def included(path: str) -> str:
     return re.sub(r"\]\(docs/", "](", text)
 
 
+def findings() -> str:
+    """Every finding: its check, why it matters and what to do."""
+    from jbw.report.messages.findings import explanations
+
+    return "\n\n".join(f"## {code}\n\n{page}" for code, page in explanations().items())
+
+
 def commands() -> str:
     """Every command of `jbw`: its help, how it is called, and its options."""
     import click
@@ -426,6 +433,7 @@ MAKERS: dict[str, Callable[..., str]] = {
     "equation": equation,
     "equations": equations,
     "figure": figure,
+    "findings": findings,
     "gallery": gallery,
     "notebook": notebook,
     "plan": plan_file,

@@ -36,6 +36,7 @@ CAUSES = "identification/test_causes.py::test_the_first_cause_is_what_was_done_t
 FILES = "corpus/test_stated_clocks.py::"
 LONG = CHECKS + "test_a_pasted_span_of_a_long_record_cures"
 OF_A_RUN = "test_remedies.py::test_a_line_of_a_finding_is_taken"
+PAGES = "test_remedies.py::test_a_line_of_a_page_is_taken"
 PASTED = {
     ("campaign/check.py", "delay"): DRIVEN,
     ("identification/accuracy.py", "laws"): OF_A_RUN,
@@ -54,16 +55,8 @@ PASTED = {
     ("identification/suspects.py", "residuals"): CAUSES,
     ("identification/suspects.py", "run"): CAUSES,
     ("identification/suspects.py", "scale.{}"): "test_remedies.py::test_a_factor_is_pasted",
-    ("inference/posterior/modes.py", "sampler"): OF_A_RUN,
-    ("inference/posterior/remedies.py", "num_samples"): OF_A_RUN,
-    ("inference/posterior/remedies.py", "sampler"): AT_ONCE,
     ("inference/posterior/remedies.py", "{}"): BOUNDS,
-    ("inference/posterior/verdict.py", "budget_s"): AT_ONCE,
-    ("inference/posterior/verdict.py", "num_chains"): AT_ONCE,
-    ("inference/posterior/verdict.py", "num_warmup"): LINES,
     ("inference/posterior/verdict.py", "prior"): VERDICT + "test_the_bound_is_named_with_its_side",
-    ("inference/posterior/verdict.py", "sampler"): LINES,
-    ("inference/posterior/verdict.py", "substeps"): LINES,
     ("measurement/checks.py", "span"): DRIVEN,
     ("measurement/clocks.py", "clock_ppm"): CHECKS + "test_a_pasted_clock_cures",
     ("measurement/clocks.py", "delay"): DRIVEN,
@@ -83,6 +76,19 @@ PASTED = {
     ("measurement/response_checks.py", "level"): DRIVEN,
     ("measurement/response_checks.py", "remove_mean"): DRIVEN,
     ("measurement/response_checks.py", "scale"): LOOPS,
+    ("report/messages/convergence.py", "budget_s"): AT_ONCE,
+    ("report/messages/convergence.py", "coordinates"): PAGES,
+    ("report/messages/convergence.py", "num_chains"): AT_ONCE,
+    ("report/messages/convergence.py", "num_warmup"): LINES,
+    ("report/messages/convergence.py", "sampler"): LINES,
+    ("report/messages/convergence.py", "substeps"): LINES,
+    ("report/messages/identifiability.py", "laws"): PAGES,
+    ("report/messages/model_adequacy.py", "laws"): PAGES,
+    ("report/messages/model_adequacy.py", "model_error"): PAGES,
+    ("report/messages/model_adequacy.py", "offsets"): PAGES,
+    ("report/messages/remedies.py", "num_samples"): OF_A_RUN,
+    ("report/messages/remedies.py", "sampler"): AT_ONCE,
+    ("report/messages/words.py", "hold_out"): PAGES,
     ("verification/verify.py", "offsets"): OF_A_RUN,
 }
 

@@ -13,7 +13,7 @@ import jbw
 
 ROOT = Path(jbw.__file__).parent
 FILES = sorted(ROOT.rglob("*.py"))
-ANYWHERE = {"errors", "quantities", "units"}
+ANYWHERE = {"errors", "quantities", "units", "messages"}
 LEAVES = {"oscillator", "measurement", "inference"}
 MODEL = LEAVES | {"campaign", "observables"}
 # Every room, to the rooms that it may see beside itself and those that may be seen from anywhere.
@@ -22,6 +22,7 @@ SEES = {
     "errors": set(),
     "units": set(),
     "quantities": set(),
+    "messages": set(),  # the catalogue, report/messages: seen from anywhere, sees no room
     "run": set(),
     "oscillator": set(),
     "measurement": set(),
@@ -69,7 +70,12 @@ def told(wrong):
 
 
 def room(path):
-    return path.relative_to(ROOT).parts[0].removesuffix(".py")
+    return room_named(path.relative_to(ROOT).with_suffix("").as_posix().replace("/", "."))
+
+
+def room_named(module):
+    """The room of a module, named below `jbw`; the catalogue is one within `report`."""
+    return "messages" if f"{module}.".startswith("report.messages.") else module.split(".")[0]
 
 
 @cache
@@ -95,7 +101,9 @@ def imports(path):
 
 def seen(path):
     """Rooms that a file imports from, in functions too."""
-    rooms = {name.split(".")[1] for name, _ in imports(path) if name.startswith("jbw.")}
+    named = [name.removeprefix("jbw.") for name, _ in imports(path) if name.startswith("jbw.")]
+    # `from jbw.report.messages import x` names `report.messages` and its file, not `report`.
+    rooms = {room_named(name) for name in named}
     return {name for name in rooms if name in SEES}
 
 
@@ -216,6 +224,13 @@ def test_importing_jbw_does_not_load_the_papers_mathematics():
 def test_the_papers_module_is_loaded_without_its_files():
     code = "import sys, jbw.paper; print('jax' in sys.modules, end='')"
     assert fresh(code) == "False"
+
+
+def test_the_catalogue_loads_nothing_heavy():
+    heavy = {"jax", "arviz", "matplotlib", "numpy", "scipy", "xarray", "pydantic", "click"}
+    files = sorted((ROOT / "report" / "messages").glob("*.py"))
+    names = ", ".join(f"jbw.report.messages.{path.stem}" for path in files)
+    assert fresh(f"import sys, {names}; print(sorted({heavy} & set(sys.modules)), end='')") == "[]"
 
 
 def test_the_page_of_a_report_loads_no_jax():

@@ -18,11 +18,12 @@ from tiers import not_run_yet
 import jbw
 from jbw.campaign.schema import parse
 from jbw.cli import COMMANDS, cli, run
-from jbw.cli.about import first_page, pages
+from jbw.cli.about import first_page
 from jbw.errors import RunError
 from jbw.measurement.kinds import KINDS
 from jbw.oscillator.laws import FAMILIES, LAWS
 from jbw.report.figures import FIGURES
+from jbw.report.messages.findings import explanations
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -179,7 +180,7 @@ def test_every_law_finding_and_figure_has_its_place(site):
     assert {name for name in LAWS if name not in FAMILIES} <= laws
     assert {f"{name}_N" for name in FAMILIES} <= laws
     findings, figures = article(site, "findings.html"), article(site, "figures.html")
-    assert [code for code in pages() if f'<h2 id="{code}">' not in findings] == []
+    assert [code for code in explanations() if f'<h2 id="{code}">' not in findings] == []
     assert [name for name in FIGURES if f'<h3 id="{name}">' not in figures] == []
 
 

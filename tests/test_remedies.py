@@ -1,6 +1,7 @@
 """Every remedy that jbw can print: a line is pasted by a test, a command is one that there is."""
 
 import ast
+import re
 from pathlib import Path
 
 import click
@@ -12,11 +13,14 @@ from jbw.cli import COMMANDS, cli
 from jbw.identification.accuracy import another_law
 from jbw.identification.suspects import factor_words
 from jbw.inference.posterior.modes import modes_findings
-from jbw.inference.posterior.remedies import more_draws, put
+from jbw.inference.posterior.remedies import more_draws
+from jbw.report.messages.findings import explanations
+from jbw.report.messages.remedies import draw_more, put
+from jbw.report.messages.words import words
 
 TESTS = Path(__file__).parent
 # Words that follow the name of the program in prose.
-PROSE = {"makes", "never", "and", "in"}
+PROSE = {"makes", "never", "and", "in", "does", "then"}
 
 
 def test_every_line_has_a_test_that_pastes_it():
@@ -80,7 +84,9 @@ OF_A_RUN = {
     "no joint": (put("joint", "laws", []), lambda c: c.laws == ()),
     "residuals": (put("[test]", "residuals", "none"), lambda c: c.tests[0].residuals == "none"),
     "modes": (crossing(), lambda c: c.settings.sampler == "tempered_smc"),
-    "draws": (more_draws(1000, 200.0, 400.0), lambda c: c.settings.num_samples == 2000),
+    "draws": (
+        draw_more(**more_draws(1000, 200.0, 400.0)), lambda c: c.settings.num_samples == 2000
+    ),
     "offsets": (put("identify", "offsets", "runs"), lambda c: c.settings.offsets == "runs"),
 }  # fmt: skip
 
@@ -90,3 +96,15 @@ def test_a_line_of_a_finding_is_taken(what):
     action, holds = OF_A_RUN[what]
     assert lines_of(action)
     assert holds(pasted(action))
+
+
+WHOLE_LINE = re.compile(r"`(\w+ = [^`]+)`")
+OF_A_PAGE = sorted({x for page in (*explanations().values(), *words().values())
+                    for x in WHOLE_LINE.findall(" ".join(page.split()))})  # fmt: skip
+
+
+@pytest.mark.parametrize("line", OF_A_PAGE)
+def test_a_line_of_a_page_is_taken(line):
+    """Of `jbw explain`: under the table that has its key, as the page says beside it."""
+    table = "joint" if line.startswith("laws") else "identify"
+    assert pasted(f"Put under [{table}]: `{line}`.")

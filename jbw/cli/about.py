@@ -3,7 +3,6 @@
 import sys
 import webbrowser
 from difflib import get_close_matches
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -13,26 +12,11 @@ from click.shell_completion import get_completion_class
 from jbw.cli.options import json_option
 from jbw.cli.printing import answer, show_json
 from jbw.errors import RunError
+from jbw.report.messages.commands import NO_NAME, nothing_called, parameter_explained
+from jbw.report.messages.findings import explanations
+from jbw.report.messages.words import words
 
 PACKAGE = Path(__file__).parents[1]
-
-
-def pages() -> dict[str, str]:
-    """Code of a finding to what it means."""
-    text = (files("jbw.cli") / "explanations.md").read_text(encoding="utf-8")
-    sections = [section.partition("\n") for section in text.split("\n## ")[1:]]
-    return {code.strip(): page.strip() for code, _, page in sections}
-
-
-def words() -> dict[str, str]:
-    """Word or heading of a column, in lower case, to what it means."""
-    text = (files("jbw.cli") / "words.md").read_text(encoding="utf-8")
-    sections = [section.partition("\n") for section in text.split("\n## ")[1:]]
-    return {
-        name.strip().lower(): page.strip()
-        for heading, _, page in sections
-        for name in heading.split(" | ")
-    }
 
 
 def parameters() -> dict[str, str]:
@@ -44,27 +28,26 @@ def parameters() -> dict[str, str]:
         name: [law.name for law in LAWS.values() if name in names_of_law(law)]
         for name in vocabulary()
     }
-    told = {}
-    for name, one in {**BY_NAME, **vocabulary()}.items():
-        unit = "" if one.unit == "1" else f" [{one.unit}]"
-        laws_ = of_laws.get(name)
-        law = f" Of the law {', '.join(laws_)}." if laws_ else ""
-        told[name] = f"{one.meaning[:1].upper()}{one.meaning[1:]}, {one.symbol}{unit}.{law}"
-    return told
+    quantities = {**BY_NAME, **vocabulary()}
+    return {
+        name: parameter_explained(quantity, of_laws.get(name, ()))
+        for name, quantity in quantities.items()
+    }
 
 
 def names_of_law(law: Any) -> set[str]:
     """Names of a law's parameters and products."""
-    return {one.name for one in law.table} | {one.quantity.name for one in law.products}
+    of_products = {product.quantity.name for product in law.products}
+    return {quantity.name for quantity in law.table} | of_products
 
 
 def explained(name: str) -> str | None:
     """What a finding, a word, a column of a table or a parameter means; None if not known."""
     plain = " ".join(name.split())
-    for known in (pages(), words()):
-        for wanted in (plain, plain.lower(), plain.lower().partition(" [")[0]):
-            if wanted in known:
-                return known[wanted]
+    for meanings in (explanations(), words()):
+        for spelling in (plain, plain.lower(), plain.lower().partition(" [")[0]):
+            if spelling in meanings:
+                return meanings[spelling]
     return parameters().get(plain)
 
 
@@ -72,7 +55,7 @@ def explained(name: str) -> str | None:
 @click.argument(
     "code", required=False, metavar="[NAME]",
     shell_complete=lambda _, __, start: [
-        name for name in (*pages(), *words()) if name.startswith(start)
+        name for name in (*explanations(), *words()) if name.startswith(start)
     ],
 )  # fmt: skip
 @json_option
@@ -82,15 +65,14 @@ def explain(code: str | None, json_: bool) -> None:
     Of a finding of the verdict: what it looks at, and what to do. Without NAME, all findings.
     """
     if code is None:
-        answer(json_, pages(), saved="\n".join(pages()))
-        click.echo("Parameters, columns and words too, such as: jbw explain ESS", err=True)
+        answer(json_, explanations(), saved="\n".join(explanations()))
+        click.echo(NO_NAME, err=True)
         return
     page = explained(code)
     if page is None:
-        known = {name.lower(): name for name in (*pages(), *words(), *parameters())}
-        nearest = get_close_matches(code.lower(), known, n=1)
-        guess = f" Did you mean '{known[nearest[0]]}'?" if nearest else ""
-        raise click.UsageError(f"Nothing is called '{code}'.{guess} All findings: jbw explain")
+        names = {name.lower(): name for name in (*explanations(), *words(), *parameters())}
+        nearest = get_close_matches(code.lower(), names, n=1)
+        raise click.UsageError(nothing_called(code, names[nearest[0]] if nearest else ""))
     answer(json_, {code: page}, saved=f"{code}\n\n{page}")
 
 

@@ -1,7 +1,6 @@
 """What the verdict needs beside the chains: the solver's error, coloured residuals."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 import xarray as xr
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 from jbw.campaign.settings import SPRING
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.lanes import at_points
-from jbw.inference.posterior.finding import Finding, Verdict, checked, judge, qualified
+from jbw.inference.posterior.finding import Finding, Verdict, amended, checked, judge, qualified
 from jbw.inference.posterior.remedies import put
 from jbw.inference.posterior.summary import evenly_spaced
 from jbw.observables.dataset import Dataset, by_label, halved, log_likelihood
@@ -189,12 +188,7 @@ def within_unseen(
     said += "."
     action = "Fit the tests that are missed too, or look for what differs between them: jbw look."
     return judge(
-        replace(
-            one,
-            status="usable" if holds else "failed",
-            reason=f"{one.reason} {said}",
-            action=one.action if holds else f"{one.action} {action}".strip(),
-        )
+        amended(one, "usable" if holds else "failed", said, "" if holds else action)
         if one.status == "usable" and one.code in OF_USE
         else one
         for one in found.findings

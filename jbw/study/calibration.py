@@ -1,7 +1,7 @@
 """`jbw.sbc`: does a step of the procedure hold the truth as often as it says?"""
 
 import logging
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -183,7 +183,10 @@ def _numbers_of(found: Calibration) -> dict[str, Any]:
         "failures": {reason: int(each.sum()) for reason, each in found.failures.items()},
         "failed": int(found.failed.sum()),
         "quantities": quantities,
-        "verdict": asdict(found.verdict),
+        "verdict": {
+            "status": found.verdict.status,
+            "findings": [finding.record() for finding in found.verdict.findings],
+        },
     }
 
 

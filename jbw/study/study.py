@@ -13,7 +13,7 @@ import xarray as xr
 from jbw.campaign.load import Campaign, load_campaign
 from jbw.errors import ConfigError, DataError
 from jbw.identification.procedure import Identification, Known
-from jbw.inference.posterior.finding import Finding, Verdict
+from jbw.inference.posterior.finding import Verdict, kept_finding
 from jbw.measurement.records import Test
 from jbw.report.opening import known_parameters
 from jbw.report.result import node, read_result
@@ -66,11 +66,7 @@ class Study:
     def verdict(self) -> Verdict:
         """The verdict on the main posterior."""
         stored = self.record["verdict"]
-        findings = []
-        for row in stored["findings"]:
-            number = float("nan") if row["number"] is None else row["number"]  # JSON has no NaN
-            findings.append(Finding(**{**row, "number": number}))
-        return Verdict(stored["status"], tuple(findings))
+        return Verdict(stored["status"], tuple(map(kept_finding, stored["findings"])))
 
     def summary(self) -> dict[str, Any]:
         """Every step and parameter in numbers, and in words what is identified."""

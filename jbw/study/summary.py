@@ -106,7 +106,7 @@ def steps_group(record: Mapping[str, Any]) -> xr.Dataset:
 
 def verdict_record(found: Verdict) -> dict[str, Any]:
     """A verdict in plain values."""
-    findings = [{**asdict(one), "number": plain(one.number)} for one in found.findings]
+    findings = [{**each.record(), "number": plain(each.number)} for each in found.findings]
     told = {name: asdict(answer) for name, answer in answers(found.findings)}
     return {"status": found.status, "answers": told, "findings": findings}
 

@@ -6,9 +6,11 @@ from pathlib import Path
 import pytest
 
 from jbw.cli import run
-from jbw.cli.about import explained, pages, words
+from jbw.cli.about import explained
 from jbw.oscillator.laws import vocabulary
 from jbw.quantities import BY_NAME
+from jbw.report.messages.findings import FINDINGS, explanations
+from jbw.report.messages.words import WORDS, words
 
 PACKAGE = Path(__file__).parents[2] / "jbw"
 JUDGES = (
@@ -35,16 +37,16 @@ def codes():
 
 
 def test_every_finding_has_a_page_and_every_page_a_finding():
-    assert codes() == set(pages())
+    assert codes() == set(explanations())
 
 
-@pytest.mark.parametrize("code", sorted(pages()))
+@pytest.mark.parametrize("code", sorted(explanations()))
 def test_a_page_says_what_was_looked_at_and_what_to_do(code, capsys):
     assert run(["explain", code]) == 0
     told = capsys.readouterr().out
     assert told.startswith(code)
-    assert "Looked at: " in told
-    assert "To do: " in told
+    assert "Check: " in told
+    assert "Remedy: " in told
 
 
 def test_an_unknown_code_is_answered_with_the_nearest(capsys):
@@ -54,7 +56,7 @@ def test_an_unknown_code_is_answered_with_the_nearest(capsys):
 
 def test_without_a_code_all_are_named(capsys):
     assert run(["explain"]) == 0
-    assert capsys.readouterr().out.split() == list(pages())
+    assert capsys.readouterr().out.split() == list(explanations())
 
 
 MAKERS = {"Column", "words", "named", "digits", "shares", "by_sd", "_number", "_percent", "number"}
@@ -114,12 +116,13 @@ def test_an_unknown_word_is_answered_with_the_nearest_of_all(slip, nearest, caps
 
 
 def test_no_word_is_explained_twice():
-    text = (PACKAGE / "cli" / "words.md").read_text(encoding="utf-8")
-    names = [
-        name.strip().lower()
-        for line in text.splitlines()
-        if line.startswith("## ")
-        for name in line[3:].split(" | ")
-    ]
+    names = [name.lower() for group in WORDS for name in group]
     assert len(names) == len(set(names))
-    assert not set(names) & set(pages())
+    assert not set(names) & set(explanations())
+
+
+def test_a_variant_belongs_to_a_finding_that_is_explained():
+    for entry, message in FINDINGS.items():
+        code, _, variant = entry.partition(".")
+        assert code in explanations()
+        assert bool(variant) != bool(message.explanation), entry

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from pasted import pasted
 from scipy.stats import norm
 from scipy.stats import t as student_t
 from tiers import represented_by
@@ -63,8 +64,7 @@ def test_chains_that_do_not_cross_have_no_weights():
     apart = np.sort(mixture(0).ravel()).reshape(4, 1000)
     (finding,) = modes_findings({"x": apart})
     assert (finding.code, finding.status) == ("crossing", "failed")
-    assert "accident of their starts" in finding.reason
-    assert "tempered_smc" in finding.action
+    assert pasted(finding.action).settings.sampler == "tempered_smc"
 
 
 def test_a_tail_is_no_mode():
@@ -101,7 +101,7 @@ def test_samplers_with_the_evidence_weigh_modes(seed):
     assert (told["sampling"].status, told["knowledge"].status) == ("ok", "failed")
     split = deepest_split({"alpha": tree["posterior"]["alpha"].values})
     assert abs(split.weight - WEIGHT) < 4 * split.error
-    assert "which weigh" in finding.reason
+    assert finding.values["weight"] + finding.values["rest"] == pytest.approx(1.0)
 
 
 @pytest.mark.fault(29)

@@ -7,12 +7,12 @@ from pasted import lines_of, pasted
 from scipy.signal import lfilter
 from scipy.stats import truncnorm
 
-from jbw.cli.about import pages
 from jbw.identification.accuracy import within_misfit, within_unseen
 from jbw.inference.posterior.finding import ASKED_BY, answers, checked, qualified
 from jbw.inference.posterior.remedies import more_draws, put_bounds, wider
 from jbw.inference.posterior.verdict import Finding, judge, leaning, verdict
 from jbw.inference.space.box import box
+from jbw.report.messages.findings import explanations
 from jbw.verification.verify import with_predictions
 
 BOX = box({"alpha": (1.0, 2.0), "delta": (1.0, 2.0)})
@@ -127,6 +127,7 @@ def test_every_pathology_fails_with_what_to_do(code):
     assert finding.status == "failed"
     assert finding.action
     assert finding.reason.endswith(".")
+    assert not isinstance(finding.values, str)
 
 
 # What no key of a campaign mends, and bounds that only the person can know.
@@ -163,13 +164,13 @@ def test_remedies_of_samplers_that_draw_at_once_are_lines_too():
 
 
 @pytest.mark.parametrize(
-    ("least", "line"),
-    [(200.0, "num_samples = 2000"), (130.0, "num_samples = 3100"), (3.0, 'sampler = "nuts"')],
+    ("least", "count"),
+    [(200.0, 2000), (130.0, 3100), (3.0, None)],
 )
-def test_so_many_draws_as_are_missing_are_asked_for(least, line):
+def test_so_many_draws_as_are_missing_are_asked_for(least, count):
     """400 over the least times 1000, to two digits upwards; beyond 20 times, another sampler."""
-    assert f"`{line}`" in more_draws(1000, least, 400.0)
-    assert '"tempered_smc"' in more_draws(1000, 0.0, 400.0, "nuts")
+    assert more_draws(1000, least, 400.0) == {"num_samples": count, "sampler": "nuts"}
+    assert more_draws(1000, 0.0, 400.0, "nuts") == {"num_samples": None, "sampler": "tempered_smc"}
 
 
 @pytest.mark.parametrize(
@@ -216,7 +217,7 @@ def test_the_bound_is_named_with_its_side():
     draws, stats = healthy()
     _piled(draws, stats)
     finding = next(f for f in judged(draws, stats).findings if f.code == "at_bound")
-    assert "alpha" in finding.reason
+    assert (finding.values["name"], finding.values["side"]) == ("alpha", "upper")
     # The box, 1 to 2, twice as wide upwards: the rule of `widened`.
     assert pasted(finding.action).settings.prior == {"alpha": (1.0, 3.0)}
 
@@ -239,10 +240,11 @@ def test_the_ridge_is_named():
     draws, stats = healthy()
     _ridge(draws, stats)
     finding = next(f for f in judged(draws, stats).findings if f.code == "unidentified")
-    assert "nly the product alpha*delta is determined" in finding.reason
-    # The posterior's own interval as a prior would count the data twice: no line to paste.
-    assert "Put under" not in finding.action
-    assert "in the place of the present bounds" in finding.action
+    assert "alpha*delta" in finding.values["text"]
+    # The posterior's own interval as a prior would count the data twice: no line to paste, and
+    # the bounds that are named are those of the box.
+    assert lines_of(finding.action) == []
+    assert (finding.remedy["low"], finding.remedy["high"]) == (1.0, 2.0)
 
 
 @pytest.mark.fault(37)
@@ -282,7 +284,7 @@ def test_the_verdict_answers_three_questions():
 
 
 def test_every_finding_of_the_law_and_of_knowledge_has_a_page():
-    assert set(ASKED_BY) <= set(pages())
+    assert set(ASKED_BY) <= set(explanations())
 
 
 def looked_at(**statuses):

@@ -103,15 +103,8 @@ def _uniform(p_chi_square: dict[str, float], p_ecdf: dict[str, float]) -> Findin
     both += [(p, name, "ECDF") for name, p in p_ecdf.items()]
     p, name, test = min(both)
     p = min(1.0, p * len(both))
-    return checked(
-        "calibration_ranks",
-        p >= LEAST_P,
-        f"The ranks of {name} are the least uniform: p = {p:.2g} by the {test}, the least of "
-        f"{len(both)} times their number; it must be at least {LEAST_P:g}.",
-        p,
-        "Look at the figure: a slope is a bias, a hump too wide an interval, a trough too narrow "
-        "a one.",
-    )
+    values = {"name": name, "p": p, "test": test, "count": len(both), "limit": LEAST_P}
+    return checked("calibration_ranks", p >= LEAST_P, values, p)
 
 
 def _covered(coverage: dict[str, tuple[float, float, float]], count: int) -> Finding:
@@ -122,30 +115,17 @@ def _covered(coverage: dict[str, tuple[float, float, float]], count: int) -> Fin
         share = shares[name]
         low, high = coverage_interval(round(share * count), count, corrected)
         if not low <= LEVEL <= high:
-            return checked(
-                "calibration_coverage",
-                False,
-                f"The 99 % interval of {name} holds the truth in {share:.2%} of {count} "
-                f"replications, which says {low:.2%} to {high:.2%}.",
-                share,
-                "Do not quote these intervals as 99 %.",
-            )
+            values = {"name": name, "share": share, "count": count, "low": low, "high": high}
+            return checked("calibration_coverage", False, values, share)
     share = min(shares.values())
-    reason = f"The 99 % intervals hold the truth in {share:.2%} of {count} or more, by quantity."
-    return Finding("calibration_coverage", "ok", reason, share)
+    return Finding("calibration_coverage", "ok", {"share": share, "count": count}, share)
 
 
 def _came_through(failures: dict[str, NDArray[np.bool_]]) -> Finding:
-    counts = {reason: int(np.sum(failed)) for reason, failed in failures.items()}
+    counted = [f"{int(np.sum(failed))} {reason}" for reason, failed in failures.items()]
     share = float(np.mean(np.any(list(failures.values()), axis=0)))
-    counted = ", ".join(f"{count} {reason}" for reason, count in counts.items())
-    return checked(
-        "calibration_failures",
-        share <= MOST_FAILED,
-        f"{share:.2%} of the replications failed ({counted}); it must be below {MOST_FAILED:.0%}.",
-        share,
-        "Use a sampler that crosses this posterior, or give it more draws.",
-    )
+    values = {"share": share, "counted": counted, "limit": MOST_FAILED}
+    return checked("calibration_failures", share <= MOST_FAILED, values, share)
 
 
 def chi_square_p(ranks: Int[np.ndarray, " replication"], num_ranks: int) -> float:

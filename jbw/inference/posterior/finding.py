@@ -1,20 +1,17 @@
 """Findings about a posterior, and the verdict that follows from them."""
 
-from collections.abc import Collection, Iterable, Iterator
-from dataclasses import dataclass, replace
-from typing import Literal
+from collections.abc import Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, Literal
 
 import numpy as np
 
 from jbw.inference.posterior.shown import first_line, table_of, text_of
+from jbw.report.messages.findings import remedy_of, sentence_of
+from jbw.report.messages.questions import QUESTIONS
 
 Status = Literal["ok", "usable", "failed", "not assessed"]
 WORST_FIRST: tuple[Status, ...] = ("failed", "not assessed", "usable", "ok")
-QUESTIONS = {
-    "sampling": "Did the computation converge?",
-    "law": "Does the model follow the data?",
-    "knowledge": "Do the data identify the parameters?",
-}
 # Codes of the findings that answer each question, the most important first; others are of sampling.
 ASKED = {
     "sampling": ("ess_bulk", "r_hat"),
@@ -30,21 +27,56 @@ ASKED_BY = {code: name for name, codes in ASKED.items() for code in codes}
 
 @dataclass(frozen=True)
 class Finding:
-    """Result of one check.
+    """Result of one check, as data; its sentence and its remedy are read from the catalogue.
 
     Attributes:
         code: Short name, such as "r_hat".
         status: One of the four; usable means that it holds within a stated error.
-        reason: One sentence with the worst quantity by name.
+        values: What the sentence says, by the names of the catalogue's fields; or the sentence
+            itself, as a run's folder keeps it.
         number: The worst number; NaN where there is none.
-        action: What to do; empty when ok.
+        remedy: Values of the remedy in the same way, or its text.
+        test: Name of the test that was checked; empty where it was all of them.
+        entry: The catalogue's entry where the code's is another one, such as "r_hat.one_chain".
+        additions: Sentences and remedies that later checks added.
     """
 
     code: str
     status: Status
-    reason: str
+    values: Mapping[str, Any] | str
     number: float
-    action: str = ""
+    remedy: Mapping[str, Any] | str = field(default_factory=dict)
+    test: str = ""
+    entry: str = ""
+    additions: tuple[tuple[str, str], ...] = ()
+
+    @property
+    def reason(self) -> str:
+        """What was found, in a sentence."""
+        first = self.values
+        if not isinstance(first, str):
+            first = sentence_of(self.entry or self.code, first, passed=self.status == "ok")
+        return " ".join([first, *(sentence for sentence, _ in self.additions)])
+
+    @property
+    def action(self) -> str:
+        """What to do; empty when ok."""
+        first = self.remedy
+        if not isinstance(first, str):
+            is_data = self.status != "ok" and not isinstance(self.values, str)
+            first = remedy_of(self.entry or self.code, first) if is_data else ""
+        return " ".join(filter(None, (first, *(action for _, action in self.additions))))
+
+    def record(self) -> dict[str, Any]:
+        """Code, status, reason, number and action, as a run's summary keeps them."""
+        fields = ("code", "status", "reason", "number", "action")
+        return {name: getattr(self, name) for name in fields}
+
+
+def kept_finding(record: Mapping[str, Any]) -> Finding:
+    """The finding of a record, as a run's summary keeps it; JSON has no NaN."""
+    number = float("nan") if record["number"] is None else record["number"]
+    return Finding(record["code"], record["status"], record["reason"], number, record["action"])
 
 
 @dataclass(frozen=True, repr=False)
@@ -83,16 +115,30 @@ def worst_of(statuses: Collection[Status]) -> Status:
 def qualified(verdict: Verdict, codes: Collection[str], limits: str) -> Verdict:
     """A verdict in which failed findings of some codes are usable within stated limits."""
     return judge(
-        replace(finding, status="usable", reason=f"{finding.reason} {limits}")
+        amended(finding, "usable", limits)
         if finding.code in codes and finding.status == "failed"
         else finding
         for finding in verdict.findings
     )
 
 
-def checked(code: str, ok: bool | np.bool_, reason: str, number: float, action: str) -> Finding:
-    """A finding that is ok or failed; the action is for the failure."""
-    return Finding(code, "ok" if ok else "failed", reason, float(number), "" if ok else action)
+def amended(finding: Finding, status: Status, sentence: str, remedy: str = "") -> Finding:
+    """A finding with the status that a later check gives it, and what that check adds."""
+    return replace(finding, status=status, additions=(*finding.additions, (sentence, remedy)))
+
+
+def checked(
+    code: str,
+    ok: bool | np.bool_,
+    values: Mapping[str, Any] | str,
+    number: float,
+    remedy: Mapping[str, Any] | str | None = None,
+    *,
+    entry: str = "",
+) -> Finding:
+    """A finding that is ok or failed; the remedy is for the failure."""
+    needed = {} if ok or remedy is None else remedy
+    return Finding(code, "ok" if ok else "failed", values, float(number), needed, entry=entry)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ from jaxtyping import Float
 from scipy.stats import gaussian_kde
 
 from jbw.inference.posterior.finding import Finding
-from jbw.inference.posterior.remedies import put
 from jbw.inference.posterior.summary import diagnose
 
 Draws = Mapping[str, Float[np.ndarray, "chain draw"]]
@@ -100,19 +99,15 @@ def modes_findings(draws: Draws) -> list[Finding]:
     """
     split = deepest_split(draws)
     if split is None:
-        return [Finding("crossing", "ok", "No quantity has two modes with a valley between.", 0.0)]
-    peaks = f"The posterior of {split.name} has modes at {split.below:.4g} and {split.above:.4g}"
+        return [Finding("crossing", "ok", {}, 0.0)]
+    peaks = {
+        "name": split.name, "below": split.below, "above": split.above, "weight": split.weight,
+    }  # fmt: skip
     smaller = min(split.weight, 1 - split.weight)
     if np.isnan(split.error):
-        reason = (
-            f"{peaks}, and the chains do not cross between them often enough to weigh them: "
-            f"{split.weight:.0%} of the draws at the first is an accident of their starts."
-        )
-        action = f"{put('identify', 'sampler', 'tempered_smc')} It weighs modes, as nested does."
-        return [Finding("crossing", "failed", reason, smaller, action)]
-    weights = f"{split.weight:.3f} and {1 - split.weight:.3f} +- {split.error:.1g}"
-    action = "Report each mode by itself, with its weight: a mean between them describes neither."
+        return [Finding("crossing", "failed", peaks, smaller)]
+    weighed = {**peaks, "rest": 1 - split.weight, "error": split.error}
     return [
-        Finding("crossing", "ok", f"Draws weigh both modes of {split.name}.", split.error),
-        Finding("modes", "failed", f"{peaks}, which weigh {weights}.", smaller, action),
+        Finding("crossing", "ok", {"name": split.name}, split.error, entry="crossing.weighed"),
+        Finding("modes", "failed", weighed, smaller),
     ]

@@ -1,9 +1,10 @@
-"""Remedies of findings, as the line to put into the campaign file, with its number."""
+"""Numbers of the lines that remedies put into a campaign file: draws, bounds, another sampler."""
 
-import json
 from collections.abc import Iterable
 from math import ceil, floor, log10
 from typing import Any
+
+from jbw.report.messages.remedies import put
 
 Bounds = tuple[float, float]
 
@@ -12,27 +13,23 @@ NEARER = 0.1  # of a bound's distance from the parameter's least value
 NUM_WARMUP = 500  # of a sampler that states none
 
 
-def put(table: str, key: str, value: Any) -> str:
-    """A sentence with the line of a campaign file that states a value: `[table]`'s key = value."""
-    return f"Put under [{table}]: `{key} = {json.dumps(value)}`."
-
-
 def other_sampler(now: str = "") -> str:
-    """The line of a sampler that copes where another did not."""
-    return put("identify", "sampler", "tempered_smc" if now == "nuts" else "nuts")
+    """A sampler that may cope where another did not."""
+    return "tempered_smc" if now == "nuts" else "nuts"
 
 
-def more_draws(num_samples: int, least: float, target: float, sampler: str = "") -> str:
-    """The line of the draws a chain that raise the least effective number of draws to a target.
+def more_draws(num_samples: int, least: float, target: float, sampler: str = "") -> dict[str, Any]:
+    """How many draws of a chain raise the least effective sample size to a target.
 
-    Another sampler where that would be more than twenty times as many: those chains do not move.
+    None where that would be more than twenty times as many, for those chains do not move; then the
+    other sampler counts.
     """
     times = target / least if least > 0 else float("inf")
-    if not times <= MOST:
-        return f"More draws are no way out. {other_sampler(sampler)}"
-    step = 10 ** max(floor(log10(num_samples)) - 1, 0)
-    count = step * ceil(max(times, 1.5) * num_samples / step)
-    return f"Draw more. {put('identify', 'num_samples', count)}"
+    count = None
+    if times <= MOST:
+        step = 10 ** max(floor(log10(num_samples)) - 1, 0)
+        count = step * ceil(max(times, 1.5) * num_samples / step)
+    return {"num_samples": count, "sampler": other_sampler(sampler)}
 
 
 def wider(bounds: Bounds, sides: Iterable[str], least: float | None = None) -> Bounds:

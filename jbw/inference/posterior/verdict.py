@@ -1,4 +1,4 @@
-"""The verdict on a posterior: ok, failed or not assessed, with reasons and what to do."""
+"""The verdict on a posterior: ok, failed or not assessed, with the values that decide it."""
 
 from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import replace
@@ -16,7 +16,6 @@ from jbw.inference.posterior.remedies import (
     NUM_WARMUP,
     more_draws,
     other_sampler,
-    put,
     put_bounds,
     wider,
 )
@@ -30,6 +29,7 @@ ESS = 400.0
 BFMI = 0.3
 FAILED_SOLVES = 0.01
 TREE_SHARE = 0.05  # of trajectories cut at the greatest depth
+NUM_CHAINS = 4  # to compare, where there is one
 # Share of a posterior's own 99 % span that counts as its bound's edge, and the excess there over
 # a uniform posterior; half a normal distribution at its bound has 2.2, one a deviation away 1.0.
 EDGE, PILE = 0.01, 1.5
@@ -74,34 +74,33 @@ def verdict(
 def _finite(draws: Draws) -> Finding:
     counts = {name: int(np.sum(~np.isfinite(values))) for name, values in draws.items()}
     name, count = max(counts.items(), key=itemgetter(1))
-    reason = f"{count} draws of {name} are not finite."
-    return checked("non_finite", count == 0, reason, count, "Look for NaN in the data: jbw check.")
+    return checked("non_finite", count == 0, {"count": count, "name": name}, count)
 
 
 def _moving(draws: Draws) -> Finding:
     frozen = {name: int(np.sum(np.ptp(values, axis=1) == 0)) for name, values in draws.items()}
     name, count = max(frozen.items(), key=itemgetter(1))
-    reason = f"{count} of {len(draws[name])} chains never moved in {name}."
-    action = f"{put('identify', 'sampler', 'tempered_smc')} It starts from the whole prior."
-    return checked("frozen_chain", count == 0, reason, count, action)
+    values = {"count": count, "num_chains": len(draws[name]), "name": name}
+    return checked("frozen_chain", count == 0, values, count)
 
 
 def _convergence(draws: Draws, sampler: str = "") -> list[Finding]:
     rows = {name: diagnose(values) for name, values in draws.items()}
     findings = [_least_effective(code, rows, draws, sampler) for code in ("ess_bulk", "ess_tail")]
     if all(len(values) == 1 for values in draws.values()):
-        reason = "One chain cannot be compared with itself."
-        action = put("identify", "num_chains", 4)
-        return [*findings, Finding("r_hat", "not assessed", reason, float("nan"), action)]
+        chains = {"num_chains": NUM_CHAINS}
+        unknown = float("nan")
+        alone = Finding("r_hat", "not assessed", {}, unknown, chains, entry="r_hat.one_chain")
+        return [*findings, alone]
     # An R-hat that cannot be computed counts as the worst.
     name = max(rows, key=lambda name: np.nan_to_num(rows[name]["r_hat"], nan=np.inf))
     r_hat = rows[name]["r_hat"]
-    reason = f"r_hat of {name} is {r_hat:.4g}; it must be below {R_HAT:g}."
+    values = {"name": name, "r_hat": r_hat, "limit": R_HAT}
     remedy = _more(draws[name], min(row["ess_bulk"] for row in rows.values()), sampler)
-    return [*findings, checked("r_hat", r_hat < R_HAT, reason, r_hat, remedy)]
+    return [*findings, checked("r_hat", r_hat < R_HAT, values, r_hat, remedy)]
 
 
-def _more(draws: Float[np.ndarray, "chain draw"], size: float, sampler: str) -> str:
+def _more(draws: Float[np.ndarray, "chain draw"], size: float, sampler: str) -> dict[str, Any]:
     return more_draws(draws.shape[1], float(np.nan_to_num(size)), ESS, sampler)
 
 
@@ -110,14 +109,14 @@ def _least_effective(
 ) -> Finding:
     name = min(rows, key=lambda name: np.nan_to_num(rows[name][code], nan=-np.inf))
     size = rows[name][code]
-    reason = f"{code} of {name} is {size:.4g}; it must be at least {ESS:g}."
-    return checked(code, size >= ESS, reason, size, _more(draws[name], size, sampler))
+    values = {"name": name, "size": size, "limit": ESS}
+    return checked(code, size >= ESS, values, size, _more(draws[name], size, sampler))
 
 
 def bands_finding(draws: Draws) -> Finding:
     """Whether the quantities that response bands are made of have converged: the worst by name."""
     worst = min(_convergence(draws), key=lambda finding: WORST_FIRST.index(finding.status))
-    return replace(worst, code="response_bands")
+    return replace(worst, code="response_bands", entry=worst.entry or worst.code)
 
 
 def leaning(draws: Draws, box: Box) -> Iterator[tuple[str, str, float]]:
@@ -140,100 +139,75 @@ def _bounds(draws: Draws, box: Box, ending: Collection[str]) -> list[Finding]:
     findings, bounds = [], bounds_by_name(box)
     truncated = list(leaning(draws, box))
     for name, side, share in truncated:
-        where = f"within {EDGE:.0%} of its 99 % span from its {side} bound"
-        reason = f"{share:.1%} of the posterior of {name} lie {where}."
+        values = {"name": name, "side": side, "share": share, "edge": EDGE}
         ends = name in ending
         sides = [s for n, s, _ in truncated if n == name and not (ends and s == "upper")]
         if side in sides:
-            action = f"{put_bounds(name, wider(bounds[name], sides))} Or doubt the model."
+            line = put_bounds(name, wider(bounds[name], sides))
+            finding = checked("at_bound", False, values, share, {"line": line})
         else:
-            action = f"The whole stiffness ends {name} there: use its products, which are known."
-        findings.append(checked("at_bound", False, reason, share, action))
-    return findings or [Finding("at_bound", "ok", "No parameter piles up at its bounds.", 0.0)]
+            ends_there = {"name": name}
+            finding = checked("at_bound", False, values, share, ends_there, entry="at_bound.ends")
+        findings.append(finding)
+    return findings or [Finding("at_bound", "ok", {}, 0.0)]
 
 
 def _identified(draws: Draws, box: Box) -> Finding:
     weak = weak_direction_of_draws(draws, box)
     if weak is None:
-        return Finding(
-            "unidentified", "ok", "The data identify every combination of the parameters.", 0.0
-        )
-    reason = (
-        f"{weak.text[0].upper()}{weak.text[1:]}: along one direction of {', '.join(weak.names)} "
-        f"the posterior has {weak.ratio:.2f} of the prior's standard deviation."
-    )
+        return Finding("unidentified", "ok", {}, 0.0)
+    values = {"names": weak.names, "text": weak.text, "ratio": weak.ratio}
     name = weak.names[0]
     low, high = bounds_by_name(box)[name]
-    # The remedy never states the posterior's interval: as a prior it would count the data twice.
-    action = (
-        "Report the combination, or add tests at higher amplitude (jbw plan). If you know "
-        f"{name} from another source, put its range in the place of the present bounds, "
-        f"{low:.3g} to {high:.3g}, under [identify.prior]."
-    )
-    return checked("unidentified", False, reason, weak.ratio, action)
+    remedy = {"name": name, "low": low, "high": high}
+    return checked("unidentified", False, values, weak.ratio, remedy)
 
 
 def _trajectories(stats: xr.Dataset, facts: Mapping[Any, Any]) -> list[Finding]:
     findings = []
-    finer = put("identify", "substeps", 2 * int(facts.get("substeps", SUBSTEPS)))
+    finer = {"substeps": 2 * int(facts.get("substeps", SUBSTEPS))}
     if "diverging" in stats:
         count = int(stats["diverging"].sum())
-        reason = (
-            f"{count} of {stats['diverging'].size} trajectories diverged or met a failed solve."
-        )
-        action = (
-            f"{put('identify', 'sampler', 'tempered_smc')} It follows no trajectories. "
-            f"Solve more finely where it is the solves that fail. {finer}"
-        )
-        findings.append(checked("divergences", count == 0, reason, count, action))
+        values = {"count": count, "size": stats["diverging"].size}
+        findings.append(checked("divergences", count == 0, values, count, finer))
     if "failed" in stats:
         share = float(stats["failed"].mean())
-        reason = f"{share:.2%} of the proposals met a failed solve."
-        action = f"Solve more finely, or narrow the prior. {finer}"
-        findings.append(checked("failed_solves", share <= FAILED_SOLVES, reason, share, action))
+        values = {"share": share, "limit": FAILED_SOLVES}
+        findings.append(checked("failed_solves", share <= FAILED_SOLVES, values, share, finer))
     if "reached_max_tree_depth" in stats:
         share = float(stats["reached_max_tree_depth"].mean())
-        reason = f"{share:.1%} of the trajectories were cut at the greatest tree depth."
-        longer = 2 * int(facts.get("num_warmup", NUM_WARMUP))
-        action = f"Adapt longer. {put('identify', 'num_warmup', longer)}"
-        findings.append(checked("tree_depth", share <= TREE_SHARE, reason, share, action))
+        values = {"share": share, "limit": TREE_SHARE}
+        longer = {"num_warmup": 2 * int(facts.get("num_warmup", NUM_WARMUP))}
+        findings.append(checked("tree_depth", share <= TREE_SHARE, values, share, longer))
     if "energy" in stats and stats.sizes["draw"] > 1:
         from arviz_stats.base.array import array_stats  # a second of imports, needed only here
 
         lowest = float(np.min(array_stats.bfmi(stats["energy"].values)))
-        reason = f"E-BFMI of the worst chain is {lowest:.2f}; it must be at least {BFMI:g}."
-        action = f"The tails are not explored. {put('identify', 'sampler', 'tempered_smc')}"
-        findings.append(checked("e_bfmi", lowest >= BFMI, reason, lowest, action))
+        values = {"e_bfmi": lowest, "limit": BFMI}
+        findings.append(checked("e_bfmi", lowest >= BFMI, values, lowest))
     return findings
 
 
 def _at_once(facts: Mapping[Any, Any]) -> list[Finding]:
     """Findings from the tree's attributes of a sampler that draws everything at once."""
     findings = []
+    other = {"sampler": other_sampler()}
     if "khat" in facts:
         khat = float(facts["khat"])
-        reason = f"Pareto k-hat of the weights is {khat:.2f}; it must be below {GOOD_KHAT:g}."
-        action = f"The posterior is no Gaussian about the fit. {other_sampler()}"
+        values = {"khat": khat, "limit": GOOD_KHAT}
         # NaN, from too few weights to tell, is not below the limit.
-        findings.append(checked("khat", khat < GOOD_KHAT, reason, khat, action))
+        findings.append(checked("khat", khat < GOOD_KHAT, values, khat, other))
     if "ess_weights" in facts:
         size = float(facts["ess_weights"])
-        reason = f"The weights are worth {size:.4g} draws; it must be at least {ESS:g}."
-        action = f"The weights fall on few points. {other_sampler()}"
-        findings.append(checked("ess_weights", size >= ESS, reason, size, action))
+        values = {"size": size, "limit": ESS}
+        findings.append(checked("ess_weights", size >= ESS, values, size, other))
     if "inverse_temperature" in facts:
         beta = float(facts["inverse_temperature"])
-        reason = f"The inverse temperature ended at {beta:.3g}; it must end at 1."
-        action = f"The budget ended before the tempering. {other_sampler()}"
-        findings.append(checked("temperature", beta >= 1, reason, 1 - beta, action))
+        findings.append(checked("temperature", beta >= 1, {"beta": beta}, 1 - beta, other))
     if "quadrature_error" in facts:
         error = float(facts["quadrature_error"])
-        reason = (
-            f"The last refinement of the quadrature changed it by {error:.2g} standard deviations "
-            f"or nats; it must be at most {QUADRATURE:g}."
-        )
-        action = f"The grid is too coarse for this posterior. {other_sampler()}"
-        findings.append(checked("quadrature", converged(facts), reason, error, action))
+        values = {"error": error, "limit": QUADRATURE}
+        findings.append(checked("quadrature", converged(facts), values, error, other))
     return findings
 
 
@@ -244,10 +218,8 @@ def _budget(facts: Mapping[Any, Any], findings: Iterable[Finding]) -> list[Findi
     spent = float(facts["budget_spent_s"])
     sizes = [finding.number for finding in findings if finding.code in ("ess_bulk", "ess_tail")]
     least = min((size for size in sizes if size > 0), default=1.0)
-    budget = spent * max(ESS / least, 2.0)
-    reason = f"The budget of {spent:.3g} s was spent before the draws were enough."
-    action = f"{put('identify', 'budget_s', float(f'{budget:.2g}'))} At the rate so far."
-    return [checked("budget", False, reason, spent, action)]
+    needed = float(f"{spent * max(ESS / least, 2.0):.2g}")
+    return [checked("budget", False, {"spent": spent}, spent, {"budget": needed})]
 
 
 def enough(draws: Draws) -> bool:
@@ -264,8 +236,5 @@ def converged(facts: Mapping[Any, Any]) -> bool:
 def _fit(chi_square: float, dof: int) -> Finding:
     ratio = chi_square / dof if dof > 0 else float("nan")
     low, high = CHI_SQUARE
-    reason = (
-        f"Chi-square a degree of freedom is {ratio:.3g}; it must be within {low:g} and {high:g}."
-    )
-    action = "Repeats must be records of their own. Else doubt the law: jbw laws tries others."
-    return checked("chi_square", low <= ratio <= high, reason, ratio, action)
+    values = {"ratio": ratio, "low": low, "high": high}
+    return checked("chi_square", low <= ratio <= high, values, ratio)

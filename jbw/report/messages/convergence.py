@@ -1,0 +1,299 @@
+"""Findings on the question: did the computation converge?"""
+
+from jbw.report.messages.message import Message
+from jbw.report.messages.remedies import draw_more
+
+RANGE = "it must be at least {limit:g}."
+SIZE = "{size:.4g}; " + RANGE
+
+MESSAGES = (
+    Message(
+        "not_sampled",
+        explanation="""
+        Check: whether the posterior was sampled. `jbw identify --quick` samples no posterior.
+        Its draws are of a Gaussian with the fit's covariance, in the coordinates of the sampler
+        and within the prior; the offsets of sessions are drawn from one Gaussian for every
+        scatter that they may have.
+
+        Where the data identify every parameter, these intervals are close to those of the
+        posterior. Where parameters trade off or lie at a bound, the posterior is curved, and no
+        check here detects that.
+
+        Remedy: `jbw resume DIR`, or the same command without --quick, samples the posterior.
+        """,
+    ),
+    Message(
+        "non_finite",
+        "{count} draws of {name} are not finite.",
+        """
+        Check: whether every draw of every parameter is a finite number.
+
+        A NaN or an infinity means that the sampler left the region where the model can be
+        solved. Every mean of such draws is meaningless. Their R-hat is NaN too, and a comparison
+        of NaN with a limit fails silently: this check therefore comes first.
+
+        Remedy: narrow the prior to where the model can be solved (`[identify.prior]`), or raise
+        `substeps`.
+        """,
+        remedy="Run jbw check to find NaN in the records.",
+    ),
+    Message(
+        "frozen_chain",
+        "{count} of {num_chains} chains never moved in {name}.",
+        """
+        Check: whether every chain moves.
+
+        A chain that accepts no proposal has no spread. R-hat of several such chains may look
+        good.
+
+        Remedy: start from the fit (jbw does so by itself), or use another `sampler`.
+        """,
+        remedy='Sample from the whole prior. Put under [identify]: `sampler = "tempered_smc"`.',
+    ),
+    Message(
+        "r_hat",
+        "R-hat of {name} is {r_hat:.4g}; it must be below {limit:g}.",
+        """
+        Check: rank-normalised split R-hat of every parameter and every derived quantity; it must
+        be below 1.01 (Vehtari et al. 2021, Bayesian Analysis 16, 667). With one chain it is not
+        assessed.
+
+        R-hat compares the spread between chains with the spread within them. Above the limit,
+        the chains still depend on their starts, and their mean is not the posterior mean.
+
+        Remedy: leave `sampler` and `num_samples` out of `[identify]`; jbw then draws until the
+        chains converge. Where chains mix slowly along alpha*delta, `coordinates = "products"` or
+        `sampler = "nuts"` helps more.
+        """,
+        remedy=draw_more,
+    ),
+    Message(
+        "r_hat.one_chain",
+        "R-hat compares chains, and there is one chain.",
+        remedy="Put under [identify]: `num_chains = {num_chains}`.",
+    ),
+    Message(
+        "ess_bulk",
+        f"The bulk effective sample size of {{name}} is {SIZE}",
+        """
+        Check: effective number of independent draws in the bulk of every quantity; at least 400.
+
+        Correlated draws hold less information than independent ones. The paper's chain of 850
+        draws has an effective sample size of 11 to 20.
+
+        Remedy: raise `num_samples`; or see r_hat.
+        """,
+        remedy=draw_more,
+    ),
+    Message(
+        "ess_tail",
+        f"The tail effective sample size of {{name}} is {SIZE}",
+        """
+        Check: effective number of independent draws for the quantiles at the ends of intervals;
+        at least 400.
+
+        A 99 % interval needs more draws than a mean: one draw in two hundred lies beyond either
+        end.
+
+        Remedy: raise `num_samples`.
+        """,
+        remedy=draw_more,
+    ),
+    Message(
+        "response_bands",
+        explanation="""
+        Check: R-hat and effective sample sizes, by the limits of r_hat, ess_bulk and ess_tail,
+        of the quantities behind response bands: natural frequency and damping ratio of the joint
+        at several amplitudes up to the largest fitted one, for every draw.
+
+        Parameters may mix while a combination of them does not. A 99 % band of an FRF, a sweep
+        or a loop is as uncertain as the frequency and the damping at its amplitude.
+
+        Remedy: raise `num_samples` in `[identify]`; or see r_hat.
+        """,
+    ),
+    Message(
+        "crossing",
+        "The posterior of {name} has modes at {below:.4g} and {above:.4g}; the chains cross "
+        "between them too seldom to weigh them, so the {weight:.0f %} of the draws at the first "
+        "depends on the starts.",
+        """
+        Check: where a deep valley separates the draws of a quantity into two modes, whether
+        chains cross it often enough to weigh the modes. Where they do not, the share of draws in
+        a mode depends on the starts.
+
+        Remedy: `sampler = "tempered_smc"` or `"nested"` in `[identify]` weighs modes.
+        """,
+        remedy='Use a sampler that weighs modes. Put under [identify]: `sampler = "tempered_smc"`.',
+        passed="No quantity has two modes with a valley between.",
+    ),
+    Message("crossing.weighed", "The chains weigh both modes of {name}."),
+    Message(
+        "ess_weights",
+        f"The effective sample size of the importance weights is {SIZE}",
+        """
+        Check: effective number of importance weights, the inverse of the sum of their squares.
+
+        Draws of an approximation are weighted to become draws of the posterior. Where a few
+        weights dominate, few draws remain.
+
+        Remedy: raise `num_samples`, or use a sampler that makes chains.
+        """,
+        remedy="A few points carry most of the weight. "
+        'Put under [identify]: `sampler = "{sampler}"`.',
+    ),
+    Message(
+        "khat",
+        "Pareto k-hat of the importance weights is {khat:.2f}; it must be below {limit:g}.",
+        """
+        Check: the Pareto shape k-hat of the importance weights; it must be below 0.7 (Vehtari et
+        al. 2024, JMLR 25, 72).
+
+        Above the limit the largest weights dominate at any number of draws, and means do not
+        converge: the approximation is too far from the posterior.
+
+        Remedy: `sampler = "nuts"` or `"elliptical_slice"`.
+        """,
+        remedy="The posterior is too far from a Gaussian about the fit. "
+        'Put under [identify]: `sampler = "{sampler}"`.',
+    ),
+    Message(
+        "temperature",
+        "The inverse temperature ended at {beta:.3g}; it must reach 1.",
+        """
+        Check: whether tempered sequential Monte Carlo reached the posterior, inverse temperature
+        1.
+
+        At a lower inverse temperature, its draws are of a flatter density than the posterior.
+
+        Remedy: raise `num_samples`, or narrow the prior.
+        """,
+        remedy="The budget ended during the tempering. "
+        'Put under [identify]: `sampler = "{sampler}"`.',
+    ),
+    Message(
+        "quadrature",
+        "The last refinement of the quadrature changed its result by {error:.2g} standard "
+        "deviations or nats; the change must be at most {limit:g}.",
+        """
+        Check: the error of the quadrature of the posterior, from halving its nodes.
+
+        Remedy: use another sampler where the grid does not resolve a well-identified parameter.
+        """,
+        remedy="The grid is too coarse for this posterior. "
+        'Put under [identify]: `sampler = "{sampler}"`.',
+    ),
+    Message(
+        "divergences",
+        "{count} of {size} trajectories diverged or met a failed solve.",
+        """
+        Check: trajectories of NUTS that diverged or met a failed solve; there must be none.
+
+        A divergence marks a region where the curvature of the posterior is too large for the
+        step. Draws avoid the region, and intervals become too narrow (Betancourt 2017,
+        arXiv:1701.02434).
+
+        Remedy: another sampler, as the finding says; or find the region of the prior where they
+        lie and narrow the prior, or `coordinates = "products"`.
+        """,
+        remedy="Use a sampler without trajectories. "
+        'Put under [identify]: `sampler = "tempered_smc"`. '
+        "Where solves fail, use smaller steps. Put under [identify]: `substeps = {substeps}`.",
+    ),
+    Message(
+        "failed_solves",
+        "{share:.2g %} of the proposals met a failed solve; the limit is {limit:g %}.",
+        """
+        Check: proposals at which the model could not be solved; at most 1 %.
+
+        A failed solve counts as impossible. Many of them truncate the posterior where only the
+        solver failed.
+
+        Remedy: narrow the prior, or raise `substeps`.
+        """,
+        remedy="Narrow the prior, or use smaller steps. "
+        "Put under [identify]: `substeps = {substeps}`.",
+    ),
+    Message(
+        "tree_depth",
+        "{share:.2g %} of the trajectories reached the maximum tree depth; the limit is {limit:g "
+        "%}.",
+        """
+        Check: trajectories of NUTS that reached the maximum tree depth; at most 5 %.
+
+        Remedy: start from the fit with its covariance, which jbw does by itself; else raise
+        `num_warmup`.
+        """,
+        remedy="Adapt longer. Put under [identify]: `num_warmup = {num_warmup}`.",
+    ),
+    Message(
+        "e_bfmi",
+        f"E-BFMI of the worst chain is {{e_bfmi:.2f}}; {RANGE}",
+        """
+        Check: energy Bayesian fraction of missing information (E-BFMI) of every chain; at least
+        0.3 (Betancourt 2016, arXiv:1604.00695).
+
+        Below the limit, the momenta explore the energies of the posterior too slowly, and the
+        draws miss its tails.
+
+        Remedy: other coordinates, or an informative prior where the data hold no information.
+        """,
+        remedy='The draws miss the tails. Put under [identify]: `sampler = "tempered_smc"`.',
+    ),
+    Message(
+        "budget",
+        "The time budget of {spent:.3g} s ended before the draws converged.",
+        """
+        Check: whether the draws converged within the time budget.
+
+        The number of draws doubles until every parameter, product and response band has an
+        effective sample size of 400 and R-hat below 1.01, unless `num_samples` fixes it.
+
+        Remedy: set `budget_s` in `[identify]` to the estimate of the finding. First look at the
+        other findings: chains that never agree converge in no budget.
+        """,
+        remedy="At the present rate this budget is enough. "
+        "Put under [identify]: `budget_s = {budget}`.",
+    ),
+    Message(
+        "second_posterior",
+        explanation="""
+        Check: whether the posterior of the free decays alone, with which the joint posterior of
+        all tests is compared, could be sampled.
+
+        The joint posterior does not depend on it: only the comparison is missing.
+
+        Remedy: identify the free decays in a campaign of their own; its messages show the cause.
+        """,
+    ),
+    Message(
+        "incomplete_checks",
+        explanation="""
+        Check: whether every check of the posterior could be made.
+
+        A check that fails leaves its question open, and the verdict is at best *not assessed*.
+        The draws themselves are complete.
+
+        Remedy: look at the tests that the sentence names (`jbw look`), or hold them out of the
+        fit by `hold_out`.
+        """,
+    ),
+    Message(
+        "solver_error",
+        explanation="""
+        Check: the change of the log likelihood over the posterior when the solver's step is
+        halved; less than 0.1 of a standard deviation of any posterior mean.
+
+        Remedy: set `substeps` in `[identify]` to twice its value.
+        """,
+    ),
+    Message(
+        "series",
+        explanation="""
+        Check: the error, in nats, of the Chebyshev series that approximates the log likelihood
+        of gamma.
+
+        Remedy: narrow the prior of gamma.
+        """,
+    ),
+)

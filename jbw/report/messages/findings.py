@@ -1,0 +1,29 @@
+"""The findings of every verdict by code: sentence, explanation and remedy."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from jbw.report.messages import calibration, convergence, identifiability, model_adequacy
+from jbw.report.messages.message import Message, page, written
+
+FINDINGS: dict[str, Message] = {
+    message.code: message
+    for topic in (convergence, identifiability, model_adequacy, calibration)
+    for message in topic.MESSAGES
+}
+
+
+def sentence_of(entry: str, values: Mapping[str, Any], *, passed: bool) -> str:
+    """The sentence of an entry with its values, of a check that `passed` or of one that did not."""
+    message = FINDINGS[entry]
+    return written((passed and message.passed) or message.sentence, values)
+
+
+def remedy_of(entry: str, values: Mapping[str, Any]) -> str:
+    """The remedy of an entry with its values."""
+    return written(FINDINGS[entry].remedy, values)
+
+
+def explanations() -> dict[str, str]:
+    """Code of a finding to its page."""
+    return {code: page(message) for code, message in FINDINGS.items() if message.explanation}

@@ -1,0 +1,70 @@
+"""One entry of the catalogue, and how values are put into its sentences."""
+
+from collections.abc import Callable, Mapping
+from inspect import cleandoc
+from string import Formatter
+from typing import Any, NamedTuple
+
+Template = str | Callable[..., str]
+"""A text with fields as of `str.format`, or a function that chooses between texts."""
+
+
+class Message(NamedTuple):
+    """What the catalogue holds of one code.
+
+    Attributes:
+        code: Of the finding; behind a point the variant that the sentence is for, as in
+            "r_hat.one_chain".
+        sentence: The fact, in one sentence with the values of the finding.
+        explanation: What the check is, why it matters and what to do: a page of `jbw explain`.
+            Empty for a variant, which the code's page explains.
+        remedy: What to do, with its values; a line of the campaign file where there is one.
+        passed: The sentence of a finding that is ok, where it is another one.
+    """
+
+    code: str
+    sentence: Template = ""
+    explanation: str = ""
+    remedy: Template = ""
+    passed: Template = ""
+
+
+class _Words(Formatter):
+    """`str.format` with further formats: `.2g %` of a ratio, `list` and `and` of names."""
+
+    def format_field(self, value: Any, format_spec: str) -> Any:
+        if format_spec == "list":
+            return ", ".join(map(str, value))
+        if format_spec == "and":
+            return listed(value)
+        if format_spec.endswith(" %"):
+            return percent(value, format_spec.removesuffix(" %"))
+        return super().format_field(value, format_spec)
+
+
+def written(template: Template, values: Mapping[str, Any]) -> str:
+    """A text of the catalogue with its values."""
+    if callable(template):
+        return template(**values)
+    return _Words().vformat(template, (), values)
+
+
+def page(message: Message) -> str:
+    """An entry's explanation as Markdown, without the indents of the source."""
+    return cleandoc(message.explanation)
+
+
+def percent(ratio: float, digits: str = ".2g") -> str:
+    """A ratio in per cent: 0.0734 as "7.3 %"."""
+    return f"{100 * ratio:{digits}} %"
+
+
+def listed(names: Any) -> str:
+    """Names as a list in a sentence: "a", "a and b", "a, b and c"."""
+    *first, last = map(str, names)
+    return f"{', '.join(first)} and {last}" if first else last
+
+
+def capital(text: str) -> str:
+    """A text with a capital at its beginning, the rest as it is."""
+    return text[:1].upper() + text[1:]

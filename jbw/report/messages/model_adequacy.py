@@ -1,0 +1,160 @@
+"""Findings on the question: does the model follow the data?"""
+
+from jbw.report.messages.message import Message
+
+MESSAGES = (
+    Message(
+        "chi_square",
+        "Chi-square per degree of freedom is {ratio:.3g}; it must lie between {low:g} and "
+        "{high:g}.",
+        """
+        Check: the sum of squared residuals of the fit over its degrees of freedom, for groups
+        whose noise is estimated from repeats; between 0.2 and 5.
+
+        Far above 1, the model does not follow the data to their noise. Far below 1, the repeats
+        are not independent measurements.
+
+        Remedy: see coloured_residual; check that repeats are separate measurements.
+        """,
+        remedy="Check that every repeat is a measurement of its own; else compare laws: jbw laws.",
+    ),
+    Message(
+        "coloured_residual",
+        explanation="""
+        Check: the lag-one autocorrelation of the residual; below 0.2, and below 3 / sqrt(n),
+        which white noise of n values exceeds by chance only.
+
+        White noise has no autocorrelation. A coloured residual is model discrepancy: of the
+        joint's law, of a second mode, of a filter. The likelihood then counts an effective
+        number of samples, so that the covariance of least squares equals that caused by such a
+        residual (`model_error = "none"` takes the law as exact instead). Intervals then do not
+        become too narrow; a bias of the parameters by the discrepancy may still exceed them.
+
+        Where the residual of every test is at most 5 %, this finding, `repeatability` and
+        `chi_square` are *usable*: the law is wrong by its residual and may be used within it.
+
+        Remedy: try other laws (`jbw laws`), fit fewer levels (`hold_out`), restrict the `band`;
+        or accept the discrepancy and quote its size.
+        """,
+    ),
+    Message(
+        "repeatability",
+        explanation="""
+        Check: the residual of the mean of every test's repeats beside the scatter of a single
+        repeat about that mean; the residual must not be larger.
+
+        A law with a residual of 8 % for records whose repeats scatter by 3 % predicts a record
+        worse than another repeat does. A law may pass this check and still have a coloured
+        residual, which many repeats reveal.
+
+        Remedy: see coloured_residual; or accept the law and quote its error.
+        """,
+    ),
+    Message(
+        "cause",
+        explanation="""
+        Check: where the residual exceeds the noise, the usual mistakes, each by one Gauss-Newton
+        step beside the parameters: a delayed response, a test with its sign reversed or in
+        another unit, swapped channels, a constant offset, clipped values, the response of modes
+        outside the band, one more mode in the band, a natural frequency of every test's own.
+
+        A cause that would explain more than half of the residual becomes this finding, with its
+        size; causes that would explain a tenth or more stand among the statements of the
+        posterior. The check shows what *would* explain the residual: a law that does not suit
+        the joint may look like tests whose natural frequencies differ.
+
+        Remedy: do what the finding says, and identify again.
+        """,
+    ),
+    Message(
+        "level_trend",
+        explanation="""
+        Check: where sessions have offsets of natural frequency and damping, whether the offsets
+        depend on the size of the motion: a weighted slope over five sessions or more, by
+        Student's t at a probability of 0.5 %.
+
+        Sessions and assemblies scatter at random. Offsets that rise or fall with the motion are
+        the error of the law's amplitude dependence, and the offsets hide it: the intervals are
+        then those of a law that does not hold.
+
+        Remedy: the law that the finding names, or `jbw laws`; `offsets = "none"` shows the
+        residual without offsets. If levels were measured in rising order while the structure
+        warmed up, measure them once in another order.
+        """,
+    ),
+    Message(
+        "misfit",
+        explanation="""
+        Check: the residual of the best decay for every fitted record.
+
+        Remedy: check `band` for a second mode, and `settle`.
+        """,
+    ),
+    Message(
+        "leave_one_out",
+        explanation="""
+        Check: the change of the fit without each session, in standard deviations of such a
+        change by chance; below 4.
+
+        Sessions that need different parameters contradict each other: the joint depends on
+        amplitude in another way than the model, or the structure changed between them.
+
+        Remedy: `hold_out` the levels that the law does not cover; name `run` and `assembly`
+        where days differ.
+        """,
+    ),
+    Message(
+        "records_apart",
+        explanation="""
+        Check: every record of free decay fitted by itself, where a campaign has three decays or
+        more and nothing else. Their products and zeta must agree within their errors, at a
+        probability of 1 %, or scatter so little that no interval widens by a fifth.
+
+        A law with a small error needs other parameters at other amplitudes. The posterior of all
+        records takes the law as exact and is too narrow; other records of the same structure lie
+        outside it. The scatter is that of a random effect (Paule and Mandel); an interval for
+        records like these adds its square over their number. `jbw diff` widens the intervals of
+        both runs by it.
+
+        Remedy: quote the wider interval; compare laws by `jbw laws`; fit records of one size
+        alone.
+        """,
+    ),
+    Message(
+        "simpler_model",
+        explanation="""
+        Check: the error of every test against that of the best linear and (with `compare_with =
+        ["linear", "cubic"]`) cubic oscillator of the same tests; less than 1.1 times theirs.
+
+        A joint that a simpler oscillator beats explains nothing. A Bouc-Wen joint of negative
+        delta mimics a cubic stiffness at the fitted amplitude, and fails at another amplitude:
+        this check detects it.
+
+        Remedy: fit fewer levels, add `cubic`, or doubt that the data show hysteresis.
+        """,
+    ),
+    Message(
+        "held_out_coverage",
+        explanation="""
+        Check: the share of the values of every held-out test inside the 99 % band; at least 95
+        %.
+
+        Remedy: see leave_one_out and coloured_residual. Beyond the fitted amplitudes the bands
+        extrapolate; the report says how far.
+        """,
+    ),
+    Message(
+        "no_hysteresis",
+        explanation="""
+        Check: whether the joint lowers the natural frequency, or adds damping alone, at the
+        largest fitted displacement, by 99 % intervals.
+
+        Hysteresis that adds damping reduces the stiffness, so the frequency falls with
+        amplitude. Quadratic damping (drag, a fluid, a rough guide) adds damping in proportion to
+        the amplitude and does not change the frequency. A law of hysteresis then follows it with
+        meaningless parameters, and misses its phase.
+
+        Remedy: put `laws = ["quadratic_damping"]` under `[joint]`, and compare: jbw laws.
+        """,
+    ),
+)

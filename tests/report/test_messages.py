@@ -1,0 +1,34 @@
+"""The English of the catalogue: one snapshot of every entry with example values."""
+
+import re
+
+import pytest
+from messages import SNAPSHOT, catalogue
+
+from jbw.report.messages.message import percent, written
+
+
+def test_the_catalogue_says_what_the_snapshot_holds():
+    """After a change of wording: `python tests/report/messages.py`, and read the difference."""
+    assert catalogue() == SNAPSHOT.read_text(encoding="utf-8")
+
+
+def test_every_sentence_is_whole():
+    for line in catalogue().splitlines():
+        text = line.partition(": ")[2]
+        assert text[:1].isupper() or not text[:1].isalpha(), line
+        assert text.endswith("."), line
+        assert not re.search(r"[{}]|  |\bnan\b", text), line
+
+
+@pytest.mark.parametrize(
+    ("template", "text"),
+    [
+        ("{x:.2g %}", "7.3 %"), ("{x:.0f %}", "7 %"), ("{names:list}", "a, b, c"),
+        ("{names:and}", "a, b and c"), ("{x:.4f}", "0.0734"),
+        (lambda x, names: f"{len(names)} {x}", "3 0.0734"),
+    ],
+)  # fmt: skip
+def test_values_are_put_into_a_text(template, text):
+    assert written(template, {"x": 0.0734, "names": ["a", "b", "c"]}) == text
+    assert percent(0.0734) == "7.3 %"
