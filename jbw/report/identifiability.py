@@ -11,6 +11,7 @@ from jaxtyping import Float
 from jbw.errors import DataError
 from jbw.inference.thresholds import THRESHOLD
 from jbw.report import style
+from jbw.report.messages import identified
 from jbw.report.result import branch, names_of
 from jbw.report.style import Panels, finish, panels, plain, stacks, title
 from jbw.report.table import Cell, Column, Row, Table, by_sd, digits, named, shares, table
@@ -19,14 +20,6 @@ from jbw.report.words import combination
 
 GROUP = "identifiability"
 LEAST = 1e-6  # of the prior's standard deviation: bars of less would squeeze the others
-CONTRACTION = (
-    "1 less the variance of the draws over the prior's, of logarithms where values are positive; "
-    "100 % is known, 0 % is the prior"
-)
-FOLLOWS = (
-    "the largest move of the posterior mean when a tenth of a box is cut off at either end; a "
-    "parameter that is its prior moves by 0.17"
-)
 
 
 def information_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
@@ -142,10 +135,14 @@ def quantities_table(found: Row, known: Names) -> Table:
         digits("sd", "sd", 2, only="terminal"),
         shares("sd / value,\nby the fit", "relative"),
         shares("sd / prior's,\nby the fit", "ratio"),
-        Column("contraction,\nby the draws", lambda row: percent(row["contraction"]), CONTRACTION),
-        Column("follows its bounds,\nin sds", partial(_shift, known=known), FOLLOWS),
+        Column(
+            "contraction,\nby the draws",
+            lambda row: percent(row["contraction"]),
+            identified.CONTRACTION,
+        ),
+        Column("follows its bounds,\nin sds", partial(_shift, known=known), identified.FOLLOWS),
         Column("99 % interval\nof the profile", _interval),
-        note=f"The fit's numbers come from its derivatives and hold near it. {_waterfall(found)}",
+        note=" ".join(filter(None, (identified.OF_THE_FIT, _waterfall(found)))),
     )
 
 
@@ -155,9 +152,7 @@ def _waterfall(found: Row) -> str:
     if len(costs) < 2:
         return ""
     shown = ["none" if cost is None else number(cost, digits=4) for cost in costs]
-    if len(set(shown)) == 1:
-        return f"All {len(shown)} starts of the fit ended at a cost of {shown[0]}."
-    return f"Costs from the starts of the fit, lowest first: {', '.join(shown)}."
+    return identified.costs(shown)
 
 
 def _shift(row: Row, known: Names) -> str:

@@ -34,11 +34,12 @@ from jbw.inference.fit.profiles import Profile, profile_statements, profiles
 from jbw.inference.space.box import Product, alone, require_float64, value_of
 from jbw.inference.space.stated import as_wide
 from jbw.observables.dataset import stacked
+from jbw.report.messages import identified
 
 logger = logging.getLogger("jbw")
 REACHED = 0.01  # of the best cost: a start that came so near found the optimum
 NOTHING = 0.05  # of cost: a difference of chi-square of 0.1 prefers neither
-Column = tuple[str | tuple[str, str], Any, str, str]  # dimensions, values, unit, meaning
+Column = tuple[str | tuple[str, str], Any, str]  # dimensions, values, unit
 
 
 @dataclass(frozen=True)
@@ -65,28 +66,28 @@ class Identifiability:
         }
         spectrum = [
             {
-                "combination": each.text,
-                "information": each.information,
-                "ratio": each.ratio,
-                "sd": plain(each.sd),
-                "loadings": dict(zip(names, each.loadings.tolist(), strict=True)),
+                "combination": direction.text,
+                "information": direction.information,
+                "ratio": direction.ratio,
+                "sd": plain(direction.sd),
+                "loadings": dict(zip(names, direction.loadings.tolist(), strict=True)),
             }
-            for each in self.information.directions
+            for direction in self.information.directions
         ]
         parts = ("interval", "open", "values", "chi_square")
         followed = {
-            name: {part: np.asarray(getattr(each, part)).tolist() for part in parts}
-            for name, each in self.profiles.items()
+            name: {part: np.asarray(getattr(profile, part)).tolist() for part in parts}
+            for name, profile in self.profiles.items()
         }
         return {
             "statements": list(self.statements),
             "spectrum": spectrum,
             "parameters": {name: rows[name] for name in names},
-            "combinations": {each.name: rows[each.name] for each in self.products},
+            "combinations": {product.name: rows[product.name] for product in self.products},
             "contraction": {name: plain(value) for name, value in self.contraction.items()},
             "box_sensitivity": {
-                name: {**asdict(each), "shift": plain(each.shift)}
-                for name, each in self.sensitivity.items()
+                name: {**asdict(move), "shift": plain(move.shift)}
+                for name, move in self.sensitivity.items()
             },
             "profiles": followed,
             "waterfall": {"costs": [plain(cost) for cost in costs], "reached": reached(costs)},
@@ -128,17 +129,17 @@ def identifiability(
 def look(fitted: Fitted, *, with_profiles: bool, report: Report = logger.info) -> Identifiability:
     """What a fit says before sampling."""
     products = combinations(fitted.box.names, fitted.data.laws)
-    found = information(_of_data(fitted), as_wide(fitted.box, fitted.data.stated), products)
+    before = information(_of_data(fitted), as_wide(fitted.box, fitted.data.stated), products)
     followed: dict[str, Profile] = {}
     if with_profiles:
         followed = profiles(stacked, fitted.box, fitted.data, fitted.fit, report=report)
-    said = [
+    sentences = [
         *fitted.statements,
-        *statements(found, products),
+        *statements(before, products),
         *profile_statements(followed),
-        _waterfall_words(fitted.fit.waterfall),
+        _waterfall(fitted.fit.waterfall),
     ]
-    return Identifiability(fitted, products, found, followed, statements=tuple(said))
+    return Identifiability(fitted, products, before, followed, statements=tuple(sentences))
 
 
 def _of_data(fitted: Fitted) -> Fit:
@@ -161,19 +162,21 @@ def look_again(
     draws = {name: group[name].values for name in box.names}
     looked_at = (*map(alone, box.names), *products)
     narrowed = contraction(draws, as_wide(box, fitted.data.stated), looked_at)
-    values = {each.name: value_of(each, draws) for each in looked_at}
+    values = {product.name: value_of(product, draws) for product in looked_at}
     sensitivity = box_sensitivity(values, box)
-    texts = {each.name: each.text for each in looked_at}
+    texts = {product.name: product.text for product in looked_at}
     # Which parameters are known is said by the draws' own grades, not by the fit beside them.
-    said = [
+    sentences = [
         *fitted.statements,
         directions_sentence(before.information),
         *ties(before.information, products),
         *profile_statements(before.profiles),
-        _waterfall_words(fitted.fit.waterfall),
+        _waterfall(fitted.fit.waterfall),
         *sensitivity_statements(sensitivity, texts),
     ]
-    return replace(before, contraction=narrowed, sensitivity=sensitivity, statements=tuple(said))
+    return replace(
+        before, contraction=narrowed, sensitivity=sensitivity, statements=tuple(sentences)
+    )
 
 
 def reached(costs: NDArray[np.float64]) -> int:
@@ -182,76 +185,64 @@ def reached(costs: NDArray[np.float64]) -> int:
     return int(np.sum(costs <= lowest + max(REACHED * lowest, NOTHING)))
 
 
-def _waterfall_words(costs: NDArray[np.float64]) -> str:
-    if len(costs) == 1:
-        return "The fit had one start, which explained the data."
-    near = reached(costs)
-    if near == 1:
-        return (
-            f"Of {len(costs)} starts of the fit, one alone reached the lowest cost: a lower one "
-            "may have been missed."
-        )
-    return f"{near} of {len(costs)} starts of the fit ended within 1 % of the lowest cost."
+def _waterfall(costs: NDArray[np.float64]) -> str:
+    return identified.waterfall(len(costs), reached(costs))
 
 
 def as_group(found: Identifiability) -> xr.Dataset:
     """The group /identifiability; NaN beyond the end of a shorter profile."""
     directions, names = found.information.directions, list(found.information.names)
-    products = [each.name for each in found.products]
+    products = [product.name for product in found.products]
     texts, power, ratio, loadings = (
-        [getattr(each, fact) for each in directions]
+        [getattr(direction, fact) for direction in directions]
         for fact in ("text", "information", "ratio", "loadings")
     )
-    shares = "share of each parameter, in prior standard deviations"
     columns: dict[str, Column] = {
-        "direction_text": ("direction", texts, "", "combination"),
-        "direction_information": ("direction", power, "1", "information over the prior's"),
-        "direction_ratio": ("direction", ratio, "1", "sd over the prior's, by the fit"),
-        "loadings": (("direction", "parameter"), loadings, "1", shares),
-        "cost": ("start", found.fitted.fit.waterfall, "1", "cost reached from a start"),
+        "direction_text": ("direction", texts, ""),
+        "direction_information": ("direction", power, "1"),
+        "direction_ratio": ("direction", ratio, "1"),
+        "loadings": (("direction", "parameter"), loadings, "1"),
+        "cost": ("start", found.fitted.fit.waterfall, "1"),
     }
     columns |= _rows(found, "parameter", names)
     columns |= _rows(found, "combination", products)
     columns |= _profile_columns(found.profiles, names)
     variables = {
-        name: (dims, np.asarray(values), {"units": units, "long_name": words})
-        for name, (dims, values, units, words) in columns.items()
+        name: (dims, np.asarray(values), {"units": units, "long_name": _meaning(name)})
+        for name, (dims, values, units) in columns.items()
     }
     coords = {"parameter": names, "combination": products}
-    return xr.Dataset(variables, {name: each for name, each in coords.items() if each})
+    return xr.Dataset(variables, {name: labels for name, labels in coords.items() if labels})
+
+
+def _meaning(column: str) -> str:
+    """Of a variable of the group, by its name or by what follows the dimension in that."""
+    return identified.COLUMNS.get(column) or identified.COLUMNS[column.partition("_")[2]]
 
 
 def _rows(found: Identifiability, dim: str, names: Sequence[str]) -> dict[str, Column]:
     if not names:
         return {}
     known = [found.information.known[name] for name in names]
-    rows = {
-        "relative": ([row.relative for row in known], "sd over value, by the fit"),
-        "ratio": ([row.ratio for row in known], "sd over the prior's, by the fit"),
-    }
+    rows = {"relative": [row.relative for row in known], "ratio": [row.ratio for row in known]}
     if found.contraction:
-        rows["contraction"] = (
-            [found.contraction[name] for name in names],
-            "1 less the variance of the draws over the prior's, of logs of what is positive",
-        )
-        rows["shift"] = (
-            [found.sensitivity[name].shift for name in names],
-            "largest move of the mean by a tenth less of the box, in posterior sds",
-        )
-    return {f"{dim}_{what}": (dim, values, "1", words) for what, (values, words) in rows.items()}
+        rows["contraction"] = [found.contraction[name] for name in names]
+        rows["shift"] = [found.sensitivity[name].shift for name in names]
+    return {f"{dim}_{what}": (dim, values, "1") for what, values in rows.items()}
 
 
 def _profile_columns(profiles: Mapping[str, Profile], names: Sequence[str]) -> dict[str, Column]:
     if not profiles:
         return {}
-    longest = max(len(each.values) for each in profiles.values())
+    longest = max(len(profile.values) for profile in profiles.values())
     values, rise = np.full((2, len(names), longest), np.nan)
-    for i, one in enumerate(profiles[name] for name in names):
-        values[i, : len(one.values)], rise[i, : len(one.values)] = one.values, one.chi_square
+    for i, profile in enumerate(profiles[name] for name in names):
+        values[i, : len(profile.values)] = profile.values
+        rise[i, : len(profile.values)] = profile.chi_square
     interval = [profiles[name].interval for name in names]
     dims, unit = ("parameter", "point"), "unit of the parameter"
     return {
-        "profile_value": (dims, values, unit, "value held"),
-        "profile_chi_square": (dims, rise, "1", "rise of chi-square, the others free"),
-        "profile_interval": (("parameter", "end"), interval, unit, "99 % interval by the profile"),
+        "profile_value": (dims, values, unit),
+        "profile_chi_square": (dims, rise, "1"),
+        "profile_interval": (("parameter", "end"), interval, unit),
     }

@@ -11,6 +11,7 @@ from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.fit.identifiability import box_sensitivity, contraction, sensitivity_statements
 from jbw.inference.fit.information import Information, Known, information, statements
 from jbw.inference.space.box import Product, alone, box, log_prior_of, prior_of
+from jbw.report.messages import identified
 
 AB = Product("a_b", "a*b", {"a": 1.0, "b": 1.0}, ("a", "b"))
 
@@ -67,10 +68,13 @@ def test_a_product_is_known_and_its_factors_are_not():
     grid = lower + (upper - lower) * (np.arange(200_000)[:, None] + 0.5) / 200_000
     sa, sb = np.std(np.log(grid), axis=0)
     assert found.known["a"].relative == pytest.approx(sa * sb / np.hypot(sa, sb), rel=1e-4)
-    words = " ".join(statements(found, [AB]))
-    assert "1 of the 2 directions" in words
-    assert "Known: a*b to 0.33 %" in words
-    assert "times better than its factors" in words
+    product = found.known["a_b"]
+    times = found.known["a"].relative / product.relative
+    assert set(statements(found, [AB])) >= {
+        identified.directions(1, 2),
+        identified.grade("known", [identified.with_error("a*b", 6.0, 0.02, 1 / 300)]),
+        identified.tie("a*b", times),
+    }
 
 
 def test_a_bound_at_zero_takes_a_logarithm_only_where_the_data_tell_it_from_zero():
@@ -91,7 +95,7 @@ def test_nothing_measured_leaves_every_direction_to_the_prior():
     best = costly_fit(of_product, bounds, jnp.zeros(3), starts={"a": 2.0, "b": 3.0})
     found = information(best, bounds, [AB])
     assert [d.ratio for d in found.directions] == [1.0, 1.0]
-    assert "Not known beyond the prior: a, b and a*b." in statements(found, [AB])
+    assert identified.grade("unknown", ["a", "b", "a*b"]) in statements(found, [AB])
 
 
 @pytest.mark.parametrize(
@@ -181,10 +185,11 @@ def test_cutting_a_uniform_and_a_truncated_normal():
     assert found["b"].shift == pytest.approx((cut.mean() - normal.mean()) / normal.std(), rel=1e-3)
     assert (found["b"].box, found["b"].end) == ("b", "lower")
     assert found["c"].shift < 0.02  # nothing of it is cut; others' cuts move it by chance alone
-    said = sensitivity_statements(found)[0]
-    assert "a (by 0.17 of its standard deviation, the lower bound of a)" in said
-    assert "c (" not in said
-    assert "No result hangs on where the prior ends" in sensitivity_statements({"c": found["c"]})[0]
+    following = [
+        identified.follows_bound(name, found[name].shift, "lower bound of " + name) for name in "ab"
+    ]
+    assert sensitivity_statements(found) == [identified.box_sensitivity(following)]
+    assert sensitivity_statements({"c": found["c"]}) == [identified.box_sensitivity([])]
 
 
 def test_a_narrow_posterior_follows_a_bound_only_if_it_leans_on_it():
@@ -200,18 +205,19 @@ def test_a_narrow_posterior_follows_a_bound_only_if_it_leans_on_it():
 
 
 @pytest.mark.parametrize(
-    ("relative", "ratio", "says"),
+    ("relative", "ratio", "grade", "shown"),
     [
-        (0.03, 0.1, "Known: p to 3 % (one standard deviation)."),
-        (0.3, 0.1, "Known roughly: p to 30 %."),
-        (3.0, 0.1, "Hardly known: p to 6 about 2."),  # though far narrower than its box
-        (0.6, 0.5, "Hardly known: p to 60 %."),
-        (0.03, 0.9, "Not known beyond the prior: p."),
+        (0.03, 0.1, "known", "p (3 %)"),
+        (0.3, 0.1, "roughly", "p (30 %)"),
+        (3.0, 0.1, "hardly", "p (2 +- 6)"),  # though far narrower than its box
+        (0.6, 0.5, "hardly", "p (60 %)"),
+        (0.03, 0.9, "unknown", "p"),
     ],
 )
-def test_how_well_in_words(relative, ratio, says):
+def test_how_well_a_parameter_is_identified(relative, ratio, grade, shown):
     row = Known("p", 2.0, 2.0 * relative, ratio)
-    assert says in statements(Information(("p",), (), {"p": row}))
+    found = Information(("p",), (), {"p": row})
+    assert statements(found) == [identified.directions(0, 0), identified.grade(grade, [shown])]
 
 
 def test_a_direction_is_named_by_all_factors_that_it_is_known_with():

@@ -9,6 +9,7 @@ from scipy.stats import chi2
 from jbw.inference.fit.costly_fit import costly_fit, trust_region
 from jbw.inference.fit.profiles import profile_statements, profiles
 from jbw.inference.space.box import box
+from jbw.report.messages.identified import better_fit, profile_refused
 
 X = np.linspace(0.0, 1.0, 30)
 REACH = np.sqrt(chi2.ppf(0.99, 1))
@@ -50,7 +51,6 @@ def test_a_gaussian_profile_is_the_quadratic_of_its_marginal():
         )
         assert one.open == (False, False)
         assert one.better < 1e-5
-    assert "at 99 %" in profile_statements(found)[0]
 
 
 def test_a_curved_profile_against_scipy_with_the_value_held():
@@ -85,7 +85,6 @@ def test_the_profile_of_a_factor_is_flat_until_the_other_meets_its_bound():
     assert found["a"].interval == pytest.approx((1.0, 4.0), rel=1e-9)
     assert np.max(found["a"].chi_square) < 1e-6
     np.testing.assert_allclose(found["a"].path["a"] * found["a"].path["b"], 6.0, rtol=1e-4)
-    assert "profile of a is flat" in profile_statements(found)[0]
     # b beyond 6 needs a below its bound, where chi-square is 36 (b - 6)^2, and b below 1.5 needs a
     # above it, where it is 36 (4 b - 6)^2: the valley ends in walls, met within some per cent.
     low, high = found["b"].interval
@@ -103,7 +102,6 @@ def test_a_limit_on_one_side_is_said_to_be_one():
     found = profiles(saturating, bounds, jnp.asarray(10.0), best)
     assert found["rate"].open == (False, True)
     assert found["rate"].interval[1] == 50.0
-    assert "no limit above" in profile_statements(found)[0]
 
 
 def test_one_compiled_residual_serves_every_point_and_parameter():
@@ -128,7 +126,7 @@ def test_a_profile_that_finds_a_better_fit_says_so():
     found = profiles(line, bounds, data, best)
     assert found["slope"].better > 1
     assert np.min([np.min(one.chi_square) for one in found.values()]) == 0.0
-    assert "stopped short" in profile_statements(found)[-1]
+    assert profile_statements(found)[-1] == better_fit(max(one.better for one in found.values()))
 
 
 def cliff(theta, data):
@@ -160,7 +158,8 @@ def test_a_profile_ends_where_the_model_cannot_be_solved(residual):
         assert np.all(np.isfinite(one.chi_square))
     if residual is cliff:
         assert found["offset"].num_refused > 0
-        assert "cannot be solved" in " ".join(profile_statements(found))
+        refused = profile_refused("offset", found["offset"].num_refused)
+        assert refused in profile_statements(found)
 
 
 def test_a_fit_refuses_and_counts_points_that_cannot_be_solved():

@@ -22,6 +22,7 @@ from jbw.planning.proposals import (
     propose,
 )
 from jbw.planning.prospects import Prospect, cost_sentence, peak_displacements, prospects
+from jbw.report.messages.identified import undetermined
 
 RANGES = {
     "omega_n": (110.0, 120.0),
@@ -174,7 +175,7 @@ def test_tests_are_combined_where_none_does_it_alone():
     assert found.seconds == pytest.approx(2 * 5.0 + 3 * 4.0)
     alone = combine([one], beliefs, wish)
     assert not alone.met
-    assert alone.notes == ("delta is not determined by the data",)
+    assert alone.notes == (undetermined(["delta"]),)
     known = combine([one], plain_beliefs(np.diag([200.0, 200.0])), wish)
     assert known.met
     assert known.tests == ()

@@ -7,6 +7,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+from jbw.report.messages import identified
 from jbw.report.messages.findings import FINDINGS, remedy_of, sentence_of
 
 SNAPSHOT = Path(__file__).with_name("messages.txt")
@@ -69,9 +70,42 @@ def of_findings() -> Iterator[str]:
             yield f"  remedy: {remedy_of(entry, remedy)}"
 
 
+# Functions of the catalogue and arguments, topic by topic.
+OF_TOPICS = {
+    "identified": [
+        identified.directions(3, 5),
+        identified.grade("known", [identified.with_error("alpha*delta", 12.0, 0.24, 0.02)]),
+        identified.grade("roughly", ["zeta (12 %)"]),
+        identified.grade("hardly", [identified.with_error("gamma", 2.0, 6.0, 3.0)]),
+        identified.grade("unknown", ["alpha", "delta"]),
+        identified.tie("alpha*delta", 34.2),
+        identified.undetermined(["alpha", "delta"]),
+        identified.determined(["alpha*delta"], logs=True),
+        identified.determined(["a + b", "a - c"], logs=False),
+        identified.box_sensitivity([identified.follows_bound("alpha", 0.17, "upper bound of alpha"),
+                                    identified.follows_bound("gamma", float("inf"),
+                                                             "lower bound of gamma")]),
+        identified.box_sensitivity([]),
+        identified.profile_interval("gamma", ["1.202", "1.31"]),
+        identified.profile_limit("gamma", 1.3, "above"),
+        identified.profile_open("gamma", (0.0, 50.0), 0.03, flat=True),
+        identified.profile_refused("gamma", 3),
+        identified.better_fit(12.3),
+        identified.waterfall(1, 1),
+        identified.waterfall(8, 1),
+        identified.waterfall(8, 5),
+        identified.costs(["12.1", "12.1"]),
+        identified.costs(["12.1", "none"]),
+    ],
+}  # fmt: skip
+
+
 def catalogue() -> str:
     """All that the catalogue says of the examples."""
-    return "".join(f"{line}\n" for line in of_findings())
+    lines = list(of_findings())
+    for topic, sentences in OF_TOPICS.items():
+        lines += ["", topic, *(f"  {sentence}" for sentence in sentences)]
+    return "".join(f"{line}\n" for line in lines)
 
 
 if __name__ == "__main__":

@@ -3,7 +3,7 @@
 import re
 
 import pytest
-from messages import SNAPSHOT, catalogue
+from messages import SNAPSHOT, catalogue, of_findings
 
 from jbw.report.messages.message import percent, written
 
@@ -13,12 +13,16 @@ def test_the_catalogue_says_what_the_snapshot_holds():
     assert catalogue() == SNAPSHOT.read_text(encoding="utf-8")
 
 
-def test_every_sentence_is_whole():
-    for line in catalogue().splitlines():
+def test_every_sentence_of_a_finding_is_whole():
+    for line in of_findings():
         text = line.partition(": ")[2]
         assert text[:1].isupper() or not text[:1].isalpha(), line
         assert text.endswith("."), line
-        assert not re.search(r"[{}]|  |\bnan\b", text), line
+
+
+def test_every_field_has_its_value():
+    for line in catalogue().splitlines():
+        assert not re.search(r"[{}]|\S  |\bnan\b|\bNone\b", line), line
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ from jbw.inference.space.box import value_of
 from jbw.observables.dataset import Dataset
 from jbw.observables.line_fit import LineReading
 from jbw.oscillator.oscillator import oscillator_of
+from jbw.report.messages import identified
 from jbw.study.identifiability import as_group, identifiability, look, look_again, reached
 
 PRODUCTS = {"alpha_delta": TRUTH["alpha"] * TRUTH["delta"]}
@@ -40,7 +41,10 @@ def test_strong_loops_know_every_parameter(tmp_path):
     for name, truth in {**TRUTH, **PRODUCTS}.items():
         assert known[name].relative < 0.01
         assert abs(known[name].value - truth) < 4 * known[name].sd
-    assert any(each.startswith("Known: omega_n to") for each in found.statements)
+    row = known["omega_n"]
+    shown = identified.with_error("omega_n", row.value, row.sd, row.relative)
+    (grade,) = (each for each in found.statements if shown in each)
+    assert grade.startswith(identified.GRADES["known"].partition("{")[0])
 
 
 def test_weak_loops_know_the_products_and_not_the_factors(weak):
@@ -50,10 +54,9 @@ def test_weak_loops_know_the_products_and_not_the_factors(weak):
         # Along the ridge the products bend by the second order of its width.
         assert abs(known[name].value / truth - 1) < 0.05
     assert all(known[name].relative > 0.15 for name in ("alpha", "delta", "gamma"))
-    said = " ".join(weak.statements)
-    assert "alpha*delta is known" in said
-    assert "times better than its factors" in said
-    assert "The fit had one start" in said
+    factor = min(known["alpha"].relative, known["delta"].relative)
+    tied = identified.tie("alpha*delta", factor / known["alpha_delta"].relative)
+    assert {tied, identified.waterfall(1, 1)} <= set(weak.statements)
 
 
 def test_profiles_hold_the_truth_and_are_far_wider_than_the_products(weak):
@@ -110,11 +113,11 @@ def test_after_sampling_the_box_is_told_from_the_data(weak):
     # A uniform variable's mean moves by 0.05 sqrt(12); 4000 draws are right to 0.01.
     assert found.sensitivity["alpha"].shift == pytest.approx(0.173, abs=0.03)
     assert found.sensitivity["omega_n"].shift < 0.05
-    said = " ".join(found.statements)
-    assert "prior's bounds are a part of the result of alpha (by 0.1" in said
-    # Which are known is for the draws' grades to say, and not for the fit beside them.
-    assert "nown beyond" not in said
-    assert "Known" not in said
+    (said,) = (each for each in found.statements if each.startswith("The prior bounds affect"))
+    assert "alpha (0.1" in said
+    # Which are identified is for the draws' grades to say, and not for the fit beside them.
+    grades = tuple(grade.partition("{")[0] for grade in identified.GRADES.values())
+    assert not [each for each in found.statements if each.startswith(grades)]
 
 
 def test_the_record_is_plain_and_the_group_survives_a_file(weak, tmp_path):
@@ -161,7 +164,7 @@ def test_the_command_prints_spectrum_and_words(tmp_path, capsys, quiet_jax):
         "Information spectrum",
         "alpha*delta",
         "of the profile",
-        "The fit had one start",
+        identified.ONE_START,
     ):
         assert word in streams.out
     assert "Profile of gamma" in streams.err

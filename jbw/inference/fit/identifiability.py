@@ -20,6 +20,7 @@ from jbw.inference.space.box import (
     prior_of,
     value_of,
 )
+from jbw.report.messages import identified
 
 Matrix = Float[np.ndarray, "parameter parameter"]
 UNLEARNT = 0.7  # posterior over prior standard deviation: the data have not halved the variance
@@ -106,14 +107,11 @@ def _weak(posterior: Matrix, logs: NDArray[np.bool_], box: Box) -> WeakDirection
 def _in_words(
     names: tuple[str, ...], directions: Float[np.ndarray, "parameter weak"], logs: bool
 ) -> str:
-    determined = _determined(directions) if len(names) > directions.shape[1] else ()
-    combinations = [combination(names, row, logs) for row in determined]
+    rows = _determined(directions) if len(names) > directions.shape[1] else ()
+    combinations = [combination(names, row, logs) for row in rows]
     if set(combinations) <= set(names):  # nothing that holds several together
-        lost = [name for name in names if name not in combinations]
-        return f"{listed(lost)} {'is' if len(lost) == 1 else 'are'} not determined by the data"
-    noun = ("product" if logs else "combination") + ("s" if len(combinations) > 1 else "")
-    verb = "are" if len(combinations) > 1 else "is"
-    return f"only the {noun} {listed(combinations)} {verb} determined"
+        return identified.undetermined([name for name in names if name not in combinations])
+    return identified.determined(combinations, logs=logs)
 
 
 def _determined(
@@ -160,11 +158,6 @@ def _power(name: str, exponent: float) -> str:
     half = Fraction(exponent).limit_denominator(2)
     whole = half.denominator == 1 or half != exponent
     return f"{name}^{exponent:g}" if whole else f"{name}^({half})"
-
-
-def listed(items: Sequence[str]) -> str:
-    """Names in a sentence."""
-    return items[0] if len(items) == 1 else f"{', '.join(items[:-1])} and {items[-1]}"
 
 
 @dataclass(frozen=True)
@@ -237,20 +230,10 @@ def sensitivity_statements(
     found: Mapping[str, Sensitivity], texts: Mapping[str, str] | None = None
 ) -> list[str]:
     """Which means follow the box by `box_sensitivity`; `texts` are names where these differ."""
-    called = texts or {}
-    following = {n: each for n, each in found.items() if each.shift > FOLLOWS}
-    if not following:
-        return [
-            "No result hangs on where the prior ends: bounds a tenth closer would move no mean by "
-            "0.1 of its standard deviation."
-        ]
-    moves = []
-    for name, each in following.items():
-        finite = math.isfinite(each.shift)
-        size = f"by {each.shift:.2g} of its standard deviation" if finite else "beyond the rest"
-        moves.append(f"{called.get(name, name)} ({size}, the {each.end} bound of {each.box})")
-    return [
-        f"The prior's bounds are a part of the result of {listed(moves)}: so far would the mean "
-        "move, were they a tenth closer. State bounds that you can defend in [identify.prior], or "
-        "measure with more motion."
+    shown = texts or {}
+    following = {name: row for name, row in found.items() if row.shift > FOLLOWS}
+    moves = [
+        identified.follows_bound(shown.get(name, name), row.shift, f"{row.end} bound of {row.box}")
+        for name, row in following.items()
     ]
+    return [identified.box_sensitivity(moves)]

@@ -8,17 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbw.inference.fit.fitting import Fit, svd_of_all
-from jbw.inference.fit.identifiability import PRESENT, RESOLVED, UNLEARNT, combination, listed
+from jbw.inference.fit.identifiability import PRESENT, RESOLVED, UNLEARNT, combination
 from jbw.inference.space.box import Box, Product, alone, gradient_of, log_prior_std, value_of
 from jbw.inference.thresholds import KNOWN, LEARNT, ROUGHLY
+from jbw.report.messages import identified
+from jbw.report.messages.message import listed
 
 SENSIBLE = 10.0  # an exponent beyond tells of boxes of unlike widths, and of no combination
-KINDS = {
-    "known": "Known: {} (one standard deviation).",
-    "roughly": "Known roughly: {}.",
-    "hardly": "Hardly known: {}.",
-    "unknown": "Not known beyond the prior: {}.",
-}
 AS_WELL = 2.0  # a name may be known so many times worse than its direction
 TOLD_APART = 0.5  # a product this much better known than its factors is said to tie them
 
@@ -147,25 +143,21 @@ def statements(found: Information, products: Iterable[Product] = ()) -> list[str
     """What the data know of parameters and `products`, and what not, in words with numbers."""
     said = [directions_sentence(found)]
     rows = list(found.known.values())
-    for kind, words in KINDS.items():
-        of_kind = [row for row in rows if _kind(row) == kind]
-        if of_kind:
-            said.append(words.format(listed([_to(row) for row in of_kind])))
+    for kind in identified.GRADES:
+        if of_kind := [_with_error(row) for row in rows if _kind(row) == kind]:
+            said.append(identified.grade(kind, of_kind))
     return [*said, *ties(found, products)]
 
 
 def directions_sentence(found: Information) -> str:
     """How many directions of the parameters the data know better than the prior does."""
-    learnt = sum(each.ratio < UNLEARNT for each in found.directions)
-    return (
-        f"The data know {learnt} of the {len(found.directions)} directions of the parameters "
-        "better than the prior does."
-    )
+    learnt = sum(direction.ratio < UNLEARNT for direction in found.directions)
+    return identified.directions(learnt, len(found.directions))
 
 
 def ties(found: Information, products: Iterable[Product]) -> list[str]:
     """Which products are known better than their factors."""
-    return [sentence for each in products for sentence in _tie(found.known, each)]
+    return [sentence for product in products for sentence in _tie(found.known, product)]
 
 
 def _kind(row: Known) -> str:
@@ -181,23 +173,16 @@ def _is_unlearnt(row: Known) -> bool:
     return row.ratio > math.exp(-LEARNT)
 
 
-def _to(row: Known) -> str:
+def _with_error(row: Known) -> str:
     if _is_unlearnt(row):
         return row.text
-    if row.relative < 1:
-        return f"{row.text} to {100 * row.relative:.2g} %"
-    return f"{row.text} to {row.sd:.2g} about {row.value:.2g}"
+    return identified.with_error(row.text, row.value, row.sd, row.relative)
 
 
 def _tie(known: Mapping[str, Known], product: Product) -> list[str]:
     """That a product is known better than its factors, where it is."""
-    own = known[product.name]
+    row = known[product.name]
     factors = [known[name].relative for name in product.factors if name in known]
-    if _is_unlearnt(own) or not factors or own.relative >= TOLD_APART * min(factors):
+    if _is_unlearnt(row) or not factors or row.relative >= TOLD_APART * min(factors):
         return []
-    times = min(factors) / own.relative
-    size = f"{times:.0f}" if times >= 10 else f"{times:.2g}"
-    return [
-        f"{product.text} is known {size} times better than its factors: they can be traded for one "
-        "another."
-    ]
+    return [identified.tie(product.text, min(factors) / row.relative)]

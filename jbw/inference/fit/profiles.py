@@ -15,6 +15,7 @@ from jbw.inference.fit.costly_fit import Part, evaluator, from_search, to_search
 from jbw.inference.fit.fitting import Fit, Residual
 from jbw.inference.space.box import Box, from_unit, require_float64
 from jbw.inference.thresholds import THRESHOLD
+from jbw.report.messages import identified
 
 logger = logging.getLogger("jbw")
 FLAT = 0.1  # of chi-square: less is no preference at all
@@ -219,39 +220,27 @@ def constrained(part: Part, s: NDArray[np.float64], held: int, place: float) -> 
 
 def profile_statements(of_all: Mapping[str, Profile]) -> list[str]:
     """Every one of `profiles` in a sentence."""
-    said = [_sentence(each) for each in of_all.values()]
+    said = [_sentence(profile) for profile in of_all.values()]
     said += [
-        f"The model cannot be solved at {each.num_refused} of the points of the profile of "
-        f"{each.name}: they are left out."
-        for each in of_all.values()
-        if each.num_refused
+        identified.profile_refused(profile.name, profile.num_refused)
+        for profile in of_all.values()
+        if profile.num_refused
     ]
-    better = max((each.better for each in of_all.values()), default=0.0)
-    if better > FLAT:
-        said.append(
-            f"The profiles found a better fit, chi-square lower by {better:.3g}: the fit had "
-            "stopped short of its optimum."
-        )
-    return said
+    better = max((profile.better for profile in of_all.values()), default=0.0)
+    return [*said, identified.better_fit(better)] if better > FLAT else said
 
 
-def _sentence(found: Profile) -> str:
-    low, high = found.interval
-    if found.open == (False, False):
+def _sentence(profile: Profile) -> str:
+    low, high = profile.interval
+    if profile.open == (False, False):
         # The interval's width to two digits of its own, four at least.
         largest = max(abs(low), abs(high))
         needed = 2 + math.ceil(math.log10(largest / (high - low))) if high > low else 6
-        ends = (f"{end:.{max(4, needed)}g}" for end in found.interval)
-        return f"By its profile, {found.name} lies within {' and '.join(ends)} at 99 %."
-    rise = float(np.max(found.chi_square))
-    if found.open == (True, True):
-        flat = "flat" if rise < FLAT else "open on both sides"
-        return (
-            f"The profile of {found.name} is {flat}: between {low:.4g} and {high:.4g}, its whole "
-            f"box, chi-square rises by {rise:.2g} at most, for the other parameters make up for it."
-        )
-    if found.open[1]:
-        return (
-            f"By its profile, {found.name} exceeds {low:.5g} at 99 %; the data set no limit above."
-        )
-    return f"By its profile, {found.name} is below {high:.5g} at 99 %; the data set no limit below."
+        ends = [f"{end:.{max(4, needed)}g}" for end in profile.interval]
+        return identified.profile_interval(profile.name, ends)
+    rise = float(np.max(profile.chi_square))
+    if profile.open == (True, True):
+        return identified.profile_open(profile.name, profile.interval, rise, flat=rise < FLAT)
+    if profile.open[1]:
+        return identified.profile_limit(profile.name, low, "below")
+    return identified.profile_limit(profile.name, high, "above")
