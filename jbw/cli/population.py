@@ -9,6 +9,7 @@ import numpy as np
 from jbw.cli.options import json_option
 from jbw.cli.printing import NOT_TRUSTED, answer
 from jbw.cli.progress import computing
+from jbw.report.messages import population as messages
 
 NUM_PLACES = 25  # of the figure's band
 
@@ -61,7 +62,7 @@ def population(
             rng = np.random.default_rng(seed)
             return np.quantile(new_coordinates(found, at, rng, 4000), QUANTILES, axis=0)
 
-        say("Frequency and damping of a new unit")
+        say(messages.NEW_UNIT)
         tree = new_unit(found, units, torque, seed=seed)
         backbone = new_backbone(found, units, torque, seed=seed)
         tree.dataset = backbone.assign_attrs(tree.attrs)

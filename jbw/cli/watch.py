@@ -9,6 +9,7 @@ import click
 from jbw.cli.options import json_option, run_argument
 from jbw.cli.printing import answer
 from jbw.cli.progress import computing
+from jbw.report.messages import watch as messages
 
 ALARM, REFUSED = 6, 3  # exit codes
 
@@ -94,7 +95,7 @@ def watch(
             (part / "watch.html").write_text(page, encoding="utf-8")
         several = len(found.settings["amplitudes"]) > 1
         if several and found.settings["reference"] < FEW:
-            say(f"Below {FEW} references one amplitude finds more than several.")
+            say(messages.several_amplitudes(FEW))
     stated = [one for one in found.added if "statement" in one]
     # One statement: of the last alarm, or where there is none of the last record.
     last = ([one for one in stated if one["alarm"]] or stated)[-1:]

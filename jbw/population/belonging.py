@@ -29,6 +29,7 @@ from jbw.inference.samplers.importance import smooth
 from jbw.population.model import Units, sampler
 from jbw.population.prior import TORQUE, Design, Prior, precision_of
 from jbw.population.trend import bent
+from jbw.report.messages import population as messages
 
 HEAVY = 0.7  # Pareto's k-hat, from which weights are not to be trusted
 # From which probability a unit is beyond doubt: in the scatter that it made large itself, one that
@@ -59,7 +60,7 @@ def belonging(
     plain = units._replace(weighed=np.zeros(len(probability), bool))
     drawn = sampler(plain, design, prior, LENGTHS)
     for number, k in enumerate(doubted, start=1):
-        report(f"Population without one unit that may be another: {number} of {len(doubted)}")
+        report(messages.without_stage(number, len(doubted)))
         others = drawn(key, (np.arange(len(probability)) != k).astype(float))
         probability[k] = np.mean(left_out(units, design, prior, others)[1][:, k])
     return probability

@@ -71,6 +71,7 @@ from scipy.stats import norm
 from jbw.errors import DataError, RunError
 from jbw.population.covariates import NUMBERS, Covariates, covariates_of, require_torque_of_all
 from jbw.population.unit import GAIN, NOISE, Unit, require_alike, units_of
+from jbw.report.messages import population as messages
 from jbw.study.study import Study
 
 FORMAT = 1
@@ -121,7 +122,7 @@ def read_fleet(path: str | Path) -> xr.DataTree:
     Raises:
         DataError: No such file, or one that holds no fleet of this format.
     """
-    path, remedy = Path(path), "Write it with this version of jbw: jbw collect RUNS --out fleet.nc."
+    path, remedy = Path(path), messages.WRITE_FLEET
     try:
         with xr.open_datatree(path, engine="h5netcdf") as stored:
             tree = stored.load()

@@ -29,6 +29,7 @@ from jbw.population.coordinates import rows_of
 from jbw.population.model import named_draws, population_of_units
 from jbw.population.population import Population
 from jbw.population.unit import GAIN
+from jbw.report.messages import population as messages
 from jbw.study.study import Study
 
 logger = logging.getLogger("jbw")
@@ -80,7 +81,7 @@ def one_stage(
         DataError: A unit without a joint posterior, or with draws that have no logarithm.
     """
     units = measured_units(studies, found)
-    report(f"All records of {len(units)} units at once: NUTS, one chain of {NUM_SAMPLES}")
+    report(messages.one_stage(len(units), NUM_SAMPLES))
     start = {f"z_{k}": np.zeros(len(unit.names)) for k, unit in enumerate(units)}
     model = partial(joint_model, units, found)
     kernel = NUTS(model, target_accept_prob=0.9, init_strategy=init_to_value(values=start))

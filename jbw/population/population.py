@@ -18,6 +18,7 @@ from jbw.population.prior import TORQUE, Design, Prior, design_of, prior_of
 from jbw.population.record import own_over_scatter, record_of
 from jbw.population.statements import OWN, statements
 from jbw.population.trend import mask_of
+from jbw.report.messages import population as messages
 
 logger = logging.getLogger("jbw")
 Report = Callable[[str], None]
@@ -92,10 +93,10 @@ def population_of(
     prior = prior_of(coordinates.names, products, coordinates.mean, design)
     units, key, every = units_of_fleet(fleet, coordinates), jax.random.key(seed), np.ones(num)
     if not summaries:
-        report(f"Population of {num} units: how much they scatter")
+        report(messages.scatter_stage(num))
         rough = sampler(units, design, prior, ROUGH)(key, every)
         units = units._replace(weighed=own_over_scatter(coordinates, rough).max(axis=1) <= OWN)
-    report(f"Population of {num} units, {units.weighed.sum()} by their draws: NUTS")
+    report(messages.sampling_stage(num, int(units.weighed.sum())))
     draws = sampler(units, design, prior, FULL)(key, every)
     belongs = belonging(key, units, design, prior, draws, report)
     record = record_of(fleet, coordinates, units, design, prior, draws, belongs)

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from jbw.report.messages import population as messages
 from jbw.report.sheet import Sheet
 from jbw.report.style import BLUE, INK, VERMILLION, Panels, finish, panels, shade
 from jbw.report.table import Cell, Column, Table, digits, table, words
@@ -40,7 +41,7 @@ def population_figure(
     odd = np.array([p < ODD / len(mean) for p in record["belongs"].values()])
     for i, (each, row) in enumerate(zip(axes[:, 0], rows.values(), strict=True)):
         low, middle, high = np.exp(new[:, :, i])
-        shade(each, at, low, high, BLUE, "99 % of a new unit", alpha=0.15)
+        shade(each, at, low, high, BLUE, messages.BAND, alpha=0.15)
         each.plot(at, middle, color=BLUE, lw=1.0)
         value = np.exp(mean[:, i])
         error = [value - np.exp(mean[:, i] - HALF_99 * sd[:, i]),
@@ -66,12 +67,10 @@ def population_sheet(
         sd: Their errors.
         pooled: The table of the population.
     """
-    trend = " against torque" if "torque" in record["columns"] else ""
     return Sheet(
         title=f"Population of {name}",
-        about=f"{len(record['units'])} units identified by jbw, and their population.",
-        caption=f"Every unit{trend} with its own 99 % interval, and the band in which 99 % of "
-        "further units lie. A square marks a unit that does not belong to the others.",
+        about=messages.heading(len(record["units"])),
+        caption=messages.caption(trend="torque" in record["columns"]),
         sentences=record["statements"],
         tables=[("The population", pooled), *units_tables(record, mean, sd)],
         status=badge(record["status"]),
@@ -101,7 +100,7 @@ def population_table(record: Mapping[str, Any]) -> Table:
         key = f"slope_{column}"
         columns.append(Column(f"power of {column}", lambda row, key=key: _interval(row.get(key))))
     columns.append(Column(f"new unit{where}", lambda row: _interval(row["new"])))
-    return table(f"Population of {len(record['units'])} units, median [99 %]", rows, *columns)
+    return table(messages.table_title(len(record["units"])), rows, *columns)
 
 
 def units_tables(
@@ -122,12 +121,13 @@ def units_table(
     rows = []
     for k, unit in enumerate(record["units"]):
         ends = np.exp(mean[k] + HALF_99 * sd[k] * np.array([[-1.0], [0.0], [1.0]]))
-        own = [
-            dict(zip(("q005", "median", "q995"), map(float, one), strict=True)) for one in ends.T
+        intervals = [
+            dict(zip(("q005", "median", "q995"), map(float, column), strict=True))
+            for column in ends.T
         ]
-        known = dict(zip(record["parameters"], own, strict=True))
+        estimates = dict(zip(record["parameters"], intervals, strict=True))
         rows.append(
-            {"name": unit, "torque": record["torque"][k], **known}
+            {"name": unit, "torque": record["torque"][k], **estimates}
             | {"belongs": record["belongs"][unit]}
             | {"stands": "its draws" if unit in record["weighed"] else "normal summary"}
         )
@@ -137,9 +137,9 @@ def units_table(
     for name in names:
         unit = record["parameters"][name]["unit"]
         heading = name if unit == "1" else f"{name} [{unit}]"
-        columns.append(Column(heading, lambda one, name=name: _interval(one[name])))
+        columns.append(Column(heading, lambda row, name=name: _interval(row[name])))
     columns += [digits("P(as far off)", "belongs"), words("enters by", "stands")]
-    return table("Every unit, median [99 %]", rows, *columns)
+    return table(messages.EVERY_UNIT, rows, *columns)
 
 
 def _of_runs(row: Mapping[str, Any]) -> str:

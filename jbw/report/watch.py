@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.stats import t as student
 
+from jbw.report.messages import watch
 from jbw.report.sheet import Sheet
 from jbw.report.style import (
     BLUE,
@@ -45,7 +46,7 @@ def watch_figure(
             reach = student.ppf((1 + LEVEL) / 2, num - 1) * sd * np.sqrt(1 + 1 / num)
             ends = np.array([0.5, len(values) + 0.5])
             low, high = np.full(2, middle - reach), np.full(2, middle + reach)
-            shade(each, ends, low, high, BLUE, "99 % of an unchanged joint", alpha=0.15)
+            shade(each, ends, low, high, BLUE, watch.BAND, alpha=0.15)
         each.plot(number[:num], here[:num], "o", color=SKY, ms=4, label="reference")
         each.plot(number[num:], here[num:], "o", color=INK, ms=4, label="watched")
         each.plot(
@@ -61,16 +62,14 @@ def watch_sheet(
     name: str, settings: Mapping[str, Any], readings: Sequence[Mapping[str, Any]]
 ) -> Sheet:
     """The page of a watch: figure, what was said at every alarm, every reading."""
-    alarms = [one for one in readings if one.get("alarm")]
-    said = [f"{one['record']}: {one['statement']}" for one in alarms if "statement" in one]
-    last = [one["statement"] for one in readings if "statement" in one][-1:]
+    alarms = [reading for reading in readings if reading.get("alarm")]
+    stated = [f"{row['record']}: {row['statement']}" for row in alarms if "statement" in row]
+    last = [reading["statement"] for reading in readings if "statement" in reading][-1:]
     return Sheet(
         title=f"Watch of {name}",
-        about=f"{len(readings)} records by jbw, of which the first {settings['reference']} are the "
-        "reference.",
-        caption="Frequency and damping at one amplitude, and the band in which 99 % of further "
-        "records of an unchanged joint lie. A square marks an alarm.",
-        sentences=said or last,
+        about=watch.heading(len(readings), settings["reference"]),
+        caption=watch.CAPTION,
+        sentences=stated or last,
         tables=[("Every record", watch_table(settings, readings))],
         status=Badge("alarm", "bad") if alarms else Badge("no alarm", "good"),
         status_words=f"{len(alarms)} of {len(readings)} records",
@@ -93,7 +92,7 @@ def watch_table(settings: Mapping[str, Any], entries: Any) -> Table:
     rows = [{"role": one["kind"], "alarm": "", **one} for one in entries]
     at = f"{settings['amplitudes'][0]:g} {settings['unit']}"
     return table(
-        f"Read at {at}; rate of false alarms {settings['false_alarms']:g} a record",
+        watch.table_title(at, settings["false_alarms"]),
         rows,
         number("number", lambda one: one.get("number"), "d"),
         words("record", "record"),

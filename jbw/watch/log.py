@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from jbw.errors import RunError
+from jbw.report.messages import watch
 from jbw.run.folder import lock
 
 NAME = "watch.jsonl"
@@ -69,10 +70,7 @@ def set_aside(path: Path) -> str | None:
             os.fsync(stream.fileno())
     except OSError as error:
         raise _unwritable(path, error) from error
-    return (
-        f"The last line of {path} was cut off by a crash; its {len(torn)} bytes are kept in "
-        f"{torn_path}. Add that record again."
-    )
+    return watch.torn_line(str(path), len(torn), str(torn_path))
 
 
 def append(path: Path, entry: Mapping[str, Any]) -> None:

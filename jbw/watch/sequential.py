@@ -26,6 +26,7 @@ from jbw.measurement.records import Record, Test
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
 from jbw.observables.decay import Decays
+from jbw.report.messages import watch
 from jbw.study.study import Study
 from jbw.watch.particles import LogDensity, Update, evenly, particles_of, take_in
 
@@ -84,8 +85,8 @@ def updated(
         data = replace(data, parts=(_with_records(part, test, records[: i + 1]),))
         updates.append(take_in(rng, now, _density_of(data, names, bounds)))
         now = updates[-1].particles
-        moved = "" if updates[-1].accepted is None else ", moved since"
-        report(f"{record.name or i + 1}: {updates[-1].kish:.0%} of the particles count{moved}")
+        moved = updates[-1].accepted is not None
+        report(watch.particles(record.name or str(i + 1), updates[-1].kish, moved=moved))
     return _tree(
         dict(zip(names, evenly(rng, now).x.T, strict=True)), sampled, data, updates, records
     )

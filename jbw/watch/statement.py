@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.stats import t as student
 
+from jbw.report.messages import watch
 from jbw.watch.change_point import after_change, known_from, run_length
 from jbw.watch.hotelling import (
     Reference,
@@ -121,21 +122,17 @@ def _direction(low: Float[np.ndarray, " 2"], high: Float[np.ndarray, " 2"]) -> s
 
 def sentence(statement: Statement, names: Sequence[str], num_reference: int) -> str:
     """A statement in words; `names` are those of the watched records."""
-    figures = (
-        f"T^2 is {statement.squared:.3g}, threshold {statement.threshold:.3g}; no change since the "
-        f"{num_reference} references has the probability {statement.unchanged:.3g}."
+    numbers = watch.distances(
+        statement.squared, statement.threshold, num_reference, statement.unchanged
     )
     change = statement.change
     if change is None:
-        return f"No alarm. {figures}"
-    (f, f_low, f_high), (z, z_low, z_high) = change.frequency, change.damping
-    like = "" if change.torque is None else f", {words_of(change.torque)}"
-    since = "" if change.first == len(names) else f", since {names[change.first - 1]}"
-    return (
-        f"Alarm ({statement.alarm}) at {names[-1]}{since}: {change.direction}. Frequency "
-        f"{f:+.3g} Hz [{f_low:+.3g}, {f_high:+.3g}], damping {100 * z:+.3g} % "
-        f"[{100 * z_low:+.3g}, {100 * z_high:+.3g}]{like}. {figures}"
-    )
+        return watch.no_alarm(numbers)
+    torque = "" if change.torque is None else words_of(change.torque)
+    return watch.alarm(
+        statement.alarm, names[-1], names[change.first - 1], change.direction, change.frequency,
+        change.damping, torque, numbers,
+    )  # fmt: skip
 
 
 def as_plain(statement: Statement) -> dict[str, Any]:

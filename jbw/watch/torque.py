@@ -16,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
+from jbw.report.messages import watch
 from jbw.watch.hotelling import Reference, tail
 
 PLACES = np.linspace(-4.0, 4.0, 8001)  # of x: four standard deviations of what is expected
@@ -79,13 +80,7 @@ def torque_after(
 
 def words_of(change: TorqueChange) -> str:
     """A change of torque as the end of a sentence."""
-    way = "fallen" if change.after < change.before else "risen"
-    phrase = (
-        f"as if the torque had {way} from {change.before:.3g} to {change.after:.3g} N m "
-        f"[{change.low:.3g}, {change.high:.3g}]"
+    after = change.after, change.low, change.high
+    return watch.torque_change(
+        change.before, after, within_fleet=change.inside, is_explained=change.explained
     )
-    if not change.inside:
-        phrase += ", beyond the torques of the fleet"
-    if not change.explained:
-        phrase += ", though no torque explains frequency and damping together"
-    return phrase

@@ -17,6 +17,7 @@ from jbw.population.population import Population, population_of, require_torque
 from jbw.population.prediction import new_units
 from jbw.population.prior import WRENCH
 from jbw.quantities import derivative_order
+from jbw.report.messages import watch
 from jbw.verification.backbone import curves_of_response
 from jbw.verification.predicted import carry
 from jbw.watch.torque import Trend
@@ -65,10 +66,7 @@ def trend_of(
     )
     torques = np.array(population.record["torque"])
     part = WRENCH**2 / (np.var(np.log(torques)) + WRENCH**2)
-    report(
-        f"Where the fleet's torques were read to {100 * WRENCH:.0f} %, and not set, its slopes are "
-        f"about {100 * part:.1g} % too small, and a change of torque is overstated by as much."
-    )
+    report(watch.attenuated(WRENCH, part))
     slopes = (raised - before) / np.log(RAISED)
     return Trend(torque, slopes, float(torques.min()), float(torques.max()))
 
@@ -79,7 +77,7 @@ def _require_known(fleet: xr.DataTree, amplitudes: Sequence[float], test: Test) 
     centre, order = _response_of(test)
     highest, reached_by_all = max(amplitudes) / centre**order, np.min(peaks)
     if not highest <= reached_by_all:
-        says = "some do not say how far" if np.isnan(reached_by_all) else f"{reached_by_all:.3g} m"
+        says = watch.furthest(None if np.isnan(reached_by_all) else float(reached_by_all))
         raise DataError(
             f"Read is at a displacement of {highest:.3g} m, but all units of the fleet were driven "
             f"to no more than: {says}.",

@@ -14,6 +14,7 @@ from jbw.campaign.tables import TestSpec
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.measurement.kinds import KINDS
 from jbw.measurement.records import Record, Test
+from jbw.report.messages import watch as messages
 from jbw.study.study import campaign_of
 from jbw.watch.log import Entry, append, locked_log, read_log, set_aside
 from jbw.watch.readings import PER_AMPLITUDE, common_amplitude, names_of, reading
@@ -171,7 +172,7 @@ def _of_file(
     for identity, record in _identified(test.records):
         before = [o for o in keeper.entries if o["kind"] == "reading" and o["id"] == identity]
         if before:
-            reason = f"`{record.name}` is in the watch already, as number {before[0]['number']}."
+            reason = messages.known_already(record.name, before[0]["number"])
             keeper.say(f"warning: {reason}")
             entries.append({"kind": "known", "record": record.name, "reason": reason})
         else:

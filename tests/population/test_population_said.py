@@ -5,6 +5,7 @@ import pytest
 
 from jbw.population.record import status_of
 from jbw.population.statements import statements
+from jbw.report.messages import population
 
 
 def interval(low, median, high):
@@ -27,8 +28,8 @@ def a_record(num=6, **changed):
     }  # fmt: skip
 
 
-def said(**changed):
-    return " ".join(statements(a_record(**changed)))
+def stated(**changed):
+    return statements(a_record(**changed))
 
 
 @pytest.mark.parametrize(
@@ -43,41 +44,36 @@ def test_few_degrees_of_freedom_are_not_assessed(num, columns, status):
 
 
 def test_failed_runs_and_a_failed_sampler_are_named():
-    assert "2 of 6 units have runs that failed and are pooled with the others: unit_1, unit_4" in (
-        said(failed=["unit_1", "unit_4"])
-    )
+    failed = ["unit_1", "unit_4"]
+    assert population.failed_runs(failed, 6) in stated(failed=failed)
     diverged = {"r_hat": 1.2, "divergences": 40, "num_draws": 2000}
     record = a_record(sampling=diverged)
     assert status_of(record) == "failed"
-    assert "did not converge" in statements({**record, "status": "failed"})[0]
+    assert statements({**record, "status": "failed"})[0] == population.not_converged(1.2, 40)
 
 
-@pytest.mark.parametrize(("together", "way"), [(0.99, "rose together"), (-0.99, "against each")])
-def test_a_torque_that_goes_with_the_sequence_is_told(together, way):
-    assert way in said(correlation=together)
-    assert "number of the tightening" not in said(correlation=0.5 * together)
+@pytest.mark.parametrize("correlation", [0.99, -0.99])
+def test_a_torque_that_goes_with_the_sequence_is_told(correlation):
+    assert population.confounded(correlation) in stated(correlation=correlation)
+    assert stated(correlation=0.5 * correlation) == stated()
 
 
 def test_a_wrench_that_sets_and_one_that_reads_are_told_apart():
     """Set: 0.1 |slope| of scatter. Read: 0.01/(var + 0.01) less, as errors in variables do."""
-    text = said()
-    part = 0.01 / (np.var(np.log([4.0, 8.0, 12.0] * 2)) + 0.01)
-    assert "the exponents stay unbiased" in text
-    assert "adds a scatter of 15 % to stiffness" in text
-    assert f"every exponent is about {100 * part:.1g} % too small" in text
-    assert "wrench" not in said(columns=["mean"], torque=[None] * 6)
+    attenuation = 0.01 / (np.var(np.log([4.0, 8.0, 12.0] * 2)) + 0.01)
+    sentence = population.wrench("stiffness", 0.1, 0.15, attenuation)
+    assert sentence in stated()
+    assert sentence not in stated(columns=["mean"], torque=[None] * 6)
 
 
 def test_ratios_runs_and_what_has_no_logarithm_are_told():
-    assert "gamma/delta goes as torque^0.1 [-0.2, 0.4]: no dependence on torque is seen" in said(
-        ratios={"gamma/delta": interval(-0.2, 0.1, 0.4)}
-    )
-    assert "0.4 [0.2, 0.6]: it depends on torque" in said(ratios={"a/b": interval(0.2, 0.4, 0.6)})
+    level, rising = interval(-0.2, 0.1, 0.4), interval(0.2, 0.4, 0.6)
+    said = stated(ratios={"gamma/delta": level, "a/b": rising})
+    assert population.ratio_trend("gamma/delta", level, depends=False) in said
+    assert population.ratio_trend("a/b", rising, depends=True) in said
     row = {**a_record()["parameters"]["stiffness"], "run_scatter": 0.031}
-    assert "stiffness by 3.1 % between runs of a unit and by 20 % between units" in said(
-        parameters={"stiffness": row}
-    )
-    assert "gamma has no logarithm in unit_2" in said(no_logarithm={"gamma": ["unit_2"]})
-    assert "Of unit_0, unit_1 a normal approximation of the posterior enters." in said(
-        weighed={f"unit_{k}": 0.9 for k in range(2, 6)}
-    )
+    assert population.scatter([("stiffness", 0.031, 0.2)]) in stated(parameters={"stiffness": row})
+    lacking = {"gamma": ["unit_2"]}
+    assert population.no_logarithm("gamma", ["unit_2"]) in stated(no_logarithm=lacking)
+    weighed = {f"unit_{k}": 0.9 for k in range(2, 6)}
+    assert population.approximated(["unit_0", "unit_1"]) in stated(weighed=weighed)

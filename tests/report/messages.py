@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from jbw.report.messages import identified
+from jbw.report.messages import identified, population, watch
 from jbw.report.messages.findings import FINDINGS, remedy_of, sentence_of
 
 SNAPSHOT = Path(__file__).with_name("messages.txt")
@@ -70,6 +70,8 @@ def of_findings() -> Iterator[str]:
             yield f"  remedy: {remedy_of(entry, remedy)}"
 
 
+SLOPE = {"q005": -2.0, "median": -1.5, "q995": -1.0}
+NUMBERS = watch.distances(31.2, 17.4, 20, 0.00021)
 # Functions of the catalogue and arguments, topic by topic.
 OF_TOPICS = {
     "identified": [
@@ -96,6 +98,47 @@ OF_TOPICS = {
         identified.waterfall(8, 5),
         identified.costs(["12.1", "12.1"]),
         identified.costs(["12.1", "none"]),
+    ],
+    "population": [
+        population.mostly_prior(2, 1, trend=False),
+        population.mostly_prior(4, 2, trend=True),
+        population.wide_intervals(4, 2),
+        population.not_converged(1.2, 40),
+        population.failed_runs(["unit_1", "unit_4"], 6),
+        population.confounded(-0.99),
+        population.no_logarithm("gamma", ["unit_2"]),
+        population.trend("alpha*delta", SLOPE, rises=False),
+        population.ratio_trend("gamma/delta", SLOPE, depends=True),
+        population.ratio_trend("gamma/delta", SLOPE, depends=False),
+        population.scatter([("zeta", 0.031, 0.2)]),
+        population.outliers(["unit_3"]),
+        population.weighed(4, 6, 0.31),
+        population.approximated(["unit_0", "unit_1"]),
+        population.weak(["gamma"], 2.0),
+        population.saturates(["omega_n"], SLOPE),
+        population.wrench("alpha*delta", 0.1, 0.15, 0.043),
+        population.scatter_stage(6),
+        population.sampling_stage(6, 4),
+        population.without_stage(1, 2),
+        population.one_stage(6, 1000),
+        population.heading(6),
+        population.caption(trend=True),
+    ],
+    "watch": [
+        watch.no_alarm(NUMBERS),
+        watch.alarm("drift", "hit 31", "hit 27", "looser", (-0.12, -0.2, -0.04), (0.08, 0.05, 0.11),
+                    "", NUMBERS),
+        watch.alarm("reading", "hit 31", "hit 31", "looser", (-0.12, -0.2, -0.04),
+                    (0.08, 0.05, 0.11), watch.torque_change(
+                        8.0, (6.1, 5.2, 7.3), within_fleet=False, is_explained=False), NUMBERS),
+        watch.attenuated(0.1, 0.043),
+        watch.torn_line("w/watch.jsonl", 50, "w/watch.torn"),
+        watch.known_already("hit 3", 23),
+        watch.particles("hit 5", 0.42, moved=True),
+        watch.several_amplitudes(20),
+        watch.CAPTION,
+        watch.heading(31, 20),
+        watch.table_title("0.3 m/s", 1e-3),
     ],
 }  # fmt: skip
 

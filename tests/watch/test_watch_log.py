@@ -6,6 +6,7 @@ import os
 import pytest
 
 import jbw
+from jbw.report.messages.watch import torn_line
 from jbw.watch.log import TORN, append, locked_log, read_log, set_aside
 
 ENTRIES = [{"kind": "settings", "false_alarms": 1e-3}, {"kind": "reading", "record": "Größe"}]
@@ -33,7 +34,7 @@ def test_a_last_line_cut_by_a_crash_is_set_aside_and_told(path):
         path.write_bytes(whole + line[:length])
         told = set_aside(path)
         assert told is not None
-        assert f"its {length} bytes are kept" in told
+        assert told == torn_line(str(path), length, str(path.with_name(TORN)))
         assert path.read_bytes() == whole
         assert path.with_name(TORN).read_bytes() == line[:length] + b"\n"
         path.with_name(TORN).unlink()

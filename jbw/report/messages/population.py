@@ -1,0 +1,165 @@
+"""What several units of one joint share: scatter, trends with torque, and how far to trust them."""
+
+from collections.abc import Mapping, Sequence
+
+from jbw.report.messages.message import listed, percent
+
+Interval = Mapping[str, float]
+"""`median`, `q005` and `q995`."""
+
+
+def interval(row: Interval) -> str:
+    """A median with its 99 % interval."""
+    return f"{row['median']:.2g} [{row['q005']:.2g}, {row['q995']:.2g}]"
+
+
+def mostly_prior(num_units: int, free: int, *, trend: bool) -> str:
+    """That units are too few for a scatter, or for one about a trend."""
+    about = f" about a trend ({free} degrees of freedom)" if trend else ""
+    return f"{num_units} units do not determine the scatter{about}: the prior dominates here."
+
+
+def wide_intervals(num_units: int, free: int) -> str:
+    """That few degrees of freedom are left."""
+    return f"{num_units} units leave {free} degrees of freedom: the intervals are wide."
+
+
+def not_converged(r_hat: float, divergences: int) -> str:
+    """That no number of the population may be used."""
+    return (
+        f"The sampler did not converge (R-hat {r_hat:.3f}, {divergences} divergences): do not use "
+        "these results."
+    )
+
+
+def failed_runs(failed: Sequence[str], num_units: int) -> str:
+    """Units whose runs failed and are pooled all the same."""
+    return (
+        f"The population includes {len(failed)} of {num_units} units whose runs failed: "
+        f"{listed(failed)}. Repair these runs (jbw explain), or remove them."
+    )
+
+
+def confounded(correlation: float) -> str:
+    """That torque and sequence of the tightenings changed together."""
+    way = "rose together" if correlation > 0 else "changed in opposite directions"
+    return (
+        f"Torque and tightening number {way} (correlation {correlation:.2f}): the data determine "
+        "their joint effect only, and the prior divides it between them."
+    )
+
+
+def no_logarithm(name: str, units: Sequence[str]) -> str:
+    """A parameter that cannot be pooled, because it is not positive everywhere."""
+    return (
+        f"{name} is unknown or not positive in {listed(units)}: it is not pooled, and every unit "
+        "keeps the prior of its run."
+    )
+
+
+def trend(name: str, slope: Interval, *, rises: bool) -> str:
+    """A parameter that changes with torque."""
+    return f"{name} {'rises' if rises else 'falls'} with torque, as torque^{interval(slope)}."
+
+
+def ratio_trend(name: str, slope: Interval, *, depends: bool) -> str:
+    """Whether a ratio of parameters changes with torque."""
+    answer = "it depends on torque" if depends else "no dependence on torque is detected"
+    return f"{name} varies as torque^{interval(slope)}: {answer}."
+
+
+def scatter(rows: Sequence[tuple[str, float, float]]) -> str:
+    """Parameters with their scatter between sessions of a unit and between units."""
+    parts = (
+        f"{name} {percent(sessions)} between sessions of a unit, {percent(units)} between units"
+        for name, sessions, units in rows
+    )
+    return f"Scatter: {'; '.join(parts)}."
+
+
+def outliers(units: Sequence[str]) -> str:
+    """Units that the population does not explain."""
+    return f"These units do not belong to the population: {', '.join(units)}."
+
+
+def weighed(count: int, num_units: int, least: float) -> str:
+    """How many units enter by their draws."""
+    return (
+        f"{count} of {num_units} units enter by reweighted draws; the effective sample size is at "
+        f"least {percent(least, '.0f')} of the draws."
+    )
+
+
+def approximated(units: Sequence[str]) -> str:
+    """Units whose posteriors enter as normal ones."""
+    return f"The posterior of {listed(units)} enters by a normal approximation."
+
+
+def weak(names: Sequence[str], times: float) -> str:
+    """Parameters whose scatter rests on the shape of the units' posteriors."""
+    return (
+        f"The error of a unit in {listed(names)} is more than {times:g} times the scatter: the "
+        "result depends on the normal shape of its posterior."
+    )
+
+
+def saturates(names: Sequence[str], torque: Interval) -> str:
+    """The torque over which parameters saturate, as the user states that they do."""
+    return (
+        f"{listed(names)} saturates with torque as stated, at {interval(torque)} N m; only very "
+        "different torques distinguish this from a power law."
+    )
+
+
+def wrench(name: str, error: float, added: float, attenuation: float) -> str:
+    """Berkson's error of a torque that is set, and the attenuation of one that is read."""
+    return (
+        f"If a wrench sets the torque to {percent(error, '.0f')}, the exponents are unbiased and "
+        f"the wrench adds a scatter of {percent(added)} to {name}. If the torque is read with that "
+        f"error, every exponent is about {percent(attenuation, '.1g')} too small."
+    )
+
+
+def scatter_stage(num_units: int) -> str:
+    """Progress of the first round."""
+    return f"Population of {num_units} units: scatter between them"
+
+
+def sampling_stage(num_units: int, num_weighed: int) -> str:
+    """Progress of the second."""
+    return f"Population of {num_units} units, {num_weighed} of them by their draws: NUTS"
+
+
+def without_stage(number: int, total: int) -> str:
+    """Progress of the check which units belong to the others."""
+    return f"Population without a unit that may not belong to it: {number} of {total}"
+
+
+def one_stage(num_units: int, num_samples: int) -> str:
+    """Progress of the posterior of all units at once."""
+    return f"All records of {num_units} units at once: NUTS, one chain of {num_samples} samples"
+
+
+WRITE_FLEET = "Write it with this version of jbw: jbw collect RUNS --out fleet.nc."
+NEW_UNIT = "Frequency and damping of a new unit"
+BAND = "99 % of a new unit"
+EVERY_UNIT = "Every unit, median [99 %]"
+
+
+def heading(num_units: int) -> str:
+    """Of a fleet's page."""
+    return f"{num_units} units identified by jbw, and their population."
+
+
+def caption(*, trend: bool) -> str:
+    """Of the figure of a fleet's page."""
+    against = " against torque" if trend else ""
+    return (
+        f"Every unit{against} with its 99 % interval, and the band that holds 99 % of further "
+        f"units. A square marks a unit that does not belong to the population."
+    )
+
+
+def table_title(num_units: int) -> str:
+    """Of the table of a population."""
+    return f"Population of {num_units} units, median [99 %]"

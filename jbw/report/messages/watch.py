@@ -1,0 +1,104 @@
+"""What a watch says of a record: alarm or none, what changed, which torque explains it."""
+
+from jbw.report.messages.message import percent
+
+Estimate = tuple[float, float, float]
+"""A value and its 99 % interval."""
+
+
+def distances(squared: float, threshold: float, num_reference: int, unchanged: float) -> str:
+    """The numbers behind a statement."""
+    return (
+        f"T^2 is {squared:.3g} with the threshold {threshold:.3g}; the probability of no change "
+        f"since the {num_reference} reference records is {unchanged:.3g}."
+    )
+
+
+def no_alarm(numbers: str) -> str:
+    """That the joint is as it was."""
+    return f"No alarm. {numbers}"
+
+
+def alarm(
+    kind: str, record: str, first: str, direction: str, frequency: Estimate, damping: Estimate,
+    torque: str, numbers: str,
+) -> str:  # fmt: skip
+    """What changed, since which record; the damping relative to what it was."""
+    since = f", since {first}" if first != record else ""
+    middle, low, high = (100 * value for value in damping)
+    f, f_low, f_high = frequency
+    return (
+        f"Alarm ({kind}) at {record}{since}: {direction}. Frequency {f:+.3g} Hz "
+        f"[{f_low:+.3g}, {f_high:+.3g}], damping {middle:+.3g} % [{low:+.3g}, "
+        f"{high:+.3g}]{torque}. {numbers}"
+    )
+
+
+def torque_change(before: float, after: Estimate, *, within_fleet: bool, is_explained: bool) -> str:
+    """The change of torque that explains the change best, as the end of a sentence."""
+    middle, low, high = after
+    way = "fall" if middle < before else "rise"
+    phrase = (
+        f", as after a {way} of the torque from {before:.3g} to {middle:.3g} N m "
+        f"[{low:.3g}, {high:.3g}]"
+    )
+    if not within_fleet:
+        phrase += ", outside the torques of the fleet"
+    if not is_explained:
+        phrase += ", but no torque explains both frequency and damping"
+    return phrase
+
+
+def attenuated(error: float, attenuation: float) -> str:
+    """That slopes of torques that were read are too small."""
+    return (
+        f"If the torques of the fleet were read to {percent(error, '.0f')} and not set, its slopes "
+        f"are about {percent(attenuation, '.1g')} too small, and changes of torque are "
+        f"overestimated by as much."
+    )
+
+
+def furthest(metres: float | None) -> str:
+    """How far all units of a fleet were driven."""
+    return "some units state no displacement" if metres is None else f"{metres:.3g} m"
+
+
+def torn_line(path: str, num_bytes: int, torn_path: str) -> str:
+    """That a crash cut off the last line of a watch."""
+    return (
+        f"A crash cut off the last line of {path}; its {num_bytes} bytes are in {torn_path}. Add "
+        "that record again."
+    )
+
+
+def known_already(record: str, number: int) -> str:
+    """That a record is no new one."""
+    return f"The watch already holds `{record}`, as number {number}."
+
+
+def particles(record: str, share: float, *, moved: bool) -> str:
+    """Progress: how many particles a record leaves with weight."""
+    kernel = ", moved since" if moved else ""
+    return f"{record}: effective particles {percent(share, '.0f')}{kernel}"
+
+
+def several_amplitudes(few: int) -> str:
+    """Advice on the amplitudes of a watch of few references."""
+    return f"With fewer than {few} reference records, one amplitude detects more than several."
+
+
+CAPTION = (
+    "Frequency and damping at one amplitude, and the band that holds 99 % of further records of an "
+    "unchanged joint. A square marks an alarm."
+)
+BAND = "99 % of an unchanged joint"
+
+
+def heading(num_records: int, num_reference: int) -> str:
+    """Of a watch's page."""
+    return f"{num_records} records by jbw; the first {num_reference} are the reference."
+
+
+def table_title(amplitude: str, false_alarms: float) -> str:
+    """Of the readings of a watch."""
+    return f"Readings at {amplitude}; false alarms per record: {false_alarms:g}"
