@@ -6,6 +6,7 @@ from typing import Any
 
 import xarray as xr
 
+from jbw.report.messages import differences as messages
 from jbw.report.table import Column, Table, named, table
 from jbw.report.text import length_unit, number, unit_text
 
@@ -18,7 +19,7 @@ QUANTITIES = {"frequency": "frequency [Hz]", "damping": "damping ratio [%]"}
 def parameters_table(record: Row) -> Table:
     """A row a quantity that both runs know."""
     return table(
-        "Parameters, median and 99 % interval",
+        messages.TABLE,
         record["parameters"],
         named("parameter", {}),
         Column("unit", lambda row: unit_text(row["unit"]) or "-", align="left", spared=1),
@@ -31,7 +32,7 @@ def backbone_table(record: Row) -> Table:
     """Frequency and damping at amplitudes that both runs fitted."""
     factor, unit = length_unit(max((row["amplitude"] for row in record["backbone"]), default=1.0))
     return table(
-        "Frequency and damping against amplitude, median and 99 % interval",
+        messages.BACKBONE_TABLE,
         [_in_per_cent(row) if row["unit"] == "1" else row for row in record["backbone"]],
         Column("", lambda row: QUANTITIES[row["name"]], align="left"),
         Column(f"at [{unit}]", lambda row: number(factor * row["amplitude"])),

@@ -9,6 +9,7 @@ import xarray as xr
 from jbw.report.law_table import law_order, laws_table
 from jbw.report.laws import laws_figure
 from jbw.report.measured_points import draw_points, measured_points
+from jbw.report.messages import laws as messages
 from jbw.report.sheet import Folded, Sheet, render_sheet
 from jbw.report.style import SOFT, Panels, draw_model, finish, panels, plain, title
 from jbw.report.table import table, words
@@ -18,7 +19,6 @@ from jbw.report.words import Badge
 MOST = 4  # laws drawn at once; the others are folded
 ROW = 1.9  # height of a law's panels [in]
 ROUND = 0.35  # of the reach of points and best law: what is shown beyond them
-SAID = {"best": "preferred", "worse": "told apart, worse"}
 
 
 def render_laws(tree: xr.DataTree, record: Mapping[str, Any]) -> str:
@@ -31,14 +31,13 @@ def render_laws(tree: xr.DataTree, record: Mapping[str, Any]) -> str:
     drawn_laws = tree["curves"].to_dataset()["law"].values.tolist()
     order = [name for name in law_order(record) if name in drawn_laws]
     folded = [Folded(
-        "Loops, residuals and runs left out",
-        "From above: frequency and damping of all laws in one panel each, the loop of each law, "
-        "its residual along one record, and the error of each run, predicted from the others.",
+        messages.LOOPS_TITLE,
+        messages.LOOPS,
         laws_figure(tree),
     )]  # fmt: skip
     if len(order) > MOST:
         further = law_backbones(tree, record, order[MOST:])
-        folded.insert(0, Folded("The other laws", "As above, of lower score.", further))
+        folded.insert(0, Folded("The other laws", messages.FURTHER, further))
     drawn = law_backbones(tree, record, order[:MOST])
     return render_sheet(laws_sheet(record), drawn, folded)
 
@@ -66,9 +65,9 @@ def law_backbones(
             each.set_xlim(0.0, amplitude[-1])
             each.ticklabel_format(axis="y", useOffset=False)
         answer = record["laws"][law]["answer"]
-        title(row[0], f"{plain(law)}: {SAID.get(answer, answer)}")
+        title(row[0], f"{plain(law)}: {messages.ANSWERS.get(answer, answer)}")
         error = record["laws"][law]["error"]
-        title(row[1], f"RMS error of the fit: {100 * error:.2g} %", size=8)
+        title(row[1], messages.error_of_fit(error), size=8)
     for column, name, scale in ((0, "frequency", 1.0), (1, "damping", 100.0)):
         shown = [scale * best[name].values.ravel(), *(scale * one.values[name] for one in points)]
         low, high = np.nanmin(np.concatenate(shown)), np.nanmax(np.concatenate(shown))
@@ -84,23 +83,19 @@ def laws_sheet(record: Mapping[str, Any]) -> Sheet:
     rows = record["laws"]
     best = law_order(record)[0]
     best = next((name for name, row in rows.items() if row["answer"] == "best"), best)
-    alike = [name for name, row in rows.items() if row["answer"] == "not told apart"]
-    beside = f", but the data do not tell it apart from {', '.join(alike)}" if alike else ""
+    equivalent = [name for name, row in rows.items() if row["answer"] == "not told apart"]
+    beside = messages.not_distinguished(equivalent) if equivalent else ""
     tables = [("Scores", laws_table(record))]
     if record["refused"]:
         refused = [{"law": law, "why": why} for law, why in record["refused"].items()]
         columns = words("law", "law"), words("why not", "why", "wrap")
-        tables.append(("Laws that could not be judged", table("", refused, *columns)))
+        tables.append((messages.UNJUDGED_TITLE, table("", refused, *columns)))
     return Sheet(
         title=f"Laws of the joint: {record['campaign']}",
-        about=f"{len(rows)} laws fitted to the same data with the same weights, 99 % bands.",
-        caption="Frequency and damping ratio against amplitude under each law, the preferred one "
-        "first, then by score, all at the scale of the first; open symbols are what each test "
-        "shows without a model of the joint, read as a linear oscillator. A law whose band leaves "
-        "the points on a curve does not describe this joint. Grey: beyond the amplitudes that were "
-        "fitted.",
+        about=messages.heading(len(rows)),
+        caption=messages.BACKBONES,
         sentences=record["statements"],
         tables=tables,
-        status=Badge(best, "doubt" if alike else "good"),
+        status=Badge(best, "doubt" if equivalent else "good"),
         status_words=f"is the preferred law{beside}.",
     )

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from jbw.report.messages import laws as messages
 from jbw.report.style import LEVELS, Panels, finish, panels, plain, shade, title
 
 LOOKS = [(colour, dashes) for dashes in ("-", "--", ":") for colour in LEVELS]
@@ -51,8 +52,8 @@ def _against_amplitude(axes: Any, curves: xr.Dataset, looks: Looks) -> None:
             each.plot(amplitude, middle, color=colour, ls=dashes, lw=1.2, label=label)
         each.axvline(1e3 * curves.attrs["y_fitted"], color="0.6", lw=0.8, ls=":")
         each.set_ylabel(f"{name} [{unit}]")
-        each.set_xlabel("amplitude of the displacement [mm]")
-        title(each, f"{name} under each law with its 99 % band; dotted: largest fitted amplitude")
+        each.set_xlabel(messages.LABELS["amplitude"])
+        title(each, f"{name}{messages.LABELS['backbone']}")
 
 
 def _loops(here: Any, found: xr.Dataset, looks: Looks) -> None:
@@ -60,19 +61,19 @@ def _loops(here: Any, found: xr.Dataset, looks: Looks) -> None:
     for law, (colour, dashes) in looks.items():
         here.plot(y, found["force"].sel(law=law).values, color=colour, ls=dashes, lw=1.0)
     here.set_xlabel("displacement [mm]")
-    here.set_ylabel("force less the linear\nspring's [N/kg]")
-    title(here, "loop of each law at the largest fitted amplitude")
+    here.set_ylabel(messages.LABELS["force"])
+    title(here, messages.LABELS["loop"])
 
 
 def _residuals(here: Any, found: xr.Dataset, looks: Looks) -> None:
     along = (np.arange(found.sizes["part"]) + 0.5) / found.sizes["part"]
     for law, (colour, dashes) in looks.items():
-        left = 100 * found["left"].sel(law=law).values
-        here.plot(along, left, color=colour, ls=dashes, lw=1.0)
+        residual = 100 * found["left"].sel(law=law).values
+        here.plot(along, residual, color=colour, ls=dashes, lw=1.0)
     here.set_yscale("log")
-    here.set_xlabel("position in the record (0: start, 1: end)")
+    here.set_xlabel(messages.LABELS["place"])
     here.set_ylabel("residual [% of rms]")
-    title(here, f"residual of each law along {plain(found.attrs['group'])}")
+    title(here, f"{messages.LABELS['residual']}{plain(found.attrs['group'])}")
 
 
 SHAPES = {"loops": _loops, "residuals": _residuals}
@@ -85,12 +86,12 @@ def _left_out(here: Any, scores: xr.Dataset, runs: list[str], looks: Looks) -> N
         errors = 100 * scores["error"].sel(law=law).values
         filled = "none" if looks[law][1] != "-" else "full"
         here.plot(errors, places, "o", ms=4, color=looks[law][0], fillstyle=filled)
-    said = "error of each run, predicted from the others"
+    heading = messages.LABELS["error"]
     if "line" in scores and np.isfinite(scores["line"].values).any():
         here.plot(100 * scores["line"].values, np.arange(len(runs)), "|", ms=12, color="0.3")
-        said += "; bar: linear oscillator fitted to that run alone"
+        heading += messages.LABELS["bar"]
     here.set_yticks(range(len(runs)), [plain(run) for run in runs])
     here.set_ylim(len(runs) - 0.4, -0.6)
     here.set_xscale("log")
-    here.set_xlabel("RMS error over the rms of the record [%]")
-    title(here, said)
+    here.set_xlabel(messages.LABELS["error_axis"])
+    title(here, heading)

@@ -21,6 +21,7 @@ from jbw.errors import ConfigError
 from jbw.inference.posterior.summary import QUANTILES, evenly_spaced, scalars
 from jbw.inference.thresholds import LEARNT
 from jbw.quantities import OSCILLATOR, in_dialect
+from jbw.report.messages import differences as messages
 from jbw.report.result import read_result, unit_of
 from jbw.report.text import interval, number, typed
 from jbw.report.words import UNCOUNTED
@@ -80,8 +81,8 @@ def differences(first: Path, second: Path) -> Difference:
         "parameters": parameters,
         "backbone": rows,
     }
-    said = _statements(record, one, other, apart)
-    return Difference(record | {"statements": said}, backbones)
+    sentences = _statements(record, one, other, apart)
+    return Difference(record | {"statements": sentences}, backbones)
 
 
 def _model_adequacy(summary: Mapping[str, Any]) -> str:
@@ -174,19 +175,10 @@ def _std_between(run: Run) -> dict[str, float]:
     return {str(n): float(x) for n, x in zip(between["quantity"].values, std, strict=True) if x}
 
 
-def _between_words(one: Run, other: Run) -> list[str]:
+def _between_words(runs: Sequence[Run]) -> list[str]:
     """By how much the records of a run scatter, which P includes."""
-    told = [
-        f"{run.name} {', '.join(f'{name} {100 * x:.2g} %' for name, x in std.items())}"
-        for run in (one, other)
-        if (std := _std_between(run))
-    ]
-    if not told:
-        return []
-    return [
-        "Records of a run ask for parameters of their own, which leaves the mean of them open by "
-        f"(standard deviations of {'; '.join(told)}): intervals and P include this."
-    ]
+    spreads = {run.name: std for run in runs if (std := _std_between(run))}
+    return [messages.records_scatter(spreads)] if spreads else []
 
 
 def _is_of_prior(run: Run, name: str) -> bool:
@@ -228,45 +220,26 @@ def _along_amplitude(one: Run, other: Run) -> tuple[xr.Dataset | None, list[dict
 
 def _statements(record: Mapping[str, Any], one: Run, other: Run, alone: Sequence[str]) -> list[str]:
     """What differs for sure, what does not, and what the probabilities do not cover."""
-    told = [row for row in record["parameters"] if not row["of_prior"]]
-    sure = [row for row in told if _is_sure(row)]
-    said = [_differs(row) for row in sure] or ["No parameter differs for sure (P of 0.995)."]
-    if rest := [row["name"] for row in told if row not in sure]:
-        said.append(f"May be the same: {', '.join(rest)}.")
-    if untold := [row for row in record["parameters"] if row["of_prior"]]:
-        names = ", ".join(f"{row['name']} ({' and '.join(row['of_prior'])})" for row in untold)
-        said.append(f"Not compared, for the data of a run say nothing beyond its prior: {names}.")
-    modes = [row for row in record["parameters"] if row.get("two_modes")]
-    said += [sentence(row, sure=_is_sure(row)) for row in modes]
-    said += [_differs(row) for row in record["backbone"][len(TOLD) - 1 :: len(TOLD)]]
+    rows, runs = record["parameters"], record["runs"]
+    identified = [row for row in rows if not row["of_prior"]]
+    sure = [row for row in identified if _is_sure(row)]
+    sentences = [_differs(row) for row in sure] or [messages.NONE_DIFFERS]
+    if rest := [row["name"] for row in identified if row not in sure]:
+        sentences.append(messages.may_be_same(rest))
+    if of_prior := {row["name"]: row["of_prior"] for row in rows if row["of_prior"]}:
+        sentences.append(messages.of_prior(of_prior))
+    sentences += [sentence(row, sure=_is_sure(row)) for row in rows if row.get("two_modes")]
+    sentences += [_differs(row) for row in record["backbone"][len(TOLD) - 1 :: len(TOLD)]]
     if alone:
-        said.append(f"Only one of the runs has {', '.join(alone)}.")
-    said += [
-        f"Run {run.name} is {verdict}: read its report before its numbers."
-        for run in (one, other)
-        if (verdict := record["runs"][run.name]["verdict"]) not in ("ok", "usable")
-    ]
-    said += _discrepancy_words(record["runs"], sure)
-    said.append(
-        "P takes the posteriors as independent: an error that both share, of a sensor or a mass, "
-        "is not in it."
-    )
-    return [*said, *_between_words(one, other), _scatter_words(one, other)]
-
-
-def _discrepancy_words(
-    runs: Mapping[str, Mapping[str, Any]], sure: Sequence[Mapping[str, Any]]
-) -> list[str]:
-    """That a law which leaves more than noise may make a difference, where it leaves that."""
+        sentences.append(messages.only_one(alone))
+    verdicts = {name: run["verdict"] for name, run in runs.items()}
+    unusable = {name: word for name, word in verdicts.items() if word not in ("ok", "usable")}
+    sentences += [messages.not_usable(name, word) for name, word in unusable.items()]
     inadequate = [name for name, run in runs.items() if run["model_adequacy"] not in ("ok", "")]
-    if not (sure and inadequate):
-        return []
-    return [
-        f"In {' and '.join(inadequate)} the law leaves more than noise. Its parameters then depend "
-        "on which records were fitted and how far they move, which no interval includes: a "
-        "difference may be of the records. Identify both runs over one range of motion, or by "
-        "another law: jbw laws."
-    ]
+    if sure and inadequate:
+        sentences.append(messages.inadequate(inadequate))
+    both = (one, other)
+    return [*sentences, messages.INDEPENDENT, *_between_words(both), _scatter_words(both)]
 
 
 def _is_sure(row: Mapping[str, Any]) -> bool:
@@ -277,26 +250,19 @@ def _differs(row: Mapping[str, Any]) -> str:
     """One quantity's difference with its interval; of the backbone at its amplitude."""
     unit = "" if row["unit"] == "1" else f" {row['unit']}"
     place = f" at {number(row['amplitude'])} m" if "amplitude" in row else ""
-    verb = "differs" if _is_sure(row) else "may be the same"
-    told = interval(*row["difference"], sd=0.5)
-    return typed(f"{row['name']}{place} {verb}: A less B is ") + f"{told}{unit}."
+    difference = f"{interval(*row['difference'], sd=0.5)}{unit}"
+    return messages.differs(typed(f"{row['name']}{place}"), difference, sure=_is_sure(row))
 
 
-def _scatter_words(one: Run, other: Run) -> str:
+def _scatter_words(runs: Sequence[Run]) -> str:
     """Whether the scatter from assembly to assembly is known, and that it is not in P."""
     units = [in_dialect(quantity.unit) for quantity in OSCILLATOR[:2]]
-    known = []
-    for run in (one, other):
+    spreads = {}
+    for run in runs:
         if run.basis.scatter:
-            each = [f"{x:.2g} {unit}".removesuffix(" 1") for x, unit in
-                    zip(run.basis.scatter, units, strict=True)]  # fmt: skip
-            known.append(f"{run.name} {each[0]} of omega_n and {each[1]} of zeta")
-    if known:
-        return (
-            f"Runs within a campaign scatter (standard deviations of {'; '.join(known)}): the "
-            "intervals are of the means over runs, and one further assembly may lie as far off."
-        )
-    return (
-        "Neither campaign has several assemblies: how much the next tightening alone would change "
-        "is not known, and a sure difference may be one of assembly, not of what you changed."
-    )
+            omega, zeta = (
+                f"{sd:.2g} {unit}".removesuffix(" 1")
+                for sd, unit in zip(run.basis.scatter, units, strict=True)
+            )
+            spreads[run.name] = omega, zeta
+    return messages.sessions_scatter(spreads) if spreads else messages.ONE_ASSEMBLY

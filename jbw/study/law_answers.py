@@ -1,4 +1,4 @@
-r"""What a comparison of laws answers: which is best, which are told apart from it, in words.
+r"""What a comparison of laws answers: which is best, which are told apart from it.
 
 $$\Delta = \sum_r (\mathrm{elpd}_r - \mathrm{elpd}^{\,0}_r), \qquad
   \mathrm{se} = \sqrt{n}\ \mathrm{sd}_r(\mathrm{elpd}_r - \mathrm{elpd}^{\,0}_r)$$
@@ -8,7 +8,7 @@ Reference:
     Vehtari, Simpson and Gelman (2018), Bayesian Analysis 13, 917.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -16,6 +16,7 @@ import xarray as xr
 from jaxtyping import Float
 
 from jbw.inference.posterior.verdict import GOOD_KHAT
+from jbw.report.messages import laws
 
 FEWEST_RUNS = 5  # from which differences have a standard error that can be believed
 APART = 2.0  # standard errors of a difference from which laws are told apart
@@ -49,15 +50,15 @@ def _best(rows: Mapping[str, Row], scores: Mapping[str, np.ndarray], *, by_runs:
     by more than that may be off by.
     """
     if by_runs:
-        known = {name: float(np.sum(own)) - _may_be_off(rows[name]) for name, own in scores.items()}
+        scored = {name: float(np.sum(x)) - _may_be_off(rows[name]) for name, x in scores.items()}
     else:
-        found = {name: row["log_evidence"] for name, row in rows.items()}
-        known = {name: own for name, own in found.items() if own is not None}
-    known = {name: own for name, own in known.items() if not rows[name]["hopeless"]}
-    if not known:
+        evidence = {name: row["log_evidence"] for name, row in rows.items()}
+        scored = {name: value for name, value in evidence.items() if value is not None}
+    scored = {name: score for name, score in scored.items() if not rows[name]["hopeless"]}
+    if not scored:
         return min(rows, key=lambda name: rows[name]["error"])
-    sure = [name for name in known if not _is_rough(rows[name], by_runs=by_runs)]
-    return max(known if by_runs else sure or known, key=lambda name: known[name])
+    sure = [name for name in scored if not _is_rough(rows[name], by_runs=by_runs)]
+    return max(scored if by_runs else sure or scored, key=lambda name: scored[name])
 
 
 def _may_be_off(row: Row) -> float:
@@ -80,7 +81,7 @@ def _answer(row: Row, best: Row, *, by_runs: bool) -> str:
     behind = _behind_by_runs if by_runs else _behind_by_evidence
     if row["hopeless"] or behind(row, best):
         return "worse"
-    rough = any(_is_rough(one, by_runs=by_runs) for one in (row, best))
+    rough = any(_is_rough(law, by_runs=by_runs) for law in (row, best))
     return "not judged" if rough else "not told apart"
 
 
@@ -92,7 +93,7 @@ def _behind_by_runs(row: Row, best: Row) -> bool:
 
 def _behind_by_evidence(row: Row, best: Row) -> bool:
     """Whether the evidence lies behind, whichever width the priors have."""
-    if any(_is_rough(one, by_runs=False) for one in (row, best)):
+    if any(_is_rough(law, by_runs=False) for law in (row, best)):
         return False
     pairs = [(row[key], best[key]) for key in ("log_evidence", "log_evidence_wide")]
     return all(None not in pair and pair[0] < pair[1] - NATS for pair in pairs)
@@ -100,12 +101,12 @@ def _behind_by_evidence(row: Row, best: Row) -> bool:
 
 def differences(scores: Mapping[str, Float[np.ndarray, " run"]], reference: str) -> dict[str, Any]:
     """Sum of the differences of every law's scores to the reference's, and its standard error."""
-    found = {}
-    for name, own in scores.items():
-        apart = own - scores[reference]
+    sums = {}
+    for name, of_runs in scores.items():
+        apart = of_runs - scores[reference]
         error = np.sqrt(len(apart)) * np.std(apart, ddof=1) if len(apart) > 1 else np.nan
-        found[name] = (float(np.sum(apart)), float(error))
-    return found
+        sums[name] = (float(np.sum(apart)), float(error))
+    return sums
 
 
 def stacking(scores: Mapping[str, Float[np.ndarray, " run"]]) -> dict[str, float]:
@@ -120,133 +121,114 @@ def stacking(scores: Mapping[str, Float[np.ndarray, " run"]]) -> dict[str, float
         return dict.fromkeys(scores, 1.0)
     # Each run over its best law: the weights are the same, and no exponential overflows.
     best = np.max(list(scores.values()), axis=0)
-    scores = {name: own - best for name, own in scores.items()}
-    each = {
+    scores = {name: of_runs - best for name, of_runs in scores.items()}
+    elpd = {
         name: ELPDData(
-            elpd=float(np.sum(own)), se=0.0, p=0.0, n_samples=1, n_data_points=len(own),
+            elpd=float(np.sum(x)), se=0.0, p=0.0, n_samples=1, n_data_points=len(x),
             scale="log", warning=False, good_k=0.7,
-            elpd_i=xr.DataArray(own, dims="run"), pareto_k=xr.DataArray(0.0 * own, dims="run"),
+            elpd_i=xr.DataArray(x, dims="run"), pareto_k=xr.DataArray(0.0 * x, dims="run"),
         )
-        for name, own in scores.items()
+        for name, x in scores.items()
     }  # fmt: skip
-    found = compare(each, method="stacking")
-    return {str(name): float(weight) for name, weight in found["weight"].items()}
+    weights = compare(elpd, method="stacking")["weight"]
+    return {str(name): float(weight) for name, weight in weights.items()}
 
 
 def statements(record: Row) -> list[str]:
     """What the comparison says, a sentence each."""
     rows, count = record["laws"], len(record["runs"])
     best = _names(rows, "best")[0]
-    if rows[best]["weight"] is not None:
-        said = [f"Best is {best}, by what each law predicts of {count} runs that it has not seen."]
-    else:
-        said = [
-            f"{count} run{'s' if count != 1 else ''} are too few to compare predictions, "
-            f"{FEWEST_RUNS} are needed: best is {best} by the evidence alone, which rests on the "
-            "priors."
-        ]
-    if near := _names(rows, "not told apart"):
-        said.append(f"Not told apart from it: {', '.join(near)}.")
-    if worse := _names(rows, "worse"):
-        said.append(f"Told apart, and worse: {', '.join(worse)}.")
-    said += [
-        f"{name} is judged by its fit alone: RMS error {100 * row['error']:.2g} %, of {best} "
-        f"{100 * rows[best]['error']:.2g} %; its largest log likelihood is "
-        f"{rows[best]['log_likelihood'] - row['log_likelihood']:.0f} lower."
-        for name, row in rows.items()
-        if row["hopeless"] and name != best
+    return [
+        laws.best_by_predictions(best, count)
+        if rows[best]["weight"] is not None
+        else laws.best_by_evidence(best, count, FEWEST_RUNS),
+        *_of_answers(rows, best),
+        *_of_errors(record, best),
+        *_of_parameters(rows),
+        *_of_rough_scores(rows),
+        *_of_unseen(rows),
+        *_of_offsets(best, record["shared_runs"]),
+        *_of_widths(rows),
     ]
+
+
+def _of_answers(rows: Mapping[str, Row], best: str) -> Iterator[str]:
+    """Which laws the data distinguish from the best, and which were not judged."""
+    if near := _names(rows, "not told apart"):
+        yield laws.equivalent(near)
+    if worse := _names(rows, "worse"):
+        yield laws.worse(worse)
+    for name, row in rows.items():
+        if row["hopeless"] and name != best:
+            behind = rows[best]["log_likelihood"] - row["log_likelihood"]
+            yield laws.by_fit_alone(name, row["error"], best, rows[best]["error"], behind)
     if rough := _names(rows, "not judged"):
-        said.append(
-            f"Not judged: {', '.join(rough)}, whose score or that of {best} is rough (k-hat above "
-            f"{GOOD_KHAT:g}); draw more, or restrict the priors."
-        )
+        yield laws.not_judged(rough, best, GOOD_KHAT)
+
+
+def _of_errors(record: Row, best: str) -> Iterator[str]:
+    """The error of the best law beside the scatter of repeats, and beside linear oscillators."""
     if (floor := record["floor"]) is not None and floor > 0:
-        error = rows[best]["error"]
-        said.append(
-            f"RMS error of {best}: {100 * error:.2g} % of the response; standard error of the mean "
-            f"of the repeats: {100 * floor:.2g} %{_near(error / floor)}."
-        )
+        error = record["laws"][best]["error"]
+        yield laws.against_repeats(best, error, floor, near=error / floor < NEAR_FLOOR)
     if lines := list(record["lines"].values()):
-        said.append(
-            "RMS error of a linear oscillator fitted to each run alone: "
-            f"{100 * record['line']:.2g} %, from {100 * min(lines):.2g} to "
-            f"{100 * max(lines):.2g} %."
-        )
+        yield laws.linear_by_session(record["line"], min(lines), max(lines))
+
+
+def _of_parameters(rows: Mapping[str, Row]) -> Iterator[str]:
+    """Parameters at bounds, and thresholds that the motion reached, but of laws that are worse."""
     for name, row in rows.items():
         if row["answer"] == "worse":
             continue
         if row["at_bound"]:
-            said.append(f"{name}: {', '.join(row['at_bound'])} at a bound of the prior.")
-        said += row["reached"] if len(row["laws"]) < 2 else [f"{name}: {x}" for x in row["reached"]]
-    for key, what in (("khat", "Scores of runs left out are"), ("khat_evidence", "Evidence is")):
+            yield laws.at_bound(name, row["at_bound"])
+        several = len(row["laws"]) > 1
+        yield from (f"{name}: {text}" if several else text for text in row["reached"])
+
+
+def _of_rough_scores(rows: Mapping[str, Row]) -> Iterator[str]:
+    """Laws whose scores or evidence rest on few draws."""
+    sentences = {"khat": laws.unreliable_scores, "khat_evidence": laws.unreliable_evidence}
+    for key, sentence in sentences.items():
         if rough := [name for name, row in rows.items() if (row[key] or 0.0) > GOOD_KHAT]:
-            said.append(f"{what} rough under {', '.join(rough)} (k-hat above {GOOD_KHAT:g}).")
-    said += _of_unseen(rows)
-    return [*said, *_of_offsets(best, record["shared_runs"]), *_of_widths(rows)]
+            yield sentence(rough, GOOD_KHAT)
 
 
-def _of_unseen(rows: Mapping[str, Row]) -> list[str]:
-    """Which laws predict best what nobody fitted, within the motion fitted and beyond, in words."""
-    said = []
-    for key, where in (
-        ("error_held_out", "Tests held out, within the motion fitted"),
-        ("error_beyond", "Tests beyond the motion fitted"),
-    ):
-        known = {name: row[key] for name, row in rows.items() if row.get(key) is not None}
-        if known:
-            least = min(known, key=lambda name: known[name])
-            said.append(f"{where}: {least} predicts them best, to {100 * known[least]:.2g} %.")
+def _of_unseen(rows: Mapping[str, Row]) -> Iterator[str]:
+    """Which laws predict held-out tests best, within the motion fitted, beyond, across kinds."""
+    sentences = {"error_held_out": laws.best_within, "error_beyond": laws.best_beyond}
+    for key, sentence in sentences.items():
+        errors = {name: row[key] for name, row in rows.items() if row.get(key) is not None}
+        if errors:
+            least = min(errors, key=lambda name: errors[name])
+            yield sentence(least, errors[least])
     across = {name: row["error_across"] for name, row in rows.items() if row.get("error_across")}
     for kind in next(iter(across.values()), {}):
         least = min(across, key=lambda name: across[name][kind])
-        error = 100 * across[least][kind]
-        said.append(
-            f"Across kinds: {least} predicts {kind} from the other tests best, to {error:.2g} %."
-        )
-    return said
+        yield laws.best_across(least, kind, across[least][kind])
 
 
-def _of_offsets(best: str, shared: Row | None) -> list[str]:
-    """What the best law would be if the runs shared omega_n and zeta, in words."""
+def _of_offsets(best: str, shared: Row | None) -> Iterator[str]:
+    """What the best law would be if the sessions shared omega_n and zeta."""
     if shared is None:
-        return []
+        return
     moved = [
-        f"{name} {row['without']:.3g} +- {row['without_sd']:.1g} in place of {row['with']:.3g} "
-        f"+- {row['with_sd']:.1g}"
+        laws.moved(name, (row["without"], row["without_sd"]), (row["with"], row["with_sd"]))
         for name, row in shared["parameters"].items()
     ]
-    least = min(shared["errors"], key=lambda name: shared["errors"][name])
-    with_, without = (100 * error for error in shared["error"])
-    said = (
-        f"Runs have offsets, which trade with softening. Without them the RMS error of {best} "
-        f"would be {without:.2g} % in place of {with_:.2g} %, with {', '.join(moved)}"
-    )
-    if least == best:
-        return [f"{said}; no law would have a smaller one."]
-    return [f"{said}; {least} would have the smallest, {100 * shared['errors'][least]:.2g} %."]
+    errors = shared["errors"]
+    least = min(errors, key=lambda name: errors[name])
+    with_offsets, without = shared["error"]
+    yield laws.without_offsets(best, without, with_offsets, moved, least, errors[least])
 
 
-def _of_widths(rows: Mapping[str, Row]) -> list[str]:
-    """How much the evidence hangs on the priors, in words."""
-    widths = ("log_evidence", "log_evidence_wide")
-    known = {name: [row[key] for key in widths] for name, row in rows.items()}
-    moved = [f"{n} {pair[1] - pair[0]:+.1f}" for n, pair in known.items() if None not in pair]
-    open_ = [name for name, pair in known.items() if pair[0] is not None and pair[1] is None]
-    said = []
-    if moved:
-        said.append(
-            "Priors of the laws' own parameters twice as wide move the log evidence by "
-            f"{', '.join(moved)} (-0.7 a parameter that the data narrow; more "
-            "where they push against a bound)."
-        )
-    if open_:
-        said.append(f"Under such priors that of {', '.join(open_)} could not be integrated.")
-    return said
-
-
-def _near(ratio: float) -> str:
-    return "; the data ask for no better law" if ratio < NEAR_FLOOR else ""
+def _of_widths(rows: Mapping[str, Row]) -> Iterator[str]:
+    """How much the evidence depends on the priors."""
+    pairs = {name: (row["log_evidence"], row["log_evidence_wide"]) for name, row in rows.items()}
+    if changes := {name: pair[1] - pair[0] for name, pair in pairs.items() if None not in pair}:
+        yield laws.wider_priors(changes)
+    if lacking := [name for name, pair in pairs.items() if pair[1] is None is not pair[0]]:
+        yield laws.no_wider_evidence(lacking)
 
 
 def _names(rows: Mapping[str, Row], answer: str) -> list[str]:

@@ -31,6 +31,7 @@ from jbw.observables.harmonic_groups import groups_of
 from jbw.observables.modal_starts import bands_of
 from jbw.observables.modes import Modes
 from jbw.quantities import UNIT_OF, derivative_order, per
+from jbw.report.messages.look import NO_OSCILLATOR
 from jbw.study.look_words import statements
 from jbw.verification.places import place
 
@@ -38,10 +39,6 @@ logger = logging.getLogger("jbw")
 CHANGED = 0.5  # scatter of repeats over their mean from where on they are no repeats
 # What a record that shows nothing ends a reading with: it is named, and the others are read.
 UNREADABLE = (DataError, ValueError, np.linalg.LinAlgError)
-NO_READING = (
-    "An oscillator there would have no damping, or misses more than half of the response: `band` "
-    "may hold several modes, or none."
-)
 NUM_SHOWN = 2000  # lines of a response that are drawn
 UNITS = {"y": "m", "frequency_hz": "Hz", "damping": "1"}
 MEANING = {"y": "motion", "frequency_hz": "natural frequency", "damping": "damping ratio"}
@@ -82,7 +79,7 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
             each = [one for one in read if one.holds]
             if len(each) < len(read):
                 left_out = f"{len(read) - len(each)} of {len(read)} readings of {name}"
-                unread[left_out] = NO_READING
+                unread[left_out] = NO_OSCILLATOR
             if not each:
                 continue
             rows.append(_row(name, tests[0], each))

@@ -18,6 +18,7 @@ from jbw.inference.posterior.summary import QUANTILES
 from jbw.oscillator.laws import laws_named
 from jbw.oscillator.parameters import Monomial
 from jbw.quantities import Quantity, per
+from jbw.report.messages.differences import one_joint
 from jbw.report.text import interval
 
 APART = 1.1  # times the other's natural frequency: runs of two modes, not of two days
@@ -69,8 +70,5 @@ def are_two_modes(first: Draws, second: Draws) -> bool:
 
 def sentence(row: Mapping[str, Any], *, sure: bool) -> str:
     """Whether two modes may have one joint, by the row of a ratio."""
-    each = []
-    for name, key in (("A", "a"), ("B", "b")):
-        each.append(f"{name} {interval(*row[key])}")
-    said = f"One joint across both modes has one {row['name']}; {', '.join(each)}: "
-    return said + ("these are two joints." if sure else "they may be one.")
+    a, b = interval(*row["a"]), interval(*row["b"])
+    return one_joint(row["name"], a, b, sure=sure)

@@ -22,11 +22,13 @@ from jbw.identification.floors import own_lines, rms, scatter_of_means
 from jbw.identification.prepare import Fitted
 from jbw.identification.prior_widths import log_evidence_wide, twice_as_wide
 from jbw.identification.without_offsets import compared, without_offsets
+from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.inference.space.box import bounds_by_name, box, from_unit
 from jbw.inference.space.stated import StatedDensities
 from jbw.measurement.records import Record, Test
 from jbw.observables import dataset
 from jbw.observables.dataset import log_likelihood
+from jbw.report.messages import laws as texts
 from jbw.study import laws
 from jbw.study.law_answers import (
     _of_offsets,
@@ -227,14 +229,13 @@ def test_few_runs_are_no_comparison_of_predictions():
             "lines": {"x": 0.03, "y": 0.04},
         }
     )
-    assert said[0].startswith("3 runs are too few to compare predictions, 5 are needed")
-    assert said[3] == (
-        "RMS error of a: 10 % of the response; standard error of the mean of the repeats: 9 %; "
-        "the data ask for no better law."
-    )
-    assert said[4] == (
-        "RMS error of a linear oscillator fitted to each run alone: 3.5 %, from 3 to 4 %."
-    )
+    assert said[:5] == [
+        texts.best_by_evidence("a", 3, 5),
+        texts.equivalent(["b"]),
+        texts.worse(["c"]),
+        texts.against_repeats("a", 0.1, 0.09, near=True),
+        texts.linear_by_session(0.035, 0.03, 0.04),
+    ]
 
 
 def test_a_rough_score_calls_no_law_worse_and_none_the_best():
@@ -248,12 +249,10 @@ def test_a_rough_score_calls_no_law_worse_and_none_the_best():
     compare_rows(rows, scores)
     answers = {name: one["answer"] for name, one in rows.items()}
     assert answers == {"a": "best", "b": "not judged", "c": "worse", "d": "not judged"}
-    said = " ".join(
-        statements(
-            {"laws": rows, "runs": list("uvwxyz"), "floor": None, "lines": {}, "shared_runs": None}
-        )
+    said = statements(
+        {"laws": rows, "runs": list("uvwxyz"), "floor": None, "lines": {}, "shared_runs": None}
     )
-    assert "Not judged: b, d, whose score or that of a is rough (k-hat above 0.7)" in said
+    assert texts.not_judged(["b", "d"], "a", GOOD_KHAT) in said
     # What it may be off by does not reach so far.
     rows["b"]["elpd_doubt"] = rows["d"]["elpd_doubt"] = 30.0
     compare_rows(rows, scores)
@@ -277,10 +276,7 @@ def test_a_hopeless_law_is_worse_whatever_its_score_and_the_words_say_by_what():
     said = statements(
         {"laws": rows, "runs": list("uvwxyz"), "floor": None, "lines": {}, "shared_runs": None}
     )
-    assert (
-        "b is judged by its fit alone: RMS error 40 %, of a 10 %; its largest log likelihood is "
-        "300 lower." in said
-    )
+    assert texts.by_fit_alone("b", 0.4, "a", 0.1, 300.0) in said
     # Where the law that leaves least could not be weighed, the others are compared all the same.
     alone = {"b": row(None, error=0.4, hopeless=True), "c": row(None, error=0.5, hopeless=True)}
     compare_rows(alone, {"b": base, "c": base + 1.0})
@@ -378,10 +374,13 @@ def test_a_law_is_shown_with_offsets_of_the_runs_and_without():
     assert row["error"][1] > 2 * row["error"][0]
     shown = {**row, "errors": {"linear": 1.0, "cubic": shared[0].error}}
     (said,) = _of_offsets("cubic", shown)
-    assert said.startswith(
-        "Runs have offsets, which trade with softening. Without them the RMS error of cubic would"
-    )
-    assert said.endswith("no law would have a smaller one.")
+    with_, without = row["error"]
+    moved = [
+        texts.moved(name, (each["without"], each["without_sd"]), (each["with"], each["with_sd"]))
+        for name, each in row["parameters"].items()
+    ]
+    least = shown["errors"]["cubic"]
+    assert said == texts.without_offsets("cubic", without, with_, moved, "cubic", least)
 
 
 @pytest.fixture(scope="module")
@@ -413,9 +412,9 @@ def test_tests_that_nobody_fitted_are_told_apart_by_reach():
     assert rows["a"] == {"error_held_out": pytest.approx(0.025**0.5), "error_beyond": 0.6}
     assert rows["b"] == {"error_held_out": 0.3, "error_beyond": 0.4}
     within, beyond = _of_unseen(rows)
-    assert within.endswith("within the motion fitted: a predicts them best, to 16 %.")
-    assert beyond == "Tests beyond the motion fitted: b predicts them best, to 40 %."
-    assert _of_unseen({"a": errors_apart(None, "a", "a")}) == []
+    assert within == texts.best_within("a", 0.025**0.5)
+    assert beyond == texts.best_beyond("b", 0.4)
+    assert list(_of_unseen({"a": errors_apart(None, "a", "a")})) == []
 
 
 @pytest.mark.slow

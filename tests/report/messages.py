@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from jbw.report.messages import identified, population, watch
+from jbw.report.messages import differences, identified, laws, look, population, watch
 from jbw.report.messages.findings import FINDINGS, remedy_of, sentence_of
 
 SNAPSHOT = Path(__file__).with_name("messages.txt")
@@ -98,6 +98,62 @@ OF_TOPICS = {
         identified.waterfall(8, 5),
         identified.costs(["12.1", "12.1"]),
         identified.costs(["12.1", "none"]),
+    ],
+    "laws": [
+        laws.best_by_predictions("bouc_wen", 6),
+        laws.best_by_evidence("bouc_wen", 1, 5),
+        laws.best_by_evidence("bouc_wen", 3, 5),
+        laws.equivalent(["iwan4"]),
+        laws.worse(["cubic", "stop"]),
+        laws.by_fit_alone("stop", 0.4, "bouc_wen", 0.1, 300.0),
+        laws.not_judged(["iwan4"], "bouc_wen", 0.7),
+        laws.against_repeats("bouc_wen", 0.1, 0.09, near=True),
+        laws.linear_by_session(0.035, 0.03, 0.04),
+        laws.at_bound("iwan4", ["chi"]),
+        laws.unreliable_scores(["iwan4"], 0.7),
+        laws.unreliable_evidence(["iwan4"], 0.7),
+        laws.best_within("bouc_wen", 0.023),
+        laws.best_beyond("bouc_wen", 0.051),
+        laws.best_across("bouc_wen", "sweep", 0.034),
+        laws.without_offsets("bouc_wen", 0.08, 0.02,
+                             [laws.moved("alpha_delta", (12.0, 0.3), (14.0, 0.5))], "iwan4", 0.07),
+        laws.without_offsets("bouc_wen", 0.08, 0.02,
+                             [laws.moved("zeta", (0.012, 3e-4), (0.014, 5e-4))], "bouc_wen", 0.08),
+        laws.wider_priors({"bouc_wen": -2.1, "cubic": -0.7}),
+        laws.no_wider_evidence(["stop"]),
+        laws.heading(4),
+        laws.not_distinguished(["iwan4"]),
+        laws.error_of_fit(0.023),
+    ],
+    "differences": [
+        differences.NONE_DIFFERS,
+        differences.differs("omega_n", "1.00 [0.64, 1.36] rad/s", sure=True),
+        differences.differs("zeta", "0.001 [-0.001, 0.003]", sure=False),
+        differences.may_be_same(["zeta", "alpha"]),
+        differences.of_prior({"gamma": ["A", "B"]}),
+        differences.only_one(["alpha", "gamma"]),
+        differences.not_usable("B", "failed"),
+        differences.inadequate(["A", "B"]),
+        differences.records_scatter({"A": {"zeta": 0.02}}),
+        differences.sessions_scatter({"A": ("0.5 rad/s", "0.0001")}),
+        differences.ONE_ASSEMBLY,
+        differences.INDEPENDENT,
+        differences.one_joint("gamma/delta", "0.27 [0.2, 0.3]", "0.5 [0.4, 0.6]", sure=True),
+        differences.one_joint("gamma/delta", "0.27 [0.2, 0.3]", "0.28 [0.2, 0.3]", sure=False),
+    ],
+    "look": [
+        look.NO_OSCILLATOR,
+        look.coherence((0.97, "weak"), (0.99, "strong")),
+        look.secant(1e-4, 1e-3, -0.12),
+        look.not_read(["gap", "hole"], "A record has samples missing."),
+        look.nonlinear(True, [1e-4, 1e-3], [
+            look.change("frequency", (0.4, 0.5, 0.6), (0.9, 1.0, 1.1), falls=True, unit=""),
+            look.no_change("damping ratio")]),
+        look.one_reading(1e-4),
+        look.between_ends([1e-4, 2e-4, 4e-4], -0.013, 1.3, (0.01, 0.012), "softens"),
+        look.between_ends([1e-4, 2e-4, 4e-4], 0.0013, 0.13, (0.01, 0.0101), ""),
+        look.onset(4e-3, "strong", 3.0),
+        look.session_scatter(3, [("frequency", 0.00053, 0.0053), ("damping", 0.02, 0.05)]),
     ],
     "population": [
         population.mostly_prior(2, 1, trend=False),

@@ -15,9 +15,10 @@ from jbw.measurement.files.hdf5 import write_hdf5
 from jbw.measurement.records import Record, Test
 from jbw.measurement.resonances import Reading, driven_lines, read_curve, read_lines
 from jbw.report.looking import look_figure
+from jbw.report.messages import look as texts
 from jbw.study.identify import identify
 from jbw.study.look import look, look_groups
-from jbw.study.look_words import days, nonlinear, onset
+from jbw.study.look_words import SURE, days, nonlinear, onset
 
 HERTZ = OMEGA_N / (2 * np.pi)
 
@@ -127,16 +128,17 @@ def test_a_response_curve_is_read_by_its_closed_form():
 def test_a_linear_structure_is_called_linear_and_a_joint_is_not():
     """The joint's equivalent oscillator is the lower and the more damped, the more it moves."""
     levels = (0.1, 0.2, 0.4, 0.8, 1.2)
-    for joint, answer in ((SILENT, "not seen"), (JOINT, "yes")):
+    for joint in (SILENT, JOINT):
         tests = tuple(
             a_test(level, joint, 1e-4, repeats=2, name=f"sweep {level}") for level in levels
         )
         found = look(Campaign("levels", None, tests))
-        assert found.record["statements"][0].startswith(f"Nonlinear: {answer}.")
+        said = found.record["statements"][0]
+        assert said.startswith("Nonlinear: yes.") == (joint is JOINT)
         rows = found.record["tests"]
         assert [row["test"] for row in rows] == [test.name for test in tests]
         if joint is SILENT:
-            assert "no change of the frequency is seen" in found.record["statements"][0]
+            assert texts.no_change("frequency") in said
             assert rows[-1]["left"] < 0.01
         else:
             frequencies = [row["frequency_hz"] for row in rows]
@@ -152,17 +154,23 @@ def test_a_frequency_that_rises_is_said_to_rise_and_few_readings_say_nothing():
     rng = np.random.default_rng(0)
     zeta = 0.01 + 1e-6 * rng.standard_normal(8)
     rising = [Reading(a, 18.0 * (1 + 5.0 * a), z) for a, z in zip(y, zeta, strict=True)]
-    said = nonlinear(rising)
-    assert "the frequency rises by 0.5 % [0.5, 0.5], as amplitude^1 [1, 1]" in said
-    assert "no change of the damping ratio is seen" in said
-    assert nonlinear(rising[:1]).startswith("Nonlinear: one reading (0.1 mm) tells no change")
+    found = nonlinear(rising)
+    assert found.is_seen
+    change = texts.change("frequency", (0.5, 0.5, 0.5), (1.0, 1.0, 1.0), falls=False, unit="")
+    changes = [change, texts.no_change("damping ratio")]
+    assert found.sentence == texts.nonlinear(True, y.tolist(), changes)
+    assert nonlinear(rising[:1]) == (False, texts.one_reading(1e-4))
     # Three readings: 0.13 % of the frequency is an eighth of the half width, 1 %; ten times is not.
-    assert nonlinear(rising[:3]).startswith("Nonlinear: not seen.")
+    assert not nonlinear(rising[:3]).is_seen
     far = [one._replace(frequency_hz=18.0 * (1 + 50.0 * one.y)) for one in rising[:3]]
-    assert nonlinear(far).startswith("Nonlinear: yes, it hardens. From 0.1 to 0.36 mm (3 readings")
-    assert "rises by 1.3 %, 1.3 of the resonance's half width" in nonlinear(far)
+    # 18 (1 + 50 y) rises by 50 (y_3 - y_1) / (1 + 50 y_1), over a half width of 1 %.
+    rise = 50.0 * (y[2] - y[0]) / (1 + 50.0 * y[0])
+    ends = zeta[0], zeta[2]
+    hardens = texts.between_ends(y[:3].tolist(), rise, 100 * rise, ends, "hardens")
+    assert nonlinear(far) == (True, hardens)
     low = [one._replace(damping=one.damping * (1 + i)) for i, one in enumerate(rising[:3])]
-    assert nonlinear(low).startswith("Nonlinear: yes, it changes its damping.")
+    assert nonlinear(low).is_seen
+    assert "yes, it changes its damping." in nonlinear(low).sentence
 
 
 def test_a_decay_is_read_along_its_envelope():
@@ -283,7 +291,7 @@ def test_the_command_reads_a_folder(tmp_path, capsys):
     assert run(["look", str(path), "--figure", str(tmp_path / "look.svg")]) == 0
     streams = capsys.readouterr()
     assert "18.78" in streams.out
-    assert "Nonlinear: not seen. From" in streams.out
+    assert "Nonlinear: not detected. From" in streams.out
     assert "s1: no harmonic exceeds the residual of the fit" in streams.out
     assert "Reading s1" in streams.err
     assert (tmp_path / "look.svg").stat().st_size > 10_000
@@ -334,11 +342,11 @@ def test_the_level_from_which_on_it_is_nonlinear_is_named():
     falls = (0.0, 0.02, 0.04, 0.05, 0.2)
     rows = [row(1e-3 * (i + 1), 18.8 - fall) for i, fall in enumerate(falls)]
     (said,) = onset(rows, [])
-    assert said.startswith("The change of the frequency is seen from 4 mm (at 4 mm) on")
+    assert said == texts.onset(4e-3, "at 4 mm", SURE)
     assert onset(rows[:3], []) == []
     # Beyond and back is no onset: chance did it.
     rows[1] = row(2e-3, 18.7)
-    assert "from 4 mm" in onset(rows, [])[0]
+    assert onset(rows, []) == [said]
 
 
 def test_readings_of_one_decay_tell_where_their_frequency_leaves_the_weakest():
@@ -347,8 +355,8 @@ def test_readings_of_one_decay_tell_where_their_frequency_leaves_the_weakest():
     y = np.linspace(1e-5, 1e-3, 60)
     each = [Reading(a, 20.0 * (1 - 10 * a) + 1e-3 * rng.standard_normal(), 0.01) for a in y]
     (said,) = onset([], each)
-    first = float(said.split("seen from ")[1].split()[0])
-    assert 0.02 < first < 0.12  # three readings of 17 um at most until it is beyond chance
+    first = next(float(a) for a in y if texts.onset(float(a), "", SURE) == said)
+    assert 2e-5 < first < 1.2e-4  # three readings of 17 um at most until it is beyond chance
     same = [one._replace(frequency_hz=20.0 + 1e-3 * rng.standard_normal()) for one in each]
     assert onset([], same) == []
 
@@ -357,8 +365,9 @@ def test_scatter_within_a_day_stands_against_that_between_days():
     """Days at 18.8, 18.9 and 19.0 Hz: 0.1 Hz of 18.9; records 0.01 Hz."""
     rows = [row(1e-3, 18.8 + 0.1 * i, run=f"day {i}") for i in range(3)]
     (said,) = days(rows)
-    assert "of 3 days or assemblies" in said
-    assert "frequency 0.053 % within and 0.53 % between" in said
+    assert "3 sessions or assemblies" in said
+    # 0.01 and 0.1 Hz of 18.9 Hz.
+    assert "frequency 0.053 % within, 0.53 % between" in said
     assert days([row(1e-3, 18.8), row(2e-3, 18.7)]) == []
     # Levels are not compared with one another.
     assert days([row(1e-3, 18.8, run="a"), row(2e-3, 18.7, run="b", level=2.0)]) == []

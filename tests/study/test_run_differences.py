@@ -10,6 +10,7 @@ from scipy.stats import norm
 from jbw.cli import run
 from jbw.errors import ConfigError
 from jbw.report.differences import probability_text
+from jbw.report.messages import differences as texts
 from jbw.study.differences import compared, differences
 
 COUNT = 1000
@@ -82,10 +83,10 @@ def test_frequencies_differ_by_what_the_oscillators_do(tmp_path):
     assert (high - low) / 2 == pytest.approx(half, rel=0.1)
     assert rows["frequency", 2.0]["probability"] > 0.999
     np.testing.assert_allclose(rows["damping", 1.0]["a"], 0.01, rtol=1e-6)
-    said = " ".join(found.record["statements"])
-    assert "omega_n differs: A less B is 1.00 [0.64, 1.36] rad/s." in said
-    assert "May be the same: zeta, alpha, delta, gamma, gamma/delta." in said
-    assert "Neither campaign has several assemblies" in said
+    said = found.record["statements"]
+    assert texts.differs("omega_n", "1.00 [0.64, 1.36] rad/s", sure=True) in said
+    assert texts.may_be_same(["zeta", "alpha", "delta", "gamma", "gamma/delta"]) in said
+    assert texts.ONE_ASSEMBLY in said
 
 
 def with_ratio(mean, sd, seed):
@@ -104,15 +105,16 @@ def test_two_modes_of_one_joint_have_one_ratio(tmp_path):
     low, middle, high = norm.ppf([0.005, 0.5, 0.995], -0.23, np.hypot(0.02, 0.03))
     np.testing.assert_allclose(row["difference"], [low, middle, high], atol=2e-3)
     said = " ".join(found["statements"])
-    assert "One joint across both modes has one gamma/delta; A 0.270 [0.2" in said
-    assert "these are two joints." in said
+    assert "gamma/delta; A 0.270 [0.2" in said
+    assert texts.SHARES[True] in said
     same = write_run(tmp_path / "same", (252.0, 0.1), **with_ratio(0.29, 0.03, 4))
     said = " ".join(differences(one, same).record["statements"])
-    assert "these are two joints" not in said
-    assert "they may be one." in said
+    assert texts.SHARES[True] not in said
+    assert texts.SHARES[False] in said
     # Of one mode on two days nothing is said of modes; a softening that may be none has no ratio.
     again = write_run(tmp_path / "again", (127.0, 0.1), **with_ratio(0.50, 0.03, 4))
-    assert "One joint" not in " ".join(differences(one, again).record["statements"])
+    said = " ".join(differences(one, again).record["statements"])
+    assert not any(answer in said for answer in texts.SHARES.values())
     weak = write_run(tmp_path / "weak", (252.0, 0.1), delta=gaussian(1.0, 1.0))
     names = [row["name"] for row in differences(one, weak).record["parameters"]]
     assert "gamma/delta" not in names
@@ -121,10 +123,9 @@ def test_two_modes_of_one_joint_have_one_ratio(tmp_path):
 def test_equal_runs_do_not_differ_and_their_scatter_is_told(tmp_path):
     one = write_run(tmp_path / "first", (126.0, 0.1), scatter=(0.5, 1e-4))
     other = write_run(tmp_path / "second", (126.0, 0.1))
-    said = " ".join(differences(one, other).record["statements"])
-    assert "No parameter differs for sure" in said
-    assert "A 0.5 rad/s of omega_n and 0.0001 of zeta" in said
-    assert "omega_n differs" not in said
+    said = differences(one, other).record["statements"]
+    assert said[0] == texts.NONE_DIFFERS
+    assert texts.sessions_scatter({"A": ("0.5 rad/s", "0.0001")}) in said
 
 
 def test_what_the_data_do_not_know_is_not_compared(tmp_path):
@@ -133,7 +134,7 @@ def test_what_the_data_do_not_know_is_not_compared(tmp_path):
     found = differences(one, other).record
     row = next(row for row in found["parameters"] if row["name"] == "omega_n")
     assert probability_text(row) == "prior"
-    assert "say nothing beyond its prior: omega_n (B)." in " ".join(found["statements"])
+    assert texts.of_prior({"omega_n": ["B"]}) in found["statements"]
 
 
 def test_laws_and_units_must_agree_and_a_gain_of_another_source_is_left_out(tmp_path):
@@ -193,7 +194,7 @@ def test_records_that_scatter_widen_what_a_run_says(tmp_path):
     told = differences(*runs).record
     (plain,) = [row for row in told["parameters"] if row["name"] == "zeta"]
     assert plain["probability"] == 0.0
-    assert not [line for line in told["statements"] if "Records of a run" in line]
+    assert not [line for line in told["statements"] if line.startswith("The records of a run")]
     for folder in runs:
         with_scattered_records(folder, 0.06, 9)
     told = differences(*runs).record
@@ -203,7 +204,7 @@ def test_records_that_scatter_widen_what_a_run_says(tmp_path):
     assert row["probability"] == pytest.approx(norm.cdf(-0.0005 / std), abs=0.02)
     low, _, high = row["difference"]
     assert high - low == pytest.approx(2 * 2.576 * std, rel=0.1)
-    (line,) = [line for line in told["statements"] if "Records of a run" in line]
+    (line,) = [line for line in told["statements"] if line.startswith("The records of a run")]
     assert "a zeta 2 %" in line.lower()
 
 
@@ -218,8 +219,6 @@ def adequacy(folder, status):
 def test_a_sure_difference_under_a_law_that_leaves_more_than_noise_may_be_of_the_records(tmp_path):
     first = adequacy(write_run(tmp_path / "one", (118.0, 0.01)), "usable")
     second = adequacy(write_run(tmp_path / "other", (119.0, 0.01)), "ok")
-    text = " ".join(differences(first, second).record["statements"])
-    assert "In A the law leaves more than noise." in text
+    assert texts.inadequate(["A"]) in differences(first, second).record["statements"]
     adequacy(first, "ok")
-    text = " ".join(differences(first, second).record["statements"])
-    assert "leaves more than noise" not in text
+    assert texts.inadequate(["A"]) not in differences(first, second).record["statements"]

@@ -1,0 +1,85 @@
+"""What two runs say of a difference: which parameters differ, and what the probability omits."""
+
+from collections.abc import Mapping, Sequence
+
+from jbw.report.messages.message import listed, percent
+
+NONE_DIFFERS = "No parameter differs significantly (P of 0.995)."
+INDEPENDENT = (
+    "P takes the posteriors as independent: it omits errors that both runs share, of a sensor or a "
+    "mass."
+)
+ONE_ASSEMBLY = (
+    "Neither campaign has several assemblies: the scatter of a new tightening is unknown, and may "
+    "cause a significant difference by itself."
+)
+SHARES = {True: "the modes have two joints", False: "the modes may share one joint"}
+
+
+def differs(name: str, difference: str, *, sure: bool) -> str:
+    """One difference with its interval."""
+    verb = "differs" if sure else "may be the same"
+    return f"{name} {verb}: A - B is {difference}."
+
+
+def may_be_same(names: Sequence[str]) -> str:
+    """Parameters without a significant difference."""
+    return f"May be the same: {', '.join(names)}."
+
+
+def of_prior(names: Mapping[str, Sequence[str]]) -> str:
+    """Parameters of which a run holds its prior alone, with these runs."""
+    shown = ", ".join(f"{name} ({' and '.join(runs)})" for name, runs in names.items())
+    return f"Not compared, because the data of a run do not identify it: {shown}."
+
+
+def only_one(names: Sequence[str]) -> str:
+    """Parameters that only one run has."""
+    return f"Only one of the runs has {listed(names)}."
+
+
+def not_usable(run: str, verdict: str) -> str:
+    """That a run's verdict does not allow to use its numbers."""
+    return f"The verdict of run {run} is {verdict}: read its report before you use its numbers."
+
+
+def inadequate(runs: Sequence[str]) -> str:
+    """That the difference may be one of the records, by model discrepancy."""
+    return (
+        f"In {listed(runs)} the residual of the law exceeds the noise. Its parameters then depend "
+        f"on the fitted records and their motion, which no interval includes: the difference may "
+        f"be one of the records. Identify both runs over one range of motion, or with another law: "
+        f"jbw laws."
+    )
+
+
+def records_scatter(spreads: Mapping[str, Mapping[str, float]]) -> str:
+    """Standard deviations that the scatter of a run's records adds to its means."""
+    shown = "; ".join(
+        f"{run} {', '.join(f'{name} {percent(sd)}' for name, sd in row.items())}"
+        for run, row in spreads.items()
+    )
+    return (
+        "The records of a run need different parameters; intervals and P include the standard "
+        f"deviation of their mean: {shown}."
+    )
+
+
+def sessions_scatter(spreads: Mapping[str, tuple[str, str]]) -> str:
+    """The scatter of natural frequency and damping between the sessions of each run."""
+    shown = "; ".join(
+        f"{run} {omega} of omega_n and {zeta} of zeta" for run, (omega, zeta) in spreads.items()
+    )
+    return (
+        f"Sessions of a campaign scatter (standard deviations: {shown}): the intervals are those "
+        f"of the means over sessions, and a further assembly may lie as far off."
+    )
+
+
+def one_joint(ratio: str, a: str, b: str, *, sure: bool) -> str:
+    """Whether two modes may have one joint."""
+    return f"One joint across both modes has one {ratio}; A {a}, B {b}: {SHARES[sure]}."
+
+
+TABLE = "Parameters, median and 99 % interval"
+BACKBONE_TABLE = "Frequency and damping against amplitude, median and 99 % interval"

@@ -1,0 +1,178 @@
+"""What a comparison of laws says: which is best, which the data distinguish from it, and why."""
+
+from collections.abc import Mapping, Sequence
+
+from jbw.report.messages.message import percent
+
+
+def best_by_predictions(law: str, num_sessions: int) -> str:
+    """The best law, where sessions are enough to compare predictions."""
+    return f"Best law: {law}, by the predictions of {num_sessions} held-out sessions."
+
+
+def best_by_evidence(law: str, num_sessions: int, needed: int) -> str:
+    """The best law where they are too few."""
+    plural = "s do" if num_sessions != 1 else " does"
+    return (
+        f"Best law: {law}, by the evidence alone, which depends on the priors; {num_sessions} "
+        f"session{plural} not suffice to compare predictions, which takes {needed}."
+    )
+
+
+def equivalent(laws: Sequence[str]) -> str:
+    """Laws that the data do not distinguish from the best."""
+    return f"The data do not distinguish it from: {', '.join(laws)}."
+
+
+def worse(laws: Sequence[str]) -> str:
+    """Laws that the data distinguish from the best."""
+    return f"Significantly worse: {', '.join(laws)}."
+
+
+def by_fit_alone(law: str, error: float, best: str, least_error: float, behind: float) -> str:
+    """A law whose fit is so poor that nothing else was computed of it."""
+    return (
+        f"{law} is judged by its fit alone: its RMS error is {percent(error)} ({best}: "
+        f"{percent(least_error)}), its maximum log likelihood {behind:.0f} lower."
+    )
+
+
+def not_judged(laws: Sequence[str], best: str, khat: float) -> str:
+    """Laws whose scores are too uncertain."""
+    return (
+        f"Not judged: {', '.join(laws)}; the score of each, or that of {best}, is unreliable "
+        f"(k-hat above {khat:g}). Draw more samples, or narrow the priors."
+    )
+
+
+def against_repeats(law: str, error: float, floor: float, *, near: bool) -> str:
+    """The error of the best law beside the scatter of the mean of repeats."""
+    enough = "; the data need no better law" if near else ""
+    return (
+        f"RMS error of {law}: {percent(error)} of the response; standard error of the mean of the "
+        f"repeats: {percent(floor)}{enough}."
+    )
+
+
+def linear_by_session(error: float, least: float, most: float) -> str:
+    """The error of linear oscillators, one a session."""
+    return (
+        f"RMS error of a linear oscillator fitted to each session: {percent(error)} ("
+        f"{percent(least)} to {percent(most)})."
+    )
+
+
+def at_bound(law: str, parameters: Sequence[str]) -> str:
+    """Parameters of a law that a prior bound truncates."""
+    return f"{law}: a prior bound truncates {', '.join(parameters)}."
+
+
+def unreliable_scores(laws: Sequence[str], khat: float) -> str:
+    """Laws whose scores of held-out sessions rest on few draws."""
+    return f"Held-out scores of {', '.join(laws)} are unreliable (k-hat above {khat:g})."
+
+
+def unreliable_evidence(laws: Sequence[str], khat: float) -> str:
+    """Laws whose evidence rests on few draws."""
+    return f"The evidence of {', '.join(laws)} is unreliable (k-hat above {khat:g})."
+
+
+def best_within(law: str, error: float) -> str:
+    """The law that predicts best what was held out within the motion fitted."""
+    best = f"{law} predicts best (RMS error {percent(error)})"
+    return f"Held-out tests within the fitted motion: {best}."
+
+
+def best_beyond(law: str, error: float) -> str:
+    """The law that predicts best what moves further than what was fitted."""
+    return f"Tests beyond the fitted motion: {law} predicts best (RMS error {percent(error)})."
+
+
+def best_across(law: str, kind: str, error: float) -> str:
+    """The law that predicts a kind of test best from the other kinds."""
+    return f"{law} predicts {kind} best from the other kinds of test (RMS error {percent(error)})."
+
+
+def moved(name: str, without: tuple[float, float], with_: tuple[float, float]) -> str:
+    """A parameter with and without offsets of the sessions, each with its error."""
+    return (
+        f"{name} {without[0]:.3g} +- {without[1]:.1g} (with offsets {with_[0]:.3g} +- "
+        f"{with_[1]:.1g})"
+    )
+
+
+def without_offsets(
+    law: str, error: float, with_offsets: float, parameters: Sequence[str], least: str,
+    least_error: float,
+) -> str:  # fmt: skip
+    """What the best law would be if the sessions shared natural frequency and damping."""
+    other = (
+        "no law would have a smaller error"
+        if least == law
+        else f"{least} would have the smallest error, {percent(least_error)}"
+    )
+    return (
+        f"Session offsets trade off with softening. Without them, {law} has an RMS error of "
+        f"{percent(error)} (with offsets {percent(with_offsets)}) and {', '.join(parameters)}; "
+        f"{other}."
+    )
+
+
+def wider_priors(changes: Mapping[str, float]) -> str:
+    """How much the evidence depends on the priors."""
+    shown = ", ".join(f"{law} {change:+.1f}" for law, change in changes.items())
+    return (
+        f"With priors of the laws' own parameters twice as wide, the log evidence changes by "
+        f"{shown} (-0.7 for every identified parameter; more where a prior bound truncates it)."
+    )
+
+
+def no_wider_evidence(laws: Sequence[str]) -> str:
+    """Laws whose evidence under wider priors could not be computed."""
+    return f"With these priors the evidence of {', '.join(laws)} could not be integrated."
+
+
+def heading(count: int) -> str:
+    """Of the page of laws."""
+    return f"{count} laws fitted to the same data with the same weights, 99 % bands."
+
+
+def not_distinguished(laws: Sequence[str]) -> str:
+    """The end of the page's first sentence."""
+    return f", but the data do not distinguish it from {', '.join(laws)}"
+
+
+def error_of_fit(error: float) -> str:
+    """Beside the panels of a law."""
+    return f"RMS error of the fit: {percent(error)}"
+
+
+ANSWERS = {"best": "preferred", "worse": "significantly worse", "not told apart": "equivalent"}
+"""What a comparison answers of a law, as its page says it."""
+
+
+BACKBONES = (
+    "Frequency and damping ratio against amplitude under each law, the preferred one first, then "
+    "by score, all on the scale of the first; open symbols are readings of each test without a "
+    "joint model, as of a linear oscillator. A law whose band leaves the points on a curve does "
+    "not describe this joint. Grey: beyond the fitted amplitudes."
+)
+LOOPS = (
+    "From above: frequency and damping of all laws in one panel each, the loop of each law, its "
+    "residual along one record, and the error of each session, predicted from the others."
+)
+LOOPS_TITLE = "Loops, residuals and held-out sessions"
+FURTHER = "As above, of lower score."
+UNJUDGED_TITLE = "Laws that could not be judged"
+LABELS = {
+    "backbone": " under each law with its 99 % band; dotted: largest fitted amplitude",
+    "amplitude": "amplitude of the displacement [mm]",
+    "loop": "loop of each law at the largest fitted amplitude",
+    "force": "force less the linear\nspring's [N/kg]",
+    "residual": "residual of each law along ",
+    "place": "position in the record (0: start, 1: end)",
+    "error": "error of each session, predicted from the others",
+    "bar": "; bar: linear oscillator fitted to that session",
+    "error_axis": "RMS error over the rms of the record [%]",
+}
+"""Of the figure of laws side by side."""

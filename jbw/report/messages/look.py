@@ -1,0 +1,94 @@
+"""What records say without a model of the joint: nonlinear or not, from where, which scatter."""
+
+from collections.abc import Sequence
+
+from jbw.report.messages.message import percent
+
+Estimate = tuple[float, float, float]
+"""Lower end, middle and upper end of an interval."""
+
+NO_OSCILLATOR = (
+    "An oscillator there would have no damping, or misses more than half of the response: `band` "
+    "may hold several modes, or none."
+)
+
+
+def coherence(smallest: tuple[float, str], largest: tuple[float, str]) -> str:
+    """Coherence at the resonance of the tests of the smallest and of the largest motion."""
+    (first, one), (last, other) = smallest, largest
+    return (
+        f"Coherence at the resonance: {first:.3f} at the smallest motion ({one}), {last:.3f} at "
+        f"the largest ({other})."
+    )
+
+
+def secant(first: float, last: float, change: float) -> str:
+    """How the secant stiffness changes between two amplitudes [m]."""
+    return (
+        f"The secant stiffness changes by {percent(change)} from {1e3 * first:.3g} to "
+        f"{1e3 * last:.3g} mm."
+    )
+
+
+def not_read(tests: Sequence[str], why: str) -> str:
+    """Tests of which frequency and damping could not be read."""
+    return f"Not read: {', '.join(tests)}. {why}"
+
+
+def reach(y: Sequence[float]) -> str:
+    """Between which amplitudes [m] there are readings."""
+    return f"{1e3 * y[0]:.2g} to {1e3 * y[-1]:.2g} mm"
+
+
+def no_change(what: str) -> str:
+    """That a quantity does not change beyond its error."""
+    return f"no change of the {what} is detected"
+
+
+def change(what: str, size: Estimate, power: Estimate, *, falls: bool, unit: str) -> str:
+    """By how much a quantity changes up to the largest amplitude, and as which power of it."""
+    low, middle, high = size
+    least, exponent, most = power
+    return (
+        f"the {what} {'falls' if falls else 'rises'} by {middle:.2g} % [{low:.2g}, "
+        f"{high:.2g}]{unit}, as amplitude^{exponent:.2g} [{least:.2g}, {most:.2g}]"
+    )
+
+
+def nonlinear(answer: bool, y: Sequence[float], changes: Sequence[str]) -> str:
+    """Whether frequency or damping change with amplitude."""
+    word = "yes" if answer else "not detected"
+    return f"Nonlinear: {word}. From {reach(y)} ({len(y)} readings) {'; '.join(changes)}."
+
+
+def one_reading(y: float) -> str:
+    """That one amplitude says nothing of a change."""
+    return f"Nonlinear: not assessed, because there is one reading ({1e3 * y:.2g} mm)."
+
+
+def between_ends(
+    y: Sequence[float], shift: float, half_widths: float, damping: tuple[float, float], kind: str,
+) -> str:  # fmt: skip
+    """The same of too few readings for an exponent: the last against the first."""
+    word = f"yes, it {kind}" if kind else "not detected"
+    return (
+        f"Nonlinear: {word}. From {reach(y)} ({len(y)} readings, too few for an exponent) the "
+        f"frequency {'falls' if shift < 0 else 'rises'} by {percent(abs(shift))}, "
+        f"{half_widths:.2g} half-widths of the resonance, and the damping ratio changes from "
+        f"{percent(damping[0], '.3g')} to {percent(damping[1], '.3g')}."
+    )
+
+
+def onset(y: float, test: str, sds: float) -> str:
+    """From which amplitude [m] on the frequency differs from that at the smallest."""
+    where = f"{1e3 * y:.2g} mm" + (f" ({test})" if test else "")
+    return (
+        f"The frequency changes significantly from {where} on (by {sds:g} standard deviations of a "
+        "reading); below, the structure may be taken as linear."
+    )
+
+
+def session_scatter(count: int, rows: Sequence[tuple[str, float, float]]) -> str:
+    """Scatter of records within sessions, and of sessions or assemblies, at one level."""
+    parts = (f"{name} {percent(a)} within, {percent(b)} between" for name, a, b in rows)
+    return f"Scatter in {count} sessions or assemblies at one level: {'; '.join(parts)}."
