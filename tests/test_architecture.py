@@ -25,11 +25,12 @@ SEES = {
     "messages": set(),  # the catalogue, report/messages: seen from anywhere, sees no room
     "run": set(),
     "oscillator": set(),
+    "assembly": {"oscillator"},
     "measurement": set(),
     "inference": set(),
     "paper": {"inference", "oscillator"},
-    "campaign": {"inference", "measurement", "oscillator"},
-    "rig": {"campaign", "measurement", "oscillator"},
+    "campaign": {"assembly", "inference", "measurement", "oscillator"},
+    "rig": {"assembly", "campaign", "measurement", "oscillator"},
     "report": {"inference", "measurement", "oscillator", "run"},
     "observables": LEAVES,
     "identification": MODEL | {"paper"},
@@ -158,7 +159,7 @@ def test_no_circle_between_files():
 
 
 def test_heavy_libraries_live_in_their_rooms():
-    light = {"measurement", "campaign", "run", *ANYWHERE, "__init__"}
+    light = {"assembly", "measurement", "campaign", "run", *ANYWHERE, "__init__"}
     heavy = {"jax", "numpyro", "diffrax", "optimistix", "equinox", "arviz"}
     homes = {
         "numpyro": {"inference", "population"}, "matplotlib": {"report"},

@@ -1,0 +1,1 @@
+"""Matrices of a finite-element model, reduced to modes and joints."""

@@ -1,0 +1,146 @@
+"""Degrees of freedom of a model by node and direction, and weighted sums of them."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from jbw.errors import ConfigError, DataError
+
+TRANSLATIONS = ("x", "y", "z")
+ROTATIONS = ("rx", "ry", "rz")
+SCALAR = "s"  # a coordinate of a superelement's mode, or a scalar point
+ROW = "row"  # the row's number, counted from 1, where there is no table
+# Directions as programs write them; numbers 1 to 6 as Abaqus and Nastran do, 0 of a scalar point.
+_SPELLINGS = (
+    {name: name for name in (*TRANSLATIONS, *ROTATIONS, SCALAR, ROW)}
+    | {f"u{name}": name for name in TRANSLATIONS}
+    | {f"t{name}": name for name in TRANSLATIONS}
+    | {f"rot{name[1]}": name for name in ROTATIONS}
+    | {f"ur{name[1]}": name for name in ROTATIONS}
+    | {str(i): name for i, name in enumerate((SCALAR, *TRANSLATIONS, *ROTATIONS))}
+)
+_LISTED = 5  # nearest nodes of a message
+
+# "17:rx", "17:rx*0.0025", a sequence of them, which is their sum, or their factors by name.
+Place = str | Sequence[str] | Mapping[str, float]
+Weights = Float[np.ndarray, " dof"]
+
+
+class Dof(NamedTuple):
+    """One degree of freedom."""
+
+    node: str
+    direction: str
+
+    def __str__(self) -> str:
+        return f"{self.node}:{self.direction}"
+
+
+def dof_of(node: object, direction: object) -> Dof:
+    """A degree of freedom as files state it, with numbers or names.
+
+    Raises:
+        DataError: No such direction.
+    """
+    spelling = str(direction).strip().lower()
+    spelling = spelling.removesuffix(".0")
+    if spelling not in _SPELLINGS:
+        raise DataError(
+            f"Direction of node {node} must be one of x, y, z, rx, ry, rz, or 1 to 6, but is "
+            f"{direction!r}.",
+            remedy="Correct the table of degrees of freedom.",
+        )
+    return Dof(str(node).strip().removesuffix(".0"), _SPELLINGS[spelling])
+
+
+def numbered_rows(size: int) -> tuple[Dof, ...]:
+    """Degrees of freedom of a model without a table: rows counted from 1."""
+    return tuple(Dof(str(i), ROW) for i in range(1, size + 1))
+
+
+def require_distinct(dofs: Sequence[Dof]) -> None:
+    """Raise where two rows have one node and direction."""
+    rows: dict[Dof, int] = {}
+    for i, dof in enumerate(dofs):
+        if dof in rows:
+            raise DataError(
+                f"Every row of the matrices must have a node and direction of its own, but rows "
+                f"{rows[dof] + 1} and {i + 1} are both `{dof}`.",
+                remedy="Correct the table of degrees of freedom.",
+            )
+        rows[dof] = i
+
+
+def weights_at(place: Place, dofs: Sequence[Dof], what: str) -> Weights:
+    """Weights w of a place, whose motion is w^T q.
+
+    Args:
+        place: As `Place` says.
+        dofs: Of the model, one a row.
+        what: How messages name the place, such as "Joint `bolt 1`".
+
+    Raises:
+        ConfigError: A term cannot be read, or the model has no such degree of freedom.
+    """
+    rows = {dof: i for i, dof in enumerate(dofs)}
+    weights = np.zeros(len(dofs))
+    for name, factor in _terms(place, what):
+        dof = _named(name, what)
+        if dof not in rows:
+            raise _absent(dof, dofs, what)
+        weights[rows[dof]] += factor
+    return weights
+
+
+def _terms(place: Place, what: str) -> list[tuple[str, float]]:
+    if isinstance(place, Mapping):
+        return [(name, float(factor)) for name, factor in place.items()]
+    terms = [place] if isinstance(place, str) else list(place)
+    pairs = []
+    for term in terms:
+        name, star, factor = term.partition("*")
+        try:
+            pairs.append((name.strip(), float(factor) if star else 1.0))
+        except ValueError:
+            raise _unreadable(term, what) from None
+    return pairs
+
+
+def _named(name: str, what: str) -> Dof:
+    node, colon, direction = name.strip().rpartition(":")
+    if not colon or not node or direction.strip().lower() not in _SPELLINGS:
+        raise _unreadable(name, what)
+    return dof_of(node, direction)
+
+
+def _unreadable(term: str, what: str) -> ConfigError:
+    return ConfigError(
+        f'{what} must be stated as "node:direction" or "node:direction*factor", but is `{term}`.',
+        remedy='Write such as "17:x" or "17:rx*0.0025"; directions are x, y, z, rx, ry, rz.',
+    )
+
+
+def _absent(dof: Dof, dofs: Sequence[Dof], what: str) -> ConfigError:
+    directions = [other.direction for other in dofs if other.node == dof.node]
+    if directions:
+        missing = f"node {dof.node} has no direction `{dof.direction}`"
+        remedy = f"Node {dof.node} has {', '.join(directions)}."
+    else:
+        missing = f"there is no node {dof.node}"
+        remedy = f"The nearest nodes are {', '.join(_nearest(dof.node, dofs))}."
+    return ConfigError(
+        f"{what} must lie at degrees of freedom of the model, but {missing}.",
+        why="A degree of freedom that is constrained or dependent has no row in the matrices.",
+        remedy=remedy,
+    )
+
+
+def _nearest(node: str, dofs: Sequence[Dof]) -> list[str]:
+    """Nodes of the nearest numbers, or the first ones where nodes are no numbers."""
+    nodes = list(dict.fromkeys(dof.node for dof in dofs))
+    numbered = [name for name in nodes if name.lstrip("-").isdigit()]
+    if node.lstrip("-").isdigit() and numbered:
+        nodes = sorted(numbered, key=lambda name: abs(int(name) - int(node)))
+    return nodes[:_LISTED]

@@ -1,0 +1,64 @@
+"""Factorisation of symmetric matrices: solutions, and the number of negative eigenvalues."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse.linalg
+
+from jbw.errors import ModelError
+
+DENSE_BELOW = 500  # degrees of freedom
+# A `scipy.sparse.csc_array`, whose stubs type checkers do not follow.
+Sparse = Any
+Solve = Callable[[np.ndarray], np.ndarray]  # of one load or of several, a column each
+
+
+def solver_of(matrix: Sparse) -> Solve:
+    """Solutions with a positive definite matrix, factored once.
+
+    Raises:
+        ModelError: The matrix is singular.
+    """
+    try:
+        if matrix.shape[0] < DENSE_BELOW:
+            factor = scipy.linalg.cho_factor(matrix.toarray(), lower=True)
+            return lambda load: scipy.linalg.cho_solve(factor, load)
+        return _factored(matrix).solve
+    except (RuntimeError, np.linalg.LinAlgError) as error:
+        raise ModelError(
+            "The matrix K + |shift| M must be positive definite, but it cannot be factored.",
+            why="A degree of freedom without mass and without stiffness moves freely.",
+            remedy="Constrain it, or leave its row out of the export.",
+        ) from error
+
+
+def negative_pivots(matrix: Sparse) -> np.ndarray:
+    """Rows of the negative pivots of L D L^T: by Sylvester's law as many as negative eigenvalues.
+
+    Where the elimination must leave the diagonal, the row is the largest component of the lowest
+    eigenvector instead, and there is none where its eigenvalue is positive.
+    """
+    try:
+        factor = _factored(matrix)
+        if np.array_equal(factor.perm_r, factor.perm_c):
+            pivots = factor.U.diagonal()
+            return np.sort(np.argsort(factor.perm_c)[pivots < 0])
+    except RuntimeError:  # a pivot is exactly zero
+        pass
+    if matrix.shape[0] < DENSE_BELOW:
+        values, vectors = np.linalg.eigh(matrix.toarray())
+    else:
+        values, vectors = scipy.sparse.linalg.eigsh(matrix, k=1, which="SA")
+    return np.argmax(np.abs(vectors[:, values < 0]), axis=0)
+
+
+def _factored(matrix: Sparse) -> scipy.sparse.linalg.SuperLU:
+    """Elimination along the diagonal in an order of little fill."""
+    return scipy.sparse.linalg.splu(
+        matrix,
+        permc_spec="MMD_AT_PLUS_A",
+        diag_pivot_thresh=0.0,
+        options={"SymmetricMode": True},
+    )

@@ -1,0 +1,196 @@
+"""Mass, stiffness and damping of a model in SI, as a value that is checked once."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from jbw.assembly.dofs import Dof, dof_of, numbered_rows, require_distinct
+from jbw.assembly.factorisation import Sparse, negative_pivots
+from jbw.assembly.units import in_si, system_named
+from jbw.errors import DataError
+
+_ROUND_OFF, _ASYMMETRIC = 1e-10, 1e-6  # of sqrt(A_ii A_jj)
+_SEMIDEFINITE = 1e-12  # of the diagonal, added before the pivots of a mass matrix are counted
+_POWER_OF_TIME = {"K": 0, "C": 1, "M": 2}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MatrixModel:
+    r"""A linear model in physical coordinates, $M\ddot q + C\dot q + Kq = Bu$, in SI.
+
+    Attributes:
+        mass: M, symmetric [kg, kg m, kg m^2].
+        stiffness: K, symmetric [N/m, N/rad, N m/rad].
+        dofs: Node and direction of every row.
+        damping: C; None where the model has none.
+        units: System in which the matrices were given.
+        notes: What was changed or assumed, a sentence each.
+    """
+
+    mass: Sparse
+    stiffness: Sparse
+    dofs: tuple[Dof, ...]
+    damping: Sparse | None = None
+    units: str = "SI"
+    notes: tuple[str, ...] = ()
+
+    @property
+    def num_dofs(self) -> int:
+        """Number of rows."""
+        return len(self.dofs)
+
+    @property
+    def massless(self) -> np.ndarray:
+        """Rows whose mass is zero throughout."""
+        return np.flatnonzero(abs(self.mass).sum(axis=0) == 0)
+
+    def __repr__(self) -> str:
+        nodes = len({dof.node for dof in self.dofs})
+        matrices = "M, K" if self.damping is None else "M, C, K"
+        return f"MatrixModel({matrices}: {self.num_dofs} degrees of freedom at {nodes} nodes)"
+
+
+def matrix_model(
+    mass: Any,
+    stiffness: Any,
+    *,
+    units: str,
+    dofs: Sequence[Dof | tuple[Any, Any] | str] | None = None,
+    damping: Any = None,
+) -> MatrixModel:
+    """A model of matrices, dense or sparse, with what `read_matrices` checks of files.
+
+    Args:
+        mass: M.
+        stiffness: K.
+        units: A system of `jbw.assembly.units.SYSTEMS`, such as "SI" or "N-mm-t-s".
+        dofs: Node and direction of every row, as pairs or "node:direction"; rows counted from 1,
+            named "1:row", where there is no table.
+        damping: C, if any.
+
+    Raises:
+        ConfigError: The system of units is unknown, or needs a table of degrees of freedom.
+        DataError: Shapes differ, a number is not finite, a matrix is not symmetric, or M is
+            indefinite.
+    """
+    system = system_named(units)
+    raw = {"M": mass, "K": stiffness} | ({} if damping is None else {"C": damping})
+    matrices = {name: _square(name, matrix) for name, matrix in raw.items()}
+    size = matrices["M"].shape[0]
+    rows = numbered_rows(size) if dofs is None else tuple(map(_row, dofs))
+    for name, matrix in matrices.items():
+        if matrix.shape[0] != size:
+            raise DataError(
+                f"M and {name} must have one size, but M has {size} rows and {name} "
+                f"{matrix.shape[0]}.",
+                remedy="Export both matrices from one model and step.",
+            )
+    if len(rows) != size:
+        raise DataError(
+            f"The table of degrees of freedom must have a line for each of the {size} rows of the "
+            f"matrices, but has {len(rows)}.",
+            remedy="Export the table together with the matrices.",
+        )
+    require_distinct(rows)
+    notes = []
+    for name, matrix in matrices.items():
+        symmetric, note = _symmetrised(name, matrix, rows)
+        matrices[name] = in_si(symmetric, rows, system, _POWER_OF_TIME[name])
+        notes += [note] if note else []
+    _require_semidefinite_mass(matrices["M"], rows)
+    return MatrixModel(
+        matrices["M"], matrices["K"], rows, matrices.get("C"), units, tuple(notes)
+    )  # fmt: skip
+
+
+def _row(dof: Dof | tuple[Any, Any] | str) -> Dof:
+    if isinstance(dof, str):
+        node, _, direction = dof.rpartition(":")
+        return dof_of(node, direction)
+    return dof_of(*dof)
+
+
+def _square(name: str, matrix: Any) -> Sparse:
+    """A matrix as a sparse one of float64, checked for shape and finite numbers."""
+    stored = _sparse(matrix if sp.issparse(matrix) else np.atleast_2d(np.asarray(matrix)))
+    if np.iscomplexobj(stored.data):
+        raise DataError(
+            f"Matrix {name} must be real, but is complex.",
+            remedy="State structural damping as a damping ratio of every mode.",
+        )
+    if stored.ndim != 2 or stored.shape[0] != stored.shape[1] or stored.shape[0] == 0:
+        raise DataError(
+            f"Matrix {name} must be square, but has the shape {stored.shape}.",
+            remedy="Export the assembled matrix, not its triangle as a vector.",
+        )
+    stored = _sparse(stored.astype(float))
+    if not np.isfinite(stored.data).all():
+        raise DataError(
+            f"Matrix {name} must hold finite numbers, but holds one that is not.",
+            remedy="Export the matrix again.",
+        )
+    stored.sum_duplicates()
+    stored.eliminate_zeros()
+    return stored
+
+
+def _sparse(matrix: Any) -> Sparse:
+    return sp.csc_array(matrix)
+
+
+def _symmetrised(name: str, matrix: Sparse, dofs: Sequence[Dof]) -> tuple[Sparse, str]:
+    """The symmetric part, and a sentence where that changed more than round-off."""
+    size = np.sqrt(np.abs(matrix.diagonal()))
+    largest = max(float(size.max()), float(np.sqrt(abs(matrix).max())) if matrix.nnz else 0.0)
+    size[size == 0.0] = largest or 1.0
+    skew = sp.coo_array(matrix - matrix.T)
+    relative = np.abs(skew.data) / (size[skew.row] * size[skew.col])
+    worst = int(np.argmax(relative)) if relative.size else 0
+    if not relative.size or relative[worst] == 0.0:
+        return matrix, ""
+    i, j = int(skew.row[worst]), int(skew.col[worst])
+    if relative[worst] > _ASYMMETRIC:
+        triangle = _is_triangle(matrix)
+        raise DataError(
+            f"Matrix {name} must be symmetric, but {name}[{dofs[i]}, {dofs[j]}] is "
+            f"{matrix[i, j]:.9g} and {name}[{dofs[j]}, {dofs[i]}] is {matrix[j, i]:.9g}.",
+            why="Modes of an unsymmetric matrix do not uncouple the structure.",
+            remedy=f"Only a triangle was exported: mirror it as {name} + {name}.T - diag({name})."
+            if triangle
+            else "Export the linear model without friction, follower loads and gyroscopic terms.",
+        )
+    symmetric = sp.csc_array((matrix + matrix.T) / 2)
+    if relative[worst] <= _ROUND_OFF:
+        return symmetric, ""
+    return symmetric, (
+        f"{name} is symmetric to {relative[worst]:.1e} only, at {dofs[i]} and {dofs[j]}; its "
+        "symmetric part is taken."
+    )
+
+
+def _is_triangle(matrix: Sparse) -> bool:
+    return sp.tril(matrix, -1).nnz == 0 or sp.triu(matrix, 1).nnz == 0
+
+
+def _require_semidefinite_mass(mass: Sparse, dofs: Sequence[Dof]) -> None:
+    """Raise for a mass matrix with a negative direction; rows of zeros are massless degrees."""
+    diagonal = mass.diagonal()
+    carries = np.flatnonzero(abs(mass).sum(axis=0) > 0)
+    if carries.size == 0:
+        raise DataError("Matrix M must hold a mass, but all of its entries are zero.")
+    negative = carries[diagonal[carries] <= 0]
+    if negative.size == 0:
+        kept = sp.csc_array(mass[carries][:, carries])
+        kept = kept + _SEMIDEFINITE * sp.diags_array(kept.diagonal())
+        negative = carries[negative_pivots(sp.csc_array(kept))]
+    if negative.size:
+        dof = dofs[int(negative[0])]
+        raise DataError(
+            f"Matrix M must be positive definite, but is indefinite at node {dof.node}, direction "
+            f"{dof.direction}.",
+            why="A motion would have negative kinetic energy.",
+            remedy="Check that M and K were not exchanged, and the mass elements at that node.",
+        )

@@ -1,0 +1,399 @@
+r"""Reduction of a model with joints to its modes in full stick and its residual modes.
+
+$$M\ddot q + C\dot q + K_sq + \sum_j w_jr_j = Bu, \quad x_j = w_j^Tq, \quad r_j = F_j(x_j) - k_jx_j,
+  \quad K_s = K + \sum_jk_jw_jw_j^T$$
+
+becomes, in mass-normalised modes of $(M, K_s)$,
+
+$$\ddot q_i + 2\zeta_i\omega_i\dot q_i + \omega_i^2q_i + \sum_jH_{ji}r_j = b_iu, \quad
+  x_j = \sum_iH_{ji}q_i, \quad y = cq$$
+"""
+
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+from jaxtyping import Float
+
+from jbw.assembly.dofs import Dof, Place, weights_at
+from jbw.assembly.factorisation import Sparse
+from jbw.assembly.joint import Joint
+from jbw.assembly.matrices import MatrixModel
+from jbw.assembly.residual_modes import ResidualModes, residual_modes
+from jbw.assembly.stuck_modes import StuckModes, residual_shapes, rotated_clusters, stuck_modes
+from jbw.errors import ConfigError, ModelError
+
+_SLOWEST_RESIDUAL = 5.0  # times to_hz
+_STILL = 1e-9  # of the motion of its degrees of freedom: a joint that a mode does not move
+_PARALLEL = 1e-10  # 1 - |cos| of the weights of two joints
+_ROUND_OFF = 1e-6  # of energy shares beyond 1
+_COUPLED = 0.1  # off-diagonal damping that is warned of
+_PLAUSIBLE_HZ = (1e-2, 1e5)
+_SHOWN = 5
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ReducedModel:
+    """Modes in full stick with residual modes, all of unit modal mass, in SI.
+
+    Kept modes come first; residual modes follow, with the same equations.
+
+    Attributes:
+        omega: Natural frequencies, joints in full stick [rad/s].
+        zeta: Damping ratios [-].
+        H: Motion of each joint by a unit of each mode [1/sqrt(kg), or rad/(m sqrt(kg))].
+        b: What the input does to each mode [1/sqrt(kg)].
+        c: What each output sees of the modes [1/sqrt(kg)].
+        joints: The joints, a row of H each.
+        outputs: Names of the outputs, a row of c each.
+        num_kept: Number of kept modes.
+        residual_flexibility: R_JJ = W^T K_s^-1 W - H Lambda^-1 H^T of the kept modes [m/N].
+        flexibility: W^T K_s^-1 W, without rigid-body modes [m/N].
+        notes: What was changed or assumed, a sentence each.
+    """
+
+    omega: Float[np.ndarray, " mode"]
+    zeta: Float[np.ndarray, " mode"]
+    H: Float[np.ndarray, "joint mode"]
+    b: Float[np.ndarray, " mode"]
+    c: Float[np.ndarray, "output mode"]
+    joints: tuple[Joint, ...]
+    outputs: tuple[str, ...]
+    num_kept: int
+    residual_flexibility: Float[np.ndarray, "joint joint"]
+    flexibility: Float[np.ndarray, "joint joint"]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def stiffness(self) -> Float[np.ndarray, " joint"]:
+        """Stiffness of every joint in full stick [N/m]."""
+        return np.array([joint.stiffness for joint in self.joints])
+
+    @property
+    def frequencies_hz(self) -> Float[np.ndarray, " kept"]:
+        """Natural frequencies of the kept modes, joints in full stick [Hz]."""
+        return self.omega[: self.num_kept] / (2 * np.pi)
+
+    def frequencies_at(self, stiffness: Sequence[float] | np.ndarray) -> np.ndarray:
+        r"""Natural frequencies where the joints have other stiffnesses [Hz].
+
+        Eigenvalues of $\Lambda + H^T\,\mathrm{diag}(\kappa_j - k_j)\,H$.
+
+        Args:
+            stiffness: kappa_j of every joint [N/m]; zeros of joints that are free.
+        """
+        change = np.asarray(stiffness, float) - self.stiffness
+        matrix = np.diag(self.omega**2) + (self.H.T * change) @ self.H
+        return np.sqrt(np.maximum(np.linalg.eigvalsh(matrix), 0.0)) / (2 * np.pi)
+
+    def structure(self) -> Any:
+        """The `jbw.Structure` of these modes, with the joints' laws."""
+        return structure_of_joints(self)
+
+    def __repr__(self) -> str:
+        shown = ", ".join(f"{hz:.4g}" for hz in self.frequencies_hz[:_SHOWN])
+        more = ", ..." if self.num_kept > _SHOWN else ""
+        residual = self.omega.size - self.num_kept
+        lines = [
+            f"ReducedModel: {self.num_kept} modes in full stick at {shown}{more} Hz, {residual} "
+            f"residual modes, joints {', '.join(joint.name for joint in self.joints)}",
+            *(f"  {note}" for note in self.notes),
+        ]
+        return "\n".join(lines)
+
+
+def reduce(
+    model: MatrixModel,
+    joints: Sequence[Joint],
+    *,
+    to_hz: float,
+    input: Place,
+    outputs: Mapping[str, Place],
+    zeta: float | Sequence[float] | None = None,
+    holds_joints: bool = False,
+    slow_residual_modes: bool = True,
+) -> ReducedModel:
+    """Modes with the joints in full stick, and residual modes of the joints and of the input.
+
+    Args:
+        model: Matrices of the structure.
+        joints: Its joints.
+        to_hz: Highest frequency of the kept modes [Hz].
+        input: Where the source pushes: "node:direction", or a weighted sum.
+        outputs: Name to place of every response.
+        zeta: Damping ratio of all modes, or one a kept mode, of which residual modes take the last;
+            None takes those of the model's damping matrix.
+        holds_joints: K holds the joints' stiffness already, and is not added to.
+        slow_residual_modes: Residual modes beyond 5 `to_hz` are slowed to it, which keeps their
+            static part and saves time steps.
+
+    Returns:
+        The modes.
+
+    Raises:
+        ConfigError: A place is not in the model, a joint does not move, two joints are at the same
+            place, or damping is not stated.
+        ModelError: K is indefinite, or does not hold the joints although it should.
+    """
+    _require_names(joints, to_hz)
+    across = np.column_stack(
+        [weights_at(joint.weights, model.dofs, f"Joint `{joint.name}`") for joint in joints]
+    )
+    push = weights_at(input, model.dofs, "The input")
+    seen = np.array([weights_at(p, model.dofs, f"Output `{n}`") for n, p in outputs.items()])
+    seen = seen.reshape(len(outputs), model.num_dofs)
+    _require_moving(joints, across)
+    stiffness = model.stiffness if holds_joints else _stuck(model.stiffness, joints, across)
+    loads = np.column_stack((across, push))
+    modes = rotated_clusters(stuck_modes(stiffness, model.mass, to_hz), loads)
+    _require_plausible(modes, model.units)
+    _require_participation(joints, across, modes, model.dofs)
+    if holds_joints:
+        _require_shares(joints, across, modes)
+    basis = _residual_basis(stiffness, model.mass, modes, loads)
+    limit = 2 * np.pi * to_hz * (_SLOWEST_RESIDUAL if slow_residual_modes else np.inf)
+    residual = residual_modes(basis.flexibility, basis.mass, np.diag(basis.whole), limit)
+    shapes = np.hstack((modes.shapes, basis.shapes @ residual.combinations))
+    omega = np.concatenate((modes.omega, residual.omega))
+    ratios, damping_notes = _damping(zeta, model, modes, omega.size)
+    num = len(joints)
+    return ReducedModel(
+        omega=omega,
+        zeta=ratios,
+        H=across.T @ shapes,
+        b=shapes.T @ push,
+        c=seen @ shapes,
+        joints=tuple(joints),
+        outputs=tuple(outputs),
+        num_kept=modes.omega.size,
+        residual_flexibility=basis.flexibility[:num, :num],
+        flexibility=basis.whole[:num, :num],
+        notes=(*model.notes, *_notes(model, modes, residual, limit), *damping_notes),
+    )
+
+
+def structure_of_joints(reduced: ReducedModel) -> Any:
+    """The `jbw.Structure` of a reduced model: one joint as numbers a mode, several as rows."""
+    from jbw.oscillator.modes.structure import Structure  # loads JAX
+
+    single = len(reduced.joints) == 1
+    H = reduced.H[0] if single else reduced.H
+    laws: tuple = tuple(joint.laws for joint in reduced.joints)
+    c = reduced.c[0] if len(reduced.outputs) == 1 else reduced.c
+    return Structure(
+        reduced.omega, reduced.zeta, H, H.T, reduced.b, c, laws[0] if single else laws
+    )  # fmt: skip
+
+
+class _ResidualBasis(NamedTuple):
+    """Attachment modes Psi, Psi^T K_s Psi, Psi^T M Psi, and the flexibility of the loads."""
+
+    shapes: Float[np.ndarray, "dof load"]
+    flexibility: Float[np.ndarray, "load load"]
+    mass: Float[np.ndarray, "load load"]
+    whole: Float[np.ndarray, "load load"]
+
+
+def _residual_basis(
+    stiffness: Sparse, mass: Sparse, modes: StuckModes, loads: np.ndarray
+) -> _ResidualBasis:
+    shapes = residual_shapes(stiffness, mass, modes, loads)
+    flexibility = shapes.T @ (stiffness @ shapes)
+    flexibility = (flexibility + flexibility.T) / 2
+    elastic = modes.omega > 0
+    participation = loads.T @ modes.shapes[:, elastic] / modes.omega[elastic]
+    reduced_mass = shapes.T @ (mass @ shapes)
+    return _ResidualBasis(
+        shapes,
+        flexibility,
+        (reduced_mass + reduced_mass.T) / 2,
+        flexibility + participation @ participation.T,
+    )
+
+
+def _stuck(stiffness: Sparse, joints: Sequence[Joint], across: np.ndarray) -> Sparse:
+    """K_s = K + sum k_j w_j w_j^T."""
+    weights = sp.csc_array(across)
+    springs = sp.diags_array(np.array([joint.stiffness for joint in joints]))
+    return sp.csc_array(stiffness + weights @ springs @ weights.T)
+
+
+def _damping(
+    zeta: float | Sequence[float] | None, model: MatrixModel, modes: StuckModes, size: int
+) -> tuple[np.ndarray, list[str]]:
+    """A damping ratio of every mode, 0 of rigid-body modes; residual modes take the last."""
+    num, notes = modes.omega.size, []
+    if zeta is None:
+        if model.damping is None:
+            raise ConfigError(
+                "`zeta` must be stated where the model has no damping matrix, but is not.",
+                remedy="Give one damping ratio such as zeta=0.004, or one a kept mode.",
+            )
+        kept, notes = _modal_damping(model.damping, modes)
+    else:
+        kept = np.asarray(zeta, float)
+        if kept.ndim == 0:
+            kept = np.full(num, float(kept))
+        if kept.shape != (num,):
+            raise ConfigError(
+                f"`zeta` must be one number, or {num}, one for each mode up to `to_hz`, but has "
+                f"{kept.size}.",
+                remedy="Give one damping ratio, or one for every kept mode.",
+            )
+        if not (np.isfinite(kept) & (kept >= 0)).all():
+            raise ModelError(
+                f"Damping ratios must be finite and not negative, but `zeta` is {list(kept)}.",
+                remedy="Give ratios such as 0.004, not per cent.",
+            )
+    residual = np.full(size - num, kept[-1])
+    return np.concatenate((np.where(modes.omega > 0, kept, 0.0), residual)), notes
+
+
+def _modal_damping(damping: Sparse, modes: StuckModes) -> tuple[np.ndarray, list[str]]:
+    """zeta_i = phi_i^T C phi_i / (2 omega_i); a warning where C couples the modes."""
+    elastic = modes.omega > 0
+    reduced = modes.shapes.T @ (damping @ modes.shapes)
+    diagonal = np.diag(reduced)
+    if np.any(diagonal[elastic] < 0):
+        raise ModelError(
+            "The damping matrix must take energy from every mode, but gives energy to mode "
+            f"{int(np.argmax(elastic & (diagonal < 0))) + 1}.",
+            remedy="State the damping ratios by `zeta`.",
+        )
+    zeta = np.where(elastic, diagonal / (2 * np.where(elastic, modes.omega, 1.0)), 0.0)
+    size = np.sqrt(np.where(diagonal > 0, diagonal, np.inf))
+    coupling = np.abs(reduced) / np.outer(size, size)
+    np.fill_diagonal(coupling, 0.0)
+    if coupling.max(initial=0.0) <= _COUPLED:
+        return zeta, []
+    i, j = np.unravel_index(np.argmax(coupling), coupling.shape)
+    said = (
+        f"The damping matrix couples modes {min(i, j) + 1} and {max(i, j) + 1} by "
+        f"{100 * coupling[i, j]:.0f} % of their own damping; its off-diagonal part is left out."
+    )
+    warnings.warn(f"{said} Damping of the joints themselves belongs into their laws.", stacklevel=5)
+    return zeta, [said]
+
+
+def _require_names(joints: Sequence[Joint], to_hz: float) -> None:
+    if not joints:
+        raise ConfigError(
+            "At least one joint must be stated, but there is none.",
+            remedy="Give a `jbw.Joint` for every place where the structure may slip.",
+        )
+    names = [joint.name for joint in joints]
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise ConfigError(
+            f"Every joint must have a name of its own, but `{twice}` stands twice.",
+            remedy="Rename one of them.",
+        )
+    if not 0 < to_hz < float("inf"):
+        raise ConfigError(
+            f"`to_hz` must be positive and finite, but is {to_hz!r}.",
+            remedy="Give the highest frequency of the tests, and some more [Hz].",
+        )
+
+
+def _require_moving(joints: Sequence[Joint], across: np.ndarray) -> None:
+    """Raise for weights that cancel, and for two joints at one place."""
+    norms = np.linalg.norm(across, axis=0)
+    for joint, norm in zip(joints, norms, strict=True):
+        if norm == 0:
+            raise _immovable(joint, "its weights cancel")
+    cosines = np.abs((across / norms).T @ (across / norms))
+    for j in range(len(joints)):
+        for i in range(j):
+            if 1 - cosines[i, j] < _PARALLEL:
+                raise ConfigError(
+                    f"Joints `{joints[i].name}` and `{joints[j].name}` must lie at different "
+                    "places, but their weights are the same up to a factor.",
+                    why="They have one relative motion, so that no test tells them apart.",
+                    remedy="Make one joint with two laws of them.",
+                )
+
+
+def _immovable(joint: Joint, reason: str) -> ConfigError:
+    return ConfigError(
+        f"Joint `{joint.name}` must move, but {reason}.",
+        why="Its law would never act, and no test would tell its parameters.",
+        remedy="Name the degrees of freedom on either side of the joint, not those that a "
+        "constraint ties, or raise `to_hz`.",
+    )
+
+
+def _require_participation(
+    joints: Sequence[Joint], across: np.ndarray, modes: StuckModes, dofs: Sequence[Dof]
+) -> None:
+    """Raise for a joint that no kept mode moves, warn of one that a rigid-body mode moves."""
+    motion = across.T @ modes.shapes
+    rotates = np.array([dof.direction in ("rx", "ry", "rz") for dof in dofs])
+    reach = np.zeros(len(dofs))
+    for kind in (rotates, ~rotates):
+        reach[kind] = np.abs(modes.shapes[kind]).max(initial=0.0)
+    still = np.abs(motion) <= _STILL * (np.abs(across).T @ reach)[:, None]
+    rigid = modes.omega == 0
+    for joint, row in zip(joints, still, strict=True):
+        if row.all():
+            raise _immovable(joint, "no mode up to `to_hz` moves it")
+        if not row[rigid].all():
+            warnings.warn(
+                f"Joint `{joint.name}` is moved by a rigid-body mode. Is it a joint to ground, or "
+                "is slip stated by rotations without the axial degrees of freedom?",
+                stacklevel=4,
+            )
+
+
+def _require_shares(joints: Sequence[Joint], across: np.ndarray, modes: StuckModes) -> None:
+    r"""Raise where the joints store more than all of a mode's strain energy."""
+    springs = np.array([joint.stiffness for joint in joints])
+    energy = springs @ (across.T @ modes.shapes) ** 2
+    floor = modes.omega[modes.omega > 0].min(initial=np.inf) ** 2
+    excess = energy - modes.omega**2 * (1 + _ROUND_OFF) > _ROUND_OFF * floor
+    if excess.any():
+        i = int(np.argmax(excess))
+        ratio = f"{energy[i] / modes.omega[i] ** 2:.3g}" if modes.omega[i] > 0 else "infinity"
+        raise ModelError(
+            f"Joints must store at most all of a mode's strain energy, but their shares of mode "
+            f"{i + 1} add up to {ratio}.",
+            why="K does not hold the stiffness of the joints, although `holds_joints` says so.",
+            remedy="Set `holds_joints = false`, or correct the joints' stiffness.",
+        )
+
+
+def _require_plausible(modes: StuckModes, units: str) -> None:
+    """Warn of a first elastic frequency that no bolted structure has."""
+    elastic = modes.omega[modes.omega > 0]
+    if elastic.size == 0:
+        return
+    first = float(elastic[0]) / (2 * np.pi)
+    if not _PLAUSIBLE_HZ[0] <= first <= _PLAUSIBLE_HZ[1]:
+        warnings.warn(
+            f"The first natural frequency is {first:.4g} Hz with matrices in {units}, outside "
+            f"{_PLAUSIBLE_HZ[0]:g} to {_PLAUSIBLE_HZ[1]:g} Hz. Check `units`: matrices in N, mm "
+            "and kg are in no consistent system, and give frequencies that are off by a factor of "
+            "31.6.",
+            stacklevel=4,
+        )
+
+
+def _notes(
+    model: MatrixModel, modes: StuckModes, residual: ResidualModes, limit: float
+) -> list[str]:
+    """What was done beyond what was asked for."""
+    notes = []
+    if massless := model.massless.size:
+        notes.append(f"{massless} degrees of freedom without mass are condensed statically.")
+    if rigid := int(np.sum(modes.omega == 0)):
+        notes.append(f"{rigid} rigid-body modes: they move outputs and no joint of zero slip.")
+    if residual.slowed.size:
+        highest = residual.slowed[-1]
+        fastest = "infinity" if not np.isfinite(highest) else f"{highest / (2 * np.pi):.4g} Hz"
+        notes.append(
+            f"{residual.slowed.size} residual modes are slowed to {limit / (2 * np.pi):.4g} Hz, "
+            f"the fastest from {fastest}; their static flexibility is kept."
+        )
+    return notes

@@ -1,0 +1,203 @@
+r"""Modes of the structure with all joints in full stick, and what they leave of a static load.
+
+$$K_s\phi_i = \omega_i^2 M\phi_i, \qquad \phi_i^T M\phi_j = \delta_{ij}$$
+
+By inverse iteration about a negative shift $\sigma$: $(K_s - \sigma M)$ is positive definite also
+where rigid-body modes make K_s singular, and where degrees of freedom have no mass. Massless
+degrees of freedom follow statically, which is their exact condensation.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse as sp
+import scipy.sparse.linalg
+from jaxtyping import Float
+
+from jbw.assembly.factorisation import DENSE_BELOW, Solve, Sparse, negative_pivots, solver_of
+from jbw.errors import ConfigError, ModelError
+
+_SHIFT = 0.05  # of to_hz
+RIGID = 1e-4  # of to_hz: slower modes are those of a rigid body
+_BEYOND = 2  # modes beyond to_hz that are asked for, so that none below is missed
+_FIRST_GUESS = 12  # modes that are asked for first
+_SAME_FREQUENCY = 1e-6  # relative
+_MOST_SWEEPS = 50
+_TOLERANCE: Any = 1e-13  # of Lanczos; the stubs want an integer
+
+
+class StuckModes(NamedTuple):
+    """Modes up to a frequency.
+
+    Attributes:
+        omega: Natural frequencies, ascending; 0 of a rigid-body mode [rad/s].
+        shapes: Mass-normalised shapes, a column each [1/sqrt(kg)].
+        solve: Solutions of (K_s - shift M) x = load.
+        shift: Negative shift [rad^2/s^2].
+    """
+
+    omega: Float[np.ndarray, " mode"]
+    shapes: Float[np.ndarray, "dof mode"]
+    solve: Solve
+    shift: float
+
+
+def stuck_modes(stiffness: Sparse, mass: Sparse, to_hz: float) -> StuckModes:
+    """Modes of (M, K_s) up to a frequency [Hz].
+
+    Raises:
+        ConfigError: No mode lies below `to_hz`.
+        ModelError: K_s is indefinite.
+    """
+    shift = -((2 * np.pi * _SHIFT * to_hz) ** 2)
+    shifted = sp.csc_array(stiffness - shift * mass)
+    _require_positive(shifted, stiffness, mass, shift)
+    solve = solver_of(shifted)
+    limit = (2 * np.pi * to_hz) ** 2
+    eigenvalues, shapes = _lowest(shifted, mass, solve, limit - shift)
+    eigenvalues = eigenvalues + shift
+    rigid = (2 * np.pi * RIGID * to_hz) ** 2
+    if eigenvalues[0] < -rigid:
+        raise _indefinite(float(eigenvalues[0]))
+    _require_all(stiffness, mass, eigenvalues, limit)
+    kept = eigenvalues <= limit
+    if not kept.any():
+        raise ConfigError(
+            f"`to_hz` must lie above the first frequency, but is {to_hz:g} Hz, and the first "
+            f"frequency is {np.sqrt(eigenvalues[0]) / (2 * np.pi):.4g} Hz.",
+            remedy=f"Set it to {2 * np.sqrt(eigenvalues[0]) / (2 * np.pi):.3g} Hz or more.",
+        )
+    omega = np.sqrt(np.where(eigenvalues > rigid, eigenvalues, 0.0)[kept])
+    return StuckModes(omega, _signed(shapes[:, kept]), solve, shift)
+
+
+def _lowest(
+    shifted: Sparse, mass: Sparse, solve: Solve, limit: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues of (shifted, M) up to a limit and some beyond, and mass-normalised shapes."""
+    size = mass.shape[0]
+    if size < DENSE_BELOW:
+        # M v = mu (K_s - shift M) v, mu = 1/eigenvalue; mu = 0 of massless degrees of freedom.
+        reciprocals, vectors = scipy.linalg.eigh(mass.toarray(), shifted.toarray())
+        order = np.argsort(-reciprocals)
+        reciprocals, vectors = reciprocals[order], vectors[:, order]
+        moving = reciprocals > 4 * np.finfo(float).eps * size * reciprocals[0]
+        count = min(int(np.sum(1 / reciprocals[moving] <= limit)) + _BEYOND, int(moving.sum()))
+        return 1 / reciprocals[:count], vectors[:, :count] / np.sqrt(reciprocals[:count])
+    inverse = scipy.sparse.linalg.LinearOperator((size, size), matvec=solve, dtype=float)  # pyright: ignore[reportCallIssue]
+    start = mass @ np.random.default_rng(0).standard_normal(size)
+    count = _FIRST_GUESS
+    while True:
+        count = min(count, size - 1)
+        values, vectors = scipy.sparse.linalg.eigsh(
+            shifted, k=count, M=mass, sigma=0.0, OPinv=inverse, v0=start, tol=_TOLERANCE
+        )
+        order = np.argsort(values)
+        values, vectors = values[order], vectors[:, order]
+        if np.sum(values > limit) >= _BEYOND or count == size - 1:
+            norms = np.sqrt(np.sum(vectors * (mass @ vectors), axis=0))
+            return values, vectors / norms
+        count *= 2
+
+
+def _require_positive(shifted: Sparse, stiffness: Sparse, mass: Sparse, shift: float) -> None:
+    """Raise where K_s has an eigenvalue below the shift."""
+    if negative_pivots(shifted).size == 0:
+        return
+    while negative_pivots(sp.csc_array(stiffness - shift * mass)).size:
+        shift *= 4
+        if not np.isfinite(shift):
+            raise ModelError(
+                "Matrix K with the joints in full stick must be positive semidefinite, but is not "
+                "where the structure has no mass.",
+                remedy="Check the stiffness of massless degrees of freedom.",
+            )
+    bracket = sp.csc_array(stiffness - shift * mass)
+    lowest = _lowest(bracket, mass, solver_of(bracket), 0.0)[0][0] + shift
+    raise _indefinite(float(lowest))
+
+
+def _indefinite(lowest: float) -> ModelError:
+    return ModelError(
+        "Matrix K with the joints in full stick must be positive semidefinite, but its lowest "
+        f"eigenvalue is {lowest:.4g} rad^2/s^2.",
+        why="The structure would not return from a small motion.",
+        remedy="Is it a preloaded, buckled state, or are the units of M and K different?",
+    )
+
+
+def _require_all(stiffness: Sparse, mass: Sparse, eigenvalues: np.ndarray, limit: float) -> None:
+    """Raise where Lanczos has missed a mode, by Sylvester's count of eigenvalues below a limit."""
+    if mass.shape[0] < DENSE_BELOW:
+        return
+    below = int(np.sum(eigenvalues <= limit))
+    beyond = eigenvalues[below] if below < eigenvalues.size else 2 * limit
+    between = (max(eigenvalues[below - 1], 0.0) + beyond) / 2 if below else beyond / 2
+    count = negative_pivots(sp.csc_array(stiffness - between * mass)).size
+    if count != below:
+        raise ModelError(
+            f"{count} modes must lie below {np.sqrt(between) / (2 * np.pi):.4g} Hz, but {below} "
+            "were found.",
+            remedy="Change `to_hz` by some per cent, so that it does not lie within a cluster.",
+        )
+
+
+def _signed(shapes: np.ndarray) -> np.ndarray:
+    """Shapes whose largest component is positive; of components alike in size, the first."""
+    sizes = np.abs(shapes)
+    first = np.argmax(sizes >= (1 - _SAME_FREQUENCY) * sizes.max(axis=0), axis=0)
+    return shapes * np.sign(shapes[first, np.arange(shapes.shape[1])])
+
+
+def rotated_clusters(modes: StuckModes, loads: Float[np.ndarray, "dof load"]) -> StuckModes:
+    """Modes of one frequency turned so that as few as possible move each load in turn.
+
+    Of a pair, one mode alone moves the first load. Without this the participation factors of
+    coincident modes are arbitrary, and change with the last digit of the matrices.
+    """
+    shapes = modes.shapes.copy()
+    begin = 0
+    for end in range(1, modes.omega.size + 1):
+        apart = end == modes.omega.size or (
+            modes.omega[end] - modes.omega[end - 1] > _SAME_FREQUENCY * modes.omega[end]
+        )
+        if apart:
+            if end - begin > 1:
+                cluster = shapes[:, begin:end]
+                turn = scipy.linalg.qr((loads.T @ cluster).T)[0]
+                shapes[:, begin:end] = _signed(cluster @ turn)
+            begin = end
+    return modes._replace(shapes=shapes)
+
+
+def residual_shapes(
+    stiffness: Sparse,
+    mass: Sparse,
+    modes: StuckModes,
+    loads: Float[np.ndarray, "dof load"],
+) -> Float[np.ndarray, "dof load"]:
+    r"""Residual attachment modes: what the kept modes leave of the static response to loads.
+
+    $$\Psi = K_s^{-1}W - \Phi\Lambda^{-1}\Phi^TW$$
+
+    by sweeps $x \leftarrow x + P(K_s-\sigma M)^{-1}(P^TW - K_sx)$, $P = I - \Phi\Phi^TM$, which
+    contract by $\sigma/(\omega^2-\sigma)$ of the first mode left out. Loads less what the kept
+    modes carry are in equilibrium, so that rigid-body modes need no other treatment.
+
+    Reference:
+        Rubin, AIAA J. 13 (1975) 995.
+    """
+    phi = modes.shapes
+
+    def complement(x: np.ndarray) -> np.ndarray:
+        return x - phi @ (phi.T @ (mass @ x))
+
+    remaining = loads - mass @ (phi @ (phi.T @ loads))
+    shapes = np.zeros_like(remaining)
+    for _ in range(_MOST_SWEEPS):
+        change = complement(modes.solve(remaining - stiffness @ shapes))
+        shapes = shapes + change
+        if np.all(np.abs(change).max(axis=0) <= 1e-14 * np.abs(shapes).max(axis=0)):
+            break
+    return complement(shapes)

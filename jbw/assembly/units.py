@@ -1,0 +1,75 @@
+r"""Consistent systems of units of finite-element matrices, and matrices in SI.
+
+A length unit of $\ell$ metres, a time unit of $\tau$ seconds and an energy unit of $e$ joules give
+
+$$K_{ij}^{SI} = \frac{e K_{ij}}{s_i s_j}, \qquad C_{ij}^{SI} = \frac{e\tau C_{ij}}{s_i s_j}, \qquad
+  M_{ij}^{SI} = \frac{e\tau^2 M_{ij}}{s_i s_j}$$
+
+with $s_i = \ell$ of a translation and $s_i = 1$ of a rotation [rad] or of a scalar coordinate,
+whose unit is free.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from jbw.assembly.dofs import ROW, TRANSLATIONS, Dof
+from jbw.assembly.factorisation import Sparse
+from jbw.errors import ConfigError
+from jbw.units import INCH, POUND_FORCE
+
+
+class ConsistentUnits(NamedTuple):
+    """A system in which force = mass x length / time^2 without a factor."""
+
+    length: float  # [m]
+    time: float  # [s]
+    energy: float  # force x length [J]
+
+
+SYSTEMS = {
+    "SI": ConsistentUnits(1.0, 1.0, 1.0),
+    "N-mm-t-s": ConsistentUnits(1e-3, 1.0, 1e-3),
+    "kN-mm-kg-ms": ConsistentUnits(1e-3, 1e-3, 1.0),
+    "lbf-in-s": ConsistentUnits(INCH, 1.0, POUND_FORCE * INCH),
+}
+
+
+def system_named(units: str) -> ConsistentUnits:
+    """The system of a name of `SYSTEMS`.
+
+    Raises:
+        ConfigError: No such system.
+    """
+    if units not in SYSTEMS:
+        raise ConfigError(
+            f"`units` of matrices must be one of {', '.join(SYSTEMS)}, but is {units!r}.",
+            why="Matrix files do not state their units.",
+            remedy="Name the system in which force = mass x length / time^2: N-mm-t-s has tonnes.",
+        )
+    return SYSTEMS[units]
+
+
+def in_si(
+    matrix: Sparse, dofs: Sequence[Dof], system: ConsistentUnits, power_of_time: int
+) -> Sparse:
+    """A matrix in SI: `power_of_time` is 0 of stiffness, 1 of damping, 2 of mass.
+
+    Raises:
+        ConfigError: The matrix is not in SI, and which rows are rotations is unknown.
+    """
+    if system == SYSTEMS["SI"]:
+        return matrix
+    if any(dof.direction == ROW for dof in dofs):
+        raise ConfigError(
+            "Matrices in units other than SI must have a table of degrees of freedom, but there "
+            "is none.",
+            why="Rows of rotations take other factors than rows of translations.",
+            remedy="Give the table as `dofs`, or the matrices in SI.",
+        )
+    length = np.array([system.length if d.direction in TRANSLATIONS else 1.0 for d in dofs])
+    scale = sp.diags_array(1.0 / length)
+    factor = system.energy * system.time**power_of_time
+    return sp.csc_array(factor * (scale @ matrix @ scale))

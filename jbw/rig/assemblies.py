@@ -1,0 +1,317 @@
+r"""Assembled structures of Euler-Bernoulli beams with several joints, as matrices.
+
+An element of length L, mass per length rho A and bending stiffness EI has, in (w_1, theta_1, w_2,
+theta_2),
+
+$$K = \frac{EI}{L^3}\begin{bmatrix}12&6L&-12&6L\\&4L^2&-6L&2L^2\\&&12&-6L\\&&&4L^2\end{bmatrix},
+  \qquad M = \frac{\rho AL}{420}
+  \begin{bmatrix}156&22L&54&-13L\\&4L^2&13L&-3L^2\\&&156&-22L\\&&&4L^2\end{bmatrix}$$
+
+Reference:
+    Przemieniecki, Theory of Matrix Structural Analysis (1968), chapters 5 and 11.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Any, NamedTuple, Self
+
+import numpy as np
+import scipy.sparse as sp
+from jaxtyping import Float
+
+from jbw.assembly.dofs import Dof, Place
+from jbw.assembly.joint import Joint
+from jbw.assembly.matrices import MatrixModel, matrix_model
+from jbw.assembly.reduce import ReducedModel, reduce
+
+
+class Section(NamedTuple):
+    """A rectangular section: bending is about the width."""
+
+    width: float  # [m]
+    thickness: float  # [m]
+    modulus: float = 70e9  # of aluminium [N/m^2]
+    density: float = 2700.0  # [kg/m^3]
+
+    @property
+    def bending(self) -> float:
+        """EI [N m^2]."""
+        return self.modulus * self.width * self.thickness**3 / 12
+
+    @property
+    def axial(self) -> float:
+        """EA [N]."""
+        return self.modulus * self.width * self.thickness
+
+    @property
+    def mass(self) -> float:
+        """Mass per length [kg/m]."""
+        return self.density * self.width * self.thickness
+
+
+@dataclass(frozen=True)
+class JointedModel:
+    """Matrices with joints, an input and outputs: all that a reduction needs."""
+
+    model: MatrixModel
+    joints: tuple[Joint, ...]
+    input: Place
+    outputs: Mapping[str, Place]
+    to_hz: float
+    zeta: float = 0.004
+
+    def reduced(self, **options: Any) -> ReducedModel:
+        """Its modes in full stick and residual modes; options are those of `jbw.reduce`."""
+        stated = {"to_hz": self.to_hz, "zeta": self.zeta, "input": self.input}
+        return reduce(self.model, self.joints, outputs=self.outputs, **(stated | options))
+
+    def with_laws(self, *laws: Any) -> Self:
+        """The same with a law, or a tuple of laws, for each joint in turn."""
+        joints = tuple(
+            Joint(joint.name, joint.weights, stiffness=joint.stiffness, laws=law)
+            for joint, law in zip(self.joints, laws, strict=True)
+        )
+        return replace(self, joints=joints)
+
+
+BAR = Section(0.03, 0.005)
+PLATE = Section(0.2, 0.008)
+BOLT = 1.5e7  # stiffness of a lap in shear slip, in full stick [N/m]
+CLAMPING = 5e7  # of two beams against each other at a bolt [N/m]
+
+
+def lapped_beams(
+    *,
+    section: Section = BAR,
+    first: Sequence[float] = (0.1, 0.1, 0.05, 0.04),
+    second: Sequence[float] = (0.04, 0.08, 0.08, 0.08),
+    stiffness: Sequence[float] = (BOLT, BOLT),
+) -> JointedModel:
+    r"""Two lapped beams with two bolts, the first one cantilevered.
+
+    The last element of the first beam and the first element of the second one lie upon each other
+    between the bolts, where stiff springs tie their deflections. Joint j is the slip of the faces
+    there, $x_j = \tfrac t2(\theta_A + \theta_B)$. Nodes 1, 2, ... are those of the first beam after
+    its root, 101, 102, ... those of the second; node 1 is driven, the last node is the tip.
+
+    Args:
+        section: Of both beams.
+        first: Lengths of the first beam's elements from its root [m].
+        second: Lengths of the second beam's elements from the first bolt [m].
+        stiffness: Of the two joints in full stick [N/m].
+    """
+    nodes_a = [0, *range(1, len(first) + 1)]
+    nodes_b = list(range(101, 102 + len(second)))
+    assembly = _Mesh()
+    assembly.add_beam(nodes_a, first, section)
+    assembly.add_beam(nodes_b, second, section)
+    bolts = ((nodes_a[-2], nodes_b[0]), (nodes_a[-1], nodes_b[1]))
+    for a, b in bolts:
+        assembly.add_spring({(a, "z"): 1.0, (b, "z"): -1.0}, CLAMPING)
+    lever = section.thickness / 2
+    joints = tuple(
+        Joint(f"bolt {j}", {f"{a}:ry": lever, f"{b}:ry": lever}, stiffness=k)
+        for j, ((a, b), k) in enumerate(zip(bolts, stiffness, strict=True), 1)
+    )
+    model = assembly.model(fixed=[(0, "z"), (0, "ry")])
+    return JointedModel(model, joints, "1:z", {"tip": f"{nodes_b[-1]}:z"}, to_hz=1000.0)
+
+
+def portal_frame(
+    *,
+    section: Section = BAR,
+    heights: tuple[float, float] = (0.4, 0.5),
+    span: float = 0.6,
+    stiffness: tuple[float, float] = (400.0, 400.0),
+    elements: int = 4,
+) -> JointedModel:
+    r"""A portal frame whose beam is linked to its columns by two hysteretic rotational joints.
+
+    The columns are clamped. Deflections are continuous at the corners, and joint j is the rotation
+    of the beam less that of the column there, $x_j = \theta_{beam} - \theta_{column}$ [rad]. With
+    equal heights the joints are mirror images, which no single mode tells apart.
+
+    Args:
+        section: Of columns and beam.
+        heights: Of the two columns [m].
+        span: Of the beam [m].
+        stiffness: Of the two joints in full stick [N m/rad].
+        elements: Of every member.
+    """
+    mesh = _Mesh()
+    left, right = (np.arange(base, base + elements + 1) for base in (100, 200))
+    beam = [left[-1], *range(301, 300 + elements), right[-1]]
+    top = heights[0]
+    steps = np.linspace(0, 1, elements + 1)
+    at = {int(node): (0.0, top * s) for node, s in zip(left, steps, strict=True)}
+    at |= {int(n): (span, top - (1 - s) * heights[1]) for n, s in zip(right, steps, strict=True)}
+    at |= {int(node): (span * s, top) for node, s in zip(beam, steps, strict=True)}
+    for column in (left, right):
+        for a, b in pairwise(column):
+            mesh.add_frame(int(a), int(b), at, section)
+    corners = {int(beam[0]): "beam", int(beam[-1]): "beam"}
+    for a, b in pairwise(beam):
+        mesh.add_frame(int(a), int(b), at, section, corners)
+    joints = tuple(
+        Joint(name, across=(f"{corner}:ry", f"{corner}.beam:ry"), stiffness=k)
+        for name, corner, k in zip(
+            ("left link", "right link"), (beam[0], beam[-1]), stiffness, strict=True
+        )
+    )
+    fixed = [(int(column[0]), d) for column in (left, right) for d in ("x", "z", "ry")]
+    outputs = {"sway": f"{beam[0]}:x", "middle": f"{beam[elements // 2]}:z"}
+    driven = {f"{left[elements // 2]}:x": 1.0}
+    return JointedModel(mesh.model(fixed), joints, driven, outputs, to_hz=400.0)
+
+
+def plate_chain(
+    *,
+    section: Section = PLATE,
+    lengths: Sequence[float] = (0.20, 0.15, 0.25, 0.18, 0.22),
+    stiffness: Sequence[float] = (6000.0, 4000.0, 5000.0, 3000.0),
+    elements: int = 3,
+    clamped: bool = True,
+) -> JointedModel:
+    r"""A chain of plates in cylindrical bending, with a joint between each and the next.
+
+    Deflections are continuous, and joint j is the relative rotation of two plates,
+    $x_j = \theta_{j+1} - \theta_j$ [rad]. Plate j has the nodes 100 j + 0 ... `elements`.
+
+    Args:
+        section: Of all plates.
+        lengths: Of the plates [m].
+        stiffness: Of the joints in full stick [N m/rad].
+        elements: Of every plate.
+        clamped: The first plate is clamped at its end; the chain is free otherwise, with two
+            rigid-body modes.
+    """
+    mesh = _Mesh()
+    names = []
+    for j, length in enumerate(lengths, 1):
+        nodes: list[Any] = [100 * j + i for i in range(elements + 1)]
+        deflections = nodes.copy()
+        if j > 1:
+            deflections[0] = 100 * (j - 1) + elements  # shared with the plate before
+        mesh.add_beam(nodes, [length / elements] * elements, section, deflections)
+        names.append((nodes[0], nodes[-1]))
+    joints = tuple(
+        Joint(f"joint {j}", across=(f"{names[j - 1][1]}:ry", f"{names[j][0]}:ry"), stiffness=k)
+        for j, k in enumerate(stiffness, 1)
+    )
+    fixed = [(100, "z"), (100, "ry")] if clamped else []
+    outputs = {"tip": f"{names[-1][1]}:z"}
+    driven = f"{100 + elements - 1}:z"
+    return JointedModel(mesh.model(fixed), joints, driven, outputs, to_hz=400.0)
+
+
+class _Mesh:
+    """Elements that are assembled into matrices over nodes and directions."""
+
+    def __init__(self) -> None:
+        self._rows: dict[tuple[Any, str], int] = {}
+        self._mass: list[tuple[list[int], np.ndarray]] = []
+        self._stiffness: list[tuple[list[int], np.ndarray]] = []
+
+    def add_beam(
+        self,
+        nodes: Sequence[Any],
+        lengths: Sequence[float],
+        section: Section,
+        deflections: Sequence[Any] | None = None,
+    ) -> None:
+        """Add a straight beam; its deflections may be shared with those of other nodes."""
+        shared = nodes if deflections is None else deflections
+        for i, length in enumerate(lengths):
+            rows = self._numbers(
+                [(shared[i], "z"), (nodes[i], "ry"), (shared[i + 1], "z"), (nodes[i + 1], "ry")]
+            )
+            self._mass.append((rows, section.mass * bending_mass(length)))
+            self._stiffness.append((rows, section.bending * bending_stiffness(length)))
+
+    def add_frame(
+        self,
+        first: int,
+        second: int,
+        at: Mapping[int, tuple[float, float]],
+        section: Section,
+        rotations: Mapping[int, str] | None = None,
+    ) -> None:
+        """Add a plane frame element, whose ends may turn by other rotations than its nodes."""
+        along = np.subtract(at[second], at[first])
+        length = float(np.hypot(*along))
+        cosine, sine = along / length
+        turn = np.zeros((6, 6))
+        turn[:2, :2] = turn[3:5, 3:5] = [[cosine, sine], [-sine, cosine]]
+        turn[2, 2] = turn[5, 5] = 1.0
+        bending, extension = [1, 2, 4, 5], [0, 3]
+        mass, stiffness = np.zeros((6, 6)), np.zeros((6, 6))
+        mass[np.ix_(bending, bending)] = section.mass * bending_mass(length)
+        stiffness[np.ix_(bending, bending)] = section.bending * bending_stiffness(length)
+        mass[np.ix_(extension, extension)] = section.mass * length / 6 * np.array([[2, 1], [1, 2]])
+        stiffness[np.ix_(extension, extension)] = (
+            section.axial / length * np.array([[1, -1], [-1, 1]])
+        )
+        rows = []
+        for node in (first, second):
+            part = (rotations or {}).get(node)
+            turned = node if part is None else f"{node}.{part}"
+            rows += self._numbers([(node, "x"), (node, "z"), (turned, "ry")])
+        self._mass.append((rows, turn.T @ mass @ turn))
+        self._stiffness.append((rows, turn.T @ stiffness @ turn))
+
+    def add_spring(self, weights: Mapping[tuple[Any, str], float], stiffness: float) -> None:
+        """Add a spring across a weighted sum of degrees of freedom."""
+        rows, factors = self._numbers(list(weights)), np.array(list(weights.values()))
+        self._stiffness.append((rows, stiffness * np.outer(factors, factors)))
+
+    def model(self, fixed: Sequence[tuple[Any, str]]) -> MatrixModel:
+        """The matrices without the rows of fixed degrees of freedom."""
+        free = [row for place, row in self._rows.items() if place not in set(fixed)]
+        names = {row: Dof(str(node), direction) for (node, direction), row in self._rows.items()}
+        mass, stiffness = (
+            self._assembled(elements)[free][:, free] for elements in (self._mass, self._stiffness)
+        )
+        return matrix_model(mass, stiffness, units="SI", dofs=[names[row] for row in free])
+
+    def _numbers(self, places: Sequence[tuple[Any, str]]) -> list[int]:
+        return [self._rows.setdefault(place, len(self._rows)) for place in places]
+
+    def _assembled(self, elements: Sequence[tuple[list[int], np.ndarray]]) -> sp.csc_array:
+        row = np.concatenate([np.repeat(rows, len(rows)) for rows, _ in elements])
+        column = np.concatenate([np.tile(rows, len(rows)) for rows, _ in elements])
+        entries = np.concatenate([matrix.ravel() for _, matrix in elements])
+        return sp.csc_array((entries, (row, column)), shape=(len(self._rows),) * 2)
+
+
+def bending_stiffness(length: float) -> Float[np.ndarray, "4 4"]:
+    """Stiffness of an element per unit of EI, in (w_1, theta_1, w_2, theta_2) with theta = w'."""
+    L = length
+    return (
+        np.array(
+            [
+                [12, 6 * L, -12, 6 * L],
+                [6 * L, 4 * L**2, -6 * L, 2 * L**2],
+                [-12, -6 * L, 12, -6 * L],
+                [6 * L, 2 * L**2, -6 * L, 4 * L**2],
+            ]
+        )
+        / L**3
+    )
+
+
+def bending_mass(length: float) -> Float[np.ndarray, "4 4"]:
+    """Consistent mass of an element per unit of rho A, in (w_1, theta_1, w_2, theta_2)."""
+    L = length
+    return (
+        np.array(
+            [
+                [156, 22 * L, 54, -13 * L],
+                [22 * L, 4 * L**2, 13 * L, -3 * L**2],
+                [54, 13 * L, 156, -22 * L],
+                [-13 * L, -3 * L**2, -22 * L, 4 * L**2],
+            ]
+        )
+        * L
+        / 420
+    )
