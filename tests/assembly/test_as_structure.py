@@ -1,6 +1,9 @@
 """A reduced model as a `jbw.Structure`: its motion is that of the matrices with the joint's law."""
 
+from itertools import pairwise
+
 import numpy as np
+import pytest
 from scipy.integrate import solve_ivp
 
 import jbw
@@ -40,7 +43,7 @@ def motion_of_the_matrices():
         return np.concatenate((v, a, [dz]))
 
     state, states = np.zeros(7), [np.zeros(7)]
-    for begin, end in zip(times[:-1], times[1:], strict=True):
+    for begin, end in pairwise(times):
         state = solve_ivp(field, (begin, end), state, "DOP853", rtol=1e-10, atol=1e-13).y[:, -1]
         states.append(state)
     q = np.array(states)[:, :3]
@@ -55,6 +58,7 @@ def structure():
     return found.structure()
 
 
+@pytest.mark.slow  # compiles the step of three modes
 def test_the_motion_is_that_of_the_matrices():
     samples, y, x = motion_of_the_matrices()
     response = jbw.simulate(structure(), samples, FS, substeps=8)

@@ -1,0 +1,48 @@
+"""What a file of matrices holds."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import scipy.sparse as sp
+
+from jbw.assembly.dofs import Dof
+from jbw.assembly.factorisation import Sparse
+
+
+@dataclass(frozen=True)
+class MatrixFile:
+    """Matrices by name, with the table of degrees of freedom where the file has one.
+
+    Attributes:
+        matrices: By the name in the file; "" where the format has no names.
+        dofs: By matrix, the degree of freedom of every row; under "" that of all matrices.
+    """
+
+    matrices: Mapping[str, Any]
+    dofs: Mapping[str, Sequence[Dof]] = field(default_factory=dict)
+
+
+def of_labels(
+    rows: Sequence[Dof], columns: Sequence[Dof], entries: np.ndarray
+) -> tuple[Sparse, list[Dof]]:
+    """A symmetric matrix of entries with labels, and its degrees of freedom in order.
+
+    Entries of one triangle alone are mirrored.
+    """
+    dofs = list(dict.fromkeys([*rows, *columns]))
+    number = {dof: i for i, dof in enumerate(dofs)}
+    row = np.array([number[dof] for dof in rows], int)
+    column = np.array([number[dof] for dof in columns], int)
+    return mirrored(row, column, entries, len(dofs)), dofs
+
+
+def mirrored(row: np.ndarray, column: np.ndarray, entries: np.ndarray, size: int) -> Sparse:
+    """A matrix of its entries; where no pair of entries has two halves, of both triangles."""
+    keys = set(zip(row.tolist(), column.tolist(), strict=True))
+    off = row != column
+    if not any((j, i) in keys for i, j in keys if i != j):
+        row, column = np.concatenate((row, column[off])), np.concatenate((column, row[off]))
+        entries = np.concatenate((entries, entries[off]))
+    return sp.csc_array((entries, (row, column)), shape=(size, size))

@@ -1,0 +1,64 @@
+"""MATLAB files of matrices: v5 by SciPy, v7.3 by h5py; dense and sparse."""
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+import scipy.io
+import scipy.sparse as sp
+
+from jbw.assembly.files.contents import MatrixFile
+from jbw.assembly.files.dof_table import DOFS, rows_of_table
+
+
+def contents(path: Path) -> MatrixFile:
+    """Matrices of a .mat file, and its variable `dofs`: "node:direction", or [node, direction]."""
+    variables = _v73(path) if h5py.is_hdf5(path) else _v5(path)
+    table = next((variables.pop(name) for name in list(variables) if name.lower() == DOFS), None)
+    matrices = {name: x for name, x in variables.items() if sp.issparse(x) or _is_matrix(x)}
+    return MatrixFile(matrices, {} if table is None else {"": rows_of_table(table)})
+
+
+def _is_matrix(variable: Any) -> bool:
+    return isinstance(variable, np.ndarray) and variable.ndim == 2 and variable.dtype.kind in "iufc"
+
+
+def _v5(path: Path) -> dict[str, Any]:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of SciPy's sparse matrices
+        loaded = scipy.io.loadmat(path, chars_as_strings=True)
+    return {name: _cells(x) for name, x in loaded.items() if not name.startswith("__")}
+
+
+def _cells(variable: Any) -> Any:
+    """Cells of texts as an array of texts."""
+    if isinstance(variable, np.ndarray) and variable.dtype == object:
+        return np.array([str(np.squeeze(text)) for text in variable.ravel()])
+    return variable
+
+
+def _v73(path: Path) -> dict[str, Any]:
+    with h5py.File(path, "r") as file:
+        return {name: _read73(file, file[name]) for name in map(str, file) if name[0] != "#"}
+
+
+def _read73(file: h5py.File, node: Any) -> Any:
+    """A variable: arrays have their axes in reverse, sparse ones are columns of row indices."""
+    if isinstance(node, h5py.Group):
+        if "MATLAB_sparse" not in node.attrs:
+            return None
+        size: Any = node.attrs["MATLAB_sparse"]
+        rows, starts = int(np.ravel(size)[0]), np.asarray(node["jc"])
+        if "data" not in node:  # a sparse matrix of zeros
+            return sp.csc_array((rows, starts.size - 1))
+        parts = (np.asarray(node["data"]), np.asarray(node["ir"]), starts)
+        return sp.csc_array(parts, shape=(rows, starts.size - 1))
+    if h5py.check_ref_dtype(node.dtype) is h5py.Reference:
+        texts = [np.ravel(np.asarray(file[link])) for link in np.ravel(np.asarray(node))]
+        return np.array(["".join(map(chr, codes)) for codes in texts])
+    array = np.asarray(node).T
+    if node.attrs.get("MATLAB_class", b"") == b"char":
+        return np.array(["".join(map(chr, row)) for row in np.atleast_2d(array)])
+    return array

@@ -1,0 +1,69 @@
+"""Text of a matrix: Matrix Market, and what Abaqus writes by `*MATRIX GENERATE`.
+
+Abaqus has lines `node, dof, node, dof, entry` (FORMAT=MATRIX INPUT and LABELS) or `row column
+entry` (FORMAT=COORDINATE), of one triangle or of both.
+
+Reference:
+    Boisvert, Pozo and Remington, The Matrix Market exchange formats, NISTIR 5935 (1996).
+"""
+
+import re
+import warnings
+from pathlib import Path
+
+import numpy as np
+import scipy.io
+
+from jbw.assembly.dofs import Dof, dof_of
+from jbw.assembly.files.contents import MatrixFile, mirrored, of_labels
+from jbw.errors import DataError
+
+_EXPONENT = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")  # as Fortran writes it
+
+
+def contents(path: Path) -> MatrixFile:
+    """The matrix of a .mtx file, with labels where it has them."""
+    with path.open(encoding="utf-8", errors="replace") as stream:
+        is_market = stream.readline().startswith("%%MatrixMarket")
+    if is_market:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # of SciPy's sparse matrices
+            return MatrixFile({"": scipy.io.mmread(path)})
+    return _abaqus(path)
+
+
+def _abaqus(path: Path) -> MatrixFile:
+    text = path.read_text(encoding="utf-8", errors="replace")
+    lines = [line for line in text.splitlines() if line.strip() and line.lstrip()[0] not in "*#%"]
+    try:
+        table = np.loadtxt((_EXPONENT.sub("e", line).replace(",", " ") for line in lines), ndmin=2)
+    except ValueError as error:
+        raise DataError(
+            f"{path.name} must hold numbers, node, dof, node, dof and entry, or row, column and "
+            f"entry, but does not: {error}.",
+            remedy="Export it by *MATRIX OUTPUT, FORMAT=MATRIX INPUT, or as Matrix Market.",
+        ) from None
+    if table.shape[0] == 0 or table.shape[1] not in (3, 5):
+        raise DataError(
+            f"{path.name} must have 3 or 5 numbers a line, but has {table.shape[1]}.",
+            remedy="Export it by *MATRIX OUTPUT, FORMAT=MATRIX INPUT, or as Matrix Market.",
+        )
+    if table.shape[1] == 5:
+        matrix, dofs = of_labels(_labels(table[:, :2]), _labels(table[:, 2:4]), table[:, 4])
+        return MatrixFile({"": matrix}, {"": dofs})
+    row, column = table[:, 0].astype(int), table[:, 1].astype(int)
+    if row.min() < 1 or column.min() < 1:
+        raise DataError(
+            f"Rows and columns of {path.name} must be counted from 1, but one is "
+            f"{min(row.min(), column.min())}.",
+            remedy="Export it by *MATRIX OUTPUT, FORMAT=COORDINATE.",
+        )
+    size = int(max(row.max(), column.max()))
+    return MatrixFile({"": mirrored(row - 1, column - 1, table[:, 2], size)})
+
+
+def _labels(columns: np.ndarray) -> list[Dof]:
+    """Degrees of freedom of two columns, node and number."""
+    pairs = columns.astype(int).tolist()
+    named = {pair: dof_of(*pair) for pair in set(map(tuple, pairs))}
+    return [named[tuple(pair)] for pair in pairs]

@@ -1,0 +1,21 @@
+"""NumPy archives of matrices: dense ones by name, or one of `scipy.sparse.save_npz`."""
+
+from pathlib import Path
+
+import numpy as np
+import scipy.sparse as sp
+
+from jbw.assembly.files.contents import MatrixFile
+from jbw.assembly.files.dof_table import DOFS, rows_of_table
+
+
+def contents(path: Path) -> MatrixFile:
+    """Matrices of an .npz file, and its array `dofs`: "node:direction", or [node, direction]."""
+    with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
+        names = list(archive.files)
+        if {"format", "data", "shape"} <= set(names):
+            return MatrixFile({"": sp.load_npz(path)})
+        arrays = {name: archive[name] for name in names}
+    table = next((arrays.pop(name) for name in names if name.lower() == DOFS), None)
+    matrices = {name: x for name, x in arrays.items() if x.ndim == 2 and x.dtype.kind in "iufc"}
+    return MatrixFile(matrices, {} if table is None else {"": rows_of_table(table)})

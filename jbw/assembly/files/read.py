@@ -1,0 +1,243 @@
+"""Matrices of a finite-element program, from one file or from one each."""
+
+from collections.abc import Callable, Mapping, Sequence
+from importlib import import_module
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy.sparse as sp
+
+from jbw.assembly.dofs import Dof
+from jbw.assembly.factorisation import Sparse
+from jbw.assembly.files.contents import MatrixFile
+from jbw.assembly.files.dof_table import read_table, rows_of_table
+from jbw.assembly.matrices import MatrixModel, matrix_model
+from jbw.errors import ConfigError, DataError, JbwError
+
+# One module a format; each has `contents(path) -> MatrixFile`.
+READERS = {
+    ".mat": "mat",
+    ".npz": "npz",
+    ".mtx": "mtx",
+    ".pch": "dmig",
+    ".dmig": "dmig",
+    ".bdf": "dmig",
+    ".op4": "nastran",
+    ".op2": "nastran",
+}
+# Names of M, K and C in files, in upper case: as here, or as Nastran and others have them.
+_NAMES = {
+    "mass": ("M", "MASS", "MAA", "MAAX", "MGG", "MXX", "M_MAT"),
+    "stiffness": ("K", "STIFFNESS", "STIF", "KAA", "KAAX", "KGG", "KXX", "K_MAT"),
+    "damping": ("C", "DAMPING", "D", "BAA", "BAAX", "BGG", "BXX", "C_MAT"),
+}
+_FIXED = 1e30  # on the diagonal of K: how Abaqus marks a constrained degree of freedom (1e36)
+
+Source = str | Path | Mapping[str, Any]
+
+
+def read_matrices(source: Source, *, units: str, dofs: Any = None) -> MatrixModel:
+    """Mass and stiffness of a structure, and damping where there is one, in SI.
+
+    | format | what it holds |
+    |---|---|
+    | `.mat`, v5 to v7.3 | variables M, K, C and `dofs`, dense or sparse |
+    | `.npz` | arrays M, K, C and `dofs`, or one matrix of `scipy.sparse.save_npz` |
+    | `.mtx`, Matrix Market | one matrix |
+    | `.mtx` of Abaqus' `*MATRIX GENERATE` | one matrix, with node and direction of every row |
+    | `.pch`, `.bdf` with DMIG entries of Nastran | matrices by name, with node and direction |
+    | `.op4`, `.op2` of Nastran | matrices by name; needs `jbw[nastran]` |
+
+    Args:
+        source: A file with all matrices, or {"mass": ..., "stiffness": ..., "damping": ...,
+            "dofs": ...} of files or arrays, the last two as needed.
+        units: Consistent system of the matrices: "SI", "N-mm-t-s", "kN-mm-kg-ms" or "lbf-in-s".
+            No file states it.
+        dofs: Table of node and direction: a text file with the columns row, node, direction, or
+            such rows; needed where the file has none and joints are named by node.
+
+    Returns:
+        The model.
+
+    Raises:
+        ConfigError: The system of units or a key of `source` is unknown.
+        DataError: A file or matrix is missing, damaged, or fails a check.
+    """
+    return _without_fixed(_in_one_order(_parts(source, dofs)), units)
+
+
+class _Matrix(NamedTuple):
+    """A matrix, and the degrees of freedom of its rows where its file names them."""
+
+    matrix: Any
+    dofs: Sequence[Dof] | None
+
+
+class _Parts(NamedTuple):
+    """Mass, stiffness and damping, if any, and a table for all of them, if any."""
+
+    matrices: tuple[_Matrix, _Matrix, _Matrix | None]
+    table: Sequence[Dof] | None
+
+
+def _parts(source: Source, dofs: Any) -> _Parts:
+    if not isinstance(source, Mapping):
+        path = Path(source)
+        file = _contents(path)
+        mass, stiffness = (_named(file, role, path.name) for role in ("mass", "stiffness"))
+        damping = _named(file, "damping", path.name, required=False)
+        table = _table(dofs) if dofs is not None else _common_table(file)
+        return _Parts((_required(mass), _required(stiffness), damping), table)
+    unknown = set(source) - {*_NAMES, "dofs"}
+    if unknown or not {"mass", "stiffness"} <= set(source):
+        raise ConfigError(
+            "`matrices` must have the keys mass and stiffness, and may have damping and dofs, but "
+            f"has {', '.join(source) or 'none'}.",
+            remedy='Write { mass = "M.mtx", stiffness = "K.mtx", dofs = "dofs.csv" }.',
+        )
+    mass, stiffness, damping = (_of_source(source.get(role), role) for role in _NAMES)
+    table = dofs if dofs is not None else source.get("dofs")
+    return _Parts(
+        (_required(mass), _required(stiffness), damping), None if table is None else _table(table)
+    )
+
+
+def _in_one_order(parts: _Parts) -> _Parts:
+    """Matrices whose rows have names in the order of one table; others are in it as they are."""
+    rows = [matrix.dofs for matrix in parts.matrices if matrix is not None]
+    if not any(row is not None for row in rows):
+        return parts
+    if parts.table is None and any(row is None for row in rows):
+        raise DataError(
+            "Either all matrices must name their degrees of freedom, or none, but some do.",
+            remedy="Export all of them in one format, or give the table as `dofs`.",
+        )
+    named = dict.fromkeys(dof for row in rows for dof in row or ())
+    table = list(named) if parts.table is None else parts.table
+    absent = [dof for dof in named if dof not in set(table)]
+    if absent:
+        raise DataError(
+            f"The table of degrees of freedom must name those of the matrices, but lacks "
+            f"`{absent[0]}` and {len(absent) - 1} more.",
+            remedy="Leave the table out: the matrices name their rows.",
+        )
+    mass, stiffness, damping = parts.matrices
+    return _Parts(
+        (
+            _placed(mass, table),
+            _placed(stiffness, table),
+            None if damping is None else _placed(damping, table),
+        ),
+        table,
+    )
+
+
+def _required(matrix: _Matrix | None) -> _Matrix:
+    if matrix is None:
+        raise DataError("Mass and stiffness must be given, but one is missing.")
+    return matrix
+
+
+def _table(table: Any) -> list[Dof]:
+    """A table of a file or in memory."""
+    if isinstance(table, str | Path):
+        path = Path(table)
+        return _attempted(path, read_table)
+    return rows_of_table(table)
+
+
+def _of_source(entry: Any, role: str) -> _Matrix | None:
+    """A matrix of a file or in memory."""
+    if entry is None:
+        return None
+    if not isinstance(entry, str | Path):
+        return _Matrix(entry, None)
+    path = Path(entry)
+    file = _contents(path)
+    if len(file.matrices) == 1:
+        (name,) = file.matrices
+        return _Matrix(file.matrices[name], file.dofs.get(name) or file.dofs.get(""))
+    return _named(file, role, path.name)
+
+
+def _named(file: MatrixFile, role: str, where: str, *, required: bool = True) -> _Matrix | None:
+    """The matrix of a role by its name."""
+    for name, matrix in file.matrices.items():
+        if name.upper() in _NAMES[role]:
+            return _Matrix(matrix, file.dofs.get(name))
+    if not required:
+        return None
+    names = ", ".join(name for name in file.matrices if name)
+    raise DataError(
+        f"{where} must hold the {role} matrix as {_NAMES[role][0]}, but holds "
+        f"{names or 'a matrix without a name' if file.matrices else 'no matrix'}.",
+        remedy='Name it so, or give a file each: { mass = "M.mtx", stiffness = "K.mtx" }.',
+    )
+
+
+def _common_table(file: MatrixFile) -> Sequence[Dof] | None:
+    return file.dofs.get("")
+
+
+def _contents(path: Path) -> MatrixFile:
+    suffix = path.suffix.lower()
+    if suffix not in READERS:
+        raise DataError(
+            f"Matrices must be in a file of {', '.join(READERS)}, but `{path.name}` is none.",
+            remedy="Export them as Matrix Market (.mtx): Ansys by *EXPORT, ..., MMF.",
+        )
+    return _attempted(path, import_module(f"jbw.assembly.files.{READERS[suffix]}").contents)
+
+
+def _attempted[Read](path: Path, read: Callable[[Path], Read]) -> Read:
+    """What a reader makes of a file; whatever a library raises, as one sentence."""
+    if not path.is_file():
+        raise DataError(
+            f"File `{path}` must be there, but is not.",
+            remedy="Check the path; those in a campaign file are relative to its folder.",
+        )
+    try:
+        return read(path)
+    except JbwError:
+        raise
+    except Exception as error:
+        raise DataError(
+            f"{path.name} cannot be read: {type(error).__name__}: {error}.",
+            remedy="Export it again, or in another format.",
+        ) from error
+
+
+def _placed(matrix: _Matrix, table: Sequence[Dof]) -> _Matrix:
+    """A matrix with labels in the order of a table, with zeros where it has no entry."""
+    if matrix.dofs is None:
+        return matrix
+    number = {dof: i for i, dof in enumerate(table)}
+    rows = np.array([number[dof] for dof in matrix.dofs])
+    entries: Sparse = sp.coo_array(matrix.matrix)
+    placed = sp.csc_array(
+        (entries.data, (rows[entries.row], rows[entries.col])), shape=(len(table),) * 2
+    )
+    return _Matrix(placed, table)
+
+
+def _without_fixed(parts: _Parts, units: str) -> MatrixModel:
+    """The model without rows that an entry of 1e36 on the diagonal of K holds in place."""
+    matrices: list[Sparse] = [
+        None if part is None else sp.csc_array(part.matrix) for part in parts.matrices
+    ]
+    mass, stiffness, damping = matrices
+    table = parts.table
+    square = stiffness.ndim == 2 and stiffness.shape[0] == stiffness.shape[1] == mass.shape[0]
+    fixed = np.flatnonzero(stiffness.diagonal() >= _FIXED) if square else np.array([])
+    if fixed.size == 0:
+        return matrix_model(mass, stiffness, units=units, dofs=table, damping=damping)
+    free = np.setdiff1d(np.arange(stiffness.shape[0]), fixed)
+    mass, stiffness = (matrix[free][:, free] for matrix in (mass, stiffness))
+    damping = None if damping is None else damping[free][:, free]
+    kept = None if table is None else [table[i] for i in free.tolist()]
+    model = matrix_model(mass, stiffness, units=units, dofs=kept, damping=damping)
+    note = f"{fixed.size} degrees of freedom with a stiffness above {_FIXED:g} are fixed."
+    return MatrixModel(
+        model.mass, model.stiffness, model.dofs, model.damping, units, (note, *model.notes)
+    )
