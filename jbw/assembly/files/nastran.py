@@ -1,4 +1,8 @@
-"""Nastran's OUTPUT4 and OUTPUT2 files of matrices, by pyNastran, which is an extra."""
+"""Nastran's OUTPUT4 and OUTPUT2 files of matrices, by pyNastran where it is installed.
+
+pyNastran 1.4.1 asks for NumPy below 2, which jbw does not work with. Its reader of OUTPUT4 works with
+later ones all the same; its reader of OUTPUT2 does not load there.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -42,5 +46,6 @@ def _missing(path: Path, error: Exception) -> DataError:
         + (f"does not load here: {error}." if installed else "is not installed."),
         remedy="Export a punch file of DMIG, which needs no pyNastran."
         if installed
-        else 'Install it with pip install "jbw[nastran]", or export a punch file of DMIG.',
+        else "Export a punch file of DMIG, which needs no pyNastran, or install it with "
+        "pip install --no-deps pyNastran cpylog docopt-ng.",
     )

@@ -47,7 +47,7 @@ def read_matrices(source: Source, *, units: str, dofs: Any = None) -> MatrixMode
     | `.mtx`, Matrix Market | one matrix |
     | `.mtx` of Abaqus' `*MATRIX GENERATE` | one matrix, with node and direction of every row |
     | `.pch`, `.bdf` with DMIG entries of Nastran | matrices by name, with node and direction |
-    | `.op4`, `.op2` of Nastran | matrices by name; needs `jbw[nastran]` |
+    | `.op4`, `.op2` of Nastran | matrices by name; needs pyNastran |
 
     Args:
         source: A file with all matrices, or {"mass": ..., "stiffness": ..., "damping": ...,
