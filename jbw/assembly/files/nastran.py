@@ -1,7 +1,7 @@
 """Nastran's OUTPUT4 and OUTPUT2 files of matrices, by pyNastran where it is installed.
 
-pyNastran 1.4.1 asks for NumPy below 2, which jbw does not work with. Its reader of OUTPUT4 works with
-later ones all the same; its reader of OUTPUT2 does not load there.
+pyNastran 1.4.1 asks for NumPy below 2, which jbw does not work with. Its reader of OUTPUT4 works
+with later ones all the same; its reader of OUTPUT2 does not load there.
 """
 
 from pathlib import Path

@@ -1,0 +1,186 @@
+r"""Which joints which modes tell apart, before any test.
+
+Weak motion of mode i at amplitude a tells two numbers alone, its softening and its losses:
+
+$$\omega^2 - \omega_i^2 = -c_q a^q \sum_j B_{ij}S_j, \qquad
+  2\omega^2(\zeta - \zeta_i) = d_q a^q \sum_j B_{ij}O_j, \qquad B_{ij} = |H_{ji}|^{2+q}$$
+
+with $q = 1$, $S_j = \alpha_j\delta_j$ and $O_j = \alpha_j\gamma_j$ for Bouc-Wen laws, and
+$q = 1 + \chi$ for power laws. As many joints can be told apart as B has rank, and its condition
+number multiplies the noise.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from jbw.assembly.reduce import ReducedModel
+from jbw.errors import ConfigError
+
+INSEPARABLE_DEGREES = 5.0  # between columns of B
+_SHOWN_DEGREES = 0.1
+
+Likeness = Literal["same motion", "mirror images"]
+
+
+class InseparablePair(NamedTuple):
+    """Two joints whose columns of B are alike.
+
+    Attributes:
+        first: Index of the first joint.
+        second: Index of the second joint.
+        degrees: Angle between their columns of B.
+        likeness: "same motion": their motions are the same up to one factor in every mode, so that
+            no sensor elsewhere tells them apart. "mirror images": the signs differ between modes;
+            single modes tell their sum alone, and motion of several modes at once their difference.
+    """
+
+    first: int
+    second: int
+    degrees: float
+    likeness: Likeness
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class JointSeparability:
+    """B of some modes and joints, and what it tells.
+
+    Attributes:
+        modes: Indices of the modes, the rows of B.
+        joints: Names of the joints, the columns of B.
+        participation: B_ij = |H_ji|^(2+q).
+        condition: Condition number of B with rows of unit length, each mode read with the same
+            relative error; infinite where there are fewer modes than joints.
+        angles: Angles between the columns of that [degrees].
+        inseparable: Pairs of joints that these modes do not tell apart.
+    """
+
+    modes: tuple[int, ...]
+    joints: tuple[str, ...]
+    participation: Float[np.ndarray, "mode joint"]
+    condition: float
+    angles: Float[np.ndarray, "joint joint"]
+    inseparable: tuple[InseparablePair, ...]
+
+    @property
+    def over_largest(self) -> Float[np.ndarray, "mode joint"]:
+        """B with every row over its largest entry, for tables."""
+        return self.participation / self.participation.max(axis=1, keepdims=True)
+
+    def loss_shares(self, opening: Sequence[float] | np.ndarray) -> np.ndarray:
+        """Share of each joint in the losses of every mode in weak motion.
+
+        Args:
+            opening: O_j of every joint, alpha_j gamma_j of Bouc-Wen laws.
+        """
+        losses = self.participation * np.asarray(opening, float)
+        return losses / losses.sum(axis=1, keepdims=True)
+
+    def __repr__(self) -> str:
+        lines = [f"JointSeparability: condition number {self.condition:.3g}"]
+        for mode, row in zip(self.modes, self.over_largest, strict=True):
+            shares = ", ".join(f"{name} {x:.2g}" for name, x in zip(self.joints, row, strict=True))
+            lines.append(f"  mode {mode + 1}: {shares}")
+        lines += [f"  {self.sentence(pair)}" for pair in self.inseparable]
+        return "\n".join(lines)
+
+    def sentence(self, pair: InseparablePair) -> str:
+        """What is wrong with a pair of joints."""
+        first, second = self.joints[pair.first], self.joints[pair.second]
+        angle = "less than 0.1" if pair.degrees < _SHOWN_DEGREES else f"{pair.degrees:.2g}"
+        modes = "mode" if len(self.modes) == 1 else "modes"
+        numbers = ", ".join(str(mode + 1) for mode in self.modes)
+        return (
+            f"Joints `{first}` and `{second}` are not told apart by {modes} {numbers}: their "
+            f"columns of B are {angle} degrees apart ({pair.likeness})."
+        )
+
+
+def energy_shares(model: ReducedModel) -> Float[np.ndarray, "joint kept"]:
+    r"""Share of each joint in the strain energy of every kept mode, $k_jH_{ji}^2/\omega_i^2$.
+
+    It does not depend on how modes and laws are scaled; over all joints it adds up to at most 1.
+    Rigid-body modes have none.
+    """
+    omega = model.omega[: model.num_kept]
+    energy = model.stiffness[:, None] * model.H[:, : model.num_kept] ** 2
+    return np.where(omega > 0, energy / np.where(omega > 0, omega, 1.0) ** 2, 0.0)
+
+
+def joint_separability(
+    model: ReducedModel | Float[np.ndarray, "joint mode"],
+    modes: Sequence[int] | None = None,
+    *,
+    exponent: float = 1.0,
+) -> JointSeparability:
+    """B, its condition number, and the joints that some modes do not tell apart.
+
+    Args:
+        model: A reduced model, or the motion of every joint (row) by a unit of every mode.
+        modes: Indices of the modes that are swept, from 0; all elastic ones that are kept.
+        exponent: q, the power of the amplitude by which the joint softens: 1 for Bouc-Wen,
+            1 + chi for power laws.
+
+    Raises:
+        ConfigError: A mode is not among those of the model, or moves no joint.
+    """
+    if isinstance(model, ReducedModel):
+        H, names = model.H[:, : model.num_kept], tuple(joint.name for joint in model.joints)
+        elastic = np.flatnonzero(model.omega[: model.num_kept] > 0)
+    else:
+        H = np.atleast_2d(np.asarray(model, float))
+        names = tuple(f"joint {j + 1}" for j in range(H.shape[0]))
+        elastic = np.arange(H.shape[1])
+    swept = tuple(int(i) for i in (elastic if modes is None else modes))
+    outside = [i for i in swept if not 0 <= i < H.shape[1]]
+    if outside or not swept:
+        raise ConfigError(
+            f"`modes` must be indices from 0 to {H.shape[1] - 1}, but "
+            + (f"one is {outside[0]}." if outside else "there is none."),
+            remedy="Raise `to_hz` for further modes.",
+        )
+    motion = H[:, swept].T
+    participation = np.abs(motion) ** (2 + exponent)
+    still = np.flatnonzero(participation.max(axis=1) == 0)
+    if still.size:
+        raise ConfigError(
+            f"Every swept mode must move a joint, but mode {swept[still[0]] + 1} moves none.",
+            remedy="Leave it out of `modes`.",
+        )
+    rows = participation / np.linalg.norm(participation, axis=1, keepdims=True)
+    angles = _angles(rows)
+    return JointSeparability(
+        swept, names, participation, _condition(rows), angles, tuple(_alike(motion, angles))
+    )  # fmt: skip
+
+
+def _condition(matrix: np.ndarray) -> float:
+    singular = np.linalg.svd(matrix, compute_uv=False)
+    if matrix.shape[0] < matrix.shape[1] or singular[-1] == 0:
+        return float("inf")
+    return float(singular[0] / singular[-1])
+
+
+def _angles(matrix: np.ndarray) -> np.ndarray:
+    """Angles between the columns of a matrix, 90 degrees to a column of zeros."""
+    norms = np.linalg.norm(matrix, axis=0)
+    unit = matrix / np.where(norms > 0, norms, 1.0)
+    # Of nearly parallel vectors by their difference: the arc cosine loses half of the digits.
+    apart = np.linalg.norm(unit[:, :, None] - unit[:, None, :], axis=0)
+    return np.degrees(2 * np.arcsin(np.minimum(apart / 2, 1.0)))
+
+
+def _alike(motion: np.ndarray, angles: np.ndarray) -> list[InseparablePair]:
+    pairs = []
+    for second in range(angles.shape[0]):
+        for first in range(second):
+            if angles[first, second] < INSEPARABLE_DEGREES:
+                signs = np.sign(motion[:, first] * motion[:, second])
+                felt = signs[signs != 0]
+                same = felt.size == 0 or np.all(felt == felt[0])
+                kind: Likeness = "same motion" if same else "mirror images"
+                pairs.append(InseparablePair(first, second, float(angles[first, second]), kind))
+    return pairs

@@ -1,0 +1,107 @@
+r"""Joints of one-mode readings by non-negative least squares, and the test of them.
+
+$$\min_{S \ge 0}\ (BS - s)^T\Sigma^{-1}(BS - s)$$
+
+where s_i is what a fit of mode i alone reads, with covariance Sigma. The minimum is chi-square with
+N - J degrees of freedom where these joints explain these modes.
+
+Reference:
+    Lawson and Hanson, Solving Least Squares Problems (1974), chapter 23.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+from jaxtyping import Float
+from scipy.optimize import nnls
+from scipy.stats import chi2
+
+from jbw.assembly.separability import JointSeparability
+from jbw.errors import ConfigError
+
+BY_CHANCE = 0.01  # readings that other joints explain no worse: this share of tests errs
+
+
+@dataclass(frozen=True, eq=False)
+class JointStarts:
+    """What one-mode readings tell of every joint.
+
+    Attributes:
+        estimate: S_j or O_j of every joint, none negative.
+        standard_error: Of joints that are not at zero; nan of the others.
+        chi_square: Weighted sum of squares of what the joints do not explain.
+        degrees_of_freedom: Modes less joints.
+        p: Probability of a chi-square at least as large; nan without degrees of freedom.
+    """
+
+    estimate: Float[np.ndarray, " joint"]
+    standard_error: Float[np.ndarray, " joint"]
+    chi_square: float
+    degrees_of_freedom: int
+    p: float
+
+    @property
+    def explains(self) -> bool | None:
+        """Whether these joints explain these modes; None where nothing is left to test."""
+        return None if np.isnan(self.p) else self.p >= BY_CHANCE
+
+
+def joint_starts(
+    separability: JointSeparability,
+    readings: Float[np.ndarray, " mode"],
+    covariance: Float[np.ndarray, "mode mode"],
+) -> JointStarts:
+    """Non-negative S_j (or O_j) of every joint from readings of single modes.
+
+    Args:
+        separability: B of the modes that were read.
+        readings: What the fit of each mode alone reads, alpha_i delta_i (or alpha_i gamma_i) of a
+            mode of unit modal mass.
+        covariance: Of the readings.
+
+    Raises:
+        ConfigError: Shapes differ, there are fewer modes than joints, or the covariance is not
+            positive definite.
+    """
+    B = separability.participation
+    num_modes, num_joints = B.shape
+    readings, covariance = np.asarray(readings, float), np.asarray(covariance, float)
+    if readings.shape != (num_modes,) or covariance.shape != (num_modes, num_modes):
+        raise ConfigError(
+            f"Readings must be {num_modes} numbers, one a mode, with a covariance of {num_modes} x "
+            f"{num_modes}, but have the shapes {readings.shape} and {covariance.shape}.",
+            remedy="Give a reading for every mode of the separability.",
+        )
+    if num_modes < num_joints:
+        raise ConfigError(
+            f"Readings of at least {num_joints} modes must be given for {num_joints} joints, but "
+            f"there are {num_modes}.",
+            remedy="Sweep further modes, or tie joints.",
+        )
+    try:
+        lower = np.linalg.cholesky(covariance)
+    except np.linalg.LinAlgError:
+        raise ConfigError(
+            "The covariance of the readings must be positive definite, but is not.",
+            remedy="Give the variances of independent readings on its diagonal.",
+        ) from None
+    scale = B.max(axis=0)
+    scale = np.where(scale > 0, scale, 1.0)
+    columns = scipy.linalg.solve_triangular(lower, B / scale, lower=True)
+    whitened = scipy.linalg.solve_triangular(lower, readings, lower=True)
+    estimate, distance = nnls(columns, whitened)
+    degrees = num_modes - num_joints
+    p = float(chi2.sf(distance**2, degrees)) if degrees else float("nan")
+    return JointStarts(
+        estimate / scale, _errors(columns, estimate > 0) / scale, float(distance**2), degrees, p
+    )  # fmt: skip
+
+
+def _errors(columns: np.ndarray, free: np.ndarray) -> np.ndarray:
+    """Standard errors of the joints that are not held at zero."""
+    errors = np.full(free.size, np.nan)
+    _, triangle = np.linalg.qr(columns[:, free])
+    if np.all(np.abs(np.diag(triangle)) > 0):
+        errors[free] = np.linalg.norm(np.linalg.inv(triangle), axis=1)
+    return errors
