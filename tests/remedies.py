@@ -37,8 +37,13 @@ FILES = "corpus/test_stated_clocks.py::"
 LONG = CHECKS + "test_a_pasted_span_of_a_long_record_cures"
 OF_A_RUN = "test_remedies.py::test_a_line_of_a_finding_is_taken"
 PAGES = "test_remedies.py::test_a_line_of_a_page_is_taken"
+JOINTS = "campaign/test_joint_tables.py::"
 PASTED = {
+    ("assembly/reduce.py", "holds_joints"): JOINTS
+    + "test_joints_that_k_does_not_hold_are_refused_and_the_remedy_cures",
     ("campaign/check.py", "delay"): DRIVEN,
+    ("campaign/joints.py", "same_as"): JOINTS
+    + "test_label_switching_is_refused_and_the_remedy_cures",
     ("identification/accuracy.py", "laws"): OF_A_RUN,
     ("identification/accuracy.py", "substeps"): OF_A_RUN,
     ("identification/equivalent.py", "laws"): OF_A_RUN,

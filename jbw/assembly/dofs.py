@@ -86,25 +86,34 @@ def weights_at(place: Place, dofs: Sequence[Dof], what: str) -> Weights:
     """
     rows = {dof: i for i, dof in enumerate(dofs)}
     weights = np.zeros(len(dofs))
-    for name, factor in _terms(place, what):
-        dof = _named(name, what)
+    for dof, factor in terms_of(place, what):
         if dof not in rows:
             raise _absent(dof, dofs, what)
         weights[rows[dof]] += factor
     return weights
 
 
-def _terms(place: Place, what: str) -> list[tuple[str, float]]:
+def terms_of(place: Place, what: str) -> list[tuple[Dof, float]]:
+    """Degrees of freedom of a place and their factors.
+
+    Args:
+        place: As `Place` says.
+        what: How messages name the place.
+
+    Raises:
+        ConfigError: A term cannot be read.
+    """
     if isinstance(place, Mapping):
-        return [(name, float(factor)) for name, factor in place.items()]
+        return [(_named(name, what), float(factor)) for name, factor in place.items()]
     terms = [place] if isinstance(place, str) else list(place)
     pairs = []
     for term in terms:
         name, star, factor = term.partition("*")
         try:
-            pairs.append((name.strip(), float(factor) if star else 1.0))
+            weight = float(factor) if star else 1.0
         except ValueError:
             raise _unreadable(term, what) from None
+        pairs.append((_named(name, what), weight))
     return pairs
 
 

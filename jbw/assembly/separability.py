@@ -115,6 +115,7 @@ def joint_separability(
     modes: Sequence[int] | None = None,
     *,
     exponent: float = 1.0,
+    groups: Sequence[int] | None = None,
 ) -> JointSeparability:
     """B, its condition number, and the joints that some modes do not tell apart.
 
@@ -123,6 +124,8 @@ def joint_separability(
         modes: Indices of the modes that are swept, from 0; all elastic ones that are kept.
         exponent: q, the power of the amplitude by which the joint softens: 1 for Bouc-Wen,
             1 + chi for power laws.
+        groups: Number of a group for every joint: joints of one group share a law and have one
+            column of B, the sum of theirs. By default each joint is a group.
 
     Raises:
         ConfigError: A mode is not among those of the model, or moves no joint.
@@ -144,6 +147,8 @@ def joint_separability(
         )
     motion = H[:, swept].T
     participation = np.abs(motion) ** (2 + exponent)
+    if groups is not None:
+        motion, participation, names = _of_groups(motion, participation, names, groups)
     still = np.flatnonzero(participation.max(axis=1) == 0)
     if still.size:
         raise ConfigError(
@@ -155,6 +160,18 @@ def joint_separability(
     return JointSeparability(
         swept, names, participation, _condition(rows), angles, tuple(_alike(motion, angles))
     )  # fmt: skip
+
+
+def _of_groups(
+    motion: np.ndarray, participation: np.ndarray, names: tuple[str, ...], groups: Sequence[int]
+) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Columns of groups of joints: the first one's motion, the sum of B, and all names."""
+    members = [[j for j, g in enumerate(groups) if g == group] for group in dict.fromkeys(groups)]
+    return (
+        motion[:, [joints[0] for joints in members]],
+        np.column_stack([participation[:, joints].sum(axis=1) for joints in members]),
+        tuple(" = ".join(names[j] for j in joints) for joints in members),
+    )
 
 
 def _condition(matrix: np.ndarray) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 from jbw.campaign.duplicates import Source, held_twice, source_of
 from jbw.campaign.files import repeats_of
 from jbw.campaign.gains import force_per_unit, gain_of
+from jbw.campaign.joints import STRUCTURE, JointsCheck, check_joints
 from jbw.campaign.levels import Level, against_levels, level_of
 from jbw.campaign.schema import CampaignSpec, read_spec
 from jbw.campaign.tables import TestSpec
@@ -62,6 +63,7 @@ class Check:
     rows: tuple[Row, ...]
     exit_code: int  # 0 when usable, 2 when the campaign file must change, 3 when the data must
     seen: tuple[str, ...] = ()  # of nonlinearity, repeats and noise, a sentence each
+    joints: JointsCheck | None = None  # of several joints
 
     @property
     def status(self) -> str:
@@ -86,6 +88,10 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
         for fault in unread(spec)
     ]
     codes, seen, proposed = set(), [], []
+    joints, joint_faults = check_joints(spec, folder, allow_outside=allow_outside)
+    for fault in joint_faults:
+        rows.append(Row(STRUCTURE, fault.channel, "", "", None, 0, fault.severity, (fault,)))
+    codes |= {ConfigError.exit_code} if worst(joint_faults) == "error" else set()
     sources: list[Source] = []
     levels: list[Level] = []
     for test in spec.tests:
@@ -131,7 +137,8 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
             failed = []
     compared = [*held_twice(sources), *against_levels(levels)]
     codes |= {DataError.exit_code} if worst(fault for _, fault in compared) == "error" else set()
-    return Check(spec.name, tuple(_with(rows, compared)), min(codes, default=0), (*seen, *proposed))
+    rows = list(_with(rows, compared))
+    return Check(spec.name, tuple(rows), min(codes, default=0), (*seen, *proposed), joints)
 
 
 def _with(rows: Sequence[Row], faults: Sequence[tuple[str, Fault]]) -> Iterator[Row]:
@@ -146,7 +153,8 @@ def as_json(check: Check) -> dict[str, Any]:
     """The check as plain values, for scripts."""
     channels = [asdict(row) for row in check.rows]
     facts = {"campaign": check.campaign, "status": check.status, "channels": channels}
-    return {**facts, "seen": list(check.seen)}
+    joints = {} if check.joints is None else {"joints": check.joints.as_json()}
+    return {**facts, "seen": list(check.seen), **joints}
 
 
 def unread(spec: CampaignSpec) -> Iterator[Fault]:
@@ -304,7 +312,7 @@ def _stated(record: Record, test: TestSpec, spec: CampaignSpec) -> Iterator[Faul
     if test.traits.is_free and test.band is None:
         yield from response_checks.bandless(record, test.settle)
     driven = test.traits.is_transient and test.traits.is_driven
-    if driven and test.band is None and spec.structure is None:
+    if driven and test.band is None and spec.structure is None and spec.assembled is None:
         yield from response_checks.several_resonances(record)
     if test.traits.is_prescribed:
         yield from travels_freely(forced_loop(record), spec.laws)

@@ -11,6 +11,7 @@ from jbw.campaign.check import findings, unread
 from jbw.campaign.duplicates import held_twice, source_of
 from jbw.campaign.files import repeats_of
 from jbw.campaign.gains import Gain, force_per_unit, gain_of
+from jbw.campaign.joints import refuse_several
 from jbw.campaign.schema import read_spec
 from jbw.campaign.settings import Identify, Structured, laws_of
 from jbw.campaign.tables import NOT_STATED, Assembly, Instruments, TestSpec
@@ -97,6 +98,7 @@ def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
     """
     path = Path(path)
     spec = read_spec(path)
+    refuse_several(spec)
     for fault in unread(spec):
         warnings.warn(f"{path.name}, [identify]: {fault.what} {fault.remedy}", stacklevel=2)
     folder, per_unit = path.resolve().parent, force_per_unit(spec)

@@ -1,11 +1,13 @@
 """The campaign file as typed tables; what is wrong is told all at once."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field
 
+from jbw.campaign.assembled import AssembledStructure, JointTable, joint_errors, laws_of_joint
 from jbw.campaign.document import Table, checked, document_of, key, refuse, text_of, unknown_tables
 from jbw.campaign.gains import differ
 from jbw.campaign.settings import Identify, Joint, Structured, law_errors, laws_of, structure_errors
@@ -24,8 +26,12 @@ class CampaignFile(Table):
     assembly: Assembly = key(
         Assembly, "of which assembly, at which torque: what `jbw collect` takes to a fleet"
     )
-    joint: Joint = key(Joint, "laws of the joint")
-    structure: Structured | None = key(None, "several modes that meet in the joint")
+    joint: Joint | list[JointTable] = key(
+        Joint, "laws of the joint; a [[joint]] table each where a structure has several"
+    )
+    structure: Structured | AssembledStructure | None = key(
+        None, "several modes that meet in the joint, or matrices of a model with joints"
+    )
     test: Annotated[list[TestSpec], Field(min_length=1)] = key(..., "one table a test")
     identify: Identify = key(Identify, "what to fit, what to hold out, how to draw")
 
@@ -43,6 +49,8 @@ class CampaignSpec:
     assembly: Assembly = field(default_factory=Assembly)
     structure: Structured | None = None
     instruments: Instruments = NOT_STATED  # what is known of clock and calibration
+    assembled: AssembledStructure | None = None  # where the structure is known by its matrices
+    joints: tuple[JointTable, ...] = ()  # of a structure with [[joint]] tables
 
 
 def read_spec(path: Path) -> CampaignSpec:
@@ -56,10 +64,10 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
     errors = unknown_tables(document, CampaignFile.model_fields)
     head = checked(Head, document.get("campaign", {}), "[campaign]", errors) or Head()
     assembly = checked(Assembly, document.get("assembly", {}), "[assembly]", errors) or Assembly()
-    joint = checked(Joint, document.get("joint", {}), "[joint]", errors) or Joint()
-    structure = None
-    if "structure" in document:
-        structure = checked(Structured, document["structure"], "[structure]", errors)
+    joints = _joints(document.get("joint"), errors)
+    stated_joint = {} if joints else document.get("joint", {})
+    joint = checked(Joint, stated_joint, "[joint]", errors) or Joint()
+    structure, assembled = _structures(document.get("structure"), errors)
     tables = document.get("test", [])
     if not isinstance(tables, list) or not tables:
         errors.append("[[test]]: at least one test is needed, each under its own [[test]].")
@@ -74,7 +82,7 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
         errors.append("[campaign]: give gain or modal_mass, not both; they say the same.")
     if len(tests) == len(tables):
         errors += [*among(tests, settings), *of_others(tests, assembly)]
-        errors += structure_errors(structure, tests)
+        errors += structure_errors(structure, tests, () if assembled is None else assembled.points)
         roles = {role for test in tests for role in test.channels}
         errors += [
             f"[campaign] gain_std: names role `{role}`, which no test has in its channels."
@@ -84,10 +92,43 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
     # Laws that are stated are all there are, so that a prior on any other is refused.
     stated = "laws" in joint.model_fields_set
     laws = joint.laws if stated else laws_of(joint.laws, settings.prior)
-    errors += law_errors(laws, settings.prior, 1 if structure is None else len(structure.modes))
+    num_modes = 1 if structure is None else len(structure.modes)
+    errors += law_errors(laws, settings.prior, num_modes)
+    if assembled is not None and not joints:
+        errors.append(
+            "[structure] matrices: need a [[joint]] table for every joint, but there is none."
+        )
+    errors += joint_errors(joints, assembled, num_modes)
+    for table in joints:
+        errors += [
+            line.replace("[joint]", f"[[joint]] `{table.name}`", 1)
+            for line in law_errors(laws_of_joint(table, joints), {})
+        ]
     refuse(file, errors)
     tests = [*named(tests)]
     held = (f"{t.name} at {p}" for t in tests if t.name in settings.hold_out for p in t.points)
     settings = settings.model_copy(update={"hold_out": (*settings.hold_out, *held)})
     facts = (head.gain, head.modal_mass, settings, laws, assembly, structure, head.instruments)
-    return CampaignSpec(head.name, tuple(at_every_point(tests)), *facts)
+    several = assembled, tuple(joints)
+    return CampaignSpec(head.name, tuple(at_every_point(tests)), *facts, *several)
+
+
+def _joints(tables: Any, errors: list[str]) -> list[JointTable]:
+    """The [[joint]] tables; none where there is a [joint] table, or nothing."""
+    if not isinstance(tables, list):
+        return []
+    stated = [
+        checked(JointTable, table, f"[[joint]] {i + 1}", errors) for i, table in enumerate(tables)
+    ]
+    return [table for table in stated if table is not None]
+
+
+def _structures(
+    table: Any, errors: list[str]
+) -> tuple[Structured | None, AssembledStructure | None]:
+    """The [structure] table, of stated modes or of matrices."""
+    if table is None:
+        return None, None
+    if isinstance(table, Mapping) and "matrices" in table:
+        return None, checked(AssembledStructure, table, "[structure]", errors)
+    return checked(Structured, table, "[structure]", errors), None

@@ -223,9 +223,14 @@ class Structured(Table):
         return self
 
 
-def structure_errors(structure: Structured | None, tests: Iterable[Any]) -> Iterator[str]:
-    """Tests of kinds that know one mode alone, or at unknown points; a sentence each."""
-    points = () if structure is None else structure.points
+def structure_errors(
+    structure: Structured | None, tests: Iterable[Any], points: Iterable[str] = ()
+) -> Iterator[str]:
+    """Tests of kinds that know one mode alone, or at unknown points; a sentence each.
+
+    `points` are those that a model's matrices have.
+    """
+    points = tuple(points) if structure is None else structure.points
     for test in tests:
         own = (test.point, *getattr(test, "points", ()))
         for point in (point for point in own if point and point not in points):

@@ -9,6 +9,7 @@ import click
 from jbw.campaign.check import Check, Row, as_json, check_campaign
 from jbw.campaign.draft import start_campaign, write_campaign
 from jbw.campaign.files import repeats_of
+from jbw.campaign.joints import JointsCheck
 from jbw.campaign.schema import read_spec
 from jbw.cli.options import json_option, outside_option
 from jbw.cli.printing import answer, following, show_json
@@ -115,7 +116,43 @@ def _lines(found: Check) -> Iterator[Table | str]:
         Column("status", lambda row: Cell(row.status, MARKS[row.status]), align="left"),
     ]
     yield table(f"Campaign {found.campaign}", found.rows, *columns)
+    if found.joints is not None:
+        yield from _joints(found.joints)
     yield from _findings(found.rows)
+
+
+def _joints(joints: JointsCheck) -> Iterator[Table | str]:
+    """Modes with the energy share of every joint and with B, and what was done to the model."""
+    separability = joints.separability
+    rows = list(enumerate(joints.frequencies_hz))
+    columns = [
+        Column("mode", lambda row: str(row[0] + 1)),
+        Column("frequency", lambda row: f"{row[1]:.5g} Hz"),
+        Column("swept", lambda row: "yes" if row[0] in joints.swept else "no", align="left"),
+    ]
+    if joints.shares is not None:
+        shares = joints.shares
+        columns += [
+            Column(f"energy share of {name}", lambda row, j=j: f"{100 * shares[j, row[0]]:.2g} %")
+            for j, name in enumerate(joints.joints)
+        ]
+    yield table("Modes with the joints in full stick", rows, *columns)
+    if separability is not None:
+        part = dict(zip(separability.modes, separability.over_largest, strict=True))
+        columns = [
+            columns[0],
+            *(
+                Column(name, lambda row, j=j: f"{part[row[0]][j]:.2g}")
+                for j, name in enumerate(separability.joints)
+            ),
+        ]
+        swept = [row for row in rows if row[0] in part]
+        yield table("Matrix B of the swept modes, rows over their largest", swept, *columns)
+        yield (
+            f"Condition number of B: {separability.condition:.3g}. It multiplies the noise where "
+            "each joint has a law of its own."
+        )
+    yield from joints.notes
 
 
 def _findings(rows: Sequence[Row]) -> Iterator[str]:

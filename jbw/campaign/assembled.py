@@ -1,0 +1,223 @@
+"""The tables of a structure with several joints: [structure] with matrices, and [[joint]]."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Annotated, Any, Literal, Self
+
+from pydantic import BeforeValidator, Field, StrictBool, model_validator
+
+from jbw.assembly.dofs import Place as AnyPlace
+from jbw.assembly.dofs import terms_of
+from jbw.assembly.units import SYSTEMS
+from jbw.campaign import values
+from jbw.campaign.document import Table, key, unlike
+from jbw.errors import ConfigError, did_you_mean
+from jbw.quantities import DEFAULT_LAWS
+
+FILES = ("mass", "stiffness", "damping", "dofs")
+
+
+def place(value: Any) -> AnyPlace:
+    """A degree of freedom, a list of weighted ones, or a table of weights."""
+    if isinstance(value, Mapping) and value:
+        stated: AnyPlace = {values.text(name): values.number(x) for name, x in value.items()}
+    else:
+        terms = values.strings(value)
+        stated = terms[0] if isinstance(value, str) else terms
+    try:
+        terms_of(stated, "it")
+    except ConfigError as error:
+        raise ValueError(f"{error.what.removeprefix('it ')} {error.remedy}") from None
+    return stated
+
+
+def _places(value: Any) -> dict[str, AnyPlace]:
+    if not isinstance(value, Mapping) or not value:
+        raise ValueError(f'must be a table such as {{ tip = "40:z" }}, but is {value!r}.')
+    return {values.text(name): place(where) for name, where in value.items()}
+
+
+def _matrices(value: Any) -> str | dict[str, str]:
+    if isinstance(value, str) and value:
+        return value
+    if not isinstance(value, Mapping) or not {"mass", "stiffness"} <= set(value):
+        raise ValueError(
+            'must be a file, or files such as { mass = "M.mtx", stiffness = "K.mtx", '
+            f'dofs = "dofs.csv" }}, but is {value!r}.'
+        )
+    for name, file in value.items():
+        if name not in FILES:
+            raise ValueError(f"key `{name}` is unknown{unlike(name, FILES)}.")
+        if not isinstance(file, str) or not file:
+            raise ValueError(f"`{name}` must be a file, but is {file!r}.")
+    return dict(value)
+
+
+def _ratios(value: Any) -> float | tuple[float, ...]:
+    ratios = value if isinstance(value, list | tuple) else [value]
+    for ratio in ratios:
+        if not 0 <= values.number(ratio) < 1:
+            raise ValueError(f"must be ratios from 0 to 1, such as 0.004, but one is {ratio}.")
+    return tuple(ratios) if isinstance(value, list | tuple) else value
+
+
+def _pair(value: Any) -> tuple[str, str]:
+    names = values.strings(value)
+    if len(names) != 2 or names[0] == names[1]:
+        raise ValueError(
+            f'must be two different degrees of freedom such as ["17:x", "112:x"], but is {value!r}.'
+        )
+    place(list(names))
+    return names[0], names[1]
+
+
+_Written = str | list[str] | dict[str, float]
+Place = Annotated[Any, BeforeValidator(place, json_schema_input_type=_Written)]
+Places = Annotated[Any, BeforeValidator(_places, json_schema_input_type=dict[str, _Written])]
+MatrixFiles = Annotated[
+    Any, BeforeValidator(_matrices, json_schema_input_type=str | dict[Literal[FILES], str])  # pyright: ignore[reportInvalidTypeForm]
+]
+Ratio = Annotated[float, Field(ge=0, lt=1)]
+Ratios = Annotated[Any, BeforeValidator(_ratios, json_schema_input_type=Ratio | list[Ratio])]
+Pair = Annotated[tuple[str, str], BeforeValidator(_pair)]
+Motions = Annotated[tuple[float, ...], BeforeValidator(values.numbers)]
+
+
+class AssembledStructure(Table):
+    """The [structure] table of a structure that is known by the matrices of a model."""
+
+    matrices: MatrixFiles = key(
+        ...,
+        "file with M and K (and C, dofs), or a file each; .mat, .npz, .mtx, .pch, .op4",
+        "beams.mat",
+    )
+    units: Annotated[str, values.OneOf(lambda: SYSTEMS)] = key(
+        ..., "consistent system of the matrices, which no file states", "N-mm-t-s"
+    )
+    holds_joints: StrictBool = key(
+        False, "the stiffness matrix holds the joints in full stick already", True
+    )
+    to_hz: values.Positive = key(
+        ..., "modes up to this frequency are kept [Hz]; residual modes are added", 400.0
+    )
+    damping: Ratios | None = key(
+        None, "damping ratio of every mode, or a list; by default of the matrix C", 0.004
+    )
+    input: Place = key(..., "where the source pushes, node:direction", "5:z")
+    points: Places = key(
+        ..., "names and places of the responses, weighted sums in SI", {"tip": "40:z"}
+    )
+    shapes: Literal["model", "uncertain"] = key(
+        "model",
+        "model: the joints' motion in every mode is that of the model; uncertain: within 10 %",
+        "uncertain",
+    )
+
+
+class JointTable(Table):
+    """A [[joint]] table: one of several joints."""
+
+    name: values.Text = key(..., "its name", "bolt 1")
+    across: Pair | None = key(
+        None, "degrees of freedom on either side: it moves by the second less the first",
+        ["17:x", "112:x"],
+    )  # fmt: skip
+    weights: Place | None = key(
+        None, "its motion as a weighted sum of degrees of freedom [-, or m/rad]",
+        {"17:rx": 0.0025, "112:rx": 0.0025},
+    )  # fmt: skip
+    shape: Motions | None = key(
+        None, "its motion over that of the response in every mode, where modes are measured",
+        [1.0, -0.8],
+    )  # fmt: skip
+    stiffness: values.Positive | None = key(None, "in full stick, in SI [N/m, or N m/rad]", 1.5e7)
+    laws: values.Laws = key(DEFAULT_LAWS, "its laws, which stand beside each other", ["bouc_wen"])
+    same_as: values.Text | None = key(
+        None, "name of the joint whose law it shares; leave out for a law of its own", "bolt 1"
+    )
+
+    @model_validator(mode="after")
+    def _stated_once(self) -> Self:
+        places = [
+            name for name in ("across", "weights", "shape") if getattr(self, name) is not None
+        ]
+        if len(places) > 1:
+            raise ValueError(f"{places[1]}: says what `{places[0]}` says; leave out either.")
+        return self
+
+
+def joint_errors(
+    joints: Sequence[JointTable], structure: AssembledStructure | None, num_modes: int
+) -> Iterator[str]:
+    """What is wrong with joints beside each other and beside the structure; a sentence each."""
+    names = [joint.name for joint in joints]
+    for joint in joints:
+        where = f"[[joint]] `{joint.name}`"
+        if names.count(joint.name) > 1:
+            yield f"{where} name: must be of one joint, but {names.count(joint.name)} have it."
+        if structure is not None:
+            if joint.shape is not None or (joint.across is None and joint.weights is None):
+                yield f"{where}: beside matrices a joint must have `across` or `weights`."
+            if joint.stiffness is None:
+                yield f"{where} stiffness: missing; in full stick, in SI [N/m, or N m/rad]."
+        else:
+            stated = [
+                k for k in ("across", "weights", "stiffness") if getattr(joint, k) is not None
+            ]
+            if stated:
+                yield f"{where} {stated[0]}: is read beside `matrices` under [structure] alone."
+            if joint.shape is not None and len(joint.shape) != num_modes:
+                yield (
+                    f"{where} shape: must hold a number for each of {num_modes} modes under "
+                    f"[structure], but holds {len(joint.shape)}."
+                )
+    yield from _tie_errors(joints)
+
+
+def _tie_errors(joints: Sequence[JointTable]) -> Iterator[str]:
+    by_name = {joint.name: joint for joint in joints}
+    for joint in joints:
+        where = f"[[joint]] `{joint.name}` same_as"
+        if joint.same_as is None:
+            continue
+        if joint.same_as not in by_name:
+            yield (
+                f"{where}: must be the name of a joint, but is `{joint.same_as}`. "
+                f"{did_you_mean(joint.same_as, by_name)}Joints: {', '.join(by_name)}."
+            )
+            continue
+        if leader_of(joint, by_name) is None:
+            yield (
+                f"{where}: must lead to a joint with a law of its own, but leads in a circle. "
+                "Leave it out of one of them."
+            )
+            continue
+        other = by_name[joint.same_as]
+        if "laws" in joint.model_fields_set and joint.laws != other.laws:
+            yield (
+                f"{where}: joints that share a law must have the same laws, but `{joint.name}` has "
+                f"{', '.join(joint.laws) or 'none'} and `{other.name}` "
+                f"{', '.join(other.laws) or 'none'}. Leave `laws` out of `{joint.name}`."
+            )
+
+
+def leader_of(joint: JointTable, by_name: Mapping[str, JointTable]) -> JointTable | None:
+    """The joint whose law a joint has, itself or another; None of a circle or an unknown name."""
+    passed = set()
+    while joint.same_as is not None:
+        if joint.name in passed or joint.same_as not in by_name:
+            return None
+        passed.add(joint.name)
+        joint = by_name[joint.same_as]
+    return joint
+
+
+def groups_of(joints: Sequence[JointTable]) -> list[int]:
+    """For every joint the index of the joint whose law it has."""
+    by_name = {joint.name: joint for joint in joints}
+    leaders = [leader_of(joint, by_name) or joint for joint in joints]
+    return [[joint.name for joint in joints].index(leader.name) for leader in leaders]
+
+
+def laws_of_joint(joint: JointTable, joints: Sequence[JointTable]) -> tuple[str, ...]:
+    """Names of the laws of a joint, those of another where it shares them."""
+    return (leader_of(joint, {other.name: other for other in joints}) or joint).laws

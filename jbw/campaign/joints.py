@@ -1,0 +1,259 @@
+"""Several joints of a campaign before any test: modes in full stick, energy shares, and B."""
+
+import warnings
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+
+from jbw.assembly.files.read import read_matrices
+from jbw.assembly.joint import Joint
+from jbw.assembly.reduce import ReducedModel, reduce
+from jbw.assembly.separability import (
+    InseparablePair,
+    JointSeparability,
+    energy_shares,
+    joint_separability,
+)
+from jbw.campaign.assembled import AssembledStructure, JointTable, groups_of, laws_of_joint
+from jbw.campaign.document import toml
+from jbw.campaign.files import found_files
+from jbw.campaign.schema import CampaignSpec
+from jbw.errors import ConfigError, JbwError
+from jbw.measurement.checks import Fault, doubt, refusal
+
+STRUCTURE = "[structure]"
+_UNMOVED = 1e-2  # of the joint that moves most: B is a millionth
+
+
+@dataclass(frozen=True)
+class JointsCheck:
+    """What a campaign's joints are to its modes.
+
+    Attributes:
+        joints: Names of the joints.
+        frequencies_hz: Of the modes, joints in full stick [Hz].
+        shares: Energy share of each joint in each mode; None of measured modes.
+        swept: Indices of the modes in the bands of the tests; all where no test has a band.
+        separability: B of the swept modes, joints that share a law in one column; None where
+            shapes are not stated.
+        notes: What was changed or assumed, a sentence each.
+    """
+
+    joints: tuple[str, ...]
+    frequencies_hz: Float[np.ndarray, " mode"]
+    shares: Float[np.ndarray, "joint mode"] | None
+    swept: tuple[int, ...]
+    separability: JointSeparability | None
+    notes: tuple[str, ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """The same as plain values."""
+        separability = self.separability
+        return {
+            "joints": list(self.joints),
+            "frequencies_hz": self.frequencies_hz.tolist(),
+            "energy_shares": None if self.shares is None else self.shares.tolist(),
+            "swept_modes": [mode + 1 for mode in self.swept],
+            "separability": None
+            if separability is None
+            else {
+                "joints": list(separability.joints),
+                "participation": separability.participation.tolist(),
+                "condition": separability.condition,
+            },
+            "notes": list(self.notes),
+        }
+
+
+def reduced_model(spec: CampaignSpec, folder: Path, *, allow_outside: bool = False) -> ReducedModel:
+    """Modes and joints of a campaign whose structure is known by matrices.
+
+    Args:
+        spec: The campaign file, checked.
+        folder: Its folder, where the files of matrices are.
+        allow_outside: Let them lie elsewhere.
+
+    Raises:
+        ConfigError: There are no matrices, or a place or joint is not in the model.
+        DataError: A file of matrices is missing, damaged, or fails a check.
+        ModelError: The matrices are not those of a structure at rest.
+    """
+    structure = spec.assembled
+    if structure is None:
+        raise ConfigError(
+            "The campaign must have `matrices` under [structure], but has none.",
+            remedy="Name the files of the mass and stiffness matrices.",
+        )
+    model = read_matrices(_files(structure, folder, allow_outside), units=structure.units)
+    joints = [
+        Joint(table.name, table.weights, across=table.across, stiffness=table.stiffness or np.nan)
+        for table in spec.joints
+    ]
+    return reduce(
+        model,
+        joints,
+        to_hz=structure.to_hz,
+        input=structure.input,
+        outputs=structure.points,
+        zeta=structure.damping,
+        holds_joints=structure.holds_joints,
+    )
+
+
+def _files(
+    structure: AssembledStructure, folder: Path, allow_outside: bool
+) -> Path | dict[str, Path]:
+    """The files of matrices within the campaign's folder."""
+    stated = structure.matrices
+    if isinstance(stated, Mapping):
+        return {
+            role: found_files([file], folder, allow_outside)[0] for role, file in stated.items()
+        }
+    return found_files([stated], folder, allow_outside)[0]
+
+
+class _Motion(NamedTuple):
+    """Modes of a structure and, as far as it is known, what they are to its joints."""
+
+    frequencies_hz: np.ndarray
+    H: np.ndarray | None = None
+    shares: np.ndarray | None = None
+    notes: tuple[str, ...] = ()
+
+
+def check_joints(
+    spec: CampaignSpec, folder: Path, *, allow_outside: bool = False
+) -> tuple[JointsCheck | None, list[Fault]]:
+    """What the joints of a campaign are to its modes, and what is wrong or doubtful."""
+    if not spec.joints:
+        return None, []
+    try:
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            motion = _motion_of(spec, folder, allow_outside)
+    except JbwError as error:
+        return None, [refusal("matrices", error.what, error.why, error.remedy)]
+    faults = [doubt("matrices", str(warning.message)) for warning in caught]
+    names = tuple(table.name for table in spec.joints)
+    swept = _swept(spec, motion.frequencies_hz)
+    separability = None
+    if motion.H is not None:
+        separability = replace(
+            joint_separability(motion.H, swept, groups=groups_of(spec.joints)),
+            joints=_names_of_groups(spec.joints),
+        )
+        faults += [*_too_few(separability), *_inseparable(separability, spec.joints)]
+        faults += _unseen(np.abs(motion.H[:, swept]), names)
+    return JointsCheck(
+        names, motion.frequencies_hz, motion.shares, swept, separability, motion.notes
+    ), faults
+
+
+def _motion_of(spec: CampaignSpec, folder: Path, allow_outside: bool) -> _Motion:
+    """Of matrices, or of stated modes, where the shape of every joint must be stated too."""
+    if spec.assembled is not None:
+        model = reduced_model(spec, folder, allow_outside=allow_outside)
+        H = model.H[:, : model.num_kept]
+        return _Motion(model.frequencies_hz, H, energy_shares(model), model.notes)
+    modes = () if spec.structure is None else spec.structure.modes
+    shapes = [table.shape for table in spec.joints]
+    H = None if None in shapes or not modes else np.array(shapes, float)
+    return _Motion(np.array(modes, float), H)
+
+
+def _names_of_groups(joints: Sequence[JointTable]) -> tuple[str, ...]:
+    """Names of the joints, those that share a law as one."""
+    groups = groups_of(joints)
+    return tuple(
+        " = ".join(table.name for table, g in zip(joints, groups, strict=True) if g == group)
+        for group in dict.fromkeys(groups)
+    )
+
+
+def _swept(spec: CampaignSpec, frequencies_hz: np.ndarray) -> tuple[int, ...]:
+    """Elastic modes within the band of a test; all of them where no test has a band."""
+    bands = [test.band for test in spec.tests if test.band]
+    elastic = [i for i, hz in enumerate(frequencies_hz) if hz > 0]
+    if not bands:
+        return tuple(elastic)
+    return tuple(
+        i for i in elastic if any(low <= frequencies_hz[i] <= high for low, high in bands)
+    ) or tuple(elastic)
+
+
+def _inseparable(separability: JointSeparability, joints: Sequence[JointTable]) -> Iterator[Fault]:
+    """Joints with laws of their own that the swept modes do not tell apart.
+
+    Of one kind of law the posterior has a mode for each order of the joints: that is refused. Of
+    different kinds it is doubtful.
+    """
+    leaders = [joints[group] for group in dict.fromkeys(groups_of(joints))]
+    for pair in separability.inseparable:
+        first, second = leaders[pair.first], leaders[pair.second]
+        alike = laws_of_joint(first, joints) == laws_of_joint(second, joints)
+        make = refusal if alike else doubt
+        yield make(
+            "joint",
+            separability.sentence(pair),
+            _reason(pair, separability),
+            remedy=f"Put under [[joint]] `{second.name}`: `same_as = {toml(first.name)}`, or "
+            f"sweep further modes.",
+        )
+
+
+def _too_few(separability: JointSeparability) -> Iterator[Fault]:
+    """Fewer swept modes than laws; two laws of one mode are named as a pair."""
+    modes, joints = len(separability.modes), len(separability.joints)
+    if 1 < modes < joints:
+        yield doubt(
+            "joint",
+            f"{joints} laws need {joints} swept modes at least, but the bands of the tests hold "
+            f"{modes}.",
+            "Every mode tells one number of all joints together.",
+            remedy="Sweep further modes, or tie joints by `same_as`.",
+        )
+
+
+def _reason(pair: InseparablePair, separability: JointSeparability) -> str:
+    if len(separability.modes) == 1:
+        return "One mode tells one number of all joints together."
+    if pair.likeness == "same motion":
+        return "Exchanging their laws changes no response, so that the posterior has two halves."
+    return (
+        "Single modes tell the sum of their laws alone; the difference shows only when several "
+        "modes move at once."
+    )
+
+
+def _unseen(motion: np.ndarray, names: Sequence[str]) -> Iterator[Fault]:
+    """Joints that no swept mode moves: their laws keep their prior."""
+    reach = (motion / motion.max(axis=0)).max(axis=1)
+    for name, largest in zip(names, reach, strict=True):
+        if largest < _UNMOVED:
+            yield doubt(
+                "joint",
+                f"Joint `{name}` is moved by none of the modes in the bands of the tests; its law "
+                "keeps its prior.",
+                remedy="Sweep a mode in which its energy share is large.",
+            )
+
+
+def refuse_several(spec: CampaignSpec) -> None:
+    """Raise for a campaign of several joints, or of matrices, which no command identifies yet.
+
+    Raises:
+        ConfigError: It has matrices or [[joint]] tables.
+    """
+    if spec.assembled is None and not spec.joints:
+        return
+    what = "`matrices` under [structure]" if spec.assembled else "[[joint]] tables"
+    raise ConfigError(
+        f"A campaign with {what} can be checked, but its joints cannot be identified yet.",
+        why="The identification knows one joint of stated modes; it would ignore the others.",
+        remedy="Read with `jbw check` which joints the tests tell apart, or state one joint under "
+        "[joint] and its modes under [structure] in place of them.",
+    )
