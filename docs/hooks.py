@@ -142,16 +142,23 @@ def campaign_keys() -> str:
         "assembly": ("[assembly]", "Assembly"),
         "joint": ("[joint]", "Joint"),
         "structure": ("[structure]", "Structured"),
+        "matrices": ("[structure]", "AssembledStructure"),
+        "joints": ("[[joint]]", "JointTable"),
         "test": ("[[test]]", "TestSpec"),
         "identify": ("[identify]", "Identify"),
     }.items():
         rows = key_rows(known[table_name], known)
         parts += [
             f"## `{head}` {{ #{name} }}",
-            schema["properties"][name].get("description", "").capitalize() + ".",
+            about_table(schema["properties"].get(name, {}), known[table_name]),
             table(("key", "value", "meaning", "default", "example"), rows),
         ]
     return "\n\n".join(parts)
+
+
+def about_table(field: Mapping[str, Any], schema: Mapping[str, Any]) -> str:
+    """A sentence on a table: of the file's key where it has one of its own, else of its type."""
+    return field.get("description", schema.get("description", "")).capitalize().rstrip(".") + "."
 
 
 def key_rows(schema: Mapping[str, Any], known: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:

@@ -10,6 +10,15 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from jbw import paper as paper
     from jbw import rig as rig
+    from jbw.assembly.files.read import read_matrices as read_matrices
+    from jbw.assembly.joint import Joint as Joint
+    from jbw.assembly.matrices import MatrixModel as MatrixModel
+    from jbw.assembly.matrices import matrix_model as matrix_model
+    from jbw.assembly.reduce import ReducedModel as ReducedModel
+    from jbw.assembly.reduce import reduce as reduce
+    from jbw.assembly.separability import energy_shares as energy_shares
+    from jbw.assembly.separability import joint_separability as joint_separability
+    from jbw.assembly.starts import joint_starts as joint_starts
     from jbw.campaign.load import Campaign as Campaign
     from jbw.campaign.load import load_campaign as load_campaign
     from jbw.errors import ConfigError as ConfigError
@@ -96,10 +105,13 @@ _HOME = {
     "Cubic": "oscillator.laws.springs",
     "DataError": "errors",
     "JbwError": "errors",
+    "Joint": "assembly.joint",
+    "MatrixModel": "assembly.matrices",
     "ModelError": "errors",
     "Oscillator": "oscillator.oscillator",
     "Polynomial": "oscillator.laws.springs",
     "Record": "measurement.records",
+    "ReducedModel": "assembly.reduce",
     "Response": "oscillator.response",
     "RunError": "errors",
     "Structure": "oscillator.modes.structure",
@@ -112,6 +124,7 @@ _HOME = {
     "compare_laws": "study.laws",
     "dimensionless": "oscillator.dimensionless",
     "draw_backbones": "report.modal_backbones",
+    "energy_shares": "assembly.separability",
     "fleet_of": "population.fleet",
     "fit_attachment": "measurement.shaker",
     "fit_modes": "identification.modal",
@@ -127,9 +140,12 @@ _HOME = {
     "identify": "study.identify",
     "identify_many": "study.many",
     "internal_resonances": "oscillator.modes.structure",
+    "joint_separability": "assembly.separability",
+    "joint_starts": "assembly.starts",
     "line_fit": "identification.linear",
     "load_campaign": "campaign.load",
     "load_study": "study.study",
+    "matrix_model": "assembly.matrices",
     "new_backbone": "population.prediction",
     "new_prediction": "population.basis",
     "new_units": "population.prediction",
@@ -140,7 +156,9 @@ _HOME = {
     "population_of": "population.population",
     "read": "measurement.files.read",
     "read_fleet": "population.fleet",
+    "read_matrices": "assembly.files.read",
     "record_frf": "measurement.transients",
+    "reduce": "assembly.reduce",
     "response_curve": "oscillator.steady.continuation",
     "sbc": "study.calibration",
     "shooting": "oscillator.shooting",

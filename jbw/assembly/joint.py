@@ -67,7 +67,7 @@ class Joint:
             raise ModelError(
                 f"The laws of joint `{name}` must have no more stiffness at rest than the joint in "
                 f"full stick, {stiffness:g}, but have {taken_by_laws:g}.",
-                remedy="Raise `stiffness`, or lower the laws' stiffness (alpha of Bouc-Wen).",
+                remedy="Raise `stiffness`, or lower that of the laws.",
             )
         for field, entry in (
             ("name", name),

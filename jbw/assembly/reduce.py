@@ -386,14 +386,14 @@ def _notes(
     """What was done beyond what was asked for."""
     notes = []
     if massless := model.massless.size:
-        notes.append(f"{massless} degrees of freedom without mass are condensed statically.")
+        notes.append(f"Degrees of freedom without mass, condensed statically: {massless}.")
     if rigid := int(np.sum(modes.omega == 0)):
-        notes.append(f"{rigid} rigid-body modes: they move outputs and no joint of zero slip.")
+        notes.append(f"Rigid-body modes: {rigid}.")
     if residual.slowed.size:
         highest = residual.slowed[-1]
         fastest = "infinity" if not np.isfinite(highest) else f"{highest / (2 * np.pi):.4g} Hz"
         notes.append(
-            f"{residual.slowed.size} residual modes are slowed to {limit / (2 * np.pi):.4g} Hz, "
-            f"the fastest from {fastest}; their static flexibility is kept."
+            f"Residual modes slowed to {limit / (2 * np.pi):.4g} Hz: {residual.slowed.size}, the "
+            f"fastest from {fastest}; their static flexibility is kept."
         )
     return notes

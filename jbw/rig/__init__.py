@@ -1,6 +1,7 @@
 """The paper's cantilever as a virtual test rig: `measure` a campaign, `write` it into files.
 
-`measure_fleet` takes it apart and tightens it again, at several torques.
+`measure_fleet` takes it apart and tightens it again, at several torques. `lapped_beams`,
+`portal_frame` and `plate_chain` are matrices of structures with several joints.
 
 The rig shares no solver, no hold and no noise model with the identification: it integrates the
 analog force on a specimen (`integrator`), which a generator plays (`generator`) as planned
@@ -9,6 +10,7 @@ what the sensors make of it (`record_test`, `conditions`).
 """
 
 from jbw.rig.acquisition import RigCampaign, measure
+from jbw.rig.assemblies import JointedModel, Section, lapped_beams, plate_chain, portal_frame
 from jbw.rig.generator import Noise, Sweep
 from jbw.rig.prescribed_motion import Held
 from jbw.rig.presets import LABORATORY, MIXED, MODES, PAPER, SLIDERS, TRUTH, Plan, Preset
@@ -25,17 +27,22 @@ __all__ = [
     "TRUTH",
     "Armature",
     "Held",
+    "JointedModel",
     "Noise",
     "Plan",
     "Preset",
     "RigCampaign",
+    "Section",
     "Shapes",
     "Sweep",
     "Tightening",
+    "lapped_beams",
     "law_of_mode",
     "measure",
     "measure_fleet",
     "modal_truth",
+    "plate_chain",
+    "portal_frame",
     "tightened",
     "write",
 ]

@@ -146,7 +146,7 @@ def test_constrained_degrees_of_abaqus_are_left_out_and_said(tmp_path):
     model = read_matrices({"mass": tmp_path / "M.mtx", "stiffness": tmp_path / "K.mtx"}, units="SI")
     assert [str(dof) for dof in model.dofs] == ["2:x"]
     assert model.mass.toarray() == [[3.0]]
-    assert model.notes == ("1 degrees of freedom with a stiffness above 1e+30 are fixed.",)
+    assert model.notes == ("Degrees of freedom fixed by a stiffness above 1e+30: 1.",)
 
 
 def test_matrices_in_memory():

@@ -237,7 +237,7 @@ def _without_fixed(parts: _Parts, units: str) -> MatrixModel:
     damping = None if damping is None else damping[free][:, free]
     kept = None if table is None else [table[i] for i in free.tolist()]
     model = matrix_model(mass, stiffness, units=units, dofs=kept, damping=damping)
-    note = f"{fixed.size} degrees of freedom with a stiffness above {_FIXED:g} are fixed."
+    note = f"Degrees of freedom fixed by a stiffness above {_FIXED:g}: {fixed.size}."
     return MatrixModel(
         model.mass, model.stiffness, model.dofs, model.damping, units, (note, *model.notes)
     )
