@@ -22,7 +22,7 @@ from jbw.inference.lanes import at_points
 from jbw.inference.space.box import Box, bounds_by_name, box, from_unit
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
-from jbw.observables.drives import of_part, plain, told_by
+from jbw.observables.drives import by_secant, of_part, plain, told_by
 from jbw.observables.observable import AmplitudeCurve
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.backbone import backbone
@@ -120,7 +120,8 @@ def fit_from(
         if is_met(ends[0]):
             return ends[0]
     start = middle_but(known, prior)
-    sure = {one.name: known[one.name] for one in STUCK if one.name in known}
+    guessed = by_secant(data.parts)
+    sure = {q.name: known[q.name] for q in STUCK if q.name in known.keys() - guessed}
     points = screened(key, prior, start, sure)
     under_way.info("%d points of the prior", NUM_SCREENED + 1)
     likelihood = at_points(dataset.log_likelihood, points, data).sum(axis=1)
@@ -144,7 +145,11 @@ def with_waterfall(chosen: Fit, ends: Sequence[Fit]) -> Fit:
 
 
 def by_rounds(begun: Sequence[Mapping[str, float]], prior: Box, data: Dataset) -> list[Fit]:
-    """Fits from several starts, best first: all begin, and the better ones are gone on with."""
+    """Fits from several starts, best first: all begin, and the better ones are gone on with.
+
+    The others too, one by one, where the best ends at a bound and does not explain the data: it has
+    run along a valley to a wall of the prior, which is no optimum to rest on.
+    """
     going, ends = [dict(theta) for theta in begun], []
     if not going:
         return []
@@ -157,7 +162,19 @@ def by_rounds(begun: Sequence[Mapping[str, float]], prior: Box, data: Dataset) -
         going = [one.theta for one in ends]
         if explains(ends[0]):
             return [rough(going[0], prior, data), *ends[1:]]
-    return ends
+    return further(ends, prior, data) if ends[0].at_bound else ends
+
+
+def further(ends: Sequence[Fit], prior: Box, data: Dataset) -> list[Fit]:
+    """The ends that rounds have stopped at, gone on with until one explains the data; best first."""
+    num = ROUNDS[-1][0]
+    finished, stopped = list(ends[:num]), list(ends[num:])
+    for place, end in enumerate(stopped):
+        under_way.info("further start %d of %d", place + 1, len(stopped))
+        stopped[place] = rough(end.theta, prior, data)
+        if explains(stopped[place]):
+            break
+    return sorted([*finished, *stopped], key=lambda one: one.cost)
 
 
 def rough(

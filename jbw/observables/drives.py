@@ -81,6 +81,17 @@ def informed_by(parts: Sequence[Observable]) -> frozenset[str]:
     return informed | {"gain"} if weighs else informed
 
 
+def by_secant(parts: Sequence[Observable]) -> frozenset[str]:
+    """Of omega_n, zeta and gain what the secant of a loop tells, which softens as the joint slips.
+
+    First values alone: no part tells them by its motion.
+    """
+    if not any(part.is_prescribed for part in parts):
+        return frozenset()
+    told = frozenset[str]().union(*(part.first_values() for part in parts_of("", parts)))
+    return frozenset(NAMES) - told
+
+
 def told_by(parts: Sequence[Observable]) -> dict[str, float]:
     """First values of omega_n [rad/s], zeta [-] and gain of every drive; nothing if unknown.
 

@@ -76,20 +76,39 @@ def test_a_fit_ends_on_the_side_of_a_threshold_where_the_truth_is(true, begun):
             assert abs(chosen.theta[name] - value) < 3 * std[name]  # one noise, drawn once
 
 
-def test_the_starts_that_fall_furthest_are_gone_on_with(monkeypatch):
-    """Costs that fall towards floors of their own, by so much an evaluation."""
-    floors, spent = [100.0, 90.0, 20.0, 80.0, 70.0, 60.0], []
+def by_rounds(monkeypatch, floors, falls=100.0, at_bound=None):
+    """Ends of rounds of costs that fall towards floors of their own, and the evaluations spent."""
+    spent, falls = [], np.broadcast_to(falls, len(floors))
 
     def rough(theta, prior, data, evaluations=60):
         number, done = int(theta["number"]), theta["done"] + evaluations
         spent.append((number, evaluations))
-        cost = floors[number] + 100.0 / done
+        cost = floors[number] + falls[number] / done
         return SimpleNamespace(
-            cost=cost, chi_square=(2 * cost, 1), theta={"number": number, "done": done}
+            cost=cost,
+            chi_square=(2 * cost, 1),
+            theta={"number": number, "done": done},
+            at_bound=at_bound or {},
         )
 
     monkeypatch.setattr(first_fit, "rough", rough)
-    ends = first_fit.by_rounds([{"number": i, "done": 0} for i in range(6)], None, None)
-    assert [end.theta["number"] for end in ends] == [2, 5, 4, 3, 1, 0]
+    begun = [{"number": i, "done": 0} for i in range(len(floors))]
+    ends = first_fit.by_rounds(begun, None, None)
+    return [end.theta["number"] for end in ends], spent
+
+
+def test_the_starts_that_fall_furthest_are_gone_on_with(monkeypatch):
+    numbers, spent = by_rounds(monkeypatch, [100.0, 90.0, 20.0, 80.0, 70.0, 60.0])
+    assert numbers == [2, 5, 4, 3, 1, 0]
     assert [number for number, evaluations in spent if evaluations == 60] == [2, 5]
     assert sum(evaluations for _, evaluations in spent) == 6 * 8 + 4 * 12 + 2 * 60
+
+
+def test_beside_an_end_at_a_bound_the_others_go_on_until_one_explains_the_data(monkeypatch):
+    """The second start falls to nothing, but so late that the rounds leave it behind four."""
+    monkeypatch.setattr(first_fit, "EXPLAINED", 40.0)
+    costs = [100.0, 0.0, 30.0, 35.0, 40.0, 45.0], [0.0, 1000.0, 0.0, 0.0, 0.0, 0.0]
+    numbers, spent = by_rounds(monkeypatch, *costs, at_bound={"delta": "lower"})
+    assert numbers == [1, 2, 3, 4, 5, 0]
+    assert [n for n, evaluations in spent if evaluations == 60] == [2, 3, 4, 5, 0, 1]
+    assert by_rounds(monkeypatch, *costs)[0][0] == 2

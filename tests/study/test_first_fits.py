@@ -10,11 +10,12 @@ import jax
 import numpy as np
 import pytest
 from scaled_campaigns import AT_TRUTH, FS, PLANS, RIG
+from scipy.stats import chi2
 from tiers import represented_by
 
 from jbw.campaign.settings import Identify
 from jbw.identification.assemble import assemble, measured_in
-from jbw.identification.first_fit import EXPLAINED, first_fit
+from jbw.identification.first_fit import first_fit
 from jbw.identification.prepare import refit
 from jbw.observables.dataset import as_arrays, stacked
 from jbw.rig import measure
@@ -31,15 +32,12 @@ RIG_OF_KINDS = replace(RIG, plans=(*PLANS, STEPS, TONE, PERIODIC))
 # One test of every kind; the strong sweep is the one that is farther from linear. Decays and loops,
 # of which only both together know the modal mass, come first.
 KINDS = ("ringing", "pulled", "sweep_strong", "held_curve", "random", "steps", "tone", "periods")
-# A tone of one frequency and a slow loop: that the fit begins near takes a better mass than by a
-# secant, of which the tone's inertia is a small difference.
-HARD = ("pulled", "tone")
-PAIRS = [pair for pair in combinations(KINDS, 2) if pair != HARD]
+PAIRS = list(combinations(KINDS, 2))
 
 
-def first_of(*names):
+def first_of(*names, seed=0):
     """The first fit of some tests, and half the chi-square of the truth."""
-    campaign = replace(measure(RIG_OF_KINDS, seed=0, fs=FS, tests=names), settings=Identify())
+    campaign = replace(measure(RIG_OF_KINDS, seed=seed, fs=FS, tests=names), settings=Identify())
     data = assemble(measured_in(campaign, lambda _: None))
     prior, best, data = first_fit(jax.random.key(0), data, campaign.settings)
     best = refit(best, prior, data)  # the first fit stops at a millionth of its cost
@@ -52,12 +50,14 @@ def test_the_first_fit_of_two_kinds_is_no_worse_than_the_truth(first, second):
     best, cost_of_truth = first_of(first, second)
     assert best.cost <= cost_of_truth
     chi_square, dof = best.chi_square
-    assert chi_square < EXPLAINED * dof
+    assert chi_square < chi2.isf(1e-4, dof)
     assert best.at_bound == {}
 
 
-@pytest.mark.release
-@pytest.mark.xfail(strict=True, reason="the fit of a loop and one tone ends beside the truth")
-def test_the_first_fit_of_a_loop_and_one_tone_is_no_worse_than_the_truth():
-    best, cost_of_truth = first_of(*HARD)
+@pytest.mark.parametrize("seed", range(3))
+def test_a_loop_beside_one_tone_starts_beside_what_its_secant_tells(seed):
+    # The loop's secant is several per cent softer than the joint that sticks: held along the start,
+    # it leads to an optimum of a hundred times the truth's cost.
+    best, cost_of_truth = first_of("pulled", "tone", seed=seed)
     assert best.cost <= cost_of_truth
+    assert best.at_bound == {}
