@@ -21,6 +21,7 @@ PILED = 3  # samples at the extremes beyond one each and those next to them
 HELD_RUN = 4  # equal samples in a row amid others that change: a recorder filled them in
 CHANCE = 1e-6  # that equal samples of a converter of few bits are taken for filled ones
 FALL = 8.0  # converter steps to a neighbour, beyond what a slow signal makes
+FAR = 10.0  # ranges of all other samples: where a logger writes its word for a lost sample
 CLIPPED_SHARE = 1e-3  # of the samples: above it a sweep cannot be fitted
 FEWEST_LEVELS = 256  # distinct values: 8 bits
 FEW_SOURCE_LEVELS = 16  # a source of few levels is a pulse train, not a clipped signal
@@ -157,7 +158,7 @@ def _channel(role: str, x: Reals, fs: float, masked: bool) -> Iterator[Fault]:
             role,
             f"Sample {int(np.abs(x).argmax())} is {largest:.3g} in SI units, beyond any "
             "measurement.",
-            "A damaged file reads like this.",
+            "A damaged file reads like this, and so does an instrument's word for a lost sample.",
             "Copy or export the file again, and check the unit.",
         )
     elif np.isfinite(fs):
@@ -188,6 +189,9 @@ def _signal(role: str, x: Reals, fs: float) -> Iterator[Fault]:
             "Name the right channel, or drop the repeat with exclude.",
         )
         return
+    if lost := list(_lost(role, x, fs)):
+        yield from lost
+        return
     if role in RESPONSES:
         yield from _filled(role, x, fs, float(np.diff(levels).min()))
     if role in RESPONSES or len(levels) > FEW_SOURCE_LEVELS:
@@ -205,6 +209,27 @@ def _signal(role: str, x: Reals, fs: float) -> Iterator[Fault]:
             f"The largest {role} is {largest:.3g} in SI units, more than a bolted joint survives.",
             remedy=f"Check the unit: is the file in {GUESS[role]}?",
         )
+
+
+def _lost(role: str, x: Reals, fs: float) -> Iterator[Fault]:
+    """Samples of one value far from all others: a logger's word for what it lost, such as -9999."""
+    ends = float(x.min()), float(x.max())
+    others = x[(x > ends[0]) & (x < ends[1])]
+    if 2 * len(others) < len(x) or not np.ptp(others) > 0:
+        return
+    low, high = float(others.min()), float(others.max())
+    for end, away in zip(ends, (low - ends[0], ends[1] - high), strict=True):
+        at = np.flatnonzero(x == end)
+        # One sample of a source alone may be a pulse.
+        if away > FAR * (high - low) and (len(at) > 1 or role in RESPONSES):
+            yield refusal(
+                role,
+                f"{len(at)} of {len(x)} samples are {end:.6g} in SI units, the first at "
+                f"{at[0] / fs:.4g} s; all others lie between {low:.3g} and {high:.3g}.",
+                "A logger writes such a number for a sample that it lost.",
+                "Keep a part without them with span = [start, stop], or drop the repeat with "
+                "exclude.",
+            )
 
 
 def _clipped(role: str, x: Reals, fs: float, levels: Reals) -> Iterator[Fault]:
