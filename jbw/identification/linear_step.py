@@ -12,6 +12,7 @@ from jbw.identification.modal import ModalFit, fit_modes, in_order, line_of, mod
 from jbw.measurement.channels import lines_within
 from jbw.measurement.checks import told_together
 from jbw.measurement.records import Test, steady
+from jbw.measurement.resonances import driven_band
 from jbw.measurement.spectra import FRF, frf
 from jbw.observables.samples import advance
 from jbw.paper.kernels import h1
@@ -57,7 +58,8 @@ def linear_step(
     modes = _within(test.band_hz, modes)
     window = "hann" if size is None else "boxcar"
     fs, response = test.records[0].fs, test.records[0].response
-    how = {"response": response, "band": test.band_hz, "window": window, "nperseg": size}
+    band = test.band_hz or driven_band(test.records[0])
+    how = {"response": response, "band": band, "window": window, "nperseg": size}
     u = np.stack([(gain or 1.0) * record.channels[record.source] for record in test.records])
     y = np.stack([advance(r.channels[response], test.delay, fs) for r in test.records])
     with told_together(test.name, len(test.records)):

@@ -76,6 +76,14 @@ def driven_lines(record: Record, band_hz: tuple[float, float] | None = None) -> 
     return Lines(2 * np.pi * freq[kept], source[kept], y[kept], place, len(u))
 
 
+def driven_band(record: Record) -> tuple[float, float]:
+    """The lowest and the highest frequency that the source drives [Hz]: others show noise alone."""
+    u = record.channels[record.source]
+    size = np.abs(np.fft.rfft(u - np.mean(u)))
+    driven = np.fft.rfftfreq(len(u), 1 / record.fs)[size > DRIVEN * np.max(size)]
+    return float(driven[0]), float(driven[-1])
+
+
 def swept(power: Float[np.ndarray, " line"]) -> Bool[np.ndarray, " line"]:
     """The lines between the ends of what a source sweeps, which hold all of its energy but 1 %."""
     share = np.cumsum(power) / np.sum(power)
