@@ -31,6 +31,7 @@ from jbw.measurement.loop_checks import degrading, travels_freely
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
 from jbw.measurement.plausibility import doubts, swapped
 from jbw.measurement.records import INPUTS, Record
+from jbw.quantities import FED
 
 # Settings that not every kind of test reads, and the traits of those that do.
 READ_BY: dict[str, Callable[[Kind], bool]] = {
@@ -182,7 +183,11 @@ def unread(spec: CampaignSpec) -> Iterator[Fault]:
             laws = ", ".join(spec.laws) or "none"
             reason = f"no law of the joint ({laws}) has other coordinates to choose"
             yield _unread("coordinates", reason)
-    if "gain" in settings.prior and not (spec.gain is None and spec.modal_mass is None):
+    drives = {test.driven_by for test in spec.tests}
+    is_fed = not FED.keys().isdisjoint(drives) and {"force", ""}.isdisjoint(drives)
+    if spec.modal_mass is not None and is_fed:
+        yield _unread("modal_mass", "a voltage or a current drives the tests, and tells no force")
+    if "gain" in settings.prior and (spec.gain or (spec.modal_mass and not is_fed)):
         yield _unread("prior gain", "the campaign states the gain, which is not identified then")
     elif "gain" in settings.prior and not any(kind.is_driven for kind in traits):
         yield _unread("prior gain", "no test has a source whose gain could be identified")

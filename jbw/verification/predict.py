@@ -133,7 +133,7 @@ def _require_point_known(basis: Basis, test: Test) -> None:
 def _source(basis: Basis, test: Test, asked: Request) -> Source:
     """The draws that a test is predicted with: fewer of them through long records."""
     most, route = asked.num_draws, route_of(test)
-    own_gain = gain_of(asked.gain, drive_of(test))
+    own_gain = gain_of(asked.gain, "force" if test.traits.is_prescribed else drive_of(test))
     if route in (predict_records, predict_periods, predict_groups):
         most = min(most, max(FEWEST, MOST_SAMPLES // test.records[0].num_samples))
 

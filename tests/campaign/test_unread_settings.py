@@ -52,9 +52,27 @@ def test_one_test_that_reads_it_is_enough():
     settings = 'fit_repeats = 2\nsubsteps = 1\noffsets = "runs"\nprior = { zeta = [0.1, 0.2] }'
     settings += '\ncoordinates = "products"'
     assert not list(unread(parse(campaign(settings, "frf", "loop", "decay"))))
-    head = "[campaign]\nmodal_mass = 2.0"
+    head = "[campaign]\ngain = 2.0"
     (fault,) = unread(parse(campaign("prior = { gain = [1.0, 2.0] }", "sweep", head=head)))
     assert "the campaign states the gain" in fault.what
+
+
+@pytest.mark.parametrize(
+    ("kinds", "says"),
+    [
+        (["sweep"], ["modal_mass"]),  # by voltage
+        (["sweep", "decay"], ["modal_mass"]),
+        (["decay"], []),
+        (["sweep", "loop"], []),
+    ],
+)
+def test_a_mass_beside_voltages_alone_is_told(kinds, says):
+    spec = parse(campaign("seed = 3", *kinds, head="[campaign]\nmodal_mass = 2.0"))
+    assert [fault.channel for fault in unread(spec)] == says
+    bounded = parse(
+        campaign("prior = { gain = [1.0, 2.0] }", "sweep", head="[campaign]\nmodal_mass = 2.0")
+    )
+    assert [fault.channel for fault in unread(bounded)] == ["modal_mass"]
 
 
 @pytest.mark.parametrize("path", CAMPAIGNS, ids=lambda path: path.stem)

@@ -86,8 +86,9 @@ def test_a_stated_mass_is_held():
 
 
 def test_a_voltage_has_no_gain_in_common_with_loops():
-    with pytest.raises(DataError, match="need the modal mass"):
-        gathered(loop(), sweep())
+    for stated in (None, {"voltage": 30.0}, {"force": 1 / MASS}):
+        with pytest.raises(DataError, match="need the modal mass"):
+            gathered(loop(), sweep(), gain=stated)
     assert told_by(gathered(sweep()).parts)["gain"] == pytest.approx(30.0, rel=0.05)
     beside = told_by(gathered(loop(), sweep(), decay()).parts)  # the remedy
     assert beside["gain"] == pytest.approx(1 / MASS, rel=1e-3)
