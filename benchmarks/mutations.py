@@ -51,9 +51,20 @@ SPECTRA = "measurement/test_spectra.py"
 READINGS = "observables/test_decay_readings.py observables/test_course_of_decays.py"
 DUPLICATES = "campaign/test_duplicates.py"
 PATH = "oscillator/laws/stretch_path.py"
+RECORDERS = "corpus/test_corpus.py measurement/test_recorded_facts.py"
+FINAL = "study/test_final.py"
+KINDS = "observables/test_across_kinds.py"
+STARTS = "identification/test_first_fit.py"
+LOST = "measurement/test_lost_samples.py"
+RECORDER = "measurement/recorders"
 MUTATIONS = (
     Mutation("watch/torque.py", "(1 / num + 1 / reference.num)", "(1 / num)", FEW),
-    Mutation("watch/torque.py", "left.min() * (1 + 1 / reference.num)", "left.min()", FEW),
+    Mutation(
+        "watch/torque.py",
+        "residual_square.min() * (1 + 1 / reference.num)",
+        "residual_square.min()",
+        FEW,
+    ),
     Mutation("watch/torque.py", "** (-(freedom + 1) / 2)", "** (-freedom / 2)", FEW),
     Mutation("watch/torque.py", "slopes, reference.num - 1", "slopes, reference.num", FEW),
     Mutation(
@@ -338,6 +349,96 @@ MUTATIONS = (
     Mutation("campaign/levels.py", "APART = 1.5 ", "APART = 0.5 ", "campaign/test_levels.py"),
     Mutation("campaign/gains.py", "1 / mass", "mass", "campaign/test_drive_key.py"),
     Mutation("units.py", '"in/s^2": INCH', '"in/s^2": 1.0', "test_units.py"),
+    # -- recorders
+    Mutation(f"{RECORDER}/facts.py", "return 1 / increment if", "return increment if", RECORDERS),
+    Mutation(f"{RECORDER}/facts.py", '"khz": 1e3', '"khz": 1.0', RECORDERS),
+    Mutation(f"{RECORDER}/facts.py", '"us": 1e-6, "\u00b5s"', '"us": 1e-3, "\u00b5s"', RECORDERS),
+    Mutation(f"{RECORDER}/flat_channels.py", "count != size", "count > size", RECORDERS),
+    Mutation(f"{RECORDER}/labview_lvm.py", "0.5 * 10.0 ** (", "10.0 ** (", RECORDERS),
+    Mutation(
+        f"{RECORDER}/labview_lvm.py", "is_one_header and declared > 0", "declared > 0", RECORDERS
+    ),
+    Mutation(
+        f"{RECORDER}/matlab_structs.py", "len(texts) == len(series)", "len(texts) > 0", RECORDERS
+    ),
+    Mutation(
+        f"{RECORDER}/oscilloscopes.py", "number_in(numbers[0])", "number_in(numbers[1])", RECORDERS
+    ),
+    Mutation(f"{RECORDER}/picoscope.py", '"Tstart")', '"Tinterval")', RECORDERS),
+    Mutation(
+        f"{RECORDER}/python_tables.py",
+        "0 if item.shape[0] == len(names) else 1",
+        "1 if item.shape[0] == len(names) else 0",
+        RECORDERS,
+    ),
+    Mutation(
+        f"{RECORDER}/python_tables.py",
+        "{**beside, **item.attributes}",
+        "{**item.attributes, **beside}",
+        RECORDERS,
+    ),
+    Mutation(
+        f"{RECORDER}/siemens_testlab.py",
+        "(0.0 if math.isnan(start) else start) + increment",
+        "increment",
+        RECORDERS,
+    ),
+    Mutation(f"{RECORDER}/siemens_testlab.py", "count not in (size, 0)", "count > size", RECORDERS),
+    Mutation(
+        f"{RECORDER}/dewesoft.py",
+        'rate_of(1 / number_at(root, "Sample_rate"))',
+        'rate_of(number_at(root, "Sample_rate"))',
+        RECORDERS,
+    ),
+    Mutation(f"{RECORDER}/dewesoft.py", "start_s=float(time[0])", "start_s=0.0", RECORDERS),
+    Mutation(
+        f"{RECORDER}/ni_tdms.py",
+        'if not (timed and is_time(n.rpartition(".")[2]))',
+        "if x is not None",
+        RECORDERS,
+    ),
+    Mutation("measurement/checks.py", "away > FAR * (high - low)", "away > 0.0", LOST),
+    Mutation("measurement/checks.py", "2 * len(others) < len(x)", "not len(others)", LOST),
+    # -- held-out answers, each kind of test from the others, and where a fit begins
+    Mutation("study/final.py", "return min(held, final", "return max(held, final", FINAL),
+    Mutation("study/final.py", 'ASKED["law"]', 'ASKED["sampling"]', FINAL),
+    Mutation("study/final.py", 'if not row["fitted"]', 'if row["fitted"]', FINAL),
+    Mutation("study/final.py", 'keep(f"final_{name}")', "keep(name)", FINAL),
+    Mutation(
+        "study/final.py",
+        'held.record["steps"][held.record["main"]]',
+        'final.record["steps"][final.record["main"]]',
+        FINAL,
+    ),
+    Mutation("identification/across_kinds.py", "if not x < WIDER", "if x < WIDER", KINDS),
+    Mutation(
+        "identification/across_kinds.py",
+        "np.diag(fit.covariance) / np.diag(best.covariance)",
+        "np.diag(best.covariance) / np.diag(fit.covariance)",
+        KINDS,
+    ),
+    Mutation(
+        "identification/across_kinds.py",
+        "rest = without_kind(kind, data)",
+        "rest = data",
+        KINDS,
+    ),
+    Mutation("identification/across_kinds.py", "if len(kinds) < 2:", "if len(kinds) < 3:", KINDS),
+    Mutation(
+        "identification/across_kinds.py",
+        "error.append(rms([",
+        "error.append(max([",
+        KINDS,
+    ),
+    Mutation(
+        "identification/first_fit.py", "if ends[0].at_bound else ends", "if False else ends", STARTS
+    ),
+    Mutation(
+        "campaign/gains.py",
+        "if FED.keys().isdisjoint(drives):",
+        "if True:",
+        "campaign/test_drive_key.py",
+    ),
 )
 
 
@@ -346,7 +447,9 @@ def survives(mutation: Mutation) -> str:
     with tempfile.TemporaryDirectory() as name:
         copy = Path(name)
         for part in ("jbw", "tests"):
-            shutil.copytree(ROOT / part, copy / part, ignore=shutil.ignore_patterns("__pycache__"))
+            shutil.copytree(
+                ROOT / part, copy / part
+            )  # with compiled code, which the change outdates
         shutil.copy(ROOT / "pyproject.toml", copy)
         changed = copy / "jbw" / mutation.path
         text = changed.read_text(encoding="utf-8")

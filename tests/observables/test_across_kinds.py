@@ -18,7 +18,7 @@ from jbw.identification.assemble import assemble, measured
 from jbw.identification.prepare import with_weights
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.space.box import box
-from jbw.observables.dataset import stacked
+from jbw.observables.dataset import as_arrays, error_by_label, left_by_label, stacked
 
 CURVES = tuple(curve(level) for level in (5, 20, 60))
 
@@ -67,6 +67,20 @@ def test_what_one_joint_cannot_make_is_an_error_of_the_other_kind():
     predicted = across_kinds(best, prior, data)
     assert predicted is not None
     assert predicted["error"].sel(kind="loops").item() == pytest.approx(0.03 / 1.03, rel=0.1)
+
+
+def test_the_error_of_a_kind_is_the_rms_of_its_tests():
+    """By the residuals of a fit to the rest, group by group, from the definition."""
+    best, prior, data = fitted([*CURVES, stiffer(loop(), 1.03)])
+    predicted = across_kinds(best, prior, data)
+    assert predicted is not None
+    rest = without_kind("tones and curves", data)
+    theta = as_arrays(costly_fit(stacked, prior, rest, starts=best.theta).theta, data)
+    residual = left_by_label(np.asarray(stacked(theta, data)), data)
+    errors = error_by_label(residual, data)
+    squared = [errors[label] ** 2 for label in kinds_of(data)["tones and curves"]]
+    error = predicted["error"].sel(kind="tones and curves").item()
+    assert error == pytest.approx(np.sqrt(np.mean(squared)), rel=1e-5)
 
 
 def test_of_one_kind_nothing_is_told():

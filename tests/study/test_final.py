@@ -1,6 +1,7 @@
 """All tests fitted for use, beside what the law was worth on those that were held out before."""
 
 import json
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -8,11 +9,13 @@ import toy_campaign
 from finished import finished
 
 import jbw
+from jbw.campaign.load import Campaign
+from jbw.campaign.settings import Identify
 from jbw.cli import run
-from jbw.inference.posterior.finding import Finding, judge
+from jbw.inference.posterior.finding import Finding, Verdict, judge
 from jbw.report.opening import opening
 from jbw.report.tables import table_of_tests
-from jbw.study.final import adequate_as
+from jbw.study.final import adequate_as, for_use
 
 
 def finding(code, status, reason=""):
@@ -33,6 +36,60 @@ def test_of_one_finding_the_worse_answer_counts_and_of_equal_ones_the_held_out()
     final = judge([finding("misfit", "failed"), finding("chi_square", "usable", "after")])
     reasons = {one.code: (one.status, one.reason) for one in adequate_as(held, final).findings}
     assert reasons == {"misfit": ("failed", "misfit"), "chi_square": ("usable", "before")}
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What an identification leaves, as far as the held-out answer reads it."""
+
+    verdict: Verdict
+    record: dict
+
+
+def answer_of(campaign, kept):
+    """An answer whose numbers tell which tests were fitted for it."""
+    every = campaign.settings.hold_out == ()
+    kept("joint")
+    rows = {"weak": {"fitted": True, "nrmse": 0.01}, "strong": {"fitted": every, "nrmse": 0.02}}
+    record = {
+        "predictions": rows,
+        "verdict": {"status": "usable" if every else "ok"},
+        "main": "joint",
+        "steps": {"joint": {"parameters": {"zeta": {"mean": 2.0 if every else 1.0}}}},
+        "wall_time_s": 3.0 if every else 5.0,
+    }
+    return Answer(judge([finding("r_hat", "usable" if every else "ok")]), record)
+
+
+def campaign_of(**settings):
+    """Of no test: what is fitted is told by the settings alone."""
+    return Campaign("toy", None, (), settings=Identify(**settings))
+
+
+def answered(campaign):
+    places, said = [], []
+    return for_use(answer_of, campaign, places.append, said.append), places, said
+
+
+def test_the_answer_for_use_keeps_what_was_held_out_beside_the_parameters_of_all():
+    campaign = campaign_of(hold_out=("strong",))
+    study, places, _ = answered(campaign)
+    assert places == ["joint", "final_joint"]  # a checkpoint of its own for each
+    assert study.record["held_out_answer"] == {
+        "verdict": "ok",
+        "predictions": {"strong": {"fitted": False, "nrmse": 0.02}},
+        "parameters": {"zeta": {"mean": 1.0}},
+    }
+    assert study.record["steps"]["joint"]["parameters"] == {"zeta": {"mean": 2.0}}
+    assert study.record["wall_time_s"] == 8.0
+    assert study.verdict.status == "usable"
+
+
+def test_where_nothing_is_held_out_one_answer_is_all():
+    study, places, said = answered(campaign_of())
+    assert places == ["joint"]
+    assert "held_out_answer" not in study.record
+    assert said == ["No test is held out: this is the answer of all tests."]
 
 
 def final_run(folder):
