@@ -435,7 +435,7 @@ MUTATIONS = (
     ),
     Mutation(
         "campaign/gains.py",
-        "if FED.keys().isdisjoint(drives):",
+        "if by_mass is None or FED.keys().isdisjoint(drives):",
         "if True:",
         "campaign/test_drive_key.py",
     ),

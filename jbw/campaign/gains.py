@@ -12,17 +12,19 @@ Gain = float | Mapping[str, float] | None  # one of all tests, or by drive
 def force_per_unit(campaign: Any) -> Gain:  # as checked, or with its records
     """Force per modal mass for one unit of the input [1/kg, or N/kg/V], when the campaign says.
 
-    Where a shaker's feed drives any test, by drive: a mass tells nothing of volts or amperes, nor a
-    gain in these of newtons.
+    Where a measured force drives some tests and a shaker's feed others, by drive. A mass tells
+    nothing of a feed in volts or amperes.
     """
     gain, mass = campaign.gain, campaign.modal_mass
     by_mass = None if mass is None else 1 / mass
     tests = campaign.tests
     drives = {drive_of(t) if isinstance(t, Test) else t.driven_by for t in tests}
-    if FED.keys().isdisjoint(drives):
+    if differ(drives):
+        every = {"force": by_mass, **dict.fromkeys(FED, gain)}
+        return {drive: value for drive, value in every.items() if value is not None}
+    if by_mass is None or FED.keys().isdisjoint(drives):
         return gain if by_mass is None else by_mass
-    every = {"force": by_mass, **dict.fromkeys(FED, gain)}
-    return {drive: value for drive, value in every.items() if value is not None}
+    return {"force": by_mass}
 
 
 def gain_of(gain: Gain, drive: str) -> float | None:

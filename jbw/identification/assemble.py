@@ -158,11 +158,10 @@ def _held(parts: Sequence[Observable], gain: Gain, tests: Sequence[Test]) -> dic
         held["zeta"] = 0.0
     stated = {named("gain", drive): gain_of(gain, drive) for drive in others}
     loops = any(test.traits.is_prescribed for test in tests)
-    if loops and (first in FED or (known is None and others and "gain" in held)):
+    if loops and known is None and ((others and "gain" in held) or first in FED):
         raise DataError(
             "Loops beside tests driven by a shaker's feed need the modal mass; nothing tells it.",
-            why="Their one gain would be that of the feed. A measured force or a free decay tells "
-            "the mass.",
+            why="A measured force or a free decay would; a voltage or a current does not.",
             remedy="Fit a free decay or a sweep by a measured force too, or hold the loops out.",
         )
     return held | {name: value for name, value in stated.items() if value is not None}
