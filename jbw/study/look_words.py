@@ -112,11 +112,19 @@ def onset(rows: Sequence[Mapping[str, Any]], readings: Sequence[Reading]) -> lis
     else:
         return []
     least = np.maximum(SURE * np.hypot(sd, sd[0]), LEAST_CHANGE[0] * frequency[0])
-    shifted = np.abs(frequency - frequency[0]) > least
+    change = frequency - frequency[0]
+    shifted = np.where(np.abs(change) > least, np.sign(change), 0.0)
     if not shifted[-1]:
         return []
-    first = len(y) - int(np.argmin(np.append(shifted[::-1], False)))
+    first = _last_onset(shifted)
     return [look.onset(float(y[first]), names[first], SURE)]
+
+
+def _last_onset(shifted: Values) -> int:
+    """From which reading on all are shifted, -1 or 1, but where the shift changes its sign."""
+    at = np.flatnonzero(shifted)
+    is_broken = (np.diff(at) > 1) & (np.diff(shifted[at]) == 0)
+    return int(at[0] if not np.any(is_broken) else at[1 + np.flatnonzero(is_broken)[-1]])
 
 
 def days(rows: Sequence[Mapping[str, Any]]) -> list[str]:
