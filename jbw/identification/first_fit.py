@@ -166,7 +166,7 @@ def by_rounds(begun: Sequence[Mapping[str, float]], prior: Box, data: Dataset) -
 
 
 def further(ends: Sequence[Fit], prior: Box, data: Dataset) -> list[Fit]:
-    """The ends that rounds have stopped at, gone on with until one explains the data; best first."""
+    """The ends that rounds stopped at, gone on with until one explains the data; best first."""
     num = ROUNDS[-1][0]
     finished, stopped = list(ends[:num]), list(ends[num:])
     for place, end in enumerate(stopped):
