@@ -10,6 +10,16 @@ from jbw.oscillator.laws import law_named
 THETA = {
     "bouc_wen": {"alpha": 497.4, "delta": 340.21, "gamma": 32.84},
     "bouc_wen_nu": {"nu_stiffness": 497.4, "nu_softening": 0.3, "nu_opening": 0.1, "nu": 0.7},
+    "bwbn": {
+        "bwbn_stiffness": 600.0, "bwbn_yield": 2e-3, "bwbn_n": 1.5, "bwbn_beta": 0.6,
+        "bwbn_zeta_s": 0.7, "bwbn_p": 0.4, "bwbn_q": 0.1, "bwbn_psi": 0.4, "bwbn_delta_psi": 0.01,
+        "bwbn_lambda": 0.4, "bwbn_delta_nu": 0.03, "bwbn_delta_eta": 0.02,
+    },
+    "bwbn_pinching": {
+        "bwbn_stiffness": 600.0, "bwbn_yield": 2e-3, "bwbn_n": 1.5, "bwbn_beta": 0.6,
+        "bwbn_zeta_s": 0.7, "bwbn_p": 0.4, "bwbn_q": 0.1, "bwbn_psi": 0.4, "bwbn_delta_psi": 0.01,
+        "bwbn_lambda": 0.4,
+    },
     "cubic": {"cubic": 2e7},
     "jenkins": {"stiffness_1": 600.0, "slip_1": 2e-3},
     "jenkins_3": {

@@ -44,6 +44,8 @@ PASTED = {
     ("campaign/check.py", "delay"): DRIVEN,
     ("campaign/joints.py", "same_as"): JOINTS
     + "test_label_switching_is_refused_and_the_remedy_cures",
+    ("campaign/settings.py", "laws"): "oscillator/test_bwbn.py::"
+    "test_the_remedy_of_steady_motion_is_taken",
     ("identification/accuracy.py", "laws"): OF_A_RUN,
     ("identification/accuracy.py", "substeps"): OF_A_RUN,
     ("identification/equivalent.py", "laws"): OF_A_RUN,

@@ -93,7 +93,7 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
     stated = "laws" in joint.model_fields_set
     laws = joint.laws if stated else laws_of(joint.laws, settings.prior)
     num_modes = 1 if structure is None else len(structure.modes)
-    errors += law_errors(laws, settings.prior, num_modes)
+    errors += law_errors(laws, settings.prior, num_modes, [test.kind for test in tests])
     if assembled is not None and not joints:
         errors.append(
             "[structure] matrices: need a [[joint]] table for every joint, but there is none."

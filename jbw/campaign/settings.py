@@ -278,10 +278,13 @@ def laws_of(laws: Sequence[str], prior: Container[Any]) -> tuple[str, ...]:
     return (*laws, SPRING) if SPRING in prior and laws == DEFAULT_LAWS else laws
 
 
-def law_errors(laws: Sequence[str], prior: Prior, num_modes: int = 1) -> list[str]:
+def law_errors(
+    laws: Sequence[str], prior: Prior, num_modes: int = 1, kinds: Iterable[str] = ()
+) -> list[str]:
     """What is wrong with a campaign's laws and with the priors on their parameters and its modes'.
 
-    The register of laws loads JAX, so it is asked only where [joint] or a prior needs it.
+    Laws may be wrong for the kinds of its tests, too. The register of laws loads JAX, so it is
+    asked only where [joint] or a prior needs it.
     """
     known = {quantity.name: quantity for quantity in (*LINEAR, *RESIDUAL_TERMS)}
     known |= {quantity.name: quantity for mode in MODES[: num_modes - 1] for quantity in mode[:-1]}
@@ -295,8 +298,26 @@ def law_errors(laws: Sequence[str], prior: Prior, num_modes: int = 1) -> list[st
             known |= {one.name: one for one in own_quantities(tuple(laws), num_modes)}
         except ConfigError as error:
             return [f"[joint] laws: {' '.join(filter(None, (error.what, error.remedy)))}"]
+        if worn := never_steady(laws, kinds):
+            return [f"[joint] laws: {worn}"]
     errors = [*_out_of_bounds(prior, known)] or [*_too_stiff(prior, known)]
     return [f"[identify] prior: {line}" for line in errors]
+
+
+def never_steady(laws: Sequence[str], kinds: Iterable[str]) -> str | None:
+    """Of a law that every cycle changes, kinds that are predicted by steady motion; or None."""
+    from jbw.oscillator.laws import laws_named
+
+    worn = [law.name for law in laws_named(laws) if law.degrades]
+    steady = sorted({kind for kind in kinds if kind in KINDS and KINDS[kind].is_cycle_by_cycle})
+    if not worn or not steady:
+        return None
+    return (
+        f"under `{worn[0]}` every cycle changes the joint, but tests of kind "
+        f"{', '.join(f'`{kind}`' for kind in steady)} are predicted by steady motion. Leave them "
+        "to a campaign of their own, with the same law before damage. Put under [joint]: "
+        '`laws = ["bouc_wen_nu"]`.'
+    )
 
 
 def _out_of_bounds(prior: Prior, known: Mapping[str, Quantity]) -> Iterator[str]:

@@ -11,8 +11,8 @@ import numpy as np
 
 from jbw.campaign.gains import Gain, force_per_unit, gain_of
 from jbw.campaign.load import Campaign
-from jbw.campaign.settings import Identify, Structured, laws_of
-from jbw.errors import DataError, JbwError
+from jbw.campaign.settings import Identify, Structured, laws_of, never_steady
+from jbw.errors import ConfigError, DataError, JbwError
 from jbw.identification import selection
 from jbw.identification.attachments import foretold, require_one_unit
 from jbw.identification.linear_step import LinearStep, linear_step
@@ -221,6 +221,8 @@ def single_records(seen: Measured) -> list[list[Observable]]:
 def _reduced(tests: Sequence[Test], seen: Measured) -> list[Observable]:
     """Tests by the register of kinds, and by what drives them."""
     parts: list[Observable] = []
+    if worn := never_steady(seen.laws, {test.kind for test in tests}):
+        raise ConfigError(f"Argument `laws`: {worn}")
     for observable in taking(several=seen.modes is not None):
         own = [test for test in tests if test.kind in observable.kinds]
         stated: dict[str, Any] = {"laws": seen.laws, "substeps": seen.settings.substeps}

@@ -33,6 +33,11 @@ class Kind(NamedTuple):
         return not (self.is_free or self.is_prescribed)
 
     @property
+    def is_cycle_by_cycle(self) -> bool:
+        """Whether it is predicted by cycles that are each like the one before."""
+        return self.is_steady or self.is_curve or self.is_free or self.is_periodic
+
+    @property
     def is_plain(self) -> bool:
         """Whether it has no trait, so that its observable alone says what is done with it."""
         return True not in self

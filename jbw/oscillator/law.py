@@ -44,6 +44,8 @@ class Law(eqx.Module):
         table: Every parameter's name, symbol, unit, meaning and least value; a class variable.
         products: Products of them that weak motion identifies; a class variable.
         coordinates: Other parameters to sample in, by name; a class variable.
+        degrades: Whether every cycle changes the joint for good; a class variable. Tip, loop and
+            periodic force are then those of `undamaged`.
     """
 
     name: ClassVar[str]
@@ -51,6 +53,7 @@ class Law(eqx.Module):
     products: ClassVar[tuple[Monomial, ...]] = ()
     coordinates: ClassVar[Mapping[str, Coordinates]] = {}
     usual: ClassVar[Mapping[str, tuple[str, tuple[float, float]]]] = {}
+    degrades: ClassVar[bool] = False
 
     # -- of the kind of law ------------------------------------------------------------------------
     @classmethod
@@ -124,6 +127,10 @@ class Law(eqx.Module):
     def follow(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
         """`move` as one of many moves along a record, where the exact one would be costly."""
         return self.move(y, memory, dy)
+
+    def undamaged(self) -> "Law":
+        """The law before any cycle has changed it; itself where none does."""
+        return self
 
     def at_tip(self, y_peak: Scalar) -> Memory:
         """Memory at y = Y on the steady loop between -Y and Y; the second time there."""

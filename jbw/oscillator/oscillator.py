@@ -92,6 +92,11 @@ class Oscillator(eqx.Module):
         laws = tuple(law for law in self.laws if not isinstance(law, Damper))
         return Oscillator(self.omega_n, self.zeta, laws)
 
+    @property
+    def undamaged(self) -> "Oscillator":
+        """The same of a joint that no cycle has changed yet."""
+        return Oscillator(self.omega_n, self.zeta, tuple(law.undamaged() for law in self.laws))
+
     def force_along(self, y: Float[Array, " time"]) -> Float[Array, " time"]:
         """Restoring force k y + sum F along a slow displacement from rest at y = 0 [N/kg]."""
         slow = self.slow

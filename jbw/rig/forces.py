@@ -95,6 +95,53 @@ class BoucWenNuForce(Force):
         return self.nu_stiffness * z
 
 
+class WornForce(Force):
+    r"""Bouc-Wen's law with degradation and pinching: z [m] and energy over yield's are integrated.
+
+    $$h = 1 - \zeta_1 e^{-(w s - q w_u)^2/\zeta_2^2}, \qquad
+      \dot w = \frac{h v}{\eta z_y} (1 - \nu |w|^n (\beta s\,\mathrm{sgn}(w) + 1 - \beta))$$
+    """
+
+    bwbn_stiffness: Scalar
+    bwbn_yield: Scalar
+    bwbn_n: Scalar
+    bwbn_beta: Scalar
+    bwbn_zeta_s: Scalar
+    bwbn_p: Scalar
+    bwbn_q: Scalar
+    bwbn_psi: Scalar
+    bwbn_delta_psi: Scalar
+    bwbn_lambda: Scalar
+    bwbn_delta_nu: Scalar = 0.0
+    bwbn_delta_eta: Scalar = 0.0
+
+    @property
+    def stiffness(self) -> Scalar:
+        """Before damage."""
+        return self.bwbn_stiffness
+
+    def at_rest(self) -> Kept:
+        """No stretch, no damage."""
+        return jnp.zeros(2)
+
+    def rate(self, v: Scalar, z: Kept) -> Kept:
+        """Rates of w and of the energy [1/s]."""
+        w, energy = z
+        s, nu = jnp.sign(v), 1.0 + self.bwbn_delta_nu * energy
+        zeta_1 = self.bwbn_zeta_s * (1.0 - jnp.exp(-self.bwbn_p * energy))
+        zeta_2 = (self.bwbn_psi + self.bwbn_delta_psi * energy) * (self.bwbn_lambda + zeta_1)
+        centre = self.bwbn_q / nu ** (1.0 / self.bwbn_n)
+        h = 1.0 - zeta_1 * jnp.exp(-((w * s - centre) ** 2) / zeta_2**2)
+        both = self.bwbn_beta * s * jnp.sign(w) + (1.0 - self.bwbn_beta)
+        moved = v / self.bwbn_yield
+        slope = h / (1.0 + self.bwbn_delta_eta * energy) * (1.0 - nu * abs(w) ** self.bwbn_n * both)
+        return jnp.stack([moved * slope, moved * w])
+
+    def exerted(self, y: Scalar, v: Scalar, z: Kept) -> Scalar:
+        """Alpha z_y w."""
+        return self.bwbn_stiffness * self.bwbn_yield * z[0]
+
+
 class Sliders(Force):
     """Springs side by side, each slipping at a limit: where a step ends tells their forces."""
 

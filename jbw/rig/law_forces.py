@@ -26,6 +26,7 @@ from jbw.rig.forces import (
     Sliders,
     Spring,
     StopForce,
+    WornForce,
 )
 
 BINS = 300  # of a continuous density of sliders; the last is a hundredth of the largest slip wide
@@ -90,6 +91,8 @@ def masing_exponential(theta: Mapping[str, Scalar]) -> list[Force]:
 FORCES: dict[str, Callable[[Mapping[str, Scalar]], Sequence[Force]]] = {
     "bouc_wen": lambda theta: [BoucWenForce(**theta)],
     "bouc_wen_nu": lambda theta: [BoucWenNuForce(**theta)],
+    "bwbn": lambda theta: [WornForce(**theta)],
+    "bwbn_pinching": lambda theta: [WornForce(**theta)],
     "cubic": lambda theta: [PowerSpring(theta["cubic"], 3)],
     "cubic_damping": lambda theta: [Drag(theta["cubic_damping"], 3)],
     "gap_series": lambda theta: [GapForce(**theta)],

@@ -53,7 +53,7 @@ def _skeleton(
     theta: Mapping[str, jax.Array], y: Float[Array, " point"], laws: Laws
 ) -> tuple[Float[Array, " point"], ...]:
     whole = oscillator_of(theta, laws)
-    slow = whole.slow
+    slow = whole.slow.undamaged
 
     def forces(at: Array) -> tuple[Array, Array]:
         tip = slow.force(at, 0.0, slow.at_tip(at))
@@ -81,7 +81,7 @@ def _force_unloading(
     theta: Mapping[str, jax.Array], peaks: jax.Array, y: jax.Array, laws: Laws
 ) -> jax.Array:
     """Force of the spring and all laws on the way down from each peak [N/kg]."""
-    joint = oscillator_of(theta, laws).slow
+    joint = oscillator_of(theta, laws).slow.undamaged
     return joint.k * y + jax.vmap(joint.force_unloading)(peaks, y)  # pyright: ignore[reportReturnType]
 
 

@@ -112,5 +112,6 @@ def _with_prior(campaign: Campaign, prior: Mapping[str, Any]) -> Campaign:
     stated["prior"] = {**campaign.settings.prior, **prior}
     settings = Identify.of(stated)
     modes = 1 if campaign.structure is None else len(campaign.structure.modes)
-    refuse("Argument `prior`", law_errors(campaign.laws, settings.prior, modes))
+    kinds = [test.kind for test in campaign.tests]
+    refuse("Argument `prior`", law_errors(campaign.laws, settings.prior, modes, kinds))
     return replace(campaign, settings=settings)

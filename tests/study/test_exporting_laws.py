@@ -21,7 +21,8 @@ MASS, Y_MAX, STEPS = 2.5, 4e-3, 2000
 SUMS = [("bouc_wen", "cubic"), ("jenkins_3", "stop", "quadratic_damping"), ("iwan4", "quintic")]
 SLIDING = {"iwan4", "masing_exponential", "masing_power"}  # as sliders, within some thousandths
 KNOWN_TO_OPENSEES = SLIDING | {
-    "bouc_wen", "bouc_wen_nu", "cubic_damping", "jenkins", "jenkins_3", "quadratic_damping", "stop",
+    "bouc_wen", "bouc_wen_nu", "bwbn_pinching", "cubic_damping", "jenkins", "jenkins_3",
+    "quadratic_damping", "stop",
 }  # fmt: skip
 
 
@@ -107,7 +108,8 @@ def test_every_law_is_exported_as_tables_and_where_opensees_has_it_as_materials(
     np.testing.assert_allclose(2 * damping * MASS * (2 * np.pi * frequency) ** 2 * amplitude, force)
     script = tmp_path / "joint.tcl"
     assert script.exists() == (set(laws) <= KNOWN_TO_OPENSEES)
-    if script.exists():
+    # A loop of OpenSees wears from cycle to cycle; `test_opensees.py` follows it there.
+    if script.exists() and "bwbn_pinching" not in laws:
         materials = made(script)
         kind, tags = materials.pop("1")
         assert kind == "Parallel"

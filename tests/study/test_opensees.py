@@ -12,11 +12,12 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from known_laws import law_of
+from known_laws import THETA, law_of
 from test_exports_elsewhere import MASS, Y_MAX, assert_same, forces, result_of
 
 from jbw.oscillator.laws.sliders import lost_by, sliders_of
 from jbw.study.exports import PROGRAMS
+from jbw.study.exports.opensees import opensees_lines
 
 # A zeroLength element between a held node and one that is moved; its force after every move.
 RUN = """
@@ -64,6 +65,7 @@ pytestmark = [
     ),
 ]
 TURNS = np.concatenate([[0.0], 3e-3 * np.random.default_rng(1).uniform(-1, 1, 12), [3e-3, -3e-3]])
+STROKES = 5  # of them, where steps must be short
 
 
 @cache
@@ -75,9 +77,13 @@ def path(steps):
 def in_opensees(folder, result, y):
     """Force of spring and joint along a path [N]."""
     (file,) = PROGRAMS["opensees"].card(folder, result)
-    lines = [line for line in file.read_text().splitlines() if line and line[0] != "#"]
+    return moved([line for line in file.read_text().splitlines() if line and line[0] != "#"], y)
+
+
+def moved(lines, y):
+    """Force of the materials that some commands make, along a path [N]."""
     done = subprocess.run(
-        [sys.executable, "-c", RUN], input=json.dumps({"lines": lines, "y": list(y)}),
+        [sys.executable, "-c", RUN], input=json.dumps({"lines": [*lines], "y": [*y]}),
         capture_output=True, text=True, timeout=120, check=False,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
@@ -107,6 +113,46 @@ def test_bouc_wen_is_the_law_as_steps_get_short(tmp_path, law):
     ]
     assert error[1] < 1e-2
     assert error[0] / error[1] == pytest.approx(2.0, rel=0.15)
+
+
+def worn(law, **own):
+    """The materials of a law at other parameters, and its force at every turn [N]."""
+    theta = {**THETA[law], **own}
+    joint = law_of(law, theta)
+    (found,) = (one.materials for one in joint.convert(118.0, 0.005, MASS).values())
+    memory, ends = joint.at_rest(), []
+    for start, end in pairwise(TURNS[: STROKES + 1]):
+        memory = joint.move(start, memory, end - start)
+        ends.append(MASS * float(joint.force(end, 1.0, memory)))
+    return opensees_lines(found), np.array(ends)
+
+
+@pytest.mark.parametrize(
+    ("material", "law", "own"),
+    [
+        ("BWBN", "bwbn_pinching", {}),
+        ("BWBN", "bwbn", {"bwbn_delta_nu": 0.0, "bwbn_delta_eta": 0.0}),
+        ("BoucWen", "bwbn", {"bwbn_zeta_s": 0.0}),
+    ],
+)
+def test_pinching_and_degradation_are_those_of_opensees(material, law, own):
+    """OpenSees steps them by Euler's rule, backwards: 0.1 % in steps short enough."""
+    lines, ends = worn(law, **own)
+    assert lines[0].split()[1] == material
+    size = np.max(np.abs(ends))
+    error = [
+        np.max(np.abs(moved(lines, path(n)[: n * STROKES])[n - 1 :: n] - ends)) / size
+        for n in (800, 1600)
+    ]
+    assert error[1] < 1e-3
+    assert error[0] / error[1] == pytest.approx(2.0, rel=0.15)
+
+
+def test_no_material_has_both():
+    joint = law_of("bwbn")
+    assert joint.bwbn_delta_nu > 0
+    assert joint.bwbn_zeta_s > 0
+    assert joint.convert(118.0, 0.005, MASS) == {}
 
 
 @pytest.mark.parametrize("law", ["iwan4", "masing_power", "masing_exponential"])

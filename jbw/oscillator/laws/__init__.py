@@ -13,6 +13,8 @@ from jbw.errors import ConfigError
 from jbw.oscillator.law import Law
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
 from jbw.oscillator.laws.bouc_wen_nu import BoucWenNu
+from jbw.oscillator.laws.bwbn import BWBN as BWBN
+from jbw.oscillator.laws.bwbn import BWBNPinching as BWBNPinching
 from jbw.oscillator.laws.dampers import CubicDamping, QuadraticDamping
 from jbw.oscillator.laws.gap_series import GapSeries
 from jbw.oscillator.laws.given_backbone import given_backbone as given_backbone
@@ -33,6 +35,8 @@ LAWS: dict[str, Kind] = {
     for law in (
         BoucWenLaw,
         BoucWenNu,
+        BWBN,
+        BWBNPinching,
         Cubic,
         CubicDamping,
         GapSeries,

@@ -1,0 +1,341 @@
+r"""Bouc-Wen's law with degradation and pinching, as Baber, Wen and Noori have it.
+
+By the stretch z of the joint's spring over that at yield, w, and the dissipated energy over that of
+yield, e:
+
+$$w = \frac{z}{z_y}, \qquad e = \frac{1}{z_y^2}\int z\,\mathrm{d}y, \qquad F = \alpha z$$
+
+$$\frac{\mathrm{d}z}{\mathrm{d}y} = \frac{h}{\eta}\,\Bigl[1 - \nu\,|w|^n
+  \bigl(\beta\,\mathrm{sgn}(\dot y w) + 1 - \beta\bigr)\Bigr], \qquad
+  \nu = 1 + \delta_\nu e, \qquad \eta = 1 + \delta_\eta e$$
+
+$$h = 1 - \zeta_1 \exp\Bigl[-\Bigl(\frac{w\,\mathrm{sgn}(\dot y) - q\,w_u}{\zeta_2}\Bigr)^2\Bigr],
+  \qquad w_u = \nu^{-1/n}$$
+
+$$\zeta_1 = \zeta_s (1 - e^{-p e}), \qquad
+  \zeta_2 = (\psi + \delta_\psi e)(\lambda + \zeta_1)$$
+
+All but alpha and z_y are pure numbers: energies are counted in alpha z_y^2, that of a slip by z_y
+under the force of yield. As the joint changes with every cycle, no motion is steady: what asks for
+a steady loop, such as a backbone, gets that of the joint before damage, which is Bouc-Wen's of the
+exponent n.
+
+No move is known in closed form. Along a record it takes Runge and Kutta's rule of order 4 in parts;
+a move of any length takes an adaptive one of order 8.
+
+Reference:
+    Baber and Wen (1981), J. Eng. Mech. Div. 107, 1069; Baber and Noori (1985), J. Eng. Mech. 111,
+    1010; Foliente (1995), J. Struct. Eng. 121, 1013.
+"""
+
+from typing import Any, ClassVar, NamedTuple
+
+import diffrax
+import jax.numpy as jnp
+from jaxtyping import Array, Bool, Complex, Float
+
+from jbw.oscillator.kinks import Ends, StepPath, kink_impulse, signed
+from jbw.oscillator.law import Bounds, Law, Loop, Scales
+from jbw.oscillator.laws.bouc_wen import FORCED_SHARE, SHARE
+from jbw.oscillator.laws.bouc_wen_nu import BoucWenNu
+from jbw.oscillator.laws.powers import REFERENCE, power
+from jbw.oscillator.parameters import Conversion, Material, Scalar, batched, of_opensees
+from jbw.quantities import Quantity
+
+TOLERANCE = 1e-12  # of a move of any length, over the stretch at yield
+MOST_STEPS = 4096  # of such a move
+PARTS = 4  # of a move along a record
+NEWTON = (1e-10, 100.0)  # of OpenSees: its tolerance over the stretch at yield, and its iterations
+
+
+class Worn(NamedTuple):
+    """Memory: the stretch z [m] and the dissipated energy e over alpha z_y^2 [-]."""
+
+    stretch: Scalar
+    energy: Scalar
+
+
+class BWBNPinching(Law):
+    r"""The law without degradation of strength and stiffness, which is OpenSees' `BWBN`.
+
+    $$\nu = \eta = 1$$
+
+    Attributes:
+        bwbn_stiffness: Stiffness alpha of the hysteretic part [1/s^2].
+        bwbn_yield: Stretch z_y beyond which the force of a fresh joint grows no more [m].
+        bwbn_n: Exponent n: the larger, the sharper the yield [-].
+        bwbn_beta: Part beta of the lost slope that dissipates; gamma is the rest [-].
+        bwbn_zeta_s: Total slip zeta_s, the most that pinching takes of the slope [-].
+        bwbn_p: How fast pinching comes with energy, p [-].
+        bwbn_q: Where it is centred, in stretches that the law can reach, q [-].
+        bwbn_psi: How far it spreads, psi [-].
+        bwbn_delta_psi: How that grows with energy, delta_psi [-].
+        bwbn_lambda: How much zeta_1 makes it spread: the more, the less lambda is [-].
+    """
+
+    name: ClassVar[str] = "bwbn_pinching"
+    table: ClassVar[tuple[Quantity, ...]] = (
+        Quantity(
+            "bwbn_stiffness", "α_b", "1/s^2", "stiffness of the hysteretic part", 0.0, is_share=True
+        ),
+        Quantity("bwbn_yield", "z_y", "m", "stretch at yield", 0.0, is_open=True),
+        Quantity("bwbn_n", "n", "1", "exponent, sharpness of yield", 0.0, is_open=True),
+        Quantity("bwbn_beta", "β", "1", "dissipating part of the lost slope", 0.0),
+        Quantity("bwbn_zeta_s", "ζ_s", "1", "total slip, largest pinching", 0.0),
+        Quantity("bwbn_p", "p", "1", "rate of pinching with energy", 0.0),
+        Quantity("bwbn_q", "q", "1", "centre of pinching"),
+        Quantity("bwbn_psi", "ψ", "1", "spread of pinching", 0.0, is_open=True),
+        Quantity("bwbn_delta_psi", "δ_ψ", "1", "growth of the spread with energy", 0.0),
+        Quantity("bwbn_lambda", "λ", "1", "spread at little pinching", 0.0, is_open=True),
+    )
+    degrades: ClassVar[bool] = True
+
+    bwbn_stiffness: Scalar
+    bwbn_yield: Scalar
+    bwbn_n: Scalar
+    bwbn_beta: Scalar
+    bwbn_zeta_s: Scalar
+    bwbn_p: Scalar
+    bwbn_q: Scalar
+    bwbn_psi: Scalar
+    bwbn_delta_psi: Scalar
+    bwbn_lambda: Scalar
+
+    @classmethod
+    def prior(cls, scales: Scales) -> Bounds:
+        """Yield within the motion or somewhat beyond; pinching from none to nearly all."""
+        share, peak = FORCED_SHARE if scales.forced else SHARE, scales.y_peak
+        return {
+            "bwbn_stiffness": (share[0] * scales.omega_n**2, share[1] * scales.omega_n**2),
+            "bwbn_yield": (0.005 * peak, 2.0 * peak),
+            "bwbn_n": (0.5, 4.0),
+            "bwbn_beta": (0.05, 1.5),
+            "bwbn_zeta_s": (0.0, 0.99),
+            "bwbn_p": (0.0, 5.0),
+            "bwbn_q": (-0.2, 0.8),
+            "bwbn_psi": (0.02, 2.0),
+            "bwbn_delta_psi": (0.0, 0.2),
+            "bwbn_lambda": (0.02, 2.0),
+        }
+
+    def stiffness(self) -> Scalar:
+        """Alpha [1/s^2]."""
+        return self.bwbn_stiffness
+
+    def at_rest(self) -> Worn:
+        """No stretch, and no damage."""
+        return Worn(0.0, 0.0)
+
+    def memory_unit(self, omega_n: Scalar) -> Worn:
+        """A displacement times omega_n is a velocity; the energy is a number."""
+        return Worn(omega_n, 0.0)
+
+    def force(self, y: Scalar, v: Scalar, memory: Worn) -> Scalar:
+        """Alpha z [N/kg]."""
+        return self.bwbn_stiffness * memory[0]
+
+    def rate(self, y: Scalar, v: Scalar, memory: Worn) -> Worn:
+        """Rates of z [m/s] and of e [1/s]."""
+        return Worn(v * self.slope(v, memory), v * memory[0] / self.bwbn_yield**2)
+
+    def degradation(self, energy: Scalar) -> tuple[Scalar, Scalar]:
+        """Degradation of strength nu and of stiffness eta."""
+        return 1.0, 1.0
+
+    def slope(self, v: Scalar, memory: Worn) -> Scalar:
+        """Slope dz/dy in a direction of motion."""
+        w, n = memory[0] / self.bwbn_yield, self.bwbn_n
+        nu, eta = self.degradation(memory[1])
+        dissipating = signed(signed(self.bwbn_beta, v), w)
+        lost = nu * power(jnp.abs(w), n) * (dissipating + 1.0 - self.bwbn_beta)
+        return self._pinched(signed(w, v), nu, memory[1]) / eta * (1.0 - lost)
+
+    def _pinched(self, ahead: Scalar, nu: Scalar, energy: Scalar) -> Scalar:
+        """Pinching h at a stretch counted in the direction of motion."""
+        slip = -self.bwbn_zeta_s * jnp.expm1(-self.bwbn_p * energy)
+        spread = (self.bwbn_psi + self.bwbn_delta_psi * energy) * (self.bwbn_lambda + slip)
+        centre = self.bwbn_q * nu ** (-1.0 / self.bwbn_n)
+        return 1.0 - slip * jnp.exp(-(((ahead - centre) / spread) ** 2))
+
+    # -- along a path ------------------------------------------------------------------------------
+    def move(self, y: Scalar, memory: Worn, dy: Scalar) -> Worn:
+        """After a monotone move of any length, by an adaptive rule to 1e-12 of the stretch."""
+        return batched(_moved, self, Worn(*memory), dy)
+
+    def follow(self, y: Scalar, memory: Worn, dy: Scalar) -> Worn:
+        r"""By Runge and Kutta's rule of order 4 in four parts: the error is of the order $h^4$.
+
+        Where z passes zero the slope has a kink of $|w|^n$, and the error of that step is of the
+        order $h^{1+n}$.
+        """
+        return self._in_parts(memory, dy, PARTS)
+
+    def _in_parts(self, memory: Worn, dy: Scalar, parts: int) -> Worn:
+        """Memory after a short monotone move by Runge and Kutta's rule of order 4."""
+        h = dy / parts
+
+        def change(memory: Worn) -> Worn:
+            return self.rate(0.0, h, memory)
+
+        def moved(memory: Worn, by: Worn, part: float) -> Worn:
+            return Worn(memory[0] + part * by[0], memory[1] + part * by[1])
+
+        for _ in range(parts):
+            k_1 = change(memory)
+            k_2 = change(moved(memory, k_1, 0.5))
+            k_3 = change(moved(memory, k_2, 0.5))
+            k_4 = change(moved(memory, k_3, 1.0))
+            memory = Worn(
+                *(
+                    m + (a + 2.0 * b + 2.0 * c + d) / 6.0
+                    for m, a, b, c, d in zip(memory, k_1, k_2, k_3, k_4, strict=True)
+                )
+            )
+        return memory
+
+    # -- through a time step -----------------------------------------------------------------------
+    def branch(self, v: Scalar, memory: Worn) -> Scalar:
+        """Sense of motion."""
+        return signed(1.0, v)
+
+    def glide(
+        self, y: Scalar, memory: Worn, dy: Scalar, branch: Scalar
+    ) -> tuple[Worn, Bool[Array, "..."] | bool]:
+        """By one short move; the zero of z is no kink to it."""
+        return self._in_parts(memory, dy, 1), False
+
+    def turn(
+        self, y: Scalar, memory: Worn, ends: Ends, quartic: Scalar
+    ) -> tuple[Worn, Scalar, Scalar]:
+        """Two short moves, and the impulse of the jump of the slope between them."""
+        path = StepPath.through(ends, quartic)
+        top = self._in_parts(memory, path.before, 1)
+        jump = self.bwbn_stiffness * (self.slope(path.after, top) - self.slope(path.before, top))
+        impulse = kink_impulse(
+            1.0 - path.fraction, jnp.where(path.turns, jump * path.bend, 0.0), 0.0
+        )
+        return self._in_parts(top, path.after, 1), impulse.v, impulse.y
+
+    def shift(self, y: Scalar, memory: Worn, dy: Scalar, branch: Scalar) -> Worn:
+        """The stretch along its tangent; the energy of the change is of second order."""
+        return Worn(memory[0] + self.slope(branch, memory) * dy, memory[1])
+
+    # -- before damage -----------------------------------------------------------------------------
+    def undamaged(self) -> BoucWenNu:
+        """The law at e = 0, without pinching: Bouc-Wen's of the exponent n."""
+        lost = power(REFERENCE / self.bwbn_yield, self.bwbn_n)
+        softening, opening = (1.0 - self.bwbn_beta) * lost, self.bwbn_beta * lost
+        return BoucWenNu(self.bwbn_stiffness, softening, opening, self.bwbn_n)
+
+    def at_tip(self, y_peak: Scalar) -> Worn:
+        """On the steady loop before damage."""
+        stretch = self.undamaged().at_tip(y_peak)
+        return Worn(stretch, 0.0 * stretch)
+
+    def loop(self, y_peak: Scalar) -> Loop:
+        """Of the joint before damage."""
+        return self.undamaged().loop(y_peak)
+
+    def force_over_period(
+        self, q: Complex[Array, " harmonic"], theta: Float[Array, " time"], max_turns: int
+    ) -> Float[Array, " time"]:
+        """Of the joint before damage."""
+        return self.undamaged().force_over_period(q, theta, max_turns)
+
+    # -- for other programs ------------------------------------------------------------------------
+    def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
+        """OpenSees' `BWBN`, whose z is our stretch [m] and whose energy is in joules."""
+        return of_opensees(self._card(mass))
+
+    def _card(self, mass: float) -> Material:
+        r"""`uniaxialMaterial BWBN tag alpha ko n gamma beta Ao q zetas p Shi deltaShi lambda ...`.
+
+        $$k_0 = m\alpha, \quad \beta_O = \beta / z_y^n, \quad \gamma_O = (1 - \beta) / z_y^n, \quad
+          p_O = \frac{p}{m\alpha z_y^2}, \quad \psi_O = \psi z_y, \quad
+          \delta_{\psi O} = \frac{\delta_\psi z_y}{m\alpha z_y^2}$$
+        """
+        energy, slip = self._yield_energy(mass), self.bwbn_yield
+        tolerance, iterations = NEWTON
+        return Material(
+            "BWBN",
+            (
+                *self._unworn(mass), self.bwbn_q, self.bwbn_zeta_s, self.bwbn_p / energy,
+                self.bwbn_psi * slip, self.bwbn_delta_psi * slip / energy, self.bwbn_lambda,
+                tolerance * slip, iterations,
+            ),
+        )  # fmt: skip
+
+    def _unworn(self, mass: float) -> tuple[Scalar, ...]:
+        """What both materials begin with: ratio, k_0, n, gamma, beta and A_0."""
+        lost = self.bwbn_yield**-self.bwbn_n
+        gamma, beta = (1.0 - self.bwbn_beta) * lost, self.bwbn_beta * lost
+        return 0.0, mass * self.bwbn_stiffness, self.bwbn_n, gamma, beta, 1.0
+
+    def _yield_energy(self, mass: float) -> Scalar:
+        """Unit of the energy e, m alpha z_y^2 [J]."""
+        return mass * self.bwbn_stiffness * self.bwbn_yield**2
+
+
+class BWBN(BWBNPinching):
+    r"""The law with degradation of strength and stiffness.
+
+    $$\nu = 1 + \delta_\nu e, \qquad \eta = 1 + \delta_\eta e$$
+
+    Attributes:
+        bwbn_delta_nu: Degradation of strength with energy, delta_nu [-].
+        bwbn_delta_eta: Degradation of stiffness with energy, delta_eta [-].
+    """
+
+    name: ClassVar[str] = "bwbn"
+    table: ClassVar[tuple[Quantity, ...]] = (
+        *BWBNPinching.table,
+        Quantity("bwbn_delta_nu", "δ_ν", "1", "degradation of strength with energy", 0.0),
+        Quantity("bwbn_delta_eta", "δ_η", "1", "degradation of stiffness with energy", 0.0),
+    )
+
+    bwbn_delta_nu: Scalar
+    bwbn_delta_eta: Scalar
+
+    @classmethod
+    def prior(cls, scales: Scales) -> Bounds:
+        """Strength and stiffness that fall by half within two units of energy at most."""
+        worn = (0.0, 0.5)
+        return {**super().prior(scales), "bwbn_delta_nu": worn, "bwbn_delta_eta": worn}
+
+    def degradation(self, energy: Scalar) -> tuple[Scalar, Scalar]:
+        """Degradation of strength nu and of stiffness eta."""
+        return 1.0 + self.bwbn_delta_nu * energy, 1.0 + self.bwbn_delta_eta * energy
+
+    def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:
+        """In OpenSees only without degradation, or without pinching: no material there has both."""
+        if not self.bwbn_delta_nu and not self.bwbn_delta_eta:
+            return super().convert(omega_n, zeta, mass)
+        if self.bwbn_zeta_s:
+            return {}
+        energy = self._yield_energy(mass)
+        worn = (0.0, self.bwbn_delta_nu / energy, self.bwbn_delta_eta / energy)
+        return of_opensees(Material("BoucWen", (*self._unworn(mass), *worn)))
+
+
+def _moved(law: BWBNPinching, memory: Worn, dy: Scalar) -> Worn:
+    """Memory after a monotone move, by Dormand and Prince's rule of order 8."""
+
+    def rate(part: Scalar, scaled: tuple[Scalar, Scalar], dy: Any) -> tuple[Scalar, Scalar]:
+        by = law.rate(0.0, dy, Worn(law.bwbn_yield * scaled[0], scaled[1]))
+        return by.stretch / law.bwbn_yield, by.energy
+
+    solution = diffrax.diffeqsolve(
+        diffrax.ODETerm(rate),  # pyright: ignore[reportArgumentType]
+        diffrax.Dopri8(),
+        t0=0.0,
+        t1=1.0,
+        dt0=None,
+        y0=(memory.stretch / law.bwbn_yield, memory.energy),
+        args=dy,
+        stepsize_controller=diffrax.PIDController(rtol=TOLERANCE, atol=TOLERANCE),
+        adjoint=diffrax.DirectAdjoint(),
+        max_steps=MOST_STEPS,
+        throw=False,
+    )
+    scaled, energy = solution.ys  # pyright: ignore[reportGeneralTypeIssues]
+    return Worn(law.bwbn_yield * scaled[-1], energy[-1])
