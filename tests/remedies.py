@@ -77,6 +77,7 @@ PASTED = {
     ("measurement/files/sampling.py", "units_are"): FILES + "test_a_pasted_word_on_units_cures",
     ("measurement/resampled.py", "resample"): FILES + "test_a_rate_beyond_what_was_measured",
     ("measurement/loop_checks.py", "laws"): LOOPS,
+    ("measurement/loop_checks.py", "load_cell"): LOOPS,
     ("measurement/loop_checks.py", "span"): LOOPS,
     ("measurement/response_checks.py", "band"): CHECKS + "test_a_missing_band_is_pasted",
     ("measurement/response_checks.py", "conjugate"): CURVES,

@@ -27,10 +27,10 @@ from jbw.measurement.decay_checks import not_free
 from jbw.measurement.drive_noise import noisy_drive
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.long_records import long_records
-from jbw.measurement.loop_checks import degrading, travels_freely
+from jbw.measurement.loop_checks import degrading, off_centre, travels_freely
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
 from jbw.measurement.plausibility import doubts, swapped
-from jbw.measurement.records import INPUTS, Record
+from jbw.measurement.records import INPUTS, Record, is_sampled
 from jbw.quantities import FED
 
 # Settings that not every kind of test reads, and the traits of those that do.
@@ -105,7 +105,7 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
             if isinstance(item, Record):
                 repeats += 1
                 per_unit = gain_of(force_per_unit(spec), test.driven_by)
-                faults = findings(item, test, first, per_unit=per_unit)
+                faults = findings(item, test, first, per_unit=per_unit, laws=spec.laws)
                 spoilt = worst(faults) == "error"
                 stated = () if first or spoilt else tuple(_stated(item, test, spec))
                 codes |= {DataError.exit_code} if spoilt else set()
@@ -127,7 +127,7 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
         codes |= {failure.exit_code for failure in failures.values()}
         if kept and worst(found) != "error":
             seen += seen_in(test, kept)
-        fs = first[0].fs if first and first[0].fs == first[0].fs else None
+        fs = first[0].fs if first and is_sampled(first[0]) else None
         # What could not be read is told once a test, in its first channel's row.
         failed = [refusal("", each.what, each.why, each.remedy) for each in failures.values()]
         for role, channel in test.channels.items():
@@ -200,11 +200,17 @@ def _unread(name: str, reason: str) -> Fault:
 
 
 def findings(
-    record: Record, test: TestSpec, first: Sequence[Record] = (), *, per_unit: float | None = None
+    record: Record,
+    test: TestSpec,
+    first: Sequence[Record] = (),
+    *,
+    per_unit: float | None = None,
+    laws: Sequence[str] = (),
 ) -> tuple[Fault, ...]:
     """Everything found in a record: by itself, against its test, beside the test's first repeat.
 
-    `per_unit` is the force per modal mass for one unit of the input, when known.
+    `per_unit` is the force per modal mass for one unit of the input, when known; `laws` those of
+    the joint.
     """
     found = list(inspect(record, masked=test.gaps == "mask", is_curve=test.traits.is_curve))
     fits = _fits_curve if test.traits.is_curve else _fits_test
@@ -222,7 +228,7 @@ def findings(
         found += _of_two_sources(record, test)
     found += _started_apart(record, test)
     if worst(found) != "error":
-        found += _believable(record, test, per_unit)
+        found += _believable(record, test, per_unit, laws)
         if first and test.traits.is_transient and test.traits.is_driven:
             found += noisy_drive(first[0], record)
     return tuple(found)
@@ -321,11 +327,14 @@ def _stated(record: Record, test: TestSpec, spec: CampaignSpec) -> Iterator[Faul
         yield from response_checks.several_resonances(record)
     if test.traits.is_prescribed:
         yield from travels_freely(forced_loop(record), spec.laws)
+        yield from off_centre(forced_loop(record), test.load_cell)
     if not test.traits.is_free:
         yield from response_checks.level_unlike(record, test.level)
 
 
-def _believable(record: Record, test: TestSpec, per_unit: float | None) -> Iterator[Fault]:
+def _believable(
+    record: Record, test: TestSpec, per_unit: float | None, laws: Sequence[str]
+) -> Iterator[Fault]:
     """Doubts that take an estimate from the record, by the kind of its test."""
     driven = any(role in record.channels for role in INPUTS)
     traits = test.traits
@@ -347,6 +356,6 @@ def _believable(record: Record, test: TestSpec, per_unit: float | None) -> Itera
             yield from response_checks.impassive(response_curve(record))
     elif traits.is_prescribed:
         yield from response_checks.gives_energy(forced_loop(record))
-        yield from degrading(forced_loop(record))
+        yield from degrading(forced_loop(record), laws)
     elif traits.is_free:
         yield from not_free(record, test.band, test.settle)

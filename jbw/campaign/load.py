@@ -1,6 +1,7 @@
 """From a campaign file to the tests and their records."""
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from html import escape
 from math import isnan
@@ -33,6 +34,7 @@ SAME = (
     "periods",
     "residuals",
     "point",
+    "load_cell",
 )
 
 
@@ -103,7 +105,7 @@ def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
         warnings.warn(f"{path.name}, [identify]: {fault.what} {fault.remedy}", stacklevel=2)
     folder, per_unit = path.resolve().parent, force_per_unit(spec)
     tests = [
-        load_test(test, folder, per_unit=per_unit, allow_outside=allow_outside)
+        load_test(test, folder, per_unit=per_unit, laws=spec.laws, allow_outside=allow_outside)
         for test in spec.tests
     ]
     sources = [
@@ -129,13 +131,21 @@ def load_with_doubts(
     return campaign, doubts
 
 
-def load_test(test: TestSpec, folder: Path, *, per_unit: Gain, allow_outside: bool = False) -> Test:
+def load_test(
+    test: TestSpec,
+    folder: Path,
+    *,
+    per_unit: Gain,
+    laws: Sequence[str] = (),
+    allow_outside: bool = False,
+) -> Test:
     """One [[test]] with its records: the first error is raised, what is doubtful is warned of.
 
     Args:
         test: Its table.
         folder: Of the campaign file.
         per_unit: Force per modal mass for one unit of the input, where the campaign says; by drive.
+        laws: Those of the joint.
         allow_outside: Let `files` point out of the folder.
     """
     kept: list[Record] = []
@@ -144,7 +154,7 @@ def load_test(test: TestSpec, folder: Path, *, per_unit: Gain, allow_outside: bo
     for item in repeats_of(test, folder, allow_outside=allow_outside):
         if isinstance(item, JbwError):
             raise item
-        faults = findings(item, test, kept[:1], per_unit=gain)
+        faults = findings(item, test, kept[:1], per_unit=gain, laws=laws)
         report(item, [one for one in faults if one.severity == "error"])
         doubts += [(item.name, one) for one in faults]
         kept.append(item)

@@ -155,6 +155,12 @@ class TestSpec(Table):
     conjugate: StrictBool = key(
         False, "turn the phase of kind frf: its file counts it as exp(-j omega t) does", True
     )
+    load_cell: Literal["exact", "offset", "drift"] = key(
+        "exact",
+        "what the zero of the load cell of kind loop does, which is fitted beside the joint: an "
+        "offset, or an offset and a drift in proportion to time",
+        "drift",
+    )
     gaps: Literal["refuse", "mask"] = key(
         "refuse",
         "what to do with samples that are NaN; mask leaves out these lines of kind frf",
@@ -175,6 +181,11 @@ class TestSpec(Table):
     def traits(self) -> Traits:
         """What its kind is."""
         return KINDS[self.kind]
+
+    @property
+    def is_timed(self) -> bool:
+        """Whether its samples must have a time: a law that knows no rate needs none."""
+        return not self.traits.is_prescribed
 
     @property
     def driven_by(self) -> str:
@@ -253,6 +264,9 @@ def _contradictions(test: TestSpec) -> Iterator[str]:
         yield f"clock_ppm: must be at most {MOST_PPM:g} to either side, but is {test.clock_ppm:g}."
     if test.lines_hz and not test.traits.is_free:
         yield f"lines_hz: for kind {free} only; what drives other records is steady itself."
+    prescribed = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_prescribed)
+    if test.load_cell != "exact" and not test.traits.is_prescribed:
+        yield f"load_cell: for kind {prescribed} only, whose force is what is measured."
     # A transform spreads one bad sample over all frequencies, a simulation needs all of its input:
     # only a curve can leave lines out.
     if not is_curve and test.gaps == "mask":

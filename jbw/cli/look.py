@@ -11,6 +11,7 @@ from jbw.cli.options import campaign_argument, json_option, outside_option
 from jbw.cli.printing import answer, following
 from jbw.cli.progress import computing
 from jbw.errors import ConfigError
+from jbw.report.cycles import cycles_table, loops_table
 from jbw.report.table import Column, Table, table, words
 from jbw.report.text import NOTHING, length_unit, number
 
@@ -77,7 +78,8 @@ def look(
 
             write_whole(html, render_picker(loaded.name, loaded.tests).encode())
         say("Done")
-    tables = tests_table(found.record), loops_table(found.record)
+    loops = found.record["loops"]
+    tables = tests_table(found.record), loops_table(loops), cycles_table(loops)
     made = (("Figure", figure), ("Choose the band", html))
     saved = "\n".join(f"{what}: {path}" for what, path in made if path is not None)
     record = found.record | {"doubts": [str(doubt.message) for doubt in doubts]}
@@ -103,17 +105,6 @@ def tests_table(record: Row) -> Table:
         _part("third\nharmonic", "third"),
         _part("coherence", "coherence"),
         _part("residual of a\nlinear fit", "left"),
-    )
-
-
-def loops_table(record: Row) -> Table:
-    """A row a force loop."""
-    return table(
-        "Force loops",
-        record["loops"],
-        words("test", "test"),
-        Column("motion [mm]", lambda row: number(1e3 * row["y"])),
-        Column("secant stiffness [N/m]", lambda row: number(row["stiffness"])),
     )
 
 

@@ -9,20 +9,26 @@ $$a + b\,y + c\,y^3, \quad a + b\,y + c\,y^5, \quad
 """
 
 from collections.abc import Iterator, Sequence
-from itertools import pairwise
-from typing import NamedTuple
 
 import numpy as np
 
 from jbw.measurement.channels import Reals
 from jbw.measurement.checks import Fault, doubt
 from jbw.measurement.curves import ForcedLoop
+from jbw.measurement.loop_cycles import (
+    FEWEST,
+    cycles_of,
+    drift_of,
+    lopsided,
+    of_one_amplitude,
+    start_of,
+)
 
-TURN = 0.1  # of the whole stroke: what goes back by less is no reversal
-ALIKE = 0.02  # of their stroke: cycles of one amplitude
-FEWEST = 3  # cycles of one amplitude, of which the first still remembers what was before
+OFF = 0.02  # of the half range: a zero of the load cell that is off by more
+LOPSIDED = 0.25  # difference of the forces of both sides over their sum
 DEGRADES = 0.05  # change of the peak-to-peak force from the second of them to the last
 SEEN = 0.1  # of the largest peak-to-peak force: what is less may be noise
+WEARING = ("bwbn", "bwbn_pinching")  # laws under which every cycle changes the joint
 FREE = ("gap_series", "stop")  # laws that have contacts
 POINTS = 40  # of the mean of both strokes
 END = POINTS // 8  # of a stroke's values, over which a slope is read
@@ -32,34 +38,13 @@ GAPS = np.linspace(0.04, 0.9, 44)  # half the free travel over the amplitude
 BETTER = 0.4  # of the squares that a smooth spring leaves
 
 
-class Cycle(NamedTuple):
-    """Samples from one largest displacement to the next, its stroke and peak-to-peak force."""
-
-    samples: slice
-    stroke: float
-    force: float
-
-
-def cycles_of(loop: ForcedLoop) -> list[Cycle]:
-    """Whole cycles of a loop, from one upper turning point to the next."""
-    y = loop.displacement
-    least = TURN * np.ptp(y)
-    turns, rising, place = [], True, 0
-    for i in range(len(y)):
-        if (y[i] > y[place]) == rising and y[i] != y[place]:
-            place = i
-        elif abs(y[i] - y[place]) > least:
-            turns += [place] if rising else []
-            rising, place = not rising, i
-    parts = [slice(first, last + 1) for first, last in pairwise(turns)]
-    return [Cycle(p, float(np.ptp(y[p])), float(np.ptp(loop.force[p]))) for p in parts]
-
-
-def degrading(loop: ForcedLoop) -> Iterator[Fault]:
-    """The doubt that cycles of one amplitude differ, which they do under no law."""
+def degrading(loop: ForcedLoop, laws: Sequence[str] = ()) -> Iterator[Fault]:
+    """The doubt that cycles of one amplitude differ, which they do under few laws."""
+    if set(laws) & set(WEARING):
+        return
     cycles = cycles_of(loop)
     felt = SEEN * max((cycle.force for cycle in cycles), default=0.0)
-    for alike in _of_one_amplitude([cycle for cycle in cycles if cycle.force > felt]):
+    for alike in of_one_amplitude([cycle for cycle in cycles if cycle.force > felt]):
         _, second, *_, last = alike
         change = last.force / second.force - 1 if second.force > 0 else 0.0
         if len(alike) < FEWEST or abs(change) < DEGRADES:
@@ -69,22 +54,40 @@ def degrading(loop: ForcedLoop) -> Iterator[Fault]:
             "restoring_force",
             f"Cycles of {0.5 * last.stroke:.3g} m differ: from the second to number {len(alike)} "
             f"the force {'falls' if change < 0 else 'rises'} by {abs(change):.0%}.",
-            "The joint changes as it is loaded; every law gives equal cycles the same loop.",
+            "The joint changes as it is loaded; most laws give equal cycles the same loop.",
             f"Put under [[test]]: `span = [{first:.6g}, {end:.6g}]`, its last cycles, and give "
-            "other states tests and assemblies of their own.",
+            "other states tests and assemblies of their own; or fit how it wears with the law "
+            "`bwbn`.",
         )
         return
 
 
-def _of_one_amplitude(cycles: Sequence[Cycle]) -> list[list[Cycle]]:
-    """Runs of three cycles or more whose strokes are alike."""
-    found: list[list[Cycle]] = []
-    for cycle in cycles:
-        if found and abs(cycle.stroke / found[-1][0].stroke - 1) < ALIKE:
-            found[-1].append(cycle)
-        else:
-            found.append([cycle])
-    return [each for each in found if len(each) >= FEWEST]
+def off_centre(loop: ForcedLoop, load_cell: str) -> Iterator[Fault]:
+    """The doubt that the zero of the load cell is off or drifts, or that the joint is lopsided."""
+    side = lopsided(loop)
+    if abs(side) > LOPSIDED:
+        yield doubt(
+            "restoring_force",
+            f"The joint is {(1 + abs(side)) / (1 - abs(side)):.2g} times as strong on the "
+            f"{'positive' if side > 0 else 'negative'} side as on the other.",
+            "Every law but `square` gives both sides the same force.",
+            "A fit takes the mean of both sides; `square` beside the campaign's laws takes a "
+            "small difference.",
+        )
+        return
+    start, drift = start_of(loop) or 0.0, drift_of(loop)
+    if max(abs(start), abs(drift)) < OFF or load_cell == "drift":
+        return
+    if abs(drift) < OFF and load_cell == "offset":
+        return
+    told = f"begins {start:.1%} of its half range away from zero" if abs(start) >= OFF else ""
+    moves = f"moves by {drift:.1%} of it over equal cycles" if abs(drift) >= OFF else ""
+    yield doubt(
+        "restoring_force",
+        f"The force {' and '.join(filter(None, (told, moves)))}.",
+        "The zero of the load cell is off, or drifts; a law takes it for a force of the joint.",
+        'Put under [[test]]: `load_cell = "drift"`; "offset" where it cannot drift.',
+    )
 
 
 def travels_freely(loop: ForcedLoop, laws: Sequence[str]) -> Iterator[Fault]:

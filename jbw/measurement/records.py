@@ -32,6 +32,8 @@ QUANTITIES: dict[str, tuple[str, ...]] = {
     "time": ("time",),  # gives the sampling frequency; not kept as a channel
 }
 ROLES = tuple(QUANTITIES)
+COUNTED = "none: samples of a loop without times are counted"
+LOAD_CELLS = ("exact", "offset", "drift")
 
 
 @dataclass(frozen=True)
@@ -102,6 +104,7 @@ class Test:
         periods: Whole periods of the excitation in each record; 1 when none were said.
         residuals: Terms of modes outside the band: auto, none, upper, both or own.
         drive: What drives it, one of `DRIVES`; empty where that follows from its source.
+        load_cell: What the zero of a loop's load cell does, one of `LOAD_CELLS`.
         point: Where its response is measured, of a structure with several points; empty of the
             first.
     """
@@ -123,6 +126,7 @@ class Test:
     residuals: Literal["auto", "none", "upper", "both", "own"] = "auto"
     drive: str = ""
     point: str = ""
+    load_cell: str = "exact"
 
     def __post_init__(self) -> None:
         if any(record.drive != self.drive for record in self.records):
@@ -143,6 +147,11 @@ class Test:
     def is_cyclic(self) -> bool:
         """Whether the records hold several whole periods of their excitation."""
         return self.traits.is_periodic and self.periods > 1
+
+
+def is_sampled(record: Record) -> bool:
+    """Whether its samples have a time: those of a curve have none, nor may those of a loop."""
+    return record.fs == record.fs and record.provenance.get("fs") != COUNTED
 
 
 def drive_of(test: Test) -> str:

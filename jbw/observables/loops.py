@@ -85,6 +85,7 @@ class Loops(Repeated):
                 labels=[test.name for test in tests],
                 runs=[run_of(test) for test in tests],
                 scale=np.array([np.sqrt(np.mean(m**2)) for m in mean]),
+                spanned=zeros_of_load_cells([test.load_cell for test in tests], counted),
             ),
         )
         return (data,)
@@ -124,6 +125,21 @@ class Loops(Repeated):
         """Force over displacement of the stiffest loop, peak to peak, per unit mass [1/s^2]."""
         force = np.ptp(np.asarray(self.mean), axis=1)
         return float(np.max(gain * force / np.ptp(np.asarray(self.displacement), axis=1)))
+
+
+def zeros_of_load_cells(
+    kinds: Sequence[str], counted: Sequence[np.ndarray]
+) -> Float[np.ndarray, "test 2 time"] | None:
+    """An offset, and a drift in proportion to time, of the tests whose load cells have them."""
+    if all(kind == "exact" for kind in kinds):
+        return None
+    columns = np.zeros((len(kinds), 2, max(map(len, counted))))
+    for row, kind, keep in zip(columns, kinds, counted, strict=True):
+        if kind != "exact":
+            row[0, : len(keep)] = keep
+        if kind == "drift":
+            row[1, : len(keep)] = keep * np.linspace(-1.0, 1.0, len(keep))
+    return columns
 
 
 def together(displacement: Float[np.ndarray, " time"]) -> int:

@@ -130,7 +130,7 @@ def verification_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
     """Does the model follow the force along a prescribed displacement?
 
     Measured loops and the model's 99 % parameter band, beside the best linear spring. The energy
-    lost is the work of the force over the whole record.
+    lost is the work of the force over the whole record. Of torsion, torque along a rotation.
 
     Panels: one a test, lowest level first.
     """
@@ -144,7 +144,11 @@ def verification_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
             lost = f"lost {number(test['measured_work'])} J,\n"
             lost += f"model {number(low)} to {number(high)} J"
         style.title(only, f"{short(plain(name))}, {fitted_text(test)}\n{lost}", size=8)
-    return finish(axes, ax, "displacement [mm]", ("restoring force [kN]",))
+    turns = unit_of(found[0][1]["displacement"]) == "rad"
+    labels = ("rotation [mrad]", "torque [kN m]") if turns else (
+        "displacement [mm]", "restoring force [kN]"
+    )  # fmt: skip
+    return finish(axes, ax, labels[0], labels[1:])
 
 
 def draw_forced_loop(ax: Axes, test: xr.Dataset) -> None:

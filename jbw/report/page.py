@@ -17,6 +17,7 @@ from markupsafe import Markup
 from jbw.errors import ConfigError, DataError, printable, reason_of
 from jbw.report import tables
 from jbw.report.charts import charts_of, shown_text
+from jbw.report.cycles import cycles_table
 from jbw.report.decimation import Points, decimated, shared_limit
 from jbw.report.figures import FIGURE_LIST, GROUPS, Entry, drawing, svg
 from jbw.report.identifiability import directions_table, quantities_table
@@ -110,6 +111,7 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
         routes=tables.routes_table(summary, known),
         route_words=_statements(summary.get("comparison"), known),
         loops=tables.loops_table(tree),
+        cycles=cycles_table((summary.get("look") or {}).get("loops") or []),
         checks=tables.checks_table(tree, known),
         provenance=_provenance(summary),
         inputs=_inputs(summary.get("inputs") or {}),

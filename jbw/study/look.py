@@ -17,6 +17,7 @@ from jaxtyping import Complex, Float
 from jbw.campaign.load import Campaign
 from jbw.errors import DataError
 from jbw.measurement.curves import ForcedLoop, forced_loop
+from jbw.measurement.loop_cycles import readings_of_cycles
 from jbw.measurement.nonlinearity import coherence_at_resonance, seen_in
 from jbw.measurement.records import INPUTS, Test, drive_of
 from jbw.measurement.resonances import (
@@ -255,9 +256,24 @@ def _coherence(test: Test) -> float | None:
 
 
 def _loop_row(test: Test) -> dict[str, Any]:
-    """The secant stiffness of force loops at their largest displacement, the mean of repeats."""
-    y, stiffness = np.mean([_secant(test, forced_loop(one)) for one in test.records], axis=0)
-    return {"test": test.name, "y": float(y), "stiffness": float(stiffness)}
+    """The secant stiffness of force loops at their largest displacement, the mean of repeats.
+
+    Cycle by cycle of the first repeat; `unit` is that of the motion, m or rad.
+    """
+    loops = [forced_loop(record) for record in test.records]
+    y, stiffness = np.mean([_secant(test, loop) for loop in loops], axis=0)
+    cycles = readings_of_cycles(loops[0])
+    return {
+        "test": test.name,
+        "y": float(y),
+        "stiffness": float(stiffness),
+        "unit": test.records[0].units.get("displacement", "m"),
+        "cycles": [
+            {name: _finite(value) for name, value in cycle._asdict().items()}
+            | {"repeated": cycle.repeated}
+            for cycle in cycles
+        ],
+    }
 
 
 def _secant(test: Test, loop: ForcedLoop) -> tuple[float, float]:

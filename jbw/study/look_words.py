@@ -17,6 +17,7 @@ Band = tuple[float, float, float]  # ends and middle of 99 %
 # Of the frequency, and of the damping at rest: below, leakage and noise may make it.
 LEAST_CHANGE = (1e-4, 0.03)
 SURE = 3.0  # standard deviations from where on a change is none of chance
+WORN = 0.02  # of the secant stiffness of equal cycles: less is how a rig repeats
 CLEAR = 0.2  # of half width and of damping: no noise that leaves a resonance to be read does it
 
 
@@ -36,7 +37,9 @@ def statements(record: Mapping[str, Any], found: Mapping[str, list[Reading]]) ->
     if len(loops) > 1:
         first, last = loops[0], loops[-1]
         change = last["stiffness"] / first["stiffness"] - 1
-        sentences.append(look.secant(first["y"], last["y"], change))
+        unit = "mrad" if first["unit"] == "rad" else "mm"
+        sentences.append(look.secant(first["y"], last["y"], change, unit))
+    sentences += [sentence for loop in loops if (sentence := _worn(loop))]
     reasons: dict[str, list[str]] = {}
     for name, why in record["unread"].items():
         reasons.setdefault(why, []).append(name)
@@ -48,6 +51,18 @@ class Nonlinear(NamedTuple):
 
     is_seen: bool
     sentence: str
+
+
+def _worn(loop: Mapping[str, Any]) -> str | None:
+    """How far the stiffness of equal cycles has fallen, or risen; None where it has hardly."""
+    cycles = [cycle for cycle in loop["cycles"] if cycle["retained"] is not None]
+    if not cycles:
+        return None
+    last = max(cycles, key=lambda cycle: abs(cycle["retained"] - 1))
+    change = last["retained"] - 1
+    if abs(change) < WORN:
+        return None
+    return look.worn(loop["test"], loop["cycles"].index(last) + 1, change)
 
 
 def nonlinear(readings: Sequence[Reading]) -> Nonlinear:

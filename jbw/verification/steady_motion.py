@@ -34,11 +34,21 @@ def predict_loop(source: Source, test: Test) -> Predicted:
     """Restoring force along a prescribed displacement, and its work W = int F dy after `settle`."""
     (data,) = Loops.reduce([test], laws=source.basis.laws)
     (force,) = groups_of(source, test, data)
+    force = force._replace(
+        model=beside_load_cell(data, force.measured, force.model),
+        others={
+            name: beside_load_cell(data, force.measured, one[None])[0]
+            for name, one in force.others.items()
+        },
+    )
     y = np.asarray(data.displacement[0])[data.compared(0)]
     shown = slice(None, None, -(-len(y) // MOST_POINTS))
-    newton, joule, dims = {"units": "N"}, {"units": "J"}, ("quantile", "point")
+    of_record = test.records[0].units
+    length = {"units": of_record.get("displacement", "m")}
+    newton = {"units": of_record.get("restoring_force", "N")}
+    joule, dims = {"units": "J"}, ("quantile", "point")
     variables = {
-        "displacement": ("point", y[shown], LENGTH),
+        "displacement": ("point", y[shown], length),
         "measured_force": ("point", force.measured[shown], newton),
         "model_force": (dims, band(force.model)[:, shown], newton),
         "measured_work": ((), trapezoid(force.measured, y), joule),
@@ -48,11 +58,20 @@ def predict_loop(source: Source, test: Test) -> Predicted:
         predictive = gaussian_band(force.model, force.std)
         variables["predictive_force"] = (dims, predictive[:, shown], newton)
     variables |= {f"{n}_force": ("point", one[shown], newton) for n, one in force.others.items()}
-    attrs = {"level": test.level, "level_unit": "m", "kind": test.kind}
+    attrs = {"level": test.level, "level_unit": length["units"], "kind": test.kind}
     attrs |= errors(force.measured, force.model, force.others, force.std)
     peak = np.full(count_of(source.draws), float(np.abs(data.displacement).max()))
     dataset = xr.Dataset(variables, {"quantile": QUANTILE_AXIS}, attrs)
     return Predicted(dataset, peak, force.noise)
+
+
+def beside_load_cell(
+    data: Loops, measured: Float[np.ndarray, " time"], model: Float[np.ndarray, "draw time"]
+) -> Float[np.ndarray, "draw time"]:
+    """Forces of a model with the offset and drift of the load cell that the test says it has."""
+    own = np.asarray(data.repeats.spanned)[0][:, data.compared(0)]
+    residual = measured - np.median(model, axis=0)
+    return model + (residual @ own.T) @ own
 
 
 def predict_periods(source: Source, test: Test) -> Predicted:

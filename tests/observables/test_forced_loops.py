@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from jbw.campaign.load import load_campaign
 from jbw.errors import DataError
-from jbw.measurement.records import Record, Test
+from jbw.measurement.records import Record, Test, is_sampled
 from jbw.observables.loops import Loops, blocks_of, together
 
 FS = 256.0
@@ -90,3 +91,42 @@ def test_neighbours_of_a_long_record_are_averaged_and_peaks_kept():
     assert np.max(few) > 1 - (2 * np.pi * size / cycle) ** 2
     assert together(y[:8000]) == 1
     assert together(np.zeros(20_000)) == 1
+
+
+@pytest.mark.parametrize("kind", ["exact", "offset", "drift"])
+def test_the_zero_of_a_load_cell_is_fitted_beside_the_joint(kind):
+    """An offset leaves nothing, a drift too; both cost what they are where none is stated."""
+    y, force = measured()
+    zero = {"exact": 0.0, "offset": 5.0, "drift": 5.0 - 3.0 * np.arange(len(y)) / FS}[kind]
+    record = Record(FS, {"displacement": y, "restoring_force": force + zero},
+                    {"displacement": "m", "restoring_force": "N"})  # fmt: skip
+    (data,) = Loops.reduce([Test("loop", (record,), "loop", 0.01, settle=1.0, load_cell=kind)])
+    left, _ = data.left(theta())
+    assert np.abs(np.asarray(left)).max() < 1e-7 * np.abs(force).max()
+    taken = {"exact": 0, "offset": 1, "drift": 2}[kind]
+    assert float(data.repeats.num_counted[0]) == len(y) - 256 - taken
+    if kind != "exact":
+        (plain,) = Loops.reduce([Test("loop", (record,), "loop", 0.01, settle=1.0)])
+        assert np.abs(np.asarray(plain.left(theta())[0])).max() > 1.0
+
+
+def test_samples_of_a_loop_need_no_time(tmp_path):
+    """A law knows no rate: samples are counted, and so do `settle` and `span`."""
+    y, force = measured(2.0)
+    table = np.stack([1e3 * y, force], axis=1)
+    np.savetxt(tmp_path / "a.csv", table, delimiter=",", header="displacement,force", comments="")
+    (tmp_path / "campaign.toml").write_text("""
+[[test]]
+kind = "loop"
+files = "a.csv"
+channels = { displacement = "displacement", restoring_force = "force" }
+units = { displacement = "mm", restoring_force = "N" }
+settle = 10
+""")
+    (test,) = load_campaign(tmp_path / "campaign.toml").tests
+    assert test.records[0].fs == 1.0
+    assert not is_sampled(test.records[0])
+    (data,) = Loops.reduce([test])
+    assert float(data.repeats.size[0]) == len(y) - 10
+    left = np.asarray(data.misfit(theta()))
+    assert np.abs(left).max() < 1e-8 * np.abs(force).max()

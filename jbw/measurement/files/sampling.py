@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.files.paths import select
 from jbw.measurement.files.tree import WHOLE, Contents, Leaf, load, names
-from jbw.measurement.records import si_of
+from jbw.measurement.records import COUNTED, si_of
 from jbw.measurement.resampled import at_rate, from_uneven, proposed_rate
 from jbw.units import TIME, plain
 
@@ -46,6 +46,7 @@ class Wanted:
     conjugate: bool = False
     resample: float | None = None  # [Hz], for channels of several rates or uneven clocks
     units_are: str = "file"  # whose units count where the file's are others: "file", or "mine"
+    is_timed: bool = True  # whether samples must have a time: those of a loop need none
 
 
 def sampling_of(contents: Contents, sources: Sources, wanted: Wanted) -> tuple[float, str]:
@@ -63,6 +64,8 @@ def sampling_of(contents: Contents, sources: Sources, wanted: Wanted) -> tuple[f
     if wanted.fs is not None:
         fs, said = _given(contents, wanted.fs)
         found = {said: fs, **found}
+    if not found and not wanted.is_timed:
+        return 1.0, COUNTED
     if not found:
         raise DataError(
             "the sampling frequency is missing.",

@@ -22,11 +22,20 @@ def coherence(smallest: tuple[float, str], largest: tuple[float, str]) -> str:
     )
 
 
-def secant(first: float, last: float, change: float) -> str:
-    """How the secant stiffness changes between two amplitudes [m]."""
+def secant(first: float, last: float, change: float, unit: str = "mm") -> str:
+    """How the secant stiffness changes between two amplitudes [m], or [rad] told in mrad."""
     return (
         f"The secant stiffness changes by {percent(change)} from {1e3 * first:.3g} to "
-        f"{1e3 * last:.3g} mm."
+        f"{1e3 * last:.3g} {unit}."
+    )
+
+
+def worn(test: str, cycle: int, change: float) -> str:
+    """Which cycle of a loop differs most in stiffness from the first of its amplitude."""
+    direction = "less" if change < 0 else "more"
+    return (
+        f"{test}: cycle {cycle} has {percent(abs(change))} {direction} secant stiffness than the "
+        "first of its amplitude."
     )
 
 

@@ -1,0 +1,68 @@
+"""Force loops without a model: their secant stiffness, and their cycles one by one."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from jbw.report.table import Column, Table, table, words
+from jbw.report.text import NOTHING, length_unit, number, percent
+
+MOST_CYCLES = 12  # of a test that a table shows
+ANGLES = ((1.0, "rad"), (1e3, "mrad"), (1e6, "µrad"))  # factor and unit
+Row = Mapping[str, Any]
+
+
+def motion_unit(largest: float, unit: str = "m") -> tuple[float, str]:
+    """Factor and unit that write a displacement [m], or a rotation [rad], with digits before it."""
+    if unit != "rad":
+        return length_unit(largest)
+    return next((each for each in ANGLES if largest * each[0] >= 1.0), ANGLES[-1])
+
+
+def loops_table(loops: Sequence[Row]) -> Table:
+    """A row a force loop: its largest motion and the secant stiffness there."""
+    motion, stiffness = _written(loops)
+    return table(
+        "Force loops",
+        loops,
+        words("test", "test"),
+        Column(f"motion [{motion[1]}]", lambda row: number(motion[0] * row["y"])),
+        Column(f"secant stiffness [{stiffness}]", lambda row: number(row["stiffness"])),
+    )
+
+
+def cycles_table(loops: Sequence[Row]) -> Table:
+    """A row a cycle: amplitude, secant stiffness, work, damping, and the stiffness retained."""
+    (factor, unit), stiffness = _written(loops)
+    return table(
+        "Force loops, cycle by cycle",
+        list(_shown(loops)),
+        words("test", "test"),
+        words("cycle", "cycle", "right"),
+        Column(f"amplitude [{unit}]", lambda row: number(factor * row["amplitude"])),
+        Column(f"secant stiffness [{stiffness}]", lambda row: number(row["stiffness"])),
+        Column("work [J]", lambda row: number(row["work"])),
+        Column("equivalent\ndamping", lambda row: percent(row["damping"])),
+        Column("stiffness over the first\nof this amplitude", _retained),
+    )
+
+
+def _retained(row: Row) -> str:
+    return percent(row["retained"]) if row["repeated"] else NOTHING
+
+
+def _written(loops: Sequence[Row]) -> tuple[tuple[float, str], str]:
+    """Factor and unit of the motion, and the unit of stiffness, of loops of one kind."""
+    unit = loops[0].get("unit", "m") if loops else "m"
+    largest = max((row["y"] for row in loops), default=1e-3)
+    return motion_unit(largest, unit), "N m/rad" if unit == "rad" else "N/m"
+
+
+def _shown(loops: Sequence[Row]) -> Iterator[dict[str, Any]]:
+    """Cycles of every test, the first, the last and some between where there are many."""
+    for loop in loops:
+        cycles = loop.get("cycles") or []
+        chosen = np.unique(np.linspace(0, len(cycles) - 1, min(len(cycles), MOST_CYCLES)).round())
+        for i in chosen.astype(int):
+            yield {"test": loop["test"], "cycle": i + 1, **cycles[i]}
