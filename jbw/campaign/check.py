@@ -22,6 +22,7 @@ from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement import response_checks
 from jbw.measurement.checks import Fault, doubt, gathered, inspect, refusal, worst
 from jbw.measurement.clocks import untimely
+from jbw.measurement.controlled_checks import Control, uncontrolled
 from jbw.measurement.curves import forced_loop, response_curve
 from jbw.measurement.decay_checks import not_free
 from jbw.measurement.drive_noise import noisy_drive
@@ -212,7 +213,8 @@ def findings(
     `per_unit` is the force per modal mass for one unit of the input, when known; `laws` those of
     the joint.
     """
-    found = list(inspect(record, masked=test.gaps == "mask", is_curve=test.traits.is_curve))
+    in_order = test.traits.is_curve and not test.traits.is_controlled
+    found = list(inspect(record, masked=test.gaps == "mask", is_curve=in_order))
     fits = _fits_curve if test.traits.is_curve else _fits_test
     contradictions = list(fits(record, test))
     for other in first:
@@ -301,7 +303,7 @@ def _fits_test(record: Record, test: TestSpec) -> Iterator[tuple[str, ...]]:
 def _fits_curve(record: Record, test: TestSpec) -> Iterator[tuple[str, ...]]:
     freq = record.channels["frequency"]
     freq = freq[np.isfinite(freq)]
-    if "phase" not in record.channels:
+    if "phase" not in record.channels and not test.traits.is_controlled:
         yield (
             "The response is real and has no phase.",
             "Name the channel `phase`, or one that holds the complex response.",
@@ -328,7 +330,7 @@ def _stated(record: Record, test: TestSpec, spec: CampaignSpec) -> Iterator[Faul
     if test.traits.is_prescribed:
         yield from travels_freely(forced_loop(record), spec.laws)
         yield from off_centre(forced_loop(record), test.load_cell)
-    if not test.traits.is_free:
+    if not (test.traits.is_free or test.traits.is_controlled):
         yield from response_checks.level_unlike(record, test.level)
 
 
@@ -349,9 +351,19 @@ def _believable(
         dwell = test.dwell if traits.is_stepped else None
         yield from response_checks.unsteady(record, test.tones, test.settle, dwell)
     elif traits.is_curve:
-        if in_degrees := list(response_checks.phase_in_degrees(record.channels["phase"])):
+        phase = record.channels.get("phase", np.zeros(1))
+        if in_degrees := list(response_checks.phase_in_degrees(phase)):
             # A phase of another unit tells nothing of signs or of a backbone.
             yield from in_degrees
+        elif traits.is_controlled:
+            yield from uncontrolled(
+                record,
+                Control(
+                    test.locked_phase if traits.is_locked else None,
+                    test.phase_tolerance,
+                    names_jumps=test.jumps == "doubt",
+                ),
+            )
         else:
             yield from response_checks.impassive(response_curve(record))
     elif traits.is_prescribed:

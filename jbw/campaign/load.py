@@ -35,6 +35,7 @@ SAME = (
     "residuals",
     "point",
     "load_cell",
+    "locked_phase",
 )
 
 
@@ -163,4 +164,5 @@ def load_test(
         warnings.warn(said.rstrip(), stacklevel=3)
     facts = {name: getattr(test, name) for name in SAME}
     facts["drive"] = test.drive or ""
+    facts["amplitude_std"] = test.amplitude_std or 0.0
     return Test(test.kind, tuple(kept), tones_hz=test.tones, band_hz=test.band, **facts)

@@ -91,7 +91,9 @@ class TestSpec(Table):
     level: values.NonNegative = key(
         NAN, "nominal level, in the unit of what the rig held constant", 0.20
     )
-    amplitudes: Literal["peak", "rms"] = key("peak", "what the amplitudes of kind frf are", "peak")
+    amplitudes: Literal["peak", "rms"] = key(
+        "peak", "what the amplitudes of kind frf, backbone or curve are", "peak"
+    )
     periods: values.Count = key(1, "whole periods of the excitation in a record", 4)
     fs: values.Sampling | None = key(
         None, "sampling frequency [Hz], or the path of a scalar in the file"
@@ -153,7 +155,29 @@ class TestSpec(Table):
         [50.0],
     )
     conjugate: StrictBool = key(
-        False, "turn the phase of kind frf: its file counts it as exp(-j omega t) does", True
+        False,
+        "turn the phase of kind frf, backbone or curve: its file counts it as exp(-j omega t) does",
+        True,
+    )
+    locked_phase: values.Lag = key(
+        -90.0,
+        "phase of the displacement to the force at which a controller held the points of kind "
+        "backbone [deg]; where the phase was measured, that counts",
+        -60.0,
+    )
+    phase_tolerance: values.Positive = key(
+        5.0, "how far a measured phase may lie from locked_phase before it is named [deg]", 8.0
+    )
+    amplitude_std: values.Spread | None = key(
+        None,
+        "relative standard deviation of the amplitudes of kind backbone or curve, carried to "
+        "frequency, phase and force",
+        0.002,
+    )
+    jumps: Literal["doubt", "keep"] = key(
+        "doubt",
+        "whether neighbouring points of kind backbone or curve whose amplitude jumps are named",
+        "keep",
     )
     load_cell: Literal["exact", "offset", "drift"] = key(
         "exact",
@@ -163,7 +187,8 @@ class TestSpec(Table):
     )
     gaps: Literal["refuse", "mask"] = key(
         "refuse",
-        "what to do with samples that are NaN; mask leaves out these lines of kind frf",
+        "what to do with samples that are NaN; mask leaves out these lines of kind frf, backbone "
+        "or curve",
         "refuse",
     )
     span: values.Span | None = key(None, "first and last second to read", [0.0, 8.0])
@@ -215,10 +240,13 @@ def _needs(test: TestSpec) -> Iterator[str]:
     if roles.isdisjoint(RESPONSES):
         yield f"channels: needs a response, one of {', '.join(sorted(RESPONSES))}."
     ratios = [role for role, unit in test.units.items() if si_of(role, unit)[2]]
-    if ratios and not traits.is_curve:
+    if ratios and (not traits.is_curve or traits.is_controlled):
         unit = test.units[ratios[0]]
-        yield f"units: `{unit}` of `{ratios[0]}` is for kind {_curves()} only."
-    if traits.is_driven and roles.isdisjoint(INPUTS) and not ratios:
+        linear = [k for k in KINDS.values() if k.is_curve and not k.is_controlled]
+        named = ", ".join(f"`{kind.name}`" for kind in linear)
+        yield f"units: `{unit}` of `{ratios[0]}` is for kind {named} only."
+    needs_source = traits.is_driven and not traits.is_locked  # a frequency tells of the stiffness
+    if needs_source and roles.isdisjoint(INPUTS) and not ratios:
         yield f"channels: kind `{test.kind}` needs `input` or `force`."
     if test.drive in FED and traits.is_driven and "input" not in roles:
         yield f"drive: `{test.drive}` needs the channel `input`, what the shaker was fed."
@@ -233,7 +261,8 @@ def _needs(test: TestSpec) -> Iterator[str]:
     if traits.is_prescribed and not forced:
         yield f"channels: kind `{test.kind}` needs `displacement` and `restoring_force`."
     if traits.is_curve and "frequency" not in roles:
-        needed = "`frequency`, and `phase` beside real amplitudes"
+        beside = "" if traits.is_controlled else ", and `phase` beside real amplitudes"
+        needed = f"`frequency`{beside}"
         yield f"channels: kind `{test.kind}` needs {needed}."
     if traits.is_steady and not test.tones:
         yield f"tones: missing; kind `{test.kind}` needs the frequencies [Hz]."
@@ -254,6 +283,7 @@ def _contradictions(test: TestSpec) -> Iterator[str]:
         yield f"remove_mean: for records in time, not for kind {curves}."
     if test.conjugate and not is_curve:
         yield f"conjugate: for kind {curves}; the samples of a record have no phase."
+    yield from _of_controlled_tests(test)
     free = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_free)
     if test.window_s and not test.traits.is_free:
         yield f"window_s: for kind {free} only; other records are not windowed from their start."
@@ -288,6 +318,18 @@ def _contradictions(test: TestSpec) -> Iterator[str]:
             f"files: as a table it must name a file for each role ({', '.join(sorted(roles))}), "
             f"but names {', '.join(sorted(test.files))}."
         )
+
+
+def _of_controlled_tests(test: TestSpec) -> Iterator[str]:
+    """Keys of controlled tests that another kind states."""
+    locked = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_locked)
+    controlled = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_controlled)
+    for name in ("locked_phase", "phase_tolerance"):
+        if name in test.model_fields_set and not test.traits.is_locked:
+            yield f"{name}: for kind {locked}; no phase is held in others."
+    for name in ("amplitude_std", "jumps"):
+        if name in test.model_fields_set and not test.traits.is_controlled:
+            yield f"{name}: for kind {controlled}; others have no points that a controller holds."
 
 
 def _curves() -> str:

@@ -152,6 +152,16 @@ def modes(value: Any) -> tuple[Any, ...] | int:
     return whole(1)(value) if isinstance(value, int) else unequal(value)
 
 
+def lag(value: Any) -> float:
+    """A phase between half a turn behind and none [deg], as a driven motion has it."""
+    if not -180 < number(value) < 0:
+        raise ValueError(
+            f"must lie between -180 and 0, -90 at phase resonance, but is {value!r}; the "
+            "displacement lags behind the force."
+        )
+    return float(value)
+
+
 def _sampling(value: Any) -> float | str:
     if isinstance(value, str) and value:
         return value
@@ -299,6 +309,7 @@ Units = Annotated[
 Factors = Annotated[
     dict[str, float], BeforeValidator(_by_role(_factor), json_schema_input_type=dict[Role, float])
 ]
+Lag = Annotated[float, Field(gt=-180, lt=0), BeforeValidator(lag)]
 Spread = Annotated[float, Field(gt=0, lt=1), BeforeValidator(number)]
 Spreads = Annotated[
     dict[str, float], BeforeValidator(_by_role(_spread), json_schema_input_type=dict[Role, Spread])

@@ -57,7 +57,7 @@ def first_fit(
     Where it is to be `quick`, other starts are tried only if the first leaves more than 15 % of the
     rms of a group.
     """
-    values = {**told_by(data.parts), **(known or {})}
+    values = {**told_by(data.parts, data.held), **(known or {})}
     prior = box_of(settings, data, values)
     values = {**from_amplitude_curve(key, data, prior, values), **values}
     if unknown_signs(prior, data):

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jbw.errors import DataError
 from jbw.measurement.channels import Complexes, Reals
@@ -39,6 +40,47 @@ def response_curve(record: Record) -> ResponseCurve:
     is_ratio = "ratio" in record.provenance
     freq_hz, source = lines["frequency"], lines[record.source]
     return ResponseCurve(freq_hz, source, response, record.source, record.response, is_ratio)
+
+
+class ControlledCurve(NamedTuple):
+    """Points of a controlled test in the order measured; NaN where a point was lost."""
+
+    freq_hz: Reals  # [Hz]
+    amplitude: Reals  # peak of the displacement's fundamental [m]
+    phase: Reals | None  # of the displacement to the force [rad]; None where not known
+    force: Reals | None  # peak of the source's fundamental [N, V or N/kg]; None where not measured
+
+    @property
+    def valid(self) -> NDArray[np.bool_]:
+        """Points of which all is known."""
+        known = (values for values in self if values is not None)
+        return np.logical_and.reduce([np.isfinite(values) for values in known])
+
+    def at(self, points: NDArray[np.bool_]) -> "ControlledCurve":
+        """Some of the points."""
+        return ControlledCurve(*(None if x is None else x[points] for x in self))
+
+
+def controlled_curve(record: Record, locked_phase: float = float("nan")) -> ControlledCurve:
+    """The points that a record of a controlled test holds.
+
+    The phase is the measured one, by whatever channel the response is, and `locked_phase` [deg] of
+    the displacement where none was measured; NaN for none.
+    """
+    _must_have(record, (("frequency",), RESPONSES), "a controlled test")
+    channels, order = record.channels, derivative_order(record.response)
+    freq_hz = np.asarray(channels["frequency"], float)
+    amplitude = np.abs(channels[record.response]) / (2 * np.pi * freq_hz) ** order
+    phase = None
+    if "phase" in channels:
+        # A minus sign of the amplitudes is half a turn.
+        turned = np.where(channels[record.response] < 0, np.pi, 0.0) - 0.5 * np.pi * order
+        phase = np.angle(np.exp(1j * (channels["phase"] + turned)))
+    elif np.isfinite(locked_phase):
+        phase = np.full(len(freq_hz), np.radians(locked_phase))
+    source = next((role for role in INPUTS if role in channels), None)
+    force = None if source is None else np.asarray(channels[record.source], float)
+    return ControlledCurve(freq_hz, amplitude, phase, force)
 
 
 def displacement_of(curve: ResponseCurve) -> Complexes:

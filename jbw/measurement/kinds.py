@@ -23,6 +23,10 @@ class Kind(NamedTuple):
     is_free: bool = False  # nothing drives the structure while it is recorded
     is_prescribed: bool = False  # the displacement is given: nothing moves freely
     is_curve: bool = False  # a line for each frequency, not samples in time; lines may be masked
+    # A controller holds each point of a steady motion, in an order of its own: asked for is what
+    # that takes; where it `is_locked` to a phase, the frequency as well.
+    is_controlled: bool = False
+    is_locked: bool = False
     channels: tuple[str, ...] = ()  # roles that a test must have, where no trait above says them
 
     @property
@@ -67,4 +71,8 @@ register(Kind("stepped", "steady tones in turn", is_steady=True, is_stepped=True
 register(Kind("sweep", "a sweep from rest", is_transient=True))
 register(Kind("decay", "a free decay", is_free=True))
 register(Kind("frf", "a measured response curve", is_curve=True))
+register(Kind("backbone", "points at a phase that is held", is_curve=True, is_controlled=True,
+              is_locked=True))  # fmt: skip
+register(Kind("curve", "points of a response that is held, through folds", is_curve=True,
+              is_controlled=True))  # fmt: skip
 register(Kind("loop", "force along a prescribed displacement", is_prescribed=True))

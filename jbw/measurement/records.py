@@ -107,6 +107,8 @@ class Test:
         load_cell: What the zero of a loop's load cell does, one of `LOAD_CELLS`.
         point: Where its response is measured, of a structure with several points; empty of the
             first.
+        locked_phase: Phase of the displacement to the force that a controller held [deg].
+        amplitude_std: Relative standard deviation of the amplitudes of a controlled test.
     """
 
     __test__ = False  # not a pytest class
@@ -127,6 +129,8 @@ class Test:
     drive: str = ""
     point: str = ""
     load_cell: str = "exact"
+    locked_phase: float = -90.0
+    amplitude_std: float = 0.0
 
     def __post_init__(self) -> None:
         if any(record.drive != self.drive for record in self.records):

@@ -45,6 +45,8 @@ def spectrum_of(test: Test) -> Spectrum | None:
     Of a response curve the curve itself. Of a driven test the ratio to the source, between the
     ends of what this sweeps.
     """
+    if test.traits.is_controlled:
+        return None
     if test.traits.is_curve:
         return _of_curves(test)
     if test.traits.is_prescribed or test.traits.is_steady:

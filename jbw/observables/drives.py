@@ -11,6 +11,7 @@ of one drive has the plain names, whatever it is.
 """
 
 from collections.abc import Collection, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -20,6 +21,7 @@ from jbw.observables.observable import Observable, SteadyLines
 from jbw.quantities import ATTACHED, FED, LINEAR, OSCILLATOR, STUCK
 
 NAMES = tuple(quantity.name for quantity in OSCILLATOR)
+DAMPED, LEAST_DAMPED = 0.02, 1e-4  # damping ratios: where nothing tells it, and at least
 PLAIN = {quantity.name: plain for quantity, plain in zip(ATTACHED, NAMES * len(FED), strict=True)}
 
 
@@ -92,20 +94,27 @@ def by_secant(parts: Sequence[Observable]) -> frozenset[str]:
     return frozenset(NAMES) - told
 
 
-def told_by(parts: Sequence[Observable]) -> dict[str, float]:
+def told_by(parts: Sequence[Observable], held: Mapping[str, Any] | None = None) -> dict[str, float]:
     """First values of omega_n [rad/s], zeta [-] and gain of every drive; nothing if unknown.
 
     As the drive's first part tells them that can; where none can, they begin at another drive's.
+    A gain that is `held` tells the damping where lines alone do.
     """
     by_drive = {drive: parts_of(drive, parts) for drive in ("", *attached(parts))}
-    found = {drive: _first(own) for drive, own in by_drive.items()}
+    found = {drive: _first(own, _gain_of(held, drive)) for drive, own in by_drive.items()}
     known = next(filter(None, found.values()), {})
     begun = {drive: found[drive] or _with_gain(known, own) for drive, own in by_drive.items()}
     others = {named(n, drive): x for drive, own in begun.items() if drive for n, x in own.items()}
     return begun[""] | others
 
 
-def _first(parts: Sequence[Observable]) -> dict[str, float]:
+def _gain_of(held: Mapping[str, Any] | None, drive: str) -> float | None:
+    """A drive's gain where it is held."""
+    value = (held or {}).get(named("gain", drive) if drive else "gain")
+    return None if value is None else float(value)
+
+
+def _first(parts: Sequence[Observable], gain: float | None) -> dict[str, float]:
     found: dict[str, float] = {}
     if any(part.modes for part in parts):
         for part in parts:  # of several modes each part may tell its own
@@ -114,6 +123,8 @@ def _first(parts: Sequence[Observable]) -> dict[str, float]:
     found = next((found for part in parts if (found := part.first_values())), {})
     if "gain" in found:
         return found
+    if "omega_n" in found and "zeta" not in found:
+        found = {**found, "zeta": _damping(found["omega_n"], gain, lines_of(parts))}
     return _with_gain(found, parts) if found else _through(lines_of(parts))
 
 
@@ -124,6 +135,19 @@ def lines_of(parts: Sequence[Observable]) -> SteadyLines | None:
         return None
     omega, load, motion = (np.concatenate(one) for one in zip(*each, strict=True))
     return SteadyLines(omega, load / motion, np.ones_like(motion))
+
+
+def _damping(omega_n: float, gain: float | None, lines: SteadyLines | None) -> float:
+    r"""Damping ratio of lines U per metre of motion by a gain, to which a joint adds.
+
+    $$\zeta = \min \frac{g\,\mathrm{Im}\,U}{2\,\omega_n\,\omega}$$
+
+    and `DAMPED` where the gain is not known.
+    """
+    if gain is None or lines is None:
+        return DAMPED
+    ratios = gain * lines.load.imag / (2 * omega_n * lines.omega)
+    return float(np.clip(np.min(ratios), LEAST_DAMPED, 1.0))
 
 
 def _with_gain(known: Mapping[str, float], parts: Sequence[Observable]) -> dict[str, float]:

@@ -4,6 +4,7 @@ A kind that is defined elsewhere, in a test or a notebook, joins by `register` a
 every identification whose campaign has such tests.
 """
 
+from jbw.observables.controlled import ControlledPoints
 from jbw.observables.decay import Decays
 from jbw.observables.loops import Loops
 from jbw.observables.modal_decays import ModalDecays
@@ -12,7 +13,14 @@ from jbw.observables.records import Records
 from jbw.observables.steady import Points
 
 # In the order of the parts of a dataset. What a line fit reads of noise is Step 2's to add.
-OBSERVABLES: list[type[Observable]] = [Records, Points, Loops, Decays, ModalDecays]
+OBSERVABLES: list[type[Observable]] = [
+    Records,
+    Points,
+    Loops,
+    Decays,
+    ModalDecays,
+    ControlledPoints,
+]
 
 
 def register(observable: type[Observable]) -> type[Observable]:

@@ -39,7 +39,10 @@ LOOKS = {
 def prediction(name: str, dataset: xr.Dataset) -> Panels:
     """Draw the bands of `jbw.verification.predict` by the report's figure for such a test."""
     if "axis" in dataset.attrs:
-        return verification_groups(_tree(str(dataset.attrs["kind"]), {name: dataset}))
+        apart = {name: dataset}
+        if "unit" in dataset.coords:  # of several units, which no axis has together
+            apart = dict(_groups(dataset))
+        return verification_groups(_tree(str(dataset.attrs["kind"]), apart))
     variables = set(map(str, dataset.data_vars))
     if "record" in dataset.dims:
         if {"measured", "predictive_band"} <= variables:
@@ -59,6 +62,13 @@ def _tree(group: str, datasets: dict[str, xr.Dataset]) -> xr.DataTree:
     """A result that holds nothing but these."""
     safe = {name.replace("/", "\N{DIVISION SLASH}"): one for name, one in datasets.items()}
     return xr.DataTree.from_dict({f"/verification/{group}/{n}": one for n, one in safe.items()})
+
+
+def _groups(dataset: xr.Dataset) -> Iterator[tuple[str, xr.Dataset]]:
+    """Every group of a test by its label, in its unit."""
+    for label, group in dataset.groupby("group"):
+        unit = {"units": str(group["unit"].values[0])}
+        yield str(label), group.assign({n: x.assign_attrs(unit) for n, x in group.items()})
 
 
 def _records(name: str, dataset: xr.Dataset) -> Iterator[tuple[str, xr.Dataset]]:

@@ -12,13 +12,24 @@ what the sensors make of it (`record_test`, `conditions`).
 from jbw.rig.acquisition import RigCampaign, measure
 from jbw.rig.assemblies import JointedModel, Section, lapped_beams, plate_chain, portal_frame
 from jbw.rig.generator import Noise, Sweep
-from jbw.rig.prescribed_motion import Held
-from jbw.rig.presets import LABORATORY, MIXED, MODES, PAPER, SLIDERS, TRUTH, Plan, Preset
+from jbw.rig.prescribed_motion import Held, HeldPoints, Locked, s_curve
+from jbw.rig.presets import (
+    CONTROLLED,
+    LABORATORY,
+    MIXED,
+    MODES,
+    PAPER,
+    SLIDERS,
+    TRUTH,
+    Plan,
+    Preset,
+)
 from jbw.rig.structure import Armature, Shapes, law_of_mode, modal_truth
 from jbw.rig.tightening import Tightening, measure_fleet, tightened
 from jbw.rig.writing import write
 
 __all__ = [
+    "CONTROLLED",
     "LABORATORY",
     "MIXED",
     "MODES",
@@ -27,7 +38,9 @@ __all__ = [
     "TRUTH",
     "Armature",
     "Held",
+    "HeldPoints",
     "JointedModel",
+    "Locked",
     "Noise",
     "Plan",
     "Preset",
@@ -43,6 +56,7 @@ __all__ = [
     "modal_truth",
     "plate_chain",
     "portal_frame",
+    "s_curve",
     "tightened",
     "write",
 ]

@@ -58,7 +58,8 @@ def measure(
     0.0018 for omega_n between assemblies.
 
     Args:
-        preset: "everyday", "laboratory", "paper", "mixed", "modes" or a preset of your own.
+        preset: "everyday", "laboratory", "paper", "mixed", "modes", "controlled" or a preset of
+            your own.
         seed: Seed of everything random.
         joint: The specimen: a `BoucWen` with nu = 1, or an `Oscillator` such as `SLIDERS` of any
             laws; the rig has a code of its own for each (`jbw.rig.law_forces`).
@@ -69,8 +70,8 @@ def measure(
         input_noise_std: Noise of the source's channel [V or N]; the preset's when None.
         force_noise_std: Noise of restoring forces, and of the force that holds a response [N].
         bits: Bits of the converters.
-        distortion_db: Third harmonic of the source in tones, steps and sweeps [dB]; at -60 dB it
-            already rivals the joint's own.
+        distortion_db: Third harmonic of the source in tones, steps, sweeps and the points of a
+            controller [dB]; at -60 dB it already rivals the joint's own.
         delay: Lag of the velocity channel, stated in the tests [s].
         omega_n_cv: Coefficient of variation of omega_n from day to day [-]; the preset's when None.
         zeta_cv: Coefficient of variation of zeta from day to day [-]; the preset's when None.

@@ -26,6 +26,7 @@ from jbw.rig.integrator import Specimen, State, doubles, runge_kutta, specimen_o
 STEPS = 16  # Runge-Kutta steps in a sample of a loop
 POINTS = 512  # steps in a period of a held response
 PERIODS = 40  # until the hysteretic force has forgotten its start
+RISE = 30  # of these, in which the motion grows: a force that starts at once keeps an offset
 ORDERS = np.array([1, 3, 5, 7])
 ROUNDS = 6  # of the higher harmonics, each a hundredth of the one before
 
@@ -59,6 +60,46 @@ class Held:
     dwell: float  # time over which a line is averaged [s]
 
 
+@dataclass(frozen=True)
+class Locked:
+    """Points at which a controller holds the phase, in turn: a backbone at -90 degrees."""
+
+    levels: tuple[float, ...]  # peaks of the displacement's fundamental in turn [m]
+    phase: float = -90.0  # of the displacement to the force [deg]
+    phase_error: float = 0.5  # standard deviation of the phase that is held [deg]
+    amplitude_noise: float = 5e-4  # relative standard deviation of measured amplitudes [-]
+    force_noise: float = 5e-3  # the same of forces [-]
+    frequency_noise: float = 1e-5  # the same of frequencies [-]
+
+    @property
+    def level(self) -> float:
+        """The largest of them [m]."""
+        return max(self.levels)
+
+
+@dataclass(frozen=True)
+class HeldPoints:
+    """Points at which a controller holds the amplitude: S-curves, or curves through their folds.
+
+    By several frequencies at the same amplitudes, one behind the other, a surface of force.
+    """
+
+    frequencies_hz: tuple[float, ...]  # of each point [Hz]
+    levels: tuple[float, ...]  # peaks of the displacement's fundamental, of each point [m]
+    amplitude_noise: float = 5e-4  # relative standard deviation of measured amplitudes [-]
+    force_noise: float = 5e-3  # the same of forces, and of their phases [rad]
+
+    @property
+    def level(self) -> float:
+        """The largest of them [m]."""
+        return max(self.levels)
+
+
+def s_curve(frequency_hz: float, levels: tuple[float, ...], **stated: float) -> HeldPoints:
+    """Amplitudes in turn at one frequency."""
+    return HeldPoints((frequency_hz,) * len(levels), levels, **stated)
+
+
 def pulled(
     joint: Joint | Specimen, growth: Growth, fs: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -72,27 +113,81 @@ def pulled(
 
 def holding_force(joint: Joint | Specimen, held: Held) -> NDArray[np.complex128]:
     """Force F_1 per unit mass at each frequency that holds a response of phase zero [N/kg]."""
-    specimen = specimen_of(joint)
-    omega = 2.0 * np.pi * np.asarray(held.frequencies_hz)[:, None] * ORDERS
+    levels = (held.level,) * len(held.frequencies_hz)
+    return held_points(joint, HeldPoints(held.frequencies_hz, levels))
+
+
+def held_points(
+    joint: Joint | Specimen, points: HeldPoints, distortion: float = 0.0
+) -> NDArray[np.complex128]:
+    """Force F_1 per unit mass of each point that holds a response of phase zero [N/kg].
+
+    The exciter's third harmonic is so large a part of its first, and moves along with its phase.
+    """
+    specimen, level = specimen_of(joint), np.asarray(points.levels)
+    omega = 2.0 * np.pi * np.asarray(points.frequencies_hz)
+    return _held_force(specimen, omega, level, None, distortion)[1]
+
+
+def locked_points(
+    joint: Joint | Specimen, locked: Locked, phase: NDArray[np.float64], distortion: float = 0.0
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    r"""Frequency [Hz] and force per unit mass [N/kg] at which each point has its phase [rad].
+
+    $$\omega^2 - 2\zeta\omega_n \cot\varphi\,\omega - (k + \mathrm{Re}\,Z_1/Y +
+      \cot\varphi\,\mathrm{Im}\,Z_1/Y) = 0$$
+    """
+    specimen, level = specimen_of(joint), np.asarray(locked.levels)
+    start = np.full(level.size, float(specimen.omega_n))
+    omega, force = _held_force(specimen, start, level, phase, distortion)
+    return omega / (2.0 * np.pi), np.abs(force)
+
+
+def _held_force(
+    specimen: Specimen,
+    omega: NDArray[np.float64],
+    level: NDArray[np.float64],
+    phase: NDArray[np.float64] | None,
+    distortion: float,
+) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
+    """Frequencies [rad/s] and fundamental forces [N/kg]; frequencies are those of the phases."""
     k, damping = float(specimen.k), float(specimen.zeta * specimen.omega_n)
-    dynamic = k - omega**2 + 2j * damping * omega
-    motion = np.zeros(omega.shape, complex)
-    motion[:, 0] = held.level
-    z = np.zeros_like(motion)
+    motion = np.zeros((level.size, ORDERS.size), complex)
+    motion[:, 0] = level
+    force = np.zeros(level.size, complex)
     for _ in range(ROUNDS):
-        z = _harmonics(specimen, motion, omega)
-        motion[:, 1:] = -z[:, 1:] / dynamic[:, 1:]
-    return dynamic[:, 0] * motion[:, 0] + z[:, 0]
+        z = _harmonics(specimen, motion, omega[:, None] * ORDERS)
+        if phase is not None:
+            cotangent, z_1 = 1.0 / np.tan(phase), z[:, 0] / level
+            stiffness = k + z_1.real + cotangent * z_1.imag
+            omega = damping * cotangent + np.sqrt((damping * cotangent) ** 2 + stiffness)
+        frequencies = omega[:, None] * ORDERS
+        dynamic = k - frequencies**2 + 2j * damping * frequencies
+        force = dynamic[:, 0] * level + z[:, 0]
+        load = np.zeros_like(motion)
+        # cos 3(theta + psi) beside cos(theta + psi), psi being the force's phase.
+        load[:, 1] = distortion * np.abs(force) * np.exp(3j * np.angle(force))
+        motion[:, 1:] = (load - z)[:, 1:] / dynamic[:, 1:]
+    return omega, force
 
 
 def _harmonics(
     specimen: Specimen, motion: NDArray[np.complex128], omega: NDArray[np.float64]
 ) -> NDArray[np.complex128]:
-    """Odd harmonics of the joint's force along periodic motions, a row each."""
+    r"""Odd harmonics of the joint's force along periodic motions, a row each.
+
+    The motions grow from rest as $\sin^2(\pi t / 2 T)$: small ones forget an offset in thousands of
+    periods.
+    """
     angle = 2.0 * np.pi * np.arange(2 * POINTS) / (2 * POINTS)
     waves = np.exp(1j * np.outer(ORDERS, angle))
-    period = ((1j * omega * motion) @ waves).real
-    velocity = np.concatenate([np.tile(period, PERIODS), period[:, :1]], axis=1)
+    moved, moving = (motion @ waves).real, ((1j * omega * motion) @ waves).real
+    moved, moving = (
+        np.tile(x, PERIODS + 1)[:, : 2 * POINTS * PERIODS + 1] for x in (moved, moving)
+    )
+    rise = np.minimum(np.arange(moved.shape[1]) / (2 * POINTS * RISE), 1.0)
+    slope = 0.5 * np.pi * np.sin(np.pi * rise) * omega[:, :1] / (2.0 * np.pi * RISE)
+    velocity = np.sin(0.5 * np.pi * rise) ** 2 * moving + slope * moved
     h = 2.0 * np.pi / omega[:, 0] / POINTS
     z = np.asarray(_along_each(doubles(specimen), velocity, h))[:, -POINTS - 1 : -1]
     return np.asarray(2.0 / POINTS * z @ np.conj(waves[:, ::2]).T, complex)

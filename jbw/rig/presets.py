@@ -1,4 +1,4 @@
-"""What is measured on the rig: the paper's cantilever, its tests and five ways to measure it.
+"""What is measured on the rig: the paper's cantilever, its tests and six ways to measure it.
 
 `everyday` is a working day of a laboratory: the structure is taken apart and assembled anew between
 three days, of which omega_n scatters by 0.18 % as in the paper and zeta by 3 %; the laser leaves
@@ -19,6 +19,9 @@ is measured well enough to do without the others: noise knows the linear joint, 
 of the resonance its third harmonic, the stepped sine and the sweeps all of it, decays what it
 dissipates, and the loop its stiffness without the resonance.
 
+`controlled` is an afternoon of a controller, the shaker's force measured: a phase-locked backbone,
+points at another phase, both held to half a degree, and an S-curve; and free decays.
+
 `modes` is a structure of three modes with the paper's joint across it, and a shaker whose armature
 moves along: tests about the first mode by its measured force, by its voltage, and a decay with the
 amplifier at zero volts. Its key `drive` says which test is whose.
@@ -34,7 +37,7 @@ from jbw.errors import ConfigError, did_you_mean
 from jbw.oscillator.laws import law_named
 from jbw.oscillator.oscillator import BoucWen, Oscillator
 from jbw.rig.generator import Excitation, Noise, Steps, Sweep, Tone
-from jbw.rig.prescribed_motion import Growth, Held
+from jbw.rig.prescribed_motion import Growth, Held, HeldPoints, Locked, s_curve
 from jbw.rig.structure import Armature, Shapes
 
 TRUTH = BoucWen(omega_n=2 * np.pi * 18.8, zeta=0.00444, alpha=497.40, delta=340.21, gamma=32.84)
@@ -83,7 +86,7 @@ class Plan:
     name: str  # name of the test and of its files
     kind: str  # kind of the campaign's test
     # What the generator plays, or what the joint is taken through.
-    excitation: Excitation | Growth | Held
+    excitation: Excitation | Growth | Held | Locked | HeldPoints
     repeats: int  # how many records
     # Band to use in the identification [Hz], when it should be stated.
     band_hz: tuple[float, float] | None = None
@@ -187,6 +190,19 @@ def _short_programme() -> tuple[Plan, ...]:
     )
 
 
+def _controlled_programme() -> tuple[Plan, ...]:
+    """What a controller measures in an afternoon, a hundred periods a point, and two decays."""
+    levels = tuple(np.geomspace(2e-4, 6e-3, 14).tolist())
+    bursts = [Sweep(BURST_HZ, BURST_HZ, v, burst=6.0, fade=0.1, duration=10.0, settle=6.0)
+              for v in (0.1, 0.4)]  # fmt: skip
+    return (
+        Plan("backbone", "backbone", Locked(levels), repeats=2),
+        Plan("phase_60", "backbone", Locked(levels, phase=-60.0), repeats=2),
+        Plan("s_curve", "curve", s_curve(LOOP_HZ, levels), repeats=2),
+        *(_plan("decay", "decay", burst, 2, "N", band_hz=(15.0, 22.0)) for burst in bursts),
+    )
+
+
 def _everyday_programme(days: int = 3) -> tuple[Plan, ...]:
     """What fits into a morning, once a day: records of 10 s to 6 min."""
     sweeps = (Sweep(10.0, 30.0, v, burst=6.0, fade=0.2, duration=10.0) for v in (0.05, 0.10, 0.20))
@@ -269,7 +285,18 @@ MODES = Preset(
     ),
     armature=Armature(gain=20.0, mass=0.01, damping=1.2, stiffness=300.0),
 )  # fmt: skip
-PRESETS = {preset.name: preset for preset in (EVERYDAY, LABORATORY, PAPER, MIXED, MODES)}
+CONTROLLED = Preset(
+    name="controlled",
+    gain=1.0 / MODAL_MASS,
+    input_range=32.0,
+    velocity_range=2.0,
+    source="force",
+    source_noise_std=50e-6,
+    plans=_controlled_programme(),
+)
+PRESETS = {
+    preset.name: preset for preset in (EVERYDAY, LABORATORY, PAPER, MIXED, MODES, CONTROLLED)
+}
 
 
 def preset_named(preset: str | Preset) -> Preset:

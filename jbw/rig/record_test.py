@@ -4,6 +4,7 @@ import zlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,16 @@ from jbw.rig.generator import (
     draw_phases,
 )
 from jbw.rig.integrator import GRID, Specimen, respond
-from jbw.rig.prescribed_motion import Growth, Held, holding_force, pulled
+from jbw.rig.prescribed_motion import (
+    Growth,
+    Held,
+    HeldPoints,
+    Locked,
+    held_points,
+    holding_force,
+    locked_points,
+    pulled,
+)
 from jbw.rig.presets import Plan, Preset
 from jbw.rig.structure import Assembled, Motion, Shapes, move, of_day
 
@@ -66,9 +76,9 @@ def record_test(
     """A planned test as recorded, or one a day where days differ, and its demands [V or N]."""
     bench, excitation = Bench(plan, rig, conditions), plan.excitation
     demands: Sequence[Samples] = []
-    if rig.shapes is not None and not isinstance(excitation, Growth | Held):
+    if rig.shapes is not None and not isinstance(excitation, Growth | Held | Locked | HeldPoints):
         channels, demands = _shaken_structure(bench, rig.shapes, excitation, days)
-    elif not isinstance(excitation, Growth | Held):
+    elif not isinstance(excitation, Growth | Held | Locked | HeldPoints):
         channels, demands = _shaken(bench, excitation, days)
     elif rig.source != "force":
         raise ConfigError(
@@ -78,8 +88,13 @@ def record_test(
         )
     elif isinstance(excitation, Growth):
         channels = [_pulled(bench, excitation, days[r], r) for r in range(plan.repeats)]
+    elif isinstance(excitation, Locked):
+        channels = [_locked(bench, excitation, days[r], r) for r in range(plan.repeats)]
+    elif isinstance(excitation, HeldPoints):
+        channels = [_points(bench, excitation, days[r], r) for r in range(plan.repeats)]
     else:
         channels = [_held(bench, excitation, days[r], r) for r in range(plan.repeats)]
+    by_lines = isinstance(excitation, Held | Locked | HeldPoints)
     tones: tuple[float, ...] = ()
     if isinstance(excitation, Tone):
         tones = (excitation.frequency_hz,)
@@ -87,7 +102,7 @@ def record_test(
         tones = excitation.frequencies_hz
     records = [
         Record(
-            fs=float("nan") if isinstance(excitation, Held) else conditions.fs,
+            fs=float("nan") if by_lines else conditions.fs,
             channels=record_channels,
             units={role: BY_NAME[role].unit for role in record_channels},
             name=f"{plan.name}_{r + 1:02d}",
@@ -107,6 +122,8 @@ def record_test(
         delay=conditions.delay if "velocity" in channels[0] else 0.0,
         periods=excitation.periods if isinstance(excitation, Multisine) else 1,
         drive=plan.drive,
+        locked_phase=excitation.phase if isinstance(excitation, Locked) else -90.0,
+        amplitude_std=getattr(excitation, "amplitude_noise", 0.0),
     )
     if not conditions.varies:
         return [(test, demands)]
@@ -251,3 +268,40 @@ def _held(bench: Bench, held: Held, specimen: Specimen, repeat: int) -> Channels
         "displacement": np.full(force.size, held.level),
         "phase": -np.angle(force),
     }
+
+
+def _locked(bench: Bench, locked: Locked, specimen: Specimen, repeat: int) -> Channels:
+    """Points at phase resonance or another phase, as far as the controller holds it."""
+    held = np.full(len(locked.levels), locked.phase)
+    phase = np.radians(held + locked.phase_error * _scatter(bench, repeat, 0, held))
+    distortion = bench.conditions.distortion
+    frequency, force = locked_points(specimen, locked, phase, distortion)
+    frequency = frequency * (1.0 + locked.frequency_noise * _scatter(bench, repeat, 3, held))
+    return {"frequency": frequency, **_read_points(bench, locked, force, phase, repeat)}
+
+
+def _points(bench: Bench, points: HeldPoints, specimen: Specimen, repeat: int) -> Channels:
+    """Points at amplitudes that are held."""
+    held = held_points(specimen, points, bench.conditions.distortion)
+    phase = -np.angle(held) + points.force_noise * _scatter(bench, repeat, 3, held)
+    frequency = np.asarray(points.frequencies_hz)
+    return {"frequency": frequency, **_read_points(bench, points, np.abs(held), phase, repeat)}
+
+
+def _read_points(
+    bench: Bench, excitation: Locked | HeldPoints, force: Samples, phase: Samples, repeat: int
+) -> Channels:
+    """Force, amplitude and phase of points as they are read."""
+    level, noise = np.asarray(excitation.levels), excitation.amplitude_noise
+    read = force / bench.rig.gain
+    return {
+        "force": read * (1.0 + excitation.force_noise * _scatter(bench, repeat, 1, force)),
+        "displacement": level * (1.0 + noise * _scatter(bench, repeat, 2, force)),
+        # Across the phasor the same noise turns it.
+        "phase": phase + noise * _scatter(bench, repeat, 4, force),
+    }
+
+
+def _scatter(bench: Bench, repeat: int, number: int, like: NDArray[Any]) -> Samples:
+    """Standard normal numbers of one channel of one repeat, one a point."""
+    return bench.stream(repeat, number).standard_normal(like.size)

@@ -36,6 +36,9 @@ _PURPOSE = {
     "decay": "Free decay after a burst: softening and dissipation, without any force.",
     "pull": "Loop under a prescribed displacement: stiffness and hysteretic force.",
     "curve": "Response curve, the response held by a controller.",
+    "backbone": "Phase-locked backbone: frequency, force and amplitude at phase resonance.",
+    "phase": "Points at another phase that a controller holds.",
+    "s": "S-curve: the force that holds each amplitude at one frequency.",
 }
 
 
@@ -138,6 +141,8 @@ def _test_text(test: Test) -> str:
         "periods": test.periods if test.periods > 1 else None,
         "run": test.run or None,
         "drive": test.drive or None,
+        "locked_phase": test.locked_phase if test.locked_phase != -90.0 else None,
+        "amplitude_std": test.amplitude_std or None,
         "channels": {role: role for role in record.channels},
         "units": {role: record.units[role] for role in record.channels},
     }

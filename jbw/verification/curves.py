@@ -47,6 +47,8 @@ def curves_of(tests: Sequence[Test], of_tones: str = "") -> dict[str, Curve]:
     found: dict[str, Curve] = {}
     tones: dict[float, list[Test]] = {}
     for test in tests:
+        if test.traits.is_controlled:
+            continue
         if test.traits.is_curve:
             found[test.name] = Curve([curve_group(test)], test)
         elif test.traits.is_stepped:

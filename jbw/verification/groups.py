@@ -76,7 +76,8 @@ def groups_of(source: Source, test: Test, part: Repeated) -> Iterator[Group]:
     plain = np.abs if part.is_complex else np.asarray
     for i, label in enumerate(part.labels):
         kept = part.compared(i)
-        noise = noise_of(source.basis, test, of_repeats(part.repeats, i), label=label)
+        known, behind = of_repeats(part.repeats, i), label.removeprefix(test.name)
+        noise = noise_of(source.basis, test, known, label=label, behind=behind)
         yield Group(
             plain(np.asarray(part.mean)[i][kept]),
             plain(every[:, i][:, kept]),

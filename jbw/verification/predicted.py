@@ -112,9 +112,18 @@ def _prediction(theta: Mapping[str, Array], predict_and_args: Any) -> PyTree:
 
 
 def noise_of(
-    basis: Basis, test: Test, repeated: Noise = NOT_KNOWN, *, label: str = "", order: int = 0
+    basis: Basis,
+    test: Test,
+    repeated: Noise = NOT_KNOWN,
+    *,
+    label: str = "",
+    order: int = 0,
+    behind: str = "",
 ) -> Noise:
-    """Noise of one repeat: as fitted, as its repeats tell, or the mean of fitted tests alike."""
+    """Noise of one repeat: as fitted, as its repeats tell, or the mean of fitted tests alike.
+
+    `behind` is what stands behind the test's name in the label of its group, where it has several.
+    """
     known, wanted = noise_by_label(basis.posterior), seen_of(test)
     # Kind, source and response of a test that was called so before may be others.
     if (label or test.name) in known and basis.seen.get(test.name, wanted)[:3] == wanted[:3]:
@@ -128,7 +137,7 @@ def noise_of(
             name: (one.level, known[name])
             for test_name, one in {**basis.seen, test.name: wanted}.items()
             if (one.kind, one.response) == (wanted.kind, wanted.response)
-            for name in _labels(test_name, one, order)
+            for name in _labels(test_name + behind, one, order)
             if name in known
         }
     near = [std for level, std in alike.values() if level == test.level]

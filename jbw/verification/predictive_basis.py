@@ -245,7 +245,9 @@ def seen_of(test: Test) -> Seen:
         return Seen(test.kind, "N", "restoring_force", *place)
     source = record.source if any(role in record.channels for role in INPUTS) else ""
     response = next((role for role in RESPONSES if role in record.channels), "")
-    if test.traits.is_curve:
+    if test.traits.is_controlled:
+        response = source
+    elif test.traits.is_curve:
         curve = response_curve(record)
         if curve.is_ratio:
             response = f"{response} ratio"

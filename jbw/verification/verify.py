@@ -27,6 +27,7 @@ from jbw.observables.decay import Decays
 from jbw.observables.drives import of_drive
 from jbw.quantities import MODES, derivative_order
 from jbw.verification.backbone import CARRIED_ON, amplitude_verification
+from jbw.verification.controlled import PLACE, predict_apart
 from jbw.verification.curves import curves_of, predict_curves
 from jbw.verification.decays import verify_decays
 from jbw.verification.groups import has_groups_alone
@@ -201,6 +202,10 @@ def _verify_forced(
         one = route_of(test)(beside(test, NUM_FEW if test.is_cyclic else NUM_DRAWS), test)
         add(test.kind, test.name, test, one)
 
+    def add_points(test: Test) -> None:
+        for name, one in predict_apart(beside(test), test):
+            add(PLACE, name, test, one)
+
     def add_validation(test: Test) -> None:
         validated = loop_validation(test, beside(test).draws, basis.laws)
         marked = validated.assign_attrs(scatter=int(basis.scatters(test)))
@@ -228,6 +233,8 @@ def _verify_forced(
     for test in tests:
         if test.traits.is_prescribed or test.is_cyclic or has_groups_alone(test):
             attempt(test, partial(add_test, test))
+        elif test.traits.is_controlled:
+            attempt(test, partial(add_points, test))
     for test in loops:
         attempt(test, partial(add_validation, test), "loop of ")
     return groups

@@ -4,6 +4,7 @@ Harmonics are stored as real arrays of shape (2, harmonic): real and imaginary p
 orders 1, 3, 5, ... of y = Re sum q_n exp(j n theta).
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 from functools import partial, reduce
 from operator import add
@@ -106,15 +107,31 @@ def refined(
     joint = as_oscillator(joint)
     require_periodic(joint)
 
-    def packed_imbalance(packed: Packed) -> Packed:
-        return pack(imbalance(joint, omega, unpack(packed), load))
+    def packed_imbalance(x: Float[Array, " unknown"]) -> Float[Array, " unknown"]:
+        return pack(imbalance(joint, omega, unpack(x.reshape(2, -1)), load)).ravel()
 
-    packed, size = pack(start), 2 * start.shape[0]
-    for _ in range(num_steps):
-        packed = jax.lax.stop_gradient(packed)
-        slope = jax.lax.stop_gradient(jax.jacfwd(packed_imbalance)(packed)).reshape(size, size)
-        packed -= jnp.linalg.solve(slope, packed_imbalance(packed).ravel()).reshape(packed.shape)
+    packed = newton_steps(packed_imbalance, pack(start).ravel(), num_steps).reshape(2, -1)
     return unpack(packed)
+
+
+def newton_steps(
+    function: Callable[[Float[Array, " unknown"]], Float[Array, " unknown"]],
+    x: Float[Array, " unknown"],
+    num_steps: int,
+) -> Float[Array, " unknown"]:
+    r"""A few steps of Newton's iteration, $x \leftarrow x - f_x^{-1} f(x)$, from a close guess.
+
+    Derivatives are those of the last step, which are the implicit ones where it has converged.
+    """
+
+    def step(_: Any, x: Float[Array, " unknown"]) -> Float[Array, " unknown"]:
+        slope = jax.lax.stop_gradient(jax.jacfwd(function)(x))
+        return x - jnp.linalg.solve(slope, function(x))
+
+    x = jax.lax.stop_gradient(x)
+    if num_steps > 1:  # compiled once for all of them
+        x = jax.lax.stop_gradient(jax.lax.fori_loop(0, num_steps - 1, step, x))
+    return step(None, x)
 
 
 def residual(packed: Packed, problem: tuple[Unit, Scalar], max_turns: int) -> Packed:

@@ -1,0 +1,153 @@
+"""Controlled tests of the virtual rig, identified: z-scores of the truth over many campaigns.
+
+    python benchmarks/controlled_scores.py [CAMPAIGN ...] [--campaigns 30] [--seeds 3]
+
+A campaign is one of `CAMPAIGNS`; seeds are counted in blocks, so that `--seeds 3` takes campaigns 0
+to 29, 1000 to 1029 and 2000 to 2029. Ends with 1 where a Kolmogorov-Smirnov test of any parameter's
+z-scores against the standard normal has p below 1e-4.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import kstest
+
+import jbw
+from jbw import rig
+from jbw.campaign.settings import Identify
+from jbw.identification.assemble import assemble, measured
+from jbw.identification.prepare import prepare
+from jbw.inference.generator import parts_of
+from jbw.inference.samplers.sampling import sample
+from jbw.observables.dataset import log_likelihood
+
+# A joint that softens by more than the width of its resonance: its S-curves fold twice.
+FOLDED = jbw.BoucWen(rig.TRUTH.omega_n, 0.003, 3000.0, 340.21, 3.0)
+FOLDED_HZ, FOLDED_LEVELS = 18.2, tuple(np.geomspace(3e-4, 6e-3, 16).tolist())
+DISTORTION_DB = -40.0  # of the exciter
+NUM_DRAWS = 500
+LEAST_P = 1e-4
+BLOCK = 1000  # seeds apart
+
+
+FOLDING = replace(
+    rig.CONTROLLED,
+    name="folding",
+    plans=(
+        *(plan for plan in rig.CONTROLLED.plans if plan.name != "s_curve"),
+        rig.Plan("s_curve", "curve", rig.s_curve(FOLDED_HZ, FOLDED_LEVELS), 2),
+    ),
+)
+
+
+class Design(NamedTuple):
+    """Which tests of which joint are identified together."""
+
+    preset: rig.Preset
+    joint: jbw.BoucWen
+    tests: tuple[str, ...]
+    knows_mass: bool  # whether the modal mass is stated, which points at one phase hardly tell
+
+
+CAMPAIGNS = {
+    "backbone": Design(rig.CONTROLLED, rig.TRUTH, ("backbone",), True),
+    "phase": Design(rig.CONTROLLED, rig.TRUTH, ("phase_60",), True),
+    "s_curve": Design(FOLDING, FOLDED, ("s_curve",), True),
+    "decays": Design(
+        rig.CONTROLLED,
+        rig.TRUTH,
+        ("backbone", "phase_60", "s_curve", "decay_0p10N", "decay_0p40N"),
+        False,
+    ),
+}
+
+
+class Score(NamedTuple):
+    """One campaign: (posterior mean - truth) / posterior sd by parameter, and how it was drawn."""
+
+    z: dict[str, float]
+    khat: float
+    chi_square: float  # a degree of freedom
+
+
+def scored(design: Design, seed: int) -> Score:
+    """One campaign measured and identified, from the truth on: about its own fit drawn again."""
+    campaign = rig.measure(
+        design.preset,
+        seed=seed,
+        joint=design.joint,
+        tests=design.tests,
+        distortion_db=DISTORTION_DB,
+    )
+    truth = {**campaign.truth["joint"], "gain": campaign.truth["gain"]}
+    gain = truth["gain"] if design.knows_mass else None
+    seen = measured(campaign.tests, Identify(), gain=gain)
+    keys = parts_of(jax.random.key(seed), 3)
+    ready = prepare(keys[:2], assemble(seen), seen.settings, truth)
+    drawn = sample(
+        keys[2], log_likelihood, ready.box, ready.data, sampler="importance", num_chains=1,
+        num_samples=NUM_DRAWS, start=ready.fit.theta, covariance=ready.fit.covariance,
+    )  # fmt: skip
+    draws = drawn["posterior"].to_dataset()
+    z = {n: float((draws[n].mean() - truth[n]) / draws[n].std()) for n in draws if n in truth}
+    chi_square, degrees = ready.fit.chi_square
+    return Score(z, float(drawn.attrs["khat"]), chi_square / degrees)
+
+
+def told(name: str, blocks: Sequence[Sequence[Score]]) -> Iterator[str]:
+    """A line a block and parameter: mean, deviation and the test of its z-scores."""
+    for number, block in enumerate(blocks):
+        for parameter in block[0].z:
+            z = np.array([score.z[parameter] for score in block])
+            yield (
+                f"{name:8s} seeds {BLOCK * number}+{len(z)} {parameter:8s} mean {z.mean():+.2f} "
+                f"sd {z.std(ddof=1):.2f} p {p_value(z):.2g}"
+            )
+
+
+def p_value(z: NDArray[np.float64]) -> float:
+    """Of Kolmogorov's and Smirnov's test against the standard normal."""
+    return float(kstest(z, "norm").pvalue)
+
+
+def score_campaigns(
+    name: str, campaigns: int, seeds: int, report: Callable[[str], None] = print
+) -> list[list[Score]]:
+    """Campaigns of every block of seeds."""
+    blocks = []
+    for block in range(seeds):
+        rows = []
+        for seed in range(BLOCK * block, BLOCK * block + campaigns):
+            rows.append(scored(CAMPAIGNS[name], seed))
+            shown = " ".join(f"{n} {z:+.2f}" for n, z in rows[-1].z.items())
+            report(f"{name} {seed}: {shown}; k-hat {rows[-1].khat:.2f}, {rows[-1].chi_square:.2f}")
+        blocks.append(rows)
+    return blocks
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("names", nargs="*", default=list(CAMPAIGNS), metavar="CAMPAIGN")
+    parser.add_argument("--campaigns", type=int, default=30)
+    parser.add_argument("--seeds", type=int, default=3)
+    asked = parser.parse_args()
+    jbw.enable_x64()
+    worst = 1.0
+    for name in asked.names:
+        blocks = score_campaigns(name, asked.campaigns, asked.seeds)
+        print(*told(name, blocks), sep="\n")
+        for block in blocks:
+            for parameter in block[0].z:
+                worst = min(worst, p_value(np.array([score.z[parameter] for score in block])))
+    print(f"least p {worst:.2g}")
+    return int(worst < LEAST_P)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,150 @@
+"""Whether the points of a controlled test can be what they are said to be: sign, phase, branch."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from jbw.measurement.channels import Reals
+from jbw.measurement.checks import Fault, doubt, refusal
+from jbw.measurement.curves import ControlledCurve, controlled_curve
+from jbw.measurement.records import INPUTS, Record
+
+FEWEST_POINTS = 3
+LISTED = 8  # points named in a message
+JUMP = 0.3  # of log amplitude from one point to the next, at least: by a third
+SHIFT = 0.01  # of the frequency of a backbone from one point to the next, at least
+TIMES = 8.0  # the median step, for one that jumps
+TURN = np.radians(20.0)  # by which the phase jumps too, where it is known
+SAME = 1e-6  # of a frequency: points of one S-curve
+
+
+class Control(NamedTuple):
+    """What a controller was to hold, and what is named of it."""
+
+    locked_phase: float | None  # of the displacement to the force [deg]; None where it is not held
+    tolerance: float = 5.0  # of a measured phase about it [deg]
+    names_jumps: bool = True
+
+
+def uncontrolled(record: Record, control: Control) -> Iterator[Fault]:
+    """Refusals of too few points and of amplitudes below zero; doubts about phases and branches."""
+    role, lines = record.response, record.valid
+    channels = {name: samples[lines] for name, samples in record.channels.items()}
+    for name in ("frequency", *INPUTS):
+        if name in channels and not np.all(channels[name] > 0):
+            yield refusal(
+                name,
+                f"The {name} of every point must be positive, but that of point "
+                f"{1 + int(np.argmin(record.channels[name] > 0))} is not.",
+                remedy="Give amplitudes, not instantaneous values; correct the polarity in the "
+                "response.",
+            )
+            return
+    curve = controlled_curve(record).at(lines)
+    if len(curve.freq_hz) < FEWEST_POINTS or not np.all(curve.amplitude > 0):
+        yield refusal(
+            role,
+            f"A controlled test needs {FEWEST_POINTS} points of some motion, but "
+            f"{int(np.sum(curve.amplitude > 0))} were found.",
+            remedy="Measure more levels.",
+        )
+        return
+    numbers = 1 + np.flatnonzero(lines)
+    if curve.phase is not None and np.median(np.sin(curve.phase)) > 0:
+        yield _turned(role, curve)
+        return
+    if curve.phase is not None and control.locked_phase is not None:
+        yield from _off_phase(role, curve.phase, numbers, control)
+    if control.names_jumps:
+        yield from _jumps(role, curve, numbers, is_locked=control.locked_phase is not None)
+
+
+def _turned(role: str, curve: ControlledCurve) -> Fault:
+    """The doubt that a displacement leads the force, which then takes energy out."""
+    phase = np.zeros(1) if curve.phase is None else curve.phase
+    lowest = np.argsort(curve.freq_hz)[: max(1, len(curve.freq_hz) // 4)]
+    # Far below the resonance a displacement goes with its force: turned over, it goes against it.
+    over = np.mean(np.cos(phase[lowest])) < -0.5
+    remedy = "Put under [[test]]: `conjugate = true`."
+    if over:
+        remedy = f"Put under [[test]]: `scale = {{ {role} = -1.0 }}`."
+    return doubt(
+        role,
+        f"The displacement leads the force by {np.degrees(np.median(phase)):.3g} degrees: "
+        "the force takes energy out.",
+        "A wrong sign gives a joint with negative damping.",
+        remedy,
+    )
+
+
+def _off_phase(role: str, phase: Reals, numbers: Reals, control: Control) -> Iterator[Fault]:
+    """The doubt that a controller missed the phase that it was to hold."""
+    held = control.locked_phase or 0.0
+    error = np.degrees(np.angle(np.exp(1j * (phase - np.radians(held)))))
+    off = np.abs(error) > control.tolerance
+    if not off.any():
+        return
+    middle = float(np.median(error))
+    if abs(middle) > control.tolerance and np.all(np.abs(error - middle) <= control.tolerance):
+        remedy = f"Put under [[test]]: `locked_phase = {round(held + middle):g}`."
+    else:
+        most = float(np.ceil(np.abs(error).max()))
+        remedy = (
+            "Their measured phase counts, so that they are no error of the fit; points that were "
+            'not steady are left out as NaN with gaps = "mask". Where they were: '
+            f"Put under [[test]]: `phase_tolerance = {most:g}`."
+        )
+    yield doubt(
+        role,
+        f"The phase of {_named(numbers[off])} lies up to {np.abs(error).max():.3g} degrees from "
+        f"the {held:g} degrees that were to be held.",
+        "A backbone is measured at one phase; beside it frequency and force are others.",
+        remedy,
+    )
+
+
+def _jumps(
+    role: str, curve: ControlledCurve, numbers: Reals, *, is_locked: bool
+) -> Iterator[Fault]:
+    """The doubt that the motion jumped to another branch from one point to the next."""
+    steps = _steps_apart(curve, is_locked=is_locked)
+    if not steps.any():
+        return
+    first = int(np.flatnonzero(steps)[0])
+    pairs = [f"{numbers[i]} and {numbers[i + 1]}" for i in np.flatnonzero(steps)[:LISTED]]
+    said = (
+        f"the frequency jumps from {curve.freq_hz[first]:.5g} to {curve.freq_hz[first + 1]:.5g} Hz"
+        if is_locked
+        else f"the amplitude jumps from {curve.amplitude[first]:.3g} to "
+        f"{curve.amplitude[first + 1]:.3g} m"
+    )
+    yield doubt(
+        role,
+        f"Between points {', '.join(pairs)} {said}: to another branch.",
+        "A controlled test follows one branch; a point beside a jump may not have been steady.",
+        'Leave such points out as NaN with gaps = "mask", or measure between them. Where they '
+        'were steady: Put under [[test]]: `jumps = "keep"`.',
+    )
+
+
+def _steps_apart(curve: ControlledCurve, *, is_locked: bool) -> np.ndarray:
+    """Which steps from a point to the next are far longer than the others."""
+    moved = np.abs(np.diff(np.log(curve.freq_hz)))
+    if is_locked:
+        return moved > max(SHIFT, TIMES * float(np.median(moved)))
+    grown = np.abs(np.diff(np.log(curve.amplitude)))
+    within = np.ones(len(grown), bool)
+    if np.mean(moved < SAME) > 0.5:  # S-curves, one behind the other: the next begins anew
+        within = moved < SAME
+    usual = float(np.median(grown[within]))
+    apart = within & (grown > max(JUMP, TIMES * usual))
+    if curve.phase is not None:
+        apart &= np.abs(np.angle(np.exp(1j * np.diff(curve.phase)))) > TURN
+    return apart
+
+
+def _named(numbers: Reals) -> str:
+    shown = ", ".join(str(number) for number in numbers[:LISTED])
+    more = f" and {len(numbers) - LISTED} more" if len(numbers) > LISTED else ""
+    return f"point {shown}" if len(numbers) == 1 else f"points {shown}{more}"

@@ -1,0 +1,509 @@
+r"""Points of a controlled test: at the amplitude that was measured, the force that holds it.
+
+A controller holds the phase (a backbone, or points at another phase) or the amplitude (S-curves,
+response curves through their unstable branch, surfaces of force). Predicted is what is not held, at
+the amplitude that was measured, by a harmonic balance condensed to it
+(`oscillator.steady.controlled`): no point has another branch to jump to.
+
+| held | measured and taken as known | compared |
+|---|---|---|
+| phase | amplitude, phase | frequency [Hz], force |
+| amplitude | amplitude, frequency | phase [rad], force |
+
+A group is what is compared of one test, with a noise of its own: that of a force is a part of it.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any, ClassVar, NamedTuple, Self
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Bool, Float, Int
+from scipy.optimize import minimize_scalar
+
+from jbw.errors import DataError
+from jbw.measurement.curves import ControlledCurve, controlled_curve
+from jbw.measurement.records import Test
+from jbw.observables.line_fit import LEAST_LINES, oscillator_through
+from jbw.observables.observable import Laws, Rows, SteadyLines, Theta, run_of
+from jbw.observables.repeated import Repeated
+from jbw.observables.repeats import Repeats, filled, repeats
+from jbw.observables.residual_terms import receptance, taken
+from jbw.oscillator.oscillator import oscillator_of
+from jbw.oscillator.steady.controlled import force_at, tone_at_phase
+from jbw.quantities import DEFAULT_LAWS
+
+HALF_WIDTH = 0.01  # of a frequency, until a fit tells the damping
+FEW = 0.25  # of the points, those of least motion, by which the natural frequency begins
+LEAST_NOISE = 1e-3  # of what a fit leaves: the noise beside that of the amplitude, at least
+QUANTITIES = ("frequency", "phase", "force")
+INPUTS = ("amplitude", "phase")  # measured and taken as known, by whose errors a group is noisy
+MOMENTS = 4  # variables of a point that scatter: what is not the force, force, log Y, phase
+
+
+class Row(NamedTuple):
+    """One group: which test, and what of it is compared."""
+
+    test: int
+    quantity: str  # one of `QUANTITIES`
+
+
+class ControlledPoints(Repeated):
+    """Points of controlled tests, a group for frequency or phase and one for the force of each.
+
+    Attributes:
+        omega: Measured frequency of every point [rad/s]; 1 behind a test's last.
+        amplitude: Measured amplitude of the displacement [m]; that of the last behind it.
+        phase: Measured, or held, phase of the displacement to the force [rad]; NaN where neither.
+        load: Measured amplitude of the source [N, V or N/kg]; NaN where not measured.
+        counted: 1 for a point, 0 behind a test's last.
+        mean: What is compared, in its unit; zero behind a group's last.
+        scale: Noise of every value over its geometric mean, a number about 1.
+        mixed: By how much a group goes with the misfit of the force, both by the amplitude's noise.
+        moments: Scatter of the repeats of every point, products of deviations summed over repeats:
+            of what is compared beside the force, the force, log amplitude and phase.
+        amplitude_std: Relative standard deviation of each test's amplitudes, as stated.
+        size: Of each group, by which its errors are relative: mean force, half width of the
+            resonance [Hz], one radian.
+        rows: What each group is; static.
+        is_locked: Whether the phase is held, so that the frequency is predicted; static.
+        unit_of_source: Unit of the forces; static.
+    """
+
+    kinds: ClassVar[tuple[str, ...]] = ("backbone", "curve")
+    suffix: ClassVar[str] = "_controlled"
+    dimension: ClassVar[str] = "controlled"
+    several: ClassVar[bool | None] = False
+
+    omega: Float[Array, "test point"]
+    amplitude: Float[Array, "test point"]
+    phase: Float[Array, "test point"]
+    load: Float[Array, "test point"]
+    counted: Float[Array, "test point"]
+    mean: Float[Array, "group point"]
+    scale: Float[Array, "group point"]
+    mixed: Float[Array, "group point"]
+    moments: Float[Array, "test point variable variable"]
+    amplitude_std: Float[Array, " test"]
+    size: Float[Array, " group"]
+    repeats: Repeats
+    rows: tuple[Row, ...] = eqx.field(static=True)
+    is_locked: bool = eqx.field(static=True)
+    unit_of_source: str = eqx.field(static=True)
+
+    @classmethod
+    def reduce(
+        cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
+    ) -> tuple["ControlledPoints", ...]:
+        """Means of the repeats of all points; apart by what is held, known and taken besides."""
+        families: dict[tuple[Any, ...], list[tuple[Test, list[ControlledCurve]]]] = {}
+        for test in tests:
+            held = test.locked_phase if test.traits.is_locked else float("nan")
+            curves = [controlled_curve(record, held) for record in test.records]
+            _require_alike(test, curves)
+            own = _without_lost_points(curves)
+            form = test.traits.is_locked, own[0].force is not None, test.residuals
+            families.setdefault(form, []).append((test, own))
+        return tuple(
+            (cls if forced else Frequencies).of(family, laws, residuals, is_locked=locked)
+            for (locked, forced, residuals), family in families.items()
+        )
+
+    @classmethod
+    def of(
+        cls,
+        family: Sequence[tuple[Test, Sequence[ControlledCurve]]],
+        laws: Laws,
+        residuals: str,
+        *,
+        is_locked: bool,
+    ) -> Self:
+        """Tests of one form side by side."""
+        if residuals == "own":
+            raise DataError(
+                f"`residuals` = 'own' must be of a test whose response is compared, but in "
+                f"{family[0][0].name} the force is.",
+                why="Where the force is compared, a residual term changes it through the joint's "
+                "law.",
+                remedy="State `upper` or `both`, which all tests share.",
+            )
+        groups = [
+            (Row(number, quantity), values)
+            for number, (_, curves) in enumerate(family)
+            for quantity, values in _compared(curves, is_locked=is_locked)
+        ]
+        means = [values.mean(axis=0) for _, values in groups]
+        sizes = np.array([_size(row, mean) for (row, _), mean in zip(groups, means, strict=True)])
+        scales = [_first_scale(row, mean) for (row, _), mean in zip(groups, means, strict=True)]
+        lengths = np.array([len(mean) for mean in means], float)
+        inputs = [_mean_inputs(curves) for _, curves in family]
+        forces = [_mean_force(curves) for _, curves in family]
+        names = [test.name for test, _ in family]
+        moments = [_moments(curves, is_locked=is_locked) for _, curves in family]
+        longest = int(max(lengths))
+        source = family[0][0].records[0]
+        data = cls(
+            omega=filled([one[0] for one in inputs], "edge"),
+            amplitude=filled([one[1] for one in inputs], "edge"),
+            phase=filled([one[2] for one in inputs], "edge"),
+            load=filled(forces, "edge"),
+            counted=filled([np.ones(len(one[0])) for one in inputs]),
+            mean=filled(means),
+            scale=filled(scales, "edge"),
+            mixed=jnp.zeros((len(means), longest)),
+            moments=jnp.asarray(
+                np.stack([np.pad(m, ((0, longest - len(m)), (0, 0), (0, 0))) for m in moments])
+            ),
+            amplitude_std=jnp.asarray([test.amplitude_std for test, _ in family]),
+            size=jnp.asarray(sizes),
+            repeats=repeats(
+                within=np.array(
+                    [
+                        np.sum(((values - mean) / scale) ** 2)
+                        for (_, values), mean, scale in zip(groups, means, scales, strict=True)
+                    ]
+                ),
+                num_repeats=np.array([len(values) for _, values in groups]),
+                sizes=lengths,
+                longest=longest,
+                labels=[f"{names[row.test]} {row.quantity}" for row, _ in groups],
+                runs=[run_of(family[row.test][0]) for row, _ in groups],
+                scale=sizes,
+            ),
+            rows=tuple(row for row, _ in groups),
+            is_locked=is_locked,
+            unit_of_source="" if np.isnan(forces[0]).all() else source.units[source.source],
+            laws=laws,
+            residuals=residuals,
+        )
+        return data
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Hertz, radian, or the source's."""
+        known = {"frequency": "Hz", "phase": "rad", "force": self.unit_of_source}
+        return tuple(known[row.quantity] for row in self.rows)
+
+    def predict(self, theta: Theta) -> Float[Array, "group point"]:
+        """Frequency [Hz] or phase [rad], and force in the source's unit, of every group."""
+        return self._at(theta, self.amplitude, self.phase)
+
+    def _at(
+        self, theta: Theta, amplitude: Float[Array, "test point"], phase: Float[Array, "test point"]
+    ) -> Float[Array, "group point"]:
+        """The same at other amplitudes [m] and phases [rad]."""
+        joint, gain = oscillator_of(theta, self.laws), theta["gain"]
+        y, phi = self._of_joint(theta, amplitude, phase)
+        if self.is_locked:
+            tone = partial(tone_at_phase, joint)
+            omega, force = jax.vmap(jax.vmap(tone))(y, phi)
+            beside = omega / (2 * np.pi)
+        else:
+            held = jax.vmap(jax.vmap(partial(force_at, joint)))(self.omega, y) / gain
+            # Where no term is added the phase of the joint's motion is that of the motion.
+            beside, force = -jnp.angle(held) - (phi - phase), jnp.abs(gain * held)
+        by_quantity = {"force": force / jnp.abs(gain)}
+        return jnp.stack(
+            [by_quantity.get(row.quantity, beside)[row.test] for row in self.rows]
+        )  # fmt: skip
+
+    def _of_joint(
+        self, theta: Theta, amplitude: Float[Array, "test point"], phase: Float[Array, "test point"]
+    ) -> tuple[Float[Array, "test point"], Float[Array, "test point"]]:
+        r"""Amplitude and phase of the joint's own motion, $Y e^{j\varphi} - R(\omega) g F$."""
+        terms = taken(theta, self.residuals)
+        if not terms or self.unit_of_source == "":
+            return amplitude, phase
+        known = jnp.where(jnp.isfinite(phase), phase, -0.5 * jnp.pi)
+        moved = amplitude * jnp.exp(1j * known)
+        own = moved - receptance(terms, self.omega) * theta["gain"] * self.load
+        return jnp.abs(own), phase + jnp.angle(own / moved)
+
+    def misfit(self, theta: Theta) -> Float[Array, "group point"]:
+        """Measured less predicted over the noise's course, without what goes with the force's."""
+        return self._together(self._left_over(theta))
+
+    def _left_over(self, theta: Theta) -> Float[Array, "group point"]:
+        """Measured less predicted, in the units of the groups; phases the short way round."""
+        left = self.mean - self.predict(theta)
+        turned = jnp.array([row.quantity == "phase" for row in self.rows])[:, None]
+        left = jnp.where(turned, jnp.angle(jnp.exp(1j * left)), left)
+        return self._counted * left
+
+    def _together(self, rows: Float[Any, "group point"]) -> Float[Array, "group point"]:
+        """Rows of groups as the misfit has them."""
+        return (rows - self.mixed * rows[self._force_of_test]) / self.scale
+
+    @property
+    def _counted(self) -> Float[Array, "group point"]:
+        return self.counted[np.array([row.test for row in self.rows])]
+
+    @property
+    def _force_of_test(self) -> Int[np.ndarray, " group"]:
+        """Number of the group that holds the force of the same test; a group's own without one."""
+        forces = {row.test: i for i, row in enumerate(self.rows) if row.quantity == "force"}
+        return np.array([forces.get(row.test, i) for i, row in enumerate(self.rows)])
+
+    def measured_rows(self) -> Float[Array, "group point"]:
+        """Means as the misfit has them."""
+        return self._together(self.mean)
+
+    def sizes(self) -> dict[str, float]:
+        """What every group's errors are relative to, over the root of the number of its values."""
+        size = np.asarray(self.size) * np.sqrt(np.asarray(self.repeats.size))
+        return dict(zip(self.labels, size.tolist(), strict=True))
+
+    def spread(self, group: int) -> Float[np.ndarray, " value"]:
+        """Noise of every value by itself, over the noise of its group."""
+        kept, force = self.compared(group), self._force_of_test[group]
+        scale, mixed = (np.asarray(x)[group][kept] for x in (self.scale, self.mixed))
+        noise = np.asarray(self.repeats.noise_std)
+        beside = mixed * np.asarray(self.scale)[force][kept] * noise[force] / noise[group]
+        return np.hypot(scale, beside)
+
+    def relative_to(self, group: int) -> Float[np.ndarray, " value"]:
+        """What the errors of every value are relative to, in its unit: of a force the force."""
+        mean = np.asarray(self.mean)[group][self.compared(group)]
+        is_force = self.rows[group].quantity == "force"
+        return mean if is_force else np.full(len(mean), float(self.size[group]))
+
+    def coordinate(self, group: int) -> tuple[str, str, Float[np.ndarray, " value"]]:
+        """Amplitudes of the displacement."""
+        values = np.asarray(self.amplitude)[self.rows[group].test]
+        return "displacement", "m", values[self.compared(group)]
+
+    def with_fitted_noise(self, theta: Theta, left: Rows) -> Self:
+        """The data with the noise that a fit leaves, and what of it the amplitude's noise is."""
+        rows = np.zeros(self.mean.shape)
+        for i, label in enumerate(self.labels):
+            rows[i, : len(left[label])] = np.real(left[label])
+        raw = rows * np.asarray(self.scale)
+        raw += np.asarray(self.mixed) * raw[self._force_of_test]
+        carried = self._carrying(theta, raw)
+        together = np.asarray(carried._together(raw))
+        own = {label: together[i][self.compared(i)] for i, label in enumerate(self.labels)}
+        return super(ControlledPoints, carried).with_fitted_noise(theta, own)
+
+    def _carrying(self, theta: Theta, left: Float[np.ndarray, "group point"]) -> Self:
+        r"""The data with the noise of amplitude and phase carried through the model at a point.
+
+        $$r_i = \epsilon_i + s_i\,\eta_i, \qquad s_i = \partial m_i / \partial \ln Y_i$$
+
+        where all groups of a test share the errors eta of its amplitudes, of the stated standard
+        deviation: of the force's misfit r_F the others hold $\mathrm{cov}(r, r_F) /
+        \mathrm{var}(r_F)$, which is taken out of them. A repeat's deviation counts without what its
+        own amplitude and phase explain.
+        """
+        slopes = [np.asarray(x) for x in slopes_by_inputs(theta, replace(self, repeats=None))]
+        scale, mixed = np.array(self.scale), np.zeros(self.mean.shape)
+        within, force = np.asarray(self.repeats.within).copy(), self._force_of_test
+        variances, noisy = np.ones(scale.shape), np.asarray(self.amplitude_std)
+        for i in sorted(range(len(self.rows)), key=lambda i: i != force[i]):  # forces first
+            kept, test = self.compared(i), self.rows[i].test
+            by_amplitude = (noisy[test] * slopes[0][i][kept]) ** 2
+            count = float(self.repeats.num_repeats[i])
+            square = count * left[i][kept] ** 2
+            course = _course(self.rows[i], (np.asarray(self.mean)[i] - left[i])[kept])
+            noise = beside_known(square, course, by_amplitude)
+            variances[i][kept] = noise * course**2 + by_amplitude
+            own = variances[i][kept]
+            if force[i] != i and noisy[test] > 0:
+                other = slopes[0][force[i]][kept]
+                common = noisy[test] ** 2 * slopes[0][i][kept] * other
+                mixed[i][kept] = common / variances[force[i]][kept]
+                own = own - mixed[i][kept] * common
+            scale[i][kept] = np.sqrt(own / np.exp(np.mean(np.log(own))))
+            within[i] = self._scatter(i, [x[i] for x in slopes], mixed[i], scale[i])
+        changed = replace(
+            self, scale=jax.device_put(scale), mixed=jax.device_put(mixed), size=self._sizes(theta)
+        )
+        return changed.with_repeats(within=within)
+
+    def _scatter(
+        self,
+        group: int,
+        slopes: Sequence[Float[np.ndarray, " point"]],
+        mixed: Float[np.ndarray, " point"],
+        scale: Float[np.ndarray, " point"],
+    ) -> float:
+        """Squares of a group's repeats about their mean, as the misfit has them."""
+        kept, row = self.compared(group), self.rows[group]
+        weights = np.zeros((len(scale), MOMENTS))
+        weights[:, 1 if row.quantity == "force" else 0] = 1.0
+        weights[:, 2] = -slopes[0]
+        if self.is_locked:
+            weights[:, 3] = -slopes[1]
+        weights[:, 1] -= mixed
+        products = np.asarray(self.moments)[row.test]
+        squares = np.einsum("pi,pij,pj->p", weights, products, weights)
+        return float(np.sum((squares / scale**2)[kept]))
+
+    def _sizes(self, theta: Theta) -> Float[Array, " group"]:
+        r"""Sizes with the half width of the resonance, $\zeta_{eq} f = g F / (2 \omega^2 Y) f$."""
+        size, gain = np.asarray(self.size).copy(), abs(float(theta["gain"]))
+        for i, row in enumerate(self.rows):
+            if row.quantity == "frequency" and self.unit_of_source:
+                kept = self.compared(i)
+                omega, y, load = (
+                    np.asarray(x)[row.test][kept] for x in (self.omega, self.amplitude, self.load)
+                )
+                size[i] = np.mean(gain * load / (4 * np.pi * omega * y))
+        return jnp.asarray(size)
+
+    def first_values(self) -> dict[str, float]:
+        """Natural frequency: of the points of least motion, or through them."""
+        omega, y = (np.asarray(x)[self._points] for x in (self.omega, self.amplitude))
+        load, phase = (np.asarray(x)[self._points] for x in (self.load, self.phase))
+        least = np.argsort(y)[: max(LEAST_LINES, int(FEW * len(y)))]
+        several = len(np.unique(omega[least])) >= LEAST_LINES
+        if self.is_locked or not several or np.isnan(load * phase).any():
+            return {"omega_n": float(np.median(omega[least]))}
+        moved = y[least] * np.exp(1j * phase[least])
+        through = oscillator_through(omega[least], load[least] + 0j, moved)
+        return {"omega_n": through["omega_n"]}
+
+    def steady_lines(self) -> SteadyLines | None:
+        """Every point of a measured force; an unknown phase is that beside the resonance."""
+        if not self.unit_of_source:
+            return None
+        points = (self.omega, self.load, self.amplitude, self.phase)
+        omega, load, y, phase = (np.asarray(x)[self._points] for x in points)
+        beside = np.where(omega < self.first_values()["omega_n"], 0.0, -np.pi)
+        known = np.where(np.isfinite(phase), phase, beside)
+        return SteadyLines(omega, load + 0j, y * np.exp(1j * known))
+
+    @property
+    def _points(self) -> Bool[np.ndarray, "test point"]:
+        return np.asarray(self.counted) > 0
+
+    def y_peak(self, omega_n: float) -> float:
+        """Largest displacement [m]."""
+        return float(jnp.max(self.amplitude))
+
+
+class Frequencies(ControlledPoints):
+    """A backbone of frequency and amplitude alone: nothing of it tells damping or modal mass."""
+
+    kinds: ClassVar[tuple[str, ...]] = ()
+    informs: ClassVar[frozenset[str]] = frozenset({"omega_n"})
+
+
+@eqx.filter_jit
+def slopes_by_inputs(
+    theta: Theta, data: ControlledPoints
+) -> tuple[Float[Array, "group point"], Float[Array, "group point"]]:
+    """Derivatives of the predictions by the logarithm of the amplitude and by the phase [1/rad]."""
+    y, phase = data.amplitude, data.phase
+    none, one = jnp.zeros_like(y), jnp.ones_like(y)
+    return (
+        jax.jvp(partial(data._at, theta), (y, phase), (y, none))[1],
+        jax.jvp(partial(data._at, theta), (y, phase), (none, one))[1],
+    )
+
+
+def beside_known(
+    square: Float[np.ndarray, " value"],
+    course: Float[np.ndarray, " value"],
+    known: Float[np.ndarray, " value"],
+) -> float:
+    r"""Variance $\sigma^2$ of the noise beside one that is known, as squares of a residual show it.
+
+    $$\max_{\sigma^2} -\sum_i \left(\log v_i + \frac{r_i^2}{v_i}\right), \qquad
+      v_i = \sigma^2 c_i^2 + \kappa_i^2$$
+    """
+    alone = float(np.mean(square / course**2))
+    if alone == 0.0 or not np.any(known):
+        return alone or 1.0
+
+    def cost(log_variance: float) -> float:
+        variance = np.exp(log_variance) * course**2 + known
+        return float(np.sum(np.log(variance) + square / variance))
+
+    bounds = np.log(alone) + np.array([2 * np.log(LEAST_NOISE), np.log(4.0)])
+    return float(np.exp(minimize_scalar(cost, bounds=bounds, method="bounded").x))
+
+
+def _require_alike(test: Test, curves: Sequence[ControlledCurve]) -> None:
+    if len({len(curve.freq_hz) for curve in curves}) > 1:
+        raise DataError(
+            f"Repeats of test `{test.name}` must have the same points, but they have "
+            f"{', '.join(str(len(curve.freq_hz)) for curve in curves)}.",
+            remedy="Make each a test of its own.",
+        )
+
+
+def _without_lost_points(curves: Sequence[ControlledCurve]) -> list[ControlledCurve]:
+    """Curves without points that one of them lacks, which are NaN."""
+    kept = np.logical_and.reduce([curve.valid for curve in curves])
+    return [curve.at(kept) for curve in curves]
+
+
+def _compared(
+    curves: Sequence[ControlledCurve], *, is_locked: bool
+) -> Iterator[tuple[str, Float[np.ndarray, "repeat point"]]]:
+    """What is compared of a test: its name, and the values of all repeats."""
+    if is_locked:
+        yield "frequency", np.stack([curve.freq_hz for curve in curves])
+    elif curves[0].phase is not None:
+        first = curves[0].phase
+        yield "phase", np.stack([_near(curve.phase, first) for curve in curves])
+    if curves[0].force is not None:
+        yield "force", np.stack([curve.force for curve in curves])
+
+
+def _near(phase: Any, first: Any) -> Float[np.ndarray, " point"]:
+    """A phase less whole turns beside another [rad]."""
+    return first + np.angle(np.exp(1j * (phase - first)))
+
+
+def _mean_inputs(curves: Sequence[ControlledCurve]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Frequency [rad/s], amplitude [m] and phase [rad] of every point; NaN for no phase."""
+    omega = 2 * np.pi * np.mean([curve.freq_hz for curve in curves], axis=0)
+    amplitude = np.exp(np.mean([np.log(curve.amplitude) for curve in curves], axis=0))
+    return omega, amplitude, np.mean([_phase(curve, curves[0]) for curve in curves], axis=0)
+
+
+def _phase(curve: ControlledCurve, first: ControlledCurve) -> Float[np.ndarray, " point"]:
+    if curve.phase is None or first.phase is None:
+        return np.full(len(curve.freq_hz), np.nan)
+    return _near(curve.phase, first.phase)
+
+
+def _mean_force(curves: Sequence[ControlledCurve]) -> Float[np.ndarray, " point"]:
+    if curves[0].force is None:
+        return np.full(len(curves[0].freq_hz), np.nan)
+    return np.mean([curve.force for curve in curves], axis=0)
+
+
+def _moments(
+    curves: Sequence[ControlledCurve], *, is_locked: bool
+) -> Float[np.ndarray, "point variable variable"]:
+    """Products of the deviations of the repeats of every point, summed over them."""
+    phase = np.stack([np.nan_to_num(_phase(curve, curves[0])) for curve in curves])
+    beside = np.stack([curve.freq_hz for curve in curves]) if is_locked else phase
+    force = np.nan_to_num(np.stack([_mean_force([curve]) for curve in curves]))
+    log_y = np.log(np.stack([curve.amplitude for curve in curves]))
+    values = np.stack([beside, force, log_y, phase], axis=-1)
+    deviation = values - values.mean(axis=0)
+    return np.einsum("kpi,kpj->pij", deviation, deviation)
+
+
+def _course(row: Row, mean: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
+    """Noise beside the amplitude's, in an own unit: of a force a part of it, else one number."""
+    return mean if row.quantity == "force" else np.ones(len(mean))
+
+
+def _first_scale(row: Row, mean: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
+    course = _course(row, mean)
+    return course / np.exp(np.mean(np.log(course)))
+
+
+def _size(row: Row, mean: Float[np.ndarray, " point"]) -> float:
+    """What errors are relative to, before a fit."""
+    if row.quantity == "force":
+        return float(np.exp(np.mean(np.log(mean))))
+    return HALF_WIDTH * float(np.mean(mean)) if row.quantity == "frequency" else 1.0

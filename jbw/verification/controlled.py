@@ -1,0 +1,75 @@
+"""Points of controlled tests beside the model: what is predicted at the amplitude measured."""
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from jbw.measurement.records import Test
+from jbw.observables.controlled import ControlledPoints
+from jbw.verification.bands import QUANTILE_AXIS, beside, errors
+from jbw.verification.groups import Group, groups_of
+from jbw.verification.predicted import Predicted, Source
+from jbw.verification.predictive_basis import count_of, seen_of
+
+PLACE = "controlled"  # of such tests among others, whatever their kind
+
+
+def predict_controlled(source: Source, test: Test) -> Predicted:
+    """Every group of a controlled test, end to end, each in its `unit` and beside its bands."""
+    each = [one for _, one in predict_apart(source, test)]
+    together = xr.concat([one.dataset for one in each], "value", combine_attrs="drop")
+    sizes = np.array([one.dataset.sizes["value"] for one in each], float)
+    attrs = dict(each[-1].dataset.attrs)  # of the force, the last
+    for name in [str(name) for name in attrs if str(name).startswith("nrmse")]:
+        squares = np.array([one.dataset.attrs[name] ** 2 for one in each])
+        attrs[name] = float(np.sqrt(np.average(squares, weights=sizes)))
+    if all("coverage" in one.dataset.attrs for one in each):
+        inside = [one.dataset.attrs["coverage"] for one in each]
+        attrs |= {"coverage": float(np.average(inside, weights=sizes)), "num_values": sizes.sum()}
+    return Predicted(together.assign_attrs(attrs), each[-1].peak, each[-1].noise)
+
+
+def predict_apart(source: Source, test: Test) -> Iterator[tuple[str, Predicted]]:
+    """The same, each group by its label.
+
+    Errors are relative: of a force to the force, of a frequency to the half width of the resonance,
+    of a phase to one radian, so that all are of one size where a law misses.
+    """
+    basis = source.basis
+    for part in ControlledPoints.reduce([test], laws=basis.laws, substeps=basis.substeps):
+        reached = np.full(count_of(source.draws), part.y_peak(0.0))
+        groups = zip(part.labels, groups_of(source, test, part), strict=True)
+        for number, (label, group) in enumerate(groups):
+            dataset = _dataset(test, part, number, group)
+            yield label, Predicted(dataset, reached, group.noise)
+
+
+def _dataset(test: Test, part: ControlledPoints, number: int, group: Group) -> xr.Dataset:
+    std = None if group.std is None else group.std * part.spread(number)
+    axis, unit_of_axis, places = part.coordinate(number)
+    unit = part.units[number]
+    attributes = {"units": unit, "long_name": part.rows[number].quantity}
+    variables = beside("value", group.measured, group.model, std, attributes)
+    variables |= {
+        f"{name}_response": ("value", one, attributes) for name, one in group.others.items()
+    }
+    coords = {
+        axis: ("value", places, {"units": unit_of_axis}),
+        "group": ("value", np.array([part.labels[number]] * len(places), object)),
+        "unit": ("value", np.array([unit] * len(places), object)),
+        "quantile": QUANTILE_AXIS,
+    }
+    attrs: dict[str, Any] = {"kind": test.kind, "axis": axis, "quantity": attributes["long_name"]}
+    if np.isfinite(test.level):
+        attrs |= {"level": test.level, "level_unit": seen_of(test).source}
+
+    def relative(values: np.ndarray) -> np.ndarray:
+        """Values as 1 and the error of the prediction, in what errors are relative to."""
+        return 1.0 + (values - group.measured) / part.relative_to(number)
+
+    others = {name: relative(values) for name, values in group.others.items()}
+    noise = None if std is None else std / part.relative_to(number)
+    attrs |= errors(np.ones(len(places)), relative(group.model), others, noise)
+    return xr.Dataset(variables, coords, attrs)
