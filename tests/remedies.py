@@ -28,6 +28,7 @@ DECAYS = CHECKS + "test_a_pasted_remedy_of_a_decay_cures"
 DRIVEN = CHECKS + "test_a_pasted_remedy_of_a_driven_record_cures"
 LOOPS = CHECKS + "test_a_pasted_remedy_of_a_loop_cures"
 CURVES = CHECKS + "test_a_pasted_remedy_of_a_curve_cures"
+POINTS = "campaign/test_controlled_campaigns.py::test_a_pasted_remedy_of_controlled_points_cures"
 VERDICT = "inference/test_verdict.py::"
 BOUNDS = VERDICT + "test_a_line_of_bounds_never_cuts_the_box"
 LINES = VERDICT + "test_every_remedy_is_a_line_that_a_campaign_file_takes"
@@ -68,6 +69,11 @@ PASTED = {
     ("measurement/clocks.py", "clock_ppm"): CHECKS + "test_a_pasted_clock_cures",
     ("measurement/clocks.py", "delay"): DRIVEN,
     ("measurement/clocks.py", "span"): DRIVEN,
+    ("measurement/controlled_checks.py", "conjugate"): POINTS,
+    ("measurement/controlled_checks.py", "jumps"): POINTS,
+    ("measurement/controlled_checks.py", "locked_phase"): POINTS,
+    ("measurement/controlled_checks.py", "phase_tolerance"): POINTS,
+    ("measurement/controlled_checks.py", "scale"): POINTS,
     ("measurement/decay_checks.py", "exclude"): DECAYS,
     ("measurement/decay_checks.py", "lines_hz"): DECAYS,
     ("measurement/decay_checks.py", "settle"): DECAYS,
@@ -81,6 +87,7 @@ PASTED = {
     ("measurement/loop_checks.py", "span"): LOOPS,
     ("measurement/response_checks.py", "band"): CHECKS + "test_a_missing_band_is_pasted",
     ("measurement/response_checks.py", "conjugate"): CURVES,
+    ("measurement/response_checks.py", "kind"): POINTS,
     ("measurement/response_checks.py", "level"): DRIVEN,
     ("measurement/response_checks.py", "remove_mean"): DRIVEN,
     ("measurement/response_checks.py", "scale"): LOOPS,

@@ -11,6 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jbw.campaign.controlled_drafts import controlled_kind
 from jbw.campaign.document import commented, toml
 from jbw.campaign.roles import MOST_SAMPLES, Channel, Leaves, channels_by_role, last_name
 from jbw.campaign.settings import Identify
@@ -457,6 +458,8 @@ def _is_complex(leaf: Leaf) -> bool:
 
 def _kind_of(path: Path, roles: Mapping[str, Channel], series: Leaves) -> tuple[str, bool]:
     """Kind of a test by its file's name and channels, and whether these say so."""
+    if kind := controlled_kind(roles, series):
+        return kind, True
     if {"frequency", "phase"} <= set(roles):
         return "frf", True
     response = next((r for r in RESPONSES if r in roles), "")

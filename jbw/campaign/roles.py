@@ -76,12 +76,25 @@ def channels_by_role(series: Leaves) -> dict[str, Channel]:
     if "phase" in roles and not roles["phase"].unit:
         turned = _in_degrees(series[roles["phase"].path])
         roles["phase"] = roles["phase"]._replace(unit="deg" if turned else "")
+    if roles.keys().isdisjoint(RESPONSES) and {"frequency", "input"} <= set(roles):
+        roles = _of_amplitudes(roles)
     unanswered = roles.keys().isdisjoint(RESPONSES)
     if unanswered and {"frequency", "phase", "force", "input"} <= set(roles):
         # Beside a force and a phase, an amplitude is that of the response.
         amplitude = roles.pop("input")
         role = next((r for r in RESPONSES if _fits(r, amplitude.unit)), "acceleration")
         roles[role] = amplitude._replace(default=si_unit(role))
+    return roles
+
+
+def _of_amplitudes(roles: dict[str, Channel]) -> dict[str, Channel]:
+    """Roles in which an amplitude beside frequencies is a response, where its unit is one's."""
+    amplitude = roles["input"]
+    for role in RESPONSES:
+        unit = amplitude.unit or _behind(last_name(amplitude.path), role)
+        if unit and _fits(role, unit):
+            others = {name: channel for name, channel in roles.items() if name != "input"}
+            return {**others, role: amplitude._replace(unit=unit, default=si_unit(role))}
     return roles
 
 

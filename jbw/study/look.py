@@ -14,9 +14,11 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Complex, Float
 
+from jbw.campaign.gains import force_per_unit, gain_of
 from jbw.campaign.load import Campaign
 from jbw.errors import DataError
 from jbw.measurement.curves import ForcedLoop, forced_loop
+from jbw.measurement.held_points import locked_sentence, readings_of_points
 from jbw.measurement.loop_cycles import readings_of_cycles
 from jbw.measurement.nonlinearity import coherence_at_resonance, seen_in
 from jbw.measurement.records import INPUTS, Test, drive_of
@@ -71,12 +73,12 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
     """
     found: dict[str, list[Reading]] = {}
     responses: dict[str, Response] = {}
-    rows, unread = [], {}
+    rows, unread, per_unit = [], {}, force_per_unit(campaign)
     campaign = replace(campaign, tests=tuple(_of_first_mode(campaign)))
     for name, tests in _curves(campaign.tests).items():
         report(f"Reading {name}")
         try:
-            read, response = _read(tests)
+            read, response = _read(tests, gain_of(per_unit, drive_of(tests[0])))
             each = [one for one in read if one.holds]
             if len(each) < len(read):
                 left_out = f"{len(read) - len(each)} of {len(read)} readings of {name}"
@@ -102,7 +104,7 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
         "tests": sorted(rows, key=lambda row: row["y"]),
         "loops": loops,
         "unread": unread,
-        "seen": [one for test in campaign.tests for one in seen_in(test, test.records)],
+        "seen": [one for test in campaign.tests for one in _seen(test)],
     }
     return Look(record | {"statements": statements(record, found)}, found, responses)
 
@@ -152,6 +154,13 @@ def look_groups(found: Look, fitted: Mapping[str, bool] | None = None) -> dict[s
     return groups
 
 
+def _seen(test: Test) -> list[str]:
+    """What a test shows of repeats, harmonics and noise, and points at a phase of the frequency."""
+    if test.traits.is_locked:
+        return [locked_sentence(test)]
+    return seen_in(test, test.records)
+
+
 def _curves(tests: Sequence[Test]) -> dict[str, list[Test]]:
     """Tests that are read together: single tones of a level are one curve."""
     found: dict[str, list[Test]] = {}
@@ -162,8 +171,10 @@ def _curves(tests: Sequence[Test]) -> dict[str, list[Test]]:
     return found
 
 
-def _read(tests: Sequence[Test]) -> tuple[list[Reading], Response | None]:
+def _read(tests: Sequence[Test], gain: float | None) -> tuple[list[Reading], Response | None]:
     traits = tests[0].traits
+    if traits.is_controlled:
+        return [one for test in tests for one in readings_of_points(test, gain)], None
     if traits.is_free:
         return [one for test in tests for one in _of_decays(test)], None
     if traits.is_steady or traits.is_curve:
@@ -209,7 +220,7 @@ def _of_harmonics(tests: Sequence[Test]) -> tuple[list[Reading], Response]:
 def _row(name: str, test: Test, each: Sequence[Reading]) -> dict[str, Any]:
     """Means over the records of a test, and their scatter."""
     columns = {key: np.array([getattr(one, key) for one in each]) for key in Reading._fields}
-    scatter = len(each) > 1 and not test.traits.is_free
+    scatter = len(each) > 1 and not (test.traits.is_free or test.traits.is_controlled)
     return {
         "test": name,
         "kind": test.kind,
