@@ -299,6 +299,7 @@ class ControlledPoints(Repeated):
         own amplitude and phase explain.
         """
         slopes = [np.asarray(x) for x in slopes_by_inputs(theta, replace(self, repeats=None))]
+        deviations = [self._deviation(i, [x[i] for x in slopes]) for i in range(len(self.rows))]
         scale, mixed = np.array(self.scale), np.zeros(self.mean.shape)
         within, force = np.asarray(self.repeats.within).copy(), self._force_of_test
         variances, noisy = np.ones(scale.shape), np.asarray(self.amplitude_std)
@@ -317,30 +318,34 @@ class ControlledPoints(Repeated):
                 mixed[i][kept] = common / variances[force[i]][kept]
                 own = own - mixed[i][kept] * common
             scale[i][kept] = np.sqrt(own / np.exp(np.mean(np.log(own))))
-            within[i] = self._scatter(i, [x[i] for x in slopes], mixed[i], scale[i])
+            together = deviations[i] - mixed[i][:, None] * deviations[force[i]]
+            within[i] = self._scatter(i, together, scale[i])
         changed = replace(
             self, scale=jax.device_put(scale), mixed=jax.device_put(mixed), size=self._sizes(theta)
         )
         return changed.with_repeats(within=within)
 
-    def _scatter(
-        self,
-        group: int,
-        slopes: Sequence[Float[np.ndarray, " point"]],
-        mixed: Float[np.ndarray, " point"],
-        scale: Float[np.ndarray, " point"],
-    ) -> float:
-        """Squares of a group's repeats about their mean, as the misfit has them."""
-        kept, row = self.compared(group), self.rows[group]
-        weights = np.zeros((len(scale), MOMENTS))
-        weights[:, 1 if row.quantity == "force" else 0] = 1.0
+    def _deviation(
+        self, group: int, slopes: Sequence[Float[np.ndarray, " point"]]
+    ) -> Float[np.ndarray, "point variable"]:
+        """Deviation of a repeat by those of `moments`, without what its inputs explain."""
+        weights = np.zeros((len(slopes[0]), MOMENTS))
+        weights[:, 1 if self.rows[group].quantity == "force" else 0] = 1.0
         weights[:, 2] = -slopes[0]
         if self.is_locked:
             weights[:, 3] = -slopes[1]
-        weights[:, 1] -= mixed
-        products = np.asarray(self.moments)[row.test]
+        return weights
+
+    def _scatter(
+        self,
+        group: int,
+        weights: Float[np.ndarray, "point variable"],
+        scale: Float[np.ndarray, " point"],
+    ) -> float:
+        """Squares of a group's repeats about their mean, as the misfit has them."""
+        products = np.asarray(self.moments)[self.rows[group].test]
         squares = np.einsum("pi,pij,pj->p", weights, products, weights)
-        return float(np.sum((squares / scale**2)[kept]))
+        return float(np.sum((squares / scale**2)[self.compared(group)]))
 
     def _sizes(self, theta: Theta) -> Float[Array, " group"]:
         r"""Sizes with the half width of the resonance, $\zeta_{eq} f = g F / (2 \omega^2 Y) f$."""
