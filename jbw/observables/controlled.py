@@ -27,7 +27,7 @@ from scipy.optimize import minimize_scalar
 
 from jbw.errors import DataError
 from jbw.measurement.curves import ControlledCurve, controlled_curve
-from jbw.measurement.records import Test
+from jbw.measurement.records import Record, Test
 from jbw.observables.line_fit import LEAST_LINES, oscillator_through
 from jbw.observables.observable import Laws, Rows, SteadyLines, Theta, run_of
 from jbw.observables.repeated import Repeated
@@ -35,13 +35,12 @@ from jbw.observables.repeats import Repeats, filled, repeats
 from jbw.observables.residual_terms import receptance, taken
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.controlled import force_at, tone_at_phase
-from jbw.quantities import DEFAULT_LAWS
+from jbw.quantities import DEFAULT_LAWS, Motion, derivative_order
 
 HALF_WIDTH = 0.01  # of a frequency, until a fit tells the damping
 FEW = 0.25  # of the points, those of least motion, by which the natural frequency begins
 LEAST_NOISE = 1e-3  # of what a fit leaves: the noise beside that of the amplitude, at least
-QUANTITIES = ("frequency", "phase", "force")
-INPUTS = ("amplitude", "phase")  # measured and taken as known, by whose errors a group is noisy
+QUARTER = -0.5 * np.pi  # phase of the displacement at phase resonance [rad]
 MOMENTS = 4  # variables of a point that scatter: what is not the force, force, log Y, phase
 
 
@@ -49,7 +48,7 @@ class Row(NamedTuple):
     """One group: which test, and what of it is compared."""
 
     test: int
-    quantity: str  # one of `QUANTITIES`
+    quantity: str  # frequency, phase or force
 
 
 class ControlledPoints(Repeated):
@@ -181,6 +180,38 @@ class ControlledPoints(Repeated):
             residuals=residuals,
         )
         return data
+
+    @classmethod
+    def design(
+        cls,
+        theta: Theta,
+        amplitude: Float[np.ndarray, " point"],
+        *,
+        response: Motion,
+        noise_std: float,
+        num_samples: int,
+        laws: Laws = DEFAULT_LAWS,
+    ) -> Self:
+        r"""Planned points of phase resonance, as they would be read.
+
+        The fundamental of N samples has the relative standard deviation $\epsilon =
+        \sigma\sqrt{2/N}/X$ along and across its phasor, X being the response's amplitude: of the
+        force as much, of the frequency $\zeta_{eq} f \epsilon$, by which a phase moves it.
+        """
+        omega = np.full(len(amplitude), float(theta["omega_n"]))
+        load = np.ones(len(amplitude))
+        curve = ControlledCurve(omega / (2 * np.pi), amplitude, np.full_like(omega, QUARTER), load)
+        record = Record(float("nan"), {"force": load}, {"force": "N"})
+        test = Test("backbone", (record,), "planned")
+        planned = cls.of([(test, [curve])], laws, "none", is_locked=True)
+        hz, force = np.asarray(_predicted(theta, planned))
+        zeta = float(theta["gain"]) * force / (2 * (2 * np.pi * hz) ** 2 * amplitude)
+        part = noise_std * np.sqrt(2 / num_samples)
+        part = part / ((2 * np.pi * hz) ** derivative_order(response) * amplitude)
+        scale = np.abs([zeta * hz * part, force * part])
+        return replace(
+            planned, mean=jnp.asarray([hz, force]), scale=jnp.asarray(scale)
+        ).with_repeats(noise_std=np.ones(2))
 
     @property
     def units(self) -> tuple[str, ...]:
@@ -388,6 +419,11 @@ class ControlledPoints(Repeated):
     def y_peak(self, omega_n: float) -> float:
         """Largest displacement [m]."""
         return float(jnp.max(self.amplitude))
+
+
+@eqx.filter_jit
+def _predicted(theta: Theta, data: ControlledPoints) -> Float[Array, "group point"]:
+    return data.predict(theta)
 
 
 class Frequencies(ControlledPoints):

@@ -30,6 +30,11 @@ class Sweep:
         return min(FADE_PERIODS / self.stop_hz, MOST_FADED * self.burst)
 
     @property
+    def highest_hz(self) -> float:
+        """Highest frequency that is read: its last one [Hz]."""
+        return self.stop_hz
+
+    @property
     def num_samples(self) -> int:
         """Samples of one record."""
         return round(self.seconds * self.fs)
@@ -54,6 +59,11 @@ class Tones:
     fs: float  # sampling frequency [Hz]
 
     @property
+    def highest_hz(self) -> float:
+        """Highest frequency that is read: the third harmonic of the highest tone [Hz]."""
+        return 3 * max(self.frequencies_hz)
+
+    @property
     def num_samples(self) -> int:
         """Samples that are read of each frequency."""
         return round((self.dwell - self.settle) * self.fs)
@@ -69,6 +79,38 @@ class Tones:
 
 
 @dataclass(frozen=True)
+class Backbone:
+    """Points at phase resonance that a controller holds, at amplitudes in turn."""
+
+    level: float  # largest peak of the input, median over the joints [V, N or N/kg]
+    amplitudes: tuple[float, ...]  # of the displacement [m]
+    dwell: float  # time on each of them [s]
+    settle: float  # of that, the first part, in which the controller locks [s]
+    fs: float  # sampling frequency [Hz]
+    natural_hz: float  # about which the frequencies lie [Hz]
+
+    @property
+    def num_samples(self) -> int:
+        """Samples that are read of each point."""
+        return round((self.dwell - self.settle) * self.fs)
+
+    @property
+    def seconds(self) -> float:
+        """Measuring time of one repeat [s]."""
+        return self.dwell * len(self.amplitudes)
+
+    @property
+    def highest_hz(self) -> float:
+        """Highest frequency that is read: the fundamental's [Hz]."""
+        return self.natural_hz
+
+    def __str__(self) -> str:
+        low, high = (1e3 * x for x in (min(self.amplitudes), max(self.amplitudes)))
+        count = len(self.amplitudes)
+        return f"backbone {low:.3g}-{high:.3g} mm, {count} points of {self.dwell:.3g} s"
+
+
+@dataclass(frozen=True)
 class Stepped(Tones):
     """A stepped sine: the frequencies in turn, in one record."""
 
@@ -78,7 +120,7 @@ class Stepped(Tones):
         return f"stepped {low:.4g}-{high:.4g} Hz, {count} steps of {self.dwell:.3g} s"
 
 
-Candidate = Sweep | Tones
+Candidate = Sweep | Tones | Backbone
 
 
 @dataclass(frozen=True)

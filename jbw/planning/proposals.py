@@ -13,9 +13,10 @@ from jbw.campaign.values import NonNegative, Numbers, Positive, Span
 from jbw.errors import ConfigError
 from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.oscillator import oscillator_of
-from jbw.oscillator.steady.backbone import Backbone, backbone
+from jbw.oscillator.steady.backbone import Backbone as Resonances
+from jbw.oscillator.steady.backbone import backbone
 from jbw.planning.beliefs import Beliefs, modes_of
-from jbw.planning.plan import Candidate, Stepped, Sweep, Tones
+from jbw.planning.plan import Backbone, Candidate, Stepped, Sweep, Tones
 from jbw.planning.prospects import peak_displacements
 
 SHARES = (0.2, 0.45, 0.9)  # of the largest displacement, that levels aim at
@@ -23,6 +24,7 @@ SPAN = (0.5, 1.5)  # of the natural frequency
 PERIODS = (200, 800)  # of the natural frequency in a sweep, on an average
 THIRDS = (0.80, 0.88, 0.96, 1.04, 1.08)  # of omega_n / 3: the paper's probing tones
 NUM_STEPS = 15
+NUM_POINTS, LEAST_SHARE = 14, 0.03  # of a backbone, and its least of the largest displacement
 BANDWIDTHS = 4  # to either side of the resonances that a stepped sine passes
 READ_PERIODS = 100  # of the natural frequency, read of each tone
 DECAY = np.log(1000.0)  # what a transient falls by, in nepers, before the next thing is measured
@@ -64,8 +66,41 @@ class SteppedTable(TonesTable):
     frequencies: Numbers | None = key(None, "steps, in turn [Hz]")
 
 
-Grid = SweepTable | TonesTable  # what is left out the joint decides
-GRIDS: dict[str, type[Grid]] = {"sweep": SweepTable, "tones": TonesTable, "stepped": SteppedTable}
+class BackboneTable(Table):
+    """The [backbone] table."""
+
+    amplitudes: Numbers | None = key(None, "peaks of the displacement, held in turn [m]")
+    dwell: Positive | None = key(None, "time on each point [s]")
+    settle: NonNegative | None = key(None, "of that, the first part, which is discarded [s]")
+
+    @model_validator(mode="after")
+    def _settles(self) -> Self:
+        settle = self.settle or 0.0
+        if self.dwell is not None and settle >= self.dwell:
+            raise ValueError(
+                f"settle: must be shorter than dwell ({self.dwell:g} s), but is {settle:g}."
+            )
+        return self
+
+
+READ = {
+    Sweep: "the sweep's last frequency",
+    Tones: "the third harmonic of the tones",
+    Stepped: "the third harmonic of the tones",
+    Backbone: "the natural frequency",
+}
+Grid = SweepTable | TonesTable | BackboneTable  # what is left out the joint decides
+GRIDS: dict[str, type[Grid]] = {
+    "sweep": SweepTable,
+    "tones": TonesTable,
+    "stepped": SteppedTable,
+    "backbone": BackboneTable,
+}
+USUAL = (
+    "sweep",
+    "tones",
+    "stepped",
+)  # where none are stated: not every laboratory has a controller
 
 
 @dataclass(frozen=True)
@@ -101,7 +136,7 @@ def displacement_for(beliefs: Beliefs) -> float:
 
 def propose(grids: Mapping[str, Grid], beliefs: Beliefs, reach: Reach) -> list[Candidate]:
     """Candidates of every kind, by default aimed at parts of the largest displacement."""
-    makers = {"sweep": _sweeps, "tones": _tones, "stepped": _steps}
+    makers = {"sweep": _sweeps, "tones": _tones, "stepped": _steps, "backbone": _backbones}
     _require_one_mode(grids, beliefs)
     candidates = [
         candidate
@@ -109,10 +144,7 @@ def propose(grids: Mapping[str, Grid], beliefs: Beliefs, reach: Reach) -> list[C
         for candidate in makers[kind](grid, beliefs, reach)
     ]
     for candidate in candidates:
-        if isinstance(candidate, Sweep):
-            highest, what = candidate.stop_hz, "the sweep's last frequency"
-        else:
-            highest, what = 3 * max(candidate.frequencies_hz), "the third harmonic of the tones"
+        highest, what = candidate.highest_hz, READ[type(candidate)]
         if 2 * highest >= candidate.fs:
             raise ConfigError(
                 f"Key `fs` must be more than twice {what}, {highest:g} Hz, "
@@ -124,7 +156,7 @@ def propose(grids: Mapping[str, Grid], beliefs: Beliefs, reach: Reach) -> list[C
 
 def default_grids(beliefs: Beliefs) -> dict[str, Grid]:
     """Kinds of candidates where none are stated: of several modes those alone that know them."""
-    kinds = ("sweep",) if len(modes_of(beliefs.joints)) > 1 else tuple(GRIDS)
+    kinds = ("sweep",) if len(modes_of(beliefs.joints)) > 1 else USUAL
     return {kind: GRIDS[kind]() for kind in kinds}
 
 
@@ -196,6 +228,27 @@ def _steps(grid: TonesTable, beliefs: Beliefs, reach: Reach) -> list[Stepped]:
     return [Stepped(level, frequencies, dwell, settle, reach.fs) for level in levels]
 
 
+def _backbones(grid: BackboneTable, beliefs: Beliefs, reach: Reach) -> list[Backbone]:
+    """Amplitudes up to the largest displacement, ten periods for the controller and 100 read."""
+    lowest = LEAST_SHARE * reach.max_displacement
+    usual = tuple(_rounded(y) for y in np.geomspace(lowest, reach.max_displacement, NUM_POINTS))
+    amplitudes = grid.amplitudes or usual
+    natural, gain = _natural(beliefs), np.abs(beliefs.joints["gain"])
+    settle = _decay(beliefs) if grid.settle is None else grid.settle
+    dwell = settle + _rounded(READ_PERIODS / natural) if grid.dwell is None else grid.dwell
+    level = float(np.median(_resonance(beliefs, max(amplitudes)).amplitude / gain))
+    if level > reach.max_input:
+        kept = [
+            y for y in amplitudes
+            if np.median(_resonance(beliefs, y).amplitude / gain) <= reach.max_input
+        ]  # fmt: skip
+        if not kept:
+            return []
+        amplitudes = tuple(kept)
+        level = float(np.median(_resonance(beliefs, max(kept)).amplitude / gain))
+    return [Backbone(_rounded(level), amplitudes, dwell, settle, reach.fs, natural)]
+
+
 def _about_resonance(beliefs: Beliefs, reach: Reach) -> tuple[float, ...]:
     """From below the lowest resonance of the largest motion to above the highest of the least."""
     sliding = _resonance(beliefs, reach.max_displacement).omega
@@ -211,7 +264,7 @@ def _steady_levels(beliefs: Beliefs, reach: Reach) -> list[float]:
     return [float(np.min(_resonance(beliefs, y).amplitude / gain)) for y in reach.goals]
 
 
-def _resonance(beliefs: Beliefs, y: float) -> Backbone:
+def _resonance(beliefs: Beliefs, y: float) -> Resonances:
     theta = {name: jnp.asarray(values) for name, values in beliefs.joints.items()}
     return backbone(oscillator_of(theta, beliefs.laws), jnp.asarray(y))
 

@@ -12,6 +12,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from jbw.measurement.records import Record, Test
+from jbw.observables.controlled import ControlledPoints
 from jbw.observables.dataset import Dataset, stacked
 from jbw.observables.harmonic_groups import NUM_HARMONICS
 from jbw.observables.records import Records
@@ -23,7 +24,7 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.cycle import steady_state
 from jbw.oscillator.steady.waveform import synthesis
 from jbw.planning.beliefs import Beliefs
-from jbw.planning.plan import Candidate, Noise, Sweep, Tones
+from jbw.planning.plan import Backbone, Candidate, Noise, Sweep, Tones
 from jbw.quantities import UNIT_OF
 
 # A test as the identification would reduce it, and 1 for each of its values that is measured.
@@ -100,6 +101,8 @@ def _prospect(candidate: Candidate, beliefs: Beliefs, noise: Noise, longest: int
     if isinstance(candidate, Sweep):
         y_peak = peak_displacements(candidate, beliefs, longest)
         designs = [_sweep_design(candidate, beliefs.laws, noise, longest)] * beliefs.num_joints
+    elif isinstance(candidate, Backbone):
+        y_peak, designs = _backbone_designs(candidate, beliefs, noise)
     else:
         y_peak, designs = _tones_designs(candidate, beliefs, noise)
     information = np.array(
@@ -156,6 +159,21 @@ def _tones_designs(
         num_values = 2 * planned.position.size * omega.size
         designs.append((Dataset.of([planned]), jnp.ones(num_values)))
     return np.array(y_peak), designs
+
+
+def _backbone_designs(
+    candidate: Backbone, beliefs: Beliefs, noise: Noise
+) -> tuple[Float[np.ndarray, " joint"], list[Design]]:
+    """Largest displacement [m] and points at phase resonance, joint by joint, all measured."""
+    amplitudes = np.array(candidate.amplitudes)
+    designs = []
+    for theta in beliefs.joint_by_joint():
+        planned = ControlledPoints.design(
+            theta, amplitudes, response=noise.response, noise_std=noise.std,
+            num_samples=candidate.num_samples, laws=beliefs.laws,
+        )  # fmt: skip
+        designs.append((Dataset.of([planned]), jnp.ones(2 * amplitudes.size)))
+    return np.full(beliefs.num_joints, amplitudes.max()), designs
 
 
 def _source(test: Sweep, longest: int) -> Float[np.ndarray, " time"]:

@@ -169,7 +169,8 @@ def _groups(tree: xr.DataTree) -> Drawn:
         axis = str(test.attrs["axis"])
         kind = str(test.attrs.get("kind", "response")).replace("_", " ")
         labels = {"xlabel": axis_label(axis, unit_of(test[axis]))}
-        labels["ylabel"] = axis_label(kind, unit_of(test["measured"]))
+        quantity = str(test.attrs.get("quantity", kind))
+        labels["ylabel"] = axis_label(quantity, unit_of(test["measured"]))
         for label, group in test.groupby("group"):
             one, ax = group.sortby(axis), _blank(**labels)
             model = quantiles(one, "model_band")

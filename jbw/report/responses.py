@@ -247,8 +247,9 @@ def verification_groups(tree: xr.DataTree, ax: Any = None) -> Panels:
         title(only, ", ".join(filter(None, words)), size=8)
         only.locator_params(axis="x", nbins=5)
         only.set_xlabel(axis_label(plain(axis), unit_of(test[axis])))
-        kind = plain(str(test.attrs.get("kind", "response")).replace("_", " "))
-        only.set_ylabel(axis_label(kind, unit_of(test["model_band"])))
+        kind = str(test.attrs.get("kind", "response")).replace("_", " ")
+        quantity = plain(str(test.attrs.get("quantity", kind)))
+        only.set_ylabel(axis_label(quantity, unit_of(test["model_band"])))
     return finish(axes, ax)
 
 

@@ -11,7 +11,7 @@ from jbw.observables.controlled import ControlledPoints
 from jbw.verification.bands import QUANTILE_AXIS, beside, errors
 from jbw.verification.groups import Group, groups_of
 from jbw.verification.predicted import Predicted, Source
-from jbw.verification.predictive_basis import count_of, seen_of
+from jbw.verification.predictive_basis import count_of
 
 PLACE = "controlled"  # of such tests among others, whatever their kind
 
@@ -63,7 +63,7 @@ def _dataset(test: Test, part: ControlledPoints, number: int, group: Group) -> x
     }
     attrs: dict[str, Any] = {"kind": test.kind, "axis": axis, "quantity": attributes["long_name"]}
     if np.isfinite(test.level):
-        attrs |= {"level": test.level, "level_unit": seen_of(test).source}
+        attrs |= {"level": test.level, "level_unit": "m"}
 
     def relative(values: np.ndarray) -> np.ndarray:
         """Values as 1 and the error of the prediction, in what errors are relative to."""

@@ -309,11 +309,17 @@ WORDS: dict[tuple[str, ...], str] = {
         "coefficient of variation that a parameter is expected to have after it, in the worst "
         "tenth of the joints that are still possible."
     ),
-    ("backbone",): ("Natural frequency against amplitude of the free motion."),
-    ("share",): ("A part: of the stiffness that slips, of the draws, or of the response."),
-    ("CHECK",): (
-        "Mark of `jbw init` on a line of a campaign file that the records do not tell. Look at it "
-        "before identifying."
+    ("backbone",): (
+        "Natural frequency against amplitude of the free motion. As a kind of test "
+        '(`kind = "backbone"`): points at which a controller holds the phase of the displacement, '
+        "at -90 degrees by default, with their frequency, force and amplitude."
+    ),
+    ("curve", "S-curve", "phase-locked", "locked_phase", "unstable branch"): (
+        '`kind = "curve"`: points at which a controller holds the amplitude, in the order '
+        "measured. Against the force they make S-curves, whose middle part is unstable under a "
+        "force that is held. jbw takes the amplitude of such points as known and predicts their "
+        "force, with the phase at a frequency or the frequency at a phase, so that no point has "
+        "another branch to jump to."
     ),
     ("session",): (
         "A day, or a shift, in which nothing was changed: `run` in a `[[test]]` names it. "
