@@ -324,6 +324,12 @@ def _of_controlled_tests(test: TestSpec) -> Iterator[str]:
     """Keys of controlled tests that another kind states."""
     locked = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_locked)
     controlled = ", ".join(f"`{kind.name}`" for kind in KINDS.values() if kind.is_controlled)
+    is_beside = test.traits.is_locked and test.locked_phase != -90
+    if is_beside and not set(INPUTS) & set(test.channels):
+        yield (
+            f"channels: kind `{test.kind}` at {test.locked_phase:g} degrees needs `force`, beside "
+            "-90 degrees its frequency depends on the damping."
+        )
     for name in ("locked_phase", "phase_tolerance"):
         if name in test.model_fields_set and not test.traits.is_locked:
             yield f"{name}: for kind {locked}; no phase is held in others."

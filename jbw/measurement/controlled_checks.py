@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from jbw.measurement.channels import Reals
 from jbw.measurement.checks import Fault, doubt, refusal
@@ -78,7 +79,9 @@ def _turned(role: str, curve: ControlledCurve) -> Fault:
     )
 
 
-def _off_phase(role: str, phase: Reals, numbers: Reals, control: Control) -> Iterator[Fault]:
+def _off_phase(
+    role: str, phase: Reals, numbers: NDArray[np.intp], control: Control
+) -> Iterator[Fault]:
     """The doubt that a controller missed the phase that it was to hold."""
     held = control.locked_phase or 0.0
     error = np.degrees(np.angle(np.exp(1j * (phase - np.radians(held)))))
@@ -105,7 +108,7 @@ def _off_phase(role: str, phase: Reals, numbers: Reals, control: Control) -> Ite
 
 
 def _jumps(
-    role: str, curve: ControlledCurve, numbers: Reals, *, is_locked: bool
+    role: str, curve: ControlledCurve, numbers: NDArray[np.intp], *, is_locked: bool
 ) -> Iterator[Fault]:
     """The doubt that the motion jumped to another branch from one point to the next."""
     steps = _steps_apart(curve, is_locked=is_locked)
@@ -144,7 +147,7 @@ def _steps_apart(curve: ControlledCurve, *, is_locked: bool) -> np.ndarray:
     return apart
 
 
-def _named(numbers: Reals) -> str:
+def _named(numbers: NDArray[np.intp]) -> str:
     shown = ", ".join(str(number) for number in numbers[:LISTED])
     more = f" and {len(numbers) - LISTED} more" if len(numbers) > LISTED else ""
     return f"point {shown}" if len(numbers) == 1 else f"points {shown}{more}"

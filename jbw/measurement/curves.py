@@ -58,7 +58,8 @@ class ControlledCurve(NamedTuple):
 
     def at(self, points: NDArray[np.bool_]) -> "ControlledCurve":
         """Some of the points."""
-        return ControlledCurve(*(None if x is None else x[points] for x in self))
+        phase, force = (None if x is None else x[points] for x in (self.phase, self.force))
+        return ControlledCurve(self.freq_hz[points], self.amplitude[points], phase, force)
 
 
 def controlled_curve(record: Record, locked_phase: float = float("nan")) -> ControlledCurve:

@@ -235,12 +235,10 @@ class ControlledPoints(Repeated):
             beside = omega / (2 * np.pi)
         else:
             held = jax.vmap(jax.vmap(partial(force_at, joint)))(self.omega, y) / gain
-            # Where no term is added the phase of the joint's motion is that of the motion.
+            # The force's phase counts from the joint's own motion, which leads the measured one.
             beside, force = -jnp.angle(held) - (phi - phase), jnp.abs(gain * held)
         by_quantity = {"force": force / jnp.abs(gain)}
-        return jnp.stack(
-            [by_quantity.get(row.quantity, beside)[row.test] for row in self.rows]
-        )  # fmt: skip
+        return jnp.stack([by_quantity.get(row.quantity, beside)[row.test] for row in self.rows])
 
     def _of_joint(
         self, theta: Theta, amplitude: Float[Array, "test point"], phase: Float[Array, "test point"]
@@ -249,10 +247,14 @@ class ControlledPoints(Repeated):
         terms = taken(theta, self.residuals)
         if not terms or self.unit_of_source == "":
             return amplitude, phase
-        known = jnp.where(jnp.isfinite(phase), phase, -0.5 * jnp.pi)
+        known = phase
+        if not self.is_locked:  # a phase that was not measured is that of the motion without them
+            hold = partial(force_at, oscillator_of(theta, self.laws))
+            without = -jnp.angle(jax.vmap(jax.vmap(hold))(self.omega, amplitude) / theta["gain"])
+            known = jnp.where(jnp.isfinite(phase), phase, without)
         moved = amplitude * jnp.exp(1j * known)
         own = moved - receptance(terms, self.omega) * theta["gain"] * self.load
-        return jnp.abs(own), phase + jnp.angle(own / moved)
+        return jnp.abs(own), known + jnp.angle(own / moved)
 
     def misfit(self, theta: Theta) -> Float[Array, "group point"]:
         """Measured less predicted over the noise's course, without what goes with the force's."""
@@ -465,7 +467,8 @@ def beside_known(
         return float(np.sum(np.log(variance) + square / variance))
 
     bounds = np.log(alone) + np.array([2 * np.log(LEAST_NOISE), np.log(4.0)])
-    return float(np.exp(minimize_scalar(cost, bounds=bounds, method="bounded").x))
+    found: Any = minimize_scalar(cost, bounds=bounds, method="bounded")
+    return float(np.exp(found.x))
 
 
 def _require_alike(test: Test, curves: Sequence[ControlledCurve]) -> None:
@@ -493,7 +496,7 @@ def _compared(
         first = curves[0].phase
         yield "phase", np.stack([_near(curve.phase, first) for curve in curves])
     if curves[0].force is not None:
-        yield "force", np.stack([curve.force for curve in curves])
+        yield "force", np.stack([np.asarray(curve.force) for curve in curves])
 
 
 def _near(phase: Any, first: Any) -> Float[np.ndarray, " point"]:
@@ -517,7 +520,7 @@ def _phase(curve: ControlledCurve, first: ControlledCurve) -> Float[np.ndarray, 
 def _mean_force(curves: Sequence[ControlledCurve]) -> Float[np.ndarray, " point"]:
     if curves[0].force is None:
         return np.full(len(curves[0].freq_hz), np.nan)
-    return np.mean([curve.force for curve in curves], axis=0)
+    return np.mean([np.asarray(curve.force) for curve in curves], axis=0)
 
 
 def _moments(

@@ -146,7 +146,7 @@ def _damping(omega_n: float, gain: float | None, lines: SteadyLines | None) -> f
     """
     if gain is None or lines is None:
         return DAMPED
-    ratios = gain * lines.load.imag / (2 * omega_n * lines.omega)
+    ratios = gain * np.imag(lines.load) / (2 * omega_n * lines.omega)
     return float(np.clip(np.min(ratios), LEAST_DAMPED, 1.0))
 
 

@@ -162,7 +162,7 @@ class Repeated(Observable):
 
     def evenly(self) -> Self:
         """Groups that count by their relative errors, whatever their noise and offsets."""
-        size = np.linalg.norm(np.asarray(self.mean), axis=1)
+        size = np.array(list(self.sizes().values()))
         return self.with_repeats(
             noise_std=np.where(size > 0, size, 1.0),
             num_values=self.repeats.size,

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter
+from typing import cast
 
 import equinox as eqx
 import jax
@@ -25,7 +26,7 @@ from jbw.oscillator.steady.cycle import steady_state
 from jbw.oscillator.steady.waveform import synthesis
 from jbw.planning.beliefs import Beliefs
 from jbw.planning.plan import Backbone, Candidate, Noise, Sweep, Tones
-from jbw.quantities import UNIT_OF
+from jbw.quantities import UNIT_OF, Motion
 
 # A test as the identification would reduce it, and 1 for each of its values that is measured.
 Design = tuple[Dataset, Float[Array, " value"]]
@@ -169,7 +170,7 @@ def _backbone_designs(
     designs = []
     for theta in beliefs.joint_by_joint():
         planned = ControlledPoints.design(
-            theta, amplitudes, response=noise.response, noise_std=noise.std,
+            theta, amplitudes, response=cast("Motion", noise.response), noise_std=noise.std,
             num_samples=candidate.num_samples, laws=beliefs.laws,
         )  # fmt: skip
         designs.append((Dataset.of([planned]), jnp.ones(2 * amplitudes.size)))

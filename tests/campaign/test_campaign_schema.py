@@ -85,7 +85,11 @@ def test_good_file():
         ('"sweep"', '"stepped"', "dwell: missing"),
         ('"sweep"', '"loop"', "needs `displacement` and `restoring_force`"),
         ('"sweep"', '"frf"', "kind `frf` needs `frequency`"),
-        ("level = 0.2", 'amplitudes = "rms"', "amplitudes: for kind `frf`, `backbone`, `curve` only"),
+        (
+            "level = 0.2",
+            'amplitudes = "rms"',
+            "amplitudes: for kind `frf`, `backbone`, `curve` only",
+        ),
         ("level = 0.2", 'gaps = "mask"', "gaps: kind `sweep` needs every sample"),
         ("level = 0.2", "periods = 0", "periods: must be a whole number from 1 on"),
         ('"sweep_*.h5"', '{ input = "a.mat" }', "must name a file for each role (input, velocity)"),

@@ -208,6 +208,14 @@ def test_keys_that_do_not_go_together(kind, keys, unit, says):
         parse(TABLE.format(kind=kind, keys=keys, unit=unit))
 
 
+def test_frequencies_beside_resonance_need_a_force():
+    """Damping moves them: omega = zeta omega_n cot(phi) + sqrt(...)."""
+    text = TABLE.format(kind="backbone", keys="locked_phase = -60", unit="m")
+    text = text.replace('force = "F", ', "").replace('force = "N", ', "")
+    with pytest.raises(ConfigError, match="at -60 degrees needs `force`"):
+        parse(text)
+
+
 def csv(folder, header, columns):
     np.savetxt(folder / "points.csv", np.column_stack(columns), delimiter=",", header=header,
                comments="", fmt="%.8g")  # fmt: skip

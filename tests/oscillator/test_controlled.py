@@ -1,13 +1,12 @@
 """Force and frequency that hold a motion: Bouc-Wen's describing function, and SciPy's motion."""
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.integrate import quad, solve_ivp
-from scipy.optimize import brentq, root
+from describing import describing_function
+from scipy.integrate import solve_ivp
+from scipy.optimize import root
 
 from jbw import BoucWen
 from jbw.oscillator.steady.controlled import force_at, tone_at_phase
@@ -17,40 +16,6 @@ OMEGA_N, ZETA = 2 * np.pi * 18.8, 0.003
 PAPER = BoucWen(OMEGA_N, 0.00444, 497.40, 340.21, 32.84)
 FOLDED = BoucWen(OMEGA_N, ZETA, 3000.0, 340.21, 3.0)
 PHASE = -np.pi / 2
-
-
-def describing_function(joint, y_peak):
-    """Fundamental of Bouc-Wen's steady force along Y cos(theta), over Y, by quadrature.
-
-    With nu = 1 and on the way w down from Y, dz/dw = -alpha + t z while z > 0, t = delta - gamma,
-    and -alpha - s z behind, s = delta + gamma; the tip z(Y) = -z(-Y).
-    """
-    rises, falls = joint.delta + joint.gamma, joint.delta - joint.gamma
-
-    def to_zero(tip):
-        return -np.log1p(-falls * tip / joint.alpha) / falls
-
-    def down(y, tip):
-        """Force on the way down from z = tip at Y."""
-        way, zero = y_peak - y, to_zero(tip)
-        if way <= zero:
-            return tip - (joint.alpha / falls - tip) * np.expm1(falls * way)
-        return joint.alpha / rises * np.expm1(-rises * (way - zero))
-
-    most = min(joint.alpha * y_peak, joint.alpha / rises)  # stuck throughout, or saturated
-    tip = brentq(lambda z: down(-y_peak, z) + z, 0, most, xtol=1e-15 * most)
-
-    def part(wave, theta):
-        return 2 / np.pi * down(y_peak * np.cos(theta), tip) * wave(theta)
-
-    kink = np.arccos(1 - to_zero(tip) / y_peak)
-    real, imaginary = (
-        sum(quad(partial(part, wave), *ends, epsabs=0, epsrel=1e-12)[0]
-            for ends in ((0, kink), (kink, np.pi)))
-        for wave in (np.cos, np.sin)
-    )  # fmt: skip
-    # a cos + b sin = Re (a - j b) exp(j theta)
-    return complex(real, -imaginary) / y_peak
 
 
 def arrays(function):

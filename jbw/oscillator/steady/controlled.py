@@ -57,7 +57,7 @@ def force_at(
         return _split(_imbalance(joint, omega, y_peak, x)[1:])
 
     x = newton_steps(left, jnp.zeros(2 * num_harmonics - 2), num_steps)
-    return y_peak * _imbalance(joint, omega, y_peak, x)[0]
+    return jnp.asarray(y_peak * _imbalance(joint, omega, y_peak, x)[0])
 
 
 def tone_at_phase(
@@ -113,7 +113,7 @@ def _imbalance(
     """Residual of the balance over Y, by the higher harmonics over Y, real, then imaginary."""
     real, imaginary = jnp.split(x, 2)
     higher = jax.lax.complex(real, imaginary)
-    q = y_peak * jnp.concatenate([jnp.ones(1, complex), higher])
+    q = jnp.asarray(y_peak * jnp.concatenate([jnp.ones(1, complex), higher]))
     return imbalance(joint, omega, q, 0.0 * orders(q.shape[0])) / y_peak
 
 
