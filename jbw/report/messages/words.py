@@ -321,6 +321,11 @@ WORDS: dict[tuple[str, ...], str] = {
         "force, with the phase at a frequency or the frequency at a phase, so that no point has "
         "another branch to jump to."
     ),
+    ("share",): ("A part: of the stiffness that slips, of the draws, or of the response."),
+    ("CHECK",): (
+        "Mark of `jbw init` on a line of a campaign file that the records do not tell. Look at it "
+        "before identifying."
+    ),
     ("session",): (
         "A day, or a shift, in which nothing was changed: `run` in a `[[test]]` names it. "
         "Sessions may have offsets of natural frequency and damping of their own."
