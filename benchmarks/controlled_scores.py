@@ -1,4 +1,4 @@
-"""Controlled tests of the virtual rig, identified: z-scores of the truth over many campaigns.
+"""Do the intervals of controlled tests of the rig hold the truth, alone and with decays?
 
     python benchmarks/controlled_scores.py [CAMPAIGN ...] [--campaigns 30] [--seeds 3]
 
