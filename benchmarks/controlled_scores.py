@@ -7,9 +7,8 @@ to 29, 1000 to 1029 and 2000 to 2029. Ends with 1 where a Kolmogorov-Smirnov tes
 z-scores against the standard normal has p below 1e-4.
 """
 
-import argparse
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -17,6 +16,7 @@ import jax
 import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import kstest
+from timing import Table, options, show
 
 import jbw
 from jbw import rig
@@ -95,20 +95,22 @@ def scored(design: Design, seed: int) -> Score:
         num_samples=NUM_DRAWS, start=ready.fit.theta, covariance=ready.fit.covariance,
     )  # fmt: skip
     draws = drawn["posterior"].to_dataset()
-    z = {n: float((draws[n].mean() - truth[n]) / draws[n].std()) for n in draws if n in truth}
+    names = [str(n) for n in draws if n in truth]
+    z = {n: float((draws[n].mean() - truth[n]) / draws[n].std()) for n in names}
     chi_square, degrees = ready.fit.chi_square
     return Score(z, float(drawn.attrs["khat"]), chi_square / degrees)
 
 
-def told(name: str, blocks: Sequence[Sequence[Score]]) -> Iterator[str]:
-    """A line a block and parameter: mean, deviation and the test of its z-scores."""
+def table_of(name: str, blocks: Sequence[Sequence[Score]]) -> Table:
+    """A row a block and parameter: mean, deviation and the test of its z-scores."""
+    rows = []
     for number, block in enumerate(blocks):
         for parameter in block[0].z:
             z = np.array([score.z[parameter] for score in block])
-            yield (
-                f"{name:8s} seeds {BLOCK * number}+{len(z)} {parameter:8s} mean {z.mean():+.2f} "
-                f"sd {z.std(ddof=1):.2f} p {p_value(z):.2g}"
-            )
+            spread = float(z.std(ddof=1)) if len(z) > 1 else 0.0
+            rows.append((BLOCK * number, len(z), parameter, float(z.mean()), spread, p_value(z)))
+    forms = {"first seed": "d", "campaigns": "d", "parameter": "", "mean": "+.2f", "sd": ".2f"}
+    return Table(name, {**forms, "p": ".2g"}, rows)
 
 
 def p_value(z: NDArray[np.float64]) -> float:
@@ -132,21 +134,17 @@ def score_campaigns(
 
 
 def main() -> int:
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = options(__doc__, calls=1)
     parser.add_argument("names", nargs="*", default=list(CAMPAIGNS), metavar="CAMPAIGN")
-    parser.add_argument("--campaigns", type=int, default=30)
-    parser.add_argument("--seeds", type=int, default=3)
+    parser.add_argument("--campaigns", type=int, default=30, help="of each block of seeds")
+    parser.add_argument("--seeds", type=int, default=3, help="blocks of seeds")
     asked = parser.parse_args()
     jbw.enable_x64()
-    worst = 1.0
+    tables = []
     for name in asked.names:
-        blocks = score_campaigns(name, asked.campaigns, asked.seeds)
-        print(*told(name, blocks), sep="\n")
-        for block in blocks:
-            for parameter in block[0].z:
-                worst = min(worst, p_value(np.array([score.z[parameter] for score in block])))
-    print(f"least p {worst:.2g}")
-    return int(worst < LEAST_P)
+        tables.append(table_of(name, score_campaigns(name, asked.campaigns, asked.seeds)))
+    show(tables, file=asked.json)
+    return int(min(row[-1] for table in tables for row in table.rows) < LEAST_P)
 
 
 if __name__ == "__main__":
