@@ -9,7 +9,8 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jbw.errors import DataError
-from jbw.measurement.curves import forced_loop
+from jbw.measurement.curves import ForcedLoop, forced_loop
+from jbw.measurement.loop_cycles import readings_of_cycles
 from jbw.measurement.records import Test
 from jbw.observables.observable import Laws, SteadyLines, Theta, run_of
 from jbw.observables.repeated import Repeated
@@ -18,6 +19,8 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.quantities import DEFAULT_LAWS
 
 LONG = 8192  # samples: a longer record's neighbours are averaged
+SOFTER = 2.0  # times: how much stiffer the stiffest cycle is where it counts
+SEEN = 0.1  # of the largest force: cycles of less may be noise
 FINEST = 6e-3  # of the largest displacement: some thousand values a cycle
 
 
@@ -122,9 +125,28 @@ class Loops(Repeated):
         return SteadyLines(np.zeros(1), np.array([self.stiffness(1.0) + 0j]), np.ones(1, complex))
 
     def stiffness(self, gain: float) -> float:
-        """Force over displacement of the stiffest loop, peak to peak, per unit mass [1/s^2]."""
-        force = np.ptp(np.asarray(self.mean), axis=1)
-        return float(np.max(gain * force / np.ptp(np.asarray(self.displacement), axis=1)))
+        """Force over displacement of the stiffest loop, peak to peak, per unit mass [1/s^2].
+
+        Of its stiffest cycle instead where that is more than twice as stiff: a joint that wears or
+        yields far is soft in its largest cycles.
+        """
+        displacement, mean = np.asarray(self.displacement), np.asarray(self.mean)
+        whole = float(np.max(np.ptp(mean, axis=1) / np.ptp(displacement, axis=1)))
+        cycles = [
+            secant
+            for i, (y, force) in enumerate(zip(displacement, mean, strict=True))
+            for secant in _secants(y[self.compared(i)], force[self.compared(i)])
+        ]
+        stiffest = max(cycles, default=whole)
+        return gain * (stiffest if stiffest > SOFTER * whole else whole)
+
+
+def _secants(y: Float[np.ndarray, " time"], force: Float[np.ndarray, " time"]) -> list[float]:
+    """Secant stiffness of every cycle of a loop whose force is well above its noise [N/m]."""
+    cycles = readings_of_cycles(ForcedLoop(1.0, y, force))
+    strengths = [one.stiffness * one.amplitude for one in cycles]
+    felt = SEEN * max(strengths, default=0.0)
+    return [one.stiffness for one, size in zip(cycles, strengths, strict=True) if size > felt]
 
 
 def zeros_of_load_cells(

@@ -36,12 +36,13 @@ from jaxtyping import Array, Bool, Complex, Float
 
 from jbw.oscillator.kinks import Ends, StepPath, kink_impulse, signed
 from jbw.oscillator.law import Bounds, Law, Loop, Scales
-from jbw.oscillator.laws.bouc_wen import FORCED_SHARE, SHARE
+from jbw.oscillator.laws.bouc_wen import SHARE
 from jbw.oscillator.laws.bouc_wen_nu import BoucWenNu
 from jbw.oscillator.laws.powers import REFERENCE, power
 from jbw.oscillator.parameters import Conversion, Material, Scalar, batched, of_opensees
 from jbw.quantities import Quantity
 
+WORN_SHARE = (0.01, 2.0)  # of the stiffness of the stiffest cycle, which is worn already
 TOLERANCE = 1e-12  # of a move of any length, over the stretch at yield
 MOST_STEPS = 4096  # of such a move
 PARTS = 4  # of a move along a record
@@ -103,11 +104,14 @@ class BWBNPinching(Law):
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
-        """Yield within the motion or somewhat beyond; pinching from none to nearly all."""
-        share, peak = FORCED_SHARE if scales.forced else SHARE, scales.y_peak
+        """Yield within the motion or somewhat beyond; pinching from none to nearly all.
+
+        Where the stiffness is a secant's, that of the fresh joint is up to twice as large.
+        """
+        share, peak = WORN_SHARE if scales.forced else SHARE, scales.y_peak
         return {
             "bwbn_stiffness": (share[0] * scales.omega_n**2, share[1] * scales.omega_n**2),
-            "bwbn_yield": (0.005 * peak, 2.0 * peak),
+            "bwbn_yield": (0.02 * peak, 2.0 * peak),
             "bwbn_n": (0.5, 4.0),
             "bwbn_beta": (0.05, 1.5),
             "bwbn_zeta_s": (0.0, 0.99),
@@ -171,27 +175,36 @@ class BWBNPinching(Law):
         return self._in_parts(memory, dy, PARTS)
 
     def _in_parts(self, memory: Worn, dy: Scalar, parts: int) -> Worn:
-        """Memory after a short monotone move by Runge and Kutta's rule of order 4."""
+        """Memory after a short monotone move by Runge and Kutta's rule of order 4.
+
+        Stages stay within the largest stretch that the law reaches, so that moves much longer than
+        the yield end in slip and not beyond.
+        """
         h = dy / parts
+        limit = self._largest(memory)
 
         def change(memory: Worn) -> Worn:
             return self.rate(0.0, h, memory)
 
         def moved(memory: Worn, by: Worn, part: float) -> Worn:
-            return Worn(memory[0] + part * by[0], memory[1] + part * by[1])
+            stretch = jnp.clip(memory[0] + part * by[0], -limit, limit)
+            return Worn(stretch, memory[1] + part * by[1])
 
         for _ in range(parts):
             k_1 = change(memory)
             k_2 = change(moved(memory, k_1, 0.5))
             k_3 = change(moved(memory, k_2, 0.5))
             k_4 = change(moved(memory, k_3, 1.0))
-            memory = Worn(
-                *(
-                    m + (a + 2.0 * b + 2.0 * c + d) / 6.0
-                    for m, a, b, c, d in zip(memory, k_1, k_2, k_3, k_4, strict=True)
-                )
-            )
+            slopes = zip(k_1, k_2, k_3, k_4, strict=True)
+            mean = Worn(*((a + 2.0 * b + 2.0 * c + d) / 6.0 for a, b, c, d in slopes))
+            memory = moved(memory, mean, 1.0)
         return memory
+
+    def _largest(self, memory: Worn) -> Scalar:
+        r"""What no stretch goes beyond: $z_y w_u$, or where it begins, and a hundredth more [m]."""
+        nu, _ = self.degradation(memory[1])
+        ultimate = self.bwbn_yield * nu ** (-1.0 / self.bwbn_n)
+        return 1.01 * jnp.maximum(jnp.abs(memory[0]), ultimate)
 
     # -- through a time step -----------------------------------------------------------------------
     def branch(self, v: Scalar, memory: Worn) -> Scalar:
