@@ -10,7 +10,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from jbw.campaign.content import course_of, falls, strongest_line
 from jbw.campaign.controlled_drafts import controlled_kind
 from jbw.campaign.document import commented, toml
 from jbw.campaign.roles import MOST_SAMPLES, Channel, Leaves, channels_by_role, last_name
@@ -24,9 +26,9 @@ from jbw.measurement.files.sampling import sampling_frequency
 from jbw.measurement.files.tree import RATE, Contents, Leaf, load, names
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.recorders.facts import is_time
-from jbw.measurement.records import INPUTS, RESPONSES, si_of
+from jbw.measurement.records import INPUTS, RESPONSES, Record, si_of
 from jbw.measurement.resampled import proposed_rate
-from jbw.measurement.response_checks import band_about_peak
+from jbw.measurement.response_checks import band_about_peak, height_within
 from jbw.units import decibels, plain
 
 HEAD = """\
@@ -41,6 +43,9 @@ NAMED = "campaign.toml"
 LISTED = 12  # channels named in a comment
 MOST_GROUPS = 500  # names of files that are not repeats of one another
 BEGINNING = 1 << 14  # bytes of a file by which it is told whether it may hold a curve
+BAND = "\nband = ["
+SAME_LINE = 1.25  # largest over smallest centre of bands about one line
+LEAST_HEIGHT = 0.02  # of a decay's strongest line, for another to be shown by it
 FOLLOWING = 0.7  # correlation of force and displacement from which they are drafted as a loop
 MOST_BLOCKS = 40  # tests drafted from one file
 # Keys of a test that are offered in a comment.
@@ -85,7 +90,8 @@ def start_campaign(folder: str | Path) -> Draft:
         raise DataError(f"Folder `{folder}` does not exist.", remedy="Name the folder of records.")
     visible = sorted(_measurement_files(folder), key=_stem)
     assumed: list[tuple[str, str]] = []  # file and what was assumed of it
-    blocks = []
+    blocks: list[str] = []
+    names: list[str] = []
     groups = [sorted(repeats) for _, repeats in groupby(visible, key=_stem)]
     if len(groups) > MOST_GROUPS:
         raise DataError(
@@ -97,7 +103,12 @@ def start_campaign(folder: str | Path) -> Draft:
         )
     curves = _frequencies_of_curves(groups)
     for repeats in groups:
-        blocks += _blocks(repeats, assumed, curves)
+        own = _blocks(repeats, assumed, curves)
+        names += [_name_of(repeats[0], i, len(own)) for i in range(len(own))]
+        blocks += own
+    if curves is None:
+        blocks = _bands_together(blocks, folder, assumed)
+    blocks = _named(blocks, names)
     if not any("[[test]]" in block for block in blocks):
         raise DataError(
             f"Folder `{folder}` has no measurement file that can be read.",
@@ -109,6 +120,72 @@ def start_campaign(folder: str | Path) -> Draft:
     further = commented(TestSpec, [key for key in OPTIONAL if not (drafted and key == "band")])
     foot = [FURTHER, *further, "", "# [identify]", *commented(Identify, Identify.model_fields), ""]
     return Draft("\n".join([*head, *blocks, *foot]), tuple(_once(assumed)))
+
+
+def _bands_together(
+    blocks: Sequence[str], folder: Path, assumed: list[tuple[str, str]]
+) -> list[str]:
+    """Bands of the decays about the line that all of them show, where their strongest ones differ.
+
+    A blow may move the suspension more than the joint: its line is the largest of one test, the
+    joint's stands out of every one.
+    """
+    found: dict[int, tuple[Path, Record]] = {}
+    bands: dict[int, Reach] = {}
+    for i, block in enumerate(blocks):
+        if BAND not in block:
+            continue
+        (test,) = tomllib.loads(block)["test"]
+        file = folder / (test["files"] if isinstance(test["files"], str) else test["files"][0])
+        first = file if file.is_file() else sorted(folder.glob(file.name))[0]
+        with suppress(JbwError, ValueError, IndexError):
+            lines = block.splitlines()
+            found[i] = first, _first_record(first, test["channels"], lines)
+            bands[i] = tuple(test["band"])
+    centres = [sum(band) / 2 for band in bands.values()]
+    if len(centres) < 2 or max(centres) < SAME_LINE * min(centres):
+        return list(blocks)
+    shared = max(
+        bands.values(), key=lambda band: min(height_within(one, band) for _, one in found.values())
+    )
+    if min(height_within(one, shared) for _, one in found.values()) < LEAST_HEIGHT:
+        return list(blocks)
+    changed = list(blocks)
+    for i, (path, record) in found.items():
+        low, high = band_about_peak(record, within=shared)
+        line = f"band = {toml([low, high])}  # CHECK: about the line that every decay shows"
+        changed[i] = re.sub(r"^band = .*$", line, blocks[i], flags=re.MULTILINE)
+        before = f"band {bands[i][0]:g} to {bands[i][1]:g} Hz is about the strongest line."
+        after = f"band {low:g} to {high:g} Hz is about the line that every decay shows."
+        assumed[:] = [
+            (name, after) if (name, what) == (path.name, before) else (name, what)
+            for name, what in assumed
+        ]
+    return changed
+
+
+def _name_of(path: Path, number: int, count: int) -> str:
+    """Name of a test by its file's, without the number of the repeat."""
+    stem = _stem(path)[0].rstrip(" _-.(") or path.stem
+    return f"{stem} {number + 1}" if count > 1 else stem
+
+
+def _named(blocks: Sequence[str], names: Sequence[str]) -> list[str]:
+    """Tests under the names of their files, where there are several; numbered where alike."""
+    is_test = [block.startswith("[[test]]\n") for block in blocks]
+    if sum(is_test) < 2:
+        return list(blocks)
+    found, taken = [], set()
+    for block, name, has_name in zip(blocks, names, is_test, strict=True):
+        if not has_name:
+            found.append(block)
+            continue
+        tries = (name if n == 1 else f"{name} ({n})" for n in range(1, len(blocks) + 2))
+        free = next(each for each in tries if each not in taken)
+        taken.add(free)
+        head, kind, rest = block.split("\n", 2)
+        found.append(f"{head}\n{kind}\nname = {toml(free)}\n{rest}")
+    return found
 
 
 def looked_at(contents: Contents) -> Looked:
@@ -148,10 +225,7 @@ def write_campaign(draft: Draft, folder: str | Path) -> Path:
         with path.open("xb") as file:
             file.write(draft.text.encode())
     except FileExistsError:
-        raise ConfigError(
-            f"`{path}` exists already, and is not overwritten.",
-            remedy="See the draft with: jbw init --print FOLDER",
-        ) from None
+        raise already_written(path) from None
     except OSError as error:
         path.unlink(missing_ok=True)  # what a full disk left of it
         raise RunError(
@@ -160,6 +234,14 @@ def write_campaign(draft: Draft, folder: str | Path) -> Path:
             f"jbw init --print {folder} > campaign.toml",
         ) from error
     return path
+
+
+def already_written(path: Path) -> ConfigError:
+    """The refusal to write over a campaign file."""
+    return ConfigError(
+        f"`{path}` exists already, and is not overwritten.",
+        remedy="See the draft with: jbw init --print FOLDER",
+    )
 
 
 def _stem(path: Path) -> tuple[str, str]:
@@ -252,13 +334,12 @@ def _block(
     ]
     for line in clock.assumed:
         assume(line)
-    if not clock.is_known:
+    if not (clock.is_known or traits.is_prescribed):
         lines.append(_sampling(looked.leaves, assume))
     if traits.is_free:
         lines.append(_band(files[0], roles, lines, assume, curves))
     if traits.is_steady:
-        lines.append("tones = [1.0]  # CHECK: frequencies [Hz]")
-        assume("tones must be given.")
+        lines.append(_tones(files[0], roles, lines, assume))
     if traits.is_stepped:
         lines.append("dwell = 1.0  # CHECK: duration of each step [s]")
     unused = [name for name in series if name not in roles.values() and name not in clock.columns]
@@ -341,8 +422,8 @@ def _units(channels: Mapping[str, Channel], assume: Assume) -> str:
         elif role != "time":  # seconds, unless the file says otherwise
             units[role] = channel.default
             guessed.append(role)
-            assume(f"unit of {role} assumed to be {units[role]}.")
-    mark = f"  # CHECK: not in the file for {', '.join(guessed)}" if guessed else ""
+            assume(f"unit of {role} assumed to be {units[role]}, the SI unit.")
+    mark = f"  # CHECK: SI assumed, not in the file, for {', '.join(guessed)}" if guessed else ""
     return f"units = {toml(units)}{mark}"
 
 
@@ -359,14 +440,32 @@ def _band(
     suspension as well, which moves further than the joint's mode.
     """
     try:
-        stated = tomllib.loads("\n".join(lines[1:]))
-        wanted = Wanted(roles, stated["units"], stated.get("fs"), resample=stated.get("resample"))
-        low, high = band_about_peak(records(path, wanted)[0], within=curves)
+        low, high = band_about_peak(_first_record(path, roles, lines), within=curves)
     except (JbwError, ValueError, IndexError):  # for `jbw check` to say
         assume("band must be given.")
         return "# band = [5.0, 40.0]  # CHECK: frequencies around the one mode [Hz]"
     assume(f"band {low:g} to {high:g} Hz is about the strongest line.")
     return f"band = {toml([low, high])}  # CHECK: about the strongest line; no other mode in it"
+
+
+def _first_record(path: Path, roles: Mapping[str, str], lines: Sequence[str]) -> Record:
+    """The first record of a file, as the lines of its table have it so far."""
+    stated = tomllib.loads("\n".join(lines[1:]))
+    wanted = Wanted(roles, stated["units"], stated.get("fs"), resample=stated.get("resample"))
+    return records(path, wanted)[0]
+
+
+def _tones(path: Path, roles: Mapping[str, str], lines: Sequence[str], assume: Assume) -> str:
+    """The tone of a test: the strongest line of its source, where that is one steady tone."""
+    with suppress(JbwError, ValueError, IndexError):
+        record = _first_record(path, roles, lines)
+        source = record.channels[record.source]
+        if course_of(source) == "tones":
+            hz = float(f"{strongest_line(source, record.fs):.6g}")
+            assume(f"tones of {hz:g} Hz are the strongest line of its source.")
+            return f"tones = {toml([hz])}  # CHECK: the strongest line of its source [Hz]"
+    assume("tones must be given.")
+    return "tones = [1.0]  # CHECK: frequencies [Hz]"
 
 
 def _sampling(leaves: Leaves, assume: Assume) -> str:
@@ -473,10 +572,26 @@ def _kind_of(path: Path, roles: Mapping[str, Channel], series: Leaves) -> tuple[
         if hint in name and fitting.get(kind, driven):
             return kind, True
     if not driven and {"restoring_force", "displacement"} <= set(roles):
-        return "loop", False
+        return "loop", True
     if driven and {"force", "displacement"} <= set(roles) and _follows(roles, series):
         return "loop", False
-    return ("sweep" if driven else "decay"), False
+    if not driven:
+        samples = _samples_of(series, roles[response].path) if response else None
+        return "decay", samples is not None and falls(samples)
+    source = next(role for role in INPUTS if role in roles)
+    samples = _samples_of(series, roles[source].path)
+    course = None if samples is None else course_of(samples)
+    return course or "sweep", course is not None
+
+
+def _samples_of(series: Leaves, path: str) -> NDArray[np.float64] | None:
+    """Samples of a channel that is one real series, and not too long to be looked at."""
+    leaf = series.get(path)
+    if leaf is None or len(leaf.shape) != 1 or leaf.shape[0] > MOST_SAMPLES or _is_complex(leaf):
+        return None
+    with suppress(ValueError, TypeError):
+        return np.asarray(load(leaf), np.float64)
+    return None
 
 
 def _follows(roles: Mapping[str, Channel], series: Leaves) -> bool:

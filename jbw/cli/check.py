@@ -6,8 +6,15 @@ from pathlib import Path
 
 import click
 
+from jbw.campaign.asked import answered, still_doubtful
 from jbw.campaign.check import Check, Row, as_json, check_campaign
-from jbw.campaign.draft import start_campaign, write_campaign
+from jbw.campaign.draft import (
+    NAMED,
+    Draft,
+    already_written,
+    start_campaign,
+    write_campaign,
+)
 from jbw.campaign.files import repeats_of
 from jbw.campaign.joints import JointsCheck
 from jbw.campaign.schema import read_spec
@@ -17,19 +24,26 @@ from jbw.errors import RunError
 from jbw.measurement.records import Record
 from jbw.report.table import Cell, Column, Table, table
 
+ASKED = "What the records do not say, line by line; Enter keeps what stands in brackets."
 MARKS = {"ok": "good", "warning": "doubt", "error": "bad"}
 
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option("--print", "print_", is_flag=True, help="Print it to stdout; write nothing.")
+@click.option(
+    "--ask", is_flag=True, help="Ask for what the records do not say, a line each; Enter keeps it."
+)
 @json_option
-def init(folder: Path, print_: bool, json_: bool) -> None:
+def init(folder: Path, print_: bool, ask: bool, json_: bool) -> None:
     """Look at the records in FOLDER and write FOLDER/campaign.toml.
 
     An existing campaign file is never overwritten. What the records do not say is marked CHECK.
     """
     draft = start_campaign(folder)
+    if ask:
+        require_unwritten(folder, print_)
+        draft = asked_about(draft)
     path = None if print_ else str(write_campaign(draft, folder))
     if json_:
         show_json({"campaign": path, "text": draft.text, "check": list(draft.assumed)})
@@ -39,6 +53,27 @@ def init(folder: Path, print_: bool, json_: bool) -> None:
             click.echo(f"CHECK: {assumed}", err=True)
     if path is not None:
         following("check", path)
+
+
+def require_unwritten(folder: Path, print_: bool) -> None:
+    """Refuse before the first question what would be refused after the last."""
+    if not print_ and (folder / NAMED).exists():
+        raise already_written(folder / NAMED)
+
+
+def asked_about(draft: Draft) -> Draft:
+    """The draft with a person's answers; doubtful is what is still marked in it.
+
+    Questions go to stderr, so that --print and --json stay what they are.
+    """
+
+    def ask(question: str) -> str:
+        click.echo(question, nl=False, err=True)
+        return input()
+
+    click.echo(ASKED, err=True)
+    text = answered(draft.text, ask, lambda told: click.echo(told, err=True))
+    return Draft(text, tuple(still_doubtful(text)))
 
 
 @click.command()

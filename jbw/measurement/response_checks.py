@@ -27,6 +27,7 @@ NO_LEVEL = ("frequency", "phase", "time")
 ABOUT = 0.2  # of the strongest line, to either side: a band to begin with
 ELSEWHERE = 0.3  # of the power of a displacement: more is no flank of one resonance
 STANDS_OUT = 5.0  # times the median around: of 1000 lines of noise the largest is 3.2 times it
+FEW = 256  # samples of a displacement: fewer are points that somebody read off
 PERIODS = 8  # of a record at least, where a line is taken for a mode
 DECAYED = 0.9  # last quarter of a decay over its first: more is no decay
 
@@ -296,21 +297,44 @@ def about_peak(
     those that stand out of what is around them: noise of an acceleration is a large displacement at
     low frequencies.
     """
+    freq, size, lowest = _lines(record, settle)
+    if within is not None and np.any(inside := lines_within(freq, within)):
+        size = np.where(inside[:, None], size, 0.0)
+    every, standing = size.T
+    size = standing if np.any(standing[lowest:] > 0) else every
+    peak = float(freq[lowest + np.argmax(size[lowest:])])
+    return _about(peak)
+
+
+def height_within(record: Record, band: tuple[float, float]) -> float:
+    """Largest line of a displacement in a band over the largest of all, of those that stand out."""
+    freq, size, lowest = _lines(record, 0.0)
+    standing = size[lowest:, 1]
+    inside = lines_within(freq[lowest:], band)
+    most = float(np.max(standing, initial=0.0))
+    return float(np.max(standing[inside], initial=0.0)) / most if most else 0.0
+
+
+def _lines(record: Record, settle: float) -> tuple[Reals, Reals, int]:
+    """Frequencies [Hz], lines of a displacement, all and those that stand out, and the first sure.
+
+    The first is beyond what a mean that drifts adds. Of a few points, as read off a chart, whose
+    record may hold no more than two or three periods, it is what a straight line leaves: there is
+    nothing else below.
+    """
     x = record.channels[record.response][round(settle * record.fs) :]
     x = np.where(np.isfinite(x), x, 0.0) - np.nanmean(x)
+    lowest = min(PERIODS - 1, max(len(x) // 2 - 1, 0))
+    if len(x) < FEW and derivative_order(record.response) == 0:
+        place = np.arange(len(x))
+        x = x - np.polyval(np.polyfit(place, x, 1), place)
+        lowest = min(2, lowest)
     freq = np.fft.rfftfreq(len(x), 1 / record.fs)[1:]
     # As a displacement, of which the joint's mode is the largest part.
     measured = np.abs(np.fft.rfft(x * np.hanning(len(x)))[1:])
     size = measured / freq ** derivative_order(record.response)
-    if within is not None and np.any(inside := lines_within(freq, within)):
-        size = np.where(inside, size, 0.0)
-    # Beyond what a mean that drifts adds.
-    lowest = min(PERIODS - 1, len(size) - 1)
     stands_out = measured > STANDS_OUT * _around(freq, measured)
-    if np.any(stands_out[lowest:] & (size[lowest:] > 0)):
-        size = np.where(stands_out, size, 0.0)
-    peak = float(freq[lowest + np.argmax(size[lowest:])])
-    return _about(peak)
+    return freq, np.stack([size, np.where(stands_out, size, 0.0)], axis=1), lowest
 
 
 def _around(freq: Reals, size: Reals) -> Reals:

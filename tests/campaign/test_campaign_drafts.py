@@ -167,7 +167,9 @@ def test_an_assumption_of_several_tests_is_one_line_and_keys_stand_once(tmp_path
     draft = start_campaign(tmp_path)
     assert len(tomllib.loads(draft.text)["test"]) == 2
     about = [line for line in draft.assumed if "unit of velocity" in line]
-    assert about == ["high_sweep_1.npz, low_sweep_1.npz: unit of velocity assumed to be m/s."]
+    assert about == [
+        "high_sweep_1.npz, low_sweep_1.npz: unit of velocity assumed to be m/s, the SI unit."
+    ]
     assert draft.text.count("# level = ") == 1
     assert draft.text.index("# level = ") > draft.text.rindex("[[test]]\n")
 

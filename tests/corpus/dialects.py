@@ -300,6 +300,20 @@ def labview_under_another_suffix(path):
     lvm(path, "Comma", ".", True)
 
 
+@dialect("sweep_1.lvm", "NI LabVIEW LVM")
+def labview_with_times_of_each_channel(path):
+    text(
+        path,
+        *(line.replace("X_Columns\tNo", "X_Columns\tMulti") for line in LVM_HEAD),
+        "Channels\t2\t\t\t",
+        f"Samples\t{N}\t\t{N}\t",
+        "Y_Unit_Label\tN\tm/s\t\t",
+        END_OF_HEADER,
+        "X_Value\tForce\tX_Value\tVelocity\tComment",
+        *rows((T, FORCE, T, VELOCITY), "\t", form="{:.9f}"),
+    )
+
+
 LVM_HEAD = [
     "LabVIEW Measurement\t",
     "Writer_Version\t0.92",

@@ -4,13 +4,13 @@ Files: .lvm, .txt
 Known by: the first line `LabVIEW Measurement`
 Names: the line that begins with `X_Value`
 Units: `Y_Unit_Label`
-Rate: `Delta_X`, or the column of times where `X_Columns` is `One`; where its digits leave the rate
-    uncertain by more than 1e-4, as 0.000977 for 1024 Hz, the provenance says so
+Rate: `Delta_X`, or the columns of times where `X_Columns` is `One` or `Multi`; where its digits
+    leave the rate uncertain by more than 1e-4, as 0.000977 for 1024 Hz, the provenance says so
 Start: `X0`
 Rests on: the first sections of NI's page "Specification for the LabVIEW Measurement File (.lvm)";
     lvm_read.py and the files short, with_comments, with_empty_fields, uneven_comments,
     no_decimal_separator and long_single_header_multi_ch of ladisk/lvm_read, whose layout the reader
-    takes, except `X_Columns` `Multi`, which it refuses
+    takes
 Never seen: special blocks within the data, of which the page's section was not opened; commas as
     separators
 """
@@ -53,12 +53,10 @@ def read_text(lines: Sequence[str], path: Path) -> Contents:
     own = _facts(lines[ends[0] + 1 : ends[1]], mark)
     number = int(number_in(own.get("channels", ["0"])[0]))
     names = [text.strip() for text in lines[ends[1] + 1].split(mark)]
-    has_times = facts.get("x_columns", ["No"])[0].lower() == "one"
-    if facts.get("x_columns", ["No"])[0].lower() == "multi":
-        raise DataError(
-            f"File `{path.name}` has a column of times for each channel of an LVM file.",
-            remedy="Write it with one column of times, or none, or as TDMS.",
-        )
+    x_columns = facts.get("x_columns", ["No"])[0].lower()
+    if x_columns == "multi":
+        return _with_times_of_each(lines[ends[1] + 1 :], path, own, (mark, decimal))
+    has_times = x_columns == "one"
     titles = [names[0] or "X_Value", *names[1 : 1 + number]]
     first = 0 if has_times else 1
     rows = [_cells(line, mark, first, number) for line in lines[ends[1] + 2 :] if line.strip()]
@@ -86,6 +84,20 @@ def read_text(lines: Sequence[str], path: Path) -> Contents:
         start_s = None if np.isnan(start) else start
         told[path_of] = replace(item, fs=rate_of(number_in(deltas[i])), start_s=start_s)
     return replace(found, root={**top(found), **told}, series=told, notes=notes)
+
+
+def _with_times_of_each(
+    lines: Sequence[str], path: Path, own: dict[str, list[str]], marks: tuple[str, str]
+) -> Contents:
+    """Channels that each have a column of times before them."""
+    mark, decimal = marks
+    number = int(number_in(own.get("channels", ["0"])[0]))
+    names = [text.strip() for text in lines[0].split(mark)]
+    titles = ["time" if i % 2 == 0 else name for i, name in enumerate(names[: 2 * number])]
+    units = [unit for each in _of_each(own, "y_unit_label", number) for unit in ("s", each)]
+    rows = [_cells(line, mark, 0, 2 * number - 1) for line in lines[1:] if line.strip()]
+    dialect = Dialect(mark, decimal, 0, 2 * number)
+    return table(rows, path, names=titles, units=units, dialect=dialect)
 
 
 def _without_empty(found: Contents, counts: Sequence[str]) -> Contents:

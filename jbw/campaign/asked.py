@@ -1,0 +1,120 @@
+"""The doubtful lines of a draft, put to a person one by one: `jbw init --ask`.
+
+A line ends in `# CHECK: why` where the records do not say it. An answer takes the place of its
+value; none keeps it, and so does one that a campaign file cannot take, which is said.
+"""
+
+import re
+import tomllib
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from jbw.campaign.document import toml
+from jbw.campaign.schema import parse
+from jbw.errors import ConfigError
+
+LINE = re.compile(r"^(?P<off># )?(?P<key>\w+) = (?P<value>.+?)  # CHECK: (?P<why>.*)$")
+LISTS = ("band", "tones", "span")  # keys whose value is a list of numbers
+SAID = {
+    "kind": "kind of test",
+    "fs": "sampling frequency [Hz]",
+    "band": "lowest and highest frequency of the one mode [Hz]",
+    "tones": "frequencies of the tones [Hz]",
+    "dwell": "duration of each step [s]",
+    "resample": "rate to resample to [Hz]",
+}
+Ask = Callable[[str], str]  # a question to an answer; raises EOFError where nobody answers
+Tell = Callable[[str], Any]
+
+
+def answered(text: str, ask: Ask, tell: Tell) -> str:
+    """The draft with a person's answers; as it is from where nobody answers any more."""
+    lines = text.splitlines()
+    files = ""
+    for i, line in enumerate(lines):
+        if line.startswith("files = "):
+            files = line.partition(" = ")[2].partition("  #")[0]
+        try:
+            for question, to_line in _questions(line):
+                answer = ask(f"{files}: {question}: ").strip()
+                if answer:
+                    lines[i] = _taken(lines, i, to_line(lines[i], answer), tell)
+        except EOFError:
+            break
+    return "\n".join(lines) + ("\n" if text.endswith("\n") else "")
+
+
+def still_doubtful(text: str) -> Iterator[str]:
+    """Lines of a draft that are still marked, each with its files."""
+    files = ""
+    for line in text.splitlines():
+        if line.startswith("files = "):
+            files = line.partition(" = ")[2].partition("  #")[0]
+        if found := LINE.match(line):
+            yield f"{files}: {found['key']} = {found['value']}, {found['why']}"
+
+
+def _questions(line: str) -> list[tuple[str, Callable[[str, str], str]]]:
+    """Questions about a line, each with what makes the line of an answer."""
+    found = LINE.match(line)
+    if found is None:
+        return []
+    key, value = found["key"], found["value"]
+    try:
+        known = tomllib.loads(f"{key} = {value}")[key]
+    except tomllib.TOMLDecodeError:
+        return []
+    if not isinstance(known, dict):
+        kept = "leave it out" if found["off"] else _shown(known)
+        said = SAID.get(key, key)
+        return [(f"{said} ({found['why']}) [{kept}]", lambda old, text: _value(old, key, text))]
+    roles = [role for role in known if re.search(rf"\b{role}\b", found["why"])]
+    what = "unit" if key == "units" else "channel"
+    return [
+        (f"{what} of {role} [{known[role]}]", lambda old, text, role=role: _of(old, role, text))
+        for role in roles
+    ]
+
+
+def _shown(value: Any) -> str:
+    return ", ".join(f"{x:g}" for x in value) if isinstance(value, list) else str(value)
+
+
+def _value(line: str, key: str, answer: str) -> str:
+    """The line with another value, no longer a comment and no longer doubtful."""
+    numbers = [part for part in re.split(r"[,;\s]+", answer.strip("[] ")) if part]
+    try:
+        values = [float(number) for number in numbers]
+    except ValueError:
+        return f"{key} = {toml(answer)}"
+    return f"{key} = {toml(values if key in LISTS else values[0])}"
+
+
+def _of(line: str, role: str, answer: str) -> str:
+    """The line with another unit or channel of a role; the others stay as doubtful as they were."""
+    found = LINE.match(line)
+    body, why = (line, "") if found is None else (line.partition("  # CHECK: ")[0], found["why"])
+    key, _, value = body.partition(" = ")
+    known = tomllib.loads(f"{key} = {value}")[key] | {role: answer}
+    rest = re.sub(rf"(, )?\b{role}\b", "", why, count=1)
+    still = any(re.search(rf"\b{other}\b", rest) for other in known)
+    return f"{key} = {toml(known)}" + (f"  # CHECK: {rest}" if still else "")
+
+
+def _taken(lines: list[str], i: int, line: str, tell: Tell) -> str:
+    """A new line, or the old one where the campaign file cannot take it."""
+    before, after = (
+        _error("\n".join([*lines[:i], one, *lines[i + 1 :]])) for one in (lines[i], line)
+    )
+    if after is not None and after != before:
+        tell(f"{after} Kept: {lines[i].partition('  # CHECK')[0]}")
+        return lines[i]
+    return line
+
+
+def _error(text: str) -> str | None:
+    try:
+        parse(text)
+    except ConfigError as error:
+        return " ".join(error.what.split())
+    return None
