@@ -45,14 +45,14 @@ def joined(lines: Iterable[str]) -> list[str]:
     return found
 
 
-def drawn(recording: str) -> str:
-    """The SVG."""
+def drawn(recording: str, title: str = "jbw demo") -> str:
+    """The SVG; lines that begin with a dollar are what was typed."""
     console = Console(record=True, width=WIDTH, file=StringIO(), force_terminal=True)
-    console.print(Text("$ jbw demo", style="bold"))
-    for line in lines_of(recording):
-        style = "dim" if STARTED.match(line) else ""
+    typed = [] if recording.startswith("$ ") else [f"$ {title}"]
+    for line in (*typed, *lines_of(recording)):
+        style = "dim" if STARTED.match(line) else "bold" if line.startswith("$ ") else ""
         console.print(Text(line, style="bold green" if line.startswith("Verdict") else style))
-    return FONTS.sub("", console.export_svg(title="jbw demo", theme=MONOKAI))
+    return FONTS.sub("", console.export_svg(title=title, theme=MONOKAI))
 
 
 if __name__ == "__main__":

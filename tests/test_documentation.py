@@ -256,6 +256,19 @@ def test_the_terminal_s_picture_shows_a_demonstration_without_a_warning():
     assert not re.search(r"warning|\.\.\.", shown, re.IGNORECASE)
 
 
+def test_five_recorders_come_to_a_look_in_two_commands_each():
+    text = (DOCS / "recorders.svg").read_text(encoding="utf-8")
+    shown = unescape("\n".join(re.sub("<[^>]+>", "", line) for line in text.split("</text>")))
+    shown = shown.replace("\xa0", " ")
+    folders = loaded("draw_recorders", DOCS / "draw_recorders.py").FOLDERS
+    assert len(folders) == 5
+    typed = re.findall(r"\$ jbw (\w+) (\w+)", shown)
+    assert typed == [(command, name) for name in folders for command in ("init", "look")]
+    # The joint that was simulated has 30 Hz at small motion, and softens.
+    assert shown.count("read without a model of the joint") == 5
+    assert not re.search(r"Doubtful|Not read|error", shown)
+
+
 def test_lines_that_a_log_broke_are_whole_in_the_terminal_s_picture():
     script = loaded("draw_terminal", DOCS / "draw_terminal.py")
     recording = (
