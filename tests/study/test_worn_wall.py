@@ -1,6 +1,6 @@
 """A loop as an infilled wall gives it, pinched and degrading, of the rig; identified from it alone.
 
-Found over thirty such loops of other noise, in equal cycles: docs/benchmarks.md.
+What thirty loops of other noise gave, in cycles of four amplitudes: docs/howto/loops.md.
 """
 
 import numpy as np
