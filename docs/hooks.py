@@ -140,7 +140,7 @@ def campaign_keys() -> str:
     for name, (head, table_name) in {
         "campaign": ("[campaign]", "Head"),
         "assembly": ("[assembly]", "Assembly"),
-        "joint": ("[joint]", "Joint"),
+        "joint": ("[joint]", "JointLaws"),
         "structure": ("[structure]", "Structured"),
         "matrices": ("[structure]", "AssembledStructure"),
         "joints": ("[[joint]]", "JointTable"),

@@ -116,7 +116,7 @@ def _files(
     return found_files([stated], folder, allow_outside)[0]
 
 
-class _Motion(NamedTuple):
+class _JointMotion(NamedTuple):
     """Modes of a structure and, as far as it is known, what they are to its joints."""
 
     frequencies_hz: np.ndarray
@@ -153,16 +153,16 @@ def check_joints(
     ), faults
 
 
-def _motion_of(spec: CampaignSpec, folder: Path, allow_outside: bool) -> _Motion:
+def _motion_of(spec: CampaignSpec, folder: Path, allow_outside: bool) -> _JointMotion:
     """Of matrices, or of stated modes, where the shape of every joint must be stated too."""
     if spec.assembled is not None:
         model = reduced_model(spec, folder, allow_outside=allow_outside)
         H = model.H[:, : model.num_kept]
-        return _Motion(model.frequencies_hz, H, energy_shares(model), model.notes)
+        return _JointMotion(model.frequencies_hz, H, energy_shares(model), model.notes)
     modes = () if spec.structure is None else spec.structure.modes
     shapes = [table.shape for table in spec.joints]
     H = None if None in shapes or not modes else np.array(shapes, float)
-    return _Motion(np.array(modes, float), H)
+    return _JointMotion(np.array(modes, float), H)
 
 
 def _names_of_groups(joints: Sequence[JointTable]) -> tuple[str, ...]:

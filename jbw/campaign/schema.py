@@ -10,7 +10,14 @@ from pydantic import ConfigDict, Field
 from jbw.campaign.assembled import AssembledStructure, JointTable, joint_errors, laws_of_joint
 from jbw.campaign.document import Table, checked, document_of, key, refuse, text_of, unknown_tables
 from jbw.campaign.gains import differ
-from jbw.campaign.settings import Identify, Joint, Structured, law_errors, laws_of, structure_errors
+from jbw.campaign.settings import (
+    Identify,
+    JointLaws,
+    Structured,
+    law_errors,
+    laws_of,
+    structure_errors,
+)
 from jbw.campaign.tables import NOT_STATED, Assembly, Head, Instruments, TestSpec
 from jbw.campaign.together import among, at_every_point, named, of_others
 from jbw.campaign.written import CAMPAIGN
@@ -26,8 +33,8 @@ class CampaignFile(Table):
     assembly: Assembly = key(
         Assembly, "of which assembly, at which torque: what `jbw collect` takes to a fleet"
     )
-    joint: Joint | list[JointTable] = key(
-        Joint, "laws of the joint; a [[joint]] table each where a structure has several"
+    joint: JointLaws | list[JointTable] = key(
+        JointLaws, "laws of the joint; a [[joint]] table each where a structure has several"
     )
     structure: Structured | AssembledStructure | None = key(
         None, "several modes that meet in the joint, or matrices of a model with joints"
@@ -66,7 +73,7 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
     assembly = checked(Assembly, document.get("assembly", {}), "[assembly]", errors) or Assembly()
     joints = _joints(document.get("joint"), errors)
     stated_joint = {} if joints else document.get("joint", {})
-    joint = checked(Joint, stated_joint, "[joint]", errors) or Joint()
+    joint = checked(JointLaws, stated_joint, "[joint]", errors) or JointLaws()
     structure, assembled = _structures(document.get("structure"), errors)
     tables = document.get("test", [])
     if not isinstance(tables, list) or not tables:

@@ -262,7 +262,7 @@ def _knows_several(kind: Kind) -> bool:
     return kind.is_transient or kind.is_periodic or kind.is_free
 
 
-class Joint(Table):
+class JointLaws(Table):
     """The [joint] table: which laws stand beside each other across the joint."""
 
     laws: values.Laws = key(

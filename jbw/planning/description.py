@@ -10,7 +10,7 @@ import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, create_model
 
 from jbw.campaign.document import Table, checked, document_of, key, refuse, text_of, unknown_tables
-from jbw.campaign.settings import Joint
+from jbw.campaign.settings import JointLaws
 from jbw.campaign.values import Count, Index, Positive, number, strings, text, whole
 from jbw.errors import ConfigError
 from jbw.oscillator.laws import quantities_of
@@ -117,7 +117,7 @@ def plan_table(laws: tuple[str, ...] = DEFAULT_LAWS) -> type[PlanTable]:
     return create_model("PlanTable", __base__=PlanTable, wanted=field, **fields)
 
 
-TABLES: dict[str, type[Table]] = {"joint": Joint, "plan": PlanTable, **GRIDS}
+TABLES: dict[str, type[Table]] = {"joint": JointLaws, "plan": PlanTable, **GRIDS}
 
 
 def plan_file() -> type[Table]:
@@ -150,7 +150,7 @@ def parse(source: str, file: str = "plan.toml", *, of_run: bool = False) -> Desc
     """Check the text of a plan file, all faults at once; a run tells the joint itself."""
     document = document_of(source, file)
     errors = unknown_tables(document, TABLES)
-    joint = checked(Joint, document.get("joint", {}), "[joint]", errors) or Joint()
+    joint = checked(JointLaws, document.get("joint", {}), "[joint]", errors) or JointLaws()
     try:
         laws, model = joint.laws, plan_table(joint.laws)
     except ConfigError as error:

@@ -10,7 +10,7 @@ what the sensors make of it (`record_test`, `conditions`).
 """
 
 from jbw.rig.acquisition import RigCampaign, measure
-from jbw.rig.assemblies import JointedModel, Section, lapped_beams, plate_chain, portal_frame
+from jbw.rig.assemblies import BeamSection, JointedModel, lapped_beams, plate_chain, portal_frame
 from jbw.rig.generator import Noise, Sweep
 from jbw.rig.prescribed_motion import Held, HeldPoints, Locked, s_curve
 from jbw.rig.presets import (
@@ -37,6 +37,7 @@ __all__ = [
     "SLIDERS",
     "TRUTH",
     "Armature",
+    "BeamSection",
     "Held",
     "HeldPoints",
     "JointedModel",
@@ -45,7 +46,6 @@ __all__ = [
     "Plan",
     "Preset",
     "RigCampaign",
-    "Section",
     "Shapes",
     "Sweep",
     "Tightening",

@@ -26,7 +26,7 @@ from jbw.assembly.matrices import MatrixModel, matrix_model
 from jbw.assembly.reduce import ReducedModel, reduce
 
 
-class Section(NamedTuple):
+class BeamSection(NamedTuple):
     """A rectangular section: bending is about the width."""
 
     width: float  # [m]
@@ -75,15 +75,15 @@ class JointedModel:
         return replace(self, joints=joints)
 
 
-BAR = Section(0.03, 0.005)
-PLATE = Section(0.2, 0.008)
+BAR = BeamSection(0.03, 0.005)
+PLATE = BeamSection(0.2, 0.008)
 BOLT = 1.5e7  # stiffness of a lap in shear slip, in full stick [N/m]
 CLAMPING = 5e7  # of two beams against each other at a bolt [N/m]
 
 
 def lapped_beams(
     *,
-    section: Section = BAR,
+    section: BeamSection = BAR,
     first: Sequence[float] = (0.1, 0.1, 0.05, 0.04),
     second: Sequence[float] = (0.04, 0.08, 0.08, 0.08),
     stiffness: Sequence[float] = (BOLT, BOLT),
@@ -120,7 +120,7 @@ def lapped_beams(
 
 def portal_frame(
     *,
-    section: Section = BAR,
+    section: BeamSection = BAR,
     heights: tuple[float, float] = (0.4, 0.5),
     span: float = 0.6,
     stiffness: tuple[float, float] = (400.0, 400.0),
@@ -167,7 +167,7 @@ def portal_frame(
 
 def plate_chain(
     *,
-    section: Section = PLATE,
+    section: BeamSection = PLATE,
     lengths: Sequence[float] = (0.20, 0.15, 0.25, 0.18, 0.22),
     stiffness: Sequence[float] = (6000.0, 4000.0, 5000.0, 3000.0),
     elements: int = 3,
@@ -217,7 +217,7 @@ class _Mesh:
         self,
         nodes: Sequence[Any],
         lengths: Sequence[float],
-        section: Section,
+        section: BeamSection,
         deflections: Sequence[Any] | None = None,
     ) -> None:
         """Add a straight beam; its deflections may be shared with those of other nodes."""
@@ -234,7 +234,7 @@ class _Mesh:
         first: int,
         second: int,
         at: Mapping[int, tuple[float, float]],
-        section: Section,
+        section: BeamSection,
         rotations: Mapping[int, str] | None = None,
     ) -> None:
         """Add a plane frame element, whose ends may turn by other rotations than its nodes."""
