@@ -102,7 +102,8 @@ def lapped_beams(
         stiffness: Of the two joints in full stick [N/m].
     """
     nodes_a = [0, *range(1, len(first) + 1)]
-    nodes_b = list(range(101, 102 + len(second)))
+    base = _numbers_from(len(first)) + 1
+    nodes_b = list(range(base, base + 1 + len(second)))
     assembly = _Mesh()
     assembly.add_beam(nodes_a, first, section)
     assembly.add_beam(nodes_b, second, section)
@@ -140,8 +141,9 @@ def portal_frame(
         elements: Of every member.
     """
     mesh = _Mesh()
-    left, right = (np.arange(base, base + elements + 1) for base in (100, 200))
-    beam = [left[-1], *range(301, 300 + elements), right[-1]]
+    base = _numbers_from(elements)
+    left, right = (np.arange(n, n + elements + 1) for n in (base, 2 * base))
+    beam = [left[-1], *range(3 * base + 1, 3 * base + elements), right[-1]]
     top = heights[0]
     steps = np.linspace(0, 1, elements + 1)
     at = {int(node): (0.0, top * s) for node, s in zip(left, steps, strict=True)}
@@ -176,7 +178,8 @@ def plate_chain(
     r"""A chain of plates in cylindrical bending, with a joint between each and the next.
 
     Deflections are continuous, and joint j is the relative rotation of two plates,
-    $x_j = \theta_{j+1} - \theta_j$ [rad]. Plate j has the nodes 100 j + 0 ... `elements`.
+    $x_j = \theta_{j+1} - \theta_j$ [rad]. Plate j has the nodes 100 j + 0 ... `elements`
+    (1000 j from 100 elements on).
 
     Args:
         section: Of all plates.
@@ -188,21 +191,27 @@ def plate_chain(
     """
     mesh = _Mesh()
     names = []
+    base = _numbers_from(elements)
     for j, length in enumerate(lengths, 1):
-        nodes: list[Any] = [100 * j + i for i in range(elements + 1)]
+        nodes: list[Any] = [base * j + i for i in range(elements + 1)]
         deflections = nodes.copy()
         if j > 1:
-            deflections[0] = 100 * (j - 1) + elements  # shared with the plate before
+            deflections[0] = base * (j - 1) + elements  # shared with the plate before
         mesh.add_beam(nodes, [length / elements] * elements, section, deflections)
         names.append((nodes[0], nodes[-1]))
     joints = tuple(
         Joint(f"joint {j}", across=(f"{names[j - 1][1]}:ry", f"{names[j][0]}:ry"), stiffness=k)
         for j, k in enumerate(stiffness, 1)
     )
-    fixed = [(100, "z"), (100, "ry")] if clamped else []
+    fixed = [(base, "z"), (base, "ry")] if clamped else []
     outputs = {"tip": f"{names[-1][1]}:z"}
-    driven = f"{100 + elements - 1}:z"
+    driven = f"{base + elements - 1}:z"
     return JointedModel(mesh.model(fixed), joints, driven, outputs, to_hz=400.0)
+
+
+def _numbers_from(elements: int) -> int:
+    """First number of a member's nodes, 100 or as many digits as its elements need."""
+    return 10 ** max(2, len(str(elements)))
 
 
 class _Mesh:

@@ -43,12 +43,12 @@ def up_to(case, count):
     return (omega[count - 1] + omega[count]) / (4 * np.pi)
 
 
-def reduced(case, count, **options):
+def reduced(case, count, *, places=None, **options):
     """The golden beams with so many kept modes; residual modes as fast as they are."""
     mass, stiffness = matrices(case)
     return reduce(
         matrix_model(mass, stiffness, units="SI"),
-        joints(case),
+        places or joints(case),
         **{
             "to_hz": up_to(case, count),
             "input": f"{case['input_dof'] + 1}:row",

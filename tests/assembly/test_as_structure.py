@@ -11,6 +11,7 @@ from jbw.assembly.joint import Joint
 from jbw.assembly.matrices import matrix_model
 from jbw.assembly.reduce import reduce
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
+from jbw.rig.assemblies import lapped_beams
 
 ALPHA, DELTA, GAMMA, ZETA = 300.0, 40.0, 15.0, 0.01
 MASS = np.diag([2.0, 1.0, 0.5])
@@ -74,3 +75,12 @@ def test_the_law_of_a_joint_keeps_its_units():
     found = structure()
     np.testing.assert_array_equal(found.h, found.p)
     assert found.laws[0].parameters()["alpha"] == ALPHA
+
+
+def test_several_joints_have_a_row_of_h_and_a_tuple_of_laws_each():
+    laws = BoucWenLaw(1.5e7, 8e5, 2e5), BoucWenLaw(1e7, 1.2e6, 3e5)
+    found = lapped_beams().with_laws(*laws).reduced()
+    stated = found.structure()
+    np.testing.assert_array_equal(stated.h, found.H)
+    np.testing.assert_array_equal(stated.p, found.H.T)
+    assert stated.laws == ((laws[0],), (laws[1],))

@@ -1,0 +1,43 @@
+"""What does it cost to reduce a finite-element model with joints, and how much memory?
+
+A portal frame of more and more beam elements, with two joints, reduced to its modes up to 400 Hz
+with residual modes. The number of kept modes stays the same, so that what grows is the sparse
+algebra alone; what comes after the reduction does not know the model's size. The first frequency
+shows the round-off of double precision: the condition number of a beam's stiffness grows as the
+fourth power of the number of elements, whatever is done with it.
+
+    python benchmarks/assemblies_reduction.py [--calls 3] [--json FILE]
+"""
+
+import resource
+from collections.abc import Sequence
+
+from timing import Table, options, show, take_turns
+
+import jbw
+
+ELEMENTS = (100, 400, 1100)  # of each of the three members, three degrees of freedom a node
+COLUMNS = {"degrees of freedom": "d", "modes": "d", "first, Hz": ".6f", "reduction, s": ".2f"}
+COLUMNS |= {"of a process, GB": ".2f"}
+
+
+def tables(calls: int) -> list[Table]:
+    """Seconds of each size, in turns, and the most memory of the process so far."""
+    frames = {str(n): jbw.rig.portal_frame(elements=n) for n in ELEMENTS}
+    times = take_turns({name: frame.reduced for name, frame in frames.items()}, calls)
+    rows = []
+    for name, frame in frames.items():
+        reduced = frame.reduced()
+        gigabytes = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6
+        size, modes = frame.model.num_dofs, reduced.num_kept
+        rows.append((size, modes, reduced.frequencies_hz[0], times[name].least, gigabytes))
+    return [Table("Reduction of a portal frame", COLUMNS, rows)]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    chosen = options(__doc__, calls=3).parse_args(arguments)
+    show(tables(chosen.calls), ("scipy",), chosen.json)
+
+
+if __name__ == "__main__":
+    main()
