@@ -40,6 +40,8 @@ OF_A_RUN = "test_remedies.py::test_a_line_of_a_finding_is_taken"
 PAGES = "test_remedies.py::test_a_line_of_a_page_is_taken"
 JOINTS = "campaign/test_joint_tables.py::"
 PASTED = {
+    ("assembly/reduce.py", "damping"): JOINTS
+    + "test_damping_that_nothing_states_is_refused_and_the_remedy_cures",
     ("assembly/reduce.py", "holds_joints"): JOINTS
     + "test_joints_that_k_does_not_hold_are_refused_and_the_remedy_cures",
     ("campaign/check.py", "delay"): DRIVEN,

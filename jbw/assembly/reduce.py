@@ -229,8 +229,9 @@ def _damping(
     if zeta is None:
         if model.damping is None:
             raise ConfigError(
-                "`zeta` must be stated where the model has no damping matrix, but is not.",
-                remedy="Give one damping ratio such as zeta=0.004, or one a kept mode.",
+                "Damping ratios must be stated where the model has no damping matrix, but are not.",
+                remedy="Give one ratio such as zeta=0.004, in a campaign file `damping = 0.004` "
+                "under [structure], or one a kept mode.",
             )
         kept, notes = _modal_damping(model.damping, modes)
     else:
@@ -239,13 +240,13 @@ def _damping(
             kept = np.full(num, float(kept))
         if kept.shape != (num,):
             raise ConfigError(
-                f"`zeta` must be one number, or {num}, one for each mode up to `to_hz`, but has "
-                f"{kept.size}.",
+                f"Damping ratios must be one number, or {num}, one for each mode up to `to_hz`, "
+                f"but are {kept.size}.",
                 remedy="Give one damping ratio, or one for every kept mode.",
             )
         if not (np.isfinite(kept) & (kept >= 0)).all():
             raise ModelError(
-                f"Damping ratios must be finite and not negative, but `zeta` is {list(kept)}.",
+                f"Damping ratios must be finite and not negative, but are {kept.tolist()}.",
                 remedy="Give ratios such as 0.004, not per cent.",
             )
     residual = np.full(size - num, kept[-1])

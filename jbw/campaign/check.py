@@ -90,10 +90,14 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
         for fault in unread(spec)
     ]
     codes, seen, proposed = set(), [], []
-    joints, joint_faults = check_joints(spec, folder, allow_outside=allow_outside)
+    try:
+        joints, joint_faults = check_joints(spec, folder, allow_outside=allow_outside)
+        codes |= {ConfigError.exit_code} if worst(joint_faults) == "error" else set()
+    except JbwError as error:
+        joints, joint_faults = None, [refusal("matrices", error.what, error.why, error.remedy)]
+        codes.add(error.exit_code)
     for fault in joint_faults:
         rows.append(Row(STRUCTURE, fault.channel, "", "", None, 0, fault.severity, (fault,)))
-    codes |= {ConfigError.exit_code} if worst(joint_faults) == "error" else set()
     sources: list[Source] = []
     levels: list[Level] = []
     for test in spec.tests:

@@ -22,7 +22,7 @@ from jbw.campaign.assembled import AssembledStructure, JointTable, groups_of, la
 from jbw.campaign.document import toml
 from jbw.campaign.files import found_files
 from jbw.campaign.schema import CampaignSpec
-from jbw.errors import ConfigError, JbwError
+from jbw.errors import ConfigError
 from jbw.measurement.checks import Fault, doubt, refusal
 
 STRUCTURE = "[structure]"
@@ -128,15 +128,18 @@ class _JointMotion(NamedTuple):
 def check_joints(
     spec: CampaignSpec, folder: Path, *, allow_outside: bool = False
 ) -> tuple[JointsCheck | None, list[Fault]]:
-    """What the joints of a campaign are to its modes, and what is wrong or doubtful."""
+    """What the joints of a campaign are to its modes, and what is wrong or doubtful.
+
+    Raises:
+        ConfigError: A place or joint is not in the model.
+        DataError: A file of matrices is missing, damaged, or fails a check.
+        ModelError: The matrices are not those of a structure at rest.
+    """
     if not spec.joints:
         return None, []
-    try:
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
-            motion = _motion_of(spec, folder, allow_outside)
-    except JbwError as error:
-        return None, [refusal("matrices", error.what, error.why, error.remedy)]
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        motion = _motion_of(spec, folder, allow_outside)
     faults = [doubt("matrices", str(warning.message)) for warning in caught]
     names = tuple(table.name for table in spec.joints)
     swept = _swept(spec, motion.frequencies_hz)

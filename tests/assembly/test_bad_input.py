@@ -212,7 +212,7 @@ def test_damping_that_couples_modes_is_warned_of_with_the_number():
 
 
 def test_damping_must_be_stated():
-    with pytest.raises(ConfigError, match="`zeta` must be stated") as caught:
+    with pytest.raises(ConfigError, match="Damping ratios must be stated") as caught:
         reduced_three(zeta=None)
     assert "zeta=0.004" in caught.value.remedy
     assert reduced_three(zeta=0.004).zeta[0] == 0.004

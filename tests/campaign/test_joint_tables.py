@@ -247,6 +247,26 @@ def test_joints_that_k_does_not_hold_are_refused_and_the_remedy_cures(folder):
     assert errors_of(check_campaign(written(folder, cured + BOLTS + TESTS))) == []
 
 
+def test_damping_that_nothing_states_is_refused_and_the_remedy_cures(folder):
+    def lines_of(remedy):
+        return re.findall(r"`(damping = [\d.]+)` under \[structure\]", remedy)
+
+    stated = STRUCTURE.replace("damping = 0.004\n", "")
+    (fault,) = errors_of(check_campaign(written(folder, stated + BOLTS + TESTS)))
+    (line,) = lines_of(fault.remedy)
+    assert errors_of(check_campaign(written(folder, f"{stated}{line}\n{BOLTS}{TESTS}"))) == []
+
+
+def test_a_damaged_file_of_matrices_is_a_fault_of_the_data(folder):
+    (folder / "beams.mat").write_bytes(b"MATLAB 5.0 MAT-file" + bytes(200))
+    check = check_campaign(written(folder, STRUCTURE + BOLTS + TESTS))
+    (fault,) = errors_of(check)
+    assert "beams.mat cannot be read" in fault.what
+    assert check.exit_code == 3
+    (folder / "beams.mat").unlink()
+    assert check_campaign(folder / "campaign.toml").exit_code == 3
+
+
 def test_matrices_stay_in_the_folder_of_the_campaign(folder, tmp_path_factory):
     other = tmp_path_factory.mktemp("other")
     (folder / "beams.mat").rename(other / "beams.mat")
