@@ -15,13 +15,14 @@ from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from jbw.assembly.reduce import ReducedModel
 from jbw.errors import ConfigError
 
 INSEPARABLE_DEGREES = 5.0  # between columns of B
 _SHOWN_DEGREES = 0.1
+_MOVES = 1e-9  # energy share, or square of the relative motion: less is round-off of a mode
 
 Likeness = Literal["same motion", "mirror images"]
 
@@ -121,7 +122,7 @@ def joint_separability(
 
     Args:
         model: A reduced model, or the motion of every joint (row) by a unit of every mode.
-        modes: Indices of the modes that are swept, from 0; all elastic ones that are kept.
+        modes: Indices of the modes that are swept, from 0; all that are kept and move a joint.
         exponent: q, the power of the amplitude by which the joint softens: 1 for Bouc-Wen,
             1 + chi for power laws.
         groups: Number of a group for every joint: joints of one group share a law and have one
@@ -132,12 +133,11 @@ def joint_separability(
     """
     if isinstance(model, ReducedModel):
         H, names = model.H[:, : model.num_kept], tuple(joint.name for joint in model.joints)
-        elastic = np.flatnonzero(model.omega[: model.num_kept] > 0)
     else:
         H = np.atleast_2d(np.asarray(model, float))
         names = tuple(f"joint {j + 1}" for j in range(H.shape[0]))
-        elastic = np.arange(H.shape[1])
-    swept = tuple(int(i) for i in (elastic if modes is None else modes))
+    moving = moving_modes(model)
+    swept = tuple(int(i) for i in (np.flatnonzero(moving) if modes is None else modes))
     outside = [i for i in swept if not 0 <= i < H.shape[1]]
     if outside or not swept:
         raise ConfigError(
@@ -145,16 +145,17 @@ def joint_separability(
             + (f"one is {outside[0]}." if outside else "there is none."),
             remedy="Raise `to_hz` for further modes.",
         )
+    still = [i for i in swept if not moving[i]]
+    if still:
+        raise ConfigError(
+            f"Every swept mode must move a joint, but mode {still[0] + 1} moves none.",
+            why="Its row of B would be round-off, and would seem to tell joints apart.",
+            remedy="Leave it out of `modes`.",
+        )
     motion = H[:, swept].T
     participation = np.abs(motion) ** (2 + exponent)
     if groups is not None:
         motion, participation, names = _of_groups(motion, participation, names, groups)
-    still = np.flatnonzero(participation.max(axis=1) == 0)
-    if still.size:
-        raise ConfigError(
-            f"Every swept mode must move a joint, but mode {swept[still[0]] + 1} moves none.",
-            remedy="Leave it out of `modes`.",
-        )
     rows = participation / np.linalg.norm(participation, axis=1, keepdims=True)
     angles = _angles(rows)
     return JointSeparability(
@@ -174,6 +175,17 @@ def _of_groups(
     )
 
 
+def moving_modes(
+    model: ReducedModel | Float[np.ndarray, "joint mode"],
+) -> Bool[np.ndarray, " mode"]:
+    """Which kept modes move a joint by more than round-off: energy shares, or relative motions."""
+    if isinstance(model, ReducedModel):
+        return energy_shares(model).max(axis=0) > _MOVES
+    H = np.atleast_2d(np.asarray(model, float))
+    largest = np.abs(H).max() or 1.0
+    return (np.abs(H).max(axis=0) / largest) ** 2 > _MOVES
+
+
 def _condition(matrix: np.ndarray) -> float:
     singular = np.linalg.svd(matrix, compute_uv=False)
     if matrix.shape[0] < matrix.shape[1] or singular[-1] == 0:
@@ -187,7 +199,8 @@ def _angles(matrix: np.ndarray) -> np.ndarray:
     unit = matrix / np.where(norms > 0, norms, 1.0)
     # Of nearly parallel vectors by their difference: the arc cosine loses half of the digits.
     apart = np.linalg.norm(unit[:, :, None] - unit[:, None, :], axis=0)
-    return np.degrees(2 * np.arcsin(np.minimum(apart / 2, 1.0)))
+    angles = np.degrees(2 * np.arcsin(np.minimum(apart / 2, 1.0)))
+    return np.where(np.outer(norms > 0, norms > 0), angles, 90.0)
 
 
 def _alike(motion: np.ndarray, angles: np.ndarray) -> list[InseparablePair]:

@@ -17,6 +17,7 @@ from jbw.assembly.separability import (
     JointSeparability,
     energy_shares,
     joint_separability,
+    moving_modes,
 )
 from jbw.campaign.assembled import AssembledStructure, JointTable, groups_of, laws_of_joint
 from jbw.campaign.document import toml
@@ -116,11 +117,11 @@ def _files(
     return found_files([stated], folder, allow_outside)[0]
 
 
-class _JointMotion(NamedTuple):
-    """Modes of a structure and, as far as it is known, what they are to its joints."""
+class _Modes(NamedTuple):
+    """Modes of a structure, and the motion of its joints in them as far as it is known."""
 
     frequencies_hz: np.ndarray
-    H: np.ndarray | None = None
+    motion: ReducedModel | np.ndarray | None = None  # as `joint_separability` takes it
     shares: np.ndarray | None = None
     notes: tuple[str, ...] = ()
 
@@ -139,33 +140,51 @@ def check_joints(
         return None, []
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        motion = _motion_of(spec, folder, allow_outside)
+        modes = _modes_of(spec, folder, allow_outside)
     faults = [doubt("matrices", str(warning.message)) for warning in caught]
+    swept = _swept(spec, modes.frequencies_hz)
+    separability, separability_faults = _separability(modes, swept, spec.joints)
     names = tuple(table.name for table in spec.joints)
-    swept = _swept(spec, motion.frequencies_hz)
-    separability = None
-    if motion.H is not None:
-        separability = replace(
-            joint_separability(motion.H, swept, groups=groups_of(spec.joints)),
-            joints=_names_of_groups(spec.joints),
-        )
-        faults += [*_too_few(separability), *_inseparable(separability, spec.joints)]
-        faults += _unseen(np.abs(motion.H[:, swept]), names)
-    return JointsCheck(
-        names, motion.frequencies_hz, motion.shares, swept, separability, motion.notes
-    ), faults
+    checked = JointsCheck(
+        names, modes.frequencies_hz, modes.shares, swept, separability, modes.notes
+    )
+    return checked, [*faults, *separability_faults]
 
 
-def _motion_of(spec: CampaignSpec, folder: Path, allow_outside: bool) -> _JointMotion:
+def _separability(
+    modes: _Modes, swept: Sequence[int], joints: Sequence[JointTable]
+) -> tuple[JointSeparability | None, list[Fault]]:
+    """B of the swept modes that move a joint, and what is wrong with it; None where unknown."""
+    if modes.motion is None:
+        return None, []
+    moving = moving_modes(modes.motion)
+    rows = [mode for mode in swept if moving[mode]]
+    if not rows:
+        what = "No mode in the bands of the tests moves a joint; all laws keep their prior."
+        remedy = "Sweep a mode in which the energy shares are large."
+        return None, [doubt("joint", what, remedy=remedy)]
+    separability = replace(
+        joint_separability(modes.motion, rows, groups=groups_of(joints)),
+        joints=_names_of_groups(joints),
+    )
+    H = modes.motion.H if isinstance(modes.motion, ReducedModel) else modes.motion
+    names = [table.name for table in joints]
+    return separability, [
+        *_too_few(separability),
+        *_inseparable(separability, joints),
+        *_unseen(np.abs(H[:, rows]), names),
+    ]
+
+
+def _modes_of(spec: CampaignSpec, folder: Path, allow_outside: bool) -> _Modes:
     """Of matrices, or of stated modes, where the shape of every joint must be stated too."""
     if spec.assembled is not None:
         model = reduced_model(spec, folder, allow_outside=allow_outside)
-        H = model.H[:, : model.num_kept]
-        return _JointMotion(model.frequencies_hz, H, energy_shares(model), model.notes)
-    modes = () if spec.structure is None else spec.structure.modes
+        return _Modes(model.frequencies_hz, model, energy_shares(model), model.notes)
+    frequencies = () if spec.structure is None else spec.structure.modes
     shapes = [table.shape for table in spec.joints]
-    H = None if None in shapes or not modes else np.array(shapes, float)
-    return _JointMotion(np.array(modes, float), H)
+    is_known = None not in shapes and len(frequencies) > 0
+    return _Modes(np.array(frequencies, float), np.array(shapes, float) if is_known else None)
 
 
 def _names_of_groups(joints: Sequence[JointTable]) -> tuple[str, ...]:

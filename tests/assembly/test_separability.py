@@ -1,16 +1,19 @@
 """Energy shares, the matrix B, inseparable joints and starts by non-negative least squares."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import scipy.linalg
+import scipy.sparse as sp
 from golden_beams import CASES, FILE, reduced
 
+from jbw.assembly.matrices import matrix_model
 from jbw.assembly.separability import energy_shares, joint_separability
 from jbw.assembly.starts import joint_starts
 from jbw.errors import ConfigError
-from jbw.rig.assemblies import plate_chain, portal_frame
+from jbw.rig.assemblies import lapped_beams, plate_chain, portal_frame
 
 BACKBONES = json.loads(FILE.read_text(encoding="utf-8"))["backbone"]["cases"]
 
@@ -113,11 +116,35 @@ def test_the_angle_between_columns():
     assert set(alike) == {True, False}
 
 
+def test_a_joint_that_no_mode_moves_is_like_no_other():
+    separability = joint_separability(np.array([[1.0, 2.0], [0.0, 0.0], [0.0, 0.0]]))
+    assert separability.condition == np.inf
+    assert separability.inseparable == ()
+    np.testing.assert_array_equal(separability.angles[1:, 1:], 90.0)
+    with pytest.raises(ConfigError, match="there is none"):
+        joint_separability(np.zeros((2, 2)))
+
+
 def test_modes_that_are_not_there_are_refused():
     with pytest.raises(ConfigError, match="indices from 0 to 4, but one is 7"):
         joint_separability(reduced(CASES[0], 5), (0, 7))
     with pytest.raises(ConfigError, match="mode 2 moves none"):
-        joint_separability(np.array([[1.0, 0.0], [1.0, 0.0]]))
+        joint_separability(np.array([[1.0, 0.0], [1.0, 0.0]]), (0, 1))
+
+
+def test_a_mode_that_moves_no_joint_tells_nothing():
+    """A mass on a spring beside the beams, at 50 Hz: what its mode moves of them is round-off."""
+    beams = lapped_beams()
+    mass = sp.block_diag((beams.model.mass, sp.csc_array([[0.1]])))
+    spring = sp.csc_array([[0.1 * (2 * np.pi * 50) ** 2]])
+    stiffness = sp.block_diag((beams.model.stiffness, spring)).toarray()
+    stiffness[0, -1] = stiffness[-1, 0] = 1e-9
+    model = matrix_model(mass, stiffness, units="SI", dofs=[*beams.model.dofs, ("999", "y")])
+    found = replace(beams, model=model).reduced()
+    assert found.frequencies_hz[1] == pytest.approx(50.0, rel=1e-9)
+    assert joint_separability(found).modes == (0, 2, 3, 4, 5)
+    with pytest.raises(ConfigError, match="mode 2 moves none"):
+        joint_separability(found, (0, 1))
 
 
 COVARIANCE = np.diag([0.04, 0.01, 0.02]) + 0.005

@@ -219,6 +219,19 @@ def test_a_joint_that_no_swept_mode_moves_keeps_its_prior(folder):
     assert any("`bolt 1`" in what and "keeps its prior" in what for what in doubts)
 
 
+def test_a_swept_mode_that_moves_no_joint_is_left_out_of_the_table(folder):
+    still = SHAPES.replace("[1.0, 0.2, 3.0]", "[1.0, 0.0, 3.0]")
+    still = still.replace("[1.0, 1.2, -2.0]", "[1.0, 0.0, -2.0]")
+    check = check_campaign(written(folder, MEASURED + still + TESTS))
+    assert check.joints is not None
+    assert check.joints.separability is not None
+    assert check.joints.separability.modes == (0,)
+    only = TESTS.replace("[20.0, 120.0]", "[80.0, 120.0]")
+    check = check_campaign(written(folder, MEASURED + still + only))
+    doubts = [f.what for row in check.rows for f in row.findings]
+    assert any("No mode in the bands of the tests moves a joint" in what for what in doubts)
+
+
 def test_fewer_swept_modes_than_laws_are_doubtful(folder):
     third = '[[joint]]\nname = "bolt 3"\nshape = [-0.5, 0.6, 1.0]\n'
     check = check_campaign(written(folder, MEASURED + SHAPES + third + TESTS))
