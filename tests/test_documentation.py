@@ -162,8 +162,9 @@ def test_every_key_of_a_campaign_is_told_with_its_meaning(site, capsys):
     schema = json.loads(capsys.readouterr().out)
     text = article(site, "reference/campaign.html")
     for table, model in (
-        ("campaign", "Head"), ("assembly", "Assembly"), ("joint", "Joint"), ("test", "TestSpec"),
-        ("identify", "Identify"),
+        ("campaign", "Head"), ("assembly", "Assembly"), ("joint", "JointLaws"), ("test", "TestSpec"),
+        ("identify", "Identify"), ("structure", "Structured"), ("matrices", "AssembledStructure"),
+        ("joints", "JointTable"),
     ):  # fmt: skip
         section = text.partition(f'<h2 id="{table}">')[2].partition("<h2 ")[0]
         known = in_code(section)
