@@ -162,7 +162,8 @@ def test_every_key_of_a_campaign_is_told_with_its_meaning(site, capsys):
     schema = json.loads(capsys.readouterr().out)
     text = article(site, "reference/campaign.html")
     for table, model in (
-        ("campaign", "Head"), ("assembly", "Assembly"), ("joint", "JointLaws"), ("test", "TestSpec"),
+        ("campaign", "Head"), ("assembly", "Assembly"), ("joint", "JointLaws"),
+        ("test", "TestSpec"),
         ("identify", "Identify"), ("structure", "Structured"), ("matrices", "AssembledStructure"),
         ("joints", "JointTable"),
     ):  # fmt: skip
