@@ -42,6 +42,7 @@ NEAR_HALF = 0.6  # [rad] about half a turn, which another mode makes
 RIPPLED = 4.0  # a jump of the phase over what is left about it
 ROUGH = 0.15  # [rad]; a phase that scatters by more is not that of one mode under a sweep
 PARTS, AVERAGES = 8, 8  # of a record of noise, and of each of them
+LEAST_PARTS = 2  # on each side of one in which the lag jumps
 COHERENT = 0.5  # between response and drive in the mean, for a lag to be read
 MOST_TURNS = 3  # half turns of the phase that are tried about its middle
 ODDS = 1e-6  # that a lag of chance is called one
@@ -400,6 +401,12 @@ def _cross(u: Reals, x: Reals, short: int) -> Complex[np.ndarray, "two line"]:
     return np.stack([cross, np.abs(cross) ** 2 / np.maximum(np.prod(power, axis=0), 1e-300)])
 
 
+def _jump_within(at: int, lags: Reals) -> _Fit:
+    """Lags that jump within one of the parts."""
+    part = np.arange(len(lags))
+    return _squares(np.column_stack([np.ones_like(lags), part > at, part == at]), lags)
+
+
 def _course(time: Reals, lags: Reals) -> Lag | None:
     """Which of slope and step lags of noise follow; of neither, a constant."""
     ones = np.ones_like(time)
@@ -409,16 +416,22 @@ def _course(time: Reals, lags: Reals) -> Lag | None:
         (at, _squares(np.column_stack([ones, np.arange(len(time)) >= at]), lags))
         for at in range(1, len(time))
     ]
-    at, jump = min(stepped, key=lambda pair: pair[1].squares)
+    # A part in which it jumps has a lag of its own, between the two.
+    within = [(at, _jump_within(at, lags)) for at in range(LEAST_PARTS, len(time) - LEAST_PARTS)]
+    unknowns, before, after, jump = min(
+        *((3, at - 1, at, fit) for at, fit in stepped),
+        *((4, at - 1, at + 1, fit) for at, fit in within if _better(plain, fit, 2 * len(time), 4)),
+        key=lambda each: each[-1].squares,
+    )
     chosen = plain
     # Two or three of eight parts are left for the scatter: the odds say what that is worth.
     if _better(plain, growing, 2 * len(time), 2):
         chosen = growing
-    if jump.squares < chosen.squares and _better(plain, jump, 2 * len(time), 3):
+    if jump.squares < chosen.squares and _better(plain, jump, 2 * len(time), unknowns):
         chosen = jump
     scatter = float(np.sqrt(chosen.squares / (len(time) - 2)))
     zero = (0.0, np.inf)
     slope = (float(chosen.values[1]), scatter) if chosen is growing else zero
-    between = float(time[at - 1]), float(time[at])
+    between = float(time[before]), float(time[after])
     step = (*between, float(chosen.values[1])) if chosen is jump else None
     return Lag((float(chosen.values[0]), scatter), slope, step, scatter)

@@ -43,9 +43,9 @@ SLOWER = 0.15  # of the mode's own decay rate, for a line to be none of the stru
 STEADY = 0.05  # of that rate: a line that decays faster belongs to another mode
 SPOILS = 0.01  # of the largest response: a line by which readings a decade below it are off by 10 %
 LINE = 2e-3  # of the largest response: a weaker line matters to no reading
-FRAMES, LINES_OF_NOISE = 10, 20  # in time and in frequency, at the least, for the noise's course
+FRAMES, LINES_OF_NOISE = 10, 10  # in time and in frequency, at the least, for the noise's course
 APART = 3  # lines between two that a Blackman-Harris window leaves independent
-GROUPS = 4  # of frequencies, in which noise under a window falls alike
+GROUPS, LEAST_OF_GROUP = 4, 5  # of frequencies, in which noise under a window falls alike; of lines
 SCATTERED = 0.67  # lower quartile of the noise's lines over their median, at the most
 ALIKE = 1e-3  # probability of the scatter between them and along time, at the least
 
@@ -391,9 +391,9 @@ def noise_time_constant(record: Record, course: Course) -> tuple[float, float] |
     spectra = spectra[outside][1:-1:APART]
     if len(spectra) < LINES_OF_NOISE or spectra.shape[1] < FRAMES // 2 or not spectra.min() > 0:
         return None
-    groups = np.array_split(spectra, GROUPS)
+    groups = np.array_split(spectra, min(GROUPS, len(spectra) // LEAST_OF_GROUP))
     logs = np.array([np.log(np.median(group, axis=0)) for group in groups])
-    count = len(spectra) // GROUPS
+    count = len(spectra) // len(groups)
     # The median of n exponential variables has the relative variance 1 / (n ln^2 2).
     variance = 1 / (count * np.log(2) ** 2)
     # Noise scatters about its median; the skirt of a strong line is smooth. Low values tell:

@@ -88,6 +88,21 @@ def test_a_lost_block_is_named_with_its_time(kind, drive, lost):
     assert jump == pytest.approx(lost / FS, rel=0.25 if kind == "sweep" else 0.05)
 
 
+@pytest.mark.parametrize("part", [2, 3, 4, 5])
+@pytest.mark.parametrize("share", [0.3, 0.5, 0.7])
+def test_a_block_lost_within_a_part_of_noise_is_named_with_a_span_before_it(part, share):
+    """The part in which it was lost has a lag between the two."""
+    u, lost = noise(40.0), 5
+    at = int((part + share) / 8 * len(u))
+    x = response(np.append(u, np.zeros(lost)))
+    x = np.concatenate([x[:at], x[at + lost :]])
+    fault = next(f for f in found(u, x, "noise") if "lost a block" in f.what)
+    assert float(fault.what.split()[1]) == pytest.approx(at / FS, abs=40.0 / 8)
+    assert float(fault.remedy.split("span = [0.0, ")[1].split("]")[0]) <= at / FS
+    jump = float(fault.what.split("jumps by ")[1].split()[0])
+    assert jump == pytest.approx(lost / FS, rel=0.1)
+
+
 @pytest.mark.parametrize("down", [False, True])
 @pytest.mark.parametrize("lost", [4, 6, 9])
 @pytest.mark.parametrize("later", [0.0, 0.5])

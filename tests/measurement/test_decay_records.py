@@ -177,6 +177,20 @@ def test_a_window_is_named_where_modes_fill_a_part_of_the_lines_of_noise(share, 
     assert named(found(x, fs, band)) == []
 
 
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("tau", [0.1, 0.2])
+def test_a_window_is_named_of_a_record_of_few_lines_of_noise(tau, seed):
+    # Of 0.63 s at 9 samples a period 14 lines of noise are apart.
+    fs, band = 1843.8, (147.2, 253.8)
+    t = np.arange(1154) / fs
+    x = noisy(np.exp(-6.8 * t) * np.cos(2 * np.pi * 200.5 * t + 0.3), seed)
+    (fault,) = found(x * np.exp(-t / tau), fs, band)
+    read = float(fault.remedy.split("window_s = ")[1].split("`")[0])
+    error = float(fault.what.split("standard error ")[1].split(")")[0])
+    assert read == pytest.approx(tau, abs=5 * error)
+    assert named(found(x, fs, band)) == []
+
+
 def test_skirts_of_a_strong_line_are_no_noise():
     record = Record(FS, {"velocity": noisy(free(), noise=1e-9)}, {"velocity": "m/s"})
     course = course_of(record, BAND, 0.0)

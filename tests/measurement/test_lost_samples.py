@@ -48,7 +48,10 @@ def test_a_pulse_of_a_source_is_no_lost_sample():
     """A blow of one sample over noise, and a train of such blows between two values."""
     quiet = 1e-4 * np.random.default_rng(0).standard_normal(8000)
     assert said(lost(quiet, 100.0, [40]), "force") == []
-    assert said(np.where(T % 1.0 < 0.5, 1.0, 0.0), "force") == []
+    train = np.where(T % 1.0 < 0.5, 1.0, 0.0)
+    assert said(train, "force") == []
+    edges = lost(lost(train, 0.5, slice(500, None, 1000)), 0.52, slice(0, None, 1000))
+    assert said(edges, "force") == []
 
 
 def test_a_decay_from_its_first_sample_on_is_sound():
