@@ -16,6 +16,7 @@ from jbw.identification.prepare import prepare
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.kinds import register as register_kind
 from jbw.measurement.records import Record, Test
+from jbw.observables.controlled import ControlledPoints
 from jbw.observables.dataset import (
     Dataset,
     by_label,
@@ -47,7 +48,7 @@ def theta(**changes):
 def record(fs=FS, **channels):
     units = {
         "input": "V", "velocity": "m/s", "displacement": "m", "restoring_force": "N",
-        "frequency": "Hz",
+        "frequency": "Hz", "force": "N", "phase": "rad",
     }  # fmt: skip
     return Record(fs, channels, {name: units[name] for name in channels})
 
@@ -88,7 +89,21 @@ def ring_down(num, name="ring", noise=2e-4):
     return Test("ring_down", tuple(seen), name)
 
 
-MAKERS = {Records: sweep, Points: tone, Loops: loop, Decays: free, RingDown: ring_down}
+def locked(num, name="backbone"):
+    y, lag = np.linspace(2e-4, 4e-3, 12), np.full(12, -np.pi / 2)
+    channels = {"displacement": y, "phase": lag}
+    frequency = 20.0 - 100.0 * y  # predicted anew where a truth is asked for
+    seen = [
+        record(np.nan, **channels, frequency=noisy(frequency), force=noisy(100.0 * y))
+        for _ in range(num)
+    ]
+    return Test("backbone", tuple(seen), name)
+
+
+MAKERS = {
+    Records: sweep, Points: tone, Loops: loop, Decays: free, RingDown: ring_down,
+    ControlledPoints: locked,
+}  # fmt: skip
 
 
 def made(kind, num):

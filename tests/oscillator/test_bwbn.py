@@ -144,6 +144,8 @@ CHANNELS = {
     "loop": 'displacement = "y", restoring_force = "f"',
     "frf": 'force = "f", velocity = "v", frequency = "hz"',
     "decay": 'velocity = "v"',
+    "backbone": 'force = "f", displacement = "y", frequency = "hz"',
+    "curve": 'force = "f", displacement = "y", frequency = "hz"',
 }
 MORE = {"tones": "tones = [1.0]", "stepped": "tones = [1.0]\ndwell = 1.0"}
 

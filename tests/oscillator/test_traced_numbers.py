@@ -102,6 +102,9 @@ CASES = {
 # What has no number to trace: data, files, studies, or a class that is used above; and `shooting`,
 # whose steps adapt to rounding and which has derivatives in forward mode alone.
 ELSEWHERE = {
+    # Models in matrices are reduced once, by NumPy and SciPy.
+    "Joint", "MatrixModel", "ReducedModel", "energy_shares", "joint_separability", "joint_starts",
+    "matrix_model", "read_matrices", "reduce",
     "Attachment", "Campaign", "ConfigError", "DataError", "JbwError", "ModelError", "Record",
     "Response", "RunError", "Study", "Test", "attached", "citation", "compare", "compare_laws",
     "conventions", "draw_backbones", "enable_x64", "excitation", "paper", "shooting",

@@ -27,7 +27,9 @@ def test_the_example_is_a_plan_file_and_shows_every_table():
     found = parse(EXAMPLE)
     assert (found.gain, found.input_unit) == (15.0, "V")
     assert found.noise.std == pytest.approx(50e-6)
-    assert set(found.grids) == {"sweep", "tones", "stepped"} == set(TABLES) - {"plan", "joint"}
+    assert set(found.grids) == {"sweep", "tones", "stepped"}
+    assert set(TABLES) - {"plan", "joint"} == {*found.grids, "backbone"}
+    assert "# [backbone]" in EXAMPLE  # no candidate unless it is asked for
     for name in ("fs", "max_repeats", "joints", "seed", "levels", "rates", "dwell"):
         assert f"# {name} = " in EXAMPLE
     assert f"; {', '.join(unit for motion in MOTIONS for unit in FACTORS[motion])}\n" in EXAMPLE

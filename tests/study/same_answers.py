@@ -18,6 +18,8 @@ UNITS = {
     "y": "m", "y_max": "m", "frequency_hz": "Hz", "frequency_sd": ("Hz", "frequency_hz"),
     "damping_sd": (PURE, "damping"), "stiffness": "N/m", "tone_hz": "Hz",
     **dict.fromkeys(("damping", "records", "left", "third", "noise", "coherence"), PURE),
+    # cycles of a loop
+    "amplitude": "m", "work": "N m", **dict.fromkeys(("retained", "repeated"), PURE),
     # check
     "fs": "Hz", "repeats": PURE, "fitted": PURE,
     # a row of a parameter, which has its unit beside it: the sd is how well the others are known

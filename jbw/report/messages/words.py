@@ -311,15 +311,30 @@ WORDS: dict[tuple[str, ...], str] = {
     ),
     ("backbone",): (
         "Natural frequency against amplitude of the free motion. As a kind of test "
-        '(`kind = "backbone"`): points at which a controller holds the phase of the displacement, '
+        "(`backbone`): points at which a controller holds the phase of the displacement, "
         "at -90 degrees by default, with their frequency, force and amplitude."
     ),
     ("curve", "S-curve", "phase-locked", "locked_phase", "unstable branch"): (
-        '`kind = "curve"`: points at which a controller holds the amplitude, in the order '
+        "Kind of test `curve`: points at which a controller holds the amplitude, in the order "
         "measured. Against the force they make S-curves, whose middle part is unstable under a "
-        "force that is held. jbw takes the amplitude of such points as known and predicts their "
+        "force that is held. The amplitude of such points is taken as known, which predicts their "
         "force, with the phase at a frequency or the frequency at a phase, so that no point has "
         "another branch to jump to."
+    ),
+    ("mode",): (
+        "A natural frequency of the structure with its shape and damping. With matrices the modes "
+        "are those of the joints in full stick."
+    ),
+    ("swept",): "Modes that a test of the campaign excites: they tell joints apart.",
+    ("cycle", "cycles"): "The part of a loop from one largest displacement to the next.",
+    ("work [J]",): "Energy that one cycle of a loop takes.",
+    ("equivalent damping",): (
+        "Damping ratio of the linear spring and damper that take the same work in a cycle: the "
+        "work over 2 pi times the stiffness and the squared amplitude."
+    ),
+    ("stiffness over the first of this amplitude",): (
+        "Secant stiffness of a cycle over that of the first cycle of equal amplitude. Below 1 the "
+        "joint degrades."
     ),
     ("share",): ("A part: of the stiffness that slips, of the draws, or of the response."),
     ("CHECK",): (
