@@ -269,12 +269,12 @@ def _coherence(test: Test) -> float | None:
 def _loop_row(test: Test) -> dict[str, Any]:
     """The secant stiffness of force loops at their largest displacement, the mean of repeats.
 
-    Cycle by cycle of the repeat that moves furthest; `unit` is that of the motion, m or rad.
+    Cycle by cycle of the stiffest repeat; `unit` is that of the motion, m or rad.
     """
     loops = [forced_loop(record) for record in test.records]
     secants = np.array([_secant(test, loop) for loop in loops])
     y, stiffness = np.mean(secants, axis=0)
-    cycles = readings_of_cycles(loops[int(np.argmax(secants[:, 0]))])
+    cycles = readings_of_cycles(loops[int(np.argmax(secants[:, 1]))])
     return {
         "test": test.name,
         "y": float(y),
