@@ -42,34 +42,9 @@ class SweepTable(Table):
     rest: NonNegative | None = key(None, "free decay recorded behind the burst [s]")
 
 
-class TonesTable(Table):
-    """The [tones] table."""
+class DwellingTable(Table):
+    """What tables of tests have that dwell on one point after the other."""
 
-    levels: Numbers | None = key(None, "peaks of the input [V, N or N/kg]")
-    frequencies: Numbers | None = key(None, "tones, each alone [Hz]")
-    dwell: Positive | None = key(None, "time on each frequency [s]")
-    settle: NonNegative | None = key(None, "of that, the first part, which is discarded [s]")
-
-    @model_validator(mode="after")
-    def _settles(self) -> Self:
-        settle = self.settle or 0.0
-        if self.dwell is not None and settle >= self.dwell:
-            raise ValueError(
-                f"settle: must be shorter than dwell ({self.dwell:g} s), but is {settle:g}."
-            )
-        return self
-
-
-class SteppedTable(TonesTable):
-    """The [stepped] table."""
-
-    frequencies: Numbers | None = key(None, "steps, in turn [Hz]")
-
-
-class BackboneTable(Table):
-    """The [backbone] table."""
-
-    amplitudes: Numbers | None = key(None, "peaks of the displacement, held in turn [m]")
     dwell: Positive | None = key(None, "time on each point [s]")
     settle: NonNegative | None = key(None, "of that, the first part, which is discarded [s]")
 
@@ -81,6 +56,25 @@ class BackboneTable(Table):
                 f"settle: must be shorter than dwell ({self.dwell:g} s), but is {settle:g}."
             )
         return self
+
+
+class TonesTable(DwellingTable):
+    """The [tones] table."""
+
+    levels: Numbers | None = key(None, "peaks of the input [V, N or N/kg]")
+    frequencies: Numbers | None = key(None, "tones, each alone [Hz]")
+
+
+class SteppedTable(TonesTable):
+    """The [stepped] table."""
+
+    frequencies: Numbers | None = key(None, "steps, in turn [Hz]")
+
+
+class BackboneTable(DwellingTable):
+    """The [backbone] table."""
+
+    amplitudes: Numbers | None = key(None, "peaks of the displacement, held in turn [m]")
 
 
 READ = {
