@@ -65,16 +65,20 @@ def cycles_of(loop: ForcedLoop) -> list[Cycle]:
         elif abs(y[i] - y[place]) > least:
             turns += [place] if rising else []
             rising, place = not rising, i
-    parts = [slice(first, last + 1) for first, last in pairwise(turns)]
-    return [Cycle(p, float(np.ptp(y[p])), float(np.ptp(loop.force[p]))) for p in parts]
+    return [_cycle(loop, first, last) for first, last in pairwise(turns)]
 
 
 def _between_passages(loop: ForcedLoop) -> list[Cycle]:
     """Whole cycles of a loop, from one passage of the middle to the second next."""
     places = passages(loop.displacement)
-    parts = [slice(a, b + 1) for a, b in zip(places[:-2:2], places[2::2], strict=False)]
-    y, force = loop.displacement, loop.force
-    return [Cycle(p, float(np.ptp(y[p])), float(np.ptp(force[p]))) for p in parts]
+    return [_cycle(loop, *ends) for ends in zip(places[:-2:2], places[2::2], strict=False)]
+
+
+def _cycle(loop: ForcedLoop, first: int, last: int) -> Cycle:
+    """The cycle between two samples, which are both of it."""
+    samples = slice(first, last + 1)
+    stroke, force = (float(np.ptp(x[samples])) for x in (loop.displacement, loop.force))
+    return Cycle(samples, stroke, force)
 
 
 def passages(y: Reals) -> list[int]:
@@ -108,8 +112,8 @@ def readings_of_cycles(loop: ForcedLoop) -> list[CycleReading]:
     groups = _amplitudes(cycles)
     for cycle, group in zip(cycles, groups, strict=True):
         y, force = loop.displacement[cycle.samples], loop.force[cycle.samples]
-        top, bottom = int(np.argmax(y)), int(np.argmin(y))
-        stiffness = float((force[top] - force[bottom]) / (y[top] - y[bottom]))
+        (bottom, top), (below, above) = _turning_points(loop, cycle)
+        stiffness = float((above - below) / (top - bottom))
         work = float(np.trapezoid(np.append(force, force[0]), np.append(y, y[0])))
         amplitude = 0.5 * cycle.stroke
         first.setdefault(group, stiffness)
@@ -189,8 +193,14 @@ def of_one_amplitude(cycles: Sequence[Cycle]) -> list[list[Cycle]]:
 
 def _centre(loop: ForcedLoop, cycle: Cycle) -> tuple[float, float]:
     """Force midway between the turning points of a cycle at rest position, and its half range."""
+    (bottom, top), (below, above) = _turning_points(loop, cycle)
+    stiffness = (above - below) / (top - bottom)
+    middle = 0.5 * (above + below - stiffness * (top + bottom))
+    return float(middle), 0.5 * abs(float(above - below))
+
+
+def _turning_points(loop: ForcedLoop, cycle: Cycle) -> tuple[Reals, Reals]:
+    """Least and largest displacement of a cycle, and the forces there."""
     y, force = loop.displacement[cycle.samples], loop.force[cycle.samples]
-    top, bottom = int(np.argmax(y)), int(np.argmin(y))
-    stiffness = (force[top] - force[bottom]) / (y[top] - y[bottom])
-    middle = 0.5 * (force[top] + force[bottom] - stiffness * (y[top] + y[bottom]))
-    return float(middle), 0.5 * abs(float(force[top] - force[bottom]))
+    bottom, top = int(np.argmin(y)), int(np.argmax(y))
+    return y[[bottom, top]], force[[bottom, top]]
