@@ -317,9 +317,9 @@ WORDS: dict[tuple[str, ...], str] = {
     ("curve", "S-curve", "phase-locked", "locked_phase", "unstable branch"): (
         "Kind of test `curve`: points at which a controller holds the amplitude, in the order "
         "measured. Against the force they make S-curves, whose middle part is unstable under a "
-        "force that is held. The amplitude of such points is taken as known, which predicts their "
-        "force, with the phase at a frequency or the frequency at a phase, so that no point has "
-        "another branch to jump to."
+        "force that is held. At such a point the amplitude is known; the model predicts the force, "
+        "and either the phase at the measured frequency or the frequency at the held phase. No "
+        "point then has another branch to jump to."
     ),
     ("mode",): (
         "A natural frequency of the structure with its shape and damping. With matrices the modes "
