@@ -19,7 +19,7 @@ from jbw.measurement.kinds import KINDS
 from jbw.observables.dataset import log_likelihood
 from jbw.rig import MIXED, Plan, measure, write
 from jbw.rig.generator import Multisine, Noise, Steps, Sweep, Tone
-from jbw.rig.prescribed_motion import Growth, Held
+from jbw.rig.prescribed_motion import Growth, Held, Locked, s_curve
 from tests.campaign.written_formats import FORMATS, FULL_SCALE
 
 pytestmark = pytest.mark.slow  # records of every kind are simulated and written eight times
@@ -34,6 +34,8 @@ PLANS = (
          band_hz=(15.0, 22.0)),
     Plan("pull", "loop", Growth(1.0, 4e-3, duration=2.0), 2),
     Plan("curve", "frf", Held((18.0, 18.5, 18.75, 19.0, 19.5), 1e-3, dwell=4.0), 2),
+    Plan("backbone", "backbone", Locked((5e-4, 1e-3, 2e-3, 4e-3)), 2),
+    Plan("s_curve", "curve", s_curve(18.5, (5e-4, 1e-3, 2e-3, 4e-3)), 2),
 )  # fmt: skip
 FIELDS = ("name", "kind", "level", "tones_hz", "band_hz", "settle", "periods", "run")
 QUIETLY = pytest.mark.filterwarnings("ignore")  # of short records; that they come back is asked
@@ -101,7 +103,7 @@ def written(campaign, form, folder):
     """The campaign in files of one format, and its campaign file; curves as npz where it must."""
     blocks = []
     for test in campaign.tests:
-        chosen = form if form.curves or test.kind != "frf" else FORMATS["npz"]
+        chosen = form if form.curves or not test.traits.is_curve else FORMATS["npz"]
         for record in test.records:
             chosen.write(folder / f"{record.name}{chosen.suffix}", record)
         blocks.append(table_of(test, chosen))
@@ -124,9 +126,10 @@ def assert_same(found, expected, rtol):
 def test_the_campaign_has_every_kind(campaign, expected):
     assert {test.kind for test in campaign.tests} == set(KINDS)
     names, terms = expected
-    # Two orders of the tone and of the steps, and the scatter of the decays' frequencies.
-    assert len(names) == 10
-    assert len(terms) == 11
+    # Two orders of the tone and of the steps, frequency and force of the backbone, phase and force
+    # of the S-curve, and the scatter of the decays' frequencies.
+    assert len(names) == 14
+    assert len(terms) == 15
     assert np.isfinite(terms).all()
 
 
@@ -155,7 +158,7 @@ def test_the_rigs_own_files_give_it_back(campaign, score, expected, tmp_path):
 @QUIETLY
 def test_dictionaries_of_series_give_it_back(campaign, score, expected):
     """SEP-005 holds series in time; a response curve has none and stays what it is."""
-    timed = [test for test in campaign.tests if test.kind != "frf"]
+    timed = [test for test in campaign.tests if not test.traits.is_curve]
     there_and_back = {
         test.name: tuple(
             from_sep005(to_sep005(record), name=record.name) for record in test.records
