@@ -19,7 +19,7 @@ from jbw.errors import Attempts
 from jbw.identification.accuracy import CLOSE, another_law, within_unseen
 from jbw.identification.procedure import Identification, Report
 from jbw.identification.selection import DecaySplit, Sweeps, loop_tests
-from jbw.inference.posterior.finding import Finding, Verdict, checked, judge
+from jbw.inference.posterior.finding import Finding, Verdict, amended, checked, judge
 from jbw.inference.posterior.remedies import put
 from jbw.measurement.records import Test, drive_of
 from jbw.observables.dataset import Dataset
@@ -340,5 +340,5 @@ def _coverage(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
     far = max(float(tests[name].get("nrmse", np.inf)) for name in shares)
     if not ok and far <= CLOSE:
         said = f"Yet every such test is predicted to {far:.2g} of its rms or better."
-        found = replace(found, status="usable", reason=f"{reason} {said}")
+        found = amended(found, "usable", said)
     return [found]
