@@ -208,7 +208,7 @@ def test_units_weighed_anew_are_rid_of_what_their_runs_took_for_a_prior(tmp_path
     share = w.sum() ** 2 / (len(w) * np.sum(w**2))
     assert found.record["weighed"]["unit_3"] == pytest.approx(share, rel=1e-9)
     assert not plain.record["weighed"]
-    assert "16 of 16 units enter by their own draws" in " ".join(found.record["statements"])
+    assert "16 of 16 units enter by reweighted draws" in " ".join(found.record["statements"])
 
 
 def test_a_saturating_curve_is_an_exponential_of_slope_one():
@@ -316,7 +316,7 @@ def test_what_cannot_be_pooled_is_named(tmp_path, plain, without_nuts):
     verdict = np.array(["ok"] * 4 + ["failed"] * 2, object)
     few.dataset = fleet.to_dataset().assign(verdict=("unit", verdict))
     said = " ".join(jbw.population_of(few).record["statements"])
-    assert "2 of 6 units have runs that failed and are pooled with the others: unit_4" in said
+    assert "The population includes 2 of 6 units whose runs failed: unit_4 and unit_5." in said
     failed = made(tmp_path / "failed", torques=(2.0, 5.0, 8.0), verdict={"status": "failed"})
     with pytest.raises(DataError, match="3 of 3 runs failed") as caught:
         jbw.population_of(failed)

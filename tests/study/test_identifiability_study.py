@@ -80,7 +80,7 @@ def test_noise_alone_knows_nothing_of_the_joint():
     assert all(known[name].ratio < 0.1 for name in ("omega_n", "zeta", "gain"))
     for name in (*prior, "alpha_delta", "alpha_gamma"):
         assert known[name].ratio > 0.99
-    said = "Not known beyond the prior: alpha, delta, gamma, alpha*delta and alpha*gamma."
+    said = "Not identified beyond the prior: alpha, delta, gamma, alpha*delta and alpha*gamma."
     assert said in found.statements
 
 
