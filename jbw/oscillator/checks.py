@@ -14,6 +14,7 @@ from jaxtyping import Array, ArrayLike, Complex, Int
 
 from jbw.errors import ConfigError, DataError, ModelError
 from jbw.oscillator.hold import HOLDS
+from jbw.oscillator.law import laws_in, map_laws
 
 
 def is_concrete(*values: object) -> bool:
@@ -129,13 +130,14 @@ def initial_state(joint: Any, initial: tuple) -> tuple:
         raise ConfigError(f"Argument `initial` must be (y, v, z), but has {len(initial)} entries.")
     y, v, *start_memory = initial
     memory = joint.at_rest()
-    remembering = [law.remembers for law in joint.laws]
+    remembering = [law.remembers for law in laws_in(joint.laws)]
     if start_memory and isinstance(start_memory[0], tuple):
         memory = start_memory[0]
     elif start_memory and sum(remembering) == 1 == len(jax.tree.leaves(memory)):
-        memory = tuple(
-            start_memory[0] if remembers else rest_memory
-            for remembers, rest_memory in zip(remembering, memory, strict=True)
+        memory = map_laws(
+            lambda law, rest_memory: start_memory[0] if law.remembers else rest_memory,
+            joint.laws,
+            memory,
         )
     elif start_memory and np.any(np.asarray(start_memory[0]) != 0.0):
         raise ConfigError(
@@ -150,46 +152,43 @@ def initial_state(joint: Any, initial: tuple) -> tuple:
     if is_concrete(joint, initial):
         if not all(np.all(np.isfinite(value)) for value in jax.tree.leaves(initial)):
             raise DataError(f"Argument `initial` must be finite, but is {initial}.")
-        for law, law_memory in zip(joint.laws, memory, strict=True):
-            law.admits(law_memory)
+        map_laws(lambda law, law_memory: law.admits(law_memory), joint.laws, memory)
     return y, v, memory
 
 
 def warn_of_unbounded_law(joint: Any) -> None:
     """Warn of parameters for which a law's force may diverge."""
-    for law in joint.laws if is_concrete(joint) else ():
+    for law in laws_in(joint.laws) if is_concrete(joint) else ():
         if (doubt := law.doubts()) is not None:
             warnings.warn(doubt, stacklevel=3)
 
 
-def warn_of_negative_stiffness(joint: Any) -> None:
+def warn_of_negative_stiffness(oscillator: Any) -> None:
     r"""Warn where the joint is stiffer than all of the structure.
 
-    $$\alpha \sum_i h_i p_i / \omega_i^2 > 1$$
+    $$\alpha > \omega_n^2$$
 
-    of the laws' stiffness alpha, of one mode $\alpha > \omega_n^2$: once the joint slips, nothing
-    holds the structure.
+    of the laws' stiffness alpha: once the joint slips, nothing holds the structure.
     """
-    if not joint.laws or not is_concrete(joint):
+    if not oscillator.laws or not is_concrete(oscillator):
         return
-    alpha = sum(np.asarray(law.stiffness()) for law in joint.laws)
-    omega = np.asarray(joint.omega_n)
-    lever = np.asarray(getattr(joint, "h", 1.0)) * np.asarray(getattr(joint, "p", 1.0))
-    if hasattr(joint, "p"):
-        share, held = alpha * np.sum(lever / omega**2), "1 / sum(h p / omega_n^2)"
-        limit = 1.0 / np.sum(lever / omega**2)
-    else:
-        share, held, limit = alpha / omega**2, "omega_n^2", omega**2
+    alpha = sum(np.asarray(law.stiffness()) for law in oscillator.laws)
+    limit = np.asarray(oscillator.omega_n) ** 2
+    share = alpha / limit
     if np.any(share > 1.0):
         worst = np.unravel_index(np.argmax(share), np.shape(share))
         most, least = (np.broadcast_to(x, np.shape(share))[worst] for x in (alpha, limit))
-        warnings.warn(
-            f"The joint is stiffer than the structure: its stiffness must not exceed {held}, but "
-            f"{most:.4g} > {least:.4g} 1/s^2. Once it slips, nothing holds the structure, and the "
-            "motion runs away. Lower the stiffness of the laws, or raise omega_n, which includes "
-            "that of the joint in full stick.",
-            stacklevel=3,
-        )
+        warnings.warn(stiffer_than_structure("omega_n^2", most, least), stacklevel=3)
+
+
+def stiffer_than_structure(held: str, stiffness: Any, limit: Any) -> str:
+    """Warning of a joint whose stiffness exceeds what is `held` [1/s^2]."""
+    return (
+        f"The joint is stiffer than the structure: its stiffness must not exceed {held}, but "
+        f"{stiffness:.4g} > {limit:.4g} 1/s^2. Once it slips, nothing holds the structure, and the "
+        "motion runs away. Lower the stiffness of the laws, or raise omega_n, which includes "
+        "that of the joint in full stick."
+    )
 
 
 def warn_of_long_steps(fs: Any, substeps: int, y: Any, v: Any) -> None:
@@ -271,7 +270,7 @@ def check_settled(residual: Any) -> None:
 
 def require_periodic(joint: Any) -> None:
     """Raise where a law does not hold along a periodic motion of odd orders."""
-    for law in joint.laws:
+    for law in laws_in(joint.laws):
         law.check_periodic()
 
 

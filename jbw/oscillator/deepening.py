@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jbw.oscillator.checks import is_concrete
+from jbw.oscillator.law import laws_in, map_laws
 from jbw.oscillator.laws.masing import Masing
 from jbw.oscillator.laws.reversals import with_room
 from jbw.oscillator.modes.structure import Structure
@@ -37,7 +38,7 @@ def deep_enough[Model: Oscillator | Structure, Solved: Guessing](
         joint, initial = with_places(joint, initial, OF_SEVERAL_MODES)
     response = solve(joint, initial)
     while forgot(joint, response.guesses):
-        depth = 2 * max(law.depth for law in joint.laws if isinstance(law, Masing))
+        depth = 2 * max(law.depth for law in laws_in(joint.laws) if isinstance(law, Masing))
         joint, initial = with_places(joint, initial, depth)
         deeper = solve(joint, initial)
         if not np.sum(deeper.guesses) < np.sum(response.guesses):
@@ -50,7 +51,7 @@ def forgot(joint: Oscillator | Structure, guesses: object) -> bool:
     """Whether a law dropped reversals that the motion returned to, and its memory can grow."""
     if not (is_concrete(guesses) and np.any(np.asarray(guesses))):
         return False
-    return any(isinstance(law, Masing) and law.depth < MOST for law in joint.laws)
+    return any(isinstance(law, Masing) and law.depth < MOST for law in laws_in(joint.laws))
 
 
 def with_places[Model: Oscillator | Structure](
@@ -58,17 +59,26 @@ def with_places[Model: Oscillator | Structure](
 ) -> tuple[Model, Any]:
     """The same model and its state with memory for at least `depth` reversals."""
     *motion, memory = start
-    laws, memories = [], []
-    for law, law_memory in zip(joint.laws, memory, strict=True):
-        short = isinstance(law, Masing) and law.depth < depth
-        laws.append(replace(law, depth=depth) if short else law)
-        memories.append(with_room(law_memory, depth) if short else law_memory)
-    return replace(joint, laws=tuple(laws)), (*motion, tuple(memories))
+
+    def short(law: Any) -> bool:
+        return isinstance(law, Masing) and law.depth < depth
+
+    def deeper(law: Any) -> Any:
+        return replace(law, depth=depth) if short(law) else law
+
+    def roomier(law: Any, law_memory: Any) -> Any:
+        return with_room(law_memory, depth) if short(law) else law_memory
+
+    memory = map_laws(roomier, joint.laws, memory)
+    return replace(joint, laws=map_laws(deeper, joint.laws)), (*motion, memory)
 
 
 def with_depth[Model: Oscillator | Structure](joint: Model, depth: int | None) -> Model:
     """The model whose Masing laws remember `depth` reversals; unchanged where that is None."""
     if depth is None:
         return joint
-    laws = (replace(law, depth=depth) if isinstance(law, Masing) else law for law in joint.laws)
-    return replace(joint, laws=tuple(laws))
+
+    def remembering(law: Any) -> Any:
+        return replace(law, depth=depth) if isinstance(law, Masing) else law
+
+    return replace(joint, laws=map_laws(remembering, joint.laws))

@@ -9,7 +9,7 @@ its remainder $r = F - K y$, small and with few kinks. How it goes through a tim
 `branch`, `remainder`, `glide`, `turn`, `shift`, whose defaults need `move`, `force` and `rate`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar, Self
 
 import equinox as eqx
@@ -278,6 +278,20 @@ class Law(eqx.Module):
     def kinked(self) -> bool:
         """Whether a step may meet a kink of the law, so that `glide` and `turn` are called."""
         return self.remembers
+
+
+def laws_in(laws: Any) -> list[Law]:
+    """All laws of one joint, a tuple of them, or of several, a tuple a joint."""
+    return jax.tree.leaves(laws, is_leaf=_is_law)
+
+
+def map_laws(function: Callable[..., Any], laws: Any, *others: Any) -> Any:
+    """The function of every law, and of what stands in its place in others such as memories."""
+    return jax.tree.map(function, laws, *others, is_leaf=_is_law)
+
+
+def _is_law(value: Any) -> bool:
+    return isinstance(value, Law)
 
 
 class ScaledLaw(Law):

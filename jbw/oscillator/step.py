@@ -218,12 +218,24 @@ def glided(
     return tuple(law_memory for law_memory, _ in moves), kinked
 
 
+def bend(
+    laws: tuple[Law, ...], h: Scalar, state: State, branches: tuple[Any, ...], a: Scalar
+) -> Scalar:
+    """Half of h^2 times the second derivative of the remainders, summed."""
+    y, v, memory = state
+    return added(
+        law.bend(h, y, v, a, law_memory, at)
+        for law, law_memory, at in zip(laws, memory, branches, strict=True)
+    )
+
+
 def through_kinks(
     laws: tuple[Law, ...],
     h: Scalar,
     start: tuple[State, tuple[Any, ...], Scalar],
     weights: tuple[Scalar, Scalar],
     predicted: tuple[Scalar, Scalar],
+    others: tuple[Scalar, ...] = (),
 ) -> tuple[End, tuple[Scalar, Scalar]]:
     r"""End of a step that may hold a turning point, a kink of a law, or both.
 
@@ -236,17 +248,18 @@ def through_kinks(
         start: State, branches and acceleration [m/s^2] at the start.
         weights: What half of $h^2 \ddot r$ there does to y and to v.
         predicted: y and v at the end by r and its rate alone.
+        others: What the same of forces elsewhere does to y and to v, where there are some.
 
     Returns:
         The end, and what its y and v already hold of the kicks.
     """
     (y, v, memory), branches, a = start
     y_1, v_1 = predicted
-    half = added(
-        law.bend(h, y, v, a, law_memory, at)
-        for law, law_memory, at in zip(laws, memory, branches, strict=True)
-    )
-    shifts = barrier(tuple(weight * half for weight in weights))
+    half = bend(laws, h, (y, v, memory), branches, a)
+    shifts = tuple(weight * half for weight in weights)
+    if others:
+        shifts = tuple(shift + other for shift, other in zip(shifts, others, strict=True))
+    shifts = barrier(shifts)
     turns = (v * v_1 < 0.0) & (v * (v_1 + shifts[1]) < 0.0)
     shift_y, shift_v = (jnp.where(turns, x, 0.0) for x in shifts)
     y_1, v_1 = barrier((y_1 + shift_y, v_1 + shift_v))

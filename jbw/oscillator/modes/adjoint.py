@@ -1,38 +1,56 @@
 r"""States of all modes after every step, and their derivatives in forward and reverse mode.
 
-As in `jbw.oscillator.adjoint`, whose Jacobian of a step would have (2N + 1)^2 entries. Only the
-joint's kernel is differentiated, five scalars and its memories; what the modes do before and after
-it is linear and is applied as it stands.
+As in `jbw.oscillator.adjoint`, whose Jacobian of a step would have (2N + M)^2 entries with M
+memories. Only the joints' kernels are differentiated, each by itself; what lies between them is
+linear and is applied as it stands:
+
+$$(x, v, m)_j \to (r, h\dot r)_j \;|\; x_1, v_1, a\ \text{of all} \;|\;
+  (x, v, m, x_1, v_1, a)_j \to (\Delta r, h\dot r_1, k_y, k_v, m)_j \;|\; \Delta x, q, \dot q$$
+
+so that the cost grows as the number of joints and not as its square. Of several joints, where one
+turns depends on how the forces of the others bend its path: $(x, v, m, a)_j \to h^2\ddot r_j / 2$
+stands between.
 """
 
+from collections.abc import Callable
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from jbw.oscillator.adjoint import in_chunks
+from jbw.oscillator.law import map_laws
 from jbw.oscillator.modes.step import (
-    FreeMotion,
-    JointForces,
+    Begun,
+    JointStep,
     ModalState,
     ModalStep,
     ModalStepping,
+    Passed,
+    Remainder,
+    all_bent,
+    corrections,
     driven,
     freely,
-    kernel,
+    half_bend,
     modal_advance,
-    seen_by_joint,
+    pass_always,
+    predicted,
+    remainder,
+    seen_by_joints,
 )
+from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.step import End, shifted
 
-# A `ModalState` with time as the axis of every leaf.
+# A `ModalState` and the kicks of the step before it, with time as the axis of every leaf.
 Trajectory = Any
 
 
 def modal_solve(stepping: ModalStepping, initial: ModalState) -> Trajectory:
-    """States at the start and after every substep."""
+    """States at the start and after every substep, and every joint's kicks in it, on y and v."""
     # Laws with a stack of reversals have memories too long for a column each.
-    if any(law.stacks for law in stepping.step.joint.laws):
+    if any(law.stacks for joint in stepping.step.joints for law in joint.laws):
         return _march(stepping, initial)
     return _solve(stepping, initial)
 
@@ -44,28 +62,23 @@ def _solve(stepping: ModalStepping, initial: ModalState) -> Trajectory:
 
 def _march(stepping: ModalStepping, initial: ModalState) -> Trajectory:
     """States after every substep, by a loop that XLA turns into one native call."""
-    laws = stepping.step.joint.laws
-
-    def packed(state: ModalState) -> ModalState:
-        q, v, memory = state
-        return (
-            q,
-            v,
-            tuple(law.packed(law_memory) for law, law_memory in zip(laws, memory, strict=True)),
-        )
+    laws = tuple(joint.laws for joint in stepping.step.joints)
 
     def onward(state, powers):
-        state = modal_advance(stepping.step, state, stepping.push(powers), branch=True)
-        return state, state
+        state, kicks = modal_advance(stepping.step, state, stepping.push(powers))
+        return state, (state, kicks)
 
-    first = jax.tree.map(jnp.asarray, packed(initial))
+    q, v, memories = jax.tree.map(jnp.asarray, initial)
+    first = q, v, map_laws(lambda law, memory: law.packed(memory), laws, memories)
     _, following = jax.lax.scan(onward, first, stepping.pieces)
-    q, v, memory = _joined(first, following)
-    return (
-        q,
-        v,
-        tuple(law.unpacked(law_memory) for law, law_memory in zip(laws, memory, strict=True)),
-    )
+    (q, v, memories), kicks = _joined((first, _no_kicks(stepping.step, first)), following)
+    return (q, v, map_laws(lambda law, memory: law.unpacked(memory), laws, memories)), kicks
+
+
+def _no_kicks(step: ModalStep, state: ModalState) -> tuple:
+    """The kicks before the first step."""
+    none = jnp.zeros_like(state[0][0])
+    return tuple((none, none) for _ in step.joints)
 
 
 def _joined(first: Any, following: Any) -> Any:
@@ -79,69 +92,192 @@ def _solve_jvp(primals, tangents):
     trajectory = _solve(stepping, initial)
     recurrence = partial(_recurrence, stepping.step)
     pushed, pushed_dot = jax.jvp(ModalStepping.pushed, (stepping,), (stepping_dot,))
-    return trajectory, in_chunks(
-        _linearised, recurrence, pushed, trajectory, pushed_dot, initial_dot
-    )
+    first_dot = initial_dot, _no_kicks(stepping.step, initial_dot)
+    return trajectory, in_chunks(_linearised, recurrence, pushed, trajectory, pushed_dot, first_dot)
 
 
-def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, Any, Any, Any]:
-    """Columns of the kernel's Jacobian, and what constants and input add to each of three parts."""
-    q, v, memory = start
+class Slopes(NamedTuple):
+    """Derivatives of a part of a joint's step.
+
+    Attributes:
+        columns: What the part changes by for each of its arguments.
+        offset: What constants and input add to it.
+    """
+
+    columns: tuple
+    offset: tuple
+
+    def along(self, *arguments: Any) -> tuple:
+        """Change of the part for changes of its arguments."""
+        changes = jax.tree.leaves(arguments)
+        return tuple(
+            offset + sum(column[i] * x for column, x in zip(self.columns, changes, strict=True))
+            for i, offset in enumerate(self.offset)
+        )
+
+
+class JointSlopes(NamedTuple):
+    """Derivatives of all parts of a joint's step, and what constants add to what is linear.
+
+    Attributes:
+        start: Of r and h r' by x, v and the memories.
+        path_by: What constants add to the path.
+        half_bend: Of half of h^2 r'' by x, v, a and the memories; None of one joint.
+        bent_by: What constants add to what the other joints' bends do to the path.
+        passing: Of `Passed` and the memories by x, v, path, bends and memories.
+        move_by: What constants add to the correction of x.
+        by_move: Of the memories by the correction of x.
+    """
+
+    start: Slopes
+    path_by: tuple
+    half_bend: Slopes | None
+    bent_by: tuple
+    passing: Slopes
+    move_by: Any
+    by_move: tuple
+
+
+def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, Any, Any]:
+    """The derivatives of every joint's step, and what constants and input add to the modes."""
+    (q, v, memories), _ = start
+    joints = tuple(zip(step.joints, step_dot.joints, strict=True))
 
     def before(step, push):
         rise, gain = freely(step, q, v, push)
-        return rise, gain, tuple(seen_by_joint(step, q, v, rise, gain, push[2]))
+        return rise, gain, seen_by_joints(step, q, v, rise, gain, push[2])
 
-    (_, _, seen), pre = jax.jvp(before, (step, push), (step_dot, push_dot))
-    memories, tree = jax.tree.flatten(memory)
-    arguments = (*seen, *memories)
-
-    def joint(constants, arguments):
-        joint_forces, after = kernel(
-            constants,
-            FreeMotion(*arguments[:5]),
-            jax.tree.unflatten(tree, arguments[5:]),
-            branch=False,
-        )
-        return (*joint_forces, *jax.tree.leaves(after))
-
-    outputs, by_arguments = jax.linearize(lambda arguments: joint(step.joint, arguments), arguments)
-    none, unit = jnp.zeros_like(q[0]), jnp.ones_like(q[0])
-    size = len(arguments)
-    columns = tuple(
-        by_arguments(tuple(unit if i == j else none for i in range(size))) for j in range(size)
-    )
-    _, offset = jax.jvp(lambda c: joint(c, arguments), (step.joint,), (step_dot.joint,))
-    joint_forces = JointForces(*outputs[:6])
-    # The step's own change of what the modes do with the joint's force.
-    none_each = tuple(none for _ in q)
+    (_, _, seen), free_by = jax.jvp(before, (step, push), (step_dot, push_dot))
+    at = [(free.x, free.v, memory) for free, memory in zip(seen, memories, strict=True)]
+    starts, by_start = _each(partial(_sloped, _start), joints, at)
+    paths, path_by = jax.jvp(lambda step: predicted(step, seen, starts), (step,), (step_dot,))
+    bends = bent_by = ((),) * len(joints)
+    by_bend = (None,) * len(joints)
+    if len(joints) > 1:
+        at_a = [(*each, path.a) for each, path in zip(at, paths, strict=True)]
+        halves, by_bend = _each(partial(_sloped, _half_bend), joints, at_a)
+        bends, bent_by = jax.jvp(lambda step: all_bent(step, halves), (step,), (step_dot,))
+    along = [(*each, path, bend) for each, path, bend in zip(at, paths, bends, strict=True)]
+    passed, ends, by_along = _each(_passed_linearly, joints, along)
+    moves, move_by = jax.jvp(lambda step: corrections(step, starts, passed), (step,), (step_dot,))
+    passing, by_move = _each(_passing_slopes, joints, along, ends, moves, by_along)
+    # The step's own change of what the modes do with the joints' forces.
+    none = tuple(jnp.zeros_like(part) for part in q)
     _, post = jax.jvp(
-        lambda step: driven(step, none_each, none_each, none_each, none_each, joint_forces),
-        (step,),
-        (step_dot,),
+        lambda step: driven(step, none, none, none, none, starts, passed), (step,), (step_dot,)
     )
-    return columns, pre, offset, post
+    parts = by_start, path_by, by_bend, bent_by, passing, move_by, by_move
+    return tuple(JointSlopes(*each) for each in zip(*parts, strict=True)), free_by, post
 
 
-def _recurrence(step: ModalStep, x_dot, inputs):
-    """One step of the tangent recurrence: linear pre, the kernel's columns, linear post."""
-    columns, (rise_by, gain_by, seen_by), offset, post = inputs
-    q, v, memory = x_dot
-    memories, tree = jax.tree.flatten(memory)
+def _each(function: Callable[..., tuple], *arguments: Any) -> tuple[tuple, ...]:
+    """What a function returns for every joint, each of its values for all joints."""
+    return tuple(zip(*(function(*each) for each in zip(*arguments, strict=True)), strict=True))
+
+
+def _start(joint: JointStep, at: tuple) -> tuple[Scalar, ...]:
+    """Remainder r and h r' at the start, by x, v and the memories."""
+    return remainder(Begun(joint, *at))
+
+
+def _half_bend(joint: JointStep, at: tuple) -> tuple[Scalar, ...]:
+    """Half of h^2 r'' at the start, by x, v, the memories and a."""
+    *start, a = at
+    return (half_bend(Begun(joint, *start), a),)
+
+
+def _passing(joint: JointStep, at: tuple) -> tuple[Passed, End]:
+    """A joint's step before the correction of its x, by x, v, memories, path and bends."""
+    *start, path, bends = at
+    return pass_always(Begun(joint, *start), path, bends)
+
+
+def _sloped(function: Callable[..., Any], joints: tuple, at: Any) -> tuple[Any, Slopes]:
+    """A part of a joint's step, and its derivatives; of the joint and the joint's tangent."""
+    joint, joint_dot = joints
+    value, by_at = jax.linearize(lambda at: function(joint, at), at)
+    _, offset = jax.jvp(lambda joint: function(joint, at), (joint,), (joint_dot,))
+    return value, Slopes(tuple(tuple(by_at(way)) for way in _ways(at)), tuple(offset))
+
+
+def _passed_linearly(joints: tuple, at: Any) -> tuple[Passed, End, Callable[..., Any]]:
+    """A joint after its kernel, its end, and the linear function of what both depend on."""
+    (passed, end), by_at = jax.linearize(partial(_passing, joints[0]), at)
+    return passed, end, by_at
+
+
+def _passing_slopes(
+    joints: tuple, at: Any, end: End, move: Scalar, by_at: Callable[..., Any]
+) -> tuple[Slopes, tuple]:
+    """Derivatives of `Passed` and of the memories after the correction of x, and by that."""
+    joint, joint_dot = joints
+    laws = joint.laws
+    _, by_end = jax.linearize(lambda end: shifted(laws, end, move), end)
+
+    def column(way: Any) -> tuple:
+        passed_dot, end_dot = by_at(way)
+        return (*passed_dot, *jax.tree.leaves(by_end(end_dot)))
+
+    def whole(joint: JointStep) -> tuple:
+        passed, end = _passing(joint, at)
+        return (*passed, *jax.tree.leaves(shifted(joint.laws, end, move)))
+
+    _, offset = jax.jvp(whole, (joint,), (joint_dot,))
+    unit = jnp.ones_like(move)
+    _, by_move = jax.jvp(lambda move: shifted(laws, end, move), (move,), (unit,))
+    columns = tuple(column(way) for way in _ways(at))
+    return Slopes(columns, offset), tuple(jax.tree.leaves(by_move))
+
+
+def _ways(at: Any) -> list[Any]:
+    """One unit change of each number of an argument, with the others at rest."""
+    leaves, tree = jax.tree.flatten(at)
+    none, unit = jnp.zeros_like(leaves[0]), jnp.ones_like(leaves[0])
+    size = range(len(leaves))
+    return [jax.tree.unflatten(tree, [unit if i == j else none for i in size]) for j in size]
+
+
+def _recurrence(step: ModalStep, state_dot, inputs):
+    """One step of the tangent recurrence: linear parts, and the columns of every joint."""
+    slopes, (rise_by, gain_by, seen_by), post = inputs
+    (q, v, memories), _ = state_dot
     none = tuple(jnp.zeros_like(part) for part in q)
     rise, gain = freely(step, q, v, (none, none, none[0]))
-    seen = seen_by_joint(step, q, v, rise, gain, none[0])
-    arguments = (*_added(tuple(seen), seen_by), *memories)
-    after = [
-        part + sum(column[i] * x for column, x in zip(columns, arguments, strict=True))
-        for i, part in enumerate(offset)
+    seen = _sum(seen_by_joints(step, q, v, rise, gain, none[0]), seen_by)
+    joints = list(zip(slopes, seen, memories, strict=True))
+    starts = tuple(
+        Remainder(*by.start.along(free.x, free.v, memory)) for by, free, memory in joints
+    )
+    paths = [
+        _sum(path, by.path_by)
+        for path, by in zip(predicted(step, seen, starts), slopes, strict=True)
     ]
-    rise, gain = _added(rise, rise_by), _added(gain, gain_by)
-    ends = driven(step, q, v, rise, gain, JointForces(*after[:6]))
-    q, v = (_added(end, part) for end, part in zip(ends, post, strict=True))
-    x_dot = q, v, jax.tree.unflatten(tree, after[6:])
-    return x_dot, x_dot
+    bends = ((),) * len(slopes)
+    if len(slopes) > 1:
+        halves = tuple(
+            by.half_bend.along(free.x, free.v, memory, path.a)[0]
+            for (by, free, memory), path in zip(joints, paths, strict=True)
+        )
+        bends = _sum(all_bent(step, halves), tuple(by.bent_by for by in slopes))
+    ends = [
+        by.passing.along(free.x, free.v, memory, path, bend)
+        for (by, free, memory), path, bend in zip(joints, paths, bends, strict=True)
+    ]
+    num = len(Passed._fields)
+    passed = tuple(Passed(*end[:num]) for end in ends)
+    moves = corrections(step, starts, passed)
+
+    def after(by: JointSlopes, memory: Any, end: tuple, move: Scalar) -> Any:
+        change = move + by.move_by
+        leaves = [x + slope * change for x, slope in zip(end[num:], by.by_move, strict=True)]
+        return jax.tree.unflatten(jax.tree.structure(memory), leaves)
+
+    memories = tuple(after(*each) for each in zip(slopes, memories, ends, moves, strict=True))
+    rise, gain = _sum((rise, gain), (rise_by, gain_by))
+    q, v = _sum(driven(step, q, v, rise, gain, starts, passed), post)
+    state_dot = (q, v, memories), tuple((end.kick_y, end.kick_v) for end in passed)
+    return state_dot, state_dot
 
 
-def _added(first: tuple, second: tuple) -> tuple:
-    return tuple(a + b for a, b in zip(first, second, strict=True))
+def _sum(first: Any, second: Any) -> Any:
+    return jax.tree.map(jnp.add, first, second)

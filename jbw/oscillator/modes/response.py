@@ -1,6 +1,7 @@
-"""Time response of several modes with one joint to a sampled or callable input."""
+"""Time response of several modes with joints to a sampled or callable input."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -19,15 +20,23 @@ from jbw.oscillator.checks import (
     initial_state,
     warn_of_guesses,
     warn_of_long_steps,
-    warn_of_negative_stiffness,
     warn_of_unbounded_law,
 )
 from jbw.oscillator.damper import Damper
 from jbw.oscillator.deepening import deep_enough
 from jbw.oscillator.hold import HeldInput, Hold, held
+from jbw.oscillator.law import laws_in, map_laws
 from jbw.oscillator.modes.adjoint import Trajectory, modal_solve
-from jbw.oscillator.modes.step import ModalState, modal_stepping
-from jbw.oscillator.modes.structure import Structure, admitted, require_sampled
+from jbw.oscillator.modes.step import ModalState, ModalStepping, modal_stepping
+from jbw.oscillator.modes.structure import (
+    Structure,
+    admitted,
+    by_joint,
+    first_frequency,
+    require_sampled,
+    warn_of_stiff_joints,
+)
+from jbw.oscillator.modes.work import accelerations, work_of_joints
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.periodic import steady_period
 from jbw.oscillator.solver import StockScheme, sampled_input, solve_stock
@@ -36,12 +45,16 @@ from jbw.oscillator.solver import StockScheme, sampled_input, solve_stock
 class StructureResponse(eqx.Module):
     """Motion of a structure at the samples; sample 0 is the initial state.
 
+    The axis of joints is there where the structure's `h` has a row a joint.
+
     Attributes:
         t: Time [s].
         q: Modal coordinates [m].
         dq: Their velocities [m/s].
-        x: Relative displacement of the joint, sum h_i q_i [m].
-        z: Force of all laws with a memory, the hysteretic ones [N/kg].
+        x: Relative displacement of every joint, sum h_i q_i [m].
+        z: Force of all of its laws with a memory, the hysteretic ones [N/kg].
+        r: Remainder of all of its laws, what they exert less K x [N/kg].
+        work: Work of r along x over the record or period, what the joint has lost and holds [J/kg].
         y: Outputs, sum c_i q_i [m].
         v: Velocities of the outputs [m/s].
         a: Accelerations of the outputs [m/s^2].
@@ -53,8 +66,10 @@ class StructureResponse(eqx.Module):
     t: Float[Array, " time"]
     q: Float[Array, "*batch mode time"]
     dq: Float[Array, "*batch mode time"]
-    x: Float[Array, "*batch time"]
-    z: Float[Array, "*batch time"]
+    x: Float[Array, "*batch_joint time"]
+    z: Float[Array, "*batch_joint time"]
+    r: Float[Array, "*batch_joint time"]
+    work: Float[Array, "*batch_joint"]
     y: Float[Array, "*channel time"]
     v: Float[Array, "*channel time"]
     a: Float[Array, "*channel time"]
@@ -84,7 +99,7 @@ def simulate_structure(
     require_sampled(structure, fs, substeps)
     q, v, memory = initial_state(structure, initial)
     warn_of_unbounded_law(structure)
-    warn_of_negative_stiffness(structure)
+    warn_of_stiff_joints(structure)
     if isinstance(u, HeldInput):
         options = options._replace(hold=u.hold, periodic=u.periodic)
         num_samples = u.samples.shape[-1]
@@ -95,7 +110,7 @@ def simulate_structure(
     # Dampers need a second prediction of the velocity, which the joint's kernel does not make.
     exact_step = options.exact_step and not callable(u)
     exact_step = exact_step and all(
-        law.stepped and not isinstance(law, Damper) for law in structure.laws
+        law.stepped and not isinstance(law, Damper) for law in laws_in(structure.laws)
     )
     options = options._replace(num_samples=num_samples, exact_step=exact_step)
     start = _per_mode(q, structure), _per_mode(v, structure), memory
@@ -109,8 +124,7 @@ def simulate_structure(
     check_bounded(stated_structure, response.x)
     warn_of_guesses(response.guesses)
     if exact_step:
-        speed = jnp.einsum("i,...it->...t", jnp.asarray(structure.h, float), response.dq)
-        warn_of_long_steps(fs, substeps, response.x, speed)
+        warn_of_long_steps(fs, substeps, response.x, structure.h @ response.dq)
     return response
 
 
@@ -146,70 +160,95 @@ def _simulate(
     options: ModalOptions, structure: Structure, u: Any, fs: Scalar, initial: ModalState
 ) -> StructureResponse:
     """One structure under one input."""
-    num_samples = options.num_samples or 0
-    t = jnp.arange(num_samples) / fs
+    is_one_joint = jnp.ndim(structure.h) == 1
+    if is_one_joint:
+        structure, initial = by_joint(structure), (*initial[:2], (initial[2],))
+    t = jnp.arange(options.num_samples or 0) / fs
     if callable(u):
         u_sampled = jnp.asarray(jax.vmap(u)(t))
-        trajectory_from = partial(_stock, options, structure, lambda tau: u(tau / fs), fs)
+        solve = partial(_stock, options, structure, lambda tau: u(tau / fs), fs)
     else:
         u_sampled = u.u
         if options.exact_step:
-            steps = modal_stepping(structure, u, fs, options.substeps)
-
-            def trajectory_from(initial: ModalState) -> Trajectory:
-                return jax.tree.map(lambda x: x[:: options.substeps], modal_solve(steps, initial))
+            solve = partial(_stepped, options, modal_stepping(structure, u, fs, options.substeps))
         else:
-            trajectory_from = partial(_stock, options, structure, partial(sampled_input, u), fs)
+            solve = partial(_stock, options, structure, partial(sampled_input, u), fs)
     residual = jnp.zeros(())
     if options.periodic:
         omega_n = tuple(structure.omega_n)  # pyright: ignore[reportArgumentType]
-        memory_units = tuple(law.memory_unit(omega_n[0]) for law in structure.laws)
+        unit_frequency = first_frequency(structure)
+        memory_units = map_laws(lambda law: law.memory_unit(unit_frequency), structure.laws)
         unit = omega_n, tuple(jnp.ones_like(w) for w in omega_n), memory_units
-        (q, dq, memory), residual = steady_period(trajectory_from, initial, unit)  # pyright: ignore[reportArgumentType]
+        states, residual = steady_period(lambda start: solve(start).states, initial, unit)
+        work = solve(jax.tree.map(lambda x: x[0], states)).work(structure)
     else:
-        q, dq, memory = trajectory_from(initial)
-    return _response_of(structure, t, u_sampled, (q, dq, memory), residual)
+        solved = solve(initial)
+        states, work = solved.states, solved.work(structure)
+    response = _response_of(structure, t, u_sampled, states, residual, work)
+    if not is_one_joint:
+        return response
+    alone = {name: getattr(response, name)[0] for name in ("x", "z", "r", "work")}
+    return replace(response, **alone)
 
 
-def _response_of(structure, t, u, trajectory, residual) -> StructureResponse:
-    """Motion of the modes, the joint and the outputs along a trajectory."""
-    q, dq, memory = jnp.stack(trajectory[0]), jnp.stack(trajectory[1]), trajectory[2]
+class _Solved(NamedTuple):
+    """States at the samples, and the work of every joint until the last, of a structure."""
+
+    states: Trajectory
+    work: Callable[[Structure], Array]
+
+
+def _stepped(options: ModalOptions, steps: ModalStepping, initial: ModalState) -> _Solved:
+    """A motion by our own step."""
+    states, kicks = modal_solve(steps, initial)
+    samples = jax.tree.map(lambda x: x[:: options.substeps], states)
+    return _Solved(samples, lambda structure: work_of_joints(structure, steps, states, kicks))
+
+
+def _response_of(structure, t, u, states, residual, work) -> StructureResponse:
+    """Motion of the modes, the joints and the outputs along a trajectory."""
+    q, dq, memories = jnp.stack(states[0]), jnp.stack(states[1]), states[2]
     x, v = structure.h @ q, structure.h @ dq
-    z, r, guesses = jnp.zeros_like(x), jnp.zeros_like(x), jnp.zeros(())
-    for law, law_memory in zip(structure.laws, memory, strict=True):
-        force = law.force(x, v, law_memory)
-        z = z + force if law.remembers else z
-        r = r + force - law.stiffness() * x
-        counts = jnp.broadcast_to(jnp.asarray(law.guesses(law_memory), float), x.shape)
-        guesses = guesses + counts[-1] - counts[0]
-    ddq = _accelerations(structure, q, dq, r, u)
-    c = structure.c
-    return StructureResponse(t, q, dq, x, z, c @ q, c @ dq, c @ ddq, residual, guesses)
-
-
-def _accelerations(structure: Structure, q, dq, r, u) -> Array:
-    """Modal accelerations under the joint's remainder r and the input u [m/s^2]."""
-    omega, zeta, p, b = (
-        jnp.asarray(x).reshape(-1, *(1,) * (q.ndim - 1))
-        for x in (structure.omega_n, structure.zeta, structure.p, structure.b)
-    )
-    return b * u - 2.0 * zeta * omega * dq - omega**2 * q - p * r
+    z, r, guesses = [], [], jnp.zeros(())
+    for j, (laws, memory) in enumerate(zip(structure.laws, memories, strict=True)):
+        z_j, r_j = jnp.zeros_like(x[j]), jnp.zeros_like(x[j])
+        for law, law_memory in zip(laws, memory, strict=True):
+            force = law.force(x[j], v[j], law_memory)
+            z_j = z_j + force if law.remembers else z_j
+            r_j = r_j + force - law.stiffness() * x[j]
+            counts = jnp.broadcast_to(jnp.asarray(law.guesses(law_memory), float), t.shape)
+            guesses = guesses + counts[-1] - counts[0]
+        z.append(z_j)
+        r.append(r_j)
+    z, r, c = jnp.stack(z), jnp.stack(r), structure.c
+    ddq = accelerations(structure, q, dq, r, u)
+    return StructureResponse(t, q, dq, x, z, r, work, c @ q, c @ dq, c @ ddq, residual, guesses)
 
 
 def oscillate_modes(structure: Structure, u: Scalar, state: Any) -> Any:
-    """Rates of (q, q', memories) [per s], for every law."""
-    q, v, memory = (*(jnp.stack(part) for part in state[:2]), state[2])
+    """Rates of (q, q', memories) and of every joint's work [per s], for every law."""
+    (q, v, memories), _ = state
+    q, v = jnp.stack(q), jnp.stack(v)
     x, dx = structure.h @ q, structure.h @ v
-    pairs = list(zip(structure.laws, memory, strict=True))
-    r = sum(
-        (law.force(x, dx, law_memory) - law.stiffness() * x for law, law_memory in pairs), 0.0 * x
-    )
-    rates = tuple(law.rate(x, dx, law_memory) for law, law_memory in pairs)
-    return state[1], tuple(_accelerations(structure, q, v, r, u)), rates
+
+    def of_joint(laws: Any, x: Array, dx: Array, memory: Any) -> tuple[Array, Any]:
+        pairs = list(zip(laws, memory, strict=True))
+        parts = (law.force(x, dx, held) - law.stiffness() * x for law, held in pairs)
+        return sum(parts, 0.0 * x), tuple(law.rate(x, dx, held) for law, held in pairs)
+
+    each = zip(structure.laws, x, dx, memories, strict=True)
+    forces, rates = zip(*(of_joint(*joint) for joint in each), strict=True)
+    r = jnp.stack(forces)
+    ddq = accelerations(structure, q, v, r, u)
+    return (state[0][1], tuple(ddq), rates), tuple(r * dx)
 
 
-def _stock(options: ModalOptions, structure: Structure, u: Callable, fs: Scalar, initial: Any):
-    """Trajectory through a stock solver; a periodic one goes on to the next period's start."""
+def _stock(
+    options: ModalOptions, structure: Structure, u: Callable, fs: Scalar, initial: ModalState
+) -> _Solved:
+    """A motion by a stock solver; a periodic one goes on to the next period's start."""
     num = (options.num_samples or 0) + options.periodic
     scheme = StockScheme(options.solver, options.controller, options.substeps)
-    return solve_stock(structure, u, num, fs, initial, scheme, oscillate_modes)
+    start = initial, tuple(jnp.zeros(()) for _ in structure.laws)
+    states, works = solve_stock(structure, u, num, fs, start, scheme, oscillate_modes)
+    return _Solved(states, lambda structure: jnp.stack([work[-1] for work in works]))

@@ -1,11 +1,15 @@
-r"""One step of several modes with one joint: linear pre, the joint's kernel, linear post.
+r"""One step of several modes with joints: linear pre, a kernel a joint, linear post.
 
-Modes move freely by their own exact propagators. The joint sees five scalars of them, x and v at
-the start, the acceleration there and what x and v change by freely; it moves the memories as
-`jbw.oscillator.step` does, with the modes' constants summed by h_i p_i, and gives back six scalars,
-which every mode takes by constants of its own.
+Modes move freely by their own exact propagators. Each joint sees five scalars of them, x and v at
+the start, the acceleration there and what x and v change by freely; it moves its memories as
+`jbw.oscillator.step` does, on a path that the forces of all joints have predicted, and gives back
+six scalars, which every mode takes by constants of its own. Kinks of two joints within one step do
+not know of each other: that changes a kick by O(h^5) and a memory by O(h^4), so the order stays 4.
 """
 
+from collections.abc import Sequence
+from functools import reduce
+from operator import sub
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -26,6 +30,7 @@ from jbw.oscillator.step import (
     NUM_MOMENTS,
     End,
     added,
+    bend,
     glided,
     past_cusps,
     remainders,
@@ -34,55 +39,76 @@ from jbw.oscillator.step import (
 )
 
 Coordinates = tuple[Scalar, ...]
+Memories = tuple[tuple[Memory, ...], ...]  # of every joint's laws
 # (q_i, ...), (q_i', ...), memories
-ModalState = tuple[Coordinates, Coordinates, tuple[Memory, ...]]
+ModalState = tuple[Coordinates, Coordinates, Memories]
 # What the input adds to every q_i and q_i', and the input at the start.
 ModalPush = tuple[tuple[Any, ...], tuple[Any, ...], Any]
 
 
 class ModeStep(eqx.Module):
-    """Constants of one mode's step; `on_y`, `on_v` weigh r, h r', the change of r and h r_1'."""
+    """Constants of one mode's step.
 
-    h: Scalar
-    p: Scalar
+    Of every joint h, p and the weights `on_y`, `on_v` of its r, h r', change of r and h r_1'.
+    """
+
+    h: tuple[Scalar, ...]
+    p: tuple[Scalar, ...]
     stiffness: Scalar
     damping: Scalar
     f_11: Scalar
     f_12: Scalar
     f_21: Scalar
     f_22: Scalar
-    on_y: tuple[Scalar, ...]
-    on_v: tuple[Scalar, ...]
+    on_y: tuple[tuple[Scalar, ...], ...]
+    on_v: tuple[tuple[Scalar, ...], ...]
 
 
-class JointStep(eqx.Module):
-    """Constants of the joint's kernel: those of `ExactStep`, summed over modes by h_i p_i."""
+class Coupling(eqx.Module):
+    """What a joint's force does to a joint: constants of `ExactStep`, summed over modes by h p.
 
-    laws: tuple[Law, ...]
-    dt: Scalar
+    `bend_*` are the effect of half of h^2 r'', a - b of the corrector's constants.
+    """
+
     mobility: Scalar
     r_y: Scalar
     r_v: Scalar
     s_y: Scalar
     s_v: Scalar
     d_y: Scalar
-    d_v: Scalar
     a_y: Scalar
-    a_v: Scalar
     b_y: Scalar
-    b_v: Scalar
+    bend_y: Scalar
+    bend_v: Scalar
+
+
+class JointStep(eqx.Module):
+    """Constants of one joint's kernel.
+
+    `by` holds what the force of every joint does to this one, which stands at `place` among them.
+    """
+
+    laws: tuple[Law, ...]
+    dt: Scalar
+    by: tuple[Coupling, ...]
+    input_gain: Scalar
+    place: int = eqx.field(static=True)
+
+    @property
+    def by_others(self) -> tuple[Coupling, ...]:
+        """What the forces of the other joints do to this one."""
+        return _without(self.place, self.by)
 
 
 class ModalStep(eqx.Module):
-    """Constants of a step of all modes; all leaves are scalars."""
+    """Constants of a step of all modes and joints; all leaves are scalars."""
 
-    joint: JointStep
+    joints: tuple[JointStep, ...]
     modes: tuple[ModeStep, ...]
-    input_gain: Scalar
 
 
 class FreeMotion(NamedTuple):
-    """Motion of the joint by the modes alone, without its own force in this step."""
+    """Motion of a joint by the modes alone, without the joints' forces in this step."""
 
     x: Scalar
     v: Scalar
@@ -91,15 +117,60 @@ class FreeMotion(NamedTuple):
     gain: Scalar
 
 
-class JointForces(NamedTuple):
-    """What the joint does to the modes: r, h r', the change of r, h r_1', and two impulses."""
+class Begun(NamedTuple):
+    """A joint at the start of a step: its constants, displacement, velocity and memories."""
+
+    joint: JointStep
+    x: Scalar
+    v: Scalar
+    memory: tuple[Memory, ...]
+
+    @property
+    def state(self) -> tuple[Scalar, Scalar, tuple[Memory, ...]]:
+        """Displacement, velocity and memories, as the laws' functions take them."""
+        return self.x, self.v, self.memory
+
+    @property
+    def branches(self) -> tuple[Any, ...]:
+        """Branches of the laws."""
+        pairs = zip(self.joint.laws, self.memory, strict=True)
+        return tuple(law.branch(self.v, law_memory) for law, law_memory in pairs)
+
+
+class Remainder(NamedTuple):
+    """Remainder r of a joint's laws and h r' at the start of a step."""
 
     r: Scalar
     rate: Scalar
-    change: Scalar
+
+
+class Path(NamedTuple):
+    """Path of a joint through a step: x and v at the end as predicted, acceleration at the start.
+
+    Those of the cubics of r and h r' of all joints.
+    """
+
+    x: Scalar
+    v: Scalar
+    a: Scalar
+
+
+class Passed(NamedTuple):
+    """A joint after its kernel: what it does to the modes beside its r and h r' at the start.
+
+    Attributes:
+        r_1: r at the end.
+        rate_1: h r' at the end.
+        kick_y: Impulse on y of what the cubic of r misses.
+        kick_v: That on v.
+        shift: What the path already holds of the kick on x.
+    """
+
+    r_1: Scalar
     rate_1: Scalar
     kick_y: Scalar
     kick_v: Scalar
+    shift: Scalar
 
 
 class ModalStepping(eqx.Module):
@@ -139,7 +210,10 @@ class ModalStepping(eqx.Module):
 def modal_stepping(
     structure: Structure, held: HeldInput, fs: Scalar, substeps: int
 ) -> ModalStepping:
-    """Constants of the step, every mode's moments times its gain, and the input's coefficients."""
+    """Constants of the step, every mode's moments times its gain, and the input's coefficients.
+
+    Of a structure with an axis of joints.
+    """
     step, moments_y, moments_v = _constants(structure, 1.0 / (fs * substeps))
     pieces = held.pieces(substeps)
     on_q, on_v = (
@@ -154,10 +228,10 @@ def modal_stepping(
 
 def _constants(structure: Structure, dt: Scalar) -> tuple[ModalStep, list[Array], list[Array]]:
     """Constants of the step of length dt [s], and every mode's moments of a unit input."""
-    modes, sums, moments_y, moments_v = [], [], [], []
-    for omega_n, zeta, h, p in zip(
-        structure.omega_n, structure.zeta, structure.h, structure.p, strict=True  # pyright: ignore[reportArgumentType]
-    ):  # fmt: skip
+    h, p, b = jnp.asarray(structure.h), jnp.asarray(structure.p), jnp.asarray(structure.b)
+    joints = range(h.shape[0])
+    modes, weights, moments_y, moments_v = [], [], [], []
+    for i, (omega_n, zeta) in enumerate(zip(structure.omega_n, structure.zeta, strict=True)):  # pyright: ignore[reportArgumentType]
         stiffness, damping = omega_n**2, 2.0 * zeta * omega_n
         m = impulse_moments(stiffness, damping, dt, NUM_MOMENTS)
         (r_y, s_y, d_y, a_y, b_y), (r_v, s_v, d_v, a_v, b_v) = (
@@ -165,119 +239,242 @@ def _constants(structure: Structure, dt: Scalar) -> tuple[ModalStep, list[Array]
             for w in (m.y, m.v)
         )
         on_y, on_v = (
-            tuple(-p * w for w in (r, s + a, d, b))
+            tuple(tuple(-p[i, j] * w for w in (r, s + a, d, b)) for j in joints)
             for r, s, d, a, b in ((r_y, s_y, d_y, a_y, b_y), (r_v, s_v, d_v, a_v, b_v))
         )
-        modes.append(ModeStep(h, p, stiffness, damping, m.f_11, m.f_12, m.f_21, m.f_22, on_y, on_v))
-        weights = (1.0, r_y, r_v, s_y, s_v, d_y, d_v, a_y, a_v, b_y, b_v)
-        sums.append([h * p * w for w in weights])
+        free = m.f_11, m.f_12, m.f_21, m.f_22
+        modes.append(ModeStep(tuple(h[:, i]), tuple(p[i]), stiffness, damping, *free, on_y, on_v))
+        weights.append((1.0, r_y, r_v, s_y, s_v, d_y, a_y, b_y, a_y - b_y, a_v - b_v))
         moments_y.append(m.y)
         moments_v.append(m.v)
-    joint = JointStep(structure.laws, dt, *(added(column) for column in zip(*sums, strict=True)))
-    gain = added(h * b for h, b in zip(structure.h, structure.b, strict=True))  # pyright: ignore[reportArgumentType]
-    step = ModalStep(joint, tuple(modes), gain)
+
+    def coupling(j: int, other: int) -> Coupling:
+        parts = ([h[j, i] * p[i, other] * w for w in of_mode] for i, of_mode in enumerate(weights))
+        return Coupling(*(added(column) for column in zip(*parts, strict=True)))
+
+    steps = []
+    for j, laws in enumerate(structure.laws):
+        by = tuple(coupling(j, other) for other in joints)
+        input_gain = added(h[j, i] * b[i] for i in range(len(modes)))
+        steps.append(JointStep(laws, dt, by, input_gain, j))  # pyright: ignore[reportArgumentType]
+    step = ModalStep(tuple(steps), tuple(modes))
     return jax.tree.map(jnp.asarray, step), moments_y, moments_v
 
 
 def modal_advance(
-    step: ModalStep, state: ModalState, push: ModalPush, *, branch: bool
-) -> ModalState:
-    """One step of all modes and of the joint."""
-    q, v, memory = state
+    step: ModalStep, state: ModalState, push: ModalPush
+) -> tuple[ModalState, tuple[tuple[Scalar, Scalar], ...]]:
+    """One step of all modes and joints, and every joint's kicks on y and on v."""
+    q, v, memories = state
     rise, gain = freely(step, q, v, push)
-    seen = seen_by_joint(step, q, v, rise, gain, push[2])
-    joint_forces, memory = kernel(step.joint, seen, memory, branch=branch)
-    return *driven(step, q, v, rise, gain, joint_forces), memory
+    seen = seen_by_joints(step, q, v, rise, gain, push[2])
+    begun = tuple(
+        Begun(joint, at.x, at.v, memory)
+        for joint, at, memory in zip(step.joints, seen, memories, strict=True)
+    )
+    starts = tuple(remainder(at) for at in begun)
+    paths = predicted(step, seen, starts)
+    bends = tuple((at, path.a) for at, path in zip(begun, paths, strict=True))
+    passed, ends = zip(
+        *(
+            pass_where_met(at, path, _without(at.joint.place, bends))
+            for at, path in zip(begun, paths, strict=True)
+        ),
+        strict=True,
+    )
+    moves = corrections(step, starts, passed)
+    memories = tuple(
+        shifted(joint.laws, end, dx)
+        for joint, end, dx in zip(step.joints, ends, moves, strict=True)
+    )
+    q, v = driven(step, q, v, rise, gain, starts, passed)
+    return (q, v, memories), tuple((end.kick_y, end.kick_v) for end in passed)
 
 
 def freely(
     step: ModalStep, q: Coordinates, v: Coordinates, push: ModalPush
 ) -> tuple[Coordinates, Coordinates]:
-    """Change of every mode without the joint's force."""
+    """Change of every mode without the joints' forces."""
     modes = list(zip(step.modes, q, v, push[0], push[1], strict=True))
     rise = tuple(m.f_11 * y + m.f_12 * dy + on_y for m, y, dy, on_y, _ in modes)
     gain = tuple(m.f_21 * y + m.f_22 * dy + on_v for m, y, dy, _, on_v in modes)
     return rise, gain
 
 
-def seen_by_joint(step: ModalStep, q, v, rise, gain, u: Scalar) -> FreeMotion:
-    """Motion of the joint by the modes alone: five scalars."""
-    modes = step.modes
-    pull = added(
-        m.h * (m.damping * dy + m.stiffness * y) for m, y, dy in zip(modes, q, v, strict=True)
+def seen_by_joints(step: ModalStep, q, v, rise, gain, u: Scalar) -> tuple[FreeMotion, ...]:
+    """Motion of every joint by the modes alone: five scalars."""
+    pulls = tuple(
+        m.damping * dy + m.stiffness * y for m, y, dy in zip(step.modes, q, v, strict=True)
     )
-    x, dx, up, faster = (
-        added(m.h * part for m, part in zip(modes, parts, strict=True))
-        for parts in (q, v, rise, gain)
-    )
-    return FreeMotion(x, dx, step.input_gain * u - pull, up, faster)
+
+    def seen(j: int, joint: JointStep) -> FreeMotion:
+        x, dx, pull, up, faster = (
+            added(m.h[j] * part for m, part in zip(step.modes, parts, strict=True))
+            for parts in (q, v, pulls, rise, gain)
+        )
+        return FreeMotion(x, dx, joint.input_gain * u - pull, up, faster)
+
+    return tuple(seen(j, joint) for j, joint in enumerate(step.joints))
+
+
+def remainder(at: Begun) -> Remainder:
+    """Remainder of a joint's laws and h times its rate at the start."""
+    return Remainder(*remainders(at.joint.laws, at.joint.dt, at.state, at.branches))
+
+
+def half_bend(at: Begun, a: Scalar) -> Scalar:
+    """Half of h^2 r'' of a joint at the start, by its acceleration there."""
+    if not at.joint.laws:
+        return jnp.zeros_like(a)
+    return bend(at.joint.laws, at.joint.dt, at.state, at.branches, a)
+
+
+def bent(joint: JointStep, half_bends: Sequence[Scalar]) -> tuple[Scalar, ...]:
+    """What half of h^2 r'' of the other joints does to x and v of a joint, if there are some."""
+    if not half_bends:
+        return ()
+    pairs = list(zip(joint.by_others, half_bends, strict=True))
+    return added(w.bend_y * half for w, half in pairs), added(w.bend_v * half for w, half in pairs)
+
+
+def all_bent(step: ModalStep, half_bends: tuple[Scalar, ...]) -> tuple[tuple[Scalar, ...], ...]:
+    """The same of every joint; linear in the bends."""
+    return tuple(bent(joint, _without(joint.place, half_bends)) for joint in step.joints)
+
+
+def _without(place: int, values: tuple[Any, ...]) -> tuple[Any, ...]:
+    """All values but the one at a place."""
+    return values[:place] + values[place + 1 :]
+
+
+def predicted(
+    step: ModalStep, seen: Sequence[FreeMotion], starts: Sequence[Remainder]
+) -> tuple[Path, ...]:
+    """Every joint's path by r and h r' of all joints; linear in both arguments."""
+
+    def path(joint: JointStep, at: FreeMotion) -> Path:
+        pairs = list(zip(joint.by, starts, strict=True))
+        rise = _less(at.rise, (w.r_y * s.r for w, s in pairs), (w.s_y * s.rate for w, s in pairs))
+        gain = _less(at.gain, (w.r_v * s.r for w, s in pairs), (w.s_v * s.rate for w, s in pairs))
+        return Path(at.x + rise, at.v + gain, _less(at.a, (w.mobility * s.r for w, s in pairs)))
+
+    return tuple(path(joint, at) for joint, at in zip(step.joints, seen, strict=True))
+
+
+def _less(whole: Scalar, *parts: Any) -> Scalar:
+    """What is left of the whole without the parts, in order."""
+    return reduce(sub, (part for group in parts for part in group), whole)
+
+
+def pass_where_met(
+    at: Begun, path: Path, others: tuple[tuple[Begun, Scalar], ...]
+) -> tuple[Passed, End]:
+    """A joint along its path: `jbw.oscillator.step.advance` without the motion of the modes.
+
+    Kinks are gone through where the joint meets one. The others are the other joints at the start
+    and their accelerations there.
+    """
+    end, shift = _smooth(at, path), jnp.zeros_like(path.x)
+    if at.joint.laws and any(law.kinked for law in at.joint.laws):
+        memory_1, kinked = glided(at.joint.laws, at.state, at.branches, path.x, path.v)
+
+        def kinks(operands: Any) -> tuple[End, Scalar]:
+            at, path, others = operands
+            halves = [half_bend(*other) for other in others]
+            return _through_kinks(at, path, bent(at.joint, halves))
+
+        smooth = end._replace(memory=memory_1), shift
+        end, shift = where_rare(kinked, kinks, (at, path, others), smooth)
+    return _passed(at, end, shift)
+
+
+def pass_always(at: Begun, path: Path, bends: tuple[Scalar, ...]) -> tuple[Passed, End]:
+    """The same through kinks in every step, as derivatives of many steps at once take it.
+
+    `bends` are what half of h^2 r'' of the other joints does to this one's x and v.
+    """
+    end, shift = _smooth(at, path), jnp.zeros_like(path.x)
+    if at.joint.laws and any(law.kinked for law in at.joint.laws):
+        x_1, v_1 = barrier((path.x, path.v))
+        end, shift = barrier(_through_kinks(at, Path(x_1, v_1, path.a), bends))
+    passed, end = _passed(at, end, shift)
+    r_1, rate_1 = barrier((passed.r_1, passed.rate_1))
+    return passed._replace(r_1=r_1, rate_1=rate_1), end
+
+
+def _smooth(at: Begun, path: Path) -> End:
+    """End of a path as predicted, with the memories of its start."""
+    none = jnp.zeros_like(path.x)
+    return End(path.x, path.v, at.memory, at.branches, none, none)
+
+
+def _passed(at: Begun, end: End, shift: Scalar) -> tuple[Passed, End]:
+    """What a joint does to the modes from its end, and that with the impulses of cusps."""
+    laws, none = at.joint.laws, jnp.zeros_like(shift)
+    if not laws:
+        return Passed(none, none, none, none, none), end
+    end = past_cusps(laws, at.joint.dt, at.state, end)
+    r_1, rate_1 = remainders(laws, at.joint.dt, (end.y, end.v, end.memory), end.branches)
+    return Passed(r_1, rate_1, end.kick_y, end.kick_v, shift), end
+
+
+def _through_kinks(at: Begun, path: Path, bends: tuple[Scalar, ...]) -> tuple[End, Scalar]:
+    """End of a step that may hold kinks, and what x already holds of the kicks."""
+    joint = at.joint
+    by_itself = joint.by[joint.place]
+    weights = by_itself.bend_y, by_itself.bend_v
+    start = at.state, at.branches, path.a
+    end, shifts = through_kinks(joint.laws, joint.dt, start, weights, (path.x, path.v), bends)
+    return end, shifts[0]
+
+
+def corrections(
+    step: ModalStep, starts: Sequence[Remainder], passed: Sequence[Passed]
+) -> tuple[Scalar, ...]:
+    """Correction of every joint's x at the end; linear in both arguments."""
+
+    def correction(joint: JointStep) -> Scalar:
+        each = list(zip(joint.by, starts, passed, strict=True))
+        kicks = added(w.mobility * end.kick_y for w, _, end in each) - passed[joint.place].shift
+        forces = added(
+            w.d_y * (end.r_1 - start.r) + w.a_y * start.rate + w.b_y * end.rate_1
+            for w, start, end in each
+        )
+        return kicks - forces
+
+    return tuple(correction(joint) for joint in step.joints)
 
 
 def driven(
-    step: ModalStep, q, v, rise, gain, joint_forces: JointForces
+    step: ModalStep,
+    q: Coordinates,
+    v: Coordinates,
+    rise: Coordinates,
+    gain: Coordinates,
+    starts: Sequence[Remainder],
+    passed: Sequence[Passed],
 ) -> tuple[Coordinates, Coordinates]:
-    """The modes at the end of the step, the joint's force included."""
-    forces = joint_forces[:4]
+    """The modes at the end of the step, the joints' forces included."""
+    forces = [
+        (start.r, start.rate, end.r_1 - start.r, end.rate_1)
+        for start, end in zip(starts, passed, strict=True)
+    ]
 
-    def after(start, free, kick, weights, p):
-        return start + (
-            free + p * kick + added(w * f for w, f in zip(weights, forces, strict=True))
-        )
+    def after(begun, free, p, kicks, weights):
+        parts = [
+            p_j * kick + added(w * f for w, f in zip(of_joint, force, strict=True))
+            for p_j, kick, of_joint, force in zip(p, kicks, weights, forces, strict=True)
+        ]
+        return begun + (free + added(parts))
 
+    kicks_y, kicks_v = [x.kick_y for x in passed], [x.kick_v for x in passed]
     modes = step.modes
     return (
         tuple(
-            after(y, free, joint_forces.kick_y, m.on_y, m.p)
-            for m, y, free in zip(modes, q, rise, strict=True)
+            after(y, free, m.p, kicks_y, m.on_y) for m, y, free in zip(modes, q, rise, strict=True)
         ),
         tuple(
-            after(dy, free, joint_forces.kick_v, m.on_v, m.p)
+            after(dy, free, m.p, kicks_v, m.on_v)
             for m, dy, free in zip(modes, v, gain, strict=True)
         ),
     )
-
-
-def kernel(
-    joint: JointStep, seen: FreeMotion, memory: tuple[Memory, ...], *, branch: bool
-) -> tuple[JointForces, tuple[Memory, ...]]:
-    """The joint's step: `jbw.oscillator.step.advance` without the motion of the modes."""
-    laws = joint.laws
-    x, v = seen.x, seen.v
-    none = jnp.zeros_like(v)
-    if not laws:
-        return JointForces(none, none, none, none, none, none), memory
-    state = x, v, memory
-    branches = tuple(
-        law.branch(v, law_memory) for law, law_memory in zip(laws, memory, strict=True)
-    )
-    r, rate = remainders(laws, joint.dt, state, branches)
-    x_1 = x + (seen.rise - joint.r_y * r - joint.s_y * rate)
-    v_1 = v + (seen.gain - joint.r_v * r - joint.s_v * rate)
-    end, shift = End(x_1, v_1, memory, branches, none, none), none
-    if any(law.kinked for law in laws):
-        a = seen.a - joint.mobility * r
-        if branch:
-            memory_1, kinked = glided(laws, state, branches, x_1, v_1)
-            smooth = end._replace(memory=memory_1), none
-            operands = joint, (state, branches, a), (x_1, v_1)
-            end, shift = where_rare(kinked, lambda at: _through_kinks(*at), operands, smooth)
-        else:
-            x_1, v_1, r, rate = barrier((x_1, v_1, r, rate))
-            end, shift = barrier(_through_kinks(joint, (state, branches, a), (x_1, v_1)))
-    end = past_cusps(laws, joint.dt, state, end)
-    r_1, rate_1 = remainders(laws, joint.dt, (end.y, end.v, end.memory), end.branches)
-    change = r_1 - r
-    if not branch:
-        change, rate_1 = barrier((change, rate_1))
-    weighted = joint.d_y * change + joint.a_y * rate + joint.b_y * rate_1
-    dx = (joint.mobility * end.kick_y - shift) - weighted
-    joint_forces = JointForces(r, rate, change, rate_1, end.kick_y, end.kick_v)
-    return joint_forces, shifted(laws, end, dx)
-
-
-def _through_kinks(joint: JointStep, start: tuple, predicted: tuple) -> tuple[End, Scalar]:
-    """End of a step that may hold kinks, and what x already holds of the kicks."""
-    # W_2 = b - a of the corrector's constants.
-    weights = joint.a_y - joint.b_y, joint.a_v - joint.b_v
-    end, shifts = through_kinks(joint.laws, joint.dt, start, weights, predicted)
-    return end, shifts[0]

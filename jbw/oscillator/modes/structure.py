@@ -1,6 +1,8 @@
-"""Several modes of a structure that are coupled by one joint, and the checks of their numbers."""
+"""Several modes of a structure that are coupled by joints, and the checks of their numbers."""
 
 import warnings
+from collections.abc import Callable
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import equinox as eqx
@@ -9,50 +11,88 @@ import numpy as np
 from jaxtyping import Array
 
 from jbw.errors import ConfigError, ModelError
-from jbw.oscillator.checks import is_concrete, require_finite
-from jbw.oscillator.law import Law, Memory
+from jbw.oscillator.checks import is_concrete, require_finite, stiffer_than_structure
+from jbw.oscillator.law import Law, Memory, laws_in, map_laws
 from jbw.oscillator.parameters import Scalar
 
-_PER_MODE = ("omega_n", "zeta", "h", "p", "b")
+_PER_MODE = ("omega_n", "zeta", "b")
 # Of two modes; further apart the higher harmonics of the one do not reach the other.
 _NEAR = 0.05
 _ORDERS = (3, 5)
+# Of a joint's largest: what a mode moves it by less is rounding of a mode that does not move it.
+_UNMOVED = 1e-8
+
+# Those of one joint, or a tuple for every joint.
+Laws = tuple[Law, ...] | tuple[tuple[Law, ...], ...]
+Memories = tuple[Memory, ...]  # as the laws, of one joint or for every joint
+
+
+def _as_laws(laws: Any) -> Laws:
+    """Tuples of laws, from any sequences of them."""
+    return tuple(law if isinstance(law, Law) else tuple(law) for law in laws)  # pyright: ignore
 
 
 class Structure(eqx.Module):
-    r"""Modes of a structure with one joint, each per unit modal mass.
+    r"""Modes of a structure with one or several joints, each mode per unit modal mass.
 
-    $$\ddot q_i + 2\zeta_i\omega_i\dot q_i + \omega_i^2 q_i + p_i r = b_i u, \qquad
-      x = \sum_i h_i q_i, \qquad y_o = \sum_i c_{oi} q_i$$
+    $$\ddot q_i + 2\zeta_i\omega_i\dot q_i + \omega_i^2 q_i + \sum_j p_{ij} r_j = b_i u, \qquad
+      x_j = \sum_i h_{ji} q_i, \qquad y_o = \sum_i c_{oi} q_i$$
 
-    with r = sum (F - K x), the laws' forces at the joint's relative displacement x less their
-    stiffness of rest: the modes are those of the sticking joint. The motion stays the same under
-    h -> s h, p -> s p with laws rescaled, and under b_i, p_i -> t b_i, t p_i with
-    c_i, h_i -> c_i/t, h_i/t. With h_1 = p_1 = 1 the laws have the meaning and the units that they
-    have about mode 1 alone; that choice is the caller's. A field is an array of a number a mode, or
-    one number where there is one mode. Further joints, as a batch, by `jax.vmap`.
+    with r_j = sum (F - K x_j), the forces of joint j's laws at its relative displacement x_j less
+    their stiffness of rest: the modes are those with all joints sticking. The motion stays the same
+    under h_j -> s h_j, p_j -> s p_j with the joint's laws rescaled, and under
+    b_i, p_i -> t b_i, t p_i with c_i, h_i -> c_i/t, h_i/t.
+
+    Of one joint, h and p are arrays of a number a mode and the laws one tuple: then x, r and the
+    laws' memories have no axis of joints. With h_1 = p_1 = 1 the laws have the meaning and the
+    units that they have about mode 1 alone; that choice is the caller's. A field is an array of a
+    number a mode, or one number where there is one mode. Of J joints, h has a row and the laws a
+    tuple a joint. By reciprocity p is h transposed where the modes have mass one; that is taken
+    where p is None. Structures with other numbers, as a batch, by `jax.vmap`.
 
     Attributes:
-        omega_n: Natural frequencies, the joint sticking [rad/s].
+        omega_n: Natural frequencies, the joints sticking [rad/s]; 0 where a mode moves none.
         zeta: Viscous damping ratios [-].
-        h: What a unit of each mode moves the joint [-].
-        p: What the joint's force does to each mode [-].
+        h: What a unit of each mode moves each joint, (mode,) or (joint, mode) [-].
+        p: What each joint's force does to each mode, (mode,) or (mode, joint) [-].
         b: What the input does to each mode [-].
         c: What each output sees of the modes [-]; one output, or outputs along the first axis.
-        laws: The forces across the joint.
+        laws: The forces across the joint, or a tuple of them for every joint.
     """
 
     omega_n: Scalar
     zeta: Scalar
     h: Scalar
-    p: Scalar
-    b: Scalar
-    c: Scalar
-    laws: tuple[Law, ...] = eqx.field(default=(), converter=tuple)
+    p: Scalar | None = None
+    b: Scalar | None = None
+    c: Scalar | None = None
+    laws: Laws = eqx.field(default=(), converter=_as_laws)
 
-    def at_rest(self) -> tuple[Memory, ...]:
+    def at_rest(self) -> Memories:
         """Memories of the laws before any motion."""
-        return tuple(law.at_rest() for law in self.laws)
+        return map_laws(lambda law: law.at_rest(), self.laws)
+
+
+def by_joint(structure: Structure) -> Structure:
+    """An admitted structure with an axis of joints: h (joint, mode), p (mode, joint)."""
+    if jnp.ndim(structure.h) == 2:
+        return structure
+    h, p = jnp.asarray(structure.h), jnp.asarray(structure.p)
+    return replace(structure, h=h[None], p=p[:, None], laws=(structure.laws,))
+
+
+def map_joint_laws(function: Callable[..., Any], laws: Laws, *of_joints: Any) -> Laws:
+    """The function of every law and of its joint's entries of others."""
+    return tuple(
+        tuple(function(law, *entries) for law in of_joint)  # pyright: ignore[reportGeneralTypeIssues]
+        for of_joint, *entries in zip(laws, *of_joints, strict=True)
+    )
+
+
+def first_frequency(structure: Structure) -> Scalar:
+    """Frequency of the first mode that is no rigid-body mode, a unit of frequency [rad/s]."""
+    omega_n = jnp.asarray(structure.omega_n)
+    return omega_n[jnp.argmax(omega_n > 0.0)]
 
 
 class Commensurate(NamedTuple):
@@ -75,17 +115,52 @@ def admitted(structure: Structure) -> Structure:
     """The structure with an array for every number; raises where it is invalid.
 
     Raises:
-        ConfigError: Shapes differ, or nothing of the first mode reaches the joint.
+        ConfigError: Shapes differ, or nothing of the modes reaches a joint.
         ModelError: A frequency or damping ratio that no mode has, or a number is not finite.
     """
-    values = {name: jnp.asarray(getattr(structure, name), float) for name in (*_PER_MODE, "c")}
-    shapes = {name: values[name].shape for name in _PER_MODE}
+    for name in ("b", "c"):
+        if getattr(structure, name) is None:
+            raise ConfigError(
+                f"Field `{name}` of a `Structure` must hold one number a mode, but is missing.",
+                remedy=f"Give `{name}`, " + ("0 where nothing pushes." if name == "b" else
+                "1 for the sum of the modal coordinates."),
+            )  # fmt: skip
+    values = {name: jnp.asarray(getattr(structure, name), float) for name in (*_PER_MODE, "h", "c")}
+    several = values["h"].ndim == 2
+    values["p"] = values["h"].T if structure.p is None else jnp.asarray(structure.p, float)
+    names = _PER_MODE if several else (*_PER_MODE, "h", "p")
+    modes = _number_of_modes({name: values[name].shape for name in names})
+    for name in names:
+        values[name] = values[name].reshape(modes)
+    if several:
+        _require_joints(structure, values, *modes)
+    elif any(not isinstance(law, Law) for law in structure.laws):
+        raise ConfigError(
+            "Field `laws` of a `Structure` must hold laws where `h` has one number a mode, but "
+            "holds tuples of them.",
+            remedy="Give `h` a row for every joint, or the laws of the one joint.",
+        )
+    if not values["c"].shape:
+        values["c"] = values["c"].reshape(1)
+    if values["c"].ndim > 2 or values["c"].shape[-1:] != modes:
+        raise ConfigError(
+            f"Field `c` of a `Structure` must hold {modes[0]} numbers, one a mode, for every "
+            f"output, but has the shape {values['c'].shape}.",
+            remedy="Give one row an output.",
+        )
+    structure = replace(structure, **values)
+    _require_modes(structure)
+    return structure
+
+
+def _number_of_modes(shapes: dict[str, tuple[int, ...]]) -> tuple[int]:
+    """Shape of the fields with a number a mode; raises where they differ."""
     distinct_shapes = {shape for shape in shapes.values() if shape}
     if len(distinct_shapes) > 1 or any(len(shape) > 1 for shape in distinct_shapes):
         raise ConfigError(
-            f"The fields {', '.join(_PER_MODE)} of a `Structure` must hold one number a mode each, "
+            f"The fields {', '.join(shapes)} of a `Structure` must hold one number a mode each, "
             f"but have the shapes {', '.join(map(str, shapes.values()))}.",
-            remedy="Give every mode all five; for a batch of structures use `jax.vmap`.",
+            remedy=f"Give every mode all {len(shapes)}; for a batch of structures use `jax.vmap`.",
         )
     modes = next(iter(distinct_shapes), (1,))
     if any(not shape for shape in shapes.values()) and modes != (1,):
@@ -97,40 +172,127 @@ def admitted(structure: Structure) -> Structure:
         )
     if modes == (0,):
         raise ConfigError("A `Structure` must have at least one mode, but its fields are empty.")
-    for name in _PER_MODE:
-        values[name] = values[name].reshape(modes)
-    if not values["c"].shape:
-        values["c"] = values["c"].reshape(1)
-    if values["c"].ndim > 2 or values["c"].shape[-1:] != modes:
+    return modes  # pyright: ignore[reportReturnType]
+
+
+def _require_joints(structure: Structure, values: dict[str, Array], num_modes: int) -> None:
+    """Raise where h, p and the laws are not those of the same joints and modes."""
+    num_joints = values["h"].shape[0]
+    for name, shape, axes in (
+        ("h", (num_joints, num_modes), "joint, mode"), ("p", (num_modes, num_joints), "mode, joint")
+    ):  # fmt: skip
+        if values[name].shape != shape:
+            raise ConfigError(
+                f"Field `{name}` of a `Structure` of {num_modes} modes must have the shape {shape} "
+                f"({axes}), but has {values[name].shape}.",
+                remedy="Give `h` a row a joint, and leave `p` out where it is h transposed.",
+            )
+    if num_joints == 0:
         raise ConfigError(
-            f"Field `c` of a `Structure` must hold {modes[0]} numbers, one a mode, for every "
-            f"output, but has the shape {values['c'].shape}.",
-            remedy="Give one row an output.",
+            "Field `h` of a `Structure` must have at least one row, but has none.",
+            remedy="Give one joint without laws, `laws=((),)`, where there is none.",
         )
-    _require_modes(structure, values)
-    return Structure(*(values[name] for name in (*_PER_MODE, "c")), structure.laws)  # pyright: ignore[reportCallIssue]
+    if len(structure.laws) != num_joints or any(isinstance(law, Law) for law in structure.laws):
+        raise ConfigError(
+            f"Field `laws` of a `Structure` must hold a tuple of laws for each of the {num_joints} "
+            f"joints that `h` has rows for, but holds {len(structure.laws)} entries of the kinds "
+            f"{', '.join(sorted({type(law).__name__ for law in structure.laws})) or 'none'}.",
+            remedy="Give `laws=((law_of_joint_0,), (law_of_joint_1,))`, and () for a joint without "
+            "a law.",
+        )
 
 
-def _require_modes(structure: Structure, values: dict[str, Array]) -> None:
+def _require_modes(structure: Structure) -> None:
     """Raise for numbers that no mode has; tracers are trusted."""
     require_finite(structure)
-    concrete = {name: np.asarray(x) for name, x in values.items() if is_concrete(x)}
-    for name, least, allowed in (("omega_n", 0.0, False), ("zeta", 0.0, True)):
+    concrete = {
+        name: np.asarray(getattr(structure, name))
+        for name in ("omega_n", "zeta", "h", "p")
+        if is_concrete(getattr(structure, name))
+    }
+    several = jnp.ndim(structure.h) == 2
+    for name in ("omega_n", "zeta"):
         x = concrete.get(name, np.ones(1))
-        bad = x < least if allowed else x <= least
+        is_rigid_allowed = name == "zeta" or several
+        bad = x < 0.0 if is_rigid_allowed else x <= 0.0
         if np.any(bad):
-            relation = "at least" if allowed else "greater than"
+            relation = "at least" if is_rigid_allowed else "greater than"
             raise ModelError(
-                f"Field `{name}` of a `Structure` must be {relation} {least:g} for every mode, but "
+                f"Field `{name}` of a `Structure` must be {relation} 0 for every mode, but "
                 f"that of mode {int(np.argmax(bad))} is {x[np.argmax(bad)]:g}."
             )
     for name in ("h", "p"):
-        if name in concrete and concrete[name][0] == 0.0:
-            raise ConfigError(
-                f"Field `{name}` of a `Structure` must not be 0 for the first mode, but it is.",
-                why="The laws are in units of what that mode does to the joint.",
-                remedy=f"Put a mode that reaches the joint first, with {name}[0] = 1.",
-            )
+        if name in concrete:
+            (_require_moved if several else _require_first)(name, concrete[name])
+    if several and {"omega_n", "h"} <= concrete.keys():
+        _require_rigid(concrete["omega_n"], concrete["h"])
+
+
+def _require_first(name: str, values: np.ndarray) -> None:
+    """Raise where the first mode, in whose units the laws of one joint are, does not reach it."""
+    if values[0] == 0.0:
+        raise ConfigError(
+            f"Field `{name}` of a `Structure` must not be 0 for the first mode, but it is.",
+            why="The laws are in units of what that mode does to the joint.",
+            remedy=f"Put a mode that reaches the joint first, with {name}[0] = 1.",
+        )
+
+
+def _require_moved(name: str, values: np.ndarray) -> None:
+    """Raise where no mode reaches a joint."""
+    unmoved = ~np.any(values if name == "h" else values.T, axis=1)
+    if np.any(unmoved):
+        raise ConfigError(
+            f"Field `{name}` of a `Structure` must not be 0 in all modes of a joint, but it is of "
+            f"joint {int(np.argmax(unmoved))}.",
+            why="Its x would be 0, or its force would move nothing.",
+            remedy="Keep a mode that moves the joint, or leave the joint out.",
+        )
+
+
+def _require_rigid(omega_n: np.ndarray, h: np.ndarray) -> None:
+    """Raise where a joint has no stiffness against a mode that moves it."""
+    moves = np.abs(h) > _UNMOVED * np.max(np.abs(h), axis=1, keepdims=True)
+    bad = (omega_n == 0.0) & moves
+    if np.any(bad):
+        joint, mode = np.argwhere(bad)[0]
+        raise ModelError(
+            f"Field `omega_n` of a `Structure` must be greater than 0 for every mode that moves a "
+            f"joint, but that of mode {mode} is 0 and moves joint {joint} by {h[joint, mode]:g}.",
+            why="With all joints sticking the joint itself holds such a mode.",
+            remedy="Take the modes of the structure with the joints' stiffness in it.",
+        )
+
+
+def warn_of_stiff_joints(structure: Structure) -> None:
+    r"""Warn where the joints are stiffer than all of the structure.
+
+    $$\lambda_{max}\Big(k_j \sum_i h_{ji} p_{il} / \omega_i^2\Big) > 1$$
+
+    of the joints' stiffness k_j, of one mode $k > \omega_n^2$: once the joints slip, nothing holds
+    the structure. The structure is an admitted one.
+    """
+    if not laws_in(structure.laws) or not is_concrete(structure):
+        return
+    all_joints = by_joint(structure)
+    h, p, omega_n = (np.asarray(x) for x in (all_joints.h, all_joints.p, all_joints.omega_n))
+    k = np.array([sum(float(law.stiffness()) for law in laws) for laws in all_joints.laws])  # pyright: ignore
+    compliance = np.divide(1.0, omega_n**2, out=np.zeros_like(omega_n), where=omega_n > 0.0)
+    shares = k[:, None] * ((h * compliance) @ p)
+    largest = np.max(np.linalg.eigvals(shares).real)
+    if largest <= 1.0:
+        return
+    if len(k) == 1:
+        limit = k[0] / shares[0, 0]
+        said = stiffer_than_structure("1 / sum(h p / omega_n^2)", k[0], limit)
+    else:
+        said = (
+            "The joints are stiffer than the structure: no eigenvalue of k_j sum(h p / omega_n^2) "
+            f"must exceed 1, but one is {largest:.4g}. Once they slip, nothing holds the "
+            "structure, and the motion runs away. Lower the stiffness of the laws, or raise "
+            "omega_n, which includes that of all joints in full stick."
+        )
+    warnings.warn(said, stacklevel=3)
 
 
 def require_sampled(structure: Structure, fs: Any, substeps: int) -> None:
@@ -143,7 +305,8 @@ def require_sampled(structure: Structure, fs: Any, substeps: int) -> None:
         f"The highest mode, at {highest / (2 * np.pi):.4g} Hz, moves by {angle:.3g} rad in a step "
         f"of `fs` = {float(fs):g} Hz and `substeps` = {substeps}"
     )
-    remedy = "Raise `substeps`, sample the input faster, or leave the mode out."
+    enough = int(np.ceil(highest / float(fs)))
+    remedy = f"Put `substeps={enough}`, sample the input faster, or leave the mode out."
     if angle > np.pi:
         raise ConfigError(f"{motion_in_step}, but at most pi can be followed.", remedy=remedy)
     if angle > 1.0:
