@@ -45,13 +45,14 @@ def draw_backbones(
     r"""Draw frequency, damping and deflection shape of every mode against amplitude.
 
     A column a mode: its resonance frequency, its equivalent damping ratio and the first harmonics
-    $|q_i / X|$ of all modal coordinates over that of the joint's displacement. Where a harmonic
+    $|q_i / X|$ of all modal coordinates over that of the joint's displacement. Of a structure with
+    an axis of joints X is the amplitude of the mode's own coordinate. Where a harmonic
     meets another mode, $\omega_j = n\,\omega_i(X)$ within 1 %, stands which, as "1:3 with mode 3".
     Where a backbone folds over it ends, and its title says at what amplitude.
 
     Args:
-        structure: The modes and their joint.
-        x_peak: Rising amplitudes X of the joint's displacement [m], from zero or from small ones.
+        structure: The modes and their joints.
+        x_peak: Rising amplitudes X [m], from zero or from small ones.
         num_harmonics: Number of odd harmonics.
         ax: Three axes a mode, row by row; a figure of its own when None.
 
@@ -82,7 +83,8 @@ def draw_backbones(
         for each in interactions(own, mode, levels, curve.omega):
             _mark(column, each, factor, unit)
     left = ("frequency [Hz]", "damping ratio [%]", "|q / X| [-]")
-    return finish(axes, ax, f"amplitude at the joint [{unit}]", left)
+    where = "at the joint" if np.ndim(structure.h) == 1 else "of the mode"
+    return finish(axes, ax, f"amplitude {where} [{unit}]", left)
 
 
 def curve_of(structure: Structure, levels: Levels, mode: int, num_harmonics: int) -> Curve:

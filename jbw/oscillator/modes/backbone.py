@@ -2,13 +2,18 @@ r"""Backbone of a mode among others: periodic motion under the damping that sust
 
 The extended periodic motion of Krack (2015) is the periodic solution of
 
-$$\ddot q_i + (2\zeta_i\omega_i - 2\zeta_{eq}\omega)\dot q_i + \omega_i^2 q_i + p_i r = 0$$
+$$\ddot q_i + (2\zeta_i\omega_i - 2\zeta_{eq}\omega)\dot q_i + \omega_i^2 q_i
+  + \sum_j p_{ij} r_j = 0$$
 
-with the first harmonic X of the joint's displacement given. Its unknowns are omega, zeta_eq and the
-higher harmonics of the joint's displacement; they are found along X, from the sticking joint on.
+at a given amplitude L: of one joint the first harmonic X of its displacement, of several, none of
+which is *the* displacement, that of the mode's own coordinate, L = |q_m1|. Its unknowns are omega,
+zeta_eq, q_m1 and the harmonics of the joints' displacements; they are found along L, from the
+sticking joints on.
 """
 
+from dataclasses import replace
 from functools import partial
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -25,11 +30,13 @@ from jbw.oscillator.checks import (
     require_float64,
     require_periodic,
 )
-from jbw.oscillator.modes.balance import dynamic_stiffness, joint_force
-from jbw.oscillator.modes.structure import Structure, admitted
+from jbw.oscillator.modes.balance import dynamic_stiffness, joint_forces
+from jbw.oscillator.modes.structure import Structure, admitted, by_joint, map_joint_laws
 from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.steady.waveform import num_turns, orders
 
-# (omega, zeta_eq, Re X_3/X, Im X_3/X, ...), omega in units of the mode's own.
+# omega, zeta_eq, q_m1 and all X_jn, real and imaginary; omega in units of the mode's own, q_m1 and
+# X_jn in those of `Units`.
 Point = Float[Array, " unknown"]
 _TOLERANCE = 1e-10
 _MAX_NEWTON = 12
@@ -42,28 +49,44 @@ _MOST_CHANGE = 0.05
 class ModalBackbone(eqx.Module):
     """Resonance of one mode of a structure against amplitude.
 
+    The axis of joints is there where the structure's `h` has a row a joint.
+
     Attributes:
-        x_peak: First harmonic X of the joint's displacement [m].
+        a: Amplitude of the mode's own coordinate, |q_1| [m].
+        x_peak: First harmonic of every joint's displacement, |X_1| [m].
         omega: Resonance frequency [rad/s].
         zeta: Equivalent damping ratio there, viscous and hysteretic [-].
-        shape: Deflection shape, first harmonics q_i/X; at X = 0 the mode's own [-].
-        x: Harmonics of the joint's displacement, orders 1, 3, 5, ... [m].
+        shape: Deflection shape, first harmonics q_i over that of the mode, and of a structure of
+            one joint without an axis q_i/X; at amplitude 0 the mode's own [-].
+        x: Harmonics of every joint's displacement, orders 1, 3, 5, ... [m].
         q: Harmonics of the modal coordinates [m].
         y: Harmonics of the outputs [m].
+        loss_share: Part of every joint in what all joints lose a cycle; NaN where none loses [-].
     """
 
-    x_peak: Float[Array, "*level"]
+    a: Float[Array, "*level"]
+    x_peak: Float[Array, "*level_joint"]
     omega: Float[Array, "*level"]
     zeta: Float[Array, "*level"]
     shape: Complex[Array, "*level mode"]
-    x: Complex[Array, "*level harmonic"]
+    x: Complex[Array, "*level_joint harmonic"]
     q: Complex[Array, "*level mode harmonic"]
     y: Complex[Array, "*channel harmonic"]
+    loss_share: Float[Array, "*level_joint"]
+
+
+class Options(NamedTuple):
+    """Which backbone; static. `is_one_joint` where the amplitude is the joint's."""
+
+    mode: int
+    num_harmonics: int
+    max_turns: int
+    is_one_joint: bool
 
 
 def modal_backbone(
     structure: Structure,
-    x_peak: Real[ArrayLike, "..."],
+    amplitude: Real[ArrayLike, "..."],
     *,
     mode: int,
     num_harmonics: int,
@@ -72,31 +95,46 @@ def modal_backbone(
     """Backbone of a mode; `jbw.backbone` documents its arguments."""
     structure = admitted(structure)
     require_periodic(structure)
-    require_finite(structure, y_peak=x_peak)
+    require_finite(structure, y_peak=amplitude)
     require_float64()
-    require_at_least("y_peak", x_peak, 0.0)
-    _require_mode(structure, mode)
+    require_at_least("y_peak", amplitude, 0.0)
+    is_one_joint = jnp.ndim(structure.h) == 1
+    _require_mode(structure, mode, is_one_joint)
     if num_harmonics < 1:
         raise ConfigError(f"Argument `num_harmonics` must be at least 1, but is {num_harmonics}.")
-    x_peak = jnp.asarray(x_peak, float)
-    backbone, good = _backbone(structure, x_peak, mode, num_harmonics, max_turns)
-    if is_concrete(structure, x_peak, backbone) and not np.all(good):
-        first = float(np.asarray(x_peak)[~np.asarray(good)].min())
+    amplitude = jnp.asarray(amplitude, float)
+    options = Options(mode, num_harmonics, max_turns, is_one_joint)
+    backbone, good = _backbone(by_joint(structure), amplitude, options)
+    if is_concrete(structure, amplitude, backbone) and not np.all(good):
+        first = float(np.asarray(amplitude)[~np.asarray(good)].min())
+        motion = "a joint displacement" if is_one_joint else "an amplitude"
         raise ModelError(
-            f"The backbone of mode {mode} was not found at a joint displacement of {first:g} m.",
-            why="It folds over there, as near an internal resonance, or the joint turns more "
+            f"The backbone of mode {mode} was not found at {motion} of {first:g} m.",
+            why="It folds over there, as near an internal resonance, or a joint turns more "
             "often in a period than was allowed.",
             remedy="Stay below, look at `internal_resonances`, or raise `max_turns`.",
         )
-    return backbone
+    if not is_one_joint:
+        return backbone
+    alone = dict(x=backbone.x[..., 0, :], x_peak=amplitude, loss_share=backbone.loss_share[..., 0])
+    return replace(backbone, **alone)
 
 
-def _require_mode(structure: Structure, mode: int) -> None:
-    """Raise for a mode that is not there, or does not move the joint."""
+def _require_mode(structure: Structure, mode: int, is_one_joint: bool) -> None:
+    """Raise for a mode that is not there, does not vibrate, or does not move the one joint."""
     num = structure.omega_n.shape[0]  # pyright: ignore[reportAttributeAccessIssue]
     if isinstance(mode, bool) or not isinstance(mode, int) or not 0 <= mode < num:
         raise ConfigError(f"Argument `mode` must be an index from 0 to {num - 1}, but is {mode!r}.")
-    h, p = structure.h[mode], structure.p[mode]  # pyright: ignore[reportIndexIssue]
+    omega_n = structure.omega_n[mode]  # pyright: ignore[reportIndexIssue]
+    if is_concrete(omega_n) and omega_n == 0.0:
+        raise ConfigError(
+            f"Argument `mode` must be a mode that vibrates to have a backbone, but omega_n of mode "
+            f"{mode} is 0.",
+            remedy="Give a mode of which omega_n is greater than 0.",
+        )
+    if not is_one_joint:
+        return
+    h, p = structure.h[mode], structure.p[mode]  # pyright: ignore
     if is_concrete(h, p) and (h == 0.0 or p == 0.0):
         raise ConfigError(
             f"Mode {mode} of the `Structure` must have `h` and `p` other than 0 to have a "
@@ -105,20 +143,20 @@ def _require_mode(structure: Structure, mode: int) -> None:
         )
 
 
-@partial(jax.jit, static_argnums=(2, 3, 4))
+@partial(jax.jit, static_argnums=2)
 def _backbone(
-    structure: Structure, x_peak: Array, mode: int, num_harmonics: int, max_turns: int
+    structure: Structure, amplitude: Array, options: Options
 ) -> tuple[ModalBackbone, Array]:
     """The backbone at every amplitude, and whether it was found."""
-    flat = x_peak.ravel()
+    flat = amplitude.ravel()
     order = jnp.argsort(flat)
-    options = mode, num_harmonics, max_turns
     points, good = _followed(options, structure, flat[order])
     back = jnp.argsort(order)
     points, good = points[back], good[back]
-    backbone = jax.vmap(partial(_backbone_point, options, structure))(points, flat)
+    backbone, turns = jax.vmap(partial(_backbone_point, options, structure))(points, flat)
+    good = good & (turns <= options.max_turns)
     backbone = jax.tree.map(lambda leaf: jnp.where(_like(good, leaf), leaf, jnp.nan), backbone)
-    shape = x_peak.shape
+    shape = amplitude.shape
     return jax.tree.map(lambda leaf: leaf.reshape(*shape, *leaf.shape[1:]), (backbone, good))
 
 
@@ -127,42 +165,46 @@ def _like(good: Array, leaf: Array) -> Array:
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _followed(options: tuple, structure: Structure, x_peak: Array) -> tuple[Array, Array]:
+def _followed(options: Options, structure: Structure, amplitude: Array) -> tuple[Array, Array]:
     """Points of the branch at rising amplitudes, each from the one before, and which were found."""
-    first = jnp.zeros(2 * options[1]).at[0].set(1.0)
-    first = first.at[1].set(structure.zeta[options[0]])  # pyright: ignore[reportIndexIssue]
+    mode, num_joints = options.mode, len(structure.laws)
+    first = jnp.zeros(4 + 2 * num_joints * options.num_harmonics)
+    first = first.at[:4].set(jnp.stack([1.0, structure.zeta[mode], 1.0, 0.0]))  # pyright: ignore
+    units = _units(options, structure)
+    sticking = structure.h[:, mode] * units.q / units.x  # pyright: ignore
+    first = first.at[4 :: 2 * options.num_harmonics].set(sticking)
 
     def onward(carry, target):
         at, point, good = carry
-        x_reached, point = _to(options, structure, at, point, target)
-        good = good & (x_reached == target)
-        return (x_reached, point, good), (point, good)
+        reached, point = _to(options, structure, at, point, target)
+        good = good & (reached == target)
+        return (reached, point, good), (point, good)
 
-    start = jnp.zeros_like(x_peak[0]), first, jnp.asarray(True)
-    return jax.lax.scan(onward, start, x_peak)[1]
+    start = jnp.zeros_like(amplitude[0]), first, jnp.asarray(True)
+    return jax.lax.scan(onward, start, amplitude)[1]
 
 
 @_followed.defjvp
 def _followed_jvp(options, primals, tangents):
     """Implicit differentiation, amplitude by amplitude."""
-    structure, x_peak = primals
-    points, good = _followed(options, structure, x_peak)
+    structure, amplitude = primals
+    points, good = _followed(options, structure, amplitude)
 
-    def slope(point, x_peak, x_dot):
+    def slope(point, amplitude, amplitude_dot):
         _, change = jax.jvp(
-            lambda structure, x_peak: _imbalance(options, structure, point, x_peak),
-            (structure, x_peak),
-            (tangents[0], x_dot),
+            lambda structure, amplitude: _imbalance(options, structure, point, amplitude),
+            (structure, amplitude),
+            (tangents[0], amplitude_dot),
         )
-        jacobian = jax.jacfwd(lambda point: _imbalance(options, structure, point, x_peak))(point)
+        jacobian = jax.jacfwd(lambda point: _imbalance(options, structure, point, amplitude))(point)
         return -jnp.linalg.solve(jacobian, change)
 
-    points_dot = jax.vmap(slope)(points, x_peak, tangents[1])
+    points_dot = jax.vmap(slope)(points, amplitude, tangents[1])
     return (points, good), (points_dot, np.zeros(good.shape, jax.dtypes.float0))
 
 
 def _to(
-    options: tuple, structure: Structure, at: Array, point: Point, target: Array
+    options: Options, structure: Structure, at: Array, point: Point, target: Array
 ) -> tuple[Array, Point]:
     """From one amplitude to another by steps, halved where Newton fails or goes far."""
 
@@ -181,17 +223,17 @@ def _to(
         return *(jnp.where(ok, a, b) for a, b in zip(*outcomes, strict=True)), tries + 1
 
     state = at, target - at, point, at, point, 0
-    x_reached, _, point, *_ = jax.lax.while_loop(unfinished, advance, state)
-    return x_reached, point
+    reached, _, point, *_ = jax.lax.while_loop(unfinished, advance, state)
+    return reached, point
 
 
-def _newton(options: tuple, structure: Structure, start: Point, x_peak: Array):
+def _newton(options: Options, structure: Structure, start: Point, amplitude: Array):
     """Newton's iteration at one amplitude."""
     solution = optimistix.root_find(
         lambda point, args: _imbalance(options, args[0], point, args[1]),
         optimistix.Newton(rtol=_TOLERANCE, atol=_TOLERANCE),
         start,
-        (structure, x_peak),
+        (structure, amplitude),
         max_steps=_MAX_NEWTON,
         throw=False,
     )
@@ -199,44 +241,79 @@ def _newton(options: tuple, structure: Structure, start: Point, x_peak: Array):
     return solution.value, converged & jnp.all(jnp.isfinite(solution.value))
 
 
-def _motion(options: tuple, structure: Structure, point: Point) -> tuple[Array, Array, Array]:
-    """Frequency, equivalent damping and harmonics over X of a point."""
-    omega = point[0] * structure.omega_n[options[0]]  # pyright: ignore[reportIndexIssue]
-    higher = point[2:].reshape(-1, 2)
-    shape = jnp.concatenate([jnp.ones(1, complex), higher[:, 0] + 1j * higher[:, 1]])
-    return omega, point[1], shape
+class Units(NamedTuple):
+    """Units of q_m1 and of every joint's displacement, over the amplitude."""
+
+    q: Scalar
+    x: Array
 
 
-def _imbalance(options: tuple, structure: Structure, point: Point, x_peak: Scalar) -> Point:
-    """Residual of the balance at a point; the first harmonic multiplied by d of the mode."""
-    mode, num_harmonics, max_turns = options
-    omega, zeta, shape = _motion(options, structure, point)
-    unit = structure.omega_n[mode] ** 2  # pyright: ignore[reportIndexIssue]
-    d = dynamic_stiffness(structure, omega, num_harmonics, zeta) / unit
-    laws = tuple(law.scaled(x_peak, unit) for law in structure.laws)
-    r = joint_force(laws, omega, shape, max_turns)
-    hp = structure.h * structure.p
+def _units(options: Options, structure: Structure) -> Units:
+    """Of one joint its own displacement, of several the mode's coordinate and what that reaches."""
+    if options.is_one_joint:
+        return Units(1.0 / structure.h[0, options.mode], jnp.ones(1))  # pyright: ignore
+    return Units(1.0, jnp.max(jnp.abs(structure.h), axis=1))  # pyright: ignore[reportArgumentType]
+
+
+class Motion(NamedTuple):
+    """Motion of a point: q_m1 and q over the amplitude, x and r in the joints' units.
+
+    `residual_1` is the first harmonic of the mode's own balance, which d of the mode multiplies.
+    """
+
+    omega: Scalar
+    zeta: Scalar
+    q_m1: Scalar
+    q: Array
+    x: Array
+    r: Array
+    residual_1: Scalar
+
+
+def _motion(options: Options, structure: Structure, point: Point, amplitude: Scalar) -> Motion:
+    """Frequency, damping, joints and modes of a point."""
+    mode, units = options.mode, _units(options, structure)
+    omega_m = structure.omega_n[mode]  # pyright: ignore[reportIndexIssue]
+    omega, zeta = point[0] * omega_m, point[1]
+    q_m1, x = jax.lax.complex(point[2], point[3]), point[4:].reshape(*structure.h.shape[:1], -1, 2)  # pyright: ignore
+    x = jax.lax.complex(x[..., 0], x[..., 1])
+    laws = map_joint_laws(
+        lambda law, unit: law.scaled(amplitude * unit, omega_m**2), structure.laws, units.x
+    )
+    r = joint_forces(laws, omega, x, options.max_turns)
+    push = (structure.p * units.x) @ r  # pyright: ignore
+    d = dynamic_stiffness(structure, omega, options.num_harmonics, zeta) / omega_m**2
     # At zero amplitude d of the mode vanishes: no division by it in the first harmonic.
-    others = hp.at[mode].set(0.0)[:, None] / d.at[mode, 0].set(1.0)  # pyright: ignore
-    first = d[mode, 0] * (shape[0] + jnp.sum(others[:, 0]) * r[0]) + hp[mode] * r[0]  # pyright: ignore
-    higher = shape[1:] + (hp @ (1.0 / d.at[:, 0].set(1.0)))[1:] * r[1:]
-    imbalance = jnp.concatenate([first[None], higher])
-    return jnp.stack([imbalance.real, imbalance.imag], axis=1).ravel()
+    residual_1 = d[mode, 0] * units.q * q_m1 + push[mode, 0]  # pyright: ignore
+    q = (-push / d.at[mode, 0].set(1.0)).at[mode, 0].set(units.q * q_m1)  # pyright: ignore
+    return Motion(omega, zeta, q_m1, q, x, r, residual_1)
+
+
+def _imbalance(options: Options, structure: Structure, point: Point, amplitude: Scalar) -> Point:
+    """Residual at a point: of the mode's first harmonic, of the joints', and of the amplitude."""
+    motion = _motion(options, structure, point, amplitude)
+    apart = motion.x - (structure.h @ motion.q) / _units(options, structure).x[:, None]
+    reached = motion.x[0, 0] if options.is_one_joint else motion.q_m1
+    residual = jnp.concatenate([jnp.stack([motion.residual_1, reached - 1.0]), apart.ravel()])
+    return jnp.stack([residual.real, residual.imag], axis=1).ravel()
 
 
 def _backbone_point(
-    options: tuple, structure: Structure, point: Point, x_peak: Array
-) -> ModalBackbone:
-    """Frequency, damping and harmonics of a point of the backbone."""
-    mode, num_harmonics, max_turns = options
-    omega, zeta, shape = _motion(options, structure, point)
-    unit = structure.omega_n[mode] ** 2  # pyright: ignore[reportIndexIssue]
-    laws = tuple(law.scaled(x_peak, unit) for law in structure.laws)
-    r = joint_force(laws, omega, shape, max_turns)
-    d = dynamic_stiffness(structure, omega, num_harmonics, zeta) / unit
-    relative = -structure.p[:, None] * r / d.at[mode, 0].set(1.0)  # pyright: ignore
-    # The mode's own first harmonic from that of the joint, which holds at zero amplitude too.
-    other_modes = structure.h @ relative[:, 0] - structure.h[mode] * relative[mode, 0]  # pyright: ignore
-    relative = relative.at[mode, 0].set((shape[0] - other_modes) / structure.h[mode])  # pyright: ignore
-    q = x_peak * relative
-    return ModalBackbone(x_peak, omega, zeta, relative[:, 0], x_peak * shape, q, structure.c @ q)  # pyright: ignore[reportArgumentType]
+    options: Options, structure: Structure, point: Point, amplitude: Array
+) -> tuple[ModalBackbone, Array]:
+    r"""A point of the backbone, and how often the joint turns that turns most often.
+
+    A joint loses $\pi \sum_n n\,\mathrm{Im}(r_n \bar X_n)$ a cycle.
+    """
+    motion = _motion(options, structure, point, amplitude)
+    unit = _units(options, structure).x
+    loss = unit**2 * jnp.sum(
+        orders(options.num_harmonics) * jnp.imag(motion.r * jnp.conj(motion.x)), axis=1
+    )
+    total = jnp.sum(loss)
+    share = jnp.where(total == 0.0, jnp.nan, loss / jnp.where(total == 0.0, 1.0, total))
+    x, q = amplitude * unit[:, None] * motion.x, amplitude * motion.q
+    sizes = jnp.abs(q[options.mode, 0]), jnp.abs(x[:, 0])
+    rates = motion.omega, motion.zeta
+    turns = jnp.max(jax.vmap(num_turns)(motion.x))
+    return ModalBackbone(*sizes, *rates, motion.q[:, 0], x, q, structure.c @ q, share), turns  # pyright: ignore

@@ -1,14 +1,16 @@
-r"""Balance of harmonics condensed to the joint's relative displacement, and what the modes do then.
+r"""Balance of harmonics condensed to the joints' displacements, and what the modes do then.
 
-The modes are linear, so that the joint's displacement answers its own force by receptances,
+The modes are linear, so that the joints' displacements answer their own forces by receptances,
 
-$$X_n + G_{JJ}(n\omega)\,r_n(X) - G_{JF}(n\omega)\,u_n = 0, \quad
-  G_{JJ} = \sum_i \frac{p_i h_i}{d_i}, \quad G_{JF} = \sum_i \frac{b_i h_i}{d_i}, \quad
+$$X_{jn} + \sum_l G_{jl}(n\omega)\,r_{ln}(X_l) - G_{jF}(n\omega)\,u_n = 0, \quad
+  G_{jl} = \sum_i \frac{h_{ji} p_{il}}{d_i}, \quad G_{jF} = \sum_i \frac{h_{ji} b_i}{d_i}, \quad
   d_i = \omega_i^2 - (n\omega)^2 + 2j\zeta_i\omega_i n\omega$$
 
-and the unknowns are as many as with one mode.
+and the unknowns are those of the joints, however many modes there are. All functions take an
+admitted structure with an axis of joints.
 """
 
+from dataclasses import replace
 from functools import reduce
 from operator import add
 from typing import Any
@@ -18,7 +20,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Complex
 
 from jbw.oscillator.damper import Damper
-from jbw.oscillator.modes.structure import Structure
+from jbw.oscillator.modes.structure import Structure, first_frequency, map_joint_laws
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.steady.waveform import orders
 
@@ -27,14 +29,20 @@ class StructureHarmonics(eqx.Module):
     """Harmonics of a periodic motion, complex peak amplitudes of orders 1, 3, 5, ...
 
     Attributes:
-        x: Of the joint's relative displacement [m].
+        x: Of every joint's relative displacement [m]; the axis of joints is there where the
+            structure's `h` has a row a joint.
         q: Of the modal coordinates [m].
         y: Of the outputs [m].
     """
 
-    x: Complex[Array, "*tone harmonic"]
+    x: Complex[Array, "*tone_joint harmonic"]
     q: Complex[Array, "*tone mode harmonic"]
     y: Complex[Array, "*channel harmonic"]
+
+
+def of_one_joint(harmonics: StructureHarmonics) -> StructureHarmonics:
+    """The same without the axis of joints."""
+    return replace(harmonics, x=harmonics.x[..., 0, :])
 
 
 def dynamic_stiffness(
@@ -47,61 +55,84 @@ def dynamic_stiffness(
     return omega_n**2 - frequency**2 + 1j * damping * frequency  # pyright: ignore[reportReturnType]
 
 
-def joint_force(
-    laws: tuple, omega: Scalar, x: Complex[Array, " harmonic"], max_turns: int
-) -> Complex[Array, " harmonic"]:
-    """Harmonics r_n of the laws' remainders along a motion of the joint."""
+def joint_forces(
+    laws: tuple, omega: Scalar, x: Complex[Array, "joint harmonic"], max_turns: int
+) -> Complex[Array, "joint harmonic"]:
+    """Harmonics r_n of the remainders of every joint's laws along its motion."""
+    return jnp.stack(
+        [_joint_force(*joint, omega, max_turns) for joint in zip(laws, x, strict=True)]
+    )
+
+
+def _joint_force(laws: tuple, x: Array, omega: Scalar, max_turns: int) -> Array:
+    """Harmonics of the remainders of one joint's laws."""
     parts = [law.harmonics(x, max_turns) for law in laws]
     parts += [law.harmonics_at(omega, x, max_turns) for law in laws if isinstance(law, Damper)]
     return reduce(add, parts, jnp.zeros_like(x))
 
 
 def modal_imbalance(
-    structure: Structure, omega: Scalar, x: Complex[Array, " harmonic"], load: Any, max_turns: int
-) -> Complex[Array, " harmonic"]:
-    """Residual of the condensed balance at a motion of the joint."""
-    d = dynamic_stiffness(structure, omega, x.shape[0])
-    joint_receptance = (structure.p * structure.h) @ (1.0 / d)
-    drive_receptance = (structure.b * structure.h) @ (1.0 / d)
-    return (
-        x
-        + joint_receptance * joint_force(structure.laws, omega, x, max_turns)
-        - drive_receptance * load
-    )
+    structure: Structure,
+    omega: Scalar,
+    x: Complex[Array, "joint harmonic"],
+    load: Any,
+    max_turns: int,
+) -> Complex[Array, "joint harmonic"]:
+    """Residual of the condensed balance at a motion of the joints."""
+    return x - structure.h @ _coordinates(structure, omega, x, load, max_turns)  # pyright: ignore
+
+
+def _coordinates(
+    structure: Structure, omega: Scalar, x: Array, load: Any, max_turns: int
+) -> Complex[Array, "mode harmonic"]:
+    r"""All modes of a motion of the joints, $q_{i,n} = (b_i u_n - \sum_j p_{ij} r_{jn})/d_i$."""
+    r = joint_forces(structure.laws, omega, x, max_turns)
+    push = structure.b[:, None] * load - structure.p @ r  # pyright: ignore
+    return push / dynamic_stiffness(structure, omega, x.shape[-1])
 
 
 def modal_response(
     structure: Structure, omega: Scalar, num_harmonics: int
-) -> Complex[Array, " harmonic"]:
-    """Displacement of the sticking joint under a unit load at the first harmonic."""
+) -> Complex[Array, "joint harmonic"]:
+    """Displacements of the sticking joints under a unit load at the first harmonic."""
     d = dynamic_stiffness(structure, omega, num_harmonics)
-    driven = (structure.b * structure.h) @ (1.0 / d)
+    driven = (structure.h * structure.b) @ (1.0 / d)  # pyright: ignore
     return driven * (orders(num_harmonics) == 1)
 
 
 def modal_units(
     structure: Structure, omega: Scalar, amplitude: Scalar
 ) -> tuple[Structure, Array, Array]:
-    """Structure, frequency and unit of displacement in units of the first mode's frequency."""
-    unit = structure.omega_n[0]  # pyright: ignore[reportIndexIssue]
+    r"""Structure, frequency and every joint's unit of displacement in units of the first mode's.
+
+    $$q = \ell\hat q, \qquad x_j = \ell_j\hat x_j, \qquad \ell = A/\omega_1^2, \qquad
+      \ell_j = \ell \sum_i |h_{ji} b_i|$$
+    """
+    unit = first_frequency(structure)
     length = jnp.asarray(amplitude / unit**2)
-    laws = tuple(law.scaled(length, unit**2) for law in structure.laws)
-    s = structure
-    scaled = Structure(s.omega_n / unit, s.zeta, s.h, s.p, s.b, s.c, laws)
-    return scaled, jnp.asarray(omega / unit), length
+    reach = jnp.abs(structure.h) @ jnp.abs(structure.b)  # pyright: ignore[reportArgumentType]
+    reach = jnp.where(reach > 0.0, reach, 1.0)
+    laws = map_joint_laws(
+        lambda law, its_reach: law.scaled(length * its_reach, unit**2), structure.laws, reach
+    )
+    scaled = replace(
+        structure,
+        omega_n=structure.omega_n / unit,
+        h=structure.h / reach[:, None],
+        p=structure.p * reach,  # pyright: ignore[reportOptionalOperand]
+        laws=laws,
+    )
+    return scaled, jnp.asarray(omega / unit), (length * reach)[:, None]
 
 
 def modes_of(
     structure: Structure,
     omega: Scalar,
     amplitude: Scalar,
-    x: Complex[Array, " harmonic"],
+    x: Complex[Array, "joint harmonic"],
     max_turns: int,
 ) -> StructureHarmonics:
-    r"""All modes of a motion of the joint, $q_{i,n} = (b_i u_n - p_i r_n)/d_i$."""
-    num = x.shape[0]
-    d = dynamic_stiffness(structure, omega, num)
-    r = joint_force(structure.laws, omega, x, max_turns)
-    load = amplitude * (orders(num) == 1)
-    q = (structure.b[:, None] * load - structure.p[:, None] * r) / d  # pyright: ignore
-    return StructureHarmonics(x, q, structure.c @ q)
+    """Joints, modes and outputs of a motion of the joints."""
+    load = amplitude * (orders(x.shape[-1]) == 1)
+    q = _coordinates(structure, omega, x, load, max_turns)
+    return StructureHarmonics(x, q, structure.c @ q)  # pyright: ignore

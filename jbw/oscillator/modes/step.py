@@ -231,7 +231,7 @@ def _constants(structure: Structure, dt: Scalar) -> tuple[ModalStep, list[Array]
     h, p, b = jnp.asarray(structure.h), jnp.asarray(structure.p), jnp.asarray(structure.b)
     joints = range(h.shape[0])
     modes, weights, moments_y, moments_v = [], [], [], []
-    for i, (omega_n, zeta) in enumerate(zip(structure.omega_n, structure.zeta, strict=True)):  # pyright: ignore[reportArgumentType]
+    for i, (omega_n, zeta) in enumerate(zip(structure.omega_n, structure.zeta, strict=True)):  # pyright: ignore
         stiffness, damping = omega_n**2, 2.0 * zeta * omega_n
         m = impulse_moments(stiffness, damping, dt, NUM_MOMENTS)
         (r_y, s_y, d_y, a_y, b_y), (r_v, s_v, d_v, a_v, b_v) = (

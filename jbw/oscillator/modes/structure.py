@@ -279,7 +279,7 @@ def warn_of_stiff_joints(structure: Structure) -> None:
     k = np.array([sum(float(law.stiffness()) for law in laws) for laws in all_joints.laws])  # pyright: ignore
     compliance = np.divide(1.0, omega_n**2, out=np.zeros_like(omega_n), where=omega_n > 0.0)
     shares = k[:, None] * ((h * compliance) @ p)
-    largest = np.max(np.linalg.eigvals(shares).real)
+    largest = float(np.max(np.real(np.linalg.eigvals(shares))))
     if largest <= 1.0:
         return
     if len(k) == 1:

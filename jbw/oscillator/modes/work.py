@@ -62,12 +62,12 @@ def work_of_joints(
     u = gain * stepping.pieces[0], gain * sum(stepping.pieces)
     x, dx = structure.h @ q, structure.h @ v
     parts = [
-        remainders(laws, dt, (x[j], dx[j], memory), _branches(laws, dx[j], memory))
+        remainders(laws, dt, (x[j], dx[j], memory), _branches(laws, dx[j], memory))  # pyright: ignore
         for j, (laws, memory) in enumerate(zip(structure.laws, states[2], strict=True))
     ]
     r, rate = (jnp.stack(part) for part in zip(*parts, strict=True))
     start, end = (
-        structure.h @ accelerations(structure, *(part[:, place] for part in (q, v, r)), input_there)
+        structure.h @ accelerations(structure, q[:, place], v[:, place], r[:, place], input_there)
         for place, input_there in zip((slice(-1), slice(1, None)), u, strict=True)
     )
     at = jnp.stack([r[:, :-1], rate[:, :-1], r[:, 1:], rate[:, 1:]])
@@ -87,4 +87,9 @@ def accelerations(structure: Structure, q: Array, dq: Array, r: Array, u: Any) -
         jnp.asarray(x).reshape(-1, *(1,) * (q.ndim - 1))
         for x in (structure.omega_n, structure.zeta, structure.b)
     )
-    return b * u - 2.0 * zeta * omega * dq - omega**2 * q - jnp.tensordot(structure.p, r, 1)
+    return (
+        b * u
+        - 2.0 * zeta * omega * dq
+        - omega**2 * q
+        - jnp.tensordot(jnp.asarray(structure.p), r, 1)
+    )

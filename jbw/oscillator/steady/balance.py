@@ -1,7 +1,7 @@
 r"""Harmonic balance of the oscillator in its dimensionless form: residual and Newton's iteration.
 
-Harmonics are stored as real arrays of shape (2, harmonic): real and imaginary parts of the odd
-orders 1, 3, 5, ... of y = Re sum q_n exp(j n theta).
+Harmonics are stored as real arrays of shape (2, harmonic), of a structure (2, joint, harmonic):
+real and imaginary parts of the odd orders 1, 3, 5, ... of y = Re sum q_n exp(j n theta).
 """
 
 from collections.abc import Callable
@@ -14,17 +14,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import optimistix
-from jaxtyping import Array, ArrayLike, Bool, Complex, Float, Shaped
+from jaxtyping import Array, ArrayLike, Bool, Complex, Float, Int, Shaped
 
 from jbw.oscillator.checks import require_periodic
 from jbw.oscillator.damper import Damper
+from jbw.oscillator.law import Law, map_laws
 from jbw.oscillator.modes.balance import modal_imbalance, modal_response, modal_units
 from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.oscillator import Joint, Oscillator, as_oscillator
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.steady.waveform import num_turns, orders
 
-Packed = Float[Array, "2 harmonic"]
+Packed = Float[Array, "2 *joint harmonic"]
 
 # Newton's last step measures the error of the iterate before it; the convergence is quadratic, so
 # what is returned is good to roundoff.
@@ -34,17 +35,18 @@ _MAX_LOADS = 64
 _LEAST_LOAD_STEP = 1e-3
 
 
-def pack(q: Complex[Array, " harmonic"]) -> Packed:
+def pack(q: Complex[Array, "*joint harmonic"]) -> Packed:
     """Real and imaginary parts of complex amplitudes."""
     return jnp.stack([q.real, q.imag])
 
 
-def unpack(packed: Packed) -> Complex[Array, " harmonic"]:
+def unpack(packed: Packed) -> Complex[Array, "*joint harmonic"]:
     """Complex amplitudes from their real and imaginary parts."""
     return jax.lax.complex(packed[0], packed[1])
 
 
-# The oscillator in its dimensionless form; of a structure the motion is the joint's.
+# The oscillator in its dimensionless form; of a structure, with an axis of joints, the motion is
+# that of the joints.
 Unit = Oscillator | Structure
 
 
@@ -139,7 +141,7 @@ def residual(packed: Packed, problem: tuple[Unit, Scalar], max_turns: int) -> Pa
     joint, omega = problem
     q = unpack(packed)
     if isinstance(joint, Structure):
-        load = orders(q.shape[0]) == 1
+        load = orders(q.shape[-1]) == 1
         return pack(modal_imbalance(joint, omega, q, load, max_turns))
     return pack(imbalance(joint, omega, q, orders(q.shape[0]) == 1, max_turns))
 
@@ -155,7 +157,7 @@ def balance(
     they cost one linear solve and know nothing of the path. Returned with the load reached, 1 where
     converged.
     """
-    linear = linear_response(joint, omega, start.shape[1])
+    linear = linear_response(joint, omega, start.shape[-1])
 
     def unfinished(state: tuple) -> Array:
         load, step, _, tries = state
@@ -164,7 +166,7 @@ def balance(
     def advance(state: tuple) -> tuple:
         load, step, packed, tries = state
         next_load = jnp.minimum(load + step, 1.0)
-        laws = tuple(law.scaled(next_load, 1.0) for law in joint.laws)
+        laws = map_laws(partial(_loaded, next_load), joint.laws)
         loaded = replace(joint, laws=laws)
         tried, ok = newton(loaded, omega, packed, max_turns)
         fallback = jnp.where(load > 0.0, packed, linear)
@@ -178,6 +180,11 @@ def balance(
     none = jnp.zeros_like(omega)
     load, _, packed, _ = jax.lax.while_loop(unfinished, advance, (none, none + 1.0, start, 0))
     return packed, load
+
+
+def _loaded(load: Scalar, law: Law) -> Law:
+    """The law in units of a part of the load."""
+    return law.scaled(load, 1.0)
 
 
 @balance.defjvp
@@ -196,13 +203,18 @@ def _balance_jvp(max_turns: int, primals: tuple, tangents: tuple) -> tuple:
     return (packed, load), (step.reshape(packed.shape), jnp.zeros_like(load))
 
 
+def most_turns(q: Complex[Array, "*joint harmonic"]) -> Int[Array, ""]:
+    """Turning points a period, of the joint that turns most often."""
+    return num_turns(q) if q.ndim == 1 else jnp.max(jax.vmap(num_turns)(q))
+
+
 def tone_from(
     start: Packed, unit: Unit, ratio: Array, length: Array, max_turns: int
 ) -> tuple[Packed, tuple[Array, Array]]:
     """Balance of a tone, and its harmonics and turning points; NaN where they are no answer."""
     packed, load = balance(unit, ratio, start, max_turns)
     q = unpack(packed)
-    turns = num_turns(q)
+    turns = most_turns(q)
     good = (load == 1.0) & (turns <= max_turns)
     return packed, (jnp.where(good, length * q, jnp.nan), turns)
 

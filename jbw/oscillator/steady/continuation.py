@@ -12,18 +12,19 @@ from jaxtyping import Array, Complex, Float
 
 from jbw.errors import ModelError
 from jbw.oscillator.checks import require_concrete, require_sense
-from jbw.oscillator.modes.balance import StructureHarmonics, modes_of
-from jbw.oscillator.modes.structure import Structure, admitted
-from jbw.oscillator.oscillator import Joint, Oscillator, as_oscillator
+from jbw.oscillator.modes.balance import StructureHarmonics, modes_of, of_one_joint
+from jbw.oscillator.modes.structure import Structure, admitted, by_joint
+from jbw.oscillator.oscillator import Joint, as_oscillator
 from jbw.oscillator.steady.balance import (
+    Packed,
     Unit,
     balance,
     dimensionless,
     linear_response,
+    most_turns,
     residual,
     unpack,
 )
-from jbw.oscillator.steady.waveform import num_turns
 
 # A relative change of the frequency this large counts as much as one of the harmonics by 1.
 _FREQUENCY_SCALE = 0.2
@@ -51,11 +52,11 @@ class ResponseCurve(eqx.Module):
 
 
 class StructureCurve(eqx.Module):
-    """Points along a frequency-response curve of several modes with one joint.
+    """Points along a frequency-response curve of several modes with joints.
 
     Attributes:
         omega: Angular frequencies, not monotone where the curve folds [rad/s].
-        harmonics: Those of the joint, the modes and the outputs [m].
+        harmonics: Those of the joints, the modes and the outputs [m].
         onward: As of `ResponseCurve`.
     """
 
@@ -123,40 +124,40 @@ def response_curve(  # pyright: ignore[reportInconsistentOverload]
         ConfigError: It is being traced, or as for `steady_state`.
     """
     require_concrete("response_curve", joint, omega_start, omega_stop, amplitude)
-    stated_joint, joint = (
-        joint,
-        admitted(joint) if isinstance(joint, Structure) else as_oscillator(joint),
-    )
+    stated_joint = joint
+    is_one_joint = isinstance(joint, Structure) and jnp.ndim(joint.h) < 2
+    joint = by_joint(admitted(joint)) if isinstance(joint, Structure) else as_oscillator(joint)
     require_sense(stated_joint, omega_start, amplitude, num_harmonics, max_turns)
     scalars = jax.tree.map(lambda x: jnp.asarray(x, float), (joint, omega_start, amplitude))
     unit, first, length = dimensionless(*scalars)
-    unit_frequency = float(jnp.ravel(joint.omega_n)[0])
+    unit_frequency = float(omega_start / first)
     last = omega_stop / unit_frequency
     side = 1.0 if last > first else -1.0
     point, direction = _first_point(unit, first, side, num_harmonics, max_turns)
     points, directions, arc = [point], [direction], step
-    _require_progress(True, points, joint, amplitude)
+    _require_progress(True, points, unit_frequency, amplitude)
     while side * (float(points[-1][-1]) - last) < 0.0:
         tried, direction, good = _advance(
             unit, points[-1], directions[-1], jnp.asarray(arc), max_turns
         )
         if not good:
             arc = 0.5 * arc
-            _require_progress(arc > _LEAST_STEP, points, joint, amplitude)
+            _require_progress(arc > _LEAST_STEP, points, unit_frequency, amplitude)
             continue
         points.append(tried)
         directions.append(direction)
-        _require_progress(len(points) < max_points, points, joint, amplitude)
+        _require_progress(len(points) < max_points, points, unit_frequency, amplitude)
         arc = min(step, _GROWTH * arc)
     x = np.stack(points)
-    q = x[:, :-1].reshape(-1, 2, num_harmonics)
-    omega, harmonics = x[:, -1] * unit_frequency, float(length) * (q[:, 0] + 1j * q[:, 1])
+    q = np.stack([_harmonics(unit, point) for point in x])
+    omega, harmonics = x[:, -1] * unit_frequency, np.asarray(length) * (q[:, 0] + 1j * q[:, 1])
     onward = side * np.stack(directions)[:, -1] > 0.0
     if isinstance(joint, Structure):
         harmonics_at = partial(modes_of, joint, max_turns=max_turns)
         all_harmonics = jax.vmap(lambda omega, x: harmonics_at(omega, amplitude, x))(
             omega, harmonics
         )
+        all_harmonics = of_one_joint(all_harmonics) if is_one_joint else all_harmonics
         return StructureCurve(omega, all_harmonics, onward)
     return ResponseCurve(omega, harmonics, onward)
 
@@ -195,13 +196,19 @@ def _advance(
     tried = solution.value
     ahead = _tangent(unit, tried, direction, max_turns)
     near = jnp.linalg.norm((tried - predicted) / scale) < arc
-    turns = num_turns(unpack(tried[:-1].reshape(2, -1)))
+    turns = most_turns(unpack(_harmonics(unit, tried)))
     good = (solution.result == optimistix.RESULTS.successful) & near & (turns <= max_turns)
     return tried, ahead, good & jnp.all(jnp.isfinite(ahead))
 
 
 def _equations(unit: Unit, x: Point, max_turns: int) -> Float[Array, " equation"]:
-    return residual(x[:-1].reshape(2, -1), (unit, x[-1]), max_turns).ravel()
+    return residual(_harmonics(unit, x), (unit, x[-1]), max_turns).ravel()
+
+
+def _harmonics(unit: Unit, x: Point) -> Packed:
+    """The harmonics of a point, of every joint of a structure."""
+    joints = (len(unit.laws),) if isinstance(unit, Structure) else ()
+    return x[:-1].reshape(2, *joints, -1)
 
 
 def _tangent(unit: Unit, x: Point, previous: Point, max_turns: int) -> Point:
@@ -221,12 +228,12 @@ def _scale(x: Point) -> Point:
 
 
 def _require_progress(
-    good: bool, points: list[Point], joint: Oscillator | Structure, amplitude: float
+    good: bool, points: list[Point], unit_frequency: float, amplitude: float
 ) -> None:
     """Raise where the continuation stopped short."""
     if good and np.all(np.isfinite(points[-1])):
         return
-    omega = float(points[-1][-1]) * float(jnp.ravel(joint.omega_n)[0])
+    omega = float(points[-1][-1]) * unit_frequency
     raise ModelError(
         f"The response curve at amplitude = {amplitude:g} stopped at omega = {omega:g} after "
         f"{len(points)} points.",

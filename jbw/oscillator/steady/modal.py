@@ -1,4 +1,4 @@
-"""Periodic response of several modes with one joint."""
+"""Periodic response of several modes with joints."""
 
 from functools import partial
 
@@ -9,8 +9,8 @@ from jaxtyping import Array, ArrayLike
 
 from jbw.errors import ModelError
 from jbw.oscillator.checks import is_concrete, require_sense
-from jbw.oscillator.modes.balance import StructureHarmonics, modal_units, modes_of
-from jbw.oscillator.modes.structure import Structure, admitted
+from jbw.oscillator.modes.balance import StructureHarmonics, modal_units, modes_of, of_one_joint
+from jbw.oscillator.modes.structure import Structure, admitted, by_joint
 from jbw.oscillator.steady.balance import linear_response, tone_from
 
 _MANY_TURNS = 10
@@ -33,25 +33,27 @@ def modal_tones(
     structure = admitted(structure)
     require_sense(structure, omega, amplitude, num_harmonics, max_turns)
     omega, amplitude = jnp.asarray(omega, float), jnp.asarray(amplitude, float)
-    solve = partial(_solved, structure, omega, amplitude, num_harmonics, swept=swept)
+    rows = by_joint(structure)
+    solve = partial(_solved, rows, omega, amplitude, num_harmonics, swept=swept)
     harmonics, turns = solve(max_turns)
+    is_one_joint = jnp.ndim(structure.h) == 1
     if not is_concrete(structure, omega, amplitude, harmonics):
-        return harmonics
+        return of_one_joint(harmonics) if is_one_joint else harmonics
     if max_turns == 2 and np.any(np.asarray(turns) > 2):
         harmonics, turns = solve(_MANY_TURNS)
-    failed = np.isnan(np.asarray(harmonics.x)).any(axis=-1)
+    failed = np.isnan(np.asarray(harmonics.x)).any(axis=(-2, -1))
     if failed.any():
         first = np.unravel_index(np.argmax(failed), failed.shape)
         tones = np.broadcast_to(np.asarray(omega), failed.shape)
         raise ModelError(
             f"The periodic response did not converge for {failed.sum()} of {failed.size} tones, "
             f"the first at omega = {tones[first]:g} ({int(np.asarray(turns)[first])} turning "
-            "points of the joint a period).",
+            "points of a joint a period).",
             why="Several periodic responses may exist there, or none that turns so rarely.",
             remedy="Lower `amplitude`, follow the branch with `response_curve`, or raise "
             "`max_turns`.",
         )
-    return harmonics
+    return of_one_joint(harmonics) if is_one_joint else harmonics
 
 
 @partial(jax.jit, static_argnums=(3, 4), static_argnames=("swept",))
@@ -64,7 +66,7 @@ def _solved(
     *,
     swept: bool,
 ) -> tuple[StructureHarmonics, Array]:
-    """Harmonics and turning points of the joint of every tone; NaN where they are no answer."""
+    """Harmonics and turning points of the joints of every tone; NaN where they are no answer."""
     if swept:
         level = partial(_sweep, structure, omega, num_harmonics, max_turns)
         flat = jax.vmap(level)(amplitude.ravel())
