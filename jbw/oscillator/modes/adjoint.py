@@ -156,6 +156,7 @@ def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, 
     if len(joints) > 1:
         at_a = [(*each, path.a) for each, path in zip(at, paths, strict=True)]
         halves, by_bend = _each(partial(_sloped, _half_bend), joints, at_a)
+        halves = tuple(half for (half,) in halves)
         bends, bent_by = jax.jvp(lambda step: all_bent(step, halves), (step,), (step_dot,))
     along = [(*each, path, bend) for each, path, bend in zip(at, paths, bends, strict=True)]
     passed, ends, by_along = _each(_passed_linearly, joints, along)
