@@ -67,17 +67,20 @@ def backbone(
     energy that their loops dissipate per cycle. Leaving the higher harmonics out costs
     2e-5 to 2.5e-4 in Y at the paper's parameters.
 
-    Of a `Structure` it is the extended periodic motion of one of its modes, against the first
-    harmonic X of the joint's displacement, followed from the sticking joint on:
+    Of a `Structure` it is the extended periodic motion of one of its modes, followed from the
+    sticking joints on, against the first harmonic X of the joint's displacement, or where `h` has a
+    row a joint against that of the mode's own coordinate, |q_1|:
 
-    $$\ddot q_i + (2\zeta_i\omega_i - 2\zeta_{eq}\omega)\dot q_i + \omega_i^2 q_i + p_i r = 0$$
+    $$\ddot q_i + (2\zeta_i\omega_i - 2\zeta_{eq}\omega)\dot q_i + \omega_i^2 q_i
+      + \sum_j p_{ij} r_j = 0$$
 
     Args:
         joint: A `BoucWen` with nu = 1, an `Oscillator` with any laws, or a `Structure`.
-        y_peak: Displacement amplitudes Y [m], of a `Structure` X; at 0 the sticking joint.
+        y_peak: Displacement amplitudes Y [m], of a `Structure` X or |q_1|; at 0 the
+            sticking joint.
         mode: Which mode of a `Structure`, from 0.
         num_harmonics: Number of odd harmonics of a `Structure`; the others are taken by the first.
-        max_turns: Turning points of a `Structure`'s joint in a period, at most.
+        max_turns: Turning points of every joint of a `Structure` in a period, at most.
 
     Returns:
         The backbone at each amplitude; of a `Structure` with shape and harmonics.
