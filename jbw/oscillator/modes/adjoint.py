@@ -124,7 +124,8 @@ class JointSlopes(NamedTuple):
         path_by: What constants add to the path.
         half_bend: Of half of h^2 r'' by x, v, a and the memories; None of one joint.
         bent_by: What constants add to what the other joints' bends do to the path.
-        passing: Of `Passed` and the memories by x, v, path, bends and memories.
+        turns: 1 where the joint turns, so that these move the end of its path, else 0.
+        passing: Of `Passed` and the memories by x, v, memories and path.
         move_by: What constants add to the correction of x.
         by_move: Of the memories by the correction of x.
     """
@@ -133,6 +134,7 @@ class JointSlopes(NamedTuple):
     path_by: tuple
     half_bend: Slopes | None
     bent_by: tuple
+    turns: Any
     passing: Slopes
     move_by: Any
     by_move: tuple
@@ -158,16 +160,17 @@ def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, 
         halves, by_bend = _each(partial(_sloped, _half_bend), joints, at_a)
         halves = tuple(half for (half,) in halves)
         bends, bent_by = jax.jvp(lambda step: all_bent(step, halves), (step,), (step_dot,))
-    along = [(*each, path, bend) for each, path, bend in zip(at, paths, bends, strict=True)]
-    passed, ends, by_along = _each(_passed_linearly, joints, along)
+    along = [(*each, path) for each, path in zip(at, paths, strict=True)]
+    passed, ends, by_along = _each(_passed_linearly, joints, along, bends)
+    turns = tuple(jnp.where(joint.shift != 0.0, 1.0, 0.0) for joint in passed)
     moves, move_by = jax.jvp(lambda step: corrections(step, starts, passed), (step,), (step_dot,))
-    passing, by_move = _each(_passing_slopes, joints, along, ends, moves, by_along)
+    passing, by_move = _each(_passing_slopes, joints, along, bends, ends, moves, by_along)
     # The step's own change of what the modes do with the joints' forces.
     none = tuple(jnp.zeros_like(part) for part in q)
     _, post = jax.jvp(
         lambda step: driven(step, none, none, none, none, starts, passed), (step,), (step_dot,)
     )
-    parts = by_start, path_by, by_bend, bent_by, passing, move_by, by_move
+    parts = by_start, path_by, by_bend, bent_by, turns, passing, move_by, by_move
     return tuple(JointSlopes(*each) for each in zip(*parts, strict=True)), free_by, post
 
 
@@ -187,9 +190,13 @@ def _half_bend(joint: JointStep, at: tuple) -> tuple[Scalar, ...]:
     return (half_bend(Begun(joint, *start), a),)
 
 
-def _passing(joint: JointStep, at: tuple) -> tuple[Passed, End]:
-    """A joint's step before the correction of its x, by x, v, memories, path and bends."""
-    *start, path, bends = at
+def _passing(joint: JointStep, bends: tuple, at: tuple) -> tuple[Passed, End]:
+    """A joint's step before the correction of its x, by x, v, memories and path.
+
+    Where the joint turns, the bends of the others add to x and v at the end of the path, and to the
+    shift; derivatives by them follow from those by the path.
+    """
+    *start, path = at
     return pass_always(Begun(joint, *start), path, bends)
 
 
@@ -201,14 +208,16 @@ def _sloped(function: Callable[..., Any], joints: tuple, at: Any) -> tuple[Any, 
     return value, Slopes(tuple(tuple(by_at(way)) for way in _ways(at)), tuple(offset))
 
 
-def _passed_linearly(joints: tuple, at: Any) -> tuple[Passed, End, Callable[..., Any]]:
+def _passed_linearly(
+    joints: tuple, at: Any, bends: tuple
+) -> tuple[Passed, End, Callable[..., Any]]:
     """A joint after its kernel, its end, and the linear function of what both depend on."""
-    (passed, end), by_at = jax.linearize(partial(_passing, joints[0]), at)
+    (passed, end), by_at = jax.linearize(partial(_passing, joints[0], bends), at)
     return passed, end, by_at
 
 
 def _passing_slopes(
-    joints: tuple, at: Any, end: End, move: Scalar, by_at: Callable[..., Any]
+    joints: tuple, at: Any, bends: tuple, end: End, move: Scalar, by_at: Callable[..., Any]
 ) -> tuple[Slopes, tuple]:
     """Derivatives of `Passed` and of the memories after the correction of x, and by that."""
     joint, joint_dot = joints
@@ -220,7 +229,7 @@ def _passing_slopes(
         return (*passed_dot, *jax.tree.leaves(by_end(end_dot)))
 
     def whole(joint: JointStep) -> tuple:
-        passed, end = _passing(joint, at)
+        passed, end = _passing(joint, bends, at)
         return (*passed, *jax.tree.leaves(shifted(joint.laws, end, move)))
 
     _, offset = jax.jvp(whole, (joint,), (joint_dot,))
@@ -253,19 +262,19 @@ def _recurrence(step: ModalStep, state_dot, inputs):
         _sum(path, by.path_by)
         for path, by in zip(predicted(step, seen, starts), slopes, strict=True)
     ]
-    bends = ((),) * len(slopes)
+    shifts = (0.0,) * len(slopes)
     if len(slopes) > 1:
-        halves = tuple(
-            by.half_bend.along(free.x, free.v, memory, path.a)[0]
-            for (by, free, memory), path in zip(joints, paths, strict=True)
-        )
-        bends = _sum(all_bent(step, halves), tuple(by.bent_by for by in slopes))
+        paths, shifts = _bent_paths(step, joints, paths)
     ends = [
-        by.passing.along(free.x, free.v, memory, path, bend)
-        for (by, free, memory), path, bend in zip(joints, paths, bends, strict=True)
+        by.passing.along(free.x, free.v, memory, path)
+        for (by, free, memory), path in zip(joints, paths, strict=True)
     ]
     num = len(Passed._fields)
     passed = tuple(Passed(*end[:num]) for end in ends)
+    passed = tuple(
+        joint._replace(shift=joint.shift + shift)
+        for joint, shift in zip(passed, shifts, strict=True)
+    )
     moves = corrections(step, starts, passed)
 
     def after(by: JointSlopes, memory: Any, end: tuple, move: Scalar) -> Any:
@@ -278,6 +287,24 @@ def _recurrence(step: ModalStep, state_dot, inputs):
     q, v = _sum(driven(step, q, v, rise, gain, starts, passed), post)
     state_dot = (q, v, memories), tuple((end.kick_y, end.kick_v) for end in passed)
     return state_dot, state_dot
+
+
+def _bent_paths(step: ModalStep, joints: list, paths: list) -> tuple[list, tuple]:
+    """Changes of the paths and of the shifts with the bends of other joints, where one turns."""
+    halves = tuple(
+        by.half_bend.along(free.x, free.v, memory, path.a)[0]
+        for (by, free, memory), path in zip(joints, paths, strict=True)
+    )
+    bends = _sum(all_bent(step, halves), tuple(by.bent_by for by, *_ in joints))
+    met = [
+        (by.turns * on_x, by.turns * on_v)
+        for (by, *_), (on_x, on_v) in zip(joints, bends, strict=True)
+    ]
+    paths = [
+        path._replace(x=path.x + on_x, v=path.v + on_v)
+        for path, (on_x, on_v) in zip(paths, met, strict=True)
+    ]
+    return paths, tuple(on_x for on_x, _ in met)
 
 
 def _sum(first: Any, second: Any) -> Any:
