@@ -83,7 +83,7 @@ def draw_backbones(
         for each in interactions(own, mode, levels, curve.omega):
             _mark(column, each, factor, unit)
     left = ("frequency [Hz]", "damping ratio [%]", "|q / X| [-]")
-    where = "at the joint" if np.ndim(structure.h) == 1 else "of the mode"
+    where = "of the mode" if np.ndim(structure.h) == 2 else "at the joint"
     return finish(axes, ax, f"amplitude {where} [{unit}]", left)
 
 

@@ -32,6 +32,7 @@ class Linear:
     """Modes as the figure reads them, which no joint changes."""
 
     omega_n = np.array([100.0, 300.0])
+    h = np.ones(2)
 
 
 def test_every_mode_has_a_column(monkeypatch):
