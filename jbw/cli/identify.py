@@ -31,6 +31,7 @@ from jbw.cli.printing import (
 )
 from jbw.cli.progress import computing
 from jbw.errors import JbwError
+from jbw.report.messages.opening import headline
 from jbw.report.table import Table, digits, table, words
 from jbw.run.checkpoints import INTERRUPTED
 from jbw.run.folder import Run, begin, reopen, require_same
@@ -307,8 +308,7 @@ def short_lines(summary: Mapping[str, Any], tree: Any) -> Iterator[Text | str]:
     done = "a first answer" if "quick" in summary else "identified"
     yield f"{summary['campaign']}: {law_words(laws_of(tree))}, {done} in {took}"
     yield verdict_line(summary["verdict"])
-    words = ", by the fit alone" if "quick" in summary else ""
-    yield f"Known{words}, mean [99 % interval]: {'; '.join(known_parameters(summary)) or 'nothing'}"
+    yield headline(known_parameters(summary), quick="quick" in summary)
     yield from opening(summary, tree)
 
 

@@ -9,6 +9,7 @@ import click
 from jbw.cli.options import json_option
 from jbw.cli.printing import answer, duration
 from jbw.cli.progress import computing
+from jbw.report.messages import planning
 from jbw.report.table import Column, Table, table
 
 if TYPE_CHECKING:
@@ -73,8 +74,7 @@ def plan(
             made = plan_tests(limits, tree, report=say)
         else:
             made = plan_tests(source, report=say)
-    known = ", ".join(f"{name} {_spread(one)}" for name, one in made.before.items())
-    before = f"Before any of these tests: CV {known}."
+    before = planning.before({name: _spread(cv) for name, cv in made.before.items()})
     # What stands against single tests, by their numbers.
     remarks = [f"  {i + 1}: {'; '.join(r.notes)}." for i, r in enumerate(made.rows) if r.notes]
     recommended = _recommended(made.combination, made)
@@ -100,17 +100,17 @@ def _plan_fleet(torques: str, scatter: float, json_: bool) -> None:
         json_,
         {"torques": [low, high], "scatter": scatter, "designs": rows},
         fleet_table(rows, scatter),
-        f"{small.levels * small.assemblies} tightenings, {small.assemblies} assemblies at each of "
-        f"{small.levels} torques, tell {large.slope / small.slope:.2g} times as much of the slope "
-        f"as {large.levels}, one at each of {large.levels}.",
-        "Each record's own error is taken as small beside the scatter.",
+        planning.fleet_designs(
+            (small.assemblies, small.levels), large.levels, large.slope / small.slope
+        ),
+        planning.FLEET_NOISE,
     )
 
 
 def fleet_table(rows: "list[dict[str, float]]", scatter: float) -> Table:
     """A line a design."""
     return table(
-        f"99 % intervals of a fleet whose assemblies scatter by {100 * scatter:g} %",
+        planning.fleet_title(scatter),
         rows,
         Column("torques x assemblies", lambda row: f"{row['levels']} x {row['assemblies']}"),
         Column("power of torque", lambda row: f"+-{scatter * row['slope']:.2g}"),
@@ -129,8 +129,7 @@ def plan_table(made: "Plan") -> Table:
         return f"> {wish.max_repeats}" if one[1].repeats is None else str(one[1].repeats)
 
     return table(
-        f"Tests for a CV of {wish.cv:.2g} of {', '.join(wish.wanted)}, at nine in ten of "
-        f"{made.num_joints} joints",
+        planning.title(wish.cv, wish.wanted, made.num_joints),
         enumerate(made.rows, start=1),
         Column("", lambda one: str(one[0]), align="left"),
         Column("test", lambda one: one[1].test, align="left"),
@@ -146,28 +145,27 @@ def plan_table(made: "Plan") -> Table:
 
 def _recommended(found: "Combination", made: "Plan") -> list[str]:
     """The combination in words: what to measure, what it tells, what it does not."""
-    unit = made.wish.input_unit
+    wish = made.wish
     if found.met and not found.tests:
-        best = max(made.rows, key=lambda one: one.information_gain / one.seconds_each)
-        return [
-            "No test is needed: what is known before meets the wish.",
-            f"Most would be told a second by {best.test}, {best.level:g} {unit}.",
-        ]
-    tests = [f"  {one.repeats} x {one.test}, {one.level:g} {unit}" for one in found.tests]
-    told = ", ".join(f"{name} {_spread(found.cv[name])}" for name in made.wish.wanted)
-    after = f"CV {told} after {duration(found.seconds)} of measuring"
-    if found.met:
-        lines = ["Recommended, the greatest expected gain a second until the wish is met:", *tests]
-        lines.append(f"  {after}.")
-    elif not found.tests:
-        lines = ["No test lies within the limits; raise max_displacement or max_input."]
+        best = max(made.rows, key=lambda row: row.information_gain / row.seconds_each)
+        gain = planning.most_per_second(best.test, best.level, wish.input_unit)
+        return [planning.NO_TEST_NEEDED, gain]
+    if not found.met and not found.tests:
+        lines = [planning.NO_TEST_ADMITTED]
     else:
-        lines = [f"No combination meets the wish within {made.wish.max_repeats} repeats:", *tests]
-        lines.append(f"  {after} only.")
-    return [*lines, *(f"  Together, {note}." for note in found.notes)]
+        tests = [
+            f"  {chosen.repeats} x {chosen.test}, {chosen.level:g} {wish.input_unit}"
+            for chosen in found.tests
+        ]
+        cvs = {name: _spread(found.cv[name]) for name in wish.wanted}
+        time = duration(found.seconds)
+        lines = (
+            planning.recommended(tests, cvs, time)
+            if found.met
+            else planning.not_reached(tests, cvs, time, wish.max_repeats)
+        )
+    return [*lines, *map(planning.together, found.notes)]
 
 
 def _spread(value: "Expected") -> str:
-    if value.worst_decile == value.median:
-        return f"{value.median:.2g}"
-    return f"{value.worst_decile:.2g} (median {value.median:.2g})"
+    return planning.with_median(value.worst_decile, value.median)

@@ -18,6 +18,7 @@ from jbw.planning.beliefs import Range, ranges_of, shares_of, usual_of
 from jbw.planning.plan import Noise
 from jbw.planning.proposals import GRIDS, Grid
 from jbw.quantities import DEFAULT_LAWS, UNIT_OF, Quantity, must_be
+from jbw.report.messages import planning
 from jbw.units import quantity_of, to_si
 
 MOTIONS = tuple(UNIT_OF)
@@ -113,7 +114,7 @@ def plan_table(laws: tuple[str, ...] = DEFAULT_LAWS) -> type[PlanTable]:
     field: Any = Annotated[tuple[words, ...] | None, check], key(None, says)
     part: Any = Part
     for share, name in shares_of(laws).items():
-        fields[share] = part | None, key(None, f"{name} / omega_n^2, instead of {name}")
+        fields[share] = part | None, key(None, planning.share_of(name))
     return create_model("PlanTable", __base__=PlanTable, wanted=field, **fields)
 
 
@@ -142,7 +143,7 @@ class Description:
 
 def read_description(path: Path, *, of_run: bool = False) -> Description:
     """Read and check a plan file; `parse` says more."""
-    source = text_of(path, "Plan file", "Write one with: jbw plan --example > plan.toml")
+    source = text_of(path, "Plan file", planning.WRITE_PLAN)
     return parse(source, path.name, of_run=of_run)
 
 
@@ -168,7 +169,7 @@ def parse(source: str, file: str = "plan.toml", *, of_run: bool = False) -> Desc
     faults += _told_by_run(plan, table, laws) if of_run else _missing(plan, table, laws)
     errors += [f"[plan]{line}" for line in faults]
     if of_run and "joint" in document:
-        errors.append("[joint]: the run tells it; leave it out.")
+        errors.append(planning.told_by_run("[joint]"))
     grids = {
         name: grid
         for name, table in GRIDS.items()
@@ -191,9 +192,9 @@ def parse(source: str, file: str = "plan.toml", *, of_run: bool = False) -> Desc
 def _told_by_run(plan: PlanTable | None, stated_keys: set[str], laws: tuple[str, ...]) -> list[str]:
     names = ("natural_hz", "omega_n", "zeta", *shares_of(laws))
     joint = (*names, *(quantity.name for quantity in quantities_of(laws)))
-    faults = [f" {name}: the run tells it; leave it out." for name in joint if name in stated_keys]
+    faults = [planning.told_by_run(f" {name}") for name in joint if name in stated_keys]
     return faults + [
-        f" {name}: must be a single value beside a run, but is {list(plan[name])}."
+        planning.single_value(name, plan[name])
         for name in ("gain", "modal_mass")
         if plan and plan[name] and plan[name][0] != plan[name][1]
     ]
@@ -201,14 +202,13 @@ def _told_by_run(plan: PlanTable | None, stated_keys: set[str], laws: tuple[str,
 
 def _missing(plan: PlanTable | None, stated_keys: set[str], laws: tuple[str, ...]) -> list[str]:
     """Keys that no default stands for, and stiffnesses of the joint beyond the whole."""
-    faults, usual = [], usual_of(laws)
+    faults, usual, fields = [], usual_of(laws), plan_table(laws).model_fields
     tells_frequency = bool({"natural_hz", "omega_n"} & stated_keys)
     if not tells_frequency:
-        faults.append(" natural_hz: missing; natural frequency at small amplitude [Hz].")
+        faults.append(planning.missing("natural_hz", str(fields["natural_hz"].description)))
     names = [quantity.name for quantity in quantities_of(laws) if quantity.name not in usual]
-    fields = plan_table(laws).model_fields
     faults += [
-        f" {name}: missing; {fields[name].description}."
+        planning.missing(name, str(fields[name].description))
         for name in (*names, "noise")
         if name not in stated_keys
     ]
@@ -216,8 +216,7 @@ def _missing(plan: PlanTable | None, stated_keys: set[str], laws: tuple[str, ...
         return faults
     least = _omega_n(plan)[0] ** 2
     return faults + [
-        f" {quantity.name}: must stay below omega_n^2, which begins at {least:g}, "
-        f"but reaches {plan[quantity.name][1]:g}."
+        planning.beyond_stiffness(quantity.name, least, plan[quantity.name][1])
         for quantity in quantities_of(laws)
         if quantity.is_share and (plan[quantity.name] or (0, 0))[1] >= least
     ]

@@ -15,6 +15,7 @@ from jbw.inference.fit.identifiability import weak_direction
 from jbw.planning.beliefs import Beliefs
 from jbw.planning.plan import Chosen, Combination, Expected, Row, Wish
 from jbw.planning.prospects import Prospect
+from jbw.report.messages import planning
 
 STATUSES = ("ok", "too few", "not predicted", "not feasible")
 Matrices = Float[np.ndarray, "... parameter parameter"]
@@ -97,11 +98,11 @@ def row(prospect: Prospect, beliefs: Beliefs, wish: Wish) -> Row:
     exceeded, lost = [], []
     status = "too few" if repeats is None else "ok"
     if largest > wish.max_displacement:
-        exceeded.append(f"peak displacement {largest:.3g} m exceeds {wish.max_displacement:g} m")
+        exceeded.append(planning.too_far(largest, wish.max_displacement))
     if candidate.level > wish.max_input:
-        exceeded.append(f"input exceeds {wish.max_input:g} {wish.input_unit}")
+        exceeded.append(planning.too_strong(wish.max_input, wish.input_unit))
     if prospect.num_lost:
-        lost = [f"no response found at {prospect.num_lost} of {beliefs.num_joints} joints"]
+        lost = [planning.no_response(prospect.num_lost, beliefs.num_joints)]
         status = "not predicted"
     if exceeded:
         status = "not feasible"

@@ -18,22 +18,9 @@ from jbw.planning.plan import Noise, Plan, Wish
 from jbw.planning.proposals import Reach, default_grids, displacement_for, propose, sampling_for
 from jbw.planning.prospects import prospects
 from jbw.quantities import UNIT_OF, in_dialect
+from jbw.report.messages import planning
 
 ADMITTED = ("ok", "too few")  # alone; together they may meet the wish
-DRAWN = "Made at {} joints drawn from the ranges, which count as known."
-DRAWN_OF_RUN = "Made at {} draws of the run's posterior, which counts as known."
-NOISE_ALONE = (
-    "Noise alone is counted: a joint that changes from day to day or does not follow the model is "
-    "known less well. Spreads beyond 30 % tell the order of magnitude only."
-)
-PER_KILOGRAM = (
-    "The run holds no gain, so inputs are in N/kg; give gain or modal_mass in a file of --limits "
-    "to have them in V or N."
-)
-UNKNOWN_REACH = (
-    "The run does not tell its largest displacement, so levels aim at {:.3g} m, where the joint "
-    "slides; give max_displacement in a file of --limits."
-)
 RESPONSE_OF = {unit: response for response, unit in UNIT_OF.items()}
 INPUT_UNITS = ("V", "N", "N/kg")
 
@@ -64,16 +51,16 @@ def plan_tests(
     settings, rig = description.settings, Rig()
     if tree is None:
         beliefs, noise, unit = _before(description)
-        notes = [DRAWN.format(beliefs.num_joints)]
+        notes = [planning.drawn_from_ranges(beliefs.num_joints)]
     else:
         rig = rig_of(tree)
         beliefs, noise, unit = _after(description, rig, tree)
-        notes = [DRAWN_OF_RUN.format(beliefs.num_joints)]
-        notes += [PER_KILOGRAM] if unit is None else []
+        notes = [planning.drawn_from_run(beliefs.num_joints)]
+        notes += [planning.PER_KILOGRAM] if unit is None else []
     wish, aim = _wish(description, beliefs, unit or "N/kg"), settings.max_displacement or rig.y_peak
     if aim is None:
         aim = displacement_for(beliefs)
-        notes += [] if tree is None else [UNKNOWN_REACH.format(aim)]
+        notes += [] if tree is None else [planning.unknown_reach(aim)]
     natural_hz = max(float(np.median(mode.omega)) for mode in modes_of(beliefs.joints)) / (
         2 * np.pi
     )
@@ -93,7 +80,7 @@ def plan_tests(
         wish=wish,
         num_joints=beliefs.num_joints,
         before=expected(prior_sd[None], beliefs, wish),
-        notes=(*notes, NOISE_ALONE),
+        notes=(*notes, planning.NOISE_ALONE),
     )
 
 
@@ -102,7 +89,7 @@ def _before(description: Description) -> tuple[Beliefs, Noise, str | None]:
     if not description.ranges or description.noise is None:
         raise ConfigError(
             "A plan needs a description of the joint and its noise, or a run, but has neither.",
-            remedy="Write one with: jbw plan --example > plan.toml",
+            remedy=planning.WRITE_PLAN,
         )
     beliefs = before(
         description.ranges,

@@ -18,6 +18,7 @@ from jbw.oscillator.steady.backbone import backbone
 from jbw.planning.beliefs import Beliefs, modes_of
 from jbw.planning.plan import Backbone, Candidate, Stepped, Sweep, Tones
 from jbw.planning.prospects import peak_displacements
+from jbw.report.messages import planning
 
 SHARES = (0.2, 0.45, 0.9)  # of the largest displacement, that levels aim at
 SPAN = (0.5, 1.5)  # of the natural frequency
@@ -78,10 +79,10 @@ class BackboneTable(DwellingTable):
 
 
 READ = {
-    Sweep: "the sweep's last frequency",
-    Tones: "the third harmonic of the tones",
-    Stepped: "the third harmonic of the tones",
-    Backbone: "the natural frequency",
+    Sweep: planning.LAST_FREQUENCY,
+    Tones: planning.THIRD_HARMONIC,
+    Stepped: planning.THIRD_HARMONIC,
+    Backbone: planning.NATURAL_FREQUENCY,
 }
 Grid = SweepTable | TonesTable | BackboneTable  # what is left out the joint decides
 GRIDS: dict[str, type[Grid]] = {

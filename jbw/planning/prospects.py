@@ -27,11 +27,11 @@ from jbw.oscillator.steady.waveform import synthesis
 from jbw.planning.beliefs import Beliefs
 from jbw.planning.plan import Backbone, Candidate, Noise, Sweep, Tones
 from jbw.quantities import UNIT_OF, Motion
+from jbw.report.messages import planning
 
 # A test as the identification would reduce it, and 1 for each of its values that is measured.
 Design = tuple[Dataset, Float[Array, " value"]]
 SUBSTEPS = 1  # the exact step at the samples: derivatives to a few parts in a thousand
-MINUTE = 60.0
 NUM_PHASES = 256  # of a period, where its peak is looked for
 
 
@@ -61,7 +61,7 @@ def prospects(
     # compiled anew; what fills them up is not counted.
     sweeps = [candidate for candidate in candidates if isinstance(candidate, Sweep)]
     longest = max((candidate.num_samples for candidate in sweeps), default=0)
-    report("Timing the first candidate of each form")
+    report(planning.TIMING)
     report(cost_sentence(candidates, _seconds_each(candidates, beliefs, noise, longest), beliefs))
     predicted = []
     for i, candidate in enumerate(candidates):
@@ -91,11 +91,7 @@ def cost_sentence(
 ) -> str:
     """What a plan costs: the time of the first candidate of each form times their number."""
     seconds = beliefs.num_joints * sum(seconds_of_form[type(candidate)] for candidate in candidates)
-    duration = f"{seconds:.2g} s" if seconds < 2 * MINUTE else f"{seconds / MINUTE:.2g} minutes"
-    return (
-        f"{len(candidates)} candidates at {beliefs.num_joints} joints: about {duration} by the "
-        "first, once compiled; fewer candidates or `joints` in [plan] take less"
-    )
+    return planning.cost(len(candidates), beliefs.num_joints, seconds)
 
 
 def _prospect(candidate: Candidate, beliefs: Beliefs, noise: Noise, longest: int) -> Prospect:

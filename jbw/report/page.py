@@ -21,12 +21,12 @@ from jbw.report.cycles import cycles_table
 from jbw.report.decimation import Points, decimated, shared_limit
 from jbw.report.figures import FIGURE_LIST, GROUPS, Entry, drawing, svg
 from jbw.report.identifiability import directions_table, quantities_table
+from jbw.report.messages import opening as messages
 from jbw.report.opening import lead, opening
 from jbw.report.result import laws_of, names_of
 from jbw.report.table import Table
 from jbw.report.text import Names, seconds
 from jbw.report.words import (
-    STATUS_WORDS,
     badge,
     findings,
     identified_words,
@@ -67,7 +67,7 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
         campaign=campaign_name(summary),
         laws=law_words(laws_of(tree)),
         status=status,
-        status_words=STATUS_WORDS.get(status.word, "Read the findings before using it."),
+        status_words=messages.STATUS.get(status.word, messages.READ_FIRST),
         findings=findings(verdict, known),
         answers=[
             {"name": name, "badge": badge(told), "because": in_symbols(told["because"], known)}
@@ -166,7 +166,7 @@ def _draw(entry: Entry, tree: xr.DataTree) -> dict[str, Any]:
     except DataError as cause:
         return drawn | {"missing": cause.what}
     except Exception as cause:  # a figure that fails costs neither the others nor the tables
-        return drawn | {"missing": f"This figure could not be drawn: {reason_of(cause)}"}
+        return drawn | {"missing": f"{messages.UNDRAWN}{reason_of(cause)}"}
 
 
 def _picture(figure: Any, name: str) -> Markup:

@@ -8,20 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from jbw.quantities import BY_NAME, Quantity, in_dialect
+from jbw.report.messages import opening
 
 Names = Mapping[str, Quantity]
-
-STEPS = {
-    "linear": "Step 2: linear regime, line fit",
-    "third_order_paper": "Step 3: third-order kernel, random walk as published",
-    "third_order_walk": "Step 3: third-order kernel, tuned random walk",
-    "third_order_nuts": "Step 3: third-order kernel, NUTS",
-    "opening_paper": "Step 4: opening of the loop, random walk as published",
-    "opening_walk": "Step 4: opening of the loop, tuned random walk",
-    "opening_nuts": "Step 4: opening of the loop, NUTS",
-    "joint": "Step 4: all parameters together",
-    "decay": "Free decays",
-}
 
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 _LEVEL = str.maketrans("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789")
@@ -55,7 +44,7 @@ def symbol(name: str, known: Names | None = None) -> str:
 
 def step_name(name: str) -> str:
     """Return what a step and its sampler are called."""
-    return STEPS.get(name, name)
+    return opening.STEPS.get(name, name)
 
 
 def unit_text(unit: str) -> str:

@@ -6,14 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from jbw.inference.thresholds import KNOWN, LEARNT, ROUGHLY
+from jbw.report.messages import opening
 from jbw.report.text import NOTHING, Names, number, percent, quantity, raised, symbol
 
-STATUS_WORDS = {
-    "ok": "The main posterior can be used.",
-    "usable": "The main posterior can be used within the model discrepancy that it states.",
-    "not assessed": "Some checks could not be made: hold the main posterior as provisional.",
-    "failed": "The main posterior must not be used as it is.",
-}
 KINDS = {"ok": "good", "failed": "bad"}
 # Names in sentences that are no parameter's.
 SPELLED = {
@@ -21,12 +16,6 @@ SPELLED = {
     **{"ess_bulk": "bulk ESS", "ess_tail": "tail ESS", "r_hat": "R-hat"},
 }
 UNCOUNTED = "noise_std"
-GRADES = (
-    "Identified, with the coefficient of variation",
-    "Identified roughly",
-    "Hardly identified",
-    "Not identified, the prior all but unchanged",
-)
 # Laws that are called by people's names or by more than their own.
 LAWS = {"bouc_wen": "Bouc-Wen oscillator", "cubic": "cubic spring", "jenkins": "Jenkins array"}
 
@@ -103,7 +92,7 @@ def combination(text: str, known: Names) -> str:
 
 
 def grades(summary: Mapping[str, Any]) -> dict[str, int]:
-    """What is known of each parameter of the main posterior, by its place in `GRADES`."""
+    """What is known of each parameter of the main posterior, by its place in `opening.GRADES`."""
     main = (summary.get("steps") or {}).get(summary.get("main")) or {}
     found = {}
     for name, facts in (main.get("parameters") or {}).items():
@@ -125,7 +114,7 @@ def identified_words(summary: Mapping[str, Any], known: Names) -> list[str]:
         share = percent(size, digits=2).replace(" ", "\N{NO-BREAK SPACE}")
         facts_text = ", ".join(filter(None, (share, meaning)))
         groups.setdefault(grade, []).append(f"{symbol(name, known)} ({facts_text})")
-    return [f"{GRADES[grade]}: {'; '.join(groups[grade])}." for grade in sorted(groups)]
+    return [f"{opening.GRADES[grade]}: {'; '.join(groups[grade])}." for grade in sorted(groups)]
 
 
 def law_words(laws: Sequence[str]) -> str:

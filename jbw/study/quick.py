@@ -11,6 +11,7 @@ from jbw.identification.laplace import about_fit
 from jbw.identification.prepare import Fitted
 from jbw.identification.procedure import Identification
 from jbw.observables import dataset
+from jbw.report.messages.opening import by_the_fit
 from jbw.report.opening import effect_sentence, fit_sentence, known_parameters
 from jbw.study.collect import run_attrs
 from jbw.study.finishing import about_instruments, finished_study, with_main
@@ -74,9 +75,8 @@ def fit_lines(seen: Measured, ready: Fitted, seed: int) -> list[str]:
         "verdict": verdict_record(found.main.verdict),
         "quick": fit_errors(found),
     }
-    known = "; ".join(known_parameters(record)) or "nothing"
     return [
-        f"By the fit alone, not assessed: {known}",
+        by_the_fit(known_parameters(record)),
         effect_sentence(record, tree),
         fit_sentence(record),
     ]

@@ -1,11 +1,14 @@
 """The plan file: what it says, and what is refused, all at once."""
 
+import re
+
 import numpy as np
 import pytest
 
 from jbw.errors import ConfigError
 from jbw.planning import EXAMPLE
 from jbw.planning.description import MOTIONS, TABLES, parse, read_description
+from jbw.report.messages.planning import told_by_run
 from jbw.units import FACTORS
 
 IWAN = "[joint]\nlaws = 'iwan4'\n[plan]\n"
@@ -89,7 +92,7 @@ def test_beside_a_run_the_joint_is_not_told_again():
     text = "[plan]\nzeta = 0.01\ngain = [1.0, 2.0]\nmax_input = 3.0\n"
     with pytest.raises(ConfigError) as caught:
         parse(text, of_run=True)
-    assert "zeta: the run tells it" in str(caught.value)
+    assert told_by_run("zeta") in str(caught.value)
     assert "gain: must be a single value beside a run, but is [1.0, 2.0]" in str(caught.value)
     found = parse("[plan]\nmax_input = 3.0\n", of_run=True)
     assert (found.ranges, dict(found.settings)) == ({}, {"max_input": 3.0})
@@ -141,5 +144,5 @@ def test_laws_that_cannot_be_meant(laws, says):
     with pytest.raises(ConfigError) as caught:
         parse(f"[joint]\nlaws = {laws}\n{LEAST}")
     assert says in str(caught.value)
-    with pytest.raises(ConfigError, match=r"\[joint\]: the run tells it"):
+    with pytest.raises(ConfigError, match=re.escape(told_by_run("[joint]"))):
         parse('[joint]\nlaws = "cubic"\n', of_run=True)

@@ -7,7 +7,16 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from jbw.report.messages import differences, identified, laws, look, population, watch
+from jbw.report.messages import (
+    differences,
+    identified,
+    laws,
+    look,
+    opening,
+    planning,
+    population,
+    watch,
+)  # fmt: skip
 from jbw.report.messages.findings import FINDINGS, remedy_of, sentence_of
 
 SNAPSHOT = Path(__file__).with_name("messages.txt")
@@ -154,6 +163,45 @@ OF_TOPICS = {
         look.between_ends([1e-4, 2e-4, 4e-4], 0.0013, 0.13, (0.01, 0.0101), ""),
         look.onset(4e-3, "strong", 3.0),
         look.session_scatter(3, [("frequency", 0.00053, 0.0053), ("damping", 0.02, 0.05)]),
+    ],
+    "opening": [
+        opening.effect(0.4, 4.0, "mm", opening.change(
+            "natural frequency", "19.96", "19.6 Hz [19.59, 19.61]", lowers=True)),
+        opening.effect(0.4, 4.0, "mm", opening.no_change("damping ratio", "1 % [0.9, 1.1]")),
+        opening.effect(0.4, 4.0, "mm", opening.keeps_stiffness(96.4, 96.0, 97.0)),
+        opening.LINEAR, opening.NO_BACKBONE, opening.NO_ERRORS, opening.NO_FIT_ERROR,
+        opening.NO_GRADES, opening.FITTED_NOW, opening.NONE_HELD_OUT,
+        opening.fitted_errors(2, opening.relative_error(opening.span("1.2", "3.4"), "20 to 30 %")),
+        opening.held_out_errors(1, opening.relative_error("2.1 %", ""), "98.5 %", "4 %"),
+        opening.fit_errors(1, opening.span("1.2", "1.2")),
+        opening.not_identified(["alpha", "delta"], "60", ["alpha_delta"], "2"),
+        opening.not_identified(["alpha"], "60"),
+        opening.truncated("The upper prior bound truncates alpha."),
+        opening.all_identified("zeta", "2.7", roughly=False),
+        opening.all_identified("zeta", "12", roughly=True),
+        opening.doubtful("decay_1: at 2.21 s the motion jumps."),
+        opening.next_step("Draw more samples."), opening.next_step(""),
+        opening.by_the_fit(["zeta 0.01 [0.009, 0.011]"]),
+        opening.headline(["zeta 0.01 [0.009, 0.011]"], quick=True),
+        opening.headline([], quick=False),
+        *opening.STATUS.values(),
+    ],
+    "planning": [
+        planning.WRITE_PLAN, planning.NOISE_ALONE, planning.PER_KILOGRAM, planning.FLEET_NOISE,
+        planning.drawn_from_ranges(16), planning.drawn_from_run(16), planning.unknown_reach(2e-3),
+        planning.cost(12, 16, 45.0), planning.cost(12, 16, 300.0),
+        planning.too_far(2e-3, 1e-3), planning.too_strong(5.0, "V"), planning.no_response(2, 16),
+        planning.before({"zeta": planning.with_median(0.2, 0.1)}),
+        planning.before({"zeta": planning.with_median(0.1, 0.1)}),
+        planning.title(0.05, ["alpha", "delta"], 16),
+        planning.NO_TEST_NEEDED, planning.most_per_second("sweep", 2.0, "V"),
+        planning.NO_TEST_ADMITTED, planning.together("the data do not determine delta"),
+        *planning.recommended(["  3 x sweep, 2 V"], {"delta": "0.05"}, "4 min"),
+        *planning.not_reached(["  9 x sweep, 2 V"], {"delta": "0.1"}, "4 min", 9),
+        planning.fleet_designs((3, 2), 6, 1.7), planning.fleet_title(0.1),
+        planning.told_by_run(" zeta"), planning.single_value("gain", (1.0, 2.0)),
+        planning.missing("noise", "standard deviation of a sample"),
+        planning.beyond_stiffness("alpha", 100.0, 120.0), planning.share_of("alpha"),
     ],
     "population": [
         population.mostly_prior(2, 1, trend=False),

@@ -10,6 +10,7 @@ from rich.console import Console
 from jbw.cli import run
 from jbw.cli.identify import short_lines
 from jbw.cli.printing import show
+from jbw.report.messages import opening as messages
 from jbw.report.opening import known_parameters, lead, opening
 from jbw.study import resumable, store
 
@@ -59,21 +60,22 @@ def tree_of(rise=-0.02, laws='["bouc_wen"]', damping=0.5):
 def test_what_the_joint_does_is_told_at_a_tenth_of_the_motion_and_at_its_end():
     """20 Hz less 2 % at 4 mm is 19.6 Hz, at 0.4 mm 19.96; 1 % times 1.5 and 1.05 of damping."""
     told = opening(summary_of(), tree_of())[0]
-    assert told == (
-        "From 0.4 to 4 mm of motion the joint lowers the natural frequency from 19.96 to 19.6 Hz "
-        "[19.59, 19.61] and raises the damping ratio from 1.05 to 1.5 % [1.485, 1.515]."
-    )
+    lowers = messages.change("natural frequency", "19.96", "19.6 Hz [19.59, 19.61]", lowers=True)
+    raises = messages.change("damping ratio", "1.05", "1.5 % [1.485, 1.515]", lowers=False)
+    assert told == messages.effect(0.4, 4.0, "mm", f"{lowers} and {raises}")
 
 
 def test_a_joint_that_hardens_and_damps_less_is_told_so():
     told = opening(summary_of(), tree_of(0.02, damping=-0.5))[0]
-    assert "raises the natural frequency from 20.04 to 20.4 Hz" in told
-    assert "lowers the damping ratio from 0.95 to 0.5 %" in told
+    raised = messages.change("natural frequency", "20.04", "20.4 Hz", lowers=False)
+    assert raised in told
+    assert messages.change("damping ratio", "0.95", "0.5 %", lowers=True) in told
 
 
 def test_a_change_within_its_band_is_no_change():
     told = opening(summary_of(), tree_of(-0.0001))[0]
-    assert "changes the natural frequency by less than its uncertainty (19.998 Hz" in told
+    interval = "19.998 Hz [19.988, 20.008]"
+    assert messages.no_change("natural frequency", interval) in told
 
 
 def test_no_joint_is_said_in_the_words_of_its_finding_and_only_when_it_is_against():
@@ -82,7 +84,7 @@ def test_no_joint_is_said_in_the_words_of_its_finding_and_only_when_it_is_agains
     assert opening(absent, tree_of())[0] == reason
     present = summary_of(findings=[finding("no_joint", "ok", reason)])
     assert opening(present, tree_of())[0].startswith("From 0.4 to 4 mm")
-    assert "linear" in opening(present, tree_of(laws="[]"))[0]
+    assert opening(present, tree_of(laws="[]"))[0] == messages.LINEAR
 
 
 def test_bounds_of_a_joint_that_is_not_seen_are_no_next_step():
@@ -116,16 +118,11 @@ def test_errors_of_fitted_and_held_out_tests_stand_apart():
         "loop": {"fitted": True, "nrmse": None},
     }
     _, fit, held, *_ = opening(summary_of(predictions=tests), tree_of())
-    assert fit == (
-        "RMS error of the 2 tests that were fitted: 1.2 to 3.4 % of the record's rms (best linear "
-        "oscillator: 20 to 30 %)."
-    )
-    assert held == (
-        "RMS error of the one test that was held out: 2.1 % of the record's rms; the 99 % bands "
-        "hold 98.5 % of the values (half width: 4 % of the rms)."
-    )
+    assert fit == messages.fitted_errors(2, messages.relative_error("1.2 to 3.4 %", "20 to 30 %"))
+    error = messages.relative_error("2.1 %", "")
+    assert held == messages.held_out_errors(1, error, "98.5 %", "4 %")
     del tests["middle"]
-    assert "hold_out" in opening(summary_of(predictions=tests), tree_of())[2]
+    assert opening(summary_of(predictions=tests), tree_of())[2] == messages.NONE_HELD_OUT
 
 
 def test_what_is_not_known_is_named_with_the_products_that_are():
@@ -136,10 +133,7 @@ def test_what_is_not_known_is_named_with_the_products_that_are():
         "alpha_delta": facts(1.7e5, 0.02, kl=None, unit="1/(m s^2)"),
     }
     told = opening(summary_of(ridge), tree_of())[3]
-    assert told == (
-        "Not identified: alpha and delta (CV 60 % and more); identified: alpha_delta (CV 2 % at "
-        "most)."
-    )
+    assert told == messages.not_identified(["alpha", "delta"], "60", ["alpha_delta"], "2")
     assert [one.split()[0] for one in known_parameters(summary_of(ridge))] == [
         "omega_n",
         "alpha_delta",
@@ -152,9 +146,8 @@ def test_where_all_is_known_the_least_known_is_named_and_no_product():
         "alpha": facts(500.0, 0.04),
         "alpha_delta": facts(1.7e5, 0.02, kl=None),
     }
-    assert opening(summary_of(known), tree_of())[3] == (
-        "All parameters identified; least certain: alpha (CV 4 %)."
-    )
+    all_of_them = messages.all_identified("alpha", "4", roughly=False)
+    assert opening(summary_of(known), tree_of())[3] == all_of_them
     # 118 +- 2.576 * 0.118: two digits of a width of 0.61.
     assert known_parameters(summary_of(known)) == [
         "omega_n 118 [117.7, 118.3] rad/s",
@@ -164,15 +157,15 @@ def test_where_all_is_known_the_least_known_is_named_and_no_product():
 
 def test_a_parameter_that_leans_on_its_bound_is_not_called_known():
     leaning = summary_of(findings=[finding("at_bound", reason="alpha leans.")])
-    assert opening(leaning, tree_of())[3] == "Not sure: alpha leans."
+    assert opening(leaning, tree_of())[3] == messages.truncated("alpha leans.")
     fine = summary_of(findings=[finding("at_bound", "ok", "alpha does not lean.")])
-    assert opening(fine, tree_of())[3].startswith("All parameters identified")
+    assert opening(fine, tree_of())[3].startswith("All parameters")
 
 
 def test_what_fails_is_to_be_done_before_what_is_only_limited():
     both = [finding("a", "usable", action="Later."), finding("b", "failed", action="First.")]
     assert opening(summary_of(findings=both), tree_of())[4] == "To do next: First."
-    assert opening(summary_of(), tree_of())[4] == "To do next: nothing; the result can be used."
+    assert opening(summary_of(), tree_of())[4] == messages.NOTHING_TO_DO
 
 
 def test_a_bare_summary_has_no_sentences():
@@ -217,5 +210,5 @@ def test_the_command_prints_ten_lines_and_with_verbose_the_rest(tmp_path, monkey
 def test_what_is_doubtful_in_the_records_stands_before_what_to_do_next():
     doubted = summary_of() | {"doubts": ["decay_1: at 2.21 s the motion jumps."]}
     *_, doubt, following = opening(doubted, tree_of())
-    assert doubt == "Doubtful: decay_1: at 2.21 s the motion jumps."
+    assert doubt == messages.doubtful("decay_1: at 2.21 s the motion jumps.")
     assert following == opening(summary_of(), tree_of())[-1]

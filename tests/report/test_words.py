@@ -2,6 +2,7 @@
 
 import pytest
 
+from jbw.report.messages.opening import GRADES
 from jbw.report.text import quantity
 from jbw.report.words import identified_words, in_symbols
 
@@ -40,12 +41,7 @@ def test_parameters_are_graded_by_what_is_known_of_them():
     words = identified_words(
         {"main": "joint", "steps": {"joint": {"parameters": parameters}}}, KNOWN
     )
-    assert [each.partition(":")[0] for each in words] == [
-        "Identified, with the coefficient of variation",
-        "Identified roughly",
-        "Hardly identified",
-        "Not identified, the prior all but unchanged",
-    ]
+    assert tuple(each.partition(":")[0] for each in words) == GRADES
     assert "natural frequency" in words[0]
     assert "noise" not in "".join(words)
     assert identified_words({}, KNOWN) == []

@@ -1,0 +1,135 @@
+"""What a run begins with: effect of the joint, errors, identifiability, what to do next."""
+
+from collections.abc import Sequence
+
+from jbw.report.messages.message import listed
+
+LINEAR = "The structure is modelled as linear, without a joint."
+NO_BACKBONE = "This run states no frequency and damping against amplitude."
+NO_ERRORS = "This run states no errors of the fitted tests."
+NONE_HELD_OUT = (
+    "No test was held out; with `hold_out` the report shows how well the model predicts one."
+)
+FITTED_NOW = "They are fitted now, for use."
+NO_FIT_ERROR = "The error of the fit is known once the posterior is sampled."
+NO_GRADES = "This run does not state which parameters are identified."
+NOTHING_TO_DO = "To do next: nothing; the result can be used."
+STATUS = {
+    "ok": "The main posterior can be used.",
+    "usable": "The main posterior can be used within the model discrepancy that it states.",
+    "not assessed": "Some checks could not be made: take the main posterior as provisional.",
+    "failed": "Do not use the main posterior as it is.",
+}
+READ_FIRST = "Read the findings before using it."
+UNDRAWN = "This figure could not be drawn: "
+GRADES = (
+    "Identified, with the coefficient of variation",
+    "Roughly identified",
+    "Poorly identified",
+    "Not identified, the prior is nearly unchanged",
+)
+STEPS = {
+    "linear": "Step 2: linear regime, line fit",
+    "third_order_paper": "Step 3: third-order kernel, random walk as published",
+    "third_order_walk": "Step 3: third-order kernel, tuned random walk",
+    "third_order_nuts": "Step 3: third-order kernel, NUTS",
+    "opening_paper": "Step 4: gamma alone, random walk as published",
+    "opening_walk": "Step 4: gamma alone, tuned random walk",
+    "opening_nuts": "Step 4: gamma alone, NUTS",
+    "joint": "Step 4: all parameters together",
+    "decay": "Free decays",
+}
+
+
+def doubtful(doubt: str) -> str:
+    """A doubt about the records."""
+    return f"Doubtful: {doubt}"
+
+
+def effect(least: float, most: float, unit: str, changes: str) -> str:
+    """What the joint does between two amplitudes."""
+    return f"From {least:.2g} to {most:.2g} {unit} of motion the joint {changes}."
+
+
+def keeps_stiffness(percent: float, low: float, high: float) -> str:
+    """How much of its stiffness a joint with prescribed motion keeps."""
+    return f"keeps {percent:.3g} % [{low:.3g}, {high:.3g}] of its stiffness"
+
+
+def no_change(what: str, interval: str) -> str:
+    """That a quantity does not change beyond its interval."""
+    return f"changes the {what} by less than its uncertainty ({interval})"
+
+
+def change(what: str, start: str, interval: str, *, lowers: bool) -> str:
+    """How a quantity changes, with its interval at the end."""
+    return f"{'lowers' if lowers else 'raises'} the {what} from {start} to {interval}"
+
+
+def fitted_errors(count: int, errors: str) -> str:
+    """Errors of the fitted tests."""
+    return f"RMS error of {_tests(count, 'fitted')}: {errors}."
+
+
+def held_out_errors(count: int, errors: str, coverage: str, width: str) -> str:
+    """Errors of held-out tests, and how much of their values the bands hold."""
+    half_width = f" (half width: {width} of the rms)" if width else ""
+    band = f"; the 99 % bands hold {coverage} of the values{half_width}" if coverage else ""
+    return f"RMS error of {_tests(count, 'held-out')}: {errors}{band}."
+
+
+def fit_errors(count: int, errors: str) -> str:
+    """Errors of the fitted tests before the posterior is drawn."""
+    return f"RMS error of {_tests(count, 'fitted')}: {errors}; no other test is predicted yet."
+
+
+def relative_error(error: str, linear: str) -> str:
+    """An error over the rms of the record, with that of the best linear oscillator."""
+    beside = f" (best linear oscillator: {linear})" if linear else ""
+    return f"{error} of the record's rms{beside}"
+
+
+def span(least: str, most: str) -> str:
+    """A range in per cent."""
+    return f"{least} %" if least == most else f"{least} to {most} %"
+
+
+def not_identified(
+    names: Sequence[str], least: str, identified: Sequence[str] = (), most: str = ""
+) -> str:
+    """Parameters that the data do not identify, and the products that they do."""
+    sentence = f"Not identified: {listed(names)} (CV {least} % and more)"
+    if identified:
+        sentence += f"; identified: {listed(identified)} (CV {most} % at most)"
+    return f"{sentence}."
+
+
+def truncated(reason: str) -> str:
+    """The first parameter that a prior bound truncates."""
+    return f"Uncertain: {reason}"
+
+
+def all_identified(worst: str, cv: str, *, roughly: bool) -> str:
+    """That all parameters are identified, and the least certain of them."""
+    grade = "identified, some roughly" if roughly else "identified"
+    return f"All parameters {grade}; least certain: {worst} (CV {cv} %)."
+
+
+def next_step(remedy: str) -> str:
+    """The remedy of the first finding."""
+    return f"To do next: {remedy}" if remedy else NOTHING_TO_DO
+
+
+def by_the_fit(identified: Sequence[str]) -> str:
+    """Parameters by the fit alone."""
+    return f"By the fit alone, not assessed: {'; '.join(identified) or 'nothing'}"
+
+
+def headline(identified: Sequence[str], *, quick: bool) -> str:
+    """Parameters in a line of the terminal."""
+    by = ", by the fit alone" if quick else ""
+    return f"Identified{by}, mean [99 % interval]: {'; '.join(identified) or 'nothing'}"
+
+
+def _tests(count: int, which: str) -> str:
+    return f"the {which} test" if count == 1 else f"the {count} {which} tests"

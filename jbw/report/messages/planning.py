@@ -1,0 +1,146 @@
+"""What a plan says: what it rests on, which tests it recommends, what they leave open."""
+
+from collections.abc import Mapping, Sequence
+
+from jbw.report.messages.message import percent
+
+WRITE_PLAN = "Write one with: jbw plan --example > plan.toml"
+NOISE_ALONE = (
+    "The plan includes measurement noise alone: scatter between sessions and model discrepancy "
+    "make the parameters less certain. A CV above 30 % is an order of magnitude."
+)
+PER_KILOGRAM = (
+    "The run has no gain, so inputs are in N/kg; for V or N, give gain or modal_mass in a file of "
+    "--limits."
+)
+FLEET_NOISE = "The error of each record is neglected beside the scatter."
+NO_TEST_NEEDED = "No test is needed: the CV is met already."
+NO_TEST_ADMITTED = "No test is within the limits; raise max_displacement or max_input."
+TIMING = "Timing the first candidate of each form"
+THIRD_HARMONIC = "the third harmonic of the tones"
+LAST_FREQUENCY = "the sweep's last frequency"
+NATURAL_FREQUENCY = "the natural frequency"
+
+
+def drawn_from_ranges(num_joints: int) -> str:
+    """What a plan before any test rests on."""
+    return f"Plan for {num_joints} joints drawn from the ranges, which count as prior knowledge."
+
+
+def drawn_from_run(num_joints: int) -> str:
+    """What a plan after a run rests on."""
+    return f"Plan for {num_joints} draws of the run's posterior, the prior of further tests."
+
+
+def unknown_reach(displacement: float) -> str:
+    """That levels aim at a displacement of the plan's own choice [m]."""
+    return (
+        f"The run states no largest displacement, so levels aim at {displacement:.3g} m, where the "
+        "joint slips; give max_displacement in a file of --limits."
+    )
+
+
+def cost(num_candidates: int, num_joints: int, seconds: float) -> str:
+    """How long a plan takes."""
+    duration = f"{seconds:.2g} s" if seconds < 120.0 else f"{seconds / 60.0:.2g} minutes"
+    return (
+        f"{num_candidates} candidates at {num_joints} joints: about {duration} once compiled; "
+        f"fewer candidates or `joints` in [plan] take less"
+    )
+
+
+def too_far(displacement: float, limit: float) -> str:
+    """Why a candidate is not feasible."""
+    return f"peak displacement {displacement:.3g} m exceeds {limit:g} m"
+
+
+def too_strong(limit: float, unit: str) -> str:
+    """Why a candidate is not feasible."""
+    return f"input exceeds {limit:g} {unit}"
+
+
+def no_response(count: int, num_joints: int) -> str:
+    """Why a candidate is not predicted."""
+    return f"no steady response at {count} of {num_joints} joints"
+
+
+def with_median(worst: float, median: float) -> str:
+    """A coefficient of variation at nine in ten joints."""
+    return f"{worst:.2g}" if worst == median else f"{worst:.2g} (median {median:.2g})"
+
+
+def before(cvs: Mapping[str, str]) -> str:
+    """The coefficients of variation without any of the planned tests."""
+    return f"Before these tests: CV {_pairs(cvs)}."
+
+
+def title(cv: float, wanted: Sequence[str], num_joints: int) -> str:
+    """Of the table of candidates."""
+    return f"Tests for a CV of {cv:.2g} of {', '.join(wanted)}, at 90 % of {num_joints} joints"
+
+
+def most_per_second(test: str, level: float, unit: str) -> str:
+    """The test that would add most where none is needed."""
+    return f"Largest information gain per second: {test}, {level:g} {unit}."
+
+
+def recommended(tests: Sequence[str], cvs: Mapping[str, str], duration: str) -> list[str]:
+    """The recommended tests, a line each, and the coefficients of variation after them."""
+    heading = "Recommended, in order of expected information gain per second:"
+    return [heading, *tests, f"  CV {_pairs(cvs)} after {duration} of measuring."]
+
+
+def not_reached(
+    tests: Sequence[str], cvs: Mapping[str, str], duration: str, most: int
+) -> list[str]:
+    """The same where no combination reaches the wish."""
+    heading = f"No combination reaches the CV with at most {most} repeats:"
+    return [heading, *tests, f"  CV {_pairs(cvs)} after {duration} of measuring."]
+
+
+def together(note: str) -> str:
+    """What all recommended tests leave open."""
+    return f"  Together, {note}."
+
+
+def fleet_designs(few: tuple[int, int], many: int, gain: float) -> str:
+    """How much better several assemblies at each of few torques determine a slope."""
+    assemblies, torques = few
+    return (
+        f"{assemblies * torques} tightenings, {assemblies} assemblies at each of {torques} "
+        f"torques, determine the slope {gain:.2g} times better than {many}, one at each of {many}."
+    )
+
+
+def fleet_title(scatter: float) -> str:
+    """Of the table of designs of a fleet."""
+    return f"99 % intervals of a fleet with a scatter of {percent(scatter, 'g')} between assemblies"
+
+
+def told_by_run(key: str) -> str:
+    """A key that a run leaves no place for."""
+    return f"{key}: the run states it; remove it."
+
+
+def single_value(key: str, value: Sequence[float]) -> str:
+    """A key that must be a single value beside a run."""
+    return f" {key}: must be a single value beside a run, but is {list(value)}."
+
+
+def missing(key: str, meaning: str) -> str:
+    """A key that has no default."""
+    return f" {key}: missing; {meaning}."
+
+
+def beyond_stiffness(key: str, least: float, value: float) -> str:
+    """A stiffness of the joint that exceeds the whole."""
+    return f" {key}: must stay below omega_n^2, which begins at {least:g}, but reaches {value:g}."
+
+
+def share_of(name: str) -> str:
+    """Meaning of the key of a stiffness ratio."""
+    return f"{name} / omega_n^2, instead of {name}"
+
+
+def _pairs(cvs: Mapping[str, str]) -> str:
+    return ", ".join(f"{name} {cv}" for name, cv in cvs.items())
