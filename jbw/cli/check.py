@@ -22,6 +22,7 @@ from jbw.cli.options import json_option, outside_option
 from jbw.cli.printing import answer, following, show_json
 from jbw.errors import RunError
 from jbw.measurement.records import Record
+from jbw.report.messages.stages import drawing_records
 from jbw.report.table import Cell, Column, Table, table
 
 ASKED = "What the records do not say, line by line; Enter keeps what stands in brackets."
@@ -98,7 +99,7 @@ def check(campaign: Path, figures: Path | None, json_: bool, allow_outside: bool
         from jbw.cli.progress import telling
 
         try:
-            with telling(f"Drawing the first record of every test into {figures}"):
+            with telling(drawing_records(str(figures))):
                 from jbw.report.overview import save_overviews  # loads matplotlib
 
                 count = len(save_overviews(_first_records(campaign, allow_outside), figures))

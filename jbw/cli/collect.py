@@ -12,6 +12,7 @@ from jbw.cli.options import json_option
 from jbw.cli.printing import answer
 from jbw.cli.progress import computing
 from jbw.errors import DataError
+from jbw.report.messages import study as messages
 from jbw.report.table import Column, Table, table, words
 from jbw.report.text import NOTHING
 
@@ -66,8 +67,7 @@ def collect(
         "left_out": left_out,
         "units": rows,
     }
-    lacking = (f"Without {name}: not known, or not positive, in {', '.join(units)}."
-               for name, units in left_out.items())  # fmt: skip
+    lacking = [messages.no_logarithm(name, units) for name, units in left_out.items()]
     answer(json_, record, fleet_table(rows), *lacking, saved=f"Fleet: {out}")
 
 
@@ -79,7 +79,7 @@ def _runs_of(folder: Path, say: Any) -> list[Path]:
     finished = [one for one in inner if (one / "summary.json").is_file()]
     for one in inner:
         if (one / ".run").is_dir() and one not in finished:
-            say(f"warning: {one} is not finished and is left out; go on with it: jbw resume {one}")
+            say(f"warning: {messages.unfinished(str(one))}")
     if not finished:
         raise DataError(
             f"The folder {folder} holds no finished run.",

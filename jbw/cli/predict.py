@@ -10,6 +10,7 @@ import click
 from jbw.cli.options import json_option, out_option, outside_option, run_argument
 from jbw.cli.printing import answer
 from jbw.cli.progress import computing
+from jbw.report.messages.study import further_units
 from jbw.report.table import Column, Table, shares, table, words
 from jbw.report.text import NOTHING, number
 
@@ -111,10 +112,8 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
 
 def _of_population(torque: float | None, requests: Sequence[tuple[Any, Any]]) -> str:
     """Which units are predicted, and whose gain they have."""
-    at = "" if torque is None else f" at {torque:.3g} N m"
-    own = all(request.gain is None for _, request in requests)
-    gain = "the gains of the measured units" if own else "the campaign's gain for its tests"
-    return f"Further units{at}, with {gain}"
+    of_units = all(request.gain is None for _, request in requests)
+    return further_units(torque, of_units=of_units)
 
 
 def _planned(basis: "Basis", options: Mapping[str, Any]) -> "Iterator[Test]":

@@ -19,6 +19,7 @@ from rich.table import Table
 from rich.text import Text
 
 from jbw.cli.printing import duration
+from jbw.report.messages import stages
 from jbw.run.session import prepare_process as prepare_process
 
 LOOK_S = 1.0  # between two looks at the chains at least, on a terminal
@@ -196,7 +197,7 @@ def called(name: str) -> str:
     told = ", ".join(filter(None, (STEPS.get(step, step), how)))
     if again == "0":
         return told
-    return f"{told}, round {int(again) + 1} (chains disagreed or draws were few: drawn again)"
+    return stages.later_round(told, int(again) + 1)
 
 
 def chain_table(name: str, so_far: Any) -> Table:
@@ -225,7 +226,7 @@ def chain_sentence(name: str, so_far: Any) -> str:
     sizes = effective(so_far.draws)
     if so_far.in_rounds and sizes is not None:
         # Groups of points are independent of one another: what they are worth adds up.
-        worth = f"{sum(sizes):,.0f} effective draws, of {ESS:,.0f} at least"
+        worth = stages.effective(sum(sizes), ESS)
         return f"{called(name)}: round {so_far.done} of {so_far.total} at most, {worth}"
     parts = [f"{called(name)}: {so_far.done} of {so_far.total} steps"]
     if sizes is None:

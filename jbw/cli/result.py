@@ -8,6 +8,8 @@ import click
 from jbw.cli.options import json_option, out_option, run_argument
 from jbw.cli.printing import answer
 from jbw.errors import ConfigError
+from jbw.report.messages import stages
+from jbw.report.messages.study import without_form
 
 
 @click.command()
@@ -44,7 +46,7 @@ def report(
 
         summary, tree = read_result(folder)
         page = out or folder / "report.html"
-        say(f"Writing {page}" if out else f"Drawing figures and writing {page}")
+        say(f"Writing {page}" if out else stages.drawing_figures(str(page)))
         if out is None:
             save_report(folder, tree, summary)
         else:
@@ -118,7 +120,7 @@ def export(
         programs_named(names)  # a slip of the pen is told before anything is computed
         say(f"Reading {folder}")
         summary, tree = read_result(folder)
-        say("Computing the joint, its backbone with bands and its loops")
+        say(stages.COMPUTING_JOINT)
         result = exporting.export(tree, summary=summary, **asked)
         programs = chosen_programs(names, result)
         if fmu:
@@ -129,8 +131,6 @@ def export(
         written = write_export(claim(place), result, tuple(programs), draws)
     paths, notes = [str(path) for path in written], notes_on(programs)
     skipped = [] if names else [PROGRAMS[name] for name in USUAL if PROGRAMS[name] not in programs]
-    notes += tuple(
-        f"{each.title} has no form of the joint, so it gets no file." for each in skipped
-    )
+    notes += tuple(without_form(program.title) for program in skipped)
     record = {"about": list(result.about), "files": paths, "notes": list(notes)}
     answer(json_, record, *notes, saved="\n".join(paths))

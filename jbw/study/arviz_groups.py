@@ -24,6 +24,7 @@ from jbw.inference.generator import generator, parts_of
 from jbw.inference.space.box import Box, bounds_by_name
 from jbw.observables.dataset import Dataset
 from jbw.observables.pointwise import Records, records_of, splits_of
+from jbw.report.messages import study as messages
 from jbw.verification.places import safe
 
 NUM_PRIOR = 500  # draws of the prior
@@ -33,12 +34,11 @@ SILENCE = 1e-12  # noise of what the prior predicts: 1/sigma is no density to dr
 KEY = 200  # of the seed: no other numbers move by these
 RESPONSE = {
     "units": "1",
-    "long_name": "root mean square of the response, over that of the mean of its test's repeats",
+    "long_name": messages.VARIABLES["response"],
 }
 LIKELIHOOD = {
     "units": "1",
-    "long_name": "log likelihood of a record given its noise, over that about the mean of its "
-    "test's repeats at their scatter [nats]",
+    "long_name": messages.VARIABLES["log_likelihood"],
 }
 
 Groups = dict[str, xr.Dataset]

@@ -20,6 +20,7 @@ from jbw.inference.samplers.register import SAMPLERS, Sampler, options_of, sampl
 from jbw.inference.space.box import require_float64
 from jbw.inference.space.problem import LogLikelihood
 from jbw.quantities import BY_NAME, attrs_of
+from jbw.report.messages import study as messages
 from jbw.report.studies import rank_ecdfs
 from jbw.study import calibration_designs as designs
 from jbw.study import calibration_models as models
@@ -107,7 +108,7 @@ def sbc(
         if word not in known:
             raise ConfigError(f"Argument `{name}` must be one of {', '.join(known)}, not {word!r}.")
     if sampler is not None and (sampler not in SAMPLERS or step == "linear"):
-        why = "Step 2 draws from its fit's normal law." if step == "linear" else ""
+        why = messages.STEP_2_DRAWS if step == "linear" else ""
         raise ConfigError(
             f"Argument `sampler` must be one of {', '.join(SAMPLERS)}, not {sampler!r}.", why=why
         )
@@ -221,8 +222,8 @@ def _tree(found: Calibration, record: dict[str, Any]) -> xr.DataTree:
     for i, name in enumerate(found.names):
         stem = "h3" if name.startswith("h3_") else name  # `h3_18Hz` is the kernel there
         unit = known.get(stem, {"units": "1"})["units"]
-        below = {"long_name": f"draws below the true {name}", "units": "1", "quantity_units": unit}
-        inside = {"long_name": f"true {name} inside the 99 % interval", "units": "1"}
+        below = {"long_name": messages.rank_below(name), "units": "1", "quantity_units": unit}
+        inside = {"long_name": messages.truth_inside(name), "units": "1"}
         variables[f"rank_{name}"] = ("replication", found.ranks[:, i], below)
         variables[f"inside_{name}"] = ("replication", found.inside[:, i].astype("int8"), inside)
     tree = xr.DataTree.from_dict({"ranks": xr.Dataset(variables)})

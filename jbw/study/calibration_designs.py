@@ -28,6 +28,7 @@ from jbw.observables.dataset import Dataset
 from jbw.observables.records import Records
 from jbw.oscillator.excitation import sampled, sweep
 from jbw.oscillator.oscillator import as_oscillator
+from jbw.report.messages import stages
 from jbw.rig.presets import PRIOR, PROBING_HZ, TRUTH
 
 GAIN = rig.LABORATORY.gain
@@ -119,7 +120,7 @@ def truth() -> dict[str, float]:
 
 def probing_of(campaign: Campaign, report: Report) -> Design[KernelData]:
     """Tones, displacements, noise and prior of a campaign's Step 3."""
-    report("Reading the design of Step 3 from the campaign")
+    report(stages.design(3))
     found = _kernel_fit(campaign, _linear(campaign))
     counts = np.unique(np.asarray(found.data.num_repeats)).astype(int)
     if len(counts) > 1:
@@ -132,7 +133,7 @@ def probing_of(campaign: Campaign, report: Report) -> Design[KernelData]:
 
 def opening_of(campaign: Campaign, report: Report) -> Design[Records]:
     """Sweeps, noise and prior of a campaign's Step 4; held is what Steps 2 and 3 fit."""
-    report("Reading the design of Step 4 from the campaign")
+    report(stages.design(4))
     sweeps = sweep_tests(campaign.tests, campaign.settings)
     if sweeps is None:
         raise DataError("Step 4 needs sweeps, which the campaign lacks.")

@@ -20,6 +20,8 @@ from jbw.inference.posterior.summary import running_mean
 from jbw.measurement.records import Test
 from jbw.observables.dataset import Dataset
 from jbw.quantities import DEFAULT_LAWS, derivative_order
+from jbw.report.messages import stages
+from jbw.report.messages import study as messages
 from jbw.study.arviz_groups import arviz_groups, created
 from jbw.verification.backbone import backbone_group
 from jbw.verification.bands import QUANTILE_AXIS, polar
@@ -56,25 +58,25 @@ def collect(
     linear, kernel, sweeps = found.linear, found.kernel, found.sweeps
     if linear is not None and kernel is not None:
         groups |= attempts.make(
-            "The comparison of the third-order kernel with the model",
+            stages.KERNEL,
             lambda: _kernel_groups(tests, linear, kernel, found.steps),
             {},
         )
     if sweeps is not None:
         groups |= attempts.make(
-            "The running mean of the energy of the sweeps",
+            stages.ENERGY,
             lambda: _conv_of_velocity(found.steps, sweeps),
             {},
         )
     basis = basis_of(xr.DataTree.from_dict(groups))
     names = {name for name, is_fitted in entered(seen).items() if is_fitted}
     groups |= attempts.make(
-        "The comparison of the tests with the model",
+        stages.TESTS,
         lambda: verify(tests, names, found, basis, settings, seed, attempts, report),
         {},
     )
     curve = attempts.make(
-        "The backbone",
+        stages.BACKBONE,
         lambda: backbone_group(basis.thinned(NUM_DRAWS), basis.y_peak, basis.laws),
         None,
     )
@@ -83,16 +85,16 @@ def collect(
     drawn = {name: created(groups[name]) for name in ("/posterior", "/sample_stats")}
     by_record: Groups = {}
     if not sees_no_joint(found.main.verdict):  # of a linear structure single records say nothing
-        report("Every record by itself, and what the prior predicts of it")
+        report(stages.SINGLE_RECORDS)
         by_record = attempts.make(
-            "The likelihood of single records", lambda: arviz_groups(seen, found, seed), {}
+            stages.RECORD_LIKELIHOOD, lambda: arviz_groups(seen, found, seed), {}
         )
     return xr.DataTree.from_dict(groups | drawn | by_record)
 
 
 def sees_no_joint(verdict: Verdict) -> bool:
     """Whether a posterior is of a structure in which no joint is seen."""
-    return any(one.code == "no_joint" and one.status != "ok" for one in verdict.findings)
+    return any(row.code == "no_joint" and row.status != "ok" for row in verdict.findings)
 
 
 def run_attrs(tests: Sequence[Test], found: Identification) -> dict[str, Any]:
@@ -175,7 +177,7 @@ def _tone_spectrum(test: Test) -> xr.Dataset:
 
 def _with_conv(step: Step, energy: np.ndarray, unit: str) -> xr.Dataset:
     conv = np.stack([running_mean(chain) for chain in energy])
-    attrs = {"units": unit, "long_name": "running mean of the response's energy, conv(n)"}
+    attrs = {"units": unit, "long_name": messages.VARIABLES["conv"]}
     return step.posterior["sample_stats"].to_dataset().assign(conv=(("chain", "draw"), conv, attrs))
 
 

@@ -16,6 +16,7 @@ from jbw.oscillator.modes.parameters import has_further_modes
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.parameters import Material
 from jbw.quantities import OSCILLATOR, Quantity
+from jbw.report.messages import study as messages
 from jbw.study.exported_draw import (
     backbone_within,
     best_draw,
@@ -162,7 +163,7 @@ def _of_draw(result: Export, one: Draws, number: int, skeleton: Table) -> Export
     laws, mass = result.laws, result.mass
     return replace(
         result,
-        about=(result.about[0], f"Joint: draw {number}, from 0 on; modal mass {mass:g} kg."),
+        about=(result.about[0], messages.one_draw(number, mass)),
         joint=theta,
         materials=materials_of(theta, laws, mass, result.y_max),
         linear=linear_parts(theta, laws, mass),
@@ -197,12 +198,12 @@ def _verdict(summary: Mapping[str, Any]) -> Iterable[str]:
     """The run's verdict and the first reason for it."""
     found = summary.get("verdict") or {}
     status = found.get("status", "not assessed")
-    findings = [one for one in found.get("findings", ()) if one["status"] == status]
+    findings = [row for row in found.get("findings", ()) if row["status"] == status]
     if status == "ok":
         why = f"all {len(findings)} findings are ok"
     else:
-        why = findings[0]["reason"] if findings else "the run tells no verdict"
-    words = f"Verdict of the run {summary.get('campaign', '')}: {status}: {why}"
+        why = findings[0]["reason"] if findings else messages.NO_VERDICT
+    words = messages.verdict_of(str(summary.get("campaign", "")), status, why)
     # One line of comment, which nothing that comes from a file may end.
     yield printable(" ".join(words.replace(" :", ":").split()))
 
@@ -211,14 +212,14 @@ def _origin(
     draws: Draws, number: int, asked: int | None, inside: bool, laws: Laws, mass: float
 ) -> Iterable[str]:
     """Which draw this is, and whether what the data know of it lies within the intervals of all."""
-    why = "of the highest posterior density" if asked is None else "as asked for"
-    yield f"Joint: draw {number} of {count_of(draws)}, from 0 on, {why}; modal mass {mass:g} kg."
+    why = messages.HIGHEST_DENSITY if asked is None else "as asked for"
+    yield messages.exported_draw(number, count_of(draws), why, mass)
     for name, unit, values in products_of(draws, laws):
         low, _, high = band(values)
         value = values[number]
-        place = "within" if low <= value <= high else "outside"
-        yield f"{name} is {value:.6g} {unit}, {place} its 99 % interval {low:.6g} to {high:.6g}."
-    yield f"Its backbone {'lies within' if inside else 'leaves'} the 99 % bands of all draws."
+        inside_own = bool(low <= value <= high)
+        yield messages.within_interval(name, value, unit, low, high, inside=inside_own)
+    yield messages.within_bands(inside=inside)
 
 
 # -- tables ----------------------------------------------------------------------------------------

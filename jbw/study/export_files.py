@@ -9,13 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from jbw.report.messages import study as messages
 from jbw.study.export import Export
 from jbw.study.exports import PROGRAMS, USUAL, programs_named
 from jbw.study.exports.fmu import compiler
 from jbw.study.exports.program import Program, commented, parameters_of, require_law
 
-LOOP = "Steady loops under slow motion: the force of spring and joint, without any damper."
-BACKBONE = "Resonance frequency, equivalent damping and force against amplitude."
+LOOP = messages.SLOW_LOOPS
+BACKBONE = messages.BACKBONES
 
 
 class Numbered(NamedTuple):
@@ -79,10 +80,7 @@ def notes_on(programs: Iterable[Program]) -> tuple[str, ...]:
     compiled = any(program.name.startswith("fmi") for program in programs)
     if not compiled or compiler() is not None:
         return ()
-    return (
-        "There is no C compiler here (cc, gcc or clang), so the FMU holds sources alone: compile "
-        "them where it is used, or install one and export again.",
-    )
+    return (messages.NO_COMPILER,)
 
 
 def _write_draws(

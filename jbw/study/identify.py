@@ -20,6 +20,7 @@ from jbw.measurement.records import INPUTS, Test, drive_of
 from jbw.observables.drives import named
 from jbw.observables.records import compile_beside
 from jbw.quantities import gain_unit
+from jbw.report.messages import stages
 from jbw.study.collect import collect
 from jbw.study.final import for_use
 from jbw.study.finishing import about_instruments, finished_study, with_main
@@ -98,7 +99,7 @@ def read_campaign(campaign: Campaign, report: Report) -> ReadCampaign:
         report(sentence)
     if not several:
         compile_beside(tests, campaign.laws)
-    report("Reading the records without a model")
+    report(stages.READING_RECORDS)
     look = look_quietly(replace(campaign, tests=tests))
     return ReadCampaign(measured_in(campaign, report, tests), look, tuple(left_out))
 
@@ -109,9 +110,9 @@ def drawn_study(order: Order, read: ReadCampaign, report: Report, keep: Keep) ->
 
     def answer_of_fit(ready: Fitted) -> None:
         lines = Attempts(report).make(
-            "The answer of the fit", lambda: fit_lines(measured, ready, seed), []
+            stages.ANSWER_OF_FIT, lambda: fit_lines(measured, ready, seed), []
         )
-        for line in (*lines, "Drawing the posterior"):
+        for line in (*lines, stages.DRAWING):
             report(line)
 
     posteriors = run_procedure(measured, seed=seed, report=report, keep=keep, at_fit=answer_of_fit)
@@ -119,18 +120,18 @@ def drawn_study(order: Order, read: ReadCampaign, report: Report, keep: Keep) ->
     # From here on the posterior is drawn: what cannot be made of it is left out and said.
     attempts = Attempts(report)
     identifiability = attempts.make(
-        "The study of identifiability", lambda: look_again(posteriors, settings, report), None
+        stages.IDENTIFIABILITY, lambda: look_again(posteriors, settings, report), None
     )
     tree = collect(measured, posteriors, seed, order.truth, report, settings, attempts)
     main = posteriors.main
     outside = attempts.make(
-        "The constant of the modes outside the band",
+        stages.OUTSIDE_BAND,
         lambda: constants_sentence(
             main.posterior["posterior"].to_dataset(), main.held, source_unit
         ),
         None,
     )
-    compared = attempts.make("The comparison of the routes", lambda: compare_routes(posteriors), {})
+    compared = attempts.make(stages.ROUTES, lambda: compare_routes(posteriors), {})
     statements = [*read.left_out, *main.statements, outside, *attempts.said]
     statements.append(about_instruments(order, read))
     verdict = with_predictions(main.verdict, tree)

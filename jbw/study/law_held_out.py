@@ -16,6 +16,7 @@ from jbw.identification.evidence import Candidate
 from jbw.identification.floors import rms
 from jbw.inference.thresholds import BEYOND
 from jbw.measurement.records import Test
+from jbw.report.messages import study as messages
 from jbw.verification.predict import Request, predict
 from jbw.verification.predicted import is_measured
 from jbw.verification.predictive_basis import basis_of
@@ -75,7 +76,7 @@ def held_out(
         {
             "error": (dims, error, {"units": "1", "long_name": "error over rms"}),
             "extrapolation": (dims, reach, {
-                "units": "1", "long_name": "largest displacement over that fitted"}),
+                "units": "1", "long_name": messages.VARIABLES["extrapolation"]}),
         },
         {"law": list(laws), "test": [test.name for test in tests]},
     )  # fmt: skip

@@ -17,6 +17,7 @@ from jbw.identification.prior_widths import log_evidence_wide
 from jbw.identification.reached import threshold_sentences
 from jbw.identification.unseen_runs import LeftOut, left_out, left_out_of_fits, runs_of
 from jbw.inference.compiled import forget_when_many
+from jbw.report.messages import stages
 
 # Of the posterior, and of what it makes of runs unseen.
 Keys = Key[Array, " two"] | Sequence[Key[Array, ""]]
@@ -48,8 +49,8 @@ def weigh(
     for i, one in enumerate(found):
         forget_when_many()
         name, own = one.name, [jax.random.fold_in(key, i) for key in keys]
-        judged, by = (_by_fit, " by fits alone") if name in hopeless else (_by_draws, "; evidence")
-        report(f"{name}: {len(runs)} runs predicted from each other's rest{by}")
+        judged = _by_fit if name in hopeless else _by_draws
+        report(stages.scoring(name, len(runs), by_fit=name in hopeless))
         try:
             weighed[name] = judged(own, one, likelihoods[name], several=len(runs) > 1)
         except JbwError as error:

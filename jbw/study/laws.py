@@ -24,6 +24,8 @@ from jbw.inference.space.box import require_float64
 from jbw.measurement.records import Test
 from jbw.observables.dataset import Dataset
 from jbw.oscillator.laws import FAMILIES, LAWS, laws_named
+from jbw.report.messages import stages
+from jbw.report.messages import study as messages
 from jbw.study.law_answers import compare_rows, statements
 from jbw.study.law_held_out import errors_across_kinds, errors_apart, held_out, is_of, unseen
 from jbw.study.law_rows import row_of, weigh
@@ -135,7 +137,7 @@ def compare_laws(
         row |= errors_apart(others, name, best)
     record["shared_runs"] = None
     if own.data.has_offsets:
-        report("Fitting all to runs that share omega_n and zeta")
+        report(stages.FITTING_SHARED)
         shared = without_offsets(keys[0], seen, list(named.values()), named[best])
         record["shared_runs"] = _shared_runs(named[best], dict(zip(named, shared, strict=True)))
     posterior = draws[best]["posterior"].to_dataset()
@@ -208,7 +210,7 @@ def _scores(
             "line": (
                 "run",
                 [lines.get(run, np.nan) for run in runs],
-                {"units": "1", "long_name": "error over rms of a line of the run's own"},
+                {"units": "1", "long_name": messages.VARIABLES["line"]},
             ),
         },
         {"law": list(left), "run": list(runs)},
@@ -237,7 +239,7 @@ def _curves(
 
 def _hopeless(rows: Mapping[str, Mapping[str, Any]]) -> tuple[str, list[bool], dict[str, str]]:
     """Which laws are judged by their fits: the bands about these are of no posterior."""
-    told = {"long_name": "judged by its fit, the band is the fit's"}
+    told = {"long_name": messages.VARIABLES["hopeless"]}
     return "law", [row["hopeless"] for row in rows.values()], told
 
 

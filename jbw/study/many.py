@@ -19,6 +19,8 @@ from typing import Any, Literal
 
 from jbw.campaign.load import Campaign
 from jbw.errors import ConfigError, DataError, JbwError, RunError
+from jbw.report.messages import stages
+from jbw.report.messages import study as messages
 from jbw.report.result import read_result
 from jbw.run.files import hash_of
 from jbw.run.folder import HIDDEN, MANIFEST, begin, reopen, require_same
@@ -233,7 +235,7 @@ def _finished_before(task: Task) -> Outcome | None:
 
 def _require_same_result(task: Task, summary: Mapping[str, Any]) -> None:
     """Refuse a finished run of another campaign, other data or another seed than are asked for."""
-    again = f"Move {task.folder} away to identify anew, or choose another `out`."
+    again = messages.identify_anew(str(task.folder))
     _require_asked(task, summary.get("campaign_file"), None)
     if task.seed is not None and summary.get("seed") != task.seed:
         raise RunError(
@@ -293,7 +295,7 @@ def _sentence(outcome: Outcome, so_far: Sequence[Outcome], total: int) -> str:
     if outcome.status == "failed":
         told = f"failed: {outcome.error}"
     elif outcome.began == "finished":
-        told = f"was finished before, verdict {outcome.verdict}"
+        told = stages.finished_before(outcome.verdict)
     else:
         told = f"{outcome.began}, verdict {outcome.verdict}, {outcome.wall_time_s:.0f} s"
     beside = f", {failed} of them failed" if failed else ""

@@ -4,6 +4,7 @@ from jbw.campaign.tables import TestSpec
 from jbw.errors import JbwError
 from jbw.identification.shaker import read_shaker, shaker_sentence
 from jbw.measurement.records import Record, Test
+from jbw.report.messages.study import no_shaker
 
 
 def read_of_shaker(spec: TestSpec, record: Record) -> str:
@@ -15,4 +16,4 @@ def read_of_shaker(spec: TestSpec, record: Record) -> str:
     try:
         return shaker_sentence(spec.name, read_shaker(test))
     except JbwError as error:
-        return f"{spec.name}: its shaker is not read. {' '.join(str(error).split())}"
+        return no_shaker(spec.name, " ".join(str(error).split()))

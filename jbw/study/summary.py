@@ -23,6 +23,7 @@ from jbw.identification.step import Step
 from jbw.inference.posterior.finding import Verdict, answers
 from jbw.inference.posterior.summary import as_plain, correlations, summarise
 from jbw.measurement.records import INPUTS, Test
+from jbw.report.messages import study as messages
 from jbw.report.result import node, verified
 from jbw.study.identifiability import plain
 from jbw.study.order import Order
@@ -152,11 +153,7 @@ def _linear(step: LinearStep, truth: Mapping[str, float]) -> dict[str, Any]:
         for name, mean, sd, cv in zip(NAMES, step.pooled.mean, std, step.pooled.cv, strict=True)
     }
     repeats = step.pooled.num_repeats
-    counted = "one record has no CV" if repeats < 2 else f"CV is over {repeats} repeats"
-    words = (
-        f"Read at {step.y_rms:.2g} m rms of displacement: omega_n is the oscillator's at that "
-        f"amplitude, which the joint's softening lowers; {counted}."
-    )
+    words = messages.step_2(step.y_rms, repeats)
     found: dict[str, Any] = {"parameters": parameters, "statements": [words]}
     if step.modal is not None:
         found["modes"] = _modes(step.modal)
@@ -181,14 +178,9 @@ def _modes(fit: ModalFit) -> list[dict[str, float]]:
 
 
 def _modes_sentence(fit: ModalFit) -> str:
-    told = ", ".join(
-        f"{omega / (2 * np.pi):.4g} Hz ({zeta:.2%})"
-        for omega, zeta in zip(fit.omega, fit.zeta, strict=True)
-    )
-    return (
-        f"Fitted with its neighbours in the band, the joint's own mode first: {told}; they leave "
-        f"{fit.misfit[0]:.2g} of the lines. The joint is fitted to the first alone."
-    )
+    hertz = [float(omega / (2 * np.pi)) for omega in fit.omega]
+    modes = list(zip(hertz, map(float, fit.zeta), strict=True))
+    return messages.neighbours(modes, float(fit.misfit[0]))
 
 
 def widened_by_instruments(

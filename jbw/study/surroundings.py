@@ -16,6 +16,7 @@ import xarray as xr
 from jbw.inference.posterior.summary import QUANTILES
 from jbw.observables.residual_terms import LOWER, UPPER
 from jbw.quantities import gain_unit, per
+from jbw.report.messages import study as messages
 from jbw.report.text import interval
 
 
@@ -30,15 +31,9 @@ def constants_sentence(posterior: xr.Dataset, held: Mapping[str, float], source:
     stiff = np.asarray(known["omega_n"]) ** 2
     inertance = -known["gain"] * (stiff * known.get(UPPER, 0.0) + known.get(LOWER, 0.0))
     if np.median(inertance) > 0:
-        return (
-            f"About the mode the modes outside the band are one real constant of "
-            f"{_spread(inertance)} {gain_unit(source).replace('N/kg', 'm/s^2')}: the rigid body, "
-            "with what modes there are below."
-        )
-    return (
-        f"About the mode the modes outside the band are one real constant of "
-        f"{_spread(-inertance / stiff)} {per('m', source)}: the compliance of the modes above."
-    )
+        unit = gain_unit(source).replace("N/kg", "m/s^2")
+        return messages.rigid_body(_spread(inertance), unit)
+    return messages.compliance(_spread(-inertance / stiff), per("m", source))
 
 
 def _spread(draws: np.ndarray) -> str:

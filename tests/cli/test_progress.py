@@ -124,7 +124,9 @@ def test_rounds_of_points_are_no_steps():
     told = chain_sentence("joint_amis", so_far(3, 64, left_s=None, in_rounds=True))
     assert told.startswith("joint posterior, weighed points: round 3 of 64 at most, ")
     # Four groups of 275 independent draws: together worth about as many, within a tenth.
-    worth = float(re.search(r"at most, ([\d,]+) effective draws, of 400", told)[1].replace(",", ""))
+    worth = float(
+        re.search(r"at most, ([\d,]+) effective draws of at least 400", told)[1].replace(",", "")
+    )
     assert 0.9 * 1100 < worth < 1.1 * 1100
     assert "steps" not in told
 

@@ -142,7 +142,7 @@ def test_the_verdict_comes_first_then_what_is_known(small, summary):
     text = text[text.index("not assessed") :]  # below the links to the sections
     order = [
         "Some checks could not be made",
-        "RMS error of the one test that was fitted: 1.1\N{NO-BREAK SPACE}%",
+        "RMS error of the fitted test: 1.1\N{NO-BREAK SPACE}%",
         "To do next: Look at figure 12",
         "Verdict: ",
         "What to do: Look at figure 12",

@@ -25,6 +25,7 @@ from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import Box
 from jbw.inference.space.problem import LogLikelihood, problem_of
 from jbw.inference.space.reparametrisation import Reparametrisation
+from jbw.report.messages import stages
 
 under_way = logging.getLogger("jbw.progress")
 
@@ -106,7 +107,7 @@ def climb(
         if spent >= budget:
             tree.attrs["budget_spent_s"] = spent
             return tree
-    under_way.info("chains about the draws so far")
+    under_way.info(stages.CHAINS)
     best, place = max(tried, key=lambda trial: trial[0].attrs["ess_weights"])
     coordinates = about_draws(best, box, place)
     sampler = sampler_named("elliptical_slice" if is_costly else "nuts")
@@ -157,7 +158,7 @@ def choose(
     for i, (name, make) in enumerate(parametrisations.items()):
         if max(worth.values(), default=0.0) > PLENTY * LOOKED_AT:
             break
-        under_way.info("%d points in the coordinates %s", LOOKED_AT, name)
+        under_way.info(stages.points(LOOKED_AT, name))
         if (place := make()) is not None:
             problem = problem_of(log_likelihood, box, data, place)
             built[name] = place

@@ -20,6 +20,7 @@ from typing import Any, NamedTuple
 
 from jbw.errors import RunError
 from jbw.quantities import BY_NAME
+from jbw.report.messages import study as messages
 from jbw.study.export import Export
 from jbw.study.exports.program import (
     Parameter,
@@ -31,7 +32,7 @@ from jbw.study.exports.program import (
     write_text,
 )
 
-DESCRIPTION = "Force of a joint after exact moves"
+DESCRIPTION = messages.FMU
 COMPILERS = ("cc", "gcc", "clang")
 # Folder of the binaries by version and system, and how they end.
 SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib"), "win32": ("win", ".dll")}
@@ -85,7 +86,7 @@ def _variables(parameters: Iterable[Parameter]) -> Iterable[Variable]:
     for name in ("displacement", "velocity"):
         unit = BY_NAME[name].unit
         yield Variable(name, 0.0, unit, f"{name} across the joint", "input", "continuous")
-    laws, whole = "force of the joint's laws", "the same with the spring and the dashpot beside it"
+    laws, whole = messages.FMU_FORCE, messages.FMU_TOTAL
     for name, meaning in (("force", laws), ("total_force", whole)):
         yield Variable(name, 0.0, "N", meaning, "output", "continuous")
     for one in parameters:

@@ -6,6 +6,7 @@ from pathlib import Path
 from jbw.oscillator.laws.masing import Masing
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.parameters import Material, Scalar
+from jbw.report.messages import study as messages
 from jbw.study.export import Export
 from jbw.study.exported_joint import REACH, error_of_sliders, materials_of
 from jbw.study.exports.program import Paths, Program, write_text
@@ -24,11 +25,8 @@ def _notes(result: Export) -> Iterator[str]:
     for law in oscillator_of(result.joint, result.laws).laws:
         if isinstance(law, Masing):
             error = 100.0 * error_of_sliders(law, result.y_max)
-            yield (
-                f"Sliders stand for {law.name} up to {REACH * result.y_max:.4g} m, a spring "
-                f"beyond: from {0.1 * result.y_max:.4g} to {result.y_max:.4g} m a cycle loses what "
-                f"it must within {error:.2g} %."
-            )
+            most = result.y_max
+            yield messages.sliders(law.name, REACH * most, 0.1 * most, most, error)
 
 
 def opensees_lines(materials: Sequence[Material]) -> tuple[str, ...]:

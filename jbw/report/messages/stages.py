@@ -1,0 +1,63 @@
+"""What an identification is doing, and the parts of a result that may fail by themselves."""
+
+READING_RECORDS = "Reading the records without a model"
+DRAWING = "Drawing the posterior"
+SINGLE_RECORDS = "Every record by itself, and what the prior predicts of it"
+FITTING_SHARED = "Fitting all laws with sessions that share omega_n and zeta"
+COMPUTING_JOINT = "Computing the joint, its backbone with bands and its loops"
+SAVED = "Saved; the same command again continues."
+
+# Parts of a result, as the subject of a sentence that says why one is missing.
+ANSWER_OF_FIT = "The answer of the fit"
+IDENTIFIABILITY = "The study of identifiability"
+OUTSIDE_BAND = "The constant of the modes outside the band"
+ROUTES = "The comparison of the routes"
+KERNEL = "The comparison of the third-order kernel with the model"
+ENERGY = "The running mean of the energy of the sweeps"
+TESTS = "The comparison of the tests with the model"
+BACKBONE = "The backbone"
+RECORD_LIKELIHOOD = "The likelihood of single records"
+
+
+def design(step: int) -> str:
+    """Of a calibration: that the design of a step of the paper is read."""
+    return f"Reading the design of Step {step} from the campaign"
+
+
+def scoring(law: str, num_sessions: int, *, by_fit: bool) -> str:
+    """Of a comparison: that sessions are predicted from the others."""
+    method = " by fits alone" if by_fit else "; evidence"
+    return f"{law}: {num_sessions} sessions, each predicted from the others{method}"
+
+
+def points(count: int, coordinates: str) -> str:
+    """Of the choice of coordinates: how many points are looked at."""
+    return f"{count} points in the coordinates {coordinates}"
+
+
+CHAINS = "chains about the draws so far"
+
+
+def drawing_figures(page: str) -> str:
+    """Of a report."""
+    return f"Drawing figures and writing {page}"
+
+
+def drawing_records(folder: str) -> str:
+    """Of a check."""
+    return f"Drawing the first record of every test into {folder}"
+
+
+def later_round(what: str, number: int) -> str:
+    """That a posterior is drawn again."""
+    return f"{what}, round {number} (chains disagreed or draws were few: drawn again)"
+
+
+def effective(size: float, needed: float) -> str:
+    """How many effective draws there are, of how many."""
+    return f"{size:,.0f} effective draws of at least {needed:,.0f}"
+
+
+def finished_before(verdict: str) -> str:
+    """Of one campaign of several."""
+    return f"was finished before, verdict {verdict}"

@@ -1,0 +1,144 @@
+"""What a study says beside its findings: Step 2, modes outside the band, exports, fleets."""
+
+from collections.abc import Sequence
+
+from jbw.report.messages.message import percent
+
+STEP_2_DRAWS = "Step 2 draws from the Gaussian of its fit."
+NO_COMPILER = (
+    "There is no C compiler here (cc, gcc or clang), so the FMU holds source code alone: compile "
+    "it where it is used, or install a compiler and export again."
+)
+SLOW_LOOPS = "Steady loops under slow motion: the force of spring and joint, without any damper."
+BACKBONES = "Resonance frequency, equivalent damping and force against amplitude."
+FMU = "Force of a joint after exact moves"
+FMU_FORCE = "force of the joint's laws"
+FMU_TOTAL = "the same with the spring and the dashpot beside it"
+NO_VERDICT = "the run states no verdict"
+HIGHEST_DENSITY = "of the highest posterior density"
+
+
+def step_2(y_rms: float, repeats: int) -> str:
+    """At which motion Step 2 reads the oscillator."""
+    counted = "one record has no CV" if repeats < 2 else f"CV is over {repeats} repeats"
+    return (
+        f"Read at an rms displacement of {y_rms:.2g} m: omega_n is that of the oscillator at this "
+        f"amplitude, which softening of the joint lowers; {counted}."
+    )
+
+
+def neighbours(modes: Sequence[tuple[float, float]], residual: float) -> str:
+    """Modes that Step 2 fits together: frequency [Hz] and damping ratio of each."""
+    shown = ", ".join(f"{hertz:.4g} Hz ({percent(ratio, '.2f')})" for hertz, ratio in modes)
+    return (
+        f"Fitted with the neighbouring modes in the band, the joint's mode first: {shown}; "
+        f"residual of the lines: {percent(residual)}. The joint is fitted to the first mode alone."
+    )
+
+
+def rigid_body(constant: str, unit: str) -> str:
+    """That modes below the band dominate outside it."""
+    return (
+        f"The modes outside the band act as one real constant of {constant} {unit}: the rigid body "
+        "and the modes below."
+    )
+
+
+def compliance(constant: str, unit: str) -> str:
+    """That modes above the band dominate outside it."""
+    return (
+        f"The modes outside the band act as one real constant of {constant} {unit}: the compliance "
+        "of the modes above."
+    )
+
+
+def no_shaker(test: str, why: str) -> str:
+    """That a record does not show its shaker."""
+    return f"{test}: its shaker is not identified. {why}"
+
+
+def identify_anew(folder: str) -> str:
+    """What to do where a folder holds another result."""
+    return f"Move {folder} away to identify anew, or choose another `out`."
+
+
+def verdict_of(campaign: str, status: str, why: str) -> str:
+    """The verdict of a run in a line of an exported file."""
+    return f"Verdict of the run {campaign}: {status}: {why}"
+
+
+def exported_draw(number: int, count: int, why: str, mass: float) -> str:
+    """Which draw an export holds, with the modal mass [kg]."""
+    return f"Joint: draw {number} of {count}, from 0 on, {why}; modal mass {mass:g} kg."
+
+
+def one_draw(number: int, mass: float) -> str:
+    """The same of one of several exported draws."""
+    return f"Joint: draw {number}, from 0 on; modal mass {mass:g} kg."
+
+
+def within_interval(
+    name: str, value: float, unit: str, low: float, high: float, *, inside: bool
+) -> str:
+    """Where a product of the exported draw lies among all draws."""
+    place = "within" if inside else "outside"
+    return f"{name} is {value:.6g} {unit}, {place} its 99 % interval {low:.6g} to {high:.6g}."
+
+
+def within_bands(*, inside: bool) -> str:
+    """Whether the exported backbone lies in the bands of all draws."""
+    return f"Its backbone {'lies within' if inside else 'leaves'} the 99 % bands of all draws."
+
+
+def sliders(law: str, reach: float, least: float, most: float, error: float) -> str:
+    """How far and how well sliders represent a law [m]."""
+    return (
+        f"Sliders represent {law} up to {reach:.4g} m, a spring beyond; from {least:.4g} to "
+        f"{most:.4g} m the loss per cycle is right to {error:.2g} %."
+    )
+
+
+def without_form(program: str) -> str:
+    """A program for which no file is written."""
+    return f"{program} has no form of the joint, so it gets no file."
+
+
+def no_logarithm(name: str, units: Sequence[str]) -> str:
+    """A parameter that a fleet cannot pool."""
+    return f"Without {name}: unknown or not positive in {', '.join(units)}."
+
+
+def unfinished(folder: str) -> str:
+    """A run that a fleet omits."""
+    return f"{folder} is not finished and is omitted; continue it: jbw resume {folder}"
+
+
+def further_units(torque: float | None, *, of_units: bool) -> str:
+    """Which units a prediction is for, and whose gain they have."""
+    at = "" if torque is None else f" at {torque:.3g} N m"
+    gain = "the gains of the measured units" if of_units else "the campaign's gain for its tests"
+    return f"Further units{at}, with {gain}"
+
+
+VARIABLES = {
+    "response": "root mean square of the response, over that of the mean of its test's repeats",
+    "log_likelihood": (
+        "log likelihood of a record given its noise, over that about the mean of its test's "
+        "repeats at their scatter [nats]"
+    ),
+    "conv": "running mean of the response's energy, conv(n)",
+    "extrapolation": "largest displacement over that fitted",
+    "line": "error over rms of a linear oscillator of the session",
+    "hopeless": "judged by its fit, the band is that of the fit",
+}
+"""Long names of variables of results."""
+
+
+def rank_below(name: str) -> str:
+    """Long name of the ranks of a calibration."""
+    return f"draws below the true {name}"
+
+
+def truth_inside(name: str) -> str:
+    """Long name of whether an interval holds the truth."""
+    return f"true {name} inside the 99 % interval"
