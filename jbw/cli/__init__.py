@@ -19,47 +19,49 @@ import click
 
 from jbw import __version__
 from jbw.errors import JbwError, RunError
+from jbw.report.messages import commands as messages
 
 INTERRUPTED = 5
 
 # Headings of `jbw --help`: command to the file of its function, and its line, read without
 # importing it.
-GROUPS = {
+FILES = {
     "Begin": {
-        "demo": ("identify", "Measure the virtual rig and identify it, start to finish."),
-        "init": ("check", "Write a commented campaign file for a folder of records."),
-        "check": ("check", "Check a campaign, channel by channel."),
-        "look": ("look", "Say what the records show without any model, in a minute."),
+        "demo": "identify",
+        "init": "check",
+        "check": "check",
+        "look": "look",
     },
     "Identify": {
-        "identify": ("identify", "Identify the joint; --quick ends with the fit, in seconds."),
-        "resume": ("identify", "Go on with a run that was killed, interrupted or quick."),
-        "identifiability": (
-            "identify",
-            "Say which parameters a campaign's data know, before sampling.",
-        ),
-        "laws": ("laws", "Try laws of the joint and say which the data tell apart."),
+        "identify": "identify",
+        "resume": "identify",
+        "identifiability": "identify",
+        "laws": "laws",
     },
     "Use": {
-        "report": ("result", "Write the one-file report of a finished run."),
-        "predict": ("predict", "Predict tests from a run, measured or planned."),
-        "export": ("result", "Write a run's joint for other programs, FMUs among them."),
-        "diff": ("diff", "Say what differs between two runs: assemblies, torques, days."),
-        "plan": ("plan", "Say which tests a wished accuracy takes."),
-        "collect": ("collect", "Gather finished runs, of several units, into one fleet."),
-        "population": ("population", "Say how the units of a fleet scatter, and go with torque."),
-        "watch": ("watch", "Say of every further record whether the joint has changed."),
+        "report": "result",
+        "predict": "predict",
+        "export": "result",
+        "diff": "diff",
+        "plan": "plan",
+        "collect": "collect",
+        "population": "population",
+        "watch": "watch",
     },
     "More": {
-        "explain": ("about", "Say what a finding, parameter, column or word means."),
-        "docs": ("about", "Open the documentation, without a network."),
-        "sbc": ("studies", "Calibrate a step by simulation: ranks of simulated truths."),
-        "compare": ("studies", "Compare samplers on one posterior of a run."),
-        "schema": ("about", "Print a file's JSON Schema, for editors."),
-        "completion": ("about", "Print what completes jbw in a shell."),
+        "explain": "about",
+        "docs": "about",
+        "sbc": "studies",
+        "compare": "studies",
+        "schema": "about",
+        "completion": "about",
     },
 }
-COMMANDS = {name: told for group in GROUPS.values() for name, told in group.items()}
+GROUPS = {
+    heading: {name: (file, messages.SHORT[name]) for name, file in group.items()}
+    for heading, group in FILES.items()
+}
+COMMANDS = {name: line for group in GROUPS.values() for name, line in group.items()}
 # Commands that take a campaign, and those that take a run: what to type after their failures.
 # What a system says of a place that takes no more bytes, or none.
 UNWRITABLE = tuple(
@@ -90,8 +92,7 @@ class LazyGroup(click.Group):
         """The command that the arguments name; a misspelt one is answered with the nearest."""
         if args[0] not in COMMANDS and not args[0].startswith("-"):
             nearest = get_close_matches(args[0], COMMANDS, n=1)
-            guess = f" Did you mean '{nearest[0]}'?" if nearest else ""
-            ctx.fail(f"No such command '{args[0]}'.{guess}")
+            ctx.fail(messages.no_command(args[0], nearest[0] if nearest else ""))
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
@@ -157,7 +158,7 @@ def _internal(error: Exception) -> int:
     if os.environ.get("JBW_TRACEBACK"):
         raise error
     click.echo(f"Internal error: {type(error).__name__}: {error}", err=True)
-    click.echo("Set JBW_TRACEBACK=1 and run again to see where; please report it.", err=True)
+    click.echo(messages.FAULT, err=True)
     return JbwError.exit_code
 
 
@@ -188,5 +189,5 @@ def next_command(arguments: Sequence[str], message: str) -> str | None:
         return f"jbw check {shlex.quote(campaign)}"
     folder = next((word for word in rest if not word.startswith("-")), None)
     if command in OF_RUNS and folder:
-        return f"jbw identify CAMPAIGN.toml --out {shlex.quote(folder)}"
+        return messages.identify_again(shlex.quote(folder))
     return f"jbw {command} --help"

@@ -31,7 +31,9 @@ from jbw.cli.printing import (
 )
 from jbw.cli.progress import computing
 from jbw.errors import JbwError
+from jbw.report.messages import commands as messages
 from jbw.report.messages.opening import headline
+from jbw.report.messages.stages import SAVED
 from jbw.report.table import Table, digits, table, words
 from jbw.run.checkpoints import INTERRUPTED
 from jbw.run.folder import Run, begin, reopen, require_same
@@ -109,7 +111,7 @@ def demo(out: Path | None, seed: int, preset: str, strict: bool, json_: bool, ve
 @click.argument(
     "campaigns", metavar="CAMPAIGN...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )
-@out_option("CAMPAIGN-run, or runs for several,")
+@out_option(messages.RUN_FOLDER)
 @click.option(
     "--quick", is_flag=True, help="End with the fit, its intervals and bands by its covariance, in "
     "seconds; `jbw resume` goes on from there.",
@@ -182,7 +184,7 @@ def identify_several(
                 command=command_line(),
             )  # fmt: skip
     except KeyboardInterrupt:
-        click.echo("Saved; the same command again goes on.", err=True)
+        click.echo(SAVED, err=True)
         return INTERRUPTED
     rows = [asdict(one) for one in found]
     answer(json_, {"out": str(out), "campaigns": rows}, several_table(rows), saved=f"Runs: {out}")
@@ -221,8 +223,8 @@ def resume(folder: Path, strict: bool, json_: bool, verbose: bool) -> int:
     run = reopen(folder)
     if run is None:
         page = folder / "report.html"
-        left = f"see {page}" if page.exists() else f"only its report is left, jbw report {folder}"
-        click.echo(f"The run in {folder} is finished: {left}.", err=json_)
+        shown = str(page) if page.exists() else ""
+        click.echo(messages.finished(str(folder), shown), err=json_)
         if json_:
             click.echo((folder / "summary.json").read_text(encoding="utf-8"), nl=False)
         return 0
@@ -250,7 +252,7 @@ def run_to_end(
     """
 
     def farewell() -> str:
-        return f"Saved in {run.folder}; continue: jbw resume {shlex.quote(str(run.folder))}"
+        return messages.saved(str(run.folder), shlex.quote(str(run.folder)))
 
     try:
         with run.interruption.heard(farewell), computing() as say:
@@ -274,7 +276,7 @@ def run_to_end(
     if "quick" in summary:
         answer(json_, summary, *told, saved=f"First answer: {run.folder}")
         again = shlex.quote(str(run.folder))
-        following("resume", run.folder, f" draws the posterior; a page: jbw report {again}")
+        following("resume", run.folder, messages.draw_posterior(again))
         return NOT_TRUSTED if strict else 0
     answer(json_, summary, *told, saved=f"Report: {run.folder / 'report.html'}")
     return ended(summary["verdict"], run.folder, strict=strict)
@@ -285,10 +287,10 @@ def ended(verdict: Mapping[str, Any], folder: Path, *, strict: bool = False) -> 
     again = shlex.quote(str(folder))
     code = exit_code_of(verdict["status"], strict=strict)
     if code == 0:
-        following("predict", folder, f", or for other programs: jbw export {again}")
+        following("predict", folder, messages.or_export(again))
         return code
     reason = next((one["code"] for one in verdict["findings"] if one["status"] != "ok"), "")
-    following("explain", reason or None, f", or what to measure: jbw plan {again}")
+    following("explain", reason or None, messages.or_plan(again))
     return code
 
 

@@ -12,6 +12,7 @@ from jbw.cli.printing import answer, following
 from jbw.cli.progress import computing
 from jbw.errors import ConfigError
 from jbw.report.cycles import cycles_table, loops_table
+from jbw.report.messages.commands import without_model
 from jbw.report.table import Column, Table, table, words
 from jbw.report.text import NOTHING, length_unit, number
 
@@ -93,7 +94,7 @@ def tests_table(record: Row) -> Table:
     """A row a test, in the order of the motion."""
     factor, unit = length_unit(max((row["y"] for row in record["tests"]), default=1.0))
     return table(
-        f"Campaign {record['campaign']}, read without a model of the joint",
+        without_model(record["campaign"]),
         record["tests"],
         words("test", "test"),
         Column("level", lambda row: NOTHING if row["level"] is None else f"{row['level']:g}"),

@@ -10,6 +10,7 @@ import click
 from jbw.cli.options import json_option, out_option, outside_option, run_argument
 from jbw.cli.printing import answer
 from jbw.cli.progress import computing
+from jbw.report.messages.commands import two_numbers
 from jbw.report.messages.study import further_units
 from jbw.report.table import Column, Table, shares, table, words
 from jbw.report.text import NOTHING, number
@@ -29,7 +30,7 @@ class FromTo(click.ParamType):
         try:
             first, last = map(float, value.split(":"))
         except ValueError:
-            self.fail(f"{value!r} must be two numbers in Hz with a colon, as in 10:25.", *of)
+            self.fail(two_numbers(repr(value)), *of)
         return first, last
 
 

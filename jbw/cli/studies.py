@@ -10,6 +10,7 @@ import click
 from jbw.cli.options import json_option, out_option, outside_option, seed_option
 from jbw.cli.printing import NOT_TRUSTED, answer, verdict_lines
 from jbw.cli.progress import computing
+from jbw.report.messages.commands import sampler_distances
 from jbw.report.table import Column, Table, table, words
 from jbw.report.text import NOTHING
 
@@ -89,7 +90,7 @@ def comparison_lines(record: Mapping[str, Any]) -> tuple[Table | str, ...]:
             Column("verdict", _verdict, align="left"),
         ),
         table(
-            f"Distances in Monte Carlo standard errors from {record['reference']}",
+            sampler_distances(record["reference"]),
             rows,
             words("parameter", "parameter"),
             words("sampler", "name"),

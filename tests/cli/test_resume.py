@@ -167,7 +167,7 @@ def test_a_failed_report_is_tried_again_by_its_command(tmp_path, monkeypatch, ca
     assert f"jbw report {out}" in capsys.readouterr().err
     assert {path.name for path in out.iterdir()} == {"posterior.nc", "summary.json"}
     assert run(["resume", str(out)]) == 0
-    assert f"only its report is left, jbw report {out}" in capsys.readouterr().out
+    assert f"only its report is missing, jbw report {out}" in capsys.readouterr().out
 
 
 @pytest.mark.fault(40)

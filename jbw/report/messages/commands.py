@@ -19,3 +19,85 @@ def nothing_called(name: str, nearest: str) -> str:
     """That a name is not explained, with the nearest that is."""
     guess = f" Did you mean '{nearest}'?" if nearest else ""
     return f"Nothing is called '{name}'.{guess} All findings: jbw explain"
+
+
+SHORT = {
+    "demo": "Measure the virtual rig and identify it, start to finish.",
+    "init": "Write a commented campaign file for a folder of records.",
+    "check": "Check a campaign, channel by channel.",
+    "look": "Say what the records show without any model, in a minute.",
+    "identify": "Identify the joint; --quick ends with the fit, in seconds.",
+    "resume": "Continue a run that was killed, interrupted or quick.",
+    "identifiability": "Say which parameters the data identify, before sampling.",
+    "laws": "Compare laws of the joint and say which the data distinguish.",
+    "report": "Write the one-file report of a finished run.",
+    "predict": "Predict tests from a run, measured or planned.",
+    "export": "Write a run's joint for other programs, FMUs among them.",
+    "diff": "Compare two runs: assemblies, torques, days.",
+    "plan": "Say which tests reach a given accuracy.",
+    "collect": "Collect finished runs of several units in one fleet.",
+    "population": "Say how the units of a fleet scatter, and depend on torque.",
+    "watch": "Say of every further record whether the joint has changed.",
+    "explain": "Explain a finding, parameter, column or word.",
+    "docs": "Open the documentation, without a network.",
+    "sbc": "Calibrate a step by simulation: ranks of simulated truths.",
+    "compare": "Compare samplers on one posterior of a run.",
+    "schema": "Print a file's JSON Schema, for editors.",
+    "completion": "Print what completes jbw in a shell.",
+}
+"""The line of each command in `jbw --help`."""
+
+FAULT = "Set JBW_TRACEBACK=1 and run again to see where; please report it."
+RUN_FOLDER = "CAMPAIGN-run, or runs for several,"
+
+
+def no_command(name: str, nearest: str) -> str:
+    """That a command is misspelt, with the nearest one."""
+    guess = f" Did you mean '{nearest}'?" if nearest else ""
+    return f"No such command '{name}'.{guess}"
+
+
+def identify_again(folder: str) -> str:
+    """The command that makes a run's folder."""
+    return f"jbw identify CAMPAIGN.toml --out {folder}"
+
+
+def saved(folder: str, quoted: str) -> str:
+    """How to continue an interrupted run."""
+    return f"Saved in {folder}; continue: jbw resume {quoted}"
+
+
+def draw_posterior(folder: str) -> str:
+    """What follows a quick answer, behind the command that draws the posterior."""
+    return f" draws the posterior; a page: jbw report {folder}"
+
+
+def or_export(folder: str) -> str:
+    """What else a good result is for."""
+    return f", or for other programs: jbw export {folder}"
+
+
+def or_plan(folder: str) -> str:
+    """What else may be done after a result that fails."""
+    return f", or what to measure: jbw plan {folder}"
+
+
+def finished(folder: str, page: str) -> str:
+    """That a run needs no more, and where its report is; none was written where `page` is empty."""
+    where = f"see {page}" if page else f"only its report is missing, jbw report {folder}"
+    return f"The run in {folder} is finished: {where}."
+
+
+def without_model(campaign: str) -> str:
+    """Of the table of a look."""
+    return f"Campaign {campaign}, read without a model of the joint"
+
+
+def sampler_distances(reference: str) -> str:
+    """Of the table of samplers side by side."""
+    return f"Distances in Monte Carlo standard errors from {reference}"
+
+
+def two_numbers(value: str) -> str:
+    """That a range of frequencies is misspelt."""
+    return f"{value} must be two numbers in Hz with a colon, as in 10:25."
