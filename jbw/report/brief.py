@@ -22,6 +22,7 @@ from jbw import __version__
 from jbw.errors import printable
 from jbw.report import style
 from jbw.report.loops import backbone
+from jbw.report.messages import brief as messages
 from jbw.report.opening import opening
 from jbw.report.result import BACKBONE, laws_of, names_of, node
 from jbw.report.style import GREEN, INK, ORANGE, RC, SOFT, VERMILLION
@@ -38,15 +39,7 @@ FIGURE = 3.1  # height of the backbone with its legend [in]
 FOOT = 0.5  # height kept for the last lines [in]
 PARTS = (0.1, 0.25, 0.5, 1.0)  # of the largest fitted amplitude: lines of the table
 USUAL = {"size": 9.0, "color": INK}
-USE = {
-    "ok": ("The numbers on this page may be used.", GREEN),
-    "usable": (
-        "The numbers may be used within the model discrepancy that is stated below.",
-        GREEN,
-    ),
-    "failed": ("The numbers on this page may not be used.", VERMILLION),
-}
-DOUBT = ("The numbers are provisional: some checks could not be made.", ORANGE)
+COLOURS = {"ok": GREEN, "usable": GREEN, "failed": VERMILLION}
 MEASURE = TextToPath()
 Summary = Mapping[str, Any]
 
@@ -85,12 +78,11 @@ def draw_brief(summary: Summary, tree: xr.DataTree, today: datetime.date | None 
     top = _line(figure, top, _name(summary), size=16, weight="bold")
     day = (today or datetime.date.today()).isoformat()
     law = law_words(laws_of(tree))
-    top = _line(
-        figure, top, f"Bolted joint, brief of {day}. Model: {law}. jbw {__version__}.", color=SOFT
-    )
+    top = _line(figure, top, messages.heading(day, law, __version__), color=SOFT)
     top = _verdict(figure, top - 0.1, summary, known)
-    said = {one.get("reason") for one in (summary.get("verdict") or {}).get("findings", [])}
-    for sentence in (each for each in opening(summary, tree)[:4] if each not in said):
+    findings = (summary.get("verdict") or {}).get("findings", [])
+    reasons = {finding.get("reason") for finding in findings}
+    for sentence in (text for text in opening(summary, tree)[:4] if text not in reasons):
         top = _paragraph(figure, top, in_symbols(sentence, known), most=2)
     if node(tree, BACKBONE) is not None:
         top = _draw_backbone(figure, top - 0.05, tree)
@@ -113,17 +105,17 @@ def _verdict(figure: Figure, top: float, summary: Summary, known: Any) -> float:
     """What the numbers may be used for, with the first reason against them, in a box."""
     verdict = summary.get("verdict") or {}
     word = badge(verdict).word
-    said, colour = USE.get(word, DOUBT)
+    use, colour = messages.USE.get(word, messages.PROVISIONAL), COLOURS.get(word, ORANGE)
     start = top
-    top = _line(figure, top - 0.08, said, size=12, weight="bold", color=colour, indent=0.15)
-    against = [one for one in verdict.get("findings", []) if one.get("status") != "ok"]
-    against.sort(key=lambda one: one.get("status") != "failed")
+    top = _line(figure, top - 0.08, use, size=12, weight="bold", color=colour, indent=0.15)
+    against = [row for row in verdict.get("findings", []) if row.get("status") != "ok"]
+    against.sort(key=lambda row: row.get("status") != "failed")
     for finding in against[:1]:
         text = " ".join(filter(None, (finding.get("reason"), finding.get("action"))))
         top = _paragraph(figure, top, in_symbols(str(text), known), most=3, indent=0.15)
     if len(against) > 1:
-        further = f"{len(against) - 1} more: see report.html."
-        top = _line(figure, top, further, size=8.5, color=SOFT, indent=0.15)
+        remaining = messages.more_findings(len(against) - 1)
+        top = _line(figure, top, remaining, size=8.5, color=SOFT, indent=0.15)
     top -= 0.06
     bar = Rectangle(
         (MARGIN / WIDTH, top / HEIGHT), 0.06 / WIDTH, (start - top) / HEIGHT, color=colour, lw=0,
@@ -189,9 +181,8 @@ def _levels(summary: Summary, tree: xr.DataTree) -> Cells:
                 quality,
             )
         )
-    several = " of the first mode" if _modes(tree).rows else ""
     return Cells(
-        f"Frequency and damping{several} against amplitude, with 99 % intervals",
+        messages.levels(several_modes=bool(_modes(tree).rows)),
         ((0.0, 0.13, "left"), (0.14, 0.42, "right"), (0.43, 0.51, "right"), (0.52, 0.78, "right"),
          (0.79, 1.0, "right")),
         ("amplitude", "frequency [Hz]", "shift", "damping ratio [%]", "Q = 1/(2 ζ)"),
@@ -219,7 +210,7 @@ def _modes(tree: xr.DataTree) -> Cells:
         shown = _interval(*(hertz / (2 * np.pi))), _interval(*(100 * ratio))
         rows.append((f"mode {i}", *shown, f"{0.5 / ratio[1]:.3g}"))
     return Cells(
-        "Modes at small motion, joint in full stick",
+        messages.MODES,
         ((0.0, 0.13, "left"), (0.14, 0.42, "right"), (0.52, 0.78, "right"), (0.79, 1.0, "right")),
         ("", "frequency [Hz]", "damping ratio [%]", "Q"),
         rows,
@@ -253,7 +244,7 @@ def _measured(summary: Summary, tree: xr.DataTree) -> Cells:
             )
         )
     return Cells(
-        "What was measured, read without a model of the joint",
+        messages.MEASURED,
         ((0.0, 0.15, "left"), (0.16, 0.27, "right"), (0.28, 0.35, "right"), (0.38, 0.5, "left"),
          (0.51, 0.61, "right"), (0.62, 0.73, "right"), (0.74, 0.86, "right"), (0.87, 1.0, "right")),
         ("kind of test", "level", "tests", "used as", "motion", "freq. [Hz]", "damping [%]",
@@ -281,9 +272,8 @@ def _foot(figure: Figure, summary: Summary, tree: xr.DataTree) -> None:
     digest = str(summary.get("campaign_sha256") or "")[:12]
     campaign = f"Campaign {digest}. " if digest else ""
     seed = "" if summary.get("seed") is None else f"Seed {summary['seed']}. "
-    says = "Intervals: 99 %. Model error: largest RMS error over the rms of the record. "
     top = MARGIN + FOOT - 0.12
-    top = _line(figure, top, says + "All details: report.html.", size=7.5, color=SOFT)
+    top = _line(figure, top, messages.FOOT, size=7.5, color=SOFT)
     _line(figure, top, f"{run}{campaign}{seed}".strip(), size=7.5, color=SOFT)
 
 
@@ -301,8 +291,8 @@ def _table(
     shown = list(cells.rows[:count])
     more = None
     if count < len(cells.rows):
-        said = f"and {len(cells.rows) - count + 1} more lines: see report.html"
-        more = shown[-1] = (said, *[""] * (len(cells.names) - 1))
+        remaining = messages.more_lines(len(cells.rows) - count + 1)
+        more = shown[-1] = (remaining, *[""] * (len(cells.names) - 1))
     top = _line(figure, top - 0.04, cells.heading, size=9.5, weight="bold")
     for row, colour in ((cells.names, SOFT), *((row, INK) for row in shown)):
         for text, (start, end, side) in zip(row, cells.places, strict=True):

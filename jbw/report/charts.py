@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 
 from jbw.errors import DataError, printable
 from jbw.report.loops import backbone, draw_forced_loop, draw_loop, secant
+from jbw.report.messages import figures as labels
 from jbw.report.records import draw_record, response_label
 from jbw.report.responses import (
     CURVE_LABELS,
@@ -151,7 +152,7 @@ def _loops(tree: xr.DataTree) -> Drawn:
     """Draw the loops of all levels, less their secants, which leaves their areas."""
     needed = ("measured_y", "measured_force", "model_y", "model_force")
     for name, test in tests(tree, "validation/loops", *needed):
-        ax = _blank(xlabel="displacement [mm]", ylabel="restoring force less its secant [N/kg]")
+        ax = _blank(xlabel="displacement [mm]", ylabel=labels.LESS_SECANT)
         draw_loop(ax, test, secant(test["measured_y"].values, test["measured_force"].values))
         yield f"Hysteresis loop {name}", ax
 

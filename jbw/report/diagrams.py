@@ -11,6 +11,7 @@ from jbw.errors import DataError
 from jbw.quantities import GAINS
 from jbw.report import style
 from jbw.report.loops import draw_loops, enclosed_areas
+from jbw.report.messages import figures as labels
 from jbw.report.result import (
     BACKBONE,
     HELD_OUT,
@@ -75,10 +76,10 @@ def oscillator(tree: xr.DataTree, ax: Any = None) -> Panels:
         _write(left, 0.2, y, plain(_symbol(each)), ha="left", size=8)
         _write(left, 1.2, y, _spread(each), ha="left", size=8)
         _write(left, 9.9, y, plain(each.meaning), ha="right", size=7, color=SOFT)
-    title(left, "one mode, per unit mass")
+    title(left, labels.ONE_MODE)
     if loops:
         draw_loops(tree, axes[0, 1])
-        title(axes[0, 1], "what slip does to the hysteretic force")
+        title(axes[0, 1], labels.SLIP)
         finish(axes[:, 1:], ax)
     return axes
 
@@ -165,7 +166,7 @@ def procedure(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
     boxes = [
         Box("Step 2", "linear regime,\nline fit", _line_fit(tree)),
         Box("Step 3", "third-order kernel\nH₃", _sampled(tree, facts, "third_order_")),
-        Box("Step 4", "opening of the loop,\nγ alone", _sampled(tree, facts, "opening_")),
+        Box("Step 4", "γ alone,\nsweeps", _sampled(tree, facts, "opening_")),
         Box("Joint", "all parameters\ntogether", _main(tree, facts)),
         Box("Verification", "responses, fitted\nand held out", _verified(tree)),
         Box("Validation", "hysteresis loops,\nenclosed areas", _validated(tree)),
@@ -262,4 +263,4 @@ def _validated(tree: xr.DataTree) -> list[Outcome]:
     if not ratios:
         return []
     largest = percent(max(abs(ratio - 1.0) for ratio in ratios), digits=2)
-    return [Outcome(f"{len(ratios)} loops, areas of the model within {largest}")]
+    return [Outcome(labels.loop_areas(len(ratios), largest))]

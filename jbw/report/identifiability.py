@@ -11,7 +11,9 @@ from jaxtyping import Float
 from jbw.errors import DataError
 from jbw.inference.thresholds import THRESHOLD
 from jbw.report import style
+from jbw.report.messages import figures as captions
 from jbw.report.messages import identified
+from jbw.report.messages import tables as notes
 from jbw.report.result import branch, names_of
 from jbw.report.style import Panels, finish, panels, plain, stacks, title
 from jbw.report.table import Cell, Column, Row, Table, by_sd, digits, named, shares, table
@@ -41,11 +43,11 @@ def information_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
     texts = [plain(combination(str(text), names)) for text in known["direction_text"].values]
     start = 0.5 * ratio.min()
     left.barh(np.arange(len(ratio)), ratio - start, 0.6, left=start, color=style.BLUE, alpha=0.8)
-    title(left, "Directions, strongest first, by the fit")
+    title(left, captions.DIRECTIONS)
     # Parameters and combinations: by the fit, and by the draws where there are any.
     rows = np.arange(len(quantities))
     before = np.maximum(_column(known, "ratio"), LEAST)
-    look = {"ms": 6, "mfc": "none", "color": style.BLUE, "label": "by the fit, before sampling"}
+    look = {"ms": 6, "mfc": "none", "color": style.BLUE, "label": captions.BEFORE_SAMPLING}
     right.plot(before, rows, "o", **look)
     if "parameter_contraction" in known:
         after = np.sqrt(np.maximum(1 - _column(known, "contraction"), LEAST**2))
@@ -58,7 +60,7 @@ def information_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
         each.axvline(1.0, color=style.INK, lw=0.9)
         each.set_xscale("log")
         each.grid(False, axis="y")
-    return finish(axes, ax, "standard deviation over the prior's [-]")
+    return finish(axes, ax, captions.OVER_PRIOR)
 
 
 def _in_lines(text: str, most: int = 22) -> str:
@@ -111,7 +113,7 @@ def directions_table(found: Row, known: Names) -> Table:
         return Cell(combination(row["combination"], known), typed=row["combination"])
 
     return table(
-        "Information spectrum, strongest direction first",
+        notes.SPECTRUM,
         found.get("spectrum") or [],
         Column("direction, strongest first", direction, align="left"),
         digits("information /\nprior's", "information"),

@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 
 from jbw.errors import DataError
 from jbw.report import style
+from jbw.report.messages import figures as labels
 from jbw.report.result import branch, frequency, quantiles, unit_of, wrap_band, wrap_degrees
 from jbw.report.style import BLUE, INK, VERMILLION, Panels, finish, log_y, panels, title
 from jbw.report.text import axis_label
@@ -93,7 +94,7 @@ def kernel_bands(tree: xr.DataTree, ax: Any = None) -> Panels:
         for each in row:
             each.margins(x=0.08, y=0.12)
     axes[1, 0].set(yscale="linear", ylabel="|H₃| over median [-]")
-    axes[1, 1].set_ylabel("arg H₃ less median [°]")
+    axes[1, 1].set_ylabel(labels.PHASE_LESS_MEDIAN)
     return finish(axes, ax, "probing frequency [Hz]")
 
 

@@ -10,6 +10,7 @@ from jbw.report.law_table import law_order, laws_table
 from jbw.report.laws import laws_figure
 from jbw.report.measured_points import draw_points, measured_points
 from jbw.report.messages import laws as messages
+from jbw.report.messages import tables as notes
 from jbw.report.sheet import Folded, Sheet, render_sheet
 from jbw.report.style import SOFT, Panels, draw_model, finish, panels, plain, title
 from jbw.report.table import table, words
@@ -91,7 +92,7 @@ def laws_sheet(record: Mapping[str, Any]) -> Sheet:
         columns = words("law", "law"), words("why not", "why", "wrap")
         tables.append((messages.UNJUDGED_TITLE, table("", refused, *columns)))
     return Sheet(
-        title=f"Laws of the joint: {record['campaign']}",
+        title=notes.laws(record["campaign"]),
         about=messages.heading(len(rows)),
         caption=messages.BACKBONES,
         sentences=record["statements"],

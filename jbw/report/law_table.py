@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from jbw.report.messages import tables as notes
 from jbw.report.table import Column, Table, table, words
 from jbw.report.text import NOTHING
 
@@ -26,7 +27,7 @@ def laws_table(record: Mapping[str, Any]) -> Table:
     laws = record["laws"]
     rows = [{"law": name, "floor": record["line"], **laws[name]} for name in law_order(record)]
     return table(
-        f"Laws of the joint: {record['campaign']}",
+        notes.laws(record["campaign"]),
         rows,
         words("law", "law"),
         words("parameters", "num_parameters", "right"),

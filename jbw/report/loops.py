@@ -12,6 +12,7 @@ from scipy.signal import find_peaks
 
 from jbw.report import style
 from jbw.report.measured_points import draw_points, measured_points
+from jbw.report.messages import figures as labels
 from jbw.report.records import short
 from jbw.report.result import (
     BACKBONE,
@@ -93,7 +94,7 @@ def draw_loop(ax: Axes, test: xr.Dataset, slope: float) -> None:
     y = np.asarray(test["measured_y"], float)
     model_y = quantiles(test, "model_y")[1]
     if "measured_force_band" in test:
-        label = "99 % band of the measured loop, from ζ and gain"
+        label = labels.LOOP_BAND
         _ring(ax, y, quantiles(test, "measured_force_band") - slope * y, style.REPEATS, label)
     band = quantiles(test, "model_force") - slope * model_y
     _ring(ax, model_y, band, MODEL, style.band_label(test.attrs))
@@ -222,7 +223,7 @@ def draw_loops(tree: xr.DataTree, only: Axes) -> None:
         label = f"slipping, {number(factor * x.max())} {unit}"
         only.plot(*closed(factor * x, force), color=colour, lw=1.2, label=label)
     only.set_xlabel(axis_label("displacement y", unit))
-    what = f"taken by slip, Z − {symbol} y" if small else "hysteretic force Z"
+    what = labels.taken_by_slip(symbol) if small else "hysteretic force Z"
     only.set_ylabel(axis_label(what, "N/kg"))
 
 

@@ -11,6 +11,7 @@ from jbw.errors import ConfigError, ModelError
 from jbw.oscillator.modes.backbone import ModalBackbone
 from jbw.oscillator.modes.structure import Structure, admitted
 from jbw.oscillator.steady.backbone import backbone
+from jbw.report.messages import figures as labels
 from jbw.report.style import INK, LEVELS, MODEL, SOFT, Panels, finish, panels, title
 from jbw.report.text import length_unit, number
 
@@ -83,8 +84,8 @@ def draw_backbones(
         for each in interactions(own, mode, levels, curve.omega):
             _mark(column, each, factor, unit)
     left = ("frequency [Hz]", "damping ratio [%]", "|q / X| [-]")
-    where = "of the mode" if np.ndim(structure.h) == 2 else "at the joint"
-    return finish(axes, ax, f"amplitude {where} [{unit}]", left)
+    several = np.ndim(structure.h) == 2
+    return finish(axes, ax, labels.modal_amplitude(unit, several), left)
 
 
 def curve_of(structure: Structure, levels: Levels, mode: int, num_harmonics: int) -> Curve:
@@ -147,10 +148,10 @@ def _draw(column: Panels, x: Levels, curve: Curve) -> None:
 
 
 def _title(mode: int, curve: Curve, factor: float, unit: str) -> str:
-    said = f"mode {mode + 1}"
+    name = f"mode {mode + 1}"
     if curve.end is None:
-        return said
-    return f"{said}: folds over, or turns\ntoo often, at {number(factor * curve.end)} {unit}"
+        return name
+    return labels.fold(name, f"{number(factor * curve.end)} {unit}")
 
 
 def _mark(column: Panels, each: Interaction, factor: float, unit: str) -> None:

@@ -12,6 +12,7 @@ from matplotlib.axes import Axes
 
 from jbw.errors import DataError
 from jbw.report import style
+from jbw.report.messages import figures as labels
 from jbw.report.result import Parameter, branch, laws_of, node, of_joint, of_law, parameters
 from jbw.report.style import Panels, finish, panels, plain, title
 from jbw.report.text import axis_label
@@ -32,13 +33,13 @@ class Source(NamedTuple):
 
 
 THIRD_ORDER = (
-    Source("steps/third_order_paper", "Step 3, walk as published", style.VERMILLION, "--"),
+    Source("steps/third_order_paper", labels.STEP_3_PUBLISHED, style.VERMILLION, "--"),
     Source("steps/third_order_walk", "Step 3, tuned walk", style.PURPLE, "-."),
     Source("steps/third_order_nuts", "Step 3, NUTS", style.BLUE, "-"),
 )
 OPENING = (
-    Source("steps/opening_paper", "Step 4, γ alone, walk as published", style.VERMILLION, "--"),
-    Source("steps/opening_nuts", "Step 4, γ alone, NUTS", style.BLUE, "-"),
+    Source("steps/opening_paper", labels.STEP_4_PUBLISHED, style.VERMILLION, "--"),
+    Source("steps/opening_nuts", labels.STEP_4_NUTS, style.BLUE, "-"),
 )
 JOINT = Source("", "Step 4, all parameters", style.GREEN, "-")
 
@@ -86,7 +87,7 @@ def _densities(found: dict[Source, dict[str, Parameter]], names: list[str], ax: 
     axes = panels(ax, 1, len(names), height=2.9)
     for each, name in zip(axes[0], names, strict=True):
         _density(each, [(source, of[name]) for source, of in found.items() if name in of])
-    return finish(axes, ax, left="density over prior density [-]")
+    return finish(axes, ax, left=labels.DENSITY)
 
 
 def _density(ax: Axes, known: Sequence[tuple[Source, Parameter]]) -> None:
@@ -167,7 +168,7 @@ def ridge(tree: xr.DataTree, ax: Any = None) -> Panels:
     for each, sources in zip(axes[0], present, strict=True):
         for source in sources:
             _cloud(each, source, *pairs[source])
-        whole = "Step 3, within the prior box"
+        whole = labels.STEP_3_BOX
         title(each, f"{JOINT.label}, enlarged" if sources is joint else whole)
         each.locator_params(axis="x", nbins=4)
         each.ticklabel_format(useOffset=False)
@@ -244,7 +245,7 @@ def running_means(tree: xr.DataTree, ax: Any = None) -> Panels:
         each.plot(shown + 1, conv[:, shown].T, **look)[0].set_label(source.label)
     if not any(each.lines for each in axes.flat):
         raise DataError("The result has no conv under any step's sample_stats.")
-    return finish(axes, ax, "draw n of a chain [-]", "conv(n) over its last mean [-]")
+    return finish(axes, ax, labels.DRAW, labels.RUNNING_MEAN)
 
 
 def trace_rank(tree: xr.DataTree, ax: Any = None) -> Panels:
@@ -273,8 +274,8 @@ def trace_rank(tree: xr.DataTree, ax: Any = None) -> Panels:
         right.axhline(1.0, color=style.SOFT, lw=0.8, ls="--")
         right.set(ylim=(0.0, max(2.0, right.get_ylim()[1])), ylabel="share [-]")
         right.margins(x=0)
-    title(axes[0, 0], "traces, one line a chain")
-    title(axes[0, 1], "ranks, in twentieths of all draws")
+    title(axes[0, 0], labels.TRACES)
+    title(axes[0, 1], labels.RANKS)
     axes[-1, 0].set_xlabel("draw [-]")
-    axes[-1, 1].set_xlabel("rank among all draws [-]")
+    axes[-1, 1].set_xlabel(labels.RANK)
     return axes

@@ -11,6 +11,7 @@ from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from jbw.report import style
 from jbw.report.chosen import Part, part_of
+from jbw.report.messages import figures as labels
 from jbw.report.result import fitted_text, frequency, level_text, quantiles, tests, unit_of
 from jbw.report.style import INK, MODEL, Panels, band_label, finish, panels, plain, shade, title
 from jbw.report.text import axis_label, percent
@@ -21,7 +22,7 @@ MOST_DECAYS = 6  # records drawn: the first held-out ones, then the fitted ones
 PERIODS, WIDE_PERIODS = 6, 8
 SPECTRA = (
     ("measured", INK, "measured"),
-    ("linear_error", style.SKY, "residual of a linear oscillator"),
+    ("linear_error", style.SKY, labels.LINEAR_RESIDUAL),
     ("error", MODEL, "residual of the model"),
 )
 Samples = Float[np.ndarray, " time"]
@@ -43,7 +44,7 @@ def bands_of(test: xr.Dataset) -> Iterator[tuple[str, str, str]]:
     """Variable, colour and label of the bands that a test has, the widest first."""
     looks = (
         ("predictive_band", style.PREDICTIVE, band_label(test.attrs, noise=True)),
-        ("measured_band", style.REPEATS, "99 % band of the repeats"),
+        ("measured_band", style.REPEATS, labels.REPEATS_BAND),
         ("model_band", MODEL, band_label(test.attrs)),
     )
     several = test.sizes.get("repeat", 2) > 1  # one repeat has no band of its own
@@ -125,7 +126,7 @@ def verification_sweep(tree: xr.DataTree, ax: Any = None, part: Part = "chosen")
     for (whole, zoom, rest), (name, test) in zip(axes, found, strict=True):
         time, measured = (np.asarray(test[key], float) for key in ("time", "measured"))
         several = test.sizes.get("repeat", 2) > 1
-        label = "measured, mean of the repeats" if several else "measured"
+        label = labels.REPEATS_MEAN if several else "measured"
         shade(whole, *extremes(time, measured, measured), INK, label, alpha=0.75)
         low, _, high = quantiles(test, "predictive_band")
         reach = max(3, time.size // 96)
@@ -177,7 +178,7 @@ def verification_decay(tree: xr.DataTree, ax: Any = None) -> Panels:
         words = (short(plain(name)), fitted_text(test) or "fitted")
         title(whole, ", ".join(words), size=8)
         title(zoom, "some late periods", size=8)
-        title(rest, f"residual of the model: {percent(test.attrs.get('nrmse'), 2)}", size=8)
+        title(rest, labels.model_residual(percent(test.attrs.get("nrmse"), 2)), size=8)
     return finish(axes, ax, "time [s]")
 
 

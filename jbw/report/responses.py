@@ -13,6 +13,7 @@ from matplotlib.colors import to_hex
 from jbw.errors import DataError
 from jbw.report import style
 from jbw.report.chosen import Part, part_of
+from jbw.report.messages import figures as labels
 from jbw.report.records import bands_of, short
 from jbw.report.result import (
     beside,
@@ -63,7 +64,7 @@ def linear_frf(tree: xr.DataTree, ax: Any = None) -> Panels:
     near = resonance_window(freq, magnitude, depth=0.25)
     axes = panels(ax, 3, 2, height=5.4, sharex="col", sharey="row", height_ratios=[2, 1.3, 1])
     for column, (low, high), marks, label in (
-        (axes[:, 0], wide, {"lw": 0.7}, "measured, pooled over the repeats"),
+        (axes[:, 0], wide, {"lw": 0.7}, labels.REPEATS_POOLED),
         (axes[:, 1], near, {"marker": ".", "ms": 2.5, "lw": 0}, None),
     ):
         shown = (freq >= low) & (freq <= high)
@@ -180,7 +181,7 @@ def _frf_column(column: Panels, test: xr.Dataset) -> None:
         if len(repeats) > 1:
             reach = (repeats.min(axis=0), repeats.max(axis=0))
             style.shade(each, freq, *reach, style.REPEATS, "range of all repeats", alpha=0.5)
-        label = "measured" if len(repeats) == 1 else "measured, mean of the repeats"
+        label = "measured" if len(repeats) == 1 else labels.REPEATS_MEAN
         each.plot(freq, repeats.mean(axis=0), color=INK, lw=0.8, label=label)
         style.draw_model(each, freq, model, ls="--", holds=style.band_label(test.attrs))
         each.margins(x=0)

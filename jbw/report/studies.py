@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 
 from jbw.inference.calibration.record import LEVEL, Calibration, counts_below, ecdf_envelope
 from jbw.report import style
+from jbw.report.messages import figures as labels
 from jbw.report.style import Panels, finish, panels, shade, stacks, title
 from jbw.report.text import number, symbol
 
@@ -43,10 +44,9 @@ def means(record: Mapping[str, Any], parameter: str, ax: Axes | None = None) -> 
     reference = record["reference"].replace("_", " ")
     title(
         here,
-        f"{symbol(parameter)}: mean less that of {reference}, "
-        "bars of two Monte Carlo standard errors",
+        labels.less_mean(symbol(parameter), reference),
     )
-    here.set_xlabel("distance [standard deviations of the posterior]")
+    here.set_xlabel(labels.DISTANCE)
     return here
 
 
@@ -70,8 +70,8 @@ def effective_rates(record: Mapping[str, Any], ax: Axes | None = None) -> Axes:
             text = f"  failed: {', '.join(dict.fromkeys(one['failed']))}"
             rate = one["ess_per_s_warm"] or one["ess_per_s_cold"] or here.get_xlim()[0]
             here.text(rate, place, text, va="center", fontsize=7, color=style.INK)
-    title(here, "speed, by the worst parameter")
-    here.set_xlabel("effective draws a second [1/s]")
+    title(here, labels.SPEED)
+    here.set_xlabel(labels.RATE)
     return here
 
 
@@ -107,7 +107,7 @@ def rank_ecdfs(found: Calibration, ax: Any = None) -> Panels:
     for (each,), name, ranks in zip(stack, found.names, found.ranks.T, strict=True):
         ecdf = counts_below(ranks, found.num_ranks) / len(ranks)
         inside = bool(np.all((ecdf >= lower - 1e-12) & (ecdf <= upper + 1e-12)))
-        label = "99 % of uniform ranks, all at once"
+        label = labels.UNIFORM_RANKS
         shade(each, even, lower - even, upper - even, style.SKY, label)
         colour, dashes = (style.BLUE, "-") if inside else (style.VERMILLION, "--")
         label = "ranks, inside" if inside else "ranks, outside"

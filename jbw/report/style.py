@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogFormatterSciNotation, LogLocator
 
 from jbw.errors import ConfigError, printable
+from jbw.report.messages import figures as labels
 
 # Okabe and Ito's palette, told apart with any colour vision and in grey.
 BLUE, VERMILLION, GREEN = "#0072b2", "#d55e00", "#009e73"
@@ -18,7 +19,7 @@ INK, SOFT, GRID = "#20242a", "#68707a", "#d9dde2"
 
 # The same role has the same colour in every figure.
 MEASURED, REPEATS, MODEL, PREDICTIVE = INK, SKY, VERMILLION, ORANGE
-BAND = "99 % band: parameters alone"
+BAND = labels.COMMON_BAND
 LEVELS = (BLUE, GREEN, ORANGE, VERMILLION, PURPLE, SKY)
 
 Panels = np.ndarray

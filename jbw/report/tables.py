@@ -10,6 +10,7 @@ import xarray as xr
 from jbw.errors import DataError
 from jbw.inference.thresholds import BEYOND
 from jbw.report.loops import BAND_SDS, MILLI, enclosed_areas
+from jbw.report.messages import tables as notes
 from jbw.report.responses import resonance_window
 from jbw.report.result import branch, frequency, node
 from jbw.report.table import (
@@ -71,7 +72,6 @@ def parameters_table(summary: Summary, known: Names, *, shown: bool = False) -> 
         verdict = Cell(*badge(step["verdict"])) if step.get("verdict") else Cell("")
         wall = seconds(step.get("wall_time_s")).replace(NOTHING, "")
         sections.append(Section(rows, name, step_heading(name, summary), verdict, wall))
-    away = "distance of the mean from the truth in standard deviations, bold beyond 2.58"
     columns = (
         named("parameter", known),
         Column("unit", _unit, align="unit", only="page"),
@@ -80,14 +80,12 @@ def parameters_table(summary: Summary, known: Names, *, shown: bool = False) -> 
         digits("sd", "sd", 2, meaning="standard deviation"),
         shares("CV", "cv", meaning="sd over the mean", spared=3),
         Column("99 % interval", _interval, only="page"),
-        digits(
-            "KL", "kl", place=0.1, meaning="information gained over the prior, in nats", spared=1
-        ),
+        digits("KL", "kl", place=0.1, meaning=notes.KL, spared=1),
         Column("ESS\nbulk / tail", _ess, "effective number of draws", only="page"),
         digits("ESS", "ess_bulk", place=10.0, spared=6, only="terminal"),
-        Column("R-hat", _r_hat, "above 1.01 (bold) the chains disagree"),
+        Column("R-hat", _r_hat, notes.R_HAT),
         by_sd("truth", "truth", spared=5),
-        Column("z", _z, away, spared=4),
+        Column("z", _z, notes.FROM_TRUTH, spared=4),
     )
     return Table(f"Campaign {summary.get('campaign', '')}", columns, tuple(sections), of="step")
 
@@ -154,12 +152,12 @@ def table_of_tests(summary: Summary, tree: xr.DataTree | None = None) -> Table:
         ("Fitted", [row for row in rows if row.get("fitted")]),
         ("Held out", [row for row in rows if not row.get("fitted")]),
         (
-            "Held out from the fit before",
+            notes.HELD_OUT_BEFORE,
             sorted(({"test": name, **row} for name, row in before.items()), key=_in_order),
         ),
     )
     parts = [(f"{word} ({_tests_counted(chosen)})", chosen) for word, chosen in sides if chosen]
-    parts += [("Each kind, predicted from the others", of_kinds)] if of_kinds else []
+    parts += [(notes.ACROSS_KINDS, of_kinds)] if of_kinds else []
     columns = (
         words("test", "test", "left wrap"),
         Column("kind", lambda row: str(row.get("kind") or "").replace("_", " "), align="left"),
@@ -176,7 +174,7 @@ def table_of_tests(summary: Summary, tree: xr.DataTree | None = None) -> Table:
         shares("half width of the band /\nrms of the record", "half_width", ""),
     )
     sections = tuple(Section(rows, heading, heading) for heading, rows in parts)
-    return Table("Tests: fitted and held out", columns, sections)
+    return Table(notes.TESTS, columns, sections)
 
 
 def every_test(summary: Summary, tree: xr.DataTree | None = None) -> list[dict[str, Any]]:
@@ -223,7 +221,7 @@ def _fitted(row: Summary) -> str:
     Of a kind of test the parameters that only its tests identify.
     """
     if needed := row.get("rests_on"):
-        return f"without it not identified: {', '.join(needed)}"
+        return notes.rests_on(needed)
     count, fitted = row.get("repeats"), row.get("fitted")
     if fitted:
         some = count is not None and int(fitted) < count
@@ -231,7 +229,7 @@ def _fitted(row: Summary) -> str:
     reach = row.get("extrapolation") or 0.0
     if reach <= BEYOND:
         return ""
-    return f"{reach:.2g} times the largest displacement fitted"
+    return notes.beyond(reach)
 
 
 def routes_table(summary: Summary, known: Names) -> Table:
@@ -248,7 +246,7 @@ def routes_table(summary: Summary, known: Names) -> Table:
         return Column(f"{route}: mean", lambda row: number(row[by[0]], row[by[1]]))
 
     return table(
-        "The paper's cut beside the joint posterior",
+        notes.ROUTES,
         rows,
         named("parameter", known),
         mean("cut"),
@@ -272,7 +270,7 @@ def loops_table(tree: xr.DataTree) -> Table:
                 ends = {"q005": model[0], "q995": model[2], "sd": sd}
                 rows.append(dict(test=name, force=force, measured=measured, model=model, **ends))
     return table(
-        "Areas of the hysteresis loops",
+        notes.LOOPS,
         rows,
         words("test", "test", "left wrap"),
         words("restoring force", "force", "right"),
@@ -301,19 +299,16 @@ def checks_table(tree: xr.DataTree, known: Names) -> Table:
         freq = frequency(line)
         low, high = resonance_window(freq, np.asarray(line["h_magnitude"], float), depth=0.3)
         least = np.nanmin(np.asarray(line["coherence"], float)[(freq >= low) & (freq <= high)])
-        text = "near 1 where the records are long enough for the damping and free of noise"
-        rows.append(("lowest coherence at the resonance", number(least), text))
+        rows.append((notes.COHERENCE, number(least), notes.COHERENCE_NOTE))
     with suppress(DataError):
-        text = "between repeats; set it against the standard deviations of Table 1"
         for key, value in branch(tree, "steps/linear").attrs.items():
             if str(key).startswith("cv_"):
                 what = f"variation of {symbol(str(key).removeprefix('cv_'), known)}"
-                rows.append((what, percent(value, digits=2), text))
+                rows.append((what, percent(value, digits=2), notes.VARIATION_NOTE))
     with suppress(DataError):
         part = np.abs(branch(tree, "verification/h3", "correction")["correction"])
-        text = "of Y(3ω), taken out with the measured input"
         largest = percent(np.nanmax(part), digits=2)
-        rows.append(("largest third harmonic of the source", largest, text))
+        rows.append((notes.HARMONIC, largest, notes.HARMONIC_NOTE))
     return table(
         "Checks of the data",
         rows,

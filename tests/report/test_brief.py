@@ -12,6 +12,7 @@ from click.testing import CliRunner
 from jbw.cli.result import report
 from jbw.errors import ConfigError
 from jbw.report.brief import HEIGHT, WIDTH, draw_brief, write_brief
+from jbw.report.messages.brief import USE
 
 DAY = datetime.date(2026, 11, 26)
 LONG = '$x_{ & </b> "quoted" 試験 \u202e' + 40 * "bolt" + " " + 30 * "a word "
@@ -105,10 +106,10 @@ def test_long_names_and_many_tests_stay_on_the_page(tree, summary):
 
 def test_a_failed_verdict_is_said_before_any_number(tree, summary):
     said = words(draw_brief(failed(summary), tree, DAY))
-    assert said.index("may not be used") < said.index("The law fails. Try another.")
+    assert said.index(USE["failed"]) < said.index("The law fails. Try another.")
     assert said.index("The law fails.") < said.index("RMS error")
     fine = {"status": "ok", "findings": []}
-    assert "may be used" in words(draw_brief({**summary, "verdict": fine}, tree, DAY))
+    assert USE["ok"] in words(draw_brief({**summary, "verdict": fine}, tree, DAY))
     doubt = {"status": "not assessed", "findings": []}
     assert "provisional" in words(draw_brief({**summary, "verdict": doubt}, tree, DAY))
 

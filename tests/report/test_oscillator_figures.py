@@ -50,7 +50,7 @@ def test_loops_are_drawn_whole_or_as_what_slip_takes(tree):
     np.testing.assert_allclose(widest.get_ydata()[:-1], group["loop_z"].values[1, -1])
     thin = group.assign(loop_slip=0.01 * group["loop_z"])
     draw_loops(xr.DataTree.from_dict({"/verification/backbone": thin}), ax)
-    assert ax.get_ylabel() == "taken by slip, Z − α y [N/kg]"
+    assert ax.get_ylabel() == "force lost by slip, Z − α y [N/kg]"
     np.testing.assert_allclose(ax.lines[-1].get_ydata()[:-1], thin["loop_slip"].values[1, -1])
 
 

@@ -1,0 +1,35 @@
+"""The one page for whoever decides."""
+
+USE = {
+    "ok": "Use the numbers on this page.",
+    "usable": "Use the numbers within the model discrepancy that is stated below.",
+    "failed": "Do not use the numbers on this page.",
+}
+PROVISIONAL = "The numbers are provisional: some checks could not be made."
+MODES = "Modes at small motion, joint in full stick"
+MEASURED = "What was measured, read without a model of the joint"
+FOOT = (
+    "Intervals: 99 %. Model error: largest RMS error over the rms of the record. All details: "
+    "report.html."
+)
+
+
+def heading(day: str, law: str, version: str) -> str:
+    """Below the title."""
+    return f"Bolted joint, brief of {day}. Model: {law}. jbw {version}."
+
+
+def levels(*, several_modes: bool) -> str:
+    """Of the table of frequency and damping."""
+    of_mode = " of the first mode" if several_modes else ""
+    return f"Frequency and damping{of_mode} against amplitude, with 99 % intervals"
+
+
+def more_findings(count: int) -> str:
+    """How many findings have no room."""
+    return f"{count} more: see report.html."
+
+
+def more_lines(count: int) -> str:
+    """How many lines of a table have no room."""
+    return f"and {count} more lines: see report.html"

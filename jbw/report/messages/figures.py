@@ -1,0 +1,64 @@
+"""Labels and titles of figures."""
+
+COMMON_BAND = "99 % band: parameters alone"
+REPEATS_BAND = "99 % band of the repeats"
+REPEATS_MEAN = "measured, mean of the repeats"
+REPEATS_POOLED = "measured, pooled over the repeats"
+LOOP_BAND = "99 % band of the measured loop, from ζ and gain"
+LESS_SECANT = "restoring force less its secant [N/kg]"
+LINEAR_RESIDUAL = "residual of a linear oscillator"
+PHASE_LESS_MEDIAN = "arg H₃ less median [°]"
+
+DIRECTIONS = "Directions, strongest first, by the fit"
+BEFORE_SAMPLING = "by the fit, before sampling"
+OVER_PRIOR = "standard deviation over the prior's [-]"
+
+ONE_MODE = "one mode, per unit mass"
+SLIP = "effect of slip on the hysteretic force"
+
+STEP_3_PUBLISHED = "Step 3, walk as published"
+STEP_4_PUBLISHED = "Step 4, γ alone, walk as published"
+STEP_4_NUTS = "Step 4, γ alone, NUTS"
+STEP_3_BOX = "Step 3, within the prior box"
+DENSITY = "density over prior density [-]"
+DRAW = "draw n of a chain [-]"
+RUNNING_MEAN = "conv(n) over its last mean [-]"
+TRACES = "traces, one line a chain"
+RANKS = "ranks, in twentieths of all draws"
+RANK = "rank among all draws [-]"
+
+DISTANCE = "distance [standard deviations of the posterior]"
+SPEED = "speed, by the slowest parameter"
+RATE = "effective draws per second [1/s]"
+UNIFORM_RANKS = "99 % of uniform ranks, simultaneous"
+
+
+def model_residual(error: str) -> str:
+    """Of the residual of a record."""
+    return f"residual of the model: {error}"
+
+
+def taken_by_slip(stiffness: str) -> str:
+    """Of the hysteretic force less its elastic part."""
+    return f"force lost by slip, Z − {stiffness} y"
+
+
+def modal_amplitude(unit: str, several_joints: bool) -> str:
+    """Of the backbones of several modes: at the joint, or of the mode where joints are several."""
+    where = "of the mode" if several_joints else "at the joint"
+    return f"amplitude {where} [{unit}]"
+
+
+def fold(mode: str, amplitude: str) -> str:
+    """Where the backbone of a mode ends."""
+    return f"{mode}: folds over, or turns\ntoo often, at {amplitude}"
+
+
+def loop_areas(count: int, largest: str) -> str:
+    """Of the loops, in the diagram of the procedure."""
+    return f"{count} loops, areas of the model within {largest}"
+
+
+def less_mean(parameter: str, reference: str) -> str:
+    """Of samplers side by side."""
+    return f"{parameter}: mean less that of {reference}, bars of two Monte Carlo standard errors"

@@ -1,0 +1,33 @@
+"""Titles of tables, notes on their columns, and remarks in their cells."""
+
+from collections.abc import Sequence
+
+FROM_TRUTH = "distance of the mean from the truth in standard deviations, bold beyond 2.58"
+KL = "information gained over the prior, in nats"
+R_HAT = "above 1.01 (bold) the chains disagree"
+TESTS = "Tests: fitted and held out"
+HELD_OUT_BEFORE = "Held out from the fit before"
+ACROSS_KINDS = "Each kind, predicted from the others"
+ROUTES = "The paper's cut beside the joint posterior"
+LOOPS = "Areas of the hysteresis loops"
+SPECTRUM = "Information spectrum, strongest direction first"
+COHERENCE = "lowest coherence at the resonance"
+COHERENCE_NOTE = "near 1 where the records are long enough for the damping and free of noise"
+VARIATION_NOTE = "between repeats; compare it with the standard deviations of Table 1"
+HARMONIC = "largest third harmonic of the source"
+HARMONIC_NOTE = "of Y(3ω), removed with the measured input"
+
+
+def rests_on(parameters: Sequence[str]) -> str:
+    """Parameters that only one kind of test identifies."""
+    return f"not identified without it: {', '.join(parameters)}"
+
+
+def beyond(reach: float) -> str:
+    """How far a test lies beyond the fitted ones."""
+    return f"{reach:.2g} times the largest fitted displacement"
+
+
+def laws(campaign: str) -> str:
+    """Of a comparison of laws."""
+    return f"Laws of the joint: {campaign}"
