@@ -129,10 +129,9 @@ def sentence(statement: Statement, names: Sequence[str], num_reference: int) -> 
     if change is None:
         return watch.no_alarm(numbers)
     torque = "" if change.torque is None else words_of(change.torque)
-    return watch.alarm(
-        statement.alarm, names[-1], names[change.first - 1], change.direction, change.frequency,
-        change.damping, torque, numbers,
-    )  # fmt: skip
+    changes = watch.changes(change.frequency, change.damping, torque)
+    first = names[change.first - 1]
+    return watch.alarm(statement.alarm, names[-1], first, change.direction, changes, numbers)
 
 
 def as_plain(statement: Statement) -> dict[str, Any]:

@@ -6,15 +6,23 @@
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from types import ModuleType
 
+from jbw.quantities import BY_NAME
 from jbw.report.messages import (
+    brief,
+    commands,
     differences,
+    figures,
     identified,
     laws,
     look,
     opening,
     planning,
     population,
+    stages,
+    study,
+    tables,
     watch,
 )  # fmt: skip
 from jbw.report.messages.findings import FINDINGS, remedy_of, sentence_of
@@ -81,6 +89,13 @@ def of_findings() -> Iterator[str]:
 
 SLOPE = {"q005": -2.0, "median": -1.5, "q995": -1.0}
 NUMBERS = watch.distances(31.2, 17.4, 20, 0.00021)
+
+
+def constants(topic: ModuleType) -> list[str]:
+    """The texts of a topic that have no values."""
+    return [text for name, text in vars(topic).items() if name.isupper() and isinstance(text, str)]
+
+
 # Functions of the catalogue and arguments, topic by topic.
 OF_TOPICS = {
     "identified": [
@@ -203,6 +218,52 @@ OF_TOPICS = {
         planning.missing("noise", "standard deviation of a sample"),
         planning.beyond_stiffness("alpha", 100.0, 120.0), planning.share_of("alpha"),
     ],
+    "brief": [
+        *brief.USE.values(), brief.PROVISIONAL, brief.MODES, brief.MEASURED, brief.FOOT,
+        brief.heading("2026-01-31", "Bouc-Wen oscillator", "0.1"), brief.levels(several_modes=True),
+        brief.more_findings(3), brief.more_lines(7),
+    ],
+    "commands": [
+        *commands.SHORT.values(), commands.FAULT, commands.NO_NAME,
+        commands.nothing_called("rhat", "r_hat"), commands.no_command("identfy", "identify"),
+        commands.identify_again("run"), commands.saved("a run", "'a run'"),
+        commands.draw_posterior("run"), commands.or_export("run"), commands.or_plan("run"),
+        commands.finished("run", "run/report.html"), commands.finished("run", ""),
+        commands.without_model("beam"), commands.sampler_distances("nuts"),
+        commands.two_numbers("'10-25'"),
+        commands.parameter_explained(BY_NAME["omega_n"], ()),
+    ],
+    "figures": [
+        *constants(figures),
+        figures.model_residual("2.3 %"), figures.taken_by_slip("alpha"),
+        figures.joint_amplitude("mm"), figures.fold("mode 2", "3 mm"),
+        figures.loop_areas(4, "3 %"), figures.less_mean("alpha", "nuts"),
+    ],
+    "stages": [
+        *constants(stages), stages.design(3), stages.scoring("cubic", 6, by_fit=True),
+        stages.scoring("cubic", 6, by_fit=False), stages.points(1000, "products"),
+        stages.drawing_figures("run/report.html"), stages.drawing_records("figures"),
+        stages.later_round("joint posterior", 2), stages.effective(312.0, 400.0),
+        stages.finished_before("usable"),
+    ],
+    "study": [
+        *constants(study), *study.VARIABLES.values(),
+        study.step_2(1e-5, 1), study.step_2(1e-5, 4),
+        study.neighbours([(18.8, 0.005), (20.0, 0.004)], 0.023),
+        study.rigid_body("1.5 [1.4, 1.6]", "1/kg"), study.compliance("1.5 [1.4, 1.6]", "m/N"),
+        study.no_shaker("sweep", "It has no voltage."), study.identify_anew("runs/a"),
+        study.verdict_of("beam", "failed", "the chains disagree."),
+        study.exported_draw(12, 400, study.HIGHEST_DENSITY, 2.0), study.one_draw(12, 2.0),
+        study.within_interval("alpha*delta", 12.0, "1/(m s^2)", 11.0, 13.0, inside=True),
+        study.within_bands(inside=False), study.sliders("iwan4", 0.008, 0.001, 0.01, 1.2),
+        study.without_form("Nastran"), study.no_logarithm("gamma", ["unit_1"]),
+        study.unfinished("runs/a"), study.further_units(8.0, of_units=True),
+        study.further_units(None, of_units=False),
+        study.rank_below("zeta"), study.truth_inside("zeta"),
+    ],
+    "tables": [
+        *constants(tables), tables.rests_on(["gamma"]), tables.beyond(1.3), tables.laws("beam"),
+    ],
     "population": [
         population.mostly_prior(2, 1, trend=False),
         population.mostly_prior(4, 2, trend=True),
@@ -230,11 +291,11 @@ OF_TOPICS = {
     ],
     "watch": [
         watch.no_alarm(NUMBERS),
-        watch.alarm("drift", "hit 31", "hit 27", "looser", (-0.12, -0.2, -0.04), (0.08, 0.05, 0.11),
-                    "", NUMBERS),
-        watch.alarm("reading", "hit 31", "hit 31", "looser", (-0.12, -0.2, -0.04),
-                    (0.08, 0.05, 0.11), watch.torque_change(
-                        8.0, (6.1, 5.2, 7.3), within_fleet=False, is_explained=False), NUMBERS),
+        watch.alarm("drift", "hit 31", "hit 27", "looser",
+                    watch.changes((-0.12, -0.2, -0.04), (0.08, 0.05, 0.11), ""), NUMBERS),
+        watch.alarm("reading", "hit 31", "hit 31", "looser", watch.changes(
+            (-0.12, -0.2, -0.04), (0.08, 0.05, 0.11), watch.torque_change(
+                8.0, (6.1, 5.2, 7.3), within_fleet=False, is_explained=False)), NUMBERS),
         watch.attenuated(0.1, 0.043),
         watch.torn_line("w/watch.jsonl", 50, "w/watch.torn"),
         watch.known_already("hit 3", 23),

@@ -46,7 +46,7 @@ def test_the_joints_own_mode_is_read_beside_its_neighbour(noise, modes):
     json.dumps(summary, allow_nan=False)
     assert [round(row["omega_n"] / (2 * np.pi), 3) for row in summary["modes"]] == [18.8, 20.0]
     assert summary["modes"][1]["residue"] == pytest.approx(GAIN[1], rel=1e-3)
-    assert "18.8 Hz (0.50%), 20 Hz (0.40%)" in summary["statements"][1]
+    assert "18.8 Hz (0.50 %), 20 Hz (0.40 %)" in summary["statements"][1]
     assert "modes" not in _linear(alone, {})
 
 

@@ -19,18 +19,19 @@ def no_alarm(numbers: str) -> str:
     return f"No alarm. {numbers}"
 
 
-def alarm(
-    kind: str, record: str, first: str, direction: str, frequency: Estimate, damping: Estimate,
-    torque: str, numbers: str,
-) -> str:  # fmt: skip
-    """What changed, since which record; the damping relative to what it was."""
+def alarm(kind: str, record: str, first: str, direction: str, changes: str, numbers: str) -> str:
+    """That the joint changed, and since which record."""
     since = f", since {first}" if first != record else ""
+    return f"Alarm ({kind}) at {record}{since}: {direction}. {changes} {numbers}"
+
+
+def changes(frequency: Estimate, damping: Estimate, torque: str) -> str:
+    """By how much frequency and, relative to what it was, damping changed."""
     middle, low, high = (100 * value for value in damping)
     f, f_low, f_high = frequency
     return (
-        f"Alarm ({kind}) at {record}{since}: {direction}. Frequency {f:+.3g} Hz "
-        f"[{f_low:+.3g}, {f_high:+.3g}], damping {middle:+.3g} % [{low:+.3g}, "
-        f"{high:+.3g}]{torque}. {numbers}"
+        f"Frequency {f:+.3g} Hz [{f_low:+.3g}, {f_high:+.3g}], damping {middle:+.3g} % "
+        f"[{low:+.3g}, {high:+.3g}]{torque}."
     )
 
 
