@@ -64,10 +64,10 @@ def identifiability(
 
         say(f"Reading {campaign}")
         loaded = load_campaign(campaign, allow_outside=allow_outside)
-        found = study.identifiability(loaded, profiles=profiles, seed=seed, report=say).summary()
+        summary = study.identifiability(loaded, profiles=profiles, seed=seed, report=say).summary()
         say("Done")
-    tables = directions_table(found, {}), quantities_table(found, {})
-    answer(json_, found, *tables, *found["statements"])
+    tables = directions_table(summary, {}), quantities_table(summary, {})
+    answer(json_, summary, *tables, *summary["statements"])
 
 
 @click.command()
@@ -99,10 +99,10 @@ def demo(out: Path | None, seed: int, preset: str, strict: bool, json_: bool, ve
     and its route step by step, its Table 1 with the truth beside it; that its own Step 3 fails is
     expected, and the report says why. The exit code is about the joint posterior.
     """
-    asked = Manifest(command_line(), "campaign/campaign.toml", seed=seed, preset=preset)
+    manifest = Manifest(command_line(), "campaign/campaign.toml", seed=seed, preset=preset)
     programme = preset != "everyday"
     return run_to_end(
-        begin(out or Path("demo"), asked), json_=json_, verbose=verbose, steps=programme,
+        begin(out or Path("demo"), manifest), json_=json_, verbose=verbose, steps=programme,
         strict=strict,
     )  # fmt: skip
 
@@ -163,10 +163,10 @@ def identify(
         raise click.UsageError("--workers is for several campaigns; one runs in one process.")
     require_file(campaign, *CAMPAIGN)
     source = str(campaign.resolve())
-    asked = Manifest(
+    manifest = Manifest(
         command_line(), source, seed=seed, allow_outside=allow_outside, quick=quick, final=final
     )
-    run = begin(out or Path(f"{campaign.stem}-run"), asked)
+    run = begin(out or Path(f"{campaign.stem}-run"), manifest)
     return run_to_end(run, json_=json_, verbose=verbose, strict=strict)
 
 
@@ -179,19 +179,19 @@ def identify_several(
         with computing() as say:
             from jbw.study.many import identify_many
 
-            found = identify_many(
+            outcomes = identify_many(
                 campaigns, out, workers=workers, seed=seed, allow_outside=allow_outside, report=say,
                 command=command_line(),
             )  # fmt: skip
     except KeyboardInterrupt:
         click.echo(SAVED, err=True)
         return INTERRUPTED
-    rows = [asdict(one) for one in found]
+    rows = [asdict(outcome) for outcome in outcomes]
     answer(json_, {"out": str(out), "campaigns": rows}, several_table(rows), saved=f"Runs: {out}")
-    failed = [one.exit_code for one in found if one.status == "failed"]
+    failed = [outcome.exit_code for outcome in outcomes if outcome.status == "failed"]
     if failed:
         return failed[0]
-    return max(exit_code_of(one.verdict, strict=strict) for one in found)
+    return max(exit_code_of(outcome.verdict, strict=strict) for outcome in outcomes)
 
 
 def several_table(rows: Sequence[Mapping[str, Any]]) -> Table:
@@ -268,29 +268,31 @@ def run_to_end(
         raise
     finally:
         run.close()
-    told = _all_of(summary) if verbose else short_lines(summary, tree)
+    shown = _all_of(summary) if verbose else short_lines(summary, tree)
     if steps and not verbose:
         from jbw.report.tables import parameters_table
 
-        told = (parameters_table(summary, {}), *told)
+        shown = (parameters_table(summary, {}), *shown)
     if "quick" in summary:
-        answer(json_, summary, *told, saved=f"First answer: {run.folder}")
-        again = shlex.quote(str(run.folder))
-        following("resume", run.folder, messages.draw_posterior(again))
+        answer(json_, summary, *shown, saved=f"First answer: {run.folder}")
+        quoted = shlex.quote(str(run.folder))
+        following("resume", run.folder, messages.draw_posterior(quoted))
         return NOT_TRUSTED if strict else 0
-    answer(json_, summary, *told, saved=f"Report: {run.folder / 'report.html'}")
+    answer(json_, summary, *shown, saved=f"Report: {run.folder / 'report.html'}")
     return ended(summary["verdict"], run.folder, strict=strict)
 
 
 def ended(verdict: Mapping[str, Any], folder: Path, *, strict: bool = False) -> int:
     """Say what to type after a run with this verdict, and return its exit code, 0 or 4."""
-    again = shlex.quote(str(folder))
+    quoted = shlex.quote(str(folder))
     code = exit_code_of(verdict["status"], strict=strict)
     if code == 0:
-        following("predict", folder, messages.or_export(again))
+        following("predict", folder, messages.or_export(quoted))
         return code
-    reason = next((one["code"] for one in verdict["findings"] if one["status"] != "ok"), "")
-    following("explain", reason or None, messages.or_plan(again))
+    reason = next(
+        (finding["code"] for finding in verdict["findings"] if finding["status"] != "ok"), ""
+    )
+    following("explain", reason or None, messages.or_plan(quoted))
     return code
 
 
@@ -319,10 +321,10 @@ def summary_lines(summary: Mapping[str, Any]) -> Iterator[Table | str]:
     from jbw.report.tables import parameters_table, table_of_tests
 
     yield parameters_table(summary, {})
-    for part, found in (
+    for part, facts in (
         *summary["steps"].items(),
         ("identifiability", summary.get("identifiability") or {}),
         ("routes", summary["comparison"]),
     ):
-        yield from (f"{part}: {statement}" for statement in found.get("statements", ()))
+        yield from (f"{part}: {statement}" for statement in facts.get("statements", ()))
     yield table_of_tests(summary)

@@ -71,14 +71,16 @@ def plan(
 
         if source.is_dir():
             _, tree = read_result(source)
-            made = plan_tests(limits, tree, report=say)
+            planned = plan_tests(limits, tree, report=say)
         else:
-            made = plan_tests(source, report=say)
-    before = planning.before({name: _spread(cv) for name, cv in made.before.items()})
+            planned = plan_tests(source, report=say)
+    before = planning.before({name: _spread(cv) for name, cv in planned.before.items()})
     # What stands against single tests, by their numbers.
-    remarks = [f"  {i + 1}: {'; '.join(r.notes)}." for i, r in enumerate(made.rows) if r.notes]
-    recommended = _recommended(made.combination, made)
-    answer(json_, asdict(made), plan_table(made), *remarks, *recommended, before, *made.notes)
+    remarks = [f"  {i + 1}: {'; '.join(r.notes)}." for i, r in enumerate(planned.rows) if r.notes]
+    recommended = _recommended(planned.combination, planned)
+    answer(
+        json_, asdict(planned), plan_table(planned), *remarks, *recommended, before, *planned.notes
+    )
 
 
 def _plan_fleet(torques: str, scatter: float, json_: bool) -> None:
@@ -93,9 +95,9 @@ def _plan_fleet(torques: str, scatter: float, json_: bool) -> None:
         ) from None
     if not scatter > 0.0:
         raise click.UsageError(f"--scatter must be above zero, as 0.1, not {scatter:g}.")
-    made = fleet_designs((low, high))
-    rows = [one._asdict() for one in made]
-    small, large = made[1], made[4]
+    designs = fleet_designs((low, high))
+    rows = [design._asdict() for design in designs]
+    small, large = designs[1], designs[4]
     answer(
         json_,
         {"torques": [low, high], "scatter": scatter, "designs": rows},
@@ -118,53 +120,56 @@ def fleet_table(rows: "list[dict[str, float]]", scatter: float) -> Table:
     )
 
 
-def plan_table(made: "Plan") -> Table:
+def plan_table(planned: "Plan") -> Table:
     """The candidates, a line each."""
-    wish = made.wish
+    wish = planned.wish
 
     def cv(name: str) -> Column:
-        return Column(f"CV {name}", lambda one: f"{one[1].cv[name].worst_decile:.2g}")
+        return Column(f"CV {name}", lambda numbered: f"{numbered[1].cv[name].worst_decile:.2g}")
 
-    def repeats(one: "tuple[int, Row]") -> str:
-        return f"> {wish.max_repeats}" if one[1].repeats is None else str(one[1].repeats)
+    def repeats(numbered: "tuple[int, Row]") -> str:
+        return f"> {wish.max_repeats}" if numbered[1].repeats is None else str(numbered[1].repeats)
 
     return table(
-        planning.title(wish.cv, wish.wanted, made.num_joints),
-        enumerate(made.rows, start=1),
-        Column("", lambda one: str(one[0]), align="left"),
-        Column("test", lambda one: one[1].test, align="left"),
-        Column(f"input [{wish.input_unit}]", lambda one: f"{one[1].level:.4g}"),
-        Column("peak [m]", lambda one: f"{one[1].y_peak_largest:.3g}"),
+        planning.title(wish.cv, wish.wanted, planned.num_joints),
+        enumerate(planned.rows, start=1),
+        Column("", lambda numbered: str(numbered[0]), align="left"),
+        Column("test", lambda numbered: numbered[1].test, align="left"),
+        Column(f"input [{wish.input_unit}]", lambda numbered: f"{numbered[1].level:.4g}"),
+        Column("peak [m]", lambda numbered: f"{numbered[1].y_peak_largest:.3g}"),
         Column("repeats", repeats),
-        Column("time", lambda one: "" if one[1].seconds is None else duration(one[1].seconds)),
+        Column(
+            "time",
+            lambda numbered: "" if numbered[1].seconds is None else duration(numbered[1].seconds),
+        ),
         *map(cv, wish.wanted),
-        Column("gain [nats]", lambda one: f"{one[1].information_gain:.3g}"),
-        Column("status", lambda one: one[1].status, align="left"),
+        Column("gain [nats]", lambda numbered: f"{numbered[1].information_gain:.3g}"),
+        Column("status", lambda numbered: numbered[1].status, align="left"),
     )
 
 
-def _recommended(found: "Combination", made: "Plan") -> list[str]:
+def _recommended(combination: "Combination", planned: "Plan") -> list[str]:
     """The combination in words: what to measure, what it tells, what it does not."""
-    wish = made.wish
-    if found.met and not found.tests:
-        best = max(made.rows, key=lambda row: row.information_gain / row.seconds_each)
+    wish = planned.wish
+    if combination.met and not combination.tests:
+        best = max(planned.rows, key=lambda row: row.information_gain / row.seconds_each)
         gain = planning.most_per_second(best.test, best.level, wish.input_unit)
         return [planning.NO_TEST_NEEDED, gain]
-    if not found.met and not found.tests:
+    if not combination.met and not combination.tests:
         lines = [planning.NO_TEST_ADMITTED]
     else:
         tests = [
             f"  {chosen.repeats} x {chosen.test}, {chosen.level:g} {wish.input_unit}"
-            for chosen in found.tests
+            for chosen in combination.tests
         ]
-        cvs = {name: _spread(found.cv[name]) for name in wish.wanted}
-        time = duration(found.seconds)
+        cvs = {name: _spread(combination.cv[name]) for name in wish.wanted}
+        time = duration(combination.seconds)
         lines = (
             planning.recommended(tests, cvs, time)
-            if found.met
+            if combination.met
             else planning.not_reached(tests, cvs, time, wish.max_repeats)
         )
-    return [*lines, *map(planning.together, found.notes)]
+    return [*lines, *map(planning.together, combination.notes)]
 
 
 def _spread(value: "Expected") -> str:

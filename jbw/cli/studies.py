@@ -47,36 +47,36 @@ def compare(source: Path, out: Path | None, json_: bool, allow_outside: bool, **
         from jbw.study.study import campaign_of, known_of, require_same_inputs
 
         path, summary, known = source, {}, None
-        given, once = asked.pop("campaign"), asked.pop("once")
+        campaign, once = asked.pop("campaign"), asked.pop("once")
         if source.is_dir():
-            path, summary, known = campaign_of(source, given), *known_of(source)
-        beside = source if source.is_dir() else source.parent
-        folder = claim(out or beside / f"compare-{asked['step']}")
+            path, summary, known = campaign_of(source, campaign), *known_of(source)
+        place = source if source.is_dir() else source.parent
+        folder = claim(out or place / f"compare-{asked['step']}")
         if asked["seed"] is None:
             asked["seed"] = summary.get("seed")
         say(f"Reading {path}")
         loaded = load_campaign(path, allow_outside=allow_outside)
         require_same_inputs(loaded, summary)
-        told = {"report": say, "watch": say.chains}
-        found = compare_samplers(loaded, twice=not once, known=known, **told, **asked)
-        save_comparison(folder, found)
-    told = comparison_lines(found.record)
-    answer(json_, found.record, *told, saved=f"Comparison: {folder / 'compare.json'}")
+        reports = {"report": say, "watch": say.chains}
+        comparison = compare_samplers(loaded, twice=not once, known=known, **reports, **asked)
+        save_comparison(folder, comparison)
+    reports = comparison_lines(comparison.record)
+    answer(json_, comparison.record, *reports, saved=f"Comparison: {folder / 'compare.json'}")
 
 
 def comparison_lines(record: Mapping[str, Any]) -> tuple[Table | str, ...]:
     """Two tables: a line a sampler, then a line a parameter and sampler; and who was refused."""
     samplers = record["samplers"].items()
     rows = [
-        {"parameter": parameter, "name": name, **one["parameters"][parameter]}
+        {"parameter": parameter, "name": name, **row["parameters"][parameter]}
         for parameter in record["parameters"]
-        for name, one in samplers
+        for name, row in samplers
     ]
     quantities = {"mean": "mean", "sd": "sd", "1 %": "q010", "50 %": "q500", "99 %": "q990"}
     return (
         table(
             f"{record['posterior']} posterior of {record['campaign']}",
-            [{"name": name, **one} for name, one in samplers],
+            [{"name": name, **row} for name, row in samplers],
             words("sampler", "name"),
             words("draws", "draws", "right"),
             _number("ESS", "ess"),
@@ -114,15 +114,15 @@ def _number(heading: str, key: str, digits: int = 3) -> Column:
     return Column(heading, shown)
 
 
-def _evidence(one: Mapping[str, Any]) -> str:
-    if one["log_evidence"] is None:
+def _evidence(row: Mapping[str, Any]) -> str:
+    if row["log_evidence"] is None:
         return NOTHING
-    return f"{one['log_evidence']:.3f} +- {one['log_evidence_error']:.2g}"
+    return f"{row['log_evidence']:.3f} +- {row['log_evidence_error']:.2g}"
 
 
-def _verdict(one: Mapping[str, Any]) -> str:
-    failed = ", ".join(dict.fromkeys(one["failed"]))
-    return f"{one['verdict']} ({failed})" if failed else one["verdict"]
+def _verdict(row: Mapping[str, Any]) -> str:
+    failed = ", ".join(dict.fromkeys(row["failed"]))
+    return f"{row['verdict']} ({failed})" if failed else row["verdict"]
 
 
 def _distance(key: str, row: Mapping[str, Any]) -> str:
@@ -174,15 +174,15 @@ def sbc(
                 path = campaign_of(source) if source.is_dir() else source
                 say(f"Reading {path}")
                 campaign = load_campaign(path, allow_outside=allow_outside)
-            found = calibration.sbc(campaign, report=say, **asked)
-            calibration.save_sbc(folder, found)
+            calibrated = calibration.sbc(campaign, report=say, **asked)
+            calibration.save_sbc(folder, calibrated)
         except BaseException:
             if not any(folder.iterdir()):
                 folder.rmdir()
             raise
-    verdict = found.record["verdict"]
-    told = calibration_table(found.record), *verdict_lines(verdict, passed=True)
-    answer(json_, found.record, *told, saved=f"Calibration: {folder / 'sbc.json'}")
+    verdict = calibrated.record["verdict"]
+    shown = calibration_table(calibrated.record), *verdict_lines(verdict, passed=True)
+    answer(json_, calibrated.record, *shown, saved=f"Calibration: {folder / 'sbc.json'}")
     return 0 if verdict["status"] == "ok" else NOT_TRUSTED
 
 

@@ -87,24 +87,24 @@ def watch(
 
             trend_at = partial(trend_of, read_fleet(fleet), report=say)
         wishes = Wishes(**wished)
-        found = add(folder, files, wishes, campaign=campaign, trend_at=trend_at, say=say)
-        figure = watch_figure(found.settings, found.readings)
-        page = render_sheet(watch_sheet(folder.name, found.settings, found.readings), figure)
+        watched = add(folder, files, wishes, campaign=campaign, trend_at=trend_at, say=say)
+        figure = watch_figure(watched.settings, watched.readings)
+        page = render_sheet(watch_sheet(folder.name, watched.settings, watched.readings), figure)
         with writing(folder, "watch.png", "watch.html") as part:
             write_figure(part / "watch.png", figure)
             (part / "watch.html").write_text(page, encoding="utf-8")
-        several = len(found.settings["amplitudes"]) > 1
-        if several and found.settings["reference"] < FEW:
+        several = len(watched.settings["amplitudes"]) > 1
+        if several and watched.settings["reference"] < FEW:
             say(messages.several_amplitudes(FEW))
-    stated = [one for one in found.added if "statement" in one]
+    stated = [reading for reading in watched.added if "statement" in reading]
     # One statement: of the last alarm, or where there is none of the last record.
-    last = ([one for one in stated if one["alarm"]] or stated)[-1:]
-    shown = found.added or found.readings
-    record = {"settings": found.settings, "added": found.added, "count": len(found.readings)}
+    last = ([reading for reading in stated if reading["alarm"]] or stated)[-1:]
+    shown = watched.added or watched.readings
+    record = {"settings": watched.settings, "added": watched.added, "count": len(watched.readings)}
     answer(
-        json_, record, watch_table(found.settings, shown), *(one["statement"] for one in last),
+        json_, record, watch_table(watched.settings, shown), *(row["statement"] for row in last),
         saved=f"Watch: {folder / 'watch.jsonl'}, {folder / 'watch.html'}",
     )  # fmt: skip
-    if any(one.get("alarm") for one in found.added):
+    if any(reading.get("alarm") for reading in watched.added):
         return ALARM
-    return REFUSED if any(one["kind"] == "refused" for one in found.added) else 0
+    return REFUSED if any(reading["kind"] == "refused" for reading in watched.added) else 0

@@ -63,27 +63,27 @@ def write_brief(summary: Summary, tree: xr.DataTree, today: datetime.date | None
     """
     figure = draw_brief(summary, tree, today)
     buffer = io.BytesIO()
-    about = {"Title": _name(summary), "Creator": f"jbw {__version__}", "Producer": None}
+    metadata = {"Title": _name(summary), "Creator": f"jbw {__version__}", "Producer": None}
     with warnings.catch_warnings(), matplotlib.rc_context({"pdf.fonttype": 42}):
         warnings.filterwarnings("ignore", message="Glyph")  # a letter that the font lacks is a box
-        figure.savefig(buffer, format="pdf", metadata={**about, "CreationDate": None})
+        figure.savefig(buffer, format="pdf", metadata={**metadata, "CreationDate": None})
     return buffer.getvalue()
 
 
 def draw_brief(summary: Summary, tree: xr.DataTree, today: datetime.date | None = None) -> Figure:
     """Draw the page; arguments as for `write_brief`."""
     figure = Figure(figsize=(WIDTH, HEIGHT))
-    known = names_of(tree, summary)
+    quantities = names_of(tree, summary)
     top = HEIGHT - MARGIN
     top = _line(figure, top, _name(summary), size=16, weight="bold")
     day = (today or datetime.date.today()).isoformat()
     law = law_words(laws_of(tree))
     top = _line(figure, top, messages.heading(day, law, __version__), color=SOFT)
-    top = _verdict(figure, top - 0.1, summary, known)
+    top = _verdict(figure, top - 0.1, summary, quantities)
     findings = (summary.get("verdict") or {}).get("findings", [])
     reasons = {finding.get("reason") for finding in findings}
     for sentence in (text for text in opening(summary, tree)[:4] if text not in reasons):
-        top = _paragraph(figure, top, in_symbols(sentence, known), most=2)
+        top = _paragraph(figure, top, in_symbols(sentence, quantities), most=2)
     if node(tree, BACKBONE) is not None:
         top = _draw_backbone(figure, top - 0.05, tree)
         top = _table(figure, top, _levels(summary, tree), most=len(PARTS))
@@ -101,7 +101,7 @@ def _name(summary: Summary) -> str:
     return " ".join(printable(str(name or "Bolted joint")).split())
 
 
-def _verdict(figure: Figure, top: float, summary: Summary, known: Any) -> float:
+def _verdict(figure: Figure, top: float, summary: Summary, quantities: Any) -> float:
     """What the numbers may be used for, with the first reason against them, in a box."""
     verdict = summary.get("verdict") or {}
     word = badge(verdict).word
@@ -112,7 +112,7 @@ def _verdict(figure: Figure, top: float, summary: Summary, known: Any) -> float:
     against.sort(key=lambda row: row.get("status") != "failed")
     for finding in against[:1]:
         text = " ".join(filter(None, (finding.get("reason"), finding.get("action"))))
-        top = _paragraph(figure, top, in_symbols(str(text), known), most=3, indent=0.15)
+        top = _paragraph(figure, top, in_symbols(str(text), quantities), most=3, indent=0.15)
     if len(against) > 1:
         remaining = messages.more_findings(len(against) - 1)
         top = _line(figure, top, remaining, size=8.5, color=SOFT, indent=0.15)
@@ -157,10 +157,10 @@ def _draw_backbone(figure: Figure, top: float, tree: xr.DataTree) -> float:
 
 def _levels(summary: Summary, tree: xr.DataTree) -> Cells:
     """Frequency, its shift, damping ratio and Q at parts of the largest fitted amplitude."""
-    found = tree[BACKBONE].to_dataset()
-    y_peak = float(found.attrs["y_fitted"])
+    curve = tree[BACKBONE].to_dataset()
+    y_peak = float(curve.attrs["y_fitted"])
     factor, unit = length_unit(y_peak)
-    at = found.interp(amplitude=[part * y_peak for part in PARTS])
+    at = curve.interp(amplitude=[part * y_peak for part in PARTS])
     frequency, damping = (
         np.asarray(at[name].transpose("amplitude", "quantile"), float)
         for name in ("frequency", "damping")
@@ -201,9 +201,9 @@ def _modes(tree: xr.DataTree) -> Cells:
     group = node(tree, "posterior")
     drawn = {} if group is None else group.to_dataset().data_vars
     pairs = [("omega_n", "zeta"), *((f"omega_{k}", f"zeta_{k}") for k in range(2, 20))]
-    own = [pair for pair in pairs if all(name in drawn for name in pair)]
+    modal = [pair for pair in pairs if all(name in drawn for name in pair)]
     rows = []
-    for i, (omega, zeta) in enumerate(own if len(own) > 1 else (), start=1):
+    for i, (omega, zeta) in enumerate(modal if len(modal) > 1 else (), start=1):
         hertz, ratio = (
             np.quantile(np.ravel(drawn[name]), (0.005, 0.5, 0.995)) for name in (omega, zeta)
         )
@@ -226,7 +226,9 @@ def _measured(summary: Summary, tree: xr.DataTree) -> Cells:
         key = str(row.get("kind") or ""), float("nan" if level is None else level)
         families.setdefault((*key, bool(row.get("fitted"))), []).append(row)
     rows = []
-    for (kind, level, is_fitted), tests in sorted(families.items(), key=lambda one: str(one[0])):
+    for (kind, level, is_fitted), tests in sorted(
+        families.items(), key=lambda family: str(family[0])
+    ):
         seen = [read[row["test"]] for row in tests if row["test"] in read]
         unit = unit_text(str(tests[0].get("level_unit") or ""))
         largest = max((row["y_max"] for row in seen), default=None)
@@ -297,9 +299,9 @@ def _table(
     for row, colour in ((cells.names, SOFT), *((row, INK) for row in shown)):
         for text, (start, end, side) in zip(row, cells.places, strict=True):
             room = ROOM if row is more else ROOM * (end - start)
-            kept = _shortened(str(text), room, USUAL["size"])
+            shortened = _shortened(str(text), room, USUAL["size"])
             place = start if side == "left" else end
-            _put(figure, MARGIN + place * ROOM, top, kept, color=colour, ha=side)
+            _put(figure, MARGIN + place * ROOM, top, shortened, color=colour, ha=side)
         top -= height
     return top - 0.06
 
@@ -307,8 +309,8 @@ def _table(
 def _line(figure: Figure, top: float, text: str, indent: float = 0.0, **look: Any) -> float:
     """Write one line, shortened to the page's width; return where the next begins."""
     size = float(look.get("size", USUAL["size"]))
-    kept = _shortened(text, ROOM - indent, size, str(look.get("weight", "normal")))
-    _put(figure, MARGIN + indent, top, kept, **look)
+    shortened = _shortened(text, ROOM - indent, size, str(look.get("weight", "normal")))
+    _put(figure, MARGIN + indent, top, shortened, **look)
     return top - size * POINT * LEADING
 
 

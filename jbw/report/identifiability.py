@@ -32,34 +32,34 @@ def information_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
     and αγ, before sampling and after it. A product far to the left of its factors is what the data
     know; the factors are then the prior's.
     """
-    known = branch(tree, GROUP, "direction_ratio", "parameter_ratio")
+    group = branch(tree, GROUP, "direction_ratio", "parameter_ratio")
     names = names_of(tree)
-    kinds = [kind for kind in ("parameter", "combination") if kind in known.coords]
-    quantities = [str(name) for kind in kinds for name in known[kind].values]
-    axes = panels(ax, 1, 2, height=1.3 + 0.3 * max(known.sizes["direction"], len(quantities)))
+    kinds = [kind for kind in ("parameter", "combination") if kind in group.coords]
+    quantities = [str(name) for kind in kinds for name in group[kind].values]
+    axes = panels(ax, 1, 2, height=1.3 + 0.3 * max(group.sizes["direction"], len(quantities)))
     left, right = axes[0]
     # Bars, the strongest direction on top.
-    ratio = np.maximum(np.asarray(known["direction_ratio"], float), LEAST)
-    texts = [plain(combination(str(text), names)) for text in known["direction_text"].values]
+    ratio = np.maximum(np.asarray(group["direction_ratio"], float), LEAST)
+    texts = [plain(combination(str(text), names)) for text in group["direction_text"].values]
     start = 0.5 * ratio.min()
     left.barh(np.arange(len(ratio)), ratio - start, 0.6, left=start, color=style.BLUE, alpha=0.8)
     title(left, captions.DIRECTIONS)
     # Parameters and combinations: by the fit, and by the draws where there are any.
     rows = np.arange(len(quantities))
-    before = np.maximum(_column(known, "ratio"), LEAST)
+    before = np.maximum(_column(group, "ratio"), LEAST)
     look = {"ms": 6, "mfc": "none", "color": style.BLUE, "label": captions.BEFORE_SAMPLING}
     right.plot(before, rows, "o", **look)
-    if "parameter_contraction" in known:
-        after = np.sqrt(np.maximum(1 - _column(known, "contraction"), LEAST**2))
+    if "parameter_contraction" in group:
+        after = np.sqrt(np.maximum(1 - _column(group, "contraction"), LEAST**2))
         right.plot(after, rows, ".", ms=7, color=style.GREEN, label="by the draws")
     title(right, "Parameters and combinations")
     symbols = [symbol(name, names) for name in quantities]
-    for each, labels in ((left, list(map(_in_lines, texts))), (right, symbols)):
-        each.set_yticks(range(len(labels)), labels)
-        each.set_ylim(len(labels) - 0.4, -0.6)
-        each.axvline(1.0, color=style.INK, lw=0.9)
-        each.set_xscale("log")
-        each.grid(False, axis="y")
+    for panel, labels in ((left, list(map(_in_lines, texts))), (right, symbols)):
+        panel.set_yticks(range(len(labels)), labels)
+        panel.set_ylim(len(labels) - 0.4, -0.6)
+        panel.axvline(1.0, color=style.INK, lw=0.9)
+        panel.set_xscale("log")
+        panel.grid(False, axis="y")
     return finish(axes, ax, captions.OVER_PRIOR)
 
 
@@ -71,9 +71,9 @@ def _in_lines(text: str, most: int = 22) -> str:
     return "\n".join(filter(None, lines))
 
 
-def _column(known: xr.Dataset, what: str) -> Float[np.ndarray, " quantity"]:
-    dims = [dim for dim in ("parameter", "combination") if f"{dim}_{what}" in known]
-    return np.concatenate([np.asarray(known[f"{dim}_{what}"], float) for dim in dims])
+def _column(group: xr.Dataset, what: str) -> Float[np.ndarray, " quantity"]:
+    dims = [dim for dim in ("parameter", "combination") if f"{dim}_{what}" in group]
+    return np.concatenate([np.asarray(group[f"{dim}_{what}"], float) for dim in dims])
 
 
 def profile_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
@@ -85,54 +85,54 @@ def profile_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
 
     Panels: one a parameter.
     """
-    known = branch(tree, GROUP)
-    if "profile_value" not in known:
+    group = branch(tree, GROUP)
+    if "profile_value" not in group:
         raise DataError(
             "The run followed no profile likelihoods; set profiles = true in [identify]."
         )
     names = names_of(tree)
-    known = known.dropna("parameter", how="all", subset=["profile_value"])
-    axes, stack = stacks(ax, known.sizes["parameter"], 1, height=2.1)
-    for i, (each,) in enumerate(stack):
-        name = str(known["parameter"].values[i])
-        values, rise = known["profile_value"][i], known["profile_chi_square"][i]
-        each.plot(values, rise, ".-", color=style.BLUE, lw=1.2, ms=5, label="profile")
+    group = group.dropna("parameter", how="all", subset=["profile_value"])
+    axes, stack = stacks(ax, group.sizes["parameter"], 1, height=2.1)
+    for i, (panel,) in enumerate(stack):
+        name = str(group["parameter"].values[i])
+        values, rise = group["profile_value"][i], group["profile_chi_square"][i]
+        panel.plot(values, rise, ".-", color=style.BLUE, lw=1.2, ms=5, label="profile")
         # The threshold of the 99 % interval.
-        each.axhline(THRESHOLD, color=style.VERMILLION, lw=0.9, ls="--", label="99 %")
-        each.axhline(0.0, color=style.SOFT, lw=0.7)
-        each.set_ylim(-0.6, 2.2 * THRESHOLD)
-        each.locator_params(axis="x", nbins=3)
-        each.set_xlabel(axis_label(symbol(name, names), quantity(name, names).unit))
+        panel.axhline(THRESHOLD, color=style.VERMILLION, lw=0.9, ls="--", label="99 %")
+        panel.axhline(0.0, color=style.SOFT, lw=0.7)
+        panel.set_ylim(-0.6, 2.2 * THRESHOLD)
+        panel.locator_params(axis="x", nbins=3)
+        panel.set_xlabel(axis_label(symbol(name, names), quantity(name, names).unit))
     return finish(axes, ax, left="rise of χ² [-]")
 
 
-def directions_table(found: Row, known: Names) -> Table:
+def directions_table(summary: Row, quantities: Names) -> Table:
     """The information spectrum of a summary, a row a direction, the strongest first."""
 
     def direction(row: Row) -> Cell:
-        return Cell(combination(row["combination"], known), typed=row["combination"])
+        return Cell(combination(row["combination"], quantities), typed=row["combination"])
 
     return table(
         notes.SPECTRUM,
-        found.get("spectrum") or [],
+        summary.get("spectrum") or [],
         Column("direction, strongest first", direction, align="left"),
         digits("information /\nprior's", "information"),
         shares("sd / prior's", "ratio"),
     )
 
 
-def quantities_table(found: Row, known: Names) -> Table:
+def quantities_table(summary: Row, quantities: Names) -> Table:
     """What is known of every parameter and combination, before and after sampling."""
-    facts = {**(found.get("parameters") or {}), **(found.get("combinations") or {})}
+    facts = {**(summary.get("parameters") or {}), **(summary.get("combinations") or {})}
     more = ("contraction", "box_sensitivity", "profiles")
     rows = [
-        {"name": name, **row} | {key: (found.get(key) or {}).get(name) for key in more}
+        {"name": name, **row} | {key: (summary.get(key) or {}).get(name) for key in more}
         for name, row in facts.items()
     ]
     return table(
         "Parameters and combinations",
         rows,
-        named("parameter or combination", known),
+        named("parameter or combination", quantities),
         by_sd("fit", "value", only="terminal"),
         digits("sd", "sd", 2, only="terminal"),
         shares("sd / value,\nby the fit", "relative"),
@@ -142,28 +142,32 @@ def quantities_table(found: Row, known: Names) -> Table:
             lambda row: percent(row["contraction"]),
             identified.CONTRACTION,
         ),
-        Column("follows its bounds,\nin sds", partial(_shift, known=known), identified.FOLLOWS),
+        Column(
+            "follows its bounds,\nin sds",
+            partial(_shift, quantities=quantities),
+            identified.FOLLOWS,
+        ),
         Column("99 % interval\nof the profile", _interval),
-        note=" ".join(filter(None, (identified.OF_THE_FIT, _waterfall(found)))),
+        note=" ".join(filter(None, (identified.OF_THE_FIT, _waterfall(summary)))),
     )
 
 
-def _waterfall(found: Row) -> str:
+def _waterfall(summary: Row) -> str:
     """What the starts of the fit ended at, in words; once where all ended alike."""
-    costs = (found.get("waterfall") or {}).get("costs") or []
+    costs = (summary.get("waterfall") or {}).get("costs") or []
     if len(costs) < 2:
         return ""
     shown = ["none" if cost is None else number(cost, digits=4) for cost in costs]
     return identified.costs(shown)
 
 
-def _shift(row: Row, known: Names) -> str:
+def _shift(row: Row, quantities: Names) -> str:
     """How far a mean follows the box, and which bound moves it."""
     shift = row["box_sensitivity"]
     if shift is None or not shift.get("box"):
         return NOTHING
     size = "∞" if shift.get("shift") is None else number(shift["shift"], 0.1)
-    return f"{size} by {symbol(shift['box'], known)} {shift['end']}"
+    return f"{size} by {symbol(shift['box'], quantities)} {shift['end']}"
 
 
 def _interval(row: Row) -> str:

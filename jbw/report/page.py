@@ -57,22 +57,26 @@ def write_page(summary: Mapping[str, Any], tree: xr.DataTree, path: Path) -> Non
 
 def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
     """Return the report as HTML; every name that comes from a file is escaped."""
-    verdict, known = summary.get("verdict") or {}, names_of(tree, summary)
+    verdict, quantities = summary.get("verdict") or {}, names_of(tree, summary)
     identifiability = summary.get("identifiability") or {}
     status = badge(verdict)
-    parameters = tables.parameters_table(summary, known, shown=True)
+    parameters = tables.parameters_table(summary, quantities, shown=True)
     drawn = [_draw(entry, tree) for entry in FIGURE_LIST]
-    first = lead(summary, [one["entry"].name for one in drawn if one["svg"]])
+    first = lead(summary, [figure["entry"].name for figure in drawn if figure["svg"]])
     return ENVIRONMENT.get_template("page.html").render(
         campaign=campaign_name(summary),
         laws=law_words(laws_of(tree)),
         status=status,
         status_words=messages.STATUS.get(status.word, messages.READ_FIRST),
-        findings=findings(verdict, known),
+        findings=findings(verdict, quantities),
         answers=[
-            {"name": name, "badge": badge(told), "because": in_symbols(told["because"], known)}
-            | {"question": told["question"]}
-            for name, told in (verdict.get("answers") or {}).items()
+            {
+                "name": name,
+                "badge": badge(answered),
+                "because": in_symbols(answered["because"], quantities),
+            }
+            | {"question": answered["question"]}
+            for name, answered in (verdict.get("answers") or {}).items()
         ],
         steps=[
             {
@@ -80,17 +84,17 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
                 "main": name == summary.get("main"),
                 "route": tables.of_route(name, summary),
                 "badge": badge(step.get("verdict")) if step.get("verdict") else None,
-                "findings": findings(step.get("verdict"), known),
-                "statements": _statements(step, known),
-                "correlations": tables.correlation_words(step, known),
+                "findings": findings(step.get("verdict"), quantities),
+                "statements": _statements(step, quantities),
+                "correlations": tables.correlation_words(step, quantities),
             }
             for name, step in tables.main_first(summary)
         ],
         opening=[
-            in_symbols(each, known).replace(" %", "\N{NO-BREAK SPACE}%")
+            in_symbols(each, quantities).replace(" %", "\N{NO-BREAK SPACE}%")
             for each in opening(summary, tree)
         ],
-        lead=next((one for one in drawn if one["entry"].name == first), None),
+        lead=next((figure for figure in drawn if figure["entry"].name == first), None),
         parameters=_only(parameters, lambda name: name == summary.get("main")),
         others=_only(
             parameters,
@@ -98,21 +102,25 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
         ),
         paper=_only(parameters, lambda name: tables.of_route(name, summary)),
         look={"statements": [], "seen": []} | (summary.get("look") or {}),
-        looked=next(one for one in drawn if one["entry"].name == LOOK),
+        looked=next(figure for figure in drawn if figure["entry"].name == LOOK),
         groups=_groups(
-            [one for one in drawn if one["svg"] and one["entry"].name not in (first, LOOK)]
+            [
+                figure
+                for figure in drawn
+                if figure["svg"] and figure["entry"].name not in (first, LOOK)
+            ]
         ),
-        missing=[one for one in drawn if one["missing"]],
+        missing=[figure for figure in drawn if figure["missing"]],
         predictions=tables.table_of_tests(summary, tree),
-        directions=directions_table(identifiability, known),
-        quantities=quantities_table(identifiability, known),
-        identified=identified_words(summary, known),
-        known_words=_statements(identifiability, known),
-        routes=tables.routes_table(summary, known),
-        route_words=_statements(summary.get("comparison"), known),
+        directions=directions_table(identifiability, quantities),
+        quantities=quantities_table(identifiability, quantities),
+        identified=identified_words(summary, quantities),
+        known_words=_statements(identifiability, quantities),
+        routes=tables.routes_table(summary, quantities),
+        route_words=_statements(summary.get("comparison"), quantities),
         loops=tables.loops_table(tree),
         cycles=cycles_table((summary.get("look") or {}).get("loops") or []),
-        checks=tables.checks_table(tree, known),
+        checks=tables.checks_table(tree, quantities),
         provenance=_provenance(summary),
         inputs=_inputs(summary.get("inputs") or {}),
     )
@@ -120,21 +128,25 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
 
 def _groups(drawn: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
     """Figures by what they are about, in the order of the groups; none without a figure."""
-    found = (
+    groups = (
         {"id": f"figures-{name}", "title": title, "drawn": [
-            one for one in drawn if one["entry"].about == name]}
+            figure for figure in drawn if figure["entry"].about == name]}
         for name, title in GROUPS.items()
     )  # fmt: skip
-    return [group for group in found if group["drawn"]]
+    return [group for group in groups if group["drawn"]]
 
 
 def _only(table: Table, chosen: Callable[[str], bool]) -> Table:
     """Sections of a table by their names."""
-    return replace(table, sections=tuple(one for one in table.sections if chosen(one.name)))
+    return replace(
+        table, sections=tuple(section for section in table.sections if chosen(section.name))
+    )
 
 
-def _statements(part: Any, known: Names) -> list[str]:
-    return [in_symbols(str(each), known) for each in (part or {}).get("statements") or []]
+def _statements(part: Any, quantities: Names) -> list[str]:
+    return [
+        in_symbols(str(sentence), quantities) for sentence in (part or {}).get("statements") or []
+    ]
 
 
 def _inputs(hashes: Mapping[str, str]) -> dict[str, Any]:

@@ -75,20 +75,20 @@ def _unfinished(folder: Path, name: str) -> DataError:
 
 def node(tree: xr.DataTree, path: str) -> xr.DataTree | None:
     """Return the node at `path`, or None where the run did not write it."""
-    found: xr.DataTree | None = tree
+    group: xr.DataTree | None = tree
     for part in path.strip("/").split("/"):
-        found = None if found is None else found.children.get(part)
-    return found
+        group = None if group is None else group.children.get(part)
+    return group
 
 
 def branch(tree: xr.DataTree, path: str, *needed: str) -> xr.Dataset:
     """The group at `path` as a dataset, or a DataError where it or a variable is missing."""
-    found = node(tree, path)
-    if found is None:
+    group = node(tree, path)
+    if group is None:
         raise DataError(f"The result has no group /{path.strip('/')}.")
-    if missing := [name for name in needed if name not in found.data_vars]:
+    if missing := [name for name in needed if name not in group.data_vars]:
         raise DataError(f"The group /{path.strip('/')} lacks {', '.join(missing)}.")
-    return found.to_dataset()
+    return group.to_dataset()
 
 
 def tests(tree: xr.DataTree, path: str, *needed: str) -> list[tuple[str, xr.Dataset]]:
@@ -96,8 +96,8 @@ def tests(tree: xr.DataTree, path: str, *needed: str) -> list[tuple[str, xr.Data
     parent = node(tree, path)
     if parent is None or not parent.children:
         raise DataError(f"The result has no test under /{path.strip('/')}.")
-    found = [(name, branch(tree, f"{path}/{name}", *needed)) for name in parent.children]
-    return sorted(found, key=lambda test: float(test[1].attrs.get("level", 0.0)))
+    groups = [(name, branch(tree, f"{path}/{name}", *needed)) for name in parent.children]
+    return sorted(groups, key=lambda test: float(test[1].attrs.get("level", 0.0)))
 
 
 def verified(tree: xr.DataTree, attribute: str) -> list[tuple[str, str, xr.Dataset]]:
@@ -115,12 +115,12 @@ def names_of(tree: xr.DataTree, summary: Mapping[str, Any] | None = None) -> dic
     """Symbol, unit and meaning of every parameter of a run, by name."""
     # What a run of jbw 0.1 did not write comes from the tables of today; a summary may tell of
     # steps that the tree lacks.
-    found = {}
+    quantities = {}
     for group in tree.subtree:
         for name, values in group.data_vars.items() if group.name == "posterior" else ():
             today = None if values.attrs.get("symbol") else quantity(str(name))
             meaning = str(values.attrs.get("long_name", ""))
-            found[str(name)] = Quantity(
+            quantities[str(name)] = Quantity(
                 str(name),
                 str(values.attrs["symbol"]) if today is None else today.symbol,
                 unit_of(values),
@@ -129,21 +129,22 @@ def names_of(tree: xr.DataTree, summary: Mapping[str, Any] | None = None) -> dic
     for step in ((summary or {}).get("steps") or {}).values():
         for name in step.get("parameters") or ():
             stem = name.partition("[")[0]
-            found[stem] = quantity(stem, found)
-    return found
+            quantities[stem] = quantity(stem, quantities)
+    return quantities
 
 
 def parameters(group: xr.Dataset) -> list[Parameter]:
     """Return the parameters of a posterior group, an array element by element."""
-    found = []
-    known = names_of(xr.DataTree.from_dict({"/posterior": group}))
+    sampled = []
+    quantities = names_of(xr.DataTree.from_dict({"/posterior": group}))
     for name, values in group.data_vars.items():
         rest = [dim for dim in values.dims if dim not in ("chain", "draw")]
         for index, place in enumerate(np.ndindex(*(values.sizes[dim] for dim in rest))):
-            one = values.isel(dict(zip(rest, place, strict=True)))
+            single = values.isel(dict(zip(rest, place, strict=True)))
             # The coordinates of the element, as in [0.05]; nothing of a scalar.
             marks = [
-                one[d].item() if d in one.coords else at for d, at in zip(rest, place, strict=True)
+                single[d].item() if d in single.coords else at
+                for d, at in zip(rest, place, strict=True)
             ]
             texts = [mark if isinstance(mark, str) else f"{mark:g}" for mark in marks]
             label = f"{name}[{', '.join(texts)}]" if texts else str(name)
@@ -151,10 +152,12 @@ def parameters(group: xr.Dataset) -> list[Parameter]:
                 _element(values.attrs.get(key), index) for key in ("truth", "lower", "upper")
             )
             box = None if lower is None or upper is None else (lower, upper)
-            unit, meaning = known[str(name)].unit, known[str(name)].meaning
-            draws = np.asarray(one.transpose("chain", "draw"), float)
-            found.append(Parameter(label, symbol(label, known), unit, meaning, draws, box, truth))
-    return found
+            unit, meaning = quantities[str(name)].unit, quantities[str(name)].meaning
+            draws = np.asarray(single.transpose("chain", "draw"), float)
+            sampled.append(
+                Parameter(label, symbol(label, quantities), unit, meaning, draws, box, truth)
+            )
+    return sampled
 
 
 def _element(value: Any, index: int) -> float | None:
@@ -167,12 +170,16 @@ def _element(value: Any, index: int) -> float | None:
 def of_joint(group: xr.Dataset) -> list[Parameter]:
     """The oscillator's and its laws' own parameters: no gain, no noise, no products."""
     # The symbol of a product has several letters with spaces between them.
-    return [each for each in parameters(group) if each.name not in GAINS and " " not in each.symbol]
+    return [
+        parameter
+        for parameter in parameters(group)
+        if parameter.name not in GAINS and " " not in parameter.symbol
+    ]
 
 
 def of_law(joint: Iterable[Parameter]) -> list[Parameter]:
     """Return those of the joint's parameters that are its laws'."""
-    return [each for each in joint if each.name not in BY_NAME]
+    return [parameter for parameter in joint if parameter.name not in BY_NAME]
 
 
 def laws_of(tree: xr.DataTree) -> tuple[str, ...]:

@@ -47,7 +47,7 @@ Summary = Mapping[str, Any]
 def main_first(summary: Summary) -> list[tuple[str, Summary]]:
     """The steps, the main one first: it is what the others are held against."""
     steps = (summary.get("steps") or {}).items()
-    return sorted(steps, key=lambda each: each[0] != summary.get("main"))
+    return sorted(steps, key=lambda step: step[0] != summary.get("main"))
 
 
 def step_heading(name: str, summary: Summary) -> str:
@@ -60,7 +60,7 @@ def of_route(name: str, summary: Summary) -> bool:
     return name.startswith(ROUTE) and name != summary.get("main")
 
 
-def parameters_table(summary: Summary, known: Names, *, shown: bool = False) -> Table:
+def parameters_table(summary: Summary, quantities: Names, *, shown: bool = False) -> Table:
     """Table 1: every step with its verdict and what it found of every parameter.
 
     Frequencies are `shown` in Hz and damping ratios in per cent, or as they are inferred.
@@ -73,7 +73,7 @@ def parameters_table(summary: Summary, known: Names, *, shown: bool = False) -> 
         wall = seconds(step.get("wall_time_s")).replace(NOTHING, "")
         sections.append(Section(rows, name, step_heading(name, summary), verdict, wall))
     columns = (
-        named("parameter", known),
+        named("parameter", quantities),
         Column("unit", _unit, align="unit", only="page"),
         by_sd("MAP", "map", meaning="highest posterior density", spared=2),
         by_sd("mean", "mean"),
@@ -123,7 +123,7 @@ def _z(row: Summary) -> Cell:
     return Cell(number(z, 1.0), "flag" if z is not None and abs(z) > FAR else "")
 
 
-def correlation_words(step: Summary, known: Names, strong: float = 0.9) -> list[str]:
+def correlation_words(step: Summary, quantities: Names, strong: float = 0.9) -> list[str]:
     """Return the strong correlations of a step in words."""
     pairs = {
         frozenset((first, second)): value
@@ -132,7 +132,7 @@ def correlation_words(step: Summary, known: Names, strong: float = 0.9) -> list[
         if first != second and value is not None and abs(value) >= strong
     }
     return [
-        f"{' and '.join(symbol(name, known) for name in sorted(pair))}: {number(value, 0.01)}"
+        f"{' and '.join(symbol(name, quantities) for name in sorted(pair))}: {number(value, 0.01)}"
         for pair, value in pairs.items()
     ]
 
@@ -183,12 +183,12 @@ def every_test(summary: Summary, tree: xr.DataTree | None = None) -> list[dict[s
     A run of an earlier version lists no tests: then those that were read and those predicted.
     """
     predicted = dict(summary.get("predictions") or {})
-    known = summary.get("tests")
-    if known is None:
+    listed = summary.get("tests")
+    if listed is None:
         read = None if tree is None else node(tree, "look")
         every = [] if read is None else [dict(test.attrs) for test in read.children.values()]
-        known = [{**row, "fitted": int(row["fitted"])} for row in every if "fitted" in row]
-    rows = [{**predicted.pop(row["test"], {}), **row} for row in known]
+        listed = [{**row, "fitted": int(row["fitted"])} for row in every if "fitted" in row]
+    rows = [{**predicted.pop(row["test"], {}), **row} for row in listed]
     return [*rows, *({"test": name, **row} for name, row in predicted.items())]
 
 
@@ -232,13 +232,13 @@ def _fitted(row: Summary) -> str:
     return notes.beyond(reach)
 
 
-def routes_table(summary: Summary, known: Names) -> Table:
+def routes_table(summary: Summary, quantities: Names) -> Table:
     """The paper's cut beside the joint posterior, a row a parameter."""
-    found = (summary.get("comparison") or {}).get("parameters") or {}
+    compared = (summary.get("comparison") or {}).get("parameters") or {}
     facts = [(route, key) for route in ("cut", "joint") for key in ("mean", "sd")]
     rows = [
         {"name": name, **row} | {f"{route}_{key}": row[route][key] for route, key in facts}
-        for name, row in found.items()
+        for name, row in compared.items()
     ]
 
     def mean(route: str) -> Column:
@@ -248,7 +248,7 @@ def routes_table(summary: Summary, known: Names) -> Table:
     return table(
         notes.ROUTES,
         rows,
-        named("parameter", known),
+        named("parameter", quantities),
         mean("cut"),
         digits("cut: sd", "cut_sd", 2),
         mean("joint"),
@@ -291,7 +291,7 @@ def _meet(row: Summary) -> str:
     return "yes" if least <= high and low <= most else "no"
 
 
-def checks_table(tree: xr.DataTree, known: Names) -> Table:
+def checks_table(tree: xr.DataTree, quantities: Names) -> Table:
     """What the records themselves say: coherence, spread of repeats, the source."""
     rows: list[tuple[str, str, str]] = []
     with suppress(DataError):
@@ -303,7 +303,7 @@ def checks_table(tree: xr.DataTree, known: Names) -> Table:
     with suppress(DataError):
         for key, value in branch(tree, "steps/linear").attrs.items():
             if str(key).startswith("cv_"):
-                what = f"variation of {symbol(str(key).removeprefix('cv_'), known)}"
+                what = f"variation of {symbol(str(key).removeprefix('cv_'), quantities)}"
                 rows.append((what, percent(value, digits=2), notes.VARIATION_NOTE))
     with suppress(DataError):
         part = np.abs(branch(tree, "verification/h3", "correction")["correction"])

@@ -31,13 +31,13 @@ def watch_figure(
 ) -> Panels:
     """Draw the readings at the first amplitude, the band of the references, and every alarm."""
     axes = panels(ax, 2, 1, height=4.6)
-    values = np.array([one["values"][:2] for one in readings]).reshape(-1, 2)
+    values = np.array([reading["values"][:2] for reading in readings]).reshape(-1, 2)
     values[:, 1] = 100 * np.exp(values[:, 1])
     number = np.arange(1, len(values) + 1)
     num = min(settings["reference"], len(values))
-    alarms = np.array([bool(one.get("alarm")) for one in readings], bool)
+    alarms = np.array([bool(reading.get("alarm")) for reading in readings], bool)
     at = f"{settings['amplitudes'][0]:g} {settings['unit']}"
-    for column, (each, name) in enumerate(
+    for column, (panel, name) in enumerate(
         zip(axes[:, 0], ("frequency [Hz]", "damping [%]"), strict=True)
     ):
         here = values[:, column]
@@ -46,15 +46,15 @@ def watch_figure(
             reach = student.ppf((1 + LEVEL) / 2, num - 1) * sd * np.sqrt(1 + 1 / num)
             ends = np.array([0.5, len(values) + 0.5])
             low, high = np.full(2, middle - reach), np.full(2, middle + reach)
-            shade(each, ends, low, high, BLUE, watch.BAND, alpha=0.15)
-        each.plot(number[:num], here[:num], "o", color=SKY, ms=4, label="reference")
-        each.plot(number[num:], here[num:], "o", color=INK, ms=4, label="watched")
-        each.plot(
+            shade(panel, ends, low, high, BLUE, watch.BAND, alpha=0.15)
+        panel.plot(number[:num], here[:num], "o", color=SKY, ms=4, label="reference")
+        panel.plot(number[num:], here[num:], "o", color=INK, ms=4, label="watched")
+        panel.plot(
             number[alarms], here[alarms], "s", color=VERMILLION, ms=7, mfc="none", label="alarm"
         )
-        each.set_ylabel(name)
-        each.ticklabel_format(axis="y", useOffset=False)
-        title(each, f"{name.partition(' [')[0]} at {at}")
+        panel.set_ylabel(name)
+        panel.ticklabel_format(axis="y", useOffset=False)
+        title(panel, f"{name.partition(' [')[0]} at {at}")
     return finish(axes, ax, below="record")
 
 
@@ -80,28 +80,32 @@ def watch_table(settings: Mapping[str, Any], entries: Any) -> Table:
     """A line a record, with its readings at the first amplitude."""
 
     def number(heading: str, read: Any, form: str) -> Column:
-        def shown(one: Mapping[str, Any]) -> str:
-            value = read(one)
+        def shown(reading: Mapping[str, Any]) -> str:
+            value = read(reading)
             return NOTHING if value is None else format(value, form)
 
         return Column(heading, shown)
 
     def value(at: int) -> Any:
-        return lambda one: one["values"][at] if "values" in one else None
+        return lambda reading: reading["values"][at] if "values" in reading else None
 
-    rows = [{"role": one["kind"], "alarm": "", **one} for one in entries]
+    rows = [{"role": reading["kind"], "alarm": "", **reading} for reading in entries]
     at = f"{settings['amplitudes'][0]:g} {settings['unit']}"
     return table(
         watch.table_title(at, settings["false_alarms"]),
         rows,
-        number("number", lambda one: one.get("number"), "d"),
+        number("number", lambda reading: reading.get("number"), "d"),
         words("record", "record"),
         words("role", "role"),
         number("frequency [Hz]", value(0), ".4f"),
-        number("damping [%]", lambda one: 100 * np.exp(one["values"][1]) if "values" in one
-               else None, ".4g"),
-        number("T^2", lambda one: one.get("squared"), ".3g"),
-        number("threshold", lambda one: one.get("threshold"), ".3g"),
-        number("unchanged", lambda one: one.get("unchanged"), ".3g"),
+        number("damping [%]", _damping, ".4g"),
+        number("T^2", lambda reading: reading.get("squared"), ".3g"),
+        number("threshold", lambda reading: reading.get("threshold"), ".3g"),
+        number("unchanged", lambda reading: reading.get("unchanged"), ".3g"),
         words("alarm", "alarm"),
     )  # fmt: skip
+
+
+def _damping(reading: Mapping[str, Any]) -> float | None:
+    """Damping ratio in per cent at the first amplitude."""
+    return 100 * float(np.exp(reading["values"][1])) if "values" in reading else None

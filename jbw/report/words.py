@@ -33,87 +33,89 @@ def badge(verdict: Any) -> Badge:
     return Badge(word or "not judged", KINDS.get(word, "doubt"))
 
 
-def findings(verdict: Any, known: Names) -> list[dict[str, Any]]:
+def findings(verdict: Any, quantities: Names) -> list[dict[str, Any]]:
     """Return a verdict's findings, the bad ones first; those that ask for the same together."""
     groups: dict[tuple[str, ...], dict[str, Any]] = {}
-    for each in verdict.get("findings", []) if isinstance(verdict, Mapping) else []:
-        status, action = (str(each.get(name) or "") for name in ("status", "action"))
-        reason = str(each.get("reason") or each.get("code") or "")
-        value = number(each.get("number"))
+    for finding in verdict.get("findings", []) if isinstance(verdict, Mapping) else []:
+        status, action = (str(finding.get(name) or "") for name in ("status", "action"))
+        reason = str(finding.get("reason") or finding.get("code") or "")
+        value = number(finding.get("number"))
         # The reason gets its number where the sentence has none.
         if value != NOTHING and not any(letter.isdigit() for letter in reason):
             reason = f"{reason} ({value})"
         # Without an action there is nothing to say once for all of them.
         key = (status, action) if action else (str(len(groups)),)
         group = groups.setdefault(
-            key, {"badge": badge(status), "reasons": [], "action": in_symbols(action, known)}
+            key, {"badge": badge(status), "reasons": [], "action": in_symbols(action, quantities)}
         )
-        group["reasons"].append(in_symbols(reason, known))
+        group["reasons"].append(in_symbols(reason, quantities))
     return sorted(
-        groups.values(), key=lambda each: ("bad", "doubt", "good").index(each["badge"].kind)
+        groups.values(), key=lambda finding: ("bad", "doubt", "good").index(finding["badge"].kind)
     )
 
 
-def in_symbols(text: str, known: Names) -> str:
+def in_symbols(text: str, quantities: Names) -> str:
     """Return a sentence with parameters as symbols, products as dots and exponents raised.
 
     What stands in backticks is to be typed, and stays as it is.
     """
     if "`" in text:
         parts = text.split("`")
-        told = [part if i % 2 else in_symbols(part, known) for i, part in enumerate(parts)]
-        return "`".join(told)
+        shown = [part if i % 2 else in_symbols(part, quantities) for i, part in enumerate(parts)]
+        return "`".join(shown)
     # A name means the quantity alone, as alpha does, or is a word too, as `share` and `cubic`.
     spelled = {
-        name: each.symbol
-        for name, each in known.items()
-        if "_" in each.name
-        or unicodedata.name(each.symbol[0], "").endswith(f" {each.name.upper()}")
+        name: quantity.symbol
+        for name, quantity in quantities.items()
+        if "_" in quantity.name
+        or unicodedata.name(quantity.symbol[0], "").endswith(f" {quantity.name.upper()}")
     }
     spelled |= {name.capitalize(): letter for name, letter in spelled.items()} | SPELLED
     names = "|".join(map(re.escape, sorted(spelled, key=len, reverse=True)))
     letters = "".join({letter[-1] for letter in spelled.values() if not letter.isascii()})
     firsts = "".join({letter[0] for letter in spelled.values() if not letter[0].isascii()})
     # Not within a path or a name in backticks; after a stroke only where a symbol stands before it.
-    found = re.sub(rf"(?<![\w./`])({names})(?![\w`])", lambda match: spelled[match[1]], text)
+    replaced = re.sub(rf"(?<![\w./`])({names})(?![\w`])", lambda match: spelled[match[1]], text)
     if letters:
-        found = re.sub(
-            rf"(?<=[{letters}])/({names})(?![\w`])", lambda match: f"/{spelled[match[1]]}", found
+        replaced = re.sub(
+            rf"(?<=[{letters}])/({names})(?![\w`])", lambda match: f"/{spelled[match[1]]}", replaced
         )
-        found = re.sub(rf"(?<=[{letters}])\*(?=[{firsts}])", "·", found)
-    found = re.sub(r"(?<=\d)e([+-]\d\d)\b", lambda m: f"×10^{int(m[1])}", found)
-    return raised(found)
+        replaced = re.sub(rf"(?<=[{letters}])\*(?=[{firsts}])", "·", replaced)
+    replaced = re.sub(r"(?<=\d)e([+-]\d\d)\b", lambda m: f"×10^{int(m[1])}", replaced)
+    return raised(replaced)
 
 
-def combination(text: str, known: Names) -> str:
+def combination(text: str, quantities: Names) -> str:
     """Return a combination of parameters in symbols: alpha*delta^-1 as α·δ^−1."""
-    found = re.sub(r"[A-Za-z_]+", lambda match: symbol(match[0], known), text)
-    return found.replace("*", "·").replace("-", "−")
+    replaced = re.sub(r"[A-Za-z_]+", lambda match: symbol(match[0], quantities), text)
+    return replaced.replace("*", "·").replace("-", "−")
 
 
 def grades(summary: Mapping[str, Any]) -> dict[str, int]:
     """What is known of each parameter of the main posterior, by its place in `opening.GRADES`."""
     main = (summary.get("steps") or {}).get(summary.get("main")) or {}
-    found = {}
+    graded = {}
     for name, facts in (main.get("parameters") or {}).items():
         cv, kl = facts.get("cv"), facts.get("kl")
         if name.startswith(UNCOUNTED) or cv is None:
             continue
         size = abs(cv)
         grade = 0 if size <= KNOWN else 1 if size <= ROUGHLY else 2
-        found[name] = 3 if kl is not None and kl < LEARNT else grade
-    return found
+        graded[name] = 3 if kl is not None and kl < LEARNT else grade
+    return graded
 
 
-def identified_words(summary: Mapping[str, Any], known: Names) -> list[str]:
+def identified_words(summary: Mapping[str, Any], quantities: Names) -> list[str]:
     """Which parameters are known (5 %), roughly known (30 %), or the prior's (half a nat)."""
     groups: dict[int, list[str]] = {}
     for name, grade in grades(summary).items():
         size = abs(summary["steps"][summary["main"]]["parameters"][name]["cv"])
-        meaning = quantity(name, known).meaning.partition(",")[0]  # of a product without formula
+        meaning = quantity(name, quantities).meaning.partition(",")[
+            0
+        ]  # of a product without formula
         share = percent(size, digits=2).replace(" ", "\N{NO-BREAK SPACE}")
         facts_text = ", ".join(filter(None, (share, meaning)))
-        groups.setdefault(grade, []).append(f"{symbol(name, known)} ({facts_text})")
+        groups.setdefault(grade, []).append(f"{symbol(name, quantities)} ({facts_text})")
     return [f"{opening.GRADES[grade]}: {'; '.join(groups[grade])}." for grade in sorted(groups)]
 
 

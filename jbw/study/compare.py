@@ -123,19 +123,22 @@ def compare(
         **_numbers_of(drawn, posterior),
         "refused": refused,
     }
-    return Comparison(posterior, {name: one.tree for name, one in drawn.items()}, record)
+    return Comparison(posterior, {name: sample.tree for name, sample in drawn.items()}, record)
 
 
 def suited(posterior: Posterior) -> tuple[str, ...]:
     """Samplers that a posterior is drawn from by unless they are named."""
     size = len(posterior.box.names)
-    found = [
-        one
-        for one in SAMPLERS.values()
-        if one.suits(size) and (one.suits_costly or not posterior.stepped)
+    suitable = [
+        sampler
+        for sampler in SAMPLERS.values()
+        if sampler.suits(size) and (sampler.suits_costly or not posterior.stepped)
     ]
     # The exact one first: the others are measured by it.
-    return tuple(one.name for one in sorted(found, key=lambda one: one.most_parameters is None))
+    return tuple(
+        sampler.name
+        for sampler in sorted(suitable, key=lambda sampler: sampler.most_parameters is None)
+    )
 
 
 def _drawn(
@@ -175,9 +178,10 @@ def _numbers_of(drawn: Mapping[str, Drawn], posterior: Posterior) -> dict[str, A
         return {"reference": None, "samplers": {}}
     rows = {
         sampler: {
-            name: numbers(np.asarray(one.tree["posterior"][name])) for name in posterior.box.names
+            name: numbers(np.asarray(sample.tree["posterior"][name]))
+            for name in posterior.box.names
         }
-        for sampler, one in drawn.items()
+        for sampler, sample in drawn.items()
     }
     exact = "quadrature" in drawn and converged(drawn["quadrature"].tree.attrs)
     chains = {name: row for name, row in rows.items() if name != "quadrature"} or rows
@@ -190,31 +194,33 @@ def _numbers_of(drawn: Mapping[str, Drawn], posterior: Posterior) -> dict[str, A
             elif exact:
                 row |= truth[name]
     base = drawn[reference].tree.attrs
-    found = {name: _row(one, rows[name], base, posterior) for name, one in drawn.items()}
-    found[reference]["z_log_evidence"] = None
-    return {"reference": reference, "samplers": found}
+    numbers_by_name = {
+        name: _row(sample, rows[name], base, posterior) for name, sample in drawn.items()
+    }
+    numbers_by_name[reference]["z_log_evidence"] = None
+    return {"reference": reference, "samplers": numbers_by_name}
 
 
 def _row(
-    one: Drawn, rows: Mapping[str, Row], base: Mapping[Any, Any], posterior: Posterior
+    sample: Drawn, rows: Mapping[str, Row], base: Mapping[Any, Any], posterior: Posterior
 ) -> dict[str, Any]:
-    attrs, ess = one.tree.attrs, worst_ess(rows)
-    found = verdict(one.tree, posterior.box)
-    sizes = one.tree["posterior"].to_dataset().sizes
+    attrs, ess = sample.tree.attrs, worst_ess(rows)
+    judged = verdict(sample.tree, posterior.box)
+    sizes = sample.tree["posterior"].to_dataset().sizes
     return {
         "draws": int(sizes["chain"] * sizes["draw"]),
         "ess": ess,
         "num_evaluations": int(attrs["num_evaluations"]),
-        "wall_cold_s": round(one.cold_s, 4),
-        "wall_warm_s": None if one.warm_s is None else round(one.warm_s, 4),
-        "ess_per_s_cold": None if ess is None else ess / one.cold_s,
-        "ess_per_s_warm": None if ess is None or one.warm_s is None else ess / one.warm_s,
+        "wall_cold_s": round(sample.cold_s, 4),
+        "wall_warm_s": None if sample.warm_s is None else round(sample.warm_s, 4),
+        "ess_per_s_cold": None if ess is None else ess / sample.cold_s,
+        "ess_per_s_warm": None if ess is None or sample.warm_s is None else ess / sample.warm_s,
         "log_evidence": attrs.get("log_evidence"),
         "log_evidence_error": attrs.get("log_evidence_error"),
         "z_log_evidence": distance(attrs, base, "log_evidence", "log_evidence_error"),
         "furthest": furthest(list(rows.values())),
-        "verdict": found.status,
-        "failed": [finding.code for finding in found.findings if finding.status == "failed"],
+        "verdict": judged.status,
+        "failed": [finding.code for finding in judged.findings if finding.status == "failed"],
         "parameters": dict(rows),
     }
 

@@ -62,10 +62,10 @@ def differences(first: Path, second: Path) -> Difference:
     Raises:
         ConfigError: Runs of different laws, or of quantities in different units.
     """
-    one, other = _opened("A", first), _opened("B", second)
-    _require_comparable(one, other)
-    parameters, apart = _parameters(one, other)
-    backbones, rows = _along_amplitude(one, other)
+    first_run, second_run = _opened("A", first), _opened("B", second)
+    _require_comparable(first_run, second_run)
+    parameters, apart = _parameters(first_run, second_run)
+    backbones, rows = _along_amplitude(first_run, second_run)
     record = {
         "runs": {
             run.name: {
@@ -75,13 +75,13 @@ def differences(first: Path, second: Path) -> Difference:
                 "model_adequacy": _model_adequacy(run.summary),
                 "largest_displacement": run.basis.y_peak,
             }
-            for run in (one, other)
+            for run in (first_run, second_run)
         },
-        "laws": list(one.basis.laws),
+        "laws": list(first_run.basis.laws),
         "parameters": parameters,
         "backbone": rows,
     }
-    sentences = _statements(record, one, other, apart)
+    sentences = _statements(record, first_run, second_run, apart)
     return Difference(record | {"statements": sentences}, backbones)
 
 
@@ -108,56 +108,58 @@ def _opened(name: str, folder: Path) -> Run:
     return Run(name, folder, summary, tree, basis_of(tree))
 
 
-def _require_comparable(one: Run, other: Run) -> None:
-    if one.basis.laws != other.basis.laws:
-        said = [" and ".join(run.basis.laws) or "no law" for run in (one, other)]
+def _require_comparable(first: Run, second: Run) -> None:
+    if first.basis.laws != second.basis.laws:
+        laws = [" and ".join(run.basis.laws) or "no law" for run in (first, second)]
         raise ConfigError(
-            f"The laws of the two runs must be the same, but {one.folder} has {said[0]} and "
-            f"{other.folder} has {said[1]}.",
+            f"The laws of the two runs must be the same, but {first.folder} has {laws[0]} and "
+            f"{second.folder} has {laws[1]}.",
             why="Parameters of different laws are no measure of the same thing.",
             remedy="Identify both with one law: state the same `laws` in [joint].",
         )
-    for name in _shared(one, other):
-        units = [unit_of(run.basis.posterior[name]) for run in (one, other)]
+    for name in _shared(first, second):
+        units = [unit_of(run.basis.posterior[name]) for run in (first, second)]
         if units[0] != units[1]:
             raise ConfigError(
                 f"The units of `{name}` must be the same in both runs, but are `{units[0]}` in "
-                f"{one.folder} and `{units[1]}` in {other.folder}.",
+                f"{first.folder} and `{units[1]}` in {second.folder}.",
                 remedy="Identify both from responses in units of the same kind.",
             )
 
 
-def _shared(one: Run, other: Run) -> list[str]:
+def _shared(first: Run, second: Run) -> list[str]:
     """What both runs drew: scalars, noise apart, and the gain where its unit is the same."""
-    known = [scalars(run.tree) for run in (one, other)]
-    both = [name for name in known[0] if name in known[1] and not name.startswith(UNCOUNTED)]
-    if INPUT in both and len({unit_of(run.basis.posterior[INPUT]) for run in (one, other)}) > 1:
+    drawn = [scalars(run.tree) for run in (first, second)]
+    both = [name for name in drawn[0] if name in drawn[1] and not name.startswith(UNCOUNTED)]
+    if INPUT in both and len({unit_of(run.basis.posterior[INPUT]) for run in (first, second)}) > 1:
         both.remove(INPUT)
     return both
 
 
-def _parameters(one: Run, other: Run) -> tuple[list[dict[str, Any]], list[str]]:
+def _parameters(first: Run, second: Run) -> tuple[list[dict[str, Any]], list[str]]:
     """A row a shared quantity, and the names of those that only one of the runs drew."""
-    known = [_drawn(run) for run in (one, other)]
+    drawn = [_drawn(run) for run in (first, second)]
     rows: list[dict[str, Any]] = []
-    for name in _shared(one, other):
-        a, b = (draws[name] for draws in known)
-        of_prior = [run.name for run in (one, other) if _is_of_prior(run, name)]
-        unit = unit_of(one.basis.posterior[name])
+    for name in _shared(first, second):
+        a, b = (draws[name] for draws in drawn)
+        of_prior = [run.name for run in (first, second) if _is_of_prior(run, name)]
+        unit = unit_of(first.basis.posterior[name])
         rows.append({"name": name, "unit": unit, **compared(a, b), "of_prior": of_prior})
-    for ratio in ratios(one.basis.laws):
-        a, b = (of_draws(ratio, draws) for draws in known)
+    for ratio in ratios(first.basis.laws):
+        a, b = (of_draws(ratio, draws) for draws in drawn)
         if a is not None and b is not None:
-            about = {"name": ratio.ratio.name, "unit": ratio.ratio.quantity.unit, "of_prior": []}
-            rows.append({**about, **compared(a, b), "two_modes": are_two_modes(*known)})
-    alone = [name for name in known[0].keys() ^ known[1].keys() if not name.startswith(UNCOUNTED)]
-    return rows, sorted(alone)
+            facts = {"name": ratio.ratio.name, "unit": ratio.ratio.quantity.unit, "of_prior": []}
+            rows.append({**facts, **compared(a, b), "two_modes": are_two_modes(*drawn)})
+    unshared = [
+        name for name in drawn[0].keys() ^ drawn[1].keys() if not name.startswith(UNCOUNTED)
+    ]
+    return rows, sorted(unshared)
 
 
 def _drawn(run: Run) -> dict[str, np.ndarray]:
     """As many evenly spaced draws of every scalar as are compared, for records like the run's."""
-    kept = evenly_spaced(run.basis.posterior, NUM_DRAWS)
-    drawn = {name: draws.ravel()[kept] for name, draws in scalars(run.tree).items()}
+    places = evenly_spaced(run.basis.posterior, NUM_DRAWS)
+    drawn = {name: draws.ravel()[places] for name, draws in scalars(run.tree).items()}
     rng = np.random.default_rng(0)
     for name, std in _std_between(run).items():
         if name in drawn:
@@ -188,21 +190,21 @@ def _is_of_prior(run: Run, name: str) -> bool:
     return kl is not None and kl < LEARNT
 
 
-def _along_amplitude(one: Run, other: Run) -> tuple[xr.Dataset | None, list[dict[str, Any]]]:
+def _along_amplitude(first: Run, second: Run) -> tuple[xr.Dataset | None, list[dict[str, Any]]]:
     """Frequency and damping of both at amplitudes that both fitted."""
-    y_peak = min(run.basis.y_peak for run in (one, other))
-    needed = set(parameter_names(one.basis.laws)) - {INPUT}
-    drawn = [run.basis.thinned(NUM_CARRIED) for run in (one, other)]
+    y_peak = min(run.basis.y_peak for run in (first, second))
+    needed = set(parameter_names(first.basis.laws)) - {INPUT}
+    drawn = [run.basis.thinned(NUM_CARRIED) for run in (first, second)]
     if not 0.0 < y_peak < np.inf or not all(needed <= set(draws) for draws in drawn):
         return None, []
     amplitude = y_peak * GRID
-    found = [
+    carried = [
         [np.asarray(x) for x in carry(curves, draws, jnp.asarray(amplitude), run.basis.laws)[:2]]
-        for run, draws in zip((one, other), drawn, strict=True)
+        for run, draws in zip((first, second), drawn, strict=True)
     ]
     rows, bands = [], {}
     for place, (name, unit) in enumerate((("frequency", "Hz"), ("damping", "1"))):
-        a, b = found[0][place], found[1][place]
+        a, b = carried[0][place], carried[1][place]
         rows += [
             {"name": name, "unit": unit, "amplitude": float(amplitude[i])}
             | compared(a[:, i], b[:, i])
@@ -211,14 +213,16 @@ def _along_amplitude(one: Run, other: Run) -> tuple[xr.Dataset | None, list[dict
         both = np.stack([np.quantile(x, QUANTILES, axis=0) for x in (a, b)])
         bands[name] = (("run", "quantile", "amplitude"), both, {"units": unit})
     coordinates = {
-        "run": [one.name, other.name],
+        "run": [first.name, second.name],
         "quantile": list(QUANTILES),
         "amplitude": ("amplitude", amplitude, {"units": "m"}),
     }
     return xr.Dataset(bands, coordinates), rows
 
 
-def _statements(record: Mapping[str, Any], one: Run, other: Run, alone: Sequence[str]) -> list[str]:
+def _statements(
+    record: Mapping[str, Any], first: Run, second: Run, unshared: Sequence[str]
+) -> list[str]:
     """What differs for sure, what does not, and what the probabilities do not cover."""
     rows, runs = record["parameters"], record["runs"]
     identified = [row for row in rows if not row["of_prior"]]
@@ -230,15 +234,15 @@ def _statements(record: Mapping[str, Any], one: Run, other: Run, alone: Sequence
         sentences.append(messages.of_prior(of_prior))
     sentences += [sentence(row, sure=_is_sure(row)) for row in rows if row.get("two_modes")]
     sentences += [_differs(row) for row in record["backbone"][len(TOLD) - 1 :: len(TOLD)]]
-    if alone:
-        sentences.append(messages.only_one(alone))
+    if unshared:
+        sentences.append(messages.only_one(unshared))
     verdicts = {name: run["verdict"] for name, run in runs.items()}
     unusable = {name: word for name, word in verdicts.items() if word not in ("ok", "usable")}
     sentences += [messages.not_usable(name, word) for name, word in unusable.items()]
     inadequate = [name for name, run in runs.items() if run["model_adequacy"] not in ("ok", "")]
     if sure and inadequate:
         sentences.append(messages.inadequate(inadequate))
-    both = (one, other)
+    both = (first, second)
     return [*sentences, messages.INDEPENDENT, *_between_words(both), _scatter_words(both)]
 
 

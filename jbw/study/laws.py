@@ -100,17 +100,17 @@ def compare_laws(
     found, refused = evidence.candidates(keys[0], seen, sets, report)
     weighed, unweighed = weigh(keys[1:], found, report)
     refused |= unweighed
-    named = {name: one.candidate for name, one in weighed.items()}
-    draws = {name: one.draws for name, one in weighed.items()}
-    left = {name: one.left_out for name, one in weighed.items() if one.left_out is not None}
+    named = {name: law.candidate for name, law in weighed.items()}
+    draws = {name: law.draws for name, law in weighed.items()}
+    left = {name: law.left_out for name, law in weighed.items() if law.left_out is not None}
     runs = runs_of(found[0].fitted.data)
-    rows = {name: row_of(one) for name, one in weighed.items()}
-    scores = {name: np.array(list(one.elpd.values())) for name, one in left.items()}
+    rows = {name: row_of(law) for name, law in weighed.items()}
+    scores = {name: np.array(list(law.elpd.values())) for name, law in left.items()}
     compare_rows(rows, scores)
-    y_peak = max(one.fitted.y_peak for one in named.values())
+    y_peak = max(law.fitted.y_peak for law in named.values())
     highest = _highest(campaign, runs)
-    for name, one in left.items():
-        rows[name]["error_highest"] = one.error.get(highest) if highest else None
+    for name, law in left.items():
+        rows[name]["error_highest"] = law.error.get(highest) if highest else None
         rows[name]["error_across"] = errors_across_kinds(named[name])
     first = found[0].fitted
     lines = own_lines(first.data, {**_held(first.data), **first.fit.theta})
@@ -127,23 +127,23 @@ def compare_laws(
         "laws": rows,
         "refused": refused,
     }
-    told = [] if diagnosis is None else diagnosis_sentences(diagnosis)
+    diagnosis_words = [] if diagnosis is None else diagnosis_sentences(diagnosis)
     (best,) = (name for name, row in rows.items() if row["answer"] == "best")
-    own = named[best].fitted
+    best_fit = named[best].fitted
     groups = law_groups(campaign.tests, named, draws)
-    names = (*own.data.runs, *own.data.labels)
+    names = (*best_fit.data.runs, *best_fit.data.labels)
     others = held_out(unseen(campaign.tests, names), groups, list(named), settings.seed)
     for name, row in rows.items():
         row |= errors_apart(others, name, best)
     record["shared_runs"] = None
-    if own.data.has_offsets:
+    if best_fit.data.has_offsets:
         report(stages.FITTING_SHARED)
         shared = without_offsets(keys[0], seen, list(named.values()), named[best])
         record["shared_runs"] = _shared_runs(named[best], dict(zip(named, shared, strict=True)))
     posterior = draws[best]["posterior"].to_dataset()
-    offsets = runs_dataset(keys[0], posterior, own.box.names, own.data)
+    offsets = runs_dataset(keys[0], posterior, best_fit.box.names, best_fit.data)
     scatter = [] if offsets is None else [f"Under {best}: {runs_sentence(offsets)}"]
-    record["statements"] = [*told, *statements(record), *scatter]
+    record["statements"] = [*diagnosis_words, *statements(record), *scatter]
     tree = xr.DataTree.from_dict(
         {
             "/scores": _scores(left, runs, lines),
@@ -162,17 +162,17 @@ def compare_laws(
 def _usual(campaign: Campaign) -> list[tuple[str, ...]]:
     """The usual laws that the register has, and the campaign's own."""
     loops = any(test.traits.is_prescribed for test in campaign.tests)
-    usual = [_parts(one) for one in (*USUAL, *(OF_LOOPS if loops else ()))]
-    known = [one for one in usual if all(_known(name) for name in one)]
-    return list(dict.fromkeys([*known, campaign.laws]))
+    usual = [_parts(names) for names in (*USUAL, *(OF_LOOPS if loops else ()))]
+    available = [names for names in usual if all(_known(name) for name in names)]
+    return list(dict.fromkeys([*available, campaign.laws]))
 
 
 def _chosen(laws: Sequence[str | Sequence[str]]) -> list[tuple[str, ...]]:
     """Sets of laws by what names them, each once."""
-    parted = (_parts(one) if isinstance(one, str) else tuple(one) for one in laws)
+    parted = (_parts(names) if isinstance(names, str) else tuple(names) for names in laws)
     sets = list(dict.fromkeys(parted))
-    for one in sets:
-        laws_named(one)
+    for names in sets:
+        laws_named(names)
     return sets
 
 
@@ -190,30 +190,34 @@ def _highest(campaign: Campaign, runs: Sequence[str]) -> str | None:
     """The run of the highest level of the first kind of test that has levels."""
     levels: dict[str, dict[str, float]] = {}
     for test in campaign.tests:
-        own = [run for run in runs if is_of(run, test)]
-        if np.isfinite(test.level) and own:
-            levels.setdefault(test.kind, {})[own[0]] = test.level
+        of_test = [run for run in runs if is_of(run, test)]
+        if np.isfinite(test.level) and of_test:
+            levels.setdefault(test.kind, {})[of_test[0]] = test.level
     first = next(iter(levels.values()), {})
     return max(first, key=lambda run: first[run]) if len(first) > 1 else None
 
 
 def _scores(
-    left: Mapping[str, LeftOut], runs: Sequence[str], lines: Mapping[str, float]
+    held_out: Mapping[str, LeftOut], runs: Sequence[str], lines: Mapping[str, float]
 ) -> xr.Dataset:
     dims, none = ("law", "run"), np.zeros((0, len(runs)))
-    elpd = np.array([[one.elpd[run] for run in runs] for one in left.values()])
-    error = np.array([[one.error[run] for run in runs] for one in left.values()])
+    elpd = np.array([[score.elpd[run] for run in runs] for score in held_out.values()])
+    error = np.array([[score.error[run] for run in runs] for score in held_out.values()])
     return xr.Dataset(
         {
-            "elpd": (dims, elpd if left else none, {"long_name": "log predictive density"}),
-            "error": (dims, error if left else none, {"units": "1", "long_name": "error over rms"}),
+            "elpd": (dims, elpd if held_out else none, {"long_name": "log predictive density"}),
+            "error": (
+                dims,
+                error if held_out else none,
+                {"units": "1", "long_name": "error over rms"},
+            ),
             "line": (
                 "run",
                 [lines.get(run, np.nan) for run in runs],
                 {"units": "1", "long_name": messages.VARIABLES["line"]},
             ),
         },
-        {"law": list(left), "run": list(runs)},
+        {"law": list(held_out), "run": list(runs)},
     )
 
 
@@ -223,11 +227,11 @@ def _curves(
     """Frequency and damping against amplitude under every law, with bands."""
     amplitude = np.linspace(0.0, 1.25 * y_peak, NUM_AMPLITUDES + 1)[1:]
     frequency, damping = [], []
-    for name, one in named.items():
-        theta = _some(draws[name], one.fitted.data)
-        own = carry(curves, theta, jnp.asarray(amplitude), one.laws)
-        frequency.append(band(own[0]))
-        damping.append(band(own[1]))
+    for name, candidate in named.items():
+        theta = _some(draws[name], candidate.fitted.data)
+        carried = carry(curves, theta, jnp.asarray(amplitude), candidate.laws)
+        frequency.append(band(carried[0]))
+        damping.append(band(carried[1]))
     dims = ("law", "quantile", "amplitude")
     return xr.Dataset(
         {"frequency": (dims, frequency, HERTZ), "damping": (dims, damping, RATIO)},
@@ -239,8 +243,8 @@ def _curves(
 
 def _hopeless(rows: Mapping[str, Mapping[str, Any]]) -> tuple[str, list[bool], dict[str, str]]:
     """Which laws are judged by their fits: the bands about these are of no posterior."""
-    told = {"long_name": messages.VARIABLES["hopeless"]}
-    return "law", [row["hopeless"] for row in rows.values()], told
+    attrs = {"long_name": messages.VARIABLES["hopeless"]}
+    return "law", [row["hopeless"] for row in rows.values()], attrs
 
 
 def _some(tree: xr.DataTree, data: Dataset) -> dict[str, np.ndarray]:
@@ -254,7 +258,7 @@ def _some(tree: xr.DataTree, data: Dataset) -> dict[str, np.ndarray]:
 
 def _shared_runs(best: Candidate, shared: Mapping[str, Candidate]) -> dict[str, Any]:
     """What laws would be without offsets of the runs: the best one's parameters, all errors."""
-    errors = {name: one.error for name, one in shared.items()}
+    errors = {name: shared_fit.error for name, shared_fit in shared.items()}
     return {**compared(best, shared[best.name]), "errors": errors}
 
 

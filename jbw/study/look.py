@@ -71,7 +71,7 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
         campaign: From `jbw.load_campaign`.
         report: Called with one sentence a test.
     """
-    found: dict[str, list[Reading]] = {}
+    readings_of: dict[str, list[Reading]] = {}
     responses: dict[str, Response] = {}
     rows, unread, per_unit = [], {}, force_per_unit(campaign)
     campaign = replace(campaign, tests=tuple(_of_first_mode(campaign)))
@@ -79,17 +79,17 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
         report(f"Reading {name}")
         try:
             read, response = _read(tests, gain_of(per_unit, drive_of(tests[0])))
-            each = [one for one in read if one.holds]
-            if len(each) < len(read):
-                left_out = f"{len(read) - len(each)} of {len(read)} readings of {name}"
+            held = [reading for reading in read if reading.holds]
+            if len(held) < len(read):
+                left_out = f"{len(read) - len(held)} of {len(read)} readings of {name}"
                 unread[left_out] = NO_OSCILLATOR
-            if not each:
+            if not held:
                 continue
-            rows.append(_row(name, tests[0], each))
+            rows.append(_row(name, tests[0], held))
         except UNREADABLE as why:
             unread[name] = str(why).splitlines()[0]
             continue
-        found[name] = each
+        readings_of[name] = held
         if response is not None:
             responses[name] = response
     loops = []
@@ -104,9 +104,9 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
         "tests": sorted(rows, key=lambda row: row["y"]),
         "loops": loops,
         "unread": unread,
-        "seen": [one for test in campaign.tests for one in _seen(test)],
+        "seen": [sentence for test in campaign.tests for sentence in _seen(test)],
     }
-    return Look(record | {"statements": statements(record, found)}, found, responses)
+    return Look(record | {"statements": statements(record, readings_of)}, readings_of, responses)
 
 
 def _of_first_mode(campaign: Campaign) -> Iterator[Test]:
@@ -134,8 +134,8 @@ def look_groups(found: Look, fitted: Mapping[str, bool] | None = None) -> dict[s
     """
     groups, fitted = {}, fitted or {}
     for row in found.record["tests"]:
-        each = found.readings[row["test"]]
-        columns = {name: [getattr(one, name) for one in each] for name in UNITS}
+        readings = found.readings[row["test"]]
+        columns = {name: [getattr(reading, name) for reading in readings] for name in UNITS}
         variables = {
             name: ("reading", np.array(values), {"units": UNITS[name], "long_name": MEANING[name]})
             for name, values in columns.items()
@@ -145,12 +145,12 @@ def look_groups(found: Look, fitted: Mapping[str, bool] | None = None) -> dict[s
             attrs = {"units": response.unit, "long_name": "displacement over source"}
             variables["response"] = ("freq", response.magnitude, attrs)
             variables["freq"] = ("freq", response.freq_hz, {"units": "Hz"})  # its coordinate
-        known = {
+        columns_read = {
             key: row[key] for key in ("test", "kind", "level", "drive") if row[key] is not None
         }
         if row["test"] in fitted:  # of no family of tones
-            known["fitted"] = int(fitted[row["test"]])
-        groups[place("look", row["test"])] = xr.Dataset(variables, attrs=known)
+            columns_read["fitted"] = int(fitted[row["test"]])
+        groups[place("look", row["test"])] = xr.Dataset(variables, attrs=columns_read)
     return groups
 
 
@@ -163,27 +163,27 @@ def _seen(test: Test) -> list[str]:
 
 def _curves(tests: Sequence[Test]) -> dict[str, list[Test]]:
     """Tests that are read together: single tones of a level are one curve."""
-    found: dict[str, list[Test]] = {}
+    groups_of_tests: dict[str, list[Test]] = {}
     for test in tests:
         if not test.traits.is_prescribed:
             name = f"tones at {test.level:g}" if test.is_single_tone else test.name
-            found.setdefault(name, []).append(test)
-    return found
+            groups_of_tests.setdefault(name, []).append(test)
+    return groups_of_tests
 
 
 def _read(tests: Sequence[Test], gain: float | None) -> tuple[list[Reading], Response | None]:
     traits = tests[0].traits
     if traits.is_controlled:
-        return [one for test in tests for one in readings_of_points(test, gain)], None
+        return [reading for test in tests for reading in readings_of_points(test, gain)], None
     if traits.is_free:
-        return [one for test in tests for one in _of_decays(test)], None
+        return [reading for test in tests for reading in _of_decays(test)], None
     if traits.is_steady or traits.is_curve:
         return _of_harmonics(tests)
     if not traits.is_driven or traits.is_plain:
         raise DataError(f"Tests of kind {tests[0].kind} show no resonance without a model.")
-    lines = [driven_lines(one, test.band_hz) for test in tests for one in test.records]
-    each = [read_lines(one) for one in lines]
-    return each, _shown(*lines[0][:3], each[0], tests[0])
+    lines = [driven_lines(reading, test.band_hz) for test in tests for reading in test.records]
+    lines_read = [read_lines(reading) for reading in lines]
+    return lines_read, _shown(*lines[0][:3], lines_read[0], tests[0])
 
 
 def _of_decays(test: Test) -> Iterator[Reading]:
@@ -195,32 +195,34 @@ def _of_decays(test: Test) -> Iterator[Reading]:
         peak = freq[1 + int(np.argmax(np.abs(np.fft.rfft(samples))[1:]))]
         test = replace(test, band_hz=((1 - WIDE) * peak, (1 + WIDE) * peak))
     order = derivative_order(record.response)
-    for one in readings(test):
-        y = one.amplitude / (2 * np.pi * one.frequency_hz) ** order
-        yield from map(Reading, y.tolist(), one.frequency_hz.tolist(), one.damping.tolist())
+    for reading in readings(test):
+        y = reading.amplitude / (2 * np.pi * reading.frequency_hz) ** order
+        yield from map(Reading, y.tolist(), reading.frequency_hz.tolist(), reading.damping.tolist())
 
 
 def _of_harmonics(tests: Sequence[Test]) -> tuple[list[Reading], Response]:
     """From the first harmonics of a curve, near its largest motion."""
-    groups = [one for one in groups_of(list(tests)) if one.order == 1]
+    groups = [group for group in groups_of(list(tests)) if group.order == 1]
     if not groups:
         raise DataError(f"Test {tests[0].name} has no response to a tone of its own.")
-    found = []
-    for one in groups:
-        y = one.motion[:, 0].astype(complex)  # of a response that is held it is real
+    readings_found = []
+    for group in groups:
+        y = group.motion[:, 0].astype(complex)  # of a response that is held it is real
         top = int(np.argmax(np.abs(y)))
-        third = abs(one.motion[top, 1] / y[top]) if one.motion.shape[1] > 1 else 0.0
-        read = read_curve(one.omega, one.load[:, 0].astype(complex), y)
-        found.append(read._replace(third=float(third) or np.nan))
+        third = abs(group.motion[top, 1] / y[top]) if group.motion.shape[1] > 1 else 0.0
+        read = read_curve(group.omega, group.load[:, 0].astype(complex), y)
+        readings_found.append(read._replace(third=float(third) or np.nan))
     first = groups[0]
     load, motion = (x[:, 0].astype(complex) for x in (first.load, first.motion))
-    return found, _shown(first.omega, load, motion, found[0], tests[0])
+    return readings_found, _shown(first.omega, load, motion, readings_found[0], tests[0])
 
 
-def _row(name: str, test: Test, each: Sequence[Reading]) -> dict[str, Any]:
+def _row(name: str, test: Test, readings: Sequence[Reading]) -> dict[str, Any]:
     """Means over the records of a test, and their scatter."""
-    columns = {key: np.array([getattr(one, key) for one in each]) for key in Reading._fields}
-    scatter = len(each) > 1 and not (test.traits.is_free or test.traits.is_controlled)
+    columns = {
+        key: np.array([getattr(reading, key) for reading in readings]) for key in Reading._fields
+    }
+    scatter = len(readings) > 1 and not (test.traits.is_free or test.traits.is_controlled)
     return {
         "test": name,
         "kind": test.kind,
@@ -259,9 +261,10 @@ def _coherence(test: Test) -> float | None:
     if not test.traits.is_broadband or test.periods > 1:
         return None
     first = test.records[0]
-    alike = [one for one in test.records if one.num_samples == first.num_samples]
+    records = [record for record in test.records if record.num_samples == first.num_samples]
     u, y = (
-        np.stack([one.channels[role] for one in alike]) for role in (first.source, first.response)
+        np.stack([record.channels[role] for record in records])
+        for role in (first.source, first.response)
     )
     return coherence_at_resonance(u, y, first.fs, first.response)[1]
 
@@ -310,5 +313,5 @@ def _shown(
     near = np.flatnonzero(np.abs(omega - centre) < half)[:NUM_SHOWN]
     record = test.records[0]
     unit = next((record.units[role] for role in INPUTS if role in record.units), "N")
-    found = omega[near] / (2 * np.pi), np.abs(y[near] / source[near])
-    return Response(*found, per(UNIT_OF["displacement"], unit))
+    shown = omega[near] / (2 * np.pi), np.abs(y[near] / source[near])
+    return Response(*shown, per(UNIT_OF["displacement"], unit))

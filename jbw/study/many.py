@@ -111,15 +111,17 @@ def identify_many(
     command = command or " ".join(["jbw", *sys.argv[1:]])
     tasks = [
         Task(str(path), str(folder), seed, allow_outside, command)
-        for path, folder in _folders([_file_of(each) for each in campaigns], Path(out)).items()
+        for path, folder in _folders(
+            [_file_of(campaign) for campaign in campaigns], Path(out)
+        ).items()
     ]
-    found: dict[Task, Outcome] = {}
+    outcomes: dict[Task, Outcome] = {}
 
     def ended(task: Task, outcome: Outcome) -> None:
-        found[task] = outcome
+        outcomes[task] = outcome
         for sentence in outcome.warnings:
             report(f"warning: {Path(task.folder).name}: {sentence}")
-        report(_sentence(outcome, list(found.values()), len(tasks)))
+        report(_sentence(outcome, list(outcomes.values()), len(tasks)))
 
     open_tasks: list[Task] = []
     for task in tasks:
@@ -134,15 +136,15 @@ def identify_many(
         jobs = in_processes(run_task, open_tasks, workers or max(1, (os.cpu_count() or 1) // 2))
     for task, future in jobs:
         ended(task, _outcome_of(task, future))
-    return [found[task] for task in tasks]
+    return [outcomes[task] for task in tasks]
 
 
 def run_task(task: Task) -> Outcome:
     """Begin or go on with one run, in the process of a worker; whatever happens is its outcome."""
-    with warnings.catch_warnings(record=True) as told:
+    with warnings.catch_warnings(record=True) as warned:
         outcome = _run(task)
-    said = tuple(dict.fromkeys(str(one.message) for one in told))
-    return replace(outcome, warnings=said)
+    messages_shown = tuple(dict.fromkeys(str(warning.message) for warning in warned))
+    return replace(outcome, warnings=messages_shown)
 
 
 def _run(task: Task) -> Outcome:
@@ -153,10 +155,10 @@ def _run(task: Task) -> Outcome:
         if (folder / HIDDEN / MANIFEST).exists():
             began, run = "resumed", reopen(folder)
         else:
-            asked = Manifest(
+            manifest = Manifest(
                 task.command, task.campaign, seed=task.seed, allow_outside=task.allow_outside
             )
-            run = begin(folder, asked)
+            run = begin(folder, manifest)
         if run is None:  # another process has finished it meanwhile
             return _finished_before(task) or _failed(task, RunError(f"{folder} has no result."))
         try:
@@ -183,12 +185,12 @@ def _done(task: Task, summary: Mapping[str, Any], began: Any, seconds: float = 0
 
 def _failed(task: Task, error: BaseException, seconds: float = 0.0) -> Outcome:
     code = error.exit_code if isinstance(error, JbwError) else 1
-    told = (
+    reason = (
         " ".join(str(error).split())
         if isinstance(error, JbwError)
         else f"Internal error: {type(error).__name__}: {error}"
     )
-    return Outcome(task.campaign, task.folder, "failed", "", told, code, "new", round(seconds, 2))
+    return Outcome(task.campaign, task.folder, "failed", "", reason, code, "new", round(seconds, 2))
 
 
 def _file_of(campaign: str | Path | Campaign) -> Path:
@@ -235,12 +237,12 @@ def _finished_before(task: Task) -> Outcome | None:
 
 def _require_same_result(task: Task, summary: Mapping[str, Any]) -> None:
     """Refuse a finished run of another campaign, other data or another seed than are asked for."""
-    again = messages.identify_anew(str(task.folder))
+    remedy = messages.identify_anew(str(task.folder))
     _require_asked(task, summary.get("campaign_file"), None)
     if task.seed is not None and summary.get("seed") != task.seed:
         raise RunError(
             f"The run in {task.folder} has the seed {summary.get('seed')}, not {task.seed}.",
-            remedy=again,
+            remedy=remedy,
         )
     try:
         text = Path(task.campaign).read_text(encoding="utf-8")
@@ -254,7 +256,7 @@ def _require_same_result(task: Task, summary: Mapping[str, Any]) -> None:
     if summary.get("campaign_sha256", digest_of(text)) != digest_of(text):
         changed.insert(0, task.campaign)
     if changed:
-        raise DataError(f"{changed[0]} changed since {task.folder} was finished.", remedy=again)
+        raise DataError(f"{changed[0]} changed since {task.folder} was finished.", remedy=remedy)
 
 
 def _require_asked(task: Task, campaign: str | None, seed: int | None) -> None:
@@ -290,13 +292,13 @@ def _outcome_of(task: Task, future: Any) -> Outcome:
 
 def _sentence(outcome: Outcome, so_far: Sequence[Outcome], total: int) -> str:
     """How far all are, and what became of the last one."""
-    failed = sum(one.status == "failed" for one in so_far)
+    failed = sum(earlier.status == "failed" for earlier in so_far)
     name = Path(outcome.folder).name
     if outcome.status == "failed":
-        told = f"failed: {outcome.error}"
+        result = f"failed: {outcome.error}"
     elif outcome.began == "finished":
-        told = stages.finished_before(outcome.verdict)
+        result = stages.finished_before(outcome.verdict)
     else:
-        told = f"{outcome.began}, verdict {outcome.verdict}, {outcome.wall_time_s:.0f} s"
-    beside = f", {failed} of them failed" if failed else ""
-    return f"{len(so_far)} of {total}{beside}: {name} {told}"
+        result = f"{outcome.began}, verdict {outcome.verdict}, {outcome.wall_time_s:.0f} s"
+    failures = f", {failed} of them failed" if failed else ""
+    return f"{len(so_far)} of {total}{failures}: {name} {result}"

@@ -80,7 +80,7 @@ def _assembly(campaign: Campaign) -> dict[str, Any]:
     of_tests = {test.assembly for test in campaign.tests if test.assembly}
     name = stated.name or (of_tests.pop() if len(of_tests) == 1 else "")
     numbers = {key: stated[key] for key in ("torque", "sequence", "temperature")}
-    return {"assembly": name, **{key: one for key, one in numbers.items() if one is not None}}
+    return {"assembly": name, **{key: value for key, value in numbers.items() if value is not None}}
 
 
 def steps_group(record: Mapping[str, Any]) -> xr.Dataset:
@@ -90,8 +90,8 @@ def steps_group(record: Mapping[str, Any]) -> xr.Dataset:
     parameters = [(step.get("parameters") or {}).values() for step in steps.values()]
 
     def worst(what: str, choose: Callable[..., float]) -> NDArray[np.float64]:
-        known = ([row[what] for row in rows if row.get(what) is not None] for rows in parameters)
-        return np.array([choose(numbers, default=np.nan) for numbers in known], float)
+        values = ([row[what] for row in rows if row.get(what) is not None] for rows in parameters)
+        return np.array([choose(numbers, default=np.nan) for numbers in values], float)
 
     verdicts = [(step.get("verdict") or {}).get("status", "") for step in steps.values()]
     return xr.Dataset(
@@ -105,11 +105,13 @@ def steps_group(record: Mapping[str, Any]) -> xr.Dataset:
     )
 
 
-def verdict_record(found: Verdict) -> dict[str, Any]:
+def verdict_record(verdict: Verdict) -> dict[str, Any]:
     """A verdict in plain values."""
-    findings = [{**each.record(), "number": plain(each.number)} for each in found.findings]
-    told = {name: asdict(answer) for name, answer in answers(found.findings)}
-    return {"status": found.status, "answers": told, "findings": findings}
+    findings = [
+        {**finding.record(), "number": plain(finding.number)} for finding in verdict.findings
+    ]
+    answered = {name: asdict(answer) for name, answer in answers(verdict.findings)}
+    return {"status": verdict.status, "answers": answered, "findings": findings}
 
 
 def fitted_and_held_out(seen: Measured) -> list[dict[str, Any]]:
@@ -154,11 +156,11 @@ def _linear(step: LinearStep, truth: Mapping[str, float]) -> dict[str, Any]:
     }
     repeats = step.pooled.num_repeats
     words = messages.step_2(step.y_rms, repeats)
-    found: dict[str, Any] = {"parameters": parameters, "statements": [words]}
+    linear: dict[str, Any] = {"parameters": parameters, "statements": [words]}
     if step.modal is not None:
-        found["modes"] = _modes(step.modal)
-        found["statements"].append(_modes_sentence(step.modal))
-    return found
+        linear["modes"] = _modes(step.modal)
+        linear["statements"].append(_modes_sentence(step.modal))
+    return linear
 
 
 def _modes(fit: ModalFit) -> list[dict[str, float]]:
@@ -214,34 +216,34 @@ def step_record(
     for name, row in rows.items():
         row["unit"] = posterior[name].attrs.get("units", "1")
         row["truth"] = truth.get(name)
-        known = row["truth"] is not None and row["sd"]
-        row["z"] = (row["mean"] - row["truth"]) / row["sd"] if known else None
-    found = {
+        has_truth = row["truth"] is not None and row["sd"]
+        row["z"] = (row["mean"] - row["truth"]) / row["sd"] if has_truth else None
+    step_facts = {
         "verdict": verdict_record(step.verdict),
         "parameters": rows,
         "statements": list(step.statements),
         "correlation": correlations(drawn),
     }
     if "runs" in step.posterior.children:
-        found["runs"] = runs_summary(step.posterior["runs"].to_dataset())
-    return {**found, "wall_time_s": round(step.wall_s, 2)}
+        step_facts["runs"] = runs_summary(step.posterior["runs"].to_dataset())
+    return {**step_facts, "wall_time_s": round(step.wall_s, 2)}
 
 
 def _predictions(tree: xr.DataTree) -> dict[str, Any]:
     """Coverage and error by test, beside a linear oscillator's; None where not known."""
-    found = {}
+    predictions = {}
     for kind, name, test in verified(tree, "nrmse"):
         attrs = test.attrs
         # Tests of several kinds may share a name with another's group.
-        called = name if name not in found else f"{name} ({kind})"
-        found[called] = {
+        called = name if name not in predictions else f"{name} ({kind})"
+        predictions[called] = {
             "kind": kind,
             "level": _known(attrs, "level"),
             "level_unit": str(attrs.get("level_unit", "")),
             "fitted": bool(attrs["fitted"]),
             **{key: _known(attrs, key) for key in ERRORS},
         }
-    return found
+    return predictions
 
 
 def _across_kinds(tree: xr.DataTree) -> dict[str, Any]:
@@ -255,7 +257,7 @@ def _known(attrs: Mapping[Any, Any], name: str) -> float | None:
 
 
 def _loops(tree: xr.DataTree) -> dict[str, Any]:
-    found = node(tree, "validation/loops")
+    loops = node(tree, "validation/loops")
     return {
         name: {
             "level": _known(test.attrs, "level"),
@@ -266,5 +268,5 @@ def _loops(tree: xr.DataTree) -> dict[str, Any]:
                 if "area" in str(key)
             },
         }
-        for name, test in ({} if found is None else found.children).items()
+        for name, test in ({} if loops is None else loops.children).items()
     }

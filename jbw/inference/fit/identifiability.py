@@ -66,12 +66,12 @@ def weak_direction_of_draws(draws: Draws, box: Box) -> WeakDirection | None:
     """
     columns = np.array([np.ravel(draws[name]) for name in box.names])
     one_sign = np.all(columns > 0, axis=1) | np.all(columns < 0, axis=1)
-    known = _never_zero(columns.mean(axis=1), np.atleast_2d(np.cov(columns)))
-    logs = one_sign & ((np.asarray(box.lower) > 0) | known)
+    never_zero = _never_zero(columns.mean(axis=1), np.atleast_2d(np.cov(columns)))
+    logs = one_sign & ((np.asarray(box.lower) > 0) | never_zero)
     plain = np.atleast_2d(np.cov(columns))
     columns[logs] = np.log(np.abs(columns[logs]))
-    found = _weak(np.atleast_2d(np.cov(columns)), logs, box)
-    return found or _weak(plain, np.zeros_like(logs), box)
+    weakest = _weak(np.atleast_2d(np.cov(columns)), logs, box)
+    return weakest or _weak(plain, np.zeros_like(logs), box)
 
 
 def _never_zero(centre: NDArray[np.float64], covariance: Matrix) -> NDArray[np.bool_]:
@@ -124,10 +124,10 @@ def _determined(
     decomposition: Any = qr(directions.T * first, mode="r", pivoting=True)
     order = decomposition[1]
     num_weak = directions.shape[1]
-    shared, own = order[:num_weak], np.sort(order[num_weak:])
-    mixing = np.linalg.solve(directions[shared].T, directions[own].T).T
-    exponents = np.zeros((len(own), len(directions)))
-    exponents[np.arange(len(own)), own] = 1.0
+    shared, determined = order[:num_weak], np.sort(order[num_weak:])
+    mixing = np.linalg.solve(directions[shared].T, directions[determined].T).T
+    exponents = np.zeros((len(determined), len(directions)))
+    exponents[np.arange(len(determined)), determined] = 1.0
     exponents[:, shared] = -mixing
     return exponents
 
@@ -156,8 +156,8 @@ def _power(name: str, exponent: float) -> str:
     if exponent == 1:
         return name
     half = Fraction(exponent).limit_denominator(2)
-    whole = half.denominator == 1 or half != exponent
-    return f"{name}^{exponent:g}" if whole else f"{name}^({half})"
+    is_whole = half.denominator == 1 or half != exponent
+    return f"{name}^{exponent:g}" if is_whole else f"{name}^({half})"
 
 
 @dataclass(frozen=True)
@@ -209,29 +209,29 @@ def box_sensitivity(draws: Draws, box: Box) -> dict[str, Sensitivity]:
     for name, (low, high) in bounds_by_name(box).items():
         step = CUT * min(high - low, WIDTH * float(np.std(flat[name])))
         kept_by = {"lower": flat[name] > low + step, "upper": flat[name] < high - step}
-        for end, kept in kept_by.items():
+        for end, inside in kept_by.items():
             for other, values in flat.items():
-                shift = _shift(values, kept)
+                shift = _shift(values, inside)
                 if shift > worst[other].shift:
                     worst[other] = Sensitivity(shift, name, end)
     return worst
 
 
-def _shift(values: Float[np.ndarray, " draw"], kept: NDArray[np.bool_]) -> float:
+def _shift(values: Float[np.ndarray, " draw"], inside: NDArray[np.bool_]) -> float:
     sd = float(np.std(values))
-    if np.all(kept) or sd == 0:
+    if np.all(inside) or sd == 0:
         return 0.0
-    if np.mean(kept) < LEAST_SHARE:
+    if np.mean(inside) < LEAST_SHARE:
         return math.inf
-    return abs(float(np.mean(values[kept]) - np.mean(values))) / sd
+    return abs(float(np.mean(values[inside]) - np.mean(values))) / sd
 
 
 def sensitivity_statements(
-    found: Mapping[str, Sensitivity], texts: Mapping[str, str] | None = None
+    sensitivity: Mapping[str, Sensitivity], texts: Mapping[str, str] | None = None
 ) -> list[str]:
     """Which means follow the box by `box_sensitivity`; `texts` are names where these differ."""
     shown = texts or {}
-    following = {name: row for name, row in found.items() if row.shift > FOLLOWS}
+    following = {name: row for name, row in sensitivity.items() if row.shift > FOLLOWS}
     moves = [
         identified.follows_bound(shown.get(name, name), row.shift, f"{row.end} bound of {row.box}")
         for name, row in following.items()

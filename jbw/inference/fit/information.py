@@ -139,25 +139,25 @@ def _members(
     return [int(i) for i in order[:count]]
 
 
-def statements(found: Information, products: Iterable[Product] = ()) -> list[str]:
+def statements(spectrum: Information, products: Iterable[Product] = ()) -> list[str]:
     """What the data know of parameters and `products`, and what not, in words with numbers."""
-    said = [directions_sentence(found)]
-    rows = list(found.known.values())
+    sentences = [directions_sentence(spectrum)]
+    rows = list(spectrum.known.values())
     for kind in identified.GRADES:
         if of_kind := [_with_error(row) for row in rows if _kind(row) == kind]:
-            said.append(identified.grade(kind, of_kind))
-    return [*said, *ties(found, products)]
+            sentences.append(identified.grade(kind, of_kind))
+    return [*sentences, *ties(spectrum, products)]
 
 
-def directions_sentence(found: Information) -> str:
+def directions_sentence(spectrum: Information) -> str:
     """How many directions of the parameters the data know better than the prior does."""
-    learnt = sum(direction.ratio < UNLEARNT for direction in found.directions)
-    return identified.directions(learnt, len(found.directions))
+    learnt = sum(direction.ratio < UNLEARNT for direction in spectrum.directions)
+    return identified.directions(learnt, len(spectrum.directions))
 
 
-def ties(found: Information, products: Iterable[Product]) -> list[str]:
+def ties(spectrum: Information, products: Iterable[Product]) -> list[str]:
     """Which products are known better than their factors."""
-    return [sentence for product in products for sentence in _tie(found.known, product)]
+    return [sentence for product in products for sentence in _tie(spectrum.known, product)]
 
 
 def _kind(row: Known) -> str:
@@ -179,10 +179,10 @@ def _with_error(row: Known) -> str:
     return identified.with_error(row.text, row.value, row.sd, row.relative)
 
 
-def _tie(known: Mapping[str, Known], product: Product) -> list[str]:
+def _tie(rows: Mapping[str, Known], product: Product) -> list[str]:
     """That a product is known better than its factors, where it is."""
-    row = known[product.name]
-    factors = [known[name].relative for name in product.factors if name in known]
+    row = rows[product.name]
+    factors = [rows[name].relative for name in product.factors if name in rows]
     if _is_unlearnt(row) or not factors or row.relative >= TOLD_APART * min(factors):
         return []
     return [identified.tie(product.text, min(factors) / row.relative)]

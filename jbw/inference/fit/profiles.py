@@ -171,11 +171,11 @@ def _refined(part: Part, side: list[Point], held: int) -> list[Point]:
 
 def _sd(jacobian: Float[np.ndarray, "residual parameter"], held: int) -> float:
     """Standard deviation of one coordinate, all others free; a box's width where there is none."""
-    others, own = np.delete(jacobian, held, axis=1), jacobian[:, held]
-    explained = others @ np.linalg.lstsq(others, own)[0] if others.shape[1] else 0.0
-    left = float(np.linalg.norm(own - explained))
+    others, column = np.delete(jacobian, held, axis=1), jacobian[:, held]
+    explained = others @ np.linalg.lstsq(others, column)[0] if others.shape[1] else 0.0
+    residual = float(np.linalg.norm(column - explained))
     # What the others explain up to rounding carries no information of its own.
-    return min(1 / left, 1.0) if left > 1e-9 * float(np.linalg.norm(own)) else 1.0
+    return min(1 / residual, 1.0) if residual > 1e-9 * float(np.linalg.norm(column)) else 1.0
 
 
 def _places(centre: float, side: float, sd: float) -> list[float]:
@@ -185,8 +185,8 @@ def _places(centre: float, side: float, sd: float) -> list[float]:
         return []
     reach = min(REACH * sd, room)
     steps = list(reach * np.arange(1, PLACES + 1) / PLACES)
-    further = [REACH * sd * 2.0**k for k in range(1, MOST_FURTHER + 1)]
-    steps += [each for each in further if reach < each < room]
+    beyond = [REACH * sd * 2.0**k for k in range(1, MOST_FURTHER + 1)]
+    steps += [each for each in beyond if reach < each < room]
     if steps[-1] < room:
         steps.append(room)
     # On the bound itself exactly: a difference may miss it by rounding.
@@ -206,9 +206,9 @@ def constrained(part: Part, s: NDArray[np.float64], held: int, place: float) -> 
         return point
 
     if not np.any(free):
-        alone = whole(np.empty(0))
-        chi_square = float(np.sum(part(alone, 0) ** 2))
-        return alone, chi_square if np.isfinite(chi_square) else np.inf
+        point_alone = whole(np.empty(0))
+        chi_square = float(np.sum(part(point_alone, 0) ** 2))
+        return point_alone, chi_square if np.isfinite(chi_square) else np.inf
 
     def of_rest(rest: NDArray[np.float64], which: int) -> NDArray[np.float64]:
         value = part(whole(rest), which)
@@ -220,14 +220,14 @@ def constrained(part: Part, s: NDArray[np.float64], held: int, place: float) -> 
 
 def profile_statements(of_all: Mapping[str, Profile]) -> list[str]:
     """Every one of `profiles` in a sentence."""
-    said = [_sentence(profile) for profile in of_all.values()]
-    said += [
+    sentences = [_sentence(profile) for profile in of_all.values()]
+    sentences += [
         identified.profile_refused(profile.name, profile.num_refused)
         for profile in of_all.values()
         if profile.num_refused
     ]
     better = max((profile.better for profile in of_all.values()), default=0.0)
-    return [*said, identified.better_fit(better)] if better > FLAT else said
+    return [*sentences, identified.better_fit(better)] if better > FLAT else sentences
 
 
 def _sentence(profile: Profile) -> str:
