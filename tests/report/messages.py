@@ -236,7 +236,8 @@ OF_TOPICS = {
     "figures": [
         *constants(figures),
         figures.model_residual("2.3 %"), figures.taken_by_slip("alpha"),
-        figures.joint_amplitude("mm"), figures.fold("mode 2", "3 mm"),
+        figures.modal_amplitude("mm", several_joints=False),
+        figures.modal_amplitude("mm", several_joints=True), figures.fold("mode 2", "3 mm"),
         figures.loop_areas(4, "3 %"), figures.less_mean("alpha", "nuts"),
     ],
     "stages": [
