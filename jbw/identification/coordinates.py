@@ -21,9 +21,8 @@ from jbw.oscillator.law import Bounds, Coordinates, Law, Scales
 from jbw.oscillator.laws import laws_named, same_by_construction
 from jbw.oscillator.modes.parameters import own_name
 from jbw.oscillator.oscillator import prior_of
+from jbw.oscillator.parameters import MOST_SOFTENING
 from jbw.quantities import DEFAULT_LAWS
-
-MOST_SOFTENING = 10.0  # of a sticking joint over the secant of its widest loop, or of a stop's over
 
 
 def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box:
@@ -164,7 +163,7 @@ def linear_bounds(scales: Scales, gain: tuple[float, float] | None, *, linear: b
     if not linear:
         bounds |= {"omega_n": (0.7 * omega_n, 1.5 * omega_n), "zeta": (0.005 * zeta, 3.0 * zeta)}
     if scales.forced:
-        bounds["omega_n"] = (0.2 * omega_n, 2.0 * omega_n)
+        bounds["omega_n"] = (0.2 * omega_n, MOST_SOFTENING**0.5 * omega_n)
     if gain is not None:
         size = abs(gain[0])  # a channel may have its sign turned
         reach = max(0.1 * size, 8 * gain[1]) if np.isfinite(gain[1]) else 0.5 * size

@@ -55,7 +55,7 @@ def first_fit(
 
     These hold the signs of modes at the joint, chosen by a rough fit and again by the final one.
     Where it is to be `quick`, other starts are tried only if the first leaves more than 15 % of the
-    rms of a group.
+    rms of a group. Force loops are solved without a time loop, so all starts are tried on them.
     """
     values = {**told_by(data.parts, data.held), **(known or {})}
     prior = box_of(settings, data, values)
@@ -63,7 +63,8 @@ def first_fit(
     if unknown_signs(prior, data):
         begun, data = with_signs(fit_from(key, data, prior, values, alone=True), prior, data)
         values |= begun.theta
-    is_met = partial(is_close, data=data) if quick else explains
+    is_brief = quick and not all(part.is_prescribed for part in data.parts)
+    is_met = partial(is_close, data=data) if is_brief else explains
     best, data = with_signs(fit_from(key, data, prior, values, is_met=is_met), prior, data)
     return prior, across_thresholds(best, prior, data), data
 

@@ -38,12 +38,15 @@ def batched(function: Callable[..., Any], *arguments: Any) -> Any:
 Powers = Mapping[str, int]
 Bounds = dict[str, tuple[float, float]]
 
+MOST_SOFTENING = 10.0  # stiffness at rest over the secant of the widest loop, at most
+
 
 class Scales(NamedTuple):
     """Scales of the motion, from before any law is fitted.
 
     Attributes:
-        omega_n: Natural frequency at small amplitude [rad/s].
+        omega_n: Natural frequency at small amplitude [rad/s]; where tests are `forced`, that of the
+            secant of the stiffest loop.
         zeta: Damping ratio [-].
         y_peak: Largest displacement measured [m].
         forced: Whether all tests prescribe the displacement, so that nothing else than the joint

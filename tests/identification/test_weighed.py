@@ -11,13 +11,14 @@ from jbw.campaign.settings import Identify
 from jbw.errors import DataError
 from jbw.identification.accuracy import explained
 from jbw.identification.assemble import assemble, measured
-from jbw.identification.coordinates import MOST_SOFTENING, box_of
+from jbw.identification.coordinates import box_of
 from jbw.identification.first_fit import first_fit
 from jbw.inference.posterior.verdict import verdict
 from jbw.inference.space.box import bounds_by_name
 from jbw.measurement.records import Record, Test
 from jbw.observables import dataset
 from jbw.observables.drives import told_by
+from jbw.oscillator.parameters import MOST_SOFTENING
 from jbw.study.identify import name_gain_unit
 
 FS, MASS, OMEGA_N, ZETA = 512.0, 1.7, 2 * np.pi * 20.0, 0.004

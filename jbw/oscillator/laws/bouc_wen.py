@@ -18,7 +18,7 @@ from jbw.oscillator.laws.conversions import conversions
 from jbw.oscillator.laws.hysteresis import hysteresis_map, hysteresis_rate, steady_loop
 from jbw.oscillator.laws.kinked_step import kinked_step
 from jbw.oscillator.laws.piecewise_map import smooth_move
-from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.parameters import MOST_SOFTENING, Scalar
 from jbw.quantities import Quantity
 
 _ALPHA = Quantity("alpha", "α", "1/s^2", "stiffness of the hysteretic part", 0.0, is_share=True)
@@ -26,7 +26,8 @@ _DELTA = Quantity("delta", "δ", "1/m", "softening of the hysteresis")
 _GAMMA = Quantity("gamma", "γ", "1/m", "opening of the hysteresis loop")
 
 SHARE = (0.0005, 0.9)  # of the stiffness: from a joint that hardly carries to nearly all of it
-FORCED_SHARE = (0.01, 1.0)  # under a prescribed displacement nothing else need carry at all
+# Under a prescribed displacement nothing else need carry, and the secant of a wide loop is softer.
+FORCED_SHARE = (0.01, MOST_SOFTENING)
 REACH = 4.0  # times a fitted product: the upper bound of its prior
 
 # Weak motion identifies two products alone: alpha delta (softening) and alpha gamma (losses).

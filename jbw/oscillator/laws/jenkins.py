@@ -11,7 +11,7 @@ from jaxtyping import Array, Bool, Complex, Float
 
 from jbw.oscillator.kinks import Ends, StepPath, barrier, kink_impulse, signed, slope_jump_impulse
 from jbw.oscillator.law import Bounds, Law, Loop, Monomial, Scales, Threshold
-from jbw.oscillator.parameters import Conversion, Material, Scalar, of_opensees
+from jbw.oscillator.parameters import MOST_SOFTENING, Conversion, Material, Scalar, of_opensees
 from jbw.oscillator.steady.waveform import (
     angle_of,
     crest,
@@ -26,7 +26,7 @@ from jbw.quantities import Quantity
 # together span as much; a slider that never slips is a linear spring.
 SLIP = (0.02, 2.0)
 SHARE = (0.002, 0.5)  # of the stiffness, all sliders together
-FORCED_SHARE = (0.01, 1.0)
+FORCED_SHARE = (0.01, MOST_SOFTENING)
 _NODES, _NODES_PER_HARMONIC = 24, 2
 _SUBSCRIPT = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
 
