@@ -12,9 +12,9 @@ import numpy as np
 import xarray as xr
 
 from jbw.inference.posterior.finding import ASKED
+from jbw.report.cycles import motion_unit
 from jbw.report.messages import opening as messages
 from jbw.report.result import BACKBONE, laws_of, node
-from jbw.report.text import length_unit
 from jbw.report.words import grades
 
 Summary = Mapping[str, Any]
@@ -34,7 +34,9 @@ def opening(summary: Summary, tree: xr.DataTree) -> list[str]:
         return []
     met = [fit_sentence(summary)] if "quick" in summary else _misfits(summary)
     doubts = [messages.doubtful(doubt) for doubt in summary.get("doubts") or ()]
-    return [effect_sentence(summary, tree), *met, _unknown(summary), *doubts, _following(summary)]
+    units = [messages.TORSION] if _unit_of_motion(summary) == "rad" else []
+    effect = effect_sentence(summary, tree)
+    return [effect, *units, *met, _unknown(summary), *doubts, _following(summary)]
 
 
 def lead(summary: Summary, drawn: Sequence[str]) -> str | None:
@@ -56,6 +58,13 @@ def known_parameters(summary: Summary) -> list[str]:
 
 def _rows(summary: Summary) -> Mapping[str, Any]:
     return summary["steps"][summary["main"]].get("parameters") or {}
+
+
+def _unit_of_motion(summary: Summary) -> str:
+    """`rad` where all that the records show are loops of torque and rotation, else `m`."""
+    look = summary.get("look") or {}
+    units = {loop.get("unit", "m") for loop in look.get("loops") or ()}
+    return "rad" if units == {"rad"} and not look.get("tests") else "m"
 
 
 def _has_mode(summary: Summary) -> bool:
@@ -91,7 +100,7 @@ def effect_sentence(summary: Summary, tree: xr.DataTree) -> str:
         return messages.NO_BACKBONE
     y_peak = float(curve.attrs["y_fitted"])
     at = curve.to_dataset().interp(amplitude=[LOW * y_peak, y_peak])
-    factor, unit = length_unit(y_peak)
+    factor, unit = motion_unit(y_peak, _unit_of_motion(summary))
     frequency, damping = (at[name].transpose("amplitude", "quantile").values for name in
                           ("frequency", "damping"))  # fmt: skip
     if not _has_mode(summary):

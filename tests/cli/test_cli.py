@@ -44,6 +44,13 @@ def test_help_loads_click_only():
     assert loaded_by("--help") == "[] 0"
 
 
+def test_python_runs_the_command_as_a_module():
+    command = [sys.executable, "-m", "jbw", "nonsense"]
+    ended = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert ended.returncode == 2
+    assert "Usage: jbw [OPTIONS]" in ended.stderr
+
+
 def test_check_loads_neither_jax_nor_plots(folder):
     assert run(["init", str(folder)]) == 0
     loaded = loaded_by("check", str(folder / "campaign.toml"))

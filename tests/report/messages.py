@@ -185,7 +185,7 @@ OF_TOPICS = {
         opening.effect(0.4, 4.0, "mm", opening.no_change("damping ratio", "1 % [0.9, 1.1]")),
         opening.effect(0.4, 4.0, "mm", opening.keeps_stiffness(96.4, 96.0, 97.0)),
         opening.LINEAR, opening.NO_BACKBONE, opening.NO_ERRORS, opening.NO_FIT_ERROR,
-        opening.NO_GRADES, opening.FITTED_NOW, opening.NONE_HELD_OUT,
+        opening.NO_GRADES, opening.FITTED_NOW, opening.TORSION, opening.NONE_HELD_OUT,
         opening.fitted_errors(2, opening.relative_error(opening.span("1.2", "3.4"), "20 to 30 %")),
         opening.held_out_errors(1, opening.relative_error("2.1 %", ""), "98.5 %", "4 %"),
         opening.fit_errors(1, opening.span("1.2", "1.2")),

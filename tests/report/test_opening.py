@@ -110,6 +110,17 @@ def test_a_prescribed_motion_tells_stiffness_and_no_frequency():
     assert lead(summary_of(), ["ridge"]) is None
 
 
+def test_rotations_are_written_in_radians_and_said_to_be():
+    loops = [{"test": "twist", "y": 4e-3, "stiffness": 1.0, "unit": "rad"}]
+    turned = summary_of() | {"look": {"tests": [], "loops": loops}}
+    effect, units, *_ = opening(turned, tree_of())
+    assert effect.startswith("From 0.4 to 4 mrad")
+    assert units == messages.TORSION
+    pulled = summary_of() | {"look": {"tests": [], "loops": [{**loops[0], "unit": "m"}]}}
+    assert opening(pulled, tree_of())[0].startswith("From 0.4 to 4 mm")
+    assert messages.TORSION not in opening(pulled, tree_of())
+
+
 def test_errors_of_fitted_and_held_out_tests_stand_apart():
     tests = {
         "weak": {"fitted": True, "nrmse": 0.012, "nrmse_linear": 0.2},

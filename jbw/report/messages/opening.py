@@ -7,6 +7,9 @@ from jbw.report.messages.message import listed
 LINEAR = "The structure is modelled as linear, without a joint."
 NO_BACKBONE = "This run states no frequency and damping against amplitude."
 NO_ERRORS = "This run states no errors of the fitted tests."
+TORSION = (
+    "The motion is a rotation: in units of parameters and tables read rad for m and N m for N."
+)
 NONE_HELD_OUT = (
     "No test was held out; with `hold_out` the report shows how well the model predicts one."
 )
