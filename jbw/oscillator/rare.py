@@ -36,7 +36,7 @@ def where_rare(met: Bool[Array, ""], rare: Callable[[Any], Any], operands: Any, 
         operands: A pytree of arrays: everything that `rare` depends on.
         usual: The values of any other step, of the structure of what `rare` returns.
     """
-    if not _on_one_device():
+    if not on_one_device():
         return jax.lax.cond(met, rare, lambda _: usual, operands)
 
     # Derivatives go through the plain condition: a batching rule defines none.
@@ -54,7 +54,7 @@ def where_rare(met: Bool[Array, ""], rare: Callable[[Any], Any], operands: Any, 
     return condition(met, operands, usual)
 
 
-def _on_one_device() -> bool:
+def on_one_device() -> bool:
     """Whether all lanes of a program lie on one device.
 
     Where JAX shares lanes among devices by itself, any of all lanes is a sum over the devices in

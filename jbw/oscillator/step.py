@@ -9,7 +9,7 @@ through the kinks at v = 0 and z = 0.
 """
 
 from collections.abc import Iterable
-from functools import reduce
+from functools import partial, reduce
 from operator import add
 from typing import Any, Literal, NamedTuple
 
@@ -24,7 +24,7 @@ from jbw.oscillator.law import Law, Memory
 from jbw.oscillator.linear import impulse_moments
 from jbw.oscillator.oscillator import Oscillator
 from jbw.oscillator.parameters import Scalar
-from jbw.oscillator.rare import where_rare
+from jbw.oscillator.rare import on_one_device, where_rare
 
 NUM_MOMENTS = 6
 State = tuple[Scalar, Scalar, tuple[Memory, ...]]
@@ -101,6 +101,15 @@ def advance(step: ExactStep, state: State, push: Push, *, kinks: Kinks) -> State
 
     with $c_2 = 3d - h(2\dot r + \dot r_1)$, $c_3 = -2d + h(\dot r + \dot r_1)$, $d = r_1 - r$.
     """
+    return _advanced(step, state, push, kinks, on_one_device())
+
+
+# Traced once for all programs that step a law, and once for each answer to whether their lanes lie
+# on one device, which `where_rare` asks for.
+@partial(jax.jit, static_argnums=(3, 4))
+def _advanced(
+    step: ExactStep, state: State, push: Push, kinks: Kinks, _on_one_device: bool
+) -> State:
     laws = step.laws
     branches, r, rate, y_1, v_1 = _predicted(step, state, push)
     none = jnp.zeros_like(v_1)
