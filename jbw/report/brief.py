@@ -48,7 +48,7 @@ class Cells(NamedTuple):
     """A small table: where its columns lie [part of the line], headings and rows."""
 
     heading: str
-    places: Sequence[tuple[float, float, str]]  # where each begins and ends, and to which side
+    columns: Sequence[tuple[float, float, str]]  # where each begins and ends, and to which side
     names: Sequence[str]
     rows: Sequence[Sequence[str]]
 
@@ -127,13 +127,13 @@ def _verdict(figure: Figure, top: float, summary: Summary, quantities: Any) -> f
 
 def _draw_backbone(figure: Figure, top: float, tree: xr.DataTree) -> float:
     """Frequency and damping ratio against amplitude with the measured points, and the legend."""
-    left, gap, below = 0.62, 0.75, 0.78
-    wide = (ROOM - left - gap) / 2
+    indent, gap, below = 0.62, 0.75, 0.78
+    wide = (ROOM - indent - gap) / 2
     high = FIGURE - below
     axes = []
     with matplotlib.rc_context(RC):
         for i in range(2):
-            x = MARGIN + left + i * (wide + gap)
+            x = MARGIN + indent + i * (wide + gap)
             place = (x / WIDTH, (top - high) / HEIGHT, wide / WIDTH, (high - 0.05) / HEIGHT)
             axes.append(figure.add_axes(place))
     backbone(tree, axes)
@@ -267,10 +267,10 @@ def _worst(rows: Sequence[Summary]) -> str:
 
 def _foot(figure: Figure, summary: Summary, tree: xr.DataTree) -> None:
     """What the numbers are, and of which run."""
-    made = (
+    created_at = (
         str(tree["posterior"].attrs.get("created_at", "")) if "posterior" in tree.children else ""
     )
-    run = f"Identified {made[:10]}. " if made else ""
+    run = f"Identified {created_at[:10]}. " if created_at else ""
     digest = str(summary.get("campaign_sha256") or "")[:12]
     campaign = f"Campaign {digest}. " if digest else ""
     seed = "" if summary.get("seed") is None else f"Seed {summary['seed']}. "
@@ -297,7 +297,7 @@ def _table(
         more = shown[-1] = (remaining, *[""] * (len(cells.names) - 1))
     top = _line(figure, top - 0.04, cells.heading, size=9.5, weight="bold")
     for row, colour in ((cells.names, SOFT), *((row, INK) for row in shown)):
-        for text, (start, end, side) in zip(row, cells.places, strict=True):
+        for text, (start, end, side) in zip(row, cells.columns, strict=True):
             room = ROOM if row is more else ROOM * (end - start)
             shortened = _shortened(str(text), room, USUAL["size"])
             place = start if side == "left" else end

@@ -49,7 +49,7 @@ def shown_text(name: object) -> str:
 
 def traces(ax: Axes) -> list[Trace]:
     """Return the bands and lines of axes; a click in the legend hides all of one colour."""
-    found = []
+    drawn_traces = []
     artists: list[Any] = [*ax.collections, *ax.lines]
     for artist in artists:
         if isinstance(artist, PolyCollection):
@@ -61,7 +61,9 @@ def traces(ax: Axes) -> list[Trace]:
             look |= {"mode": "lines", "line": {"width": 0}, "hoverinfo": "skip"}
         elif isinstance(artist, LineCollection):  # bars of points
             gap = [[np.nan] * 2]
-            x, y = np.concatenate([np.append(one, gap, axis=0) for one in artist.get_segments()]).T
+            x, y = np.concatenate(
+                [np.append(segment, gap, axis=0) for segment in artist.get_segments()]
+            ).T
             colour = to_hex(np.asarray(artist.get_colors())[0])
             look = {"mode": "lines", "line": {"color": colour, "width": 1}, "hoverinfo": "skip"}
         else:
@@ -75,13 +77,13 @@ def traces(ax: Axes) -> list[Trace]:
         # Numbers as 32-bit floats, half as large in the file.
         values = {"x": np.asarray(x, np.float32), "y": np.asarray(y, np.float32)}
         legend = {"name": shown_text(label), "showlegend": not label.startswith("_")}
-        found.append({**values, **legend, "legendgroup": colour, **look})
-    return found
+        drawn_traces.append({**values, **legend, "legendgroup": colour, **look})
+    return drawn_traces
 
 
 def charts_of(tree: xr.DataTree) -> list[Chart]:
     """Return the charts that the result of a run allows."""
-    found = []
+    charts = []
     for draw in (_frfs, _curves, _records, _loops, _forced_loops, _groups, _backbone):
         try:
             drawn = list(draw(tree))
@@ -90,8 +92,8 @@ def charts_of(tree: xr.DataTree) -> list[Chart]:
             continue
         for heading, ax in drawn:
             labels = (ax.get_xlabel(), ax.get_ylabel())
-            found.append(Chart(heading, labels, traces(ax), log=ax.get_yscale() == "log"))
-    return found
+            charts.append(Chart(heading, labels, traces(ax), log=ax.get_yscale() == "log"))
+    return charts
 
 
 def _blank(**labels: str) -> Axes:
@@ -110,10 +112,10 @@ def _draw(ax: Axes, x: Any, model: Any, measured: Any, colour: str, name: str) -
 
 
 def _frfs(tree: xr.DataTree) -> Drawn:
-    found = tests(tree, "verification/frf", "measured_magnitude", "model_magnitude")
-    label = axis_label("receptance", unit_of(found[0][1]["measured_magnitude"]))
+    frf_tests = tests(tree, "verification/frf", "measured_magnitude", "model_magnitude")
+    label = axis_label("receptance", unit_of(frf_tests[0][1]["measured_magnitude"]))
     ax = _blank(xlabel=HERTZ, ylabel=label, yscale="log")
-    for (name, test), colour in zip(found, level_colours(len(found)), strict=True):
+    for (name, test), colour in zip(frf_tests, level_colours(len(frf_tests)), strict=True):
         mean = test["measured_magnitude"].mean("repeat")
         model = quantiles(test, "model_magnitude")
         _draw(ax, frequency(test), model, mean, colour, _called(name, test))
@@ -121,10 +123,10 @@ def _frfs(tree: xr.DataTree) -> Drawn:
 
 
 def _curves(tree: xr.DataTree) -> Drawn:
-    found = tests(tree, "verification/curve", "measured_magnitude", "model_magnitude")
-    for suffix, family in curve_columns(found):
+    curve_tests = tests(tree, "verification/curve", "measured_magnitude", "model_magnitude")
+    for suffix, family in curve_columns(curve_tests):
         column = Figure().subplots(3)
-        draw_curves(column, suffix, family, level_palette(found))
+        draw_curves(column, suffix, family, level_palette(curve_tests))
         for ax, label in zip(column[1:], CURVE_LABELS, strict=True):
             ax.set_ylabel(label)
         for ax, what in zip(column, ("", ", phase", ", distance"), strict=True):
@@ -173,9 +175,9 @@ def _groups(tree: xr.DataTree) -> Drawn:
         quantity = str(test.attrs.get("quantity", kind))
         labels["ylabel"] = axis_label(quantity, unit_of(test["measured"]))
         for label, group in test.groupby("group"):
-            one, ax = group.sortby(axis), _blank(**labels)
-            model = quantiles(one, "model_band")
-            _draw(ax, one[axis], model, one["measured"], MODEL, _called(name, test))
+            ordered, ax = group.sortby(axis), _blank(**labels)
+            model = quantiles(ordered, "model_band")
+            _draw(ax, ordered[axis], model, ordered["measured"], MODEL, _called(name, test))
             yield f"{kind.capitalize()} {label}", ax
 
 

@@ -11,7 +11,7 @@ Tests = list[tuple[str, xr.Dataset]]
 Part = Literal["chosen", "rest", "all"]
 
 
-def part_of(found: Tests, part: Part) -> Tests:
+def selected(tests: Tests, part: Part) -> Tests:
     """The chosen tests, those that the choice leaves, or all of them, in their order.
 
     Raises:
@@ -24,26 +24,26 @@ def part_of(found: Tests, part: Part) -> Tests:
             remedy='Leave it out, or give part="all" for every test.',
         )
     if part == "all":
-        return found
-    names = chosen_names(found)
-    kept = [(name, test) for name, test in found if (name in names) == (part == "chosen")]
-    if not kept:
+        return tests
+    names = chosen_names(tests)
+    in_part = [(name, test) for name, test in tests if (name in names) == (part == "chosen")]
+    if not in_part:
         raise DataError("The result has no test of this kind beside those that are drawn.")
-    return kept
+    return in_part
 
 
-def chosen_names(found: Tests) -> set[str]:
+def chosen_names(tests: Tests) -> set[str]:
     """Three tests that stand for all: the weakest and the strongest fitted, and a held-out one.
 
     The first test of a kind and level stands for all of these.
     """
     first: dict[tuple[bool, str, float], str] = {}
-    for name, test in found:
+    for name, test in tests:
         is_fitted = bool(test.attrs.get("fitted", 1))
         kind, level = str(test.attrs.get("kind", "")), float(test.attrs.get("level", 0.0))
         first.setdefault((is_fitted, kind, level), name)
     fitted, held_out = ([name for key, name in first.items() if key[0] == x] for x in (True, False))
     ends = fitted or held_out
     middle = held_out[len(held_out) // 2 :][:1]
-    ordered = [*ends[:1], *middle, *ends[-1:], *first.values(), *(name for name, _ in found)]
+    ordered = [*ends[:1], *middle, *ends[-1:], *first.values(), *(name for name, _ in tests)]
     return set(list(dict.fromkeys(ordered))[:MOST])

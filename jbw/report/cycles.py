@@ -17,7 +17,7 @@ def motion_unit(largest: float, unit: str = "m") -> tuple[float, str]:
     """Factor and unit that write a displacement [m], or a rotation [rad], with digits before it."""
     if unit != "rad":
         return length_unit(largest)
-    return next((each for each in ANGLES if largest * each[0] >= 1.0), ANGLES[-1])
+    return next((prefix for prefix in ANGLES if largest * prefix[0] >= 1.0), ANGLES[-1])
 
 
 def loops_table(loops: Sequence[Row]) -> Table:

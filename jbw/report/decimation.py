@@ -38,12 +38,12 @@ def decimated(points: Points, most: int) -> Points:
     width = max(1, int(np.ceil(2 * size / max(most, 1))))  # two points remain of each stretch
     gaps = np.flatnonzero(~(np.isfinite(points.x) & np.isfinite(points.y)))
     ends = np.concatenate([[-1], gaps, [size]])
-    kept = [gaps]
+    indices = [gaps]
     for start, stop in zip(ends[:-1] + 1, ends[1:], strict=True):
         part = points.y[start:stop]
         if len(part):
-            kept.append(start + _extremes(part, width))
-    order = np.unique(np.concatenate(kept))
+            indices.append(start + _extremes(part, width))
+    order = np.unique(np.concatenate(indices))
     return Points(points.x[order], points.y[order])
 
 
@@ -51,5 +51,5 @@ def _extremes(y: Values, width: int) -> np.ndarray:
     """Places of the least and the largest value of every stretch, and of both ends."""
     starts = np.arange(0, len(y), width)
     padded = np.append(y, np.full(-len(y) % width, y[-1])).reshape(-1, width)
-    places = (starts + padded.argmin(axis=1), starts + padded.argmax(axis=1))
-    return np.minimum(np.concatenate([[0], *places, [len(y) - 1]]), len(y) - 1)
+    extremes = (starts + padded.argmin(axis=1), starts + padded.argmax(axis=1))
+    return np.minimum(np.concatenate([[0], *extremes, [len(y) - 1]]), len(y) - 1)

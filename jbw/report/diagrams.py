@@ -55,28 +55,30 @@ def oscillator(tree: xr.DataTree, ax: Any = None) -> Panels:
         Eqs. (1), (2).
     """
     stored = node(tree, "posterior")
-    found = [] if stored is None else of_joint(stored.to_dataset())
-    if not found:
+    joint_parameters = [] if stored is None else of_joint(stored.to_dataset())
+    if not joint_parameters:
         raise DataError("The result has no posterior of the joint.")
     loops = node(tree, BACKBONE) is not None
     axes = panels(ax, 1, 2 if loops else 1, height=3.9, width_ratios=[1.25, 1][: 1 + loops])
-    left: Axes = axes[0, 0]
-    left.set(xlim=(0.0, 10.0), ylim=(-0.3, 11.4))
-    left.axis("off")
+    schematic: Axes = axes[0, 0]
+    schematic.set(xlim=(0.0, 10.0), ylim=(-0.3, 11.4))
+    schematic.axis("off")
     memory = [law for law in laws_of(tree) if law not in SPRINGS]
-    taken, rate = RATES.get(memory[0], ("K", f"Z: {plain(memory[0])}")) if memory else ("", "")
-    stiffness = f"ωₙ² − {taken}" if taken else "ωₙ²"
-    _elements(left, stiffness, hysteretic=bool(memory))
-    terms = ["ÿ + 2ζωₙ ẏ", f"({stiffness}) y" if taken else "ωₙ² y"]
+    hysteretic_stiffness, rate = (
+        RATES.get(memory[0], ("K", f"Z: {plain(memory[0])}")) if memory else ("", "")
+    )
+    stiffness = f"ωₙ² − {hysteretic_stiffness}" if hysteretic_stiffness else "ωₙ²"
+    _elements(schematic, stiffness, hysteretic=bool(memory))
+    terms = ["ÿ + 2ζωₙ ẏ", f"({stiffness}) y" if hysteretic_stiffness else "ωₙ² y"]
     terms += [SPRINGS[law] for law in laws_of(tree) if law in SPRINGS] + ["Z"] * bool(memory)
-    _write(left, 0.2, 4.95, f"{' + '.join(terms)} = u", ha="left")
-    _write(left, 0.2, 4.1, rate, ha="left", color=VERMILLION)
-    for row, each in enumerate(found[:MOST]):
+    _write(schematic, 0.2, 4.95, f"{' + '.join(terms)} = u", ha="left")
+    _write(schematic, 0.2, 4.1, rate, ha="left", color=VERMILLION)
+    for row, parameter in enumerate(joint_parameters[:MOST]):
         y = 3.0 - 0.6 * row
-        _write(left, 0.2, y, plain(_symbol(each)), ha="left", size=8)
-        _write(left, 1.2, y, _spread(each), ha="left", size=8)
-        _write(left, 9.9, y, plain(each.meaning), ha="right", size=7, color=SOFT)
-    title(left, labels.ONE_MODE)
+        _write(schematic, 0.2, y, plain(_symbol(parameter)), ha="left", size=8)
+        _write(schematic, 1.2, y, _spread(parameter), ha="left", size=8)
+        _write(schematic, 9.9, y, plain(parameter.meaning), ha="right", size=7, color=SOFT)
+    title(schematic, labels.ONE_MODE)
     if loops:
         draw_loops(tree, axes[0, 1])
         title(axes[0, 1], labels.SLIP)
@@ -122,14 +124,14 @@ def _write(ax: Axes, x: float, y: float, text: str, size: float = 9.0, **look: A
     ax.text(x, y, text, fontsize=size, **{"ha": "center", "va": "center", "color": INK, **look})
 
 
-def _spread(each: Parameter) -> str:
+def _spread(parameter: Parameter) -> str:
     """Median of a parameter with half of its 99 % interval, as a page shows it."""
-    shown = shown_as(each.name, each.unit)
-    return spread_text(shown.factor * each.draws, shown.unit)
+    shown = shown_as(parameter.name, parameter.unit)
+    return spread_text(shown.factor * parameter.draws, shown.unit)
 
 
-def _symbol(each: Parameter) -> str:
-    return each.symbol + shown_as(each.name, each.unit).suffix
+def _symbol(parameter: Parameter) -> str:
+    return parameter.symbol + shown_as(parameter.name, parameter.unit).suffix
 
 
 class Outcome(NamedTuple):
@@ -150,7 +152,7 @@ class Box(NamedTuple):
 
 def _height(box: Box) -> float:
     """Return the height of a box [in]: two lines for its name at least."""
-    return 2 * PAD + LINE * max(2, sum(1 + each.words.count("\n") for each in box.outcomes))
+    return 2 * PAD + LINE * max(2, sum(1 + outcome.words.count("\n") for outcome in box.outcomes))
 
 
 def procedure(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
@@ -171,16 +173,16 @@ def procedure(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
         Box("Verification", "responses, fitted\nand held out", _verified(tree)),
         Box("Validation", "hysteresis loops,\nenclosed areas", _validated(tree)),
     ]
-    boxes = [each for each in boxes if each.outcomes]
+    boxes = [box for box in boxes if box.outcomes]
     total = sum(map(_height, boxes)) + GAP * (len(boxes) - 1)
     only: Axes = panels(ax, 1, 1, height=total + 0.1)[0, 0]
     only.set(xlim=(0.0, 10.0), ylim=(-total - 0.02, 0.02))
     only.axis("off")
     top = 0.0
-    for each in boxes:
-        _draw(only, each, top)
-        top -= _height(each) + GAP
-        if each is not boxes[-1]:
+    for box in boxes:
+        _draw(only, box, top)
+        top -= _height(box) + GAP
+        if box is not boxes[-1]:
             look = {**ARROW, "color": SOFT, "lw": 1.0}
             only.annotate("", (1.0, top), (1.0, top + GAP), arrowprops=look)
     return only
@@ -193,11 +195,13 @@ def _draw(ax: Axes, box: Box, top: float) -> None:
     ax.text(0.2, y, box.name, va="top", fontsize=9, color=INK, weight="bold")
     look: dict[str, Any] = {"va": "top", "fontsize": 8, "linespacing": 1.5}
     ax.text(1.7, y, box.does, color=SOFT, **look)
-    for each in box.outcomes:
-        ax.text(3.6, y, each.words, color=INK, **look)
-        ax.text(8.7, y, each.mixing, color=SOFT, ha="right", **look)
-        ax.text(9.85, y, each.status, color=COLOURS.get(each.status, SOFT), ha="right", **look)
-        y -= LINE * (1 + each.words.count("\n"))
+    for outcome in box.outcomes:
+        ax.text(3.6, y, outcome.words, color=INK, **look)
+        ax.text(8.7, y, outcome.mixing, color=SOFT, ha="right", **look)
+        ax.text(
+            9.85, y, outcome.status, color=COLOURS.get(outcome.status, SOFT), ha="right", **look
+        )
+        y -= LINE * (1 + outcome.words.count("\n"))
 
 
 def _line_fit(tree: xr.DataTree) -> list[Outcome]:
@@ -220,9 +224,9 @@ def _sampled(tree: xr.DataTree, facts: xr.Dataset, step: str) -> list[Outcome]:
         if group is not None and f"{step}{name}" in facts["step"].values:
             # The product of the law's parameters is all that weak motion knows.
             law = of_law(of_joint(group.to_dataset()))
-            whole = quantity("_".join(each.name for each in law))
-            draws = np.prod([each.draws for each in law], axis=0)
-            words = f"{called}: {whole.symbol} = {spread_text(draws, whole.unit)}"
+            product = quantity("_".join(parameter.name for parameter in law))
+            draws = np.prod([parameter.draws for parameter in law], axis=0)
+            words = f"{called}: {product.symbol} = {spread_text(draws, product.unit)}"
             outcomes.append(Outcome(words, *_quality(facts, f"{step}{name}")))
     return outcomes
 
@@ -230,8 +234,12 @@ def _sampled(tree: xr.DataTree, facts: xr.Dataset, step: str) -> list[Outcome]:
 def _main(tree: xr.DataTree, facts: xr.Dataset) -> list[Outcome]:
     """Return the main posterior's numbers, two in a line, and below them how it mixed."""
     stored = parameters(branch(tree, "posterior"))
-    kept = [each for each in stored if "[" not in each.name and each.name not in GAINS]
-    texts = [f"{_symbol(each)} = {_spread(each)}" for each in kept]
+    shown = [
+        parameter
+        for parameter in stored
+        if "[" not in parameter.name and parameter.name not in GAINS
+    ]
+    texts = [f"{_symbol(parameter)} = {_spread(parameter)}" for parameter in shown]
     mixing, status = _quality(facts, str(facts.attrs["main"]))
     lines = [",  ".join(texts[i : i + 2]) for i in range(0, len(texts), 2)]
     return [Outcome("\n".join(filter(None, (*lines, mixing))), status=status)]
@@ -244,10 +252,10 @@ def _quality(facts: xr.Dataset, name: str) -> tuple[str, str]:
 
 
 def _verified(tree: xr.DataTree) -> list[Outcome]:
-    found = [test.attrs for _, _, test in verified(tree, "nrmse")]
+    attributes = [test.attrs for _, _, test in verified(tree, "nrmse")]
     outcomes = []
     for fitted, called in ((True, "fitted"), (False, HELD_OUT)):
-        errors = [float(of["nrmse"]) for of in found if bool(of.get("fitted", 1)) == fitted]
+        errors = [float(of["nrmse"]) for of in attributes if bool(of.get("fitted", 1)) == fitted]
         if errors:
             least, most = percent(min(errors), digits=2), percent(max(errors), digits=2)
             reach = f"{least} of the record's" if least == most else f"{least} to {most} of the"
@@ -259,7 +267,7 @@ def _validated(tree: xr.DataTree) -> list[Outcome]:
     parent = node(tree, "validation/loops")
     tests = parent.children.values() if parent is not None else ()
     areas = [enclosed_areas(test.to_dataset()) for test in tests]
-    ratios = [each.model[1] / each.measured[1] for each in areas if each and each.measured[1]]
+    ratios = [area.model[1] / area.measured[1] for area in areas if area and area.measured[1]]
     if not ratios:
         return []
     largest = percent(max(abs(ratio - 1.0) for ratio in ratios), digits=2)

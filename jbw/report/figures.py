@@ -45,7 +45,7 @@ class Entry(NamedTuple):
     draw: Callable[..., Any]  # of (tree, ax); its docstring begins with the other two
     question: str  # what it answers, its title on the page
     caption: str  # what is drawn and what to look for
-    about: str = "structure"  # the group in which it stands on the page, of `GROUPS`
+    group: str = "structure"  # the group in which it stands on the page, of `GROUPS`
     rest: Callable[..., Any] | None = None  # of (tree): the tests that `draw` leaves
 
 
@@ -57,12 +57,12 @@ GROUPS = {
 }
 
 
-def _entry(slug: str, about: str, draw: Callable[..., Any], *, parted: bool = False) -> Entry:
+def _entry(slug: str, group: str, draw: Callable[..., Any], *, parted: bool = False) -> Entry:
     kind, _, rest = slug.partition("_")
     name = rest if kind == "extra" else f"figure_{int(rest[:2])}"
     question, caption, *_ = f"{draw.__doc__}\n\n".split("\n\n")
     rest = partial(draw, part="rest") if parted else None
-    return Entry(slug, name, draw, question, " ".join(caption.split()), about, rest)
+    return Entry(slug, name, draw, question, " ".join(caption.split()), group, rest)
 
 
 FIGURE_LIST = (
@@ -132,10 +132,10 @@ def drawing(entry: Entry, tree: xr.DataTree, *, rest: bool = False) -> Figure:
             drawn[key] = figure_of(draw(tree))
         except Exception as cause:
             drawn[key] = cause
-    found = drawn[key]
-    if isinstance(found, Exception):
-        raise found
-    return found
+    outcome = drawn[key]
+    if isinstance(outcome, Exception):
+        raise outcome
+    return outcome
 
 
 def save_figures(tree: xr.DataTree, folder: Path, dpi: int = 130) -> None:

@@ -37,13 +37,15 @@ def information_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
     kinds = [kind for kind in ("parameter", "combination") if kind in group.coords]
     quantities = [str(name) for kind in kinds for name in group[kind].values]
     axes = panels(ax, 1, 2, height=1.3 + 0.3 * max(group.sizes["direction"], len(quantities)))
-    left, right = axes[0]
+    directions, right = axes[0]
     # Bars, the strongest direction on top.
     ratio = np.maximum(np.asarray(group["direction_ratio"], float), LEAST)
     texts = [plain(combination(str(text), names)) for text in group["direction_text"].values]
     start = 0.5 * ratio.min()
-    left.barh(np.arange(len(ratio)), ratio - start, 0.6, left=start, color=style.BLUE, alpha=0.8)
-    title(left, captions.DIRECTIONS)
+    directions.barh(
+        np.arange(len(ratio)), ratio - start, 0.6, left=start, color=style.BLUE, alpha=0.8
+    )
+    title(directions, captions.DIRECTIONS)
     # Parameters and combinations: by the fit, and by the draws where there are any.
     rows = np.arange(len(quantities))
     before = np.maximum(_column(group, "ratio"), LEAST)
@@ -54,7 +56,7 @@ def information_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
         right.plot(after, rows, ".", ms=7, color=style.GREEN, label="by the draws")
     title(right, "Parameters and combinations")
     symbols = [symbol(name, names) for name in quantities]
-    for panel, labels in ((left, list(map(_in_lines, texts))), (right, symbols)):
+    for panel, labels in ((directions, list(map(_in_lines, texts))), (right, symbols)):
         panel.set_yticks(range(len(labels)), labels)
         panel.set_ylim(len(labels) - 0.4, -0.6)
         panel.axvline(1.0, color=style.INK, lw=0.9)
@@ -103,7 +105,7 @@ def profile_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
         panel.set_ylim(-0.6, 2.2 * THRESHOLD)
         panel.locator_params(axis="x", nbins=3)
         panel.set_xlabel(axis_label(symbol(name, names), quantity(name, names).unit))
-    return finish(axes, ax, left="rise of χ² [-]")
+    return finish(axes, ax, ylabels="rise of χ² [-]")
 
 
 def directions_table(summary: Row, quantities: Names) -> Table:

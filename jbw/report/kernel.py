@@ -29,8 +29,8 @@ def harmonic_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
     kernel = branch(tree, "verification/h3", "measured_magnitude", "measured_phase")
     axes = panels(ax, 1, 3, height=2.7, width_ratios=[1.6, 1, 1])
     _measured_kernel(axes[0, 1:], kernel, label="one repeat")
-    for each in axes[0, 1:]:
-        each.margins(x=0.12, y=0.12)
+    for panel in axes[0, 1:]:
+        panel.margins(x=0.12, y=0.12)
     finish(axes, ax, "probing frequency [Hz]")
     _spectrum(axes[0, 0], spectrum)
     return axes
@@ -57,8 +57,8 @@ def _measured_kernel(pair: Panels, kernel: xr.Dataset, label: str) -> None:
     magnitude = kernel["measured_magnitude"].transpose("repeat", ...)
     phase = wrap_degrees(kernel["measured_phase"].transpose("repeat", ...))
     look = {"color": INK, "marker": "o", "mfc": "none", "mew": 0.6, "ms": 3.2, "lw": 0}
-    for each, values in zip(pair, (magnitude, phase), strict=True):
-        each.plot(frequency(kernel), np.asarray(values).T, **look)[0].set_label(label)
+    for panel, values in zip(pair, (magnitude, phase), strict=True):
+        panel.plot(frequency(kernel), np.asarray(values).T, **look)[0].set_label(label)
     log_y(pair[0])
     pair[0].set_ylabel(axis_label("|H₃|", unit_of(magnitude)))
     pair[1].set_ylabel("arg H₃ [°]")
@@ -87,12 +87,12 @@ def kernel_bands(tree: xr.DataTree, ax: Any = None) -> Panels:
             called, colour = SAMPLERS[name]
             magnitude = quantiles(shown, f"{name}_magnitude")
             phase = wrap_band(quantiles(shown, f"{name}_phase"))
-            for each, (low, middle, high) in zip(row, (magnitude, phase), strict=True):
+            for panel, (low, middle, high) in zip(row, (magnitude, phase), strict=True):
                 look = {"lw": 4, "alpha": 0.45, "label": f"{style.BAND}, {called}"}
-                each.vlines(freq + side * step, low, high, color=colour, **look)
-                each.plot(freq + side * step, middle, "_", color=INK, ms=6, mew=0.9)
-        for each in row:
-            each.margins(x=0.08, y=0.12)
+                panel.vlines(freq + side * step, low, high, color=colour, **look)
+                panel.plot(freq + side * step, middle, "_", color=INK, ms=6, mew=0.9)
+        for panel in row:
+            panel.margins(x=0.08, y=0.12)
     axes[1, 0].set(yscale="linear", ylabel="|H₃| over median [-]")
     axes[1, 1].set_ylabel(labels.PHASE_LESS_MEDIAN)
     return finish(axes, ax, "probing frequency [Hz]")

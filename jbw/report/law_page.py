@@ -37,8 +37,8 @@ def render_laws(tree: xr.DataTree, record: Mapping[str, Any]) -> str:
         laws_figure(tree),
     )]  # fmt: skip
     if len(order) > MOST:
-        further = law_backbones(tree, record, order[MOST:])
-        folded.insert(0, Folded("The other laws", messages.FURTHER, further))
+        other_laws = law_backbones(tree, record, order[MOST:])
+        folded.insert(0, Folded("The other laws", messages.FURTHER, other_laws))
     drawn = law_backbones(tree, record, order[:MOST])
     return render_sheet(laws_sheet(record), drawn, folded)
 
@@ -58,19 +58,22 @@ def law_backbones(
     end = factor * float(curves.attrs["y_fitted"])
     axes = panels(ax, len(laws), 2, height=0.6 + ROW * len(laws), sharex="all", sharey="col")
     for row, law in zip(axes, laws, strict=True):
-        for each, name, scale in ((row[0], "frequency", 1.0), (row[1], "damping", 100.0)):
-            own = scale * curves[name].sel(law=law).transpose("quantile", "amplitude").values
-            draw_model(each, amplitude, own, label="median of the law")
-            draw_points(each, points, name, factor, scale)
-            each.axvspan(end, amplitude[-1], color=SOFT, alpha=0.15, lw=0, label="beyond the fit")
-            each.set_xlim(0.0, amplitude[-1])
-            each.ticklabel_format(axis="y", useOffset=False)
+        for panel, name, scale in ((row[0], "frequency", 1.0), (row[1], "damping", 100.0)):
+            band = scale * curves[name].sel(law=law).transpose("quantile", "amplitude").values
+            draw_model(panel, amplitude, band, label="median of the law")
+            draw_points(panel, points, name, factor, scale)
+            panel.axvspan(end, amplitude[-1], color=SOFT, alpha=0.15, lw=0, label="beyond the fit")
+            panel.set_xlim(0.0, amplitude[-1])
+            panel.ticklabel_format(axis="y", useOffset=False)
         answer = record["laws"][law]["answer"]
         title(row[0], f"{plain(law)}: {messages.ANSWERS.get(answer, answer)}")
         error = record["laws"][law]["error"]
         title(row[1], messages.error_of_fit(error), size=8)
     for column, name, scale in ((0, "frequency", 1.0), (1, "damping", 100.0)):
-        shown = [scale * best[name].values.ravel(), *(scale * one.values[name] for one in points)]
+        shown = [
+            scale * best[name].values.ravel(),
+            *(scale * reading.values[name] for reading in points),
+        ]
         low, high = np.nanmin(np.concatenate(shown)), np.nanmax(np.concatenate(shown))
         beyond = ROUND * (high - low) or abs(high) or 1.0
         axes[0, column].set_ylim(low - beyond, high + beyond)
@@ -85,7 +88,7 @@ def laws_sheet(record: Mapping[str, Any]) -> Sheet:
     best = law_order(record)[0]
     best = next((name for name, row in rows.items() if row["answer"] == "best"), best)
     equivalent = [name for name, row in rows.items() if row["answer"] == "not told apart"]
-    beside = messages.not_distinguished(equivalent) if equivalent else ""
+    equivalent_words = messages.not_distinguished(equivalent) if equivalent else ""
     tables = [("Scores", laws_table(record))]
     if record["refused"]:
         refused = [{"law": law, "why": why} for law, why in record["refused"].items()]
@@ -93,10 +96,10 @@ def laws_sheet(record: Mapping[str, Any]) -> Sheet:
         tables.append((messages.UNJUDGED_TITLE, table("", refused, *columns)))
     return Sheet(
         title=notes.laws(record["campaign"]),
-        about=messages.heading(len(rows)),
+        subtitle=messages.heading(len(rows)),
         caption=messages.BACKBONES,
         sentences=record["statements"],
         tables=tables,
         status=Badge(best, "doubt" if equivalent else "good"),
-        status_words=f"is the preferred law{beside}.",
+        status_words=f"is the preferred law{equivalent_words}.",
     )

@@ -66,7 +66,7 @@ def _difference(key: str, error: str) -> Any:
     def shown(row: Mapping[str, Any]) -> str:
         if row[key] is None:
             return NOTHING
-        told = f"{row[key]:+.1f}" if row[key] else "0"
-        return told if row[error] is None else f"{told} +- {row[error]:.2g}"
+        difference = f"{row[key]:+.1f}" if row[key] else "0"
+        return difference if row[error] is None else f"{difference} +- {row[error]:.2g}"
 
     return shown

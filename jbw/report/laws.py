@@ -41,39 +41,39 @@ def _against_amplitude(axes: Any, curves: xr.Dataset, looks: Looks) -> None:
     amplitude = 1e3 * curves["amplitude"].values
     # A comparison of an earlier version does not say.
     hopeless = curves.get("hopeless", xr.zeros_like(curves["law"], bool))
-    for each, name, unit, scale in (
+    for panel, name, unit, scale in (
         (axes[0], "frequency", "Hz", 1.0),
         (axes[1], "damping", "%", 100.0),
     ):
         for law, (colour, dashes) in looks.items():
             low, middle, high = scale * curves[name].sel(law=law).values
-            shade(each, amplitude, low, high, colour, "_", alpha=0.2)
+            shade(panel, amplitude, low, high, colour, "_", alpha=0.2)
             label = plain(law) + (", fit alone" if hopeless.sel(law=law) else "")
-            each.plot(amplitude, middle, color=colour, ls=dashes, lw=1.2, label=label)
-        each.axvline(1e3 * curves.attrs["y_fitted"], color="0.6", lw=0.8, ls=":")
-        each.set_ylabel(f"{name} [{unit}]")
-        each.set_xlabel(messages.LABELS["amplitude"])
-        title(each, f"{name}{messages.LABELS['backbone']}")
+            panel.plot(amplitude, middle, color=colour, ls=dashes, lw=1.2, label=label)
+        panel.axvline(1e3 * curves.attrs["y_fitted"], color="0.6", lw=0.8, ls=":")
+        panel.set_ylabel(f"{name} [{unit}]")
+        panel.set_xlabel(messages.LABELS["amplitude"])
+        title(panel, f"{name}{messages.LABELS['backbone']}")
 
 
-def _loops(here: Any, found: xr.Dataset, looks: Looks) -> None:
-    y = 1e3 * found["displacement"].values
+def _loops(here: Any, loops: xr.Dataset, looks: Looks) -> None:
+    y = 1e3 * loops["displacement"].values
     for law, (colour, dashes) in looks.items():
-        here.plot(y, found["force"].sel(law=law).values, color=colour, ls=dashes, lw=1.0)
+        here.plot(y, loops["force"].sel(law=law).values, color=colour, ls=dashes, lw=1.0)
     here.set_xlabel("displacement [mm]")
     here.set_ylabel(messages.LABELS["force"])
     title(here, messages.LABELS["loop"])
 
 
-def _residuals(here: Any, found: xr.Dataset, looks: Looks) -> None:
-    along = (np.arange(found.sizes["part"]) + 0.5) / found.sizes["part"]
+def _residuals(here: Any, residuals: xr.Dataset, looks: Looks) -> None:
+    along = (np.arange(residuals.sizes["part"]) + 0.5) / residuals.sizes["part"]
     for law, (colour, dashes) in looks.items():
-        residual = 100 * found["left"].sel(law=law).values
+        residual = 100 * residuals["left"].sel(law=law).values
         here.plot(along, residual, color=colour, ls=dashes, lw=1.0)
     here.set_yscale("log")
     here.set_xlabel(messages.LABELS["place"])
     here.set_ylabel("residual [% of rms]")
-    title(here, f"{messages.LABELS['residual']}{plain(found.attrs['group'])}")
+    title(here, f"{messages.LABELS['residual']}{plain(residuals.attrs['group'])}")
 
 
 SHAPES = {"loops": _loops, "residuals": _residuals}
@@ -82,10 +82,10 @@ SHAPES = {"loops": _loops, "residuals": _residuals}
 def _left_out(here: Any, scores: xr.Dataset, runs: list[str], looks: Looks) -> None:
     laws = scores["law"].values.tolist()
     for i, law in enumerate(laws):
-        places = np.arange(len(runs)) + 0.6 * (i / max(len(looks) - 1, 1) - 0.5)
+        heights = np.arange(len(runs)) + 0.6 * (i / max(len(looks) - 1, 1) - 0.5)
         errors = 100 * scores["error"].sel(law=law).values
         filled = "none" if looks[law][1] != "-" else "full"
-        here.plot(errors, places, "o", ms=4, color=looks[law][0], fillstyle=filled)
+        here.plot(errors, heights, "o", ms=4, color=looks[law][0], fillstyle=filled)
     heading = messages.LABELS["error"]
     if "line" in scores and np.isfinite(scores["line"].values).any():
         here.plot(100 * scores["line"].values, np.arange(len(runs)), "|", ms=12, color="0.3")

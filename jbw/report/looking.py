@@ -23,10 +23,10 @@ def look_figure(tree: xr.DataTree, ax: Any = None) -> Panels:
     record, each read as a linear oscillator's, against the motion: a linear structure's do not
     change with it. Each colour is a test, or the tests of one kind and level on several days.
     """
-    found = node(tree, "look")
-    if found is None or not found.children:
+    look = node(tree, "look")
+    if look is None or not look.children:
         raise DataError("The result has no readings of the records by themselves.")
-    tests = [one.to_dataset() for one in found.children.values()]
+    tests = [group.to_dataset() for group in look.children.values()]
     axes = panels(ax, 1, 3, height=3.4, width_ratios=[1.2, 1, 1])
     factor, unit = length_unit(max(float(test["y"].max()) for test in tests))
     names = _families(tests)
@@ -47,11 +47,11 @@ def look_figure(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 def _families(tests: list[xr.Dataset]) -> list[str]:
     """What each test goes under: kind and level where several are alike, else its own name."""
-    alike = [(test.attrs["kind"], test.attrs.get("level")) for test in tests]
+    kind_and_level = [(test.attrs["kind"], test.attrs.get("level")) for test in tests]
     return [
-        f"{kind}, {level:g}" if level is not None and alike.count((kind, level)) > 1
+        f"{kind}, {level:g}" if level is not None and kind_and_level.count((kind, level)) > 1
         else str(test.attrs["test"])
-        for test, (kind, level) in zip(tests, alike, strict=True)
+        for test, (kind, level) in zip(tests, kind_and_level, strict=True)
     ]  # fmt: skip
 
 

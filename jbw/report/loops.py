@@ -59,14 +59,14 @@ def validation_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
     Panels: for each test a column (2 axes a test, row by row). The secant has no area.
     """
     needed = ("measured_y", "measured_force", "model_y", "model_force")
-    found = tests(tree, "validation/loops", *needed)
-    axes, stack = style.stacks(ax, len(found), 2, height=4.6, height_ratios=[1, 1.3])
-    for (upper, lower), (_, test) in zip(stack, found, strict=True):
+    loop_tests = tests(tree, "validation/loops", *needed)
+    axes, stack = style.stacks(ax, len(loop_tests), 2, height=4.6, height_ratios=[1, 1.3])
+    for (upper, lower), (_, test) in zip(stack, loop_tests, strict=True):
         draw_loop(upper, test, 0.0)
         draw_loop(lower, test, secant(test["measured_y"].values, test["measured_force"].values))
         style.title(upper, f"{level_text(test)}, {number(test.attrs.get('tone_hz'))} Hz")
         style.title(lower, _areas_text(enclosed_areas(test)), size=8)
-    unit = plain(unit_text(unit_of(found[0][1]["measured_force"])))
+    unit = plain(unit_text(unit_of(loop_tests[0][1]["measured_force"])))
     labels = (f"restoring force [{unit}]", f"less its secant [{unit}]")
     return finish(axes, ax, "displacement [mm]", labels)
 
@@ -135,9 +135,9 @@ def verification_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
 
     Panels: one a test, lowest level first.
     """
-    found = tests(tree, "verification/loop", "displacement", "measured_force", "model_force")
-    axes, stack = style.stacks(ax, len(found), 1, height=2.5)
-    for (only,), (name, test) in zip(stack, found, strict=True):
+    loop_tests = tests(tree, "verification/loop", "displacement", "measured_force", "model_force")
+    axes, stack = style.stacks(ax, len(loop_tests), 1, height=2.5)
+    for (only,), (name, test) in zip(stack, loop_tests, strict=True):
         draw_forced_loop(only, test)
         lost = ""
         if "measured_work" in test and "model_work" in test:
@@ -145,7 +145,7 @@ def verification_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
             lost = f"lost {number(test['measured_work'])} J,\n"
             lost += f"model {number(low)} to {number(high)} J"
         style.title(only, f"{short(plain(name))}, {fitted_text(test)}\n{lost}", size=8)
-    turns = unit_of(found[0][1]["displacement"]) == "rad"
+    turns = unit_of(loop_tests[0][1]["displacement"]) == "rad"
     labels = ("rotation [mrad]", "torque [kN m]") if turns else (
         "displacement [mm]", "restoring force [kN]"
     )  # fmt: skip
@@ -182,19 +182,19 @@ def backbone(tree: xr.DataTree, ax: Any = None) -> Panels:
 
     Panels: frequency, damping (2 axes); grey beyond the amplitudes that were fitted.
     """
-    found = branch(tree, BACKBONE, "frequency", "damping")
+    curve = branch(tree, BACKBONE, "frequency", "damping")
     axes = panels(ax, 1, 2, height=3.0)
-    factor, unit = length_unit(found.attrs["y_fitted"])
-    amplitude = factor * np.asarray(found["amplitude"], float)
-    end = factor * float(found.attrs["y_fitted"])
-    points = measured_points(tree, found)
-    for each, name, scale in ((axes[0, 0], "frequency", 1.0), (axes[0, 1], "damping", PERCENT)):
-        draw_model(each, amplitude, scale * quantiles(found, name))
-        draw_points(each, points, name, factor, scale)
+    factor, unit = length_unit(curve.attrs["y_fitted"])
+    amplitude = factor * np.asarray(curve["amplitude"], float)
+    end = factor * float(curve.attrs["y_fitted"])
+    points = measured_points(tree, curve)
+    for panel, name, scale in ((axes[0, 0], "frequency", 1.0), (axes[0, 1], "damping", PERCENT)):
+        draw_model(panel, amplitude, scale * quantiles(curve, name))
+        draw_points(panel, points, name, factor, scale)
         label = "beyond what was fitted"
-        each.axvspan(end, amplitude[-1], color=SOFT, alpha=0.15, lw=0, label=label)
-        each.set_xlim(0.0, amplitude[-1])
-        each.ticklabel_format(axis="y", useOffset=False)
+        panel.axvspan(end, amplitude[-1], color=SOFT, alpha=0.15, lw=0, label=label)
+        panel.set_xlim(0.0, amplitude[-1])
+        panel.ticklabel_format(axis="y", useOffset=False)
     axes[0, 0].set_ylabel(axis_label("natural frequency", "Hz"))
     axes[0, 1].set_ylabel(axis_label("equivalent damping ratio", "%"))
     return finish(axes, ax, axis_label("amplitude of displacement", unit))
@@ -203,10 +203,10 @@ def backbone(tree: xr.DataTree, ax: Any = None) -> Panels:
 def draw_loops(tree: xr.DataTree, only: Axes) -> None:
     """Draw the hysteretic force of the identified joint along cycles of three amplitudes."""
     # Where slip changes it by less than a fifth, only the change is drawn.
-    found = branch(tree, BACKBONE, "loop_y", "loop_z", "loop_slip", "stuck")
-    y = np.asarray(found["loop_y"].transpose("loop", "phase"), float)
+    curve = branch(tree, BACKBONE, "loop_y", "loop_z", "loop_slip", "stuck")
+    y = np.asarray(curve["loop_y"].transpose("loop", "phase"), float)
     z, slip = (
-        np.asarray(found[name].transpose("quantile", "loop", "phase"), float)[1]
+        np.asarray(curve[name].transpose("quantile", "loop", "phase"), float)[1]
         for name in ("loop_z", "loop_slip")
     )
     symbol = "α" if laws_of(tree)[:1] == ("bouc_wen",) else "K"
@@ -214,7 +214,7 @@ def draw_loops(tree: xr.DataTree, only: Axes) -> None:
     largest = float(y.max())
     factor, unit = length_unit(largest)
     if not small:  # Z = K y, the joint without slip, not far above the loops
-        stiffness, top = float(found["stuck"].isel(quantile=1)), 1.15 * float(np.nanmax(z))
+        stiffness, top = float(curve["stuck"].isel(quantile=1)), 1.15 * float(np.nanmax(z))
         end = min(largest, top / abs(stiffness)) if stiffness else largest
         stuck = np.array([-end, end])
         look = {"color": SOFT, "lw": 1.0, "ls": "--", "label": f"stuck, Z = {symbol} y"}
@@ -237,16 +237,18 @@ def amplitude_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
     Panels: frequency, damping.
     """
     needed = ("measured_frequency", "measured_damping", "model_frequency", "model_damping")
-    found = branch(tree, "verification/amplitude", "measured_amplitude", *needed)
+    curves = branch(tree, "verification/amplitude", "measured_amplitude", *needed)
     axes = panels(ax, 1, 2, height=2.9)
-    for each, name, factor in ((axes[0, 0], "frequency", 1.0), (axes[0, 1], "damping", PERCENT)):
-        draw_model(each, found["amplitude"], factor * quantiles(found, f"model_{name}"), "_median")
-        for i in range(found.sizes["record"]):
-            known = "fitted" not in found or bool(found["fitted"][i])
-            x, values = found["measured_amplitude"][i], factor * found[f"measured_{name}"][i]
-            label = "fitted records" if known else "held-out records"
-            each.plot(x, values, ".", color=INK if known else style.SKY, ms=4, label=label)
+    for panel, name, factor in ((axes[0, 0], "frequency", 1.0), (axes[0, 1], "damping", PERCENT)):
+        draw_model(
+            panel, curves["amplitude"], factor * quantiles(curves, f"model_{name}"), "_median"
+        )
+        for i in range(curves.sizes["record"]):
+            is_fitted = "fitted" not in curves or bool(curves["fitted"][i])
+            x, values = curves["measured_amplitude"][i], factor * curves[f"measured_{name}"][i]
+            label = "fitted records" if is_fitted else "held-out records"
+            panel.plot(x, values, ".", color=INK if is_fitted else style.SKY, ms=4, label=label)
     axes[0, 0].set_ylabel(axis_label("frequency", "Hz"))
     axes[0, 1].set_ylabel(axis_label("damping ratio", "%"))
-    response = plain(found["amplitude"].attrs.get("long_name", "response"))
-    return finish(axes, ax, axis_label(f"amplitude of {response}", unit_of(found["amplitude"])))
+    response = plain(curves["amplitude"].attrs.get("long_name", "response"))
+    return finish(axes, ax, axis_label(f"amplitude of {response}", unit_of(curves["amplitude"])))

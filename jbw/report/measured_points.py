@@ -36,11 +36,11 @@ def measured_points(tree: xr.DataTree, curve: xr.Dataset) -> list[Points]:
     of drives with an omega_n of their own, and beyond the curve's largest amplitude.
     """
     parent = node(tree, "look")
-    known = node(tree, "posterior")
-    tests = [] if parent is None else [one.to_dataset() for one in parent.children.values()]
-    drawn = () if known is None else known.data_vars
-    alone = [test for test in tests if f"omega_n_{test.attrs.get('drive')}" not in drawn]
-    return [found for test in alone if len((found := _points(test, curve)).y)]
+    posterior = node(tree, "posterior")
+    tests = [] if parent is None else [group.to_dataset() for group in parent.children.values()]
+    drawn = () if posterior is None else posterior.data_vars
+    of_main_drive = [test for test in tests if f"omega_n_{test.attrs.get('drive')}" not in drawn]
+    return [points for test in of_main_drive if len((points := _points(test, curve)).y)]
 
 
 def _points(test: xr.Dataset, curve: xr.Dataset) -> Points:
@@ -54,34 +54,42 @@ def _points(test: xr.Dataset, curve: xr.Dataset) -> Points:
     along = len(y) > 1 and np.ptp(y) > ALIKE * y.max()
     if not along:
         if len(y) > 1:
-            std = {name: np.std(one, ddof=1, keepdims=True) for name, one in values.items()}
+            std = {name: np.std(samples, ddof=1, keepdims=True) for name, samples in values.items()}
         y, values = y.mean(keepdims=True), {n: x.mean(keepdims=True) for n, x in values.items()}
     model = np.asarray(curve["frequency"].transpose("quantile", ...), float)[1]
-    kept = np.abs(values["frequency"] / np.interp(y, amplitude, model) - 1) < OTHER_MODE
-    kept &= (y >= amplitude[0] * along) & (y <= amplitude[-1])
+    near_model = np.abs(values["frequency"] / np.interp(y, amplitude, model) - 1) < OTHER_MODE
+    near_model &= (y >= amplitude[0] * along) & (y <= amplitude[-1])
     return Points(
         str(test.attrs.get("kind", "")),
         bool(test.attrs.get("fitted", 1)),
-        y[kept],
-        *({name: one[kept] for name, one in each.items()} for each in (values, std)),
+        y[near_model],
+        *(
+            {name: samples[near_model] for name, samples in quantities.items()}
+            for quantities in (values, std)
+        ),
     )
 
 
-def draw_points(ax: Axes, found: list[Points], name: str, factor: float, scale: float) -> None:
+def draw_points(ax: Axes, points: list[Points], name: str, factor: float, scale: float) -> None:
     """Draw points of a quantity against the amplitude, an open symbol a kind of test."""
-    kinds = list(dict.fromkeys(one.kind for one in found))
-    for kind, is_fitted in dict.fromkeys((one.kind, one.is_fitted) for one in found):
-        own = [one for one in found if (one.kind, one.is_fitted) == (kind, is_fitted)]
-        x = factor * np.concatenate([one.y for one in own])
+    kinds = list(dict.fromkeys(reading.kind for reading in points))
+    for kind, is_fitted in dict.fromkeys((reading.kind, reading.is_fitted) for reading in points):
+        of_kind = [
+            reading for reading in points if (reading.kind, reading.is_fitted) == (kind, is_fitted)
+        ]
+        x = factor * np.concatenate([reading.y for reading in of_kind])
         values, std = (
-            scale * np.concatenate([each[name] for each in column])
-            for column in ([one.values for one in own], [one.std for one in own])
+            scale * np.concatenate([quantities[name] for quantities in column])
+            for column in (
+                [reading.values for reading in of_kind],
+                [reading.std for reading in of_kind],
+            )
         )
-        colour, known = INK if is_fitted else SKY, np.isfinite(std)
+        colour, has_std = INK if is_fitted else SKY, np.isfinite(std)
         look = {"ls": "", "color": colour, "mfc": "none", "mew": 0.9, "clip_on": False}
         marker = MARKERS[kinds.index(kind) % len(MARKERS)]
         label = plain(kind) + ("" if is_fitted else f", {HELD_OUT}")
-        ax.plot(x, values, marker, ms=5 if len(x) == len(own) else 3.5, label=label, **look)
-        if known.any():
-            low, high = (values - std)[known], (values + std)[known]
-            ax.vlines(x[known], low, high, color=colour, lw=0.8, label="_scatter")
+        ax.plot(x, values, marker, ms=5 if len(x) == len(of_kind) else 3.5, label=label, **look)
+        if has_std.any():
+            low, high = (values - std)[has_std], (values + std)[has_std]
+            ax.vlines(x[has_std], low, high, color=colour, lw=0.8, label="_scatter")

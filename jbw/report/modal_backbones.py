@@ -74,18 +74,18 @@ def draw_backbones(
             remedy="Give for example np.linspace(0, 1e-3, 50).",
         )
     structure = admitted(structure)
-    own = np.asarray(structure.omega_n)
+    omega_n = np.asarray(structure.omega_n)
     factor, unit = length_unit(float(levels[-1]))
-    axes = panels(ax, 3, len(own), height=HEIGHT, sharex="col")
+    axes = panels(ax, 3, len(omega_n), height=HEIGHT, sharex="col")
     for mode, column in enumerate(axes.T):
         curve = curve_of(structure, levels, mode, num_harmonics)
         _draw(column, factor * levels, curve)
         title(column[0], _title(mode, curve, factor, unit))
-        for each in interactions(own, mode, levels, curve.omega):
-            _mark(column, each, factor, unit)
-    left = ("frequency [Hz]", "damping ratio [%]", "|q / X| [-]")
+        for interaction in interactions(omega_n, mode, levels, curve.omega):
+            _mark(column, interaction, factor, unit)
+    ylabels = ("frequency [Hz]", "damping ratio [%]", "|q / X| [-]")
     several = np.ndim(structure.h) == 2
-    return finish(axes, ax, labels.modal_amplitude(unit, several), left)
+    return finish(axes, ax, labels.modal_amplitude(unit, several), ylabels)
 
 
 def curve_of(structure: Structure, levels: Levels, mode: int, num_harmonics: int) -> Curve:
@@ -95,8 +95,8 @@ def curve_of(structure: Structure, levels: Levels, mode: int, num_harmonics: int
     except ModelError:  # it ends before the last amplitude, or cannot be had at all
         motion = _as_far_as_it_goes(structure, jnp.asarray(levels), mode, num_harmonics)
     omega, zeta = np.asarray(motion.omega), np.asarray(motion.zeta)
-    reached = levels[np.isfinite(omega)]
-    end = None if len(reached) == len(levels) else float(reached.max(initial=0.0))
+    solved = levels[np.isfinite(omega)]
+    end = None if len(solved) == len(levels) else float(solved.max(initial=0.0))
     return Curve(omega, zeta, np.abs(np.asarray(motion.shape)), end)
 
 
@@ -109,19 +109,19 @@ def _as_far_as_it_goes(
 
 
 def interactions(
-    own: Float[np.ndarray, " mode"], mode: int, levels: Levels, omega: Levels
+    omega_n: Float[np.ndarray, " mode"], mode: int, levels: Levels, omega: Levels
 ) -> list[Interaction]:
     """Modes that a harmonic of one mode's motion comes within 1 % of, and where it is nearest."""
-    found = []
-    known = np.isfinite(omega)
+    met = []
+    solved = np.isfinite(omega)
     for order in ORDERS:
-        for other in (j for j in range(len(own)) if j != mode and known.any()):
-            away = own[other] / (order * omega[known]) - 1.0
+        for other in (j for j in range(len(omega_n)) if j != mode and solved.any()):
+            away = omega_n[other] / (order * omega[solved]) - 1.0
             nearest = int(np.argmin(np.abs(away)))
             if abs(away[nearest]) < NEAR:
-                place = _crossing(away, levels[known], nearest)
-                found.append(Interaction(order, other, place))
-    return found
+                place = _crossing(away, levels[solved], nearest)
+                met.append(Interaction(order, other, place))
+    return met
 
 
 def _crossing(away: Levels, levels: Levels, nearest: int) -> float:
@@ -141,10 +141,10 @@ def _draw(column: Panels, x: Levels, curve: Curve) -> None:
     for i, share in enumerate(curve.shape.T):
         column[2].plot(x, share, color=LEVELS[i % len(LEVELS)], lw=1.2, label=f"mode {i + 1}")
     column[2].set_yscale("log", nonpositive="mask")
-    for each in column[:2]:
-        each.ticklabel_format(axis="y", useOffset=False)
-    for each in column:
-        each.set_xlim(x[0], x[-1])
+    for panel in column[:2]:
+        panel.ticklabel_format(axis="y", useOffset=False)
+    for panel in column:
+        panel.set_xlim(x[0], x[-1])
 
 
 def _title(mode: int, curve: Curve, factor: float, unit: str) -> str:
@@ -154,15 +154,15 @@ def _title(mode: int, curve: Curve, factor: float, unit: str) -> str:
     return labels.fold(name, f"{number(factor * curve.end)} {unit}")
 
 
-def _mark(column: Panels, each: Interaction, factor: float, unit: str) -> None:
+def _mark(column: Panels, interaction: Interaction, factor: float, unit: str) -> None:
     """A line where a harmonic meets another mode, and which it is."""
-    place = factor * each.x_peak
-    for one in column:
-        one.axvline(place, color=SOFT, lw=0.8, ls=":")
+    place = factor * interaction.x_peak
+    for panel in column:
+        panel.axvline(place, color=SOFT, lw=0.8, ls=":")
     low, high = column[0].get_xlim()
     ha, away = ("right", -3) if place > 0.5 * (low + high) else ("left", 3)
     column[0].annotate(
-        f"1:{each.order} with mode {each.mode + 1}\nat {number(place)} {unit}",
+        f"1:{interaction.order} with mode {interaction.mode + 1}\nat {number(place)} {unit}",
         (place, 0.04), xycoords=("data", "axes fraction"), xytext=(away, 0),
         textcoords="offset points", ha=ha, fontsize=7, color=INK,
     )  # fmt: skip

@@ -99,8 +99,10 @@ def spectrogram(record: Record, channel: str, ax: Axes | None = None) -> Axes:
 def _complete(record: Record, channel: str) -> Samples:
     """Return a channel less its mean, zero where a sample is missing."""
     samples = np.asarray(record.channels[channel], float)
-    known = np.isfinite(samples)
-    return np.where(known, samples - (samples[known].mean() if known.any() else 0.0), 0.0)
+    is_finite = np.isfinite(samples)
+    return np.where(
+        is_finite, samples - (samples[is_finite].mean() if is_finite.any() else 0.0), 0.0
+    )
 
 
 def _curve(record: Record, ax: Any) -> Panels:
@@ -123,11 +125,13 @@ def _density_unit(record: Record, channel: str) -> str:
     return f"{unit}²/Hz" if unit.isalnum() else f"({unit})²/Hz"
 
 
-def save_overviews(found: Iterable[tuple[str, Record]], folder: Path, dpi: int = 110) -> list[Path]:
+def save_overviews(
+    records: Iterable[tuple[str, Record]], folder: Path, dpi: int = 110
+) -> list[Path]:
     """Write one PNG a test and return the paths, given each test's name and one of its records."""
     folder.mkdir(parents=True, exist_ok=True)
     written = []
-    for place, (name, record) in enumerate(found, start=1):
+    for place, (name, record) in enumerate(records, start=1):
         path = folder / f"{place:02d}_{re.sub(r'[^\w.-]+', '_', name)}.png"
         try:
             channel_overview(record)[0, 0].figure.savefig(path, dpi=dpi, facecolor="white")

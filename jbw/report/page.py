@@ -91,8 +91,8 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
             for name, step in tables.main_first(summary)
         ],
         opening=[
-            in_symbols(each, quantities).replace(" %", "\N{NO-BREAK SPACE}%")
-            for each in opening(summary, tree)
+            in_symbols(sentence, quantities).replace(" %", "\N{NO-BREAK SPACE}%")
+            for sentence in opening(summary, tree)
         ],
         lead=next((figure for figure in drawn if figure["entry"].name == first), None),
         parameters=_only(parameters, lambda name: name == summary.get("main")),
@@ -127,10 +127,10 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
 
 
 def _groups(drawn: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Figures by what they are about, in the order of the groups; none without a figure."""
+    """Figures by their group, in the order of the groups; none without a figure."""
     groups = (
         {"id": f"figures-{name}", "title": title, "drawn": [
-            figure for figure in drawn if figure["entry"].about == name]}
+            figure for figure in drawn if figure["entry"].group == name]}
         for name, title in GROUPS.items()
     )  # fmt: skip
     return [group for group in groups if group["drawn"]]

@@ -24,8 +24,10 @@ def render_picker(campaign: str, tests: Sequence[Test]) -> str:
     Raises:
         DataError: No test has a spectrum.
     """
-    found = {test.name: spectrum_of(test) for test in tests}
-    spectra = {name: one for name, one in found.items() if one is not None}
+    spectrum_by_test = {test.name: spectrum_of(test) for test in tests}
+    spectra = {
+        name: spectrum for name, spectrum in spectrum_by_test.items() if spectrum is not None
+    }
     if not spectra:
         raise DataError(
             "No test of the campaign has a spectrum to choose a band on.",

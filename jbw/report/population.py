@@ -39,18 +39,18 @@ def population_figure(
     axes = panels(ax, len(rows), 1, height=1.7 * len(rows))
     place = np.array(record["torque"], float) if trend else np.arange(1.0, len(mean) + 1)
     odd = np.array([p < ODD / len(mean) for p in record["belongs"].values()])
-    for i, (each, row) in enumerate(zip(axes[:, 0], rows.values(), strict=True)):
+    for i, (panel, row) in enumerate(zip(axes[:, 0], rows.values(), strict=True)):
         low, middle, high = np.exp(new[:, :, i])
-        shade(each, at, low, high, BLUE, messages.BAND, alpha=0.15)
-        each.plot(at, middle, color=BLUE, lw=1.0)
+        shade(panel, at, low, high, BLUE, messages.BAND, alpha=0.15)
+        panel.plot(at, middle, color=BLUE, lw=1.0)
         value = np.exp(mean[:, i])
         error = [value - np.exp(mean[:, i] - HALF_99 * sd[:, i]),
                  np.exp(mean[:, i] + HALF_99 * sd[:, i]) - value]  # fmt: skip
-        each.errorbar(place, value, error, fmt="o", color=INK, ms=4, lw=1.0, label="unit, 99 %")
-        each.plot(place[odd], value[odd], "s", color=VERMILLION, ms=8, mfc="none")
-        each.set_ylabel(axis_label(row["symbol"], row["unit"]))
+        panel.errorbar(place, value, error, fmt="o", color=INK, ms=4, lw=1.0, label="unit, 99 %")
+        panel.plot(place[odd], value[odd], "s", color=VERMILLION, ms=8, mfc="none")
+        panel.set_ylabel(axis_label(row["symbol"], row["unit"]))
         if not trend:
-            each.set_xticks(place, record["units"] if i == len(rows) - 1 else [""] * len(place))
+            panel.set_xticks(place, record["units"] if i == len(rows) - 1 else [""] * len(place))
     axes[-1, 0].set_xlabel("tightening torque [N m]" if trend else "unit")
     return finish(axes, ax)
 
@@ -69,7 +69,7 @@ def population_sheet(
     """
     return Sheet(
         title=f"Population of {name}",
-        about=messages.heading(len(record["units"])),
+        subtitle=messages.heading(len(record["units"])),
         caption=messages.caption(trend="torque" in record["columns"]),
         sentences=record["statements"],
         tables=[("The population", pooled), *units_tables(record, mean, sd)],

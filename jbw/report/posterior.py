@@ -47,18 +47,18 @@ JOINT = Source("", "Step 4, all parameters", style.GREEN, "-")
 def _sampled(tree: xr.DataTree, sources: Iterable[Source]) -> dict[Source, dict[str, Parameter]]:
     """Return the parameters of the joint by source, of those that were run, and by name."""
     groups = {source: node(tree, f"{source.path}/posterior") for source in sources}
-    found = {
-        source: {each.name: each for each in of_joint(group.to_dataset())}
+    by_source = {
+        source: {parameter.name: parameter for parameter in of_joint(group.to_dataset())}
         for source, group in groups.items()
         if group is not None
     }
-    if not any(found.values()):
+    if not any(by_source.values()):
         raise DataError("The result has no posterior from this step.")
-    return found
+    return by_source
 
 
-def _names(found: dict[Source, dict[str, Parameter]]) -> list[str]:
-    return [n for n in dict.fromkeys(chain(*found.values())) if n != "omega_n"]
+def _names(by_source: dict[Source, dict[str, Parameter]]) -> list[str]:
+    return [n for n in dict.fromkeys(chain(*by_source.values())) if n != "omega_n"]
 
 
 def third_order_densities(tree: xr.DataTree, ax: Any = None) -> Panels:
@@ -68,8 +68,8 @@ def third_order_densities(tree: xr.DataTree, ax: Any = None) -> Panels:
     their medians. Narrow peaks that differ from one sampler to the other are chains that did not
     move, not knowledge.
     """
-    found = _sampled(tree, THIRD_ORDER)
-    return _densities(found, _names(found), ax)
+    by_source = _sampled(tree, THIRD_ORDER)
+    return _densities(by_source, _names(by_source), ax)
 
 
 def opening_density(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
@@ -83,39 +83,43 @@ def opening_density(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
     return _densities(_sampled(tree, (*OPENING, JOINT)), names[:1], ax)[0, 0]
 
 
-def _densities(found: dict[Source, dict[str, Parameter]], names: list[str], ax: Any) -> Panels:
+def _densities(by_source: dict[Source, dict[str, Parameter]], names: list[str], ax: Any) -> Panels:
     axes = panels(ax, 1, len(names), height=2.9)
-    for each, name in zip(axes[0], names, strict=True):
-        _density(each, [(source, of[name]) for source, of in found.items() if name in of])
-    return finish(axes, ax, left=labels.DENSITY)
+    for panel, name in zip(axes[0], names, strict=True):
+        _density(panel, [(source, of[name]) for source, of in by_source.items() if name in of])
+    return finish(axes, ax, ylabels=labels.DENSITY)
 
 
-def _density(ax: Axes, known: Sequence[tuple[Source, Parameter]]) -> None:
+def _density(ax: Axes, posteriors: Sequence[tuple[Source, Parameter]]) -> None:
     """Draw one parameter: the prior as 1, each posterior over it, 99 % intervals below."""
-    draws = np.concatenate([each.draws.reshape(-1) for _, each in known])
+    draws = np.concatenate([parameter.draws.reshape(-1) for _, parameter in posteriors])
     span = (float(np.nanmin(draws)), float(np.nanmax(draws)))
-    low, high = next((each.box for _, each in known if each.box is not None), span)
+    low, high = next(
+        (parameter.box for _, parameter in posteriors if parameter.box is not None), span
+    )
     ax.plot([low, low, high, high], [0, 1, 1, 0], color=style.SOFT, lw=1.0, ls=":", label="prior")
     top = 1.0
-    for source, each in known:
-        points, density = marginal_density(each.draws, each.box)
+    for source, parameter in posteriors:
+        points, density = marginal_density(parameter.draws, parameter.box)
         look = {"color": source.colour, "ls": source.line, "lw": 1.4, "label": source.label}
         ax.plot(points, density * (high - low), **look)
         top = max(top, density.max() * (high - low))
-    for row, (source, each) in enumerate(known, start=1):
-        _interval(ax, each, source.colour, -0.055 * top * row)
-    truth = next((each.truth for _, each in known if each.truth is not None), None)
+    for row, (source, parameter) in enumerate(posteriors, start=1):
+        _interval(ax, parameter, source.colour, -0.055 * top * row)
+    truth = next(
+        (parameter.truth for _, parameter in posteriors if parameter.truth is not None), None
+    )
     if truth is not None:
         ax.axvline(truth, color=style.INK, lw=1.0, label="truth of the rig")
-    ax.set_ylim(-0.06 * top * (len(known) + 0.8), 1.06 * top)
+    ax.set_ylim(-0.06 * top * (len(posteriors) + 0.8), 1.06 * top)
     ax.set_yticks([tick for tick in ax.get_yticks() if 0 <= tick <= 1.06 * top])
-    ax.set_xlabel(axis_label(known[0][1].symbol, known[0][1].unit))
+    ax.set_xlabel(axis_label(posteriors[0][1].symbol, posteriors[0][1].unit))
     ax.locator_params(axis="x", nbins=4)
 
 
-def _interval(ax: Axes, each: Parameter, colour: str, height: float) -> None:
+def _interval(ax: Axes, parameter: Parameter, colour: str, height: float) -> None:
     """Draw the 99 % interval and the median of draws as a bar below the densities."""
-    low, middle, high = np.nanquantile(each.draws, [0.005, 0.5, 0.995])
+    low, middle, high = np.nanquantile(parameter.draws, [0.005, 0.5, 0.995])
     ax.plot([low, high], [height, height], color=colour, lw=3.0, solid_capstyle="butt", alpha=0.7)
     ax.plot(middle, height, "|", color=style.INK, ms=6)
 
@@ -126,23 +130,23 @@ def routes(tree: xr.DataTree, ax: Any = None) -> Panels:
     Medians and 99 % intervals of every parameter by every route, within the prior box (grey).
     Vertical lines are the truth, where it is known.
     """
-    found = _sampled(tree, (*THIRD_ORDER, *OPENING, JOINT))
-    names = _names(found)
-    axes = panels(ax, 1, len(names), height=1.2 + 0.3 * len(found), sharey=True)
-    for each, name in zip(axes[0], names, strict=True):
-        for row, (source, sampled) in enumerate(found.items()):
+    by_source = _sampled(tree, (*THIRD_ORDER, *OPENING, JOINT))
+    names = _names(by_source)
+    axes = panels(ax, 1, len(names), height=1.2 + 0.3 * len(by_source), sharey=True)
+    for panel, name in zip(axes[0], names, strict=True):
+        for row, (source, sampled) in enumerate(by_source.items()):
             if name in sampled:
-                _interval(each, sampled[name], source.colour, row)
-        last = next(sampled[name] for sampled in reversed(found.values()) if name in sampled)
-        each.set_xlabel(axis_label(last.symbol, last.unit))
+                _interval(panel, sampled[name], source.colour, row)
+        last = next(sampled[name] for sampled in reversed(by_source.values()) if name in sampled)
+        panel.set_xlabel(axis_label(last.symbol, last.unit))
         if last.truth is not None:
-            each.axvline(last.truth, color=style.INK, lw=0.8, zorder=1.5)
+            panel.axvline(last.truth, color=style.INK, lw=0.8, zorder=1.5)
         if last.box is not None:
-            each.axvspan(*last.box, color=style.SOFT, alpha=0.12, lw=0, zorder=0)
-        each.grid(False, axis="y")
-        each.locator_params(axis="x", nbins=3)
-    axes[0, 0].set_yticks(range(len(found)), [source.label for source in found])
-    axes[0, 0].set_ylim(len(found) - 0.4, -0.6)
+            panel.axvspan(*last.box, color=style.SOFT, alpha=0.12, lw=0, zorder=0)
+        panel.grid(False, axis="y")
+        panel.locator_params(axis="x", nbins=3)
+    axes[0, 0].set_yticks(range(len(by_source)), [source.label for source in by_source])
+    axes[0, 0].set_ylim(len(by_source) - 0.4, -0.6)
     return axes
 
 
@@ -156,22 +160,22 @@ def ridge(tree: xr.DataTree, ax: Any = None) -> Panels:
     """
     if laws_of(tree)[:1] != ("bouc_wen",):
         raise DataError("The law of this joint has no such pair of parameters.")
-    found = _sampled(tree, (*reversed(THIRD_ORDER), JOINT))
+    by_source = _sampled(tree, (*reversed(THIRD_ORDER), JOINT))
     # Of the law's parameters the first two: weak motion knows their product.
-    laws = {source: of_law(sampled.values()) for source, sampled in found.items()}
+    laws = {source: of_law(sampled.values()) for source, sampled in by_source.items()}
     pairs = {source: (law[0], law[1]) for source, law in laws.items() if len(law) > 1}
-    third, joint = ([s for s in pairs if (s == JOINT) == alone] for alone in (False, True))
+    third, joint = ([s for s in pairs if (s == JOINT) == is_joint] for is_joint in (False, True))
     present = [sources for sources in (third, joint) if sources]
     if not present:
         raise DataError("The result has no posterior of the pair.")
     axes = panels(ax, 1, len(present), height=3.4)
-    for each, sources in zip(axes[0], present, strict=True):
+    for panel, sources in zip(axes[0], present, strict=True):
         for source in sources:
-            _cloud(each, source, *pairs[source])
-        whole = labels.STEP_3_BOX
-        title(each, f"{JOINT.label}, enlarged" if sources is joint else whole)
-        each.locator_params(axis="x", nbins=4)
-        each.ticklabel_format(useOffset=False)
+            _cloud(panel, source, *pairs[source])
+        prior_box = labels.STEP_3_BOX
+        title(panel, f"{JOINT.label}, enlarged" if sources is joint else prior_box)
+        panel.locator_params(axis="x", nbins=4)
+        panel.ticklabel_format(useOffset=False)
     pair = pairs.get(THIRD_ORDER[2]) or pairs.get(THIRD_ORDER[0])
     if pair is not None and pair[0].box is not None and pair[1].box is not None:
         constant = np.nanmedian(pair[0].draws * pair[1].draws)
@@ -185,7 +189,7 @@ def ridge(tree: xr.DataTree, ax: Any = None) -> Panels:
 def _cloud(ax: Axes, source: Source, above: Parameter, along: Parameter) -> None:
     """Draw one parameter of a pair against the other, so many draws at most, and the truth."""
     every = max(1, above.draws.size // MOST_DRAWS)
-    y, x = (each.draws.reshape(-1)[::every] for each in (above, along))
+    y, x = (parameter.draws.reshape(-1)[::every] for parameter in (above, along))
     ax.plot(x, y, ".", ms=2.5, color=source.colour, alpha=0.4, mew=0, rasterized=True)
     ax.plot([], [], "o", ms=5, color=source.colour, label=source.label)
     if above.truth is not None and along.truth is not None:
@@ -233,17 +237,17 @@ def running_means(tree: xr.DataTree, ax: Any = None) -> Panels:
     axes = panels(ax, 1, 2, height=2.9)
     title(axes[0, 0], "third-order kernel")
     title(axes[0, 1], "velocity")
-    for each, source in [*product(axes[0, :1], THIRD_ORDER), *product(axes[0, 1:], OPENING)]:
-        found = node(tree, f"{source.path}/sample_stats")
-        if found is None or "conv" not in found.data_vars:
+    for panel, source in [*product(axes[0, :1], THIRD_ORDER), *product(axes[0, 1:], OPENING)]:
+        stats = node(tree, f"{source.path}/sample_stats")
+        if stats is None or "conv" not in stats.data_vars:
             continue
-        conv = np.asarray(found["conv"].transpose("chain", "draw"), float)
+        conv = np.asarray(stats["conv"].transpose("chain", "draw"), float)
         conv = conv / np.nanmean(conv[:, -1])
         # Thinned to what can be seen.
         shown = np.unique(np.linspace(0, conv.shape[1] - 1, POINTS).astype(int))
         look = {"color": source.colour, "ls": source.line, "lw": 0.9, "alpha": 0.8}
-        each.plot(shown + 1, conv[:, shown].T, **look)[0].set_label(source.label)
-    if not any(each.lines for each in axes.flat):
+        panel.plot(shown + 1, conv[:, shown].T, **look)[0].set_label(source.label)
+    if not any(panel.lines for panel in axes.flat):
         raise DataError("The result has no conv under any step's sample_stats.")
     return finish(axes, ax, labels.DRAW, labels.RUNNING_MEAN)
 
@@ -255,25 +259,27 @@ def trace_rank(tree: xr.DataTree, ax: Any = None) -> Panels:
 
     Panels: trace and ranks of every parameter in turn (2 axes a parameter).
     """
-    found = parameters(branch(tree, "posterior"))[:MOST]
-    axes = panels(ax, len(found), 2, height=0.5 + 0.85 * len(found), sharex="col")
-    for (left, right), each in zip(axes, found, strict=True):
+    shown = parameters(branch(tree, "posterior"))[:MOST]
+    axes = panels(ax, len(shown), 2, height=0.5 + 0.85 * len(shown), sharex="col")
+    for (trace, rank), parameter in zip(axes, shown, strict=True):
         # Each chain's count in every twentieth of the pooled ranks, over the even count.
-        ranks = np.argsort(np.argsort(each.draws.reshape(-1), kind="stable"), kind="stable")
-        chains = zip(each.draws, ranks.reshape(each.draws.shape), strict=True)
-        for (draws, placed), colour in zip(chains, style.LEVELS * len(each.draws), strict=False):
+        ranks = np.argsort(np.argsort(parameter.draws.reshape(-1), kind="stable"), kind="stable")
+        chains = zip(parameter.draws, ranks.reshape(parameter.draws.shape), strict=True)
+        for (draws, placed), colour in zip(
+            chains, style.LEVELS * len(parameter.draws), strict=False
+        ):
             # An image, since lines this dense hide in a vector.
-            left.plot(draws, color=colour, lw=0.4, alpha=0.8, rasterized=True)
+            trace.plot(draws, color=colour, lw=0.4, alpha=0.8, rasterized=True)
             counts, edges = np.histogram(placed, BINS, (0, ranks.size))
-            right.stairs(counts * BINS / draws.size, edges, color=colour, lw=1.0, baseline=None)
-        left.margins(x=0)
-        left.locator_params(axis="y", nbins=3)
-        left.ticklabel_format(axis="y", useOffset=False)
-        label = textwrap.fill(plain(axis_label(each.symbol, each.unit)), 15)
-        left.set_ylabel(label, rotation=0, ha="right", va="center", labelpad=9, fontsize=8)
-        right.axhline(1.0, color=style.SOFT, lw=0.8, ls="--")
-        right.set(ylim=(0.0, max(2.0, right.get_ylim()[1])), ylabel="share [-]")
-        right.margins(x=0)
+            rank.stairs(counts * BINS / draws.size, edges, color=colour, lw=1.0, baseline=None)
+        trace.margins(x=0)
+        trace.locator_params(axis="y", nbins=3)
+        trace.ticklabel_format(axis="y", useOffset=False)
+        label = textwrap.fill(plain(axis_label(parameter.symbol, parameter.unit)), 15)
+        trace.set_ylabel(label, rotation=0, ha="right", va="center", labelpad=9, fontsize=8)
+        rank.axhline(1.0, color=style.SOFT, lw=0.8, ls="--")
+        rank.set(ylim=(0.0, max(2.0, rank.get_ylim()[1])), ylabel="share [-]")
+        rank.margins(x=0)
     title(axes[0, 0], labels.TRACES)
     title(axes[0, 1], labels.RANKS)
     axes[-1, 0].set_xlabel("draw [-]")

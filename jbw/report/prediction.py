@@ -20,7 +20,7 @@ from jbw.report.records import (
     verification_sweep,
 )
 from jbw.report.responses import verification_curves, verification_groups
-from jbw.report.result import beside, level_text, quantiles, unit_of, unwrapped_band
+from jbw.report.result import level_text, near_branch, quantiles, unit_of, unwrapped_band
 from jbw.report.style import Panels, finish, log_y, panels, plain, shade, title
 from jbw.report.text import axis_label
 
@@ -60,8 +60,10 @@ def prediction(name: str, dataset: xr.Dataset) -> Panels:
 
 def _tree(group: str, datasets: dict[str, xr.Dataset]) -> xr.DataTree:
     """A result that holds nothing but these."""
-    safe = {name.replace("/", "\N{DIVISION SLASH}"): one for name, one in datasets.items()}
-    return xr.DataTree.from_dict({f"/verification/{group}/{n}": one for n, one in safe.items()})
+    safe = {name.replace("/", "\N{DIVISION SLASH}"): dataset for name, dataset in datasets.items()}
+    return xr.DataTree.from_dict(
+        {f"/verification/{group}/{n}": dataset for n, dataset in safe.items()}
+    )
 
 
 def _groups(dataset: xr.Dataset) -> Iterator[tuple[str, xr.Dataset]]:
@@ -74,20 +76,20 @@ def _groups(dataset: xr.Dataset) -> Iterator[tuple[str, xr.Dataset]]:
 def _records(name: str, dataset: xr.Dataset) -> Iterator[tuple[str, xr.Dataset]]:
     """The records of a test of decays, each without what fills it up."""
     for i in range(dataset.sizes["record"]):
-        one = dataset.isel(record=i).dropna("time", subset=["measured"])
-        yield f"{name} {i + 1}", one.assign_attrs(nrmse=float(one["nrmse_of_record"]))
+        record = dataset.isel(record=i).dropna("time", subset=["measured"])
+        yield f"{name} {i + 1}", record.assign_attrs(nrmse=float(record["nrmse_of_record"]))
 
 
 def _in_time(name: str, dataset: xr.Dataset) -> Panels:
     axes = panels(None, 1, 2, height=2.6)
-    whole, zoom = axes[0]
+    full, zoom = axes[0]
     near = dataset.isel(time=resonance_slice(quantiles(dataset, "model_band")[1]))
-    draw_record(whole, dataset, count=500)
+    draw_record(full, dataset, count=500)
     draw_record(zoom, near, measured="measured")
     middle = quantiles(near, "model_band")[1]
     zoom.plot(near["time"], middle, color=style.MODEL, lw=0.8, ls="--", label="median of the model")
-    whole.set_ylabel(response_label(dataset, "model_band"))
-    title(whole, short(plain(name), 32), size=8)
+    full.set_ylabel(response_label(dataset, "model_band"))
+    title(full, short(plain(name), 32), size=8)
     title(zoom, "at the largest response", size=8)
     return finish(axes, None, "time [s]")
 
@@ -103,7 +105,7 @@ def _over_frequency(name: str, dataset: xr.Dataset) -> Panels:
             if f"{kind}_{what}{suffix}" in dataset:
                 shown = np.asarray(dataset[f"{kind}_{what}{suffix}"].transpose(..., "freq"), float)
                 # All phases within half a turn of the model's median.
-                shown = beside(shown, phase) if what == "phase" else shown
+                shown = near_branch(shown, phase) if what == "phase" else shown
                 label = style.band_label(dataset.attrs, noise=kind == "predictive")
                 _harmonic(panels_of[what], kind, dataset["freq"], shown, label)
         if dataset.sizes["freq"] > 1:

@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
 from jbw.report import style
-from jbw.report.chosen import Part, part_of
+from jbw.report.chosen import Part, selected
 from jbw.report.messages import figures as labels
 from jbw.report.result import fitted_text, frequency, level_text, quantiles, tests, unit_of
 from jbw.report.style import INK, MODEL, Panels, band_label, finish, panels, plain, shade, title
@@ -48,7 +48,7 @@ def bands_of(test: xr.Dataset) -> Iterator[tuple[str, str, str]]:
         ("model_band", MODEL, band_label(test.attrs)),
     )
     several = test.sizes.get("repeat", 2) > 1  # one repeat has no band of its own
-    return (each for each in looks if each[0] in test and (several or each[0] != "measured_band"))
+    return (look for look in looks if look[0] in test and (several or look[0] != "measured_band"))
 
 
 def draw_record(
@@ -121,27 +121,27 @@ def verification_sweep(tree: xr.DataTree, ax: Any = None, part: Part = "chosen")
     strongest and a held-out one, the `rest`, or `all` of them.
     """
     bands = ("measured_band", "model_band", "predictive_band")
-    found = part_of(tests(tree, "verification/sweep", "measured", *bands), part)
-    axes = panels(ax, len(found), 3, height=0.7 + 1.75 * len(found))
-    for (whole, zoom, rest), (name, test) in zip(axes, found, strict=True):
+    sweeps = selected(tests(tree, "verification/sweep", "measured", *bands), part)
+    axes = panels(ax, len(sweeps), 3, height=0.7 + 1.75 * len(sweeps))
+    for (full, zoom, rest), (name, test) in zip(axes, sweeps, strict=True):
         time, measured = (np.asarray(test[key], float) for key in ("time", "measured"))
         several = test.sizes.get("repeat", 2) > 1
         label = labels.REPEATS_MEAN if several else "measured"
-        shade(whole, *extremes(time, measured, measured), INK, label, alpha=0.75)
+        shade(full, *extremes(time, measured, measured), INK, label, alpha=0.75)
         low, _, high = quantiles(test, "predictive_band")
         reach = max(3, time.size // 96)
         shown = slice(None, None, max(1, reach // 4))
         edges = minimum_filter1d(low, reach)[shown], maximum_filter1d(high, reach)[shown]
         draw_outline(
-            whole, time[shown], *edges, f"outline of the {band_label(test.attrs, noise=True)}"
+            full, time[shown], *edges, f"outline of the {band_label(test.attrs, noise=True)}"
         )
-        whole.margins(x=0)
+        full.margins(x=0)
         near = test.isel(time=resonance_slice(measured))
         draw_record(zoom, near)
         draw_record(rest, near, less=quantiles(near, "model_band")[1])
-        whole.set_ylabel(response_label(test))
+        full.set_ylabel(response_label(test))
         words = (short(plain(name)), level_text(test), fitted_text(test))
-        title(whole, ", ".join(filter(None, words)), size=8)
+        title(full, ", ".join(filter(None, words)), size=8)
         title(zoom, "at the resonance", size=8)
         title(rest, "less the model's median", size=8)
     return finish(axes, ax, "time [s]")
@@ -156,15 +156,15 @@ def verification_decay(tree: xr.DataTree, ax: Any = None) -> Panels:
 
     Panels: for each record a row of three (3 axes a record), held-out records first, 6 at most.
     """
-    found = tests(tree, "verification/decay", "measured", "model_band", "predictive_band")
-    ordered = sorted(found, key=lambda test: int(test[1].attrs.get("fitted", 1)))[:MOST_DECAYS]
+    decays = tests(tree, "verification/decay", "measured", "model_band", "predictive_band")
+    ordered = sorted(decays, key=lambda test: int(test[1].attrs.get("fitted", 1)))[:MOST_DECAYS]
     axes = panels(ax, len(ordered), 3, height=0.7 + 1.5 * len(ordered))
-    for (whole, zoom, rest), (name, test) in zip(axes, ordered, strict=True):
+    for (full, zoom, rest), (name, test) in zip(axes, ordered, strict=True):
         look = {"count": FEWER, "measured": "measured, in the band"}
         low, middle, high = quantiles(test, "model_band")
-        draw_record(whole, test[["measured"]], **look)
+        draw_record(full, test[["measured"]], **look)
         edges = extremes(np.asarray(test["time"], float), low, high, FEWER)
-        draw_outline(whole, *edges, "outline of the model")
+        draw_outline(full, *edges, "outline of the model")
         # Some periods at two thirds, where an error of frequency has built up.
         late, size = 2 * test.sizes["time"] // 3, max(64, test.sizes["time"] // 20)
         near = np.asarray(test["measured"], float)[late : late + size]
@@ -172,11 +172,11 @@ def verification_decay(tree: xr.DataTree, ax: Any = None) -> Panels:
         draw_record(rest, test, less=middle, **look)
         # Until where a held-out record gave its initial state.
         seen = float(test.attrs.get("seen_s", 0.0))
-        for each in (whole, rest) if seen > 0 else ():
-            each.axvline(float(test["time"][0]) + seen, color=style.SOFT, lw=0.8, ls="--")
-        whole.set_ylabel(response_label(test))
+        for panel in (full, rest) if seen > 0 else ():
+            panel.axvline(float(test["time"][0]) + seen, color=style.SOFT, lw=0.8, ls="--")
+        full.set_ylabel(response_label(test))
         words = (short(plain(name)), fitted_text(test) or "fitted")
-        title(whole, ", ".join(words), size=8)
+        title(full, ", ".join(words), size=8)
         title(zoom, "some late periods", size=8)
         title(rest, labels.model_residual(percent(test.attrs.get("nrmse"), 2)), size=8)
     return finish(axes, ax, "time [s]")
@@ -190,27 +190,29 @@ def verification_multisine(tree: xr.DataTree, ax: Any = None) -> Panels:
 
     Panels: for each test some periods around the largest response, and the spectra (2 axes a test).
     """
-    found = tests(tree, "verification/multisine", "measured", "model_band", "error_spectrum")
-    axes = panels(ax, len(found), 2, height=0.6 + 2.7 * len(found), width_ratios=[1, 1.35])
-    for (left, right), (name, test) in zip(axes, found, strict=True):
+    multisines = tests(tree, "verification/multisine", "measured", "model_band", "error_spectrum")
+    axes = panels(
+        ax, len(multisines), 2, height=0.6 + 2.7 * len(multisines), width_ratios=[1, 1.35]
+    )
+    for (response, spectra), (name, test) in zip(axes, multisines, strict=True):
         measured = np.asarray(test["measured"], float)
         largest = test.isel(time=around(measured, length_of(measured, WIDE_PERIODS) // 2))
-        draw_record(left, largest[["measured", "model_band"]], measured="measured")
-        left.set(xlabel="time [s]", ylabel=response_label(test))
-        title(left, f"{short(plain(name))}, {fitted_text(test)}", size=8)
+        draw_record(response, largest[["measured", "model_band"]], measured="measured")
+        response.set(xlabel="time [s]", ylabel=response_label(test))
+        title(response, f"{short(plain(name))}, {fitted_text(test)}", size=8)
         # Points, since between the lines of a period there is nothing.
         for kind, colour, label in SPECTRA:
             if f"{kind}_spectrum" in test:
                 values = np.asarray(test[f"{kind}_spectrum"], float)
                 look = {"color": colour, "ms": 2.5, "label": label, "rasterized": True}
-                right.plot(frequency(test), values, ".", **look)
-        right.set_yscale("log")
-        right.margins(x=0)
-        right.set_xlabel("frequency [Hz]")
-        right.set_ylabel(axis_label("amplitude", unit_of(test["measured"])))
+                spectra.plot(frequency(test), values, ".", **look)
+        spectra.set_yscale("log")
+        spectra.margins(x=0)
+        spectra.set_xlabel("frequency [Hz]")
+        spectra.set_ylabel(axis_label("amplitude", unit_of(test["measured"])))
         errors = f"error {percent(test.attrs.get('nrmse'), 2)}"
         for other in ("linear", "cubic"):
             if f"nrmse_{other}" in test.attrs:
                 errors += f", {other} {percent(test.attrs[f'nrmse_{other}'], 2)}"
-        title(right, errors, size=8)
+        title(spectra, errors, size=8)
     return finish(axes, ax)

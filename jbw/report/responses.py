@@ -12,15 +12,15 @@ from matplotlib.colors import to_hex
 
 from jbw.errors import DataError
 from jbw.report import style
-from jbw.report.chosen import Part, part_of
+from jbw.report.chosen import Part, selected
 from jbw.report.messages import figures as labels
 from jbw.report.records import bands_of, short
 from jbw.report.result import (
-    beside,
     branch,
     fitted_text,
     frequency,
     level_text,
+    near_branch,
     quantiles,
     tests,
     unit_of,
@@ -42,9 +42,9 @@ def resonance_window(freq: Curve, magnitude: Curve, depth: float = 0.08) -> tupl
     """Return the frequencies [Hz] around the peak where the magnitude exceeds `depth` of it."""
     peak = int(np.nanargmax(magnitude))
     above = magnitude > depth * magnitude[peak]
-    left = peak - int(np.argmin(above[peak::-1])) if not above[: peak + 1].all() else 0
-    right = peak + int(np.argmin(above[peak:])) if not above[peak:].all() else freq.size - 1
-    return float(freq[left]), float(freq[right])
+    first = peak - int(np.argmin(above[peak::-1])) if not above[: peak + 1].all() else 0
+    last = peak + int(np.argmin(above[peak:])) if not above[peak:].all() else freq.size - 1
+    return float(freq[first]), float(freq[last])
 
 
 def linear_frf(tree: xr.DataTree, ax: Any = None) -> Panels:
@@ -94,9 +94,9 @@ def softening(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
     repeats. The mark stands at the largest line. A joint that slips pulls the peak to lower
     frequencies and blunts it as the level rises.
     """
-    found = tests(tree, "verification/frf", "measured_magnitude")
+    frf_tests = tests(tree, "verification/frf", "measured_magnitude")
     families: dict[str, list[xr.Dataset]] = {}
-    for _, test in found:
+    for _, test in frf_tests:
         families.setdefault(_level_and_kind(test), []).append(test)
     axes = panels(ax, 1, 1, height=3.3)
     only: Axes = axes[0, 0]
@@ -107,7 +107,7 @@ def softening(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
         families.items(), curves, level_colours(len(families)), strict=True
     ):
         shown = (freq >= low) & (freq <= high)
-        freq, (least, mean, most) = freq[shown], (each[shown] for each in band)
+        freq, (least, mean, most) = freq[shown], (curve[shown] for curve in band)
         peak = int(np.nanargmax(mean))
         number_of = f"{len(family)} tests, " if len(family) > 1 else ""
         label = f"{label}, {number_of}peak at {number(freq[peak], digits=4)} Hz"
@@ -116,7 +116,7 @@ def softening(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
         only.plot(freq[peak], mean[peak], "v", color=colour, ms=5)
     log_y(only)
     only.set_xlim(low, high)
-    unit = unit_of(found[0][1]["measured_magnitude"])
+    unit = unit_of(frf_tests[0][1]["measured_magnitude"])
     return finish(axes, ax, "frequency [Hz]", axis_label("receptance", unit))[0, 0]
 
 
@@ -133,7 +133,7 @@ def _family_of(family: list[xr.Dataset]) -> tuple[Curve, Float[np.ndarray, "3 fr
     freq = frequency(family[0])
     every = np.concatenate(
         [
-            [np.interp(freq, frequency(test), each, np.nan, np.nan) for each in repeats]
+            [np.interp(freq, frequency(test), magnitude, np.nan, np.nan) for magnitude in repeats]
             for test in family
             for repeats in [np.asarray(test["measured_magnitude"].transpose("repeat", ...), float)]
         ]
@@ -153,11 +153,11 @@ def verification_frf(tree: xr.DataTree, ax: Any = None, part: Part = "chosen") -
     than three tests the weakest, the strongest and a held-out one, the `rest`, or `all` of them.
     """
     needed = ("measured_magnitude", "measured_phase", "model_magnitude", "model_phase")
-    found = part_of(tests(tree, "verification/frf", *needed), part)
-    axes, stack = stacks(ax, len(found), 3, height=5.0, height_ratios=[2, 1, 1.2])
-    for column, (_, test) in zip(stack, found, strict=True):
+    frf_tests = selected(tests(tree, "verification/frf", *needed), part)
+    axes, stack = stacks(ax, len(frf_tests), 3, height=5.0, height_ratios=[2, 1, 1.2])
+    for column, (_, test) in zip(stack, frf_tests, strict=True):
         _frf_column(column, test)
-    unit = unit_of(found[0][1]["measured_magnitude"])
+    unit = unit_of(frf_tests[0][1]["measured_magnitude"])
     labels = (axis_label("receptance", unit), "phase [°]", "off the median [%]")
     return finish(axes, ax, "frequency [Hz]", labels)
 
@@ -173,18 +173,18 @@ def _frf_column(column: Panels, test: xr.Dataset) -> None:
     phase = np.asarray(test["measured_phase"].transpose("repeat", ...), float)
     band = quantiles(test, "model_magnitude")
     turned = wrap_band(quantiles(test, "model_phase"))
-    for each, repeats, model in (
+    for panel, repeats, model in (
         (column[0], magnitude, band),
-        (column[1], beside(phase, turned[1]), turned),
+        (column[1], near_branch(phase, turned[1]), turned),
         (column[2], 100 * (magnitude / band[1] - 1), 100 * (band / band[1] - 1)),
     ):
         if len(repeats) > 1:
             reach = (repeats.min(axis=0), repeats.max(axis=0))
-            style.shade(each, freq, *reach, style.REPEATS, "range of all repeats", alpha=0.5)
+            style.shade(panel, freq, *reach, style.REPEATS, "range of all repeats", alpha=0.5)
         label = "measured" if len(repeats) == 1 else labels.REPEATS_MEAN
-        each.plot(freq, repeats.mean(axis=0), color=INK, lw=0.8, label=label)
-        style.draw_model(each, freq, model, ls="--", holds=style.band_label(test.attrs))
-        each.margins(x=0)
+        panel.plot(freq, repeats.mean(axis=0), color=INK, lw=0.8, label=label)
+        style.draw_model(panel, freq, model, ls="--", holds=style.band_label(test.attrs))
+        panel.margins(x=0)
     log_y(column[0])
     column[1].set(ylim=(-230, 50), yticks=[-180, -90, 0])
     title(column[0], ", ".join(filter(None, (_level_and_kind(test), fitted_text(test)))))
@@ -200,10 +200,10 @@ def verification_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
 
     Panels: a column for each measured quantity and harmonic (3 axes a column, row by row).
     """
-    found = tests(tree, "verification/curve", "measured_magnitude", "model_magnitude")
-    columns = curve_columns(found)
+    curve_tests = tests(tree, "verification/curve", "measured_magnitude", "model_magnitude")
+    columns = curve_columns(curve_tests)
     axes, stack = stacks(ax, len(columns), 3, height=5.4, height_ratios=[2, 1.3, 1])
-    palette = level_palette(found)
+    palette = level_palette(curve_tests)
     for column, (suffix, family) in zip(stack, columns, strict=True):
         draw_curves(column, suffix, family, palette)
     return finish(axes, ax, "frequency [Hz]", ("", *CURVE_LABELS))
@@ -229,20 +229,20 @@ def verification_groups(tree: xr.DataTree, ax: Any = None) -> Panels:
 
     Panels: one a test.
     """
-    found = [(name, test) for _, name, test in verified(tree, "axis")]
-    if not found:
+    group_tests = [(name, test) for _, name, test in verified(tree, "axis")]
+    if not group_tests:
         raise DataError("The result has no test of a further kind.")
-    axes, stack = stacks(ax, len(found), 1, height=2.5)
-    for (only,), (name, test) in zip(stack, found, strict=True):
+    axes, stack = stacks(ax, len(group_tests), 1, height=2.5)
+    for (only,), (name, test) in zip(stack, group_tests, strict=True):
         axis = str(test.attrs["axis"])
         for _, group in test.groupby("group"):
-            one = group.sortby(axis)
-            for variable, colour, label in bands_of(one):
-                low, _, high = quantiles(one, variable)
-                style.shade(only, one[axis], low, high, colour, label, alpha=0.5)
-            if "measured" in one:
+            ordered = group.sortby(axis)
+            for variable, colour, label in bands_of(ordered):
+                low, _, high = quantiles(ordered, variable)
+                style.shade(only, ordered[axis], low, high, colour, label, alpha=0.5)
+            if "measured" in ordered:
                 look = {"color": INK, "ms": 3, "mfc": "none", "label": "measured"}
-                only.plot(one[axis], one["measured"], "o", **look)
+                only.plot(ordered[axis], ordered["measured"], "o", **look)
         level = level_text(test) if "level" in test.attrs else ""
         words = (short(plain(name), 32), level, fitted_text(test))
         title(only, ", ".join(filter(None, words)), size=8)
@@ -254,10 +254,10 @@ def verification_groups(tree: xr.DataTree, ax: Any = None) -> Panels:
     return finish(axes, ax)
 
 
-def curve_columns(found: Family) -> list[tuple[str, Family]]:
+def curve_columns(tests: Family) -> list[tuple[str, Family]]:
     """Return tests of one quantity and kind together, each harmonic by itself."""
     groups: dict[tuple[str, str, str], Family] = {}
-    for name, test in found:
+    for name, test in tests:
         for suffix in ("", "_3"):
             if f"measured_magnitude{suffix}" in test:
                 key = (suffix, str(test.attrs.get("quantity")), str(test.attrs.get("kind")))
@@ -265,9 +265,9 @@ def curve_columns(found: Family) -> list[tuple[str, Family]]:
     return [(key[0], family) for key, family in sorted(groups.items())]
 
 
-def level_palette(found: Family) -> dict[str, str]:
+def level_palette(tests: Family) -> dict[str, str]:
     """Return a colour for every level of tests, by its text."""
-    levels = {level_text(test): float(test.attrs.get("level", 0.0)) for _, test in found}
+    levels = {level_text(test): float(test.attrs.get("level", 0.0)) for _, test in tests}
     ordered = sorted(levels, key=lambda text: levels[text])
     return dict(zip(ordered, level_colours(len(ordered)), strict=True))
 
@@ -292,7 +292,7 @@ def _curve(column: Panels, test: xr.Dataset, suffix: str, colour: str) -> None:
     look |= {"mfc": colour if fitted else "none", "markevery": -(-freq.size // MOST_MARKS)}
     for ax, points, band in (
         (column[0], measured, model),
-        (column[1], beside(phase, turned[1]), turned),
+        (column[1], near_branch(phase, turned[1]), turned),
     ):
         low, _, high = band
         style.shade(ax, freq, low, high, colour, style.band_label(test.attrs), alpha=0.18)

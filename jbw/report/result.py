@@ -246,7 +246,7 @@ def unwrapped_band(phase: Any) -> Float[np.ndarray, "quantile freq"]:
     return degrees - degrees[1] + middle - TURN * np.round(centre / TURN)
 
 
-def beside(phase: Any, degrees: Float[np.ndarray, " freq"]) -> Float[np.ndarray, "... freq"]:
+def near_branch(phase: Any, degrees: Float[np.ndarray, " freq"]) -> Float[np.ndarray, "... freq"]:
     """Return phases [rad] in degrees, each within half a turn of the curve `degrees`."""
     away = np.degrees(phase) - degrees
     return degrees + (away + TURN / 2) % TURN - TURN / 2

@@ -18,7 +18,7 @@ class Sheet:
     """What stands on the page, from above."""
 
     title: str
-    about: str  # one line below the title
+    subtitle: str  # one line below the title
     caption: str  # of the figure
     sentences: Sequence[str]
     tables: Sequence[tuple[str, Table]]  # each with its heading
@@ -42,13 +42,13 @@ def render_sheet(sheet: Sheet, drawn: Panels, folded: Sequence[Folded] = ()) -> 
         drawn: Axes of the figure, as its function returns them.
         folded: Further figures.
     """
-    further = [
-        {"id": f"further-{i}", "title": one.title, "caption": one.caption,
-         "figure": _svg(one.drawn, f"further-{i}")}
-        for i, one in enumerate(folded, start=1)
+    folded_figures = [
+        {"id": f"further-{i}", "title": figure.title, "caption": figure.caption,
+         "figure": _svg(figure.drawn, f"further-{i}")}
+        for i, figure in enumerate(folded, start=1)
     ]  # fmt: skip
     return ENVIRONMENT.get_template("sheet.html").render(
-        sheet=sheet, figure=_svg(drawn, "sheet"), further=further
+        sheet=sheet, figure=_svg(drawn, "sheet"), further=folded_figures
     )
 
 

@@ -21,25 +21,25 @@ def diagram(tree: xr.DataTree, ax: Any = None) -> Panels:
 
     Panels: the diagram, and the magnitude (2 axes).
     """
-    found = branch(tree, "modes", "omega", "zeta", "h_magnitude", "fit_magnitude", "pole_order")
+    modes = branch(tree, "modes", "omega", "zeta", "h_magnitude", "fit_magnitude", "pole_order")
     axes = panels(ax, 2, 1, height=4.6, sharex=True, height_ratios=[1.2, 1])
     upper, lower = axes[:, 0]
-    freq, order = np.asarray(found["pole_omega"]) / TURN, np.asarray(found["pole_order"])
-    stable = np.asarray(found["pole_is_stable"], bool)
+    freq, order = np.asarray(modes["pole_omega"]) / TURN, np.asarray(modes["pole_order"])
+    stable = np.asarray(modes["pole_is_stable"], bool)
     look = {"lw": 0, "marker": "o", "ms": 3.4, "mew": 0.7}
     upper.plot(freq[~stable], order[~stable], color=SOFT, mfc="none", label="pole", **look)
     upper.plot(freq[stable], order[stable], color=INK, label="pole that stays", **look)
-    lower.plot(frequency(found), found["h_magnitude"], color=INK, lw=0.9, label="measured")
+    lower.plot(frequency(modes), modes["h_magnitude"], color=INK, lw=0.9, label="measured")
     fit = {"color": MODEL, "lw": 3.0, "alpha": 0.6, "zorder": 1.5, "label": "fit of the modes"}
-    lower.plot(frequency(found), found["fit_magnitude"], **fit)
-    for each in np.asarray(found["omega"]) / TURN:
-        for one in (upper, lower):
-            one.axvline(each, color=MODEL, lw=0.8, ls=":")
+    lower.plot(frequency(modes), modes["fit_magnitude"], **fit)
+    for natural_frequency in np.asarray(modes["omega"]) / TURN:
+        for panel in (upper, lower):
+            panel.axvline(natural_frequency, color=MODEL, lw=0.8, ls=":")
     log_y(lower)
-    told = (
+    modes_fitted = (
         f"{number(omega / TURN, digits=4)} Hz ({number(100 * zeta, digits=2)} %)"
-        for omega, zeta in zip(found["omega"].values, found["zeta"].values, strict=True)
+        for omega, zeta in zip(modes["omega"].values, modes["zeta"].values, strict=True)
     )
-    title(upper, f"modes fitted: {', '.join(told)}")
-    receptance = axis_label("receptance", unit_of(found["h_magnitude"]))
+    title(upper, f"modes fitted: {', '.join(modes_fitted)}")
+    receptance = axis_label("receptance", unit_of(modes["h_magnitude"]))
     return finish(axes, ax, "frequency [Hz]", ("order [-]", receptance))

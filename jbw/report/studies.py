@@ -22,8 +22,8 @@ def comparison(record: Mapping[str, Any], ax: Any = None) -> Panels:
     """Draw means and effective draws a second, by sampler, of what `compare.json` holds."""
     names, count = record["parameters"], len(record["samplers"])
     axes = panels(ax, len(names) + 1, 1, height=(len(names) + 1) * (0.55 + ROW * count))
-    for each, name in zip(axes[:-1, 0], names, strict=True):
-        means(record, name, each)
+    for panel, name in zip(axes[:-1, 0], names, strict=True):
+        means(record, name, panel)
     effective_rates(record, axes[-1, 0])
     return finish(axes, ax)
 
@@ -33,13 +33,18 @@ def means(record: Mapping[str, Any], parameter: str, ax: Axes | None = None) -> 
     here = _one_line_each(record, ax)
     truth = record["samplers"][record["reference"]]["parameters"][parameter]
     here.axvline(0.0, color=style.SOFT, lw=0.8)
-    for place, one in enumerate(record["samplers"].values()):
-        row = one["parameters"][parameter]
+    for place, sampler in enumerate(record["samplers"].values()):
+        row = sampler["parameters"][parameter]
         error = row.get("mcse_mean")
-        look = {"color": STATUS.get(one["verdict"], style.BLUE), "fmt": "o", "ms": 4, "capsize": 2}
+        look = {
+            "color": STATUS.get(sampler["verdict"], style.BLUE),
+            "fmt": "o",
+            "ms": 4,
+            "capsize": 2,
+        }
         away = (row["mean"] - truth["mean"]) / truth["sd"]
         bar = None if error is None else ERRORS * error / truth["sd"]
-        here.errorbar(away, place, xerr=bar, label=f"verdict {one['verdict']}", **look)
+        here.errorbar(away, place, xerr=bar, label=f"verdict {sampler['verdict']}", **look)
     _scaled(here)
     reference = record["reference"].replace("_", " ")
     title(
@@ -57,18 +62,18 @@ def effective_rates(record: Mapping[str, Any], ax: Axes | None = None) -> Axes:
         (-0.18, "warm", style.BLUE, "compiled before"),
         (0.18, "cold", style.SOFT, "compiling included"),
     ):
-        rates = [one[f"ess_per_s_{kind}"] for one in record["samplers"].values()]
-        known = [(place + shift, rate) for place, rate in enumerate(rates) if rate]
-        if known:
-            places, values = zip(*known, strict=True)
-            here.barh(places, values, height=0.34, color=colour, label=label)
+        rates = [sampler[f"ess_per_s_{kind}"] for sampler in record["samplers"].values()]
+        measured = [(place + shift, rate) for place, rate in enumerate(rates) if rate]
+        if measured:
+            heights, values = zip(*measured, strict=True)
+            here.barh(heights, values, height=0.34, color=colour, label=label)
             here.set_xscale("log")
             least = min(here.get_xlim()[0], *values)
             here.set_xlim(left=10 ** np.floor(np.log10(least)))
-    for place, one in enumerate(record["samplers"].values()):
-        if one["verdict"] == "failed":
-            text = f"  failed: {', '.join(dict.fromkeys(one['failed']))}"
-            rate = one["ess_per_s_warm"] or one["ess_per_s_cold"] or here.get_xlim()[0]
+    for place, sampler in enumerate(record["samplers"].values()):
+        if sampler["verdict"] == "failed":
+            text = f"  failed: {', '.join(dict.fromkeys(sampler['failed']))}"
+            rate = sampler["ess_per_s_warm"] or sampler["ess_per_s_cold"] or here.get_xlim()[0]
             here.text(rate, place, text, va="center", fontsize=7, color=style.INK)
     title(here, labels.SPEED)
     here.set_xlabel(labels.RATE)
@@ -92,29 +97,32 @@ def _scaled(ax: Axes) -> None:
     ax.set_xlim(min(low, -NEAR), max(high, NEAR))
     steps = (0.1, 0.3) if reach < 1 else NEAR * 10.0 ** np.arange(np.log10(reach / NEAR) + 1)
     ticks = [sign * step for sign in (-1, 1) for step in steps]
-    left, right = ax.get_xlim()
-    shown = sorted({0.0, *(tick for tick in ticks if left <= tick <= right)})
+    first, last = ax.get_xlim()
+    shown = sorted({0.0, *(tick for tick in ticks if first <= tick <= last)})
     ax.set_xticks(shown, [f"{tick:g}" for tick in shown])
     ax.minorticks_off()
 
 
-def rank_ecdfs(found: Calibration, ax: Any = None) -> Panels:
+def rank_ecdfs(calibration: Calibration, ax: Any = None) -> Panels:
     """Draw every quantity's rank ECDF less i / (L + 1), in the 99 % envelope of uniform ranks."""
     # A slope is a bias; an S a posterior too narrow or too wide.
-    axes, stack = stacks(ax, len(found.names), 1, height=1.9, sharex=True, sharey=True)
-    lower, upper = ecdf_envelope(len(found.ranks), found.num_ranks, LEVEL)
-    even = np.arange(1, found.num_ranks + 1) / (found.num_ranks + 1)
-    for (each,), name, ranks in zip(stack, found.names, found.ranks.T, strict=True):
-        ecdf = counts_below(ranks, found.num_ranks) / len(ranks)
+    axes, stack = stacks(ax, len(calibration.names), 1, height=1.9, sharex=True, sharey=True)
+    lower, upper = ecdf_envelope(len(calibration.ranks), calibration.num_ranks, LEVEL)
+    even = np.arange(1, calibration.num_ranks + 1) / (calibration.num_ranks + 1)
+    for (panel,), name, ranks in zip(stack, calibration.names, calibration.ranks.T, strict=True):
+        ecdf = counts_below(ranks, calibration.num_ranks) / len(ranks)
         inside = bool(np.all((ecdf >= lower - 1e-12) & (ecdf <= upper + 1e-12)))
         label = labels.UNIFORM_RANKS
-        shade(each, even, lower - even, upper - even, style.SKY, label)
+        shade(panel, even, lower - even, upper - even, style.SKY, label)
         colour, dashes = (style.BLUE, "-") if inside else (style.VERMILLION, "--")
         label = "ranks, inside" if inside else "ranks, outside"
-        each.step(even, ecdf - even, where="mid", color=colour, ls=dashes, lw=1.2, label=label)
+        panel.step(even, ecdf - even, where="mid", color=colour, ls=dashes, lw=1.2, label=label)
         called = symbol(name)
         if name.startswith("h3_"):
             called = f"|H₃| at {name.removeprefix('h3_').replace('Hz', ' Hz')}"
-        p, covered = number(found.p_ecdf[name], digits=2), f"{100 * found.coverage[name][0]:.1f}"
-        title(each, f"{called}: p = {p}, holds {covered} %", 7.5)
+        p, covered = (
+            number(calibration.p_ecdf[name], digits=2),
+            f"{100 * calibration.coverage[name][0]:.1f}",
+        )
+        title(panel, f"{called}: p = {p}, holds {covered} %", 7.5)
     return finish(axes, ax, "rank / L [-]", "ECDF difference [-]")

@@ -50,24 +50,24 @@ RC: Any = {
 def panels(ax: Any, rows: int, columns: int, *, height: float, **layout: Any) -> Panels:
     """Axes, `rows` by `columns`: given, in reading order, or of a figure `height` high [in]."""
     if ax is not None:
-        given = np.asarray(ax, dtype=object).reshape(-1)
-        if given.size != rows * columns:
+        axes = np.asarray(ax, dtype=object).reshape(-1)
+        if axes.size != rows * columns:
             raise ConfigError(
                 f"Argument `ax` must hold {rows * columns} axes for this figure, "
-                f"but {given.size} came.",
+                f"but {axes.size} came.",
                 remedy="Leave `ax` out and the figure makes its own axes.",
             )
-        return given.reshape(rows, columns)
+        return axes.reshape(rows, columns)
     with matplotlib.rc_context(RC):
         figure = Figure(figsize=(WIDTH, height), layout="constrained")
         axes = figure.subplots(rows, columns, squeeze=False, **layout)
-    for each in axes.flat:
+    for panel in axes.flat:
         # The looks of ticks and grid now: matplotlib makes them late, in the caller's style.
-        each.tick_params(which="both", color=SOFT, labelsize=8, labelcolor=INK)
-        each.tick_params(which="major", width=0.7, length=3)
-        each.tick_params(which="minor", width=0.5, length=2)
-        each.grid(True, color=GRID, linewidth=0.6)
-        for axis in (each.xaxis, each.yaxis):
+        panel.tick_params(which="both", color=SOFT, labelsize=8, labelcolor=INK)
+        panel.tick_params(which="major", width=0.7, length=3)
+        panel.tick_params(which="minor", width=0.5, length=2)
+        panel.grid(True, color=GRID, linewidth=0.6)
+        for axis in (panel.xaxis, panel.yaxis):
             axis.get_offset_text().set(fontsize=8, color=INK)
     return axes
 
@@ -82,26 +82,26 @@ def stacks(
     if "height_ratios" in layout:
         layout["height_ratios"] = list(layout["height_ratios"]) * lines
     axes = panels(ax, rows * lines, columns, height=height * lines, **layout)
-    found = [
+    stack_of = [
         axes[rows * line : rows * (line + 1), column]
         for line in range(lines)
         for column in range(columns)
     ]
-    for spare in np.ravel(found[count:]):
+    for spare in np.ravel(stack_of[count:]):
         spare.set_visible(False)
-    return axes, found[:count]
+    return axes, stack_of[:count]
 
 
-def finish(axes: Panels, ax: Any, below: str = "", left: str | Sequence[str] = "") -> Panels:
+def finish(axes: Panels, ax: Any, below: str = "", ylabels: str | Sequence[str] = "") -> Panels:
     """Label the lowest and the leftmost axes, place the legend and return the axes."""
-    labels = [left] * len(axes) if isinstance(left, str) else left
-    for row, each in enumerate(axes):
-        each[0].set_ylabel(labels[row % len(labels)] or each[0].get_ylabel())
-    for each in axes[len(labels) - 1 :: len(labels)].flat:
-        each.set_xlabel(below or each.get_xlabel())
+    labels = [ylabels] * len(axes) if isinstance(ylabels, str) else ylabels
+    for number, row in enumerate(axes):
+        row[0].set_ylabel(labels[number % len(labels)] or row[0].get_ylabel())
+    for panel in axes[len(labels) - 1 :: len(labels)].flat:
+        panel.set_xlabel(below or panel.get_xlabel())
     entries: dict[str, Any] = {}
-    for each in axes.flat:
-        for handle, label in zip(*each.get_legend_handles_labels(), strict=True):
+    for panel in axes.flat:
+        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
             entries.setdefault(label, handle)
     if not entries:
         return axes

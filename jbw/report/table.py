@@ -62,7 +62,7 @@ class Table:
         """All rows."""
         return [row for section in self.sections for row in section.rows]
 
-    def told(self, where: str) -> list[Column]:
+    def columns_shown(self, where: str) -> list[Column]:
         """Columns that say anything on the page or in the terminal."""
         here = [column for column in self.columns if column.only in ("", where)]
         rows = self.rows
@@ -73,7 +73,7 @@ class Table:
         """What the columns mean, and the note."""
         meant = [
             f"{' '.join(column.heading.split())}: {column.meaning}."
-            for column in self.told("page")
+            for column in self.columns_shown("page")
             if column.meaning
         ]
         return " ".join(filter(None, (*meant, self.note)))
@@ -84,11 +84,11 @@ def table(title: str, rows: Iterable[Any], *columns: Column, note: str = "") -> 
     return Table(title, columns, (Section(list(rows)),), note)
 
 
-def named(heading: str, known: Names) -> Column:
+def named(heading: str, names: Names) -> Column:
     """The column of names: symbols on the page, in the terminal as one types them."""
     return Column(
         heading,
-        lambda row: Cell(symbol(row["name"], known) + row.get("suffix", ""), typed=row["name"]),
+        lambda row: Cell(symbol(row["name"], names) + row.get("suffix", ""), typed=row["name"]),
         align="left",
     )
 
@@ -121,18 +121,18 @@ def print_table(screen: Any, shown: Table) -> None:
     """Print a table on a Rich console, with as many columns as that has room for."""
 
     def width() -> int:
-        return screen.measure(made, options=screen.options.update(max_width=10_000)).maximum
+        return screen.measure(rich_table, options=screen.options.update(max_width=10_000)).maximum
 
-    made = _rich(shown, 0)
+    rich_table = _rich(shown, 0)
     for most in sorted({column.spared for column in shown.columns} - {0}):
         if width() <= screen.width:
             break
-        made = _rich(shown, most)
+        rich_table = _rich(shown, most)
     if screen.is_terminal and width() > screen.width:
-        made = _rich(shown, most_spared(shown), is_tight=True)
+        rich_table = _rich(shown, most_spared(shown), is_tight=True)
     # In a file or pipe lines may be as long as they are; only a terminal folds them.
     room = screen.width if screen.is_terminal else max(width(), screen.width)
-    screen.print(made, width=room, crop=False)
+    screen.print(rich_table, width=room, crop=False)
 
 
 def most_spared(shown: Table) -> int:
@@ -154,19 +154,21 @@ def _rich(shown: Table, spared: int, *, is_tight: bool = False) -> Any:
     from rich.table import Table as Rich
     from rich.text import Text
 
-    columns = [each for each in shown.told("terminal") if not 0 < each.spared <= spared]
+    columns = [
+        column for column in shown.columns_shown("terminal") if not 0 < column.spared <= spared
+    ]
     title = Text(printable(shown.title)) if shown.title else None
-    made = Rich(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1 - is_tight))
+    rich_table = Rich(title=title, title_justify="left", box=SIMPLE_HEAD, padding=(0, 1 - is_tight))
     if shown.of:
-        made.add_column(shown.of, overflow="fold")
+        rich_table.add_column(shown.of, overflow="fold")
     for column in columns:
         justify = "right" if column.align == "right" else "left"
         cells = (typed_cell(column.cell(row)) for part in shown.sections for row in part.rows)
         is_whole = is_tight and max(map(len, [*cells, *column.heading.split("\n")])) <= WHOLE
         heading = Text(column.heading)
-        made.add_column(heading, justify=justify, overflow="fold", no_wrap=is_whole)
+        rich_table.add_column(heading, justify=justify, overflow="fold", no_wrap=is_whole)
     if shown.of:
-        made.add_column("verdict")
+        rich_table.add_column("verdict")
     for section in shown.sections:
         for place, row in enumerate(section.rows):
             cells = [column.cell(row) for column in columns]
@@ -174,6 +176,8 @@ def _rich(shown: Table, spared: int, *, is_tight: bool = False) -> Any:
                 name, badge = (section.name, section.badge) if place == 0 else ("", Cell(""))
                 cells = [Cell(name), *cells, badge]
             # Text, not markup.
-            made.add_row(*(Text(typed_cell(cell), MARKS.get(cell.mark, "")) for cell in cells))
-        made.add_section()
-    return made
+            rich_table.add_row(
+                *(Text(typed_cell(cell), MARKS.get(cell.mark, "")) for cell in cells)
+            )
+        rich_table.add_section()
+    return rich_table

@@ -18,10 +18,10 @@ NOTHING = "–"
 PREFIXES = ((1.0, "m"), (1e3, "mm"), (1e6, "µm"), (1e9, "nm"))
 
 
-def quantity(name: str, known: Names | None = None) -> Quantity:
+def quantity(name: str, names: Names | None = None) -> Quantity:
     """Return what is known of a quantity: from a run's own names, else from jbw's tables."""
-    if known is not None and name in known:
-        return known[name]
+    if names is not None and name in names:
+        return names[name]
     if name in BY_NAME:
         return BY_NAME[name]
     if name.startswith("noise_std_"):
@@ -35,10 +35,10 @@ def quantity(name: str, known: Names | None = None) -> Quantity:
     return vocabulary().get(name) or Quantity(name, name, "", "")
 
 
-def symbol(name: str, known: Names | None = None) -> str:
+def symbol(name: str, names: Names | None = None) -> str:
     """Return a parameter's symbol: omega_n as ωₙ, noise_std[0.2] as noise sd at 0.2."""
     stem, bracket, index = name.partition("[")
-    called = quantity(stem, known).symbol
+    called = quantity(stem, names).symbol
     return f"{called} at {index.removesuffix(']')}" if bracket else called
 
 
@@ -60,13 +60,13 @@ def unit_text(unit: str) -> str:
 
 def raised(text: str) -> str:
     """Return a text with its whole exponents raised: m^2 as m²."""
-    return re.sub(r"\^(-?\d+)(?![\d.])", lambda found: found[1].translate(_RAISED), text)
+    return re.sub(r"\^(-?\d+)(?![\d.])", lambda match: match[1].translate(_RAISED), text)
 
 
 def typed(text: str) -> str:
     """Return a printed number as one types it: 3.2×10⁻⁶ as 3.2e-06, −1 as -1."""
     text = re.sub(
-        r"×10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)", lambda found: f"e{int(found[1].translate(_LEVEL)):+03d}", text
+        r"×10([⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)", lambda match: f"e{int(match[1].translate(_LEVEL)):+03d}", text
     )
     return "-" if text == NOTHING else re.sub(r"−(?=[\d∞])", "-", text)
 
@@ -94,13 +94,13 @@ def number(value: Any, sd: Any = None, digits: int = 3) -> str:
 
 def interval(low: float, middle: float, high: float, sd: float = 0.2) -> str:
     """A value and its interval as one types them, to two digits of so many of its widths."""
-    each = [typed(number(x, sd * (high - low))) for x in (middle, low, high)]
-    return f"{each[0]} [{each[1]}, {each[2]}]"
+    ends = [typed(number(x, sd * (high - low))) for x in (middle, low, high)]
+    return f"{ends[0]} [{ends[1]}, {ends[2]}]"
 
 
 def spread_text(draws: Any, unit: str) -> str:
     """Return the median of draws with its unit, and half of their 99 % interval in percent."""
-    low, middle, high = (float(each) for each in np.nanquantile(draws, [0.005, 0.5, 0.995]))
+    low, middle, high = (float(quantile) for quantile in np.nanquantile(draws, [0.005, 0.5, 0.995]))
     half = 0.5 * (high - low)
     text = f"{number(middle, max(half, 1e-4 * abs(middle)))} {unit_text(unit)}".rstrip()
     return f"{text} ± {percent(half / abs(middle), digits=2)}" if middle else text
@@ -124,7 +124,7 @@ def shown_as(name: str, unit: str) -> ShownAs:
 
 def length_unit(largest: float) -> tuple[float, str]:
     """Return factor and unit that write a length [m] with digits before the point."""
-    return next((each for each in PREFIXES if largest * each[0] >= 1.0), PREFIXES[-1])
+    return next((prefix for prefix in PREFIXES if largest * prefix[0] >= 1.0), PREFIXES[-1])
 
 
 def percent(value: Any, digits: int = 3) -> str:
@@ -146,8 +146,8 @@ def _float(value: Any) -> float | None:
     """Return a finite or infinite number, None for what is missing or undefined."""
     if value is None or isinstance(value, str):
         return None
-    found = float(value)
-    return None if math.isnan(found) else found
+    as_float = float(value)
+    return None if math.isnan(as_float) else as_float
 
 
 def _exponent(value: float) -> int:

@@ -67,7 +67,7 @@ def watch_sheet(
     last = [reading["statement"] for reading in readings if "statement" in reading][-1:]
     return Sheet(
         title=f"Watch of {name}",
-        about=watch.heading(len(readings), settings["reference"]),
+        subtitle=watch.heading(len(readings), settings["reference"]),
         caption=watch.CAPTION,
         sentences=stated or last,
         tables=[("Every record", watch_table(settings, readings))],

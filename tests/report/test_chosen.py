@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from jbw.errors import ConfigError, DataError
-from jbw.report.chosen import chosen_names, part_of
+from jbw.report.chosen import chosen_names, selected
 from jbw.report.figures import FIGURES
 from jbw.report.responses import softening
 from jbw.report.tables import every_test
@@ -31,15 +31,15 @@ def test_the_ends_of_what_was_fitted_and_a_held_out_test_stand_for_all():
 
 def test_few_tests_are_all_drawn_and_leave_no_rest():
     few = DAYS[:3]
-    assert part_of(few, "chosen") == few
+    assert selected(few, "chosen") == few
     with pytest.raises(DataError, match="no test of this kind beside"):
-        part_of(few, "rest")
+        selected(few, "rest")
 
 
 def test_chosen_and_rest_are_all_in_their_order():
-    chosen, rest = part_of(DAYS, "chosen"), part_of(DAYS, "rest")
+    chosen, rest = selected(DAYS, "chosen"), selected(DAYS, "rest")
     assert len(chosen) == 3
-    assert sorted([*chosen, *rest], key=lambda one: one[0]) == part_of(DAYS, "all")
+    assert sorted([*chosen, *rest], key=lambda one: one[0]) == selected(DAYS, "all")
     assert [name for name, _ in rest] == [name for name, _ in DAYS if name not in dict(chosen)]
 
 
@@ -51,7 +51,7 @@ def test_without_a_held_out_test_further_levels_fill_up():
 
 def test_another_part_is_refused():
     with pytest.raises(ConfigError, match="`part` must be chosen"):
-        part_of(DAYS, "some")
+        selected(DAYS, "some")
 
 
 def test_figures_of_many_tests_draw_three_and_the_rest_apart(tree):

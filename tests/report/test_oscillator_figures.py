@@ -9,7 +9,7 @@ from jbw.errors import DataError
 from jbw.report.diagrams import oscillator, procedure
 from jbw.report.loops import backbone, draw_loops
 from jbw.report.prediction import prediction
-from jbw.report.result import beside, unwrapped_band
+from jbw.report.result import near_branch, unwrapped_band
 from jbw.report.text import length_unit
 
 
@@ -120,7 +120,7 @@ def test_a_velocitys_phase_does_not_jump():
     np.testing.assert_allclose(turned[1], np.degrees(exact), atol=1e-9)
     np.testing.assert_allclose(np.diff(turned, axis=0), np.degrees(0.01), atol=1e-9)
     measured = exact + 0.02 - 4 * np.pi
-    np.testing.assert_allclose(beside(measured, turned[1]) - turned[1], np.degrees(0.02))
+    np.testing.assert_allclose(near_branch(measured, turned[1]) - turned[1], np.degrees(0.02))
 
 
 def test_a_predicted_phase_does_not_jump_either():

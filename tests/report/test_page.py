@@ -80,7 +80,7 @@ def test_the_whole_page(whole):
     first, looked, *others = figures
     assert (first, looked) == ("extra_amplitude", "extra_look")
     assert "Nonlinear: yes, it softens." in text
-    grouped = [entry.slug for name in GROUPS for entry in FIGURE_LIST if entry.about == name]
+    grouped = [entry.slug for name in GROUPS for entry in FIGURE_LIST if entry.group == name]
     assert others == [slug for slug in grouped if slug not in (first, looked)]
     identities = re.findall(r'\bid="([^"]+)"', text)
     assert len(identities) == len(set(identities))

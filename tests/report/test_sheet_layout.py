@@ -62,7 +62,7 @@ def test_the_tables_of_a_fleet_are_no_wider_than_the_page(fleet, which):
     assert len(tables) == 3
     shown = tables[which]
     widths = []
-    for column in shown.told("page"):
+    for column in shown.columns_shown("page"):
         cells = [line for row in shown.rows for line in lines_of(column.cell(row).text)]
         wraps = column.align in ("wrap", "left wrap")
         # A heading and a text that wraps are at least as wide as their longest word.
@@ -78,7 +78,7 @@ def test_the_terminal_has_each_interval_on_one_line(fleet):
     cells = [
         column.cell(row)
         for _, shown in units_tables(record, mean, sd)
-        for column in shown.told("terminal")
+        for column in shown.columns_shown("terminal")
         for row in shown.rows
     ]
     assert all("\n" not in (cell.typed or cell.text) for cell in cells)

@@ -33,8 +33,15 @@ def test_numbers_are_shown_as_one_types_them(printed, expected):
 
 def test_columns_that_say_nothing_go_with_their_meaning():
     shown = table("Beams", ROWS, *COLUMNS, note="All are toys.")
-    assert [column.heading for column in shown.told("page")] == ["name", "x [m]\nof it", "page"]
-    assert [column.heading for column in shown.told("terminal")] == ["name", "x [m]\nof it"]
+    assert [column.heading for column in shown.columns_shown("page")] == [
+        "name",
+        "x [m]\nof it",
+        "page",
+    ]
+    assert [column.heading for column in shown.columns_shown("terminal")] == [
+        "name",
+        "x [m]\nof it",
+    ]
     assert shown.meanings == "x [m] of it: how far it moved. All are toys."
 
 

@@ -15,10 +15,10 @@ NO_OSCILLATOR = (
 
 def coherence(smallest: tuple[float, str], largest: tuple[float, str]) -> str:
     """Coherence at the resonance of the tests of the smallest and of the largest motion."""
-    (first, one), (last, other) = smallest, largest
+    (first, first_test), (last, last_test) = smallest, largest
     return (
-        f"Coherence at the resonance: {first:.3f} at the smallest motion ({one}), {last:.3f} at "
-        f"the largest ({other})."
+        f"Coherence at the resonance: {first:.3f} at the smallest motion ({first_test}), "
+        f"{last:.3f} at the largest ({last_test})."
     )
 
 

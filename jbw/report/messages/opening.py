@@ -88,8 +88,8 @@ def fit_errors(count: int, errors: str) -> str:
 
 def relative_error(error: str, linear: str) -> str:
     """An error over the rms of the record, with that of the best linear oscillator."""
-    beside = f" (best linear oscillator: {linear})" if linear else ""
-    return f"{error} of the record's rms{beside}"
+    comparison = f" (best linear oscillator: {linear})" if linear else ""
+    return f"{error} of the record's rms{comparison}"
 
 
 def span(least: str, most: str) -> str:

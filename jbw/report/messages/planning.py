@@ -74,9 +74,9 @@ def before(cvs: Mapping[str, str]) -> str:
     return f"Before these tests: CV {_pairs(cvs)}."
 
 
-def title(cv: float, wanted: Sequence[str], num_joints: int) -> str:
+def title(cv: float, parameters: Sequence[str], num_joints: int) -> str:
     """Of the table of candidates."""
-    return f"Tests for a CV of {cv:.2g} of {', '.join(wanted)}, at 90 % of {num_joints} joints"
+    return f"Tests for a CV of {cv:.2g} of {', '.join(parameters)}, at 90 % of {num_joints} joints"
 
 
 def most_per_second(test: str, level: float, unit: str) -> str:

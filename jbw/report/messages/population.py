@@ -15,8 +15,8 @@ def interval(row: Interval) -> str:
 
 def mostly_prior(num_units: int, free: int, *, trend: bool) -> str:
     """That units are too few for a scatter, or for one about a trend."""
-    about = f" about a trend ({free} degrees of freedom)" if trend else ""
-    return f"{num_units} units do not determine the scatter{about}: the prior dominates here."
+    trend_words = f" about a trend ({free} degrees of freedom)" if trend else ""
+    return f"{num_units} units do not determine the scatter{trend_words}: the prior dominates here."
 
 
 def wide_intervals(num_units: int, free: int) -> str:
