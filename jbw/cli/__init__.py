@@ -172,9 +172,9 @@ def _tell(error: JbwError, arguments: Sequence[str]) -> None:
     if following:
         click.echo(f"Next: {following}", err=True)
     if "--json" in arguments:
-        found = {"kind": type(error).__name__, "what": error.what, "why": error.why}
-        found |= {"remedy": error.remedy, "exit_code": error.exit_code, "next": following}
-        click.echo(json.dumps({"error": found}, indent=1, ensure_ascii=False))
+        failure = {"kind": type(error).__name__, "what": error.what, "why": error.why}
+        failure |= {"remedy": error.remedy, "exit_code": error.exit_code, "next": following}
+        click.echo(json.dumps({"error": failure}, indent=1, ensure_ascii=False))
 
 
 def next_command(arguments: Sequence[str], message: str) -> str | None:

@@ -104,10 +104,10 @@ def completion(shell: str) -> None:
     """
     from jbw.cli import cli
 
-    found = get_completion_class(shell)
-    if found is None:  # Click knows all three
+    shell_completion = get_completion_class(shell)
+    if shell_completion is None:  # Click knows all three
         raise click.UsageError(f"Click completes nothing in {shell}.")
-    click.echo(found(cli, {}, "jbw", "_JBW_COMPLETE").source())
+    click.echo(shell_completion(cli, {}, "jbw", "_JBW_COMPLETE").source())
 
 
 def first_page(package: Path) -> Path:
@@ -117,12 +117,12 @@ def first_page(package: Path) -> Path:
         RunError: Neither is there.
     """
     clone = package.parent
-    places = [package / "site", *([clone / "site"] if (clone / "mkdocs.yml").is_file() else [])]
-    for place in places:
-        if (page := place / "index.html").is_file():
+    folders = [package / "site", *([clone / "site"] if (clone / "mkdocs.yml").is_file() else [])]
+    for folder in folders:
+        if (page := folder / "index.html").is_file():
             return page
     raise RunError(
-        f"The documentation is not built here: there is no {places[-1] / 'index.html'}.",
+        f"The documentation is not built here: there is no {folders[-1] / 'index.html'}.",
         remedy='Build it in a clone of jbw: pip install -e ".[docs]" && mkdocs build',
     )
 

@@ -73,7 +73,7 @@ def asked_about(draft: Draft) -> Draft:
         return input()
 
     click.echo(ASKED, err=True)
-    text = answered(draft.text, ask, lambda told: click.echo(told, err=True))
+    text = answered(draft.text, ask, lambda sentence: click.echo(sentence, err=True))
     return Draft(text, tuple(still_doubtful(text)))
 
 
@@ -92,9 +92,15 @@ def check(campaign: Path, figures: Path | None, json_: bool, allow_outside: bool
 
     Ends with 0 when it can be identified, 2 when the campaign file must change, 3 when data must.
     """
-    found = check_campaign(campaign, allow_outside=allow_outside)
-    said = _shakers(campaign, allow_outside)
-    answer(json_, as_json(found) | {"shakers": said}, *_lines(found), *found.seen, *said)
+    checked = check_campaign(campaign, allow_outside=allow_outside)
+    shaker_notes = _shakers(campaign, allow_outside)
+    answer(
+        json_,
+        as_json(checked) | {"shakers": shaker_notes},
+        *_lines(checked),
+        *checked.seen,
+        *shaker_notes,
+    )
     if figures is not None:
         from jbw.cli.progress import telling
 
@@ -109,11 +115,11 @@ def check(campaign: Path, figures: Path | None, json_: bool, allow_outside: bool
                 remedy="Choose another folder with --figures.",
             ) from error
         click.echo(f"{count} figure{'s' if count != 1 else ''} in {figures}", err=json_)
-    if found.exit_code == 0:
+    if checked.exit_code == 0:
         following("look", campaign)
     else:
         following("check", campaign, ", after the change")
-    return found.exit_code
+    return checked.exit_code
 
 
 def _shakers(campaign: Path, allow_outside: bool) -> list[str]:
@@ -142,7 +148,7 @@ def _first_records(campaign: Path, allow_outside: bool) -> Iterator[tuple[str, R
             yield test.name, record
 
 
-def _lines(found: Check) -> Iterator[Table | str]:
+def _lines(checked: Check) -> Iterator[Table | str]:
     """The channels, a line each, and what was found of them."""
     names = ("test", "channel", "role", "unit")
     columns = [Column(name, attrgetter(name), align="left") for name in names]
@@ -151,10 +157,10 @@ def _lines(found: Check) -> Iterator[Table | str]:
         Column("repeats", lambda row: str(row.repeats)),
         Column("status", lambda row: Cell(row.status, MARKS[row.status]), align="left"),
     ]
-    yield table(f"Campaign {found.campaign}", found.rows, *columns)
-    if found.joints is not None:
-        yield from _joints(found.joints)
-    yield from _findings(found.rows)
+    yield table(f"Campaign {checked.campaign}", checked.rows, *columns)
+    if checked.joints is not None:
+        yield from _joints(checked.joints)
+    yield from _findings(checked.rows)
 
 
 def _joints(joints: JointsCheck) -> Iterator[Table | str]:
@@ -193,12 +199,12 @@ def _joints(joints: JointsCheck) -> Iterator[Table | str]:
 
 def _findings(rows: Sequence[Row]) -> Iterator[str]:
     """A line a finding with all tests that it concerns; why and remedy once where alike."""
-    alike: dict[tuple[str, str, str], dict[tuple[str, str], list[str]]] = {}
+    by_remedy: dict[tuple[str, str, str], dict[tuple[str, str], list[str]]] = {}
     for row in rows:
-        for each in row.findings:
-            same = alike.setdefault((each.severity, each.why, each.remedy), {})
-            same.setdefault((row.channel, each.what), []).append(row.test)
-    for (severity, *below), same in alike.items():
-        for (channel, what), tests in same.items():
+        for finding in row.findings:
+            affected = by_remedy.setdefault((finding.severity, finding.why, finding.remedy), {})
+            affected.setdefault((row.channel, finding.what), []).append(row.test)
+    for (severity, *below), affected in by_remedy.items():
+        for (channel, what), tests in affected.items():
             yield f"{severity} {', '.join(tests)}, {channel}: {what}"
         yield from (f"    {line}" for line in below if line)

@@ -53,10 +53,10 @@ def collect(
         from jbw.population.covariates import read_covariates
         from jbw.population.fleet import fleet_of, write_fleet
 
-        folders = [folder for given in runs for folder in _runs_of(given, say)]
-        given = {} if table_file is None else read_covariates(table_file)
+        folders = [folder for path in runs for folder in _runs_of(path, say)]
+        covariates = {} if table_file is None else read_covariates(table_file)
         say(f"Reading {len(folders)} run{'' if len(folders) == 1 else 's'}")
-        fleet = fleet_of(folders, covariates=given, mixed_versions=mixed_versions)
+        fleet = fleet_of(folders, covariates=covariates, mixed_versions=mixed_versions)
         write_fleet(out, fleet)
     rows = list(_rows(fleet))
     left_out = json.loads(fleet.attrs["left_out"])
@@ -75,11 +75,13 @@ def _runs_of(folder: Path, say: Any) -> list[Path]:
     """A run's folder itself, or those of the finished runs in it; unfinished ones are told."""
     if (folder / "summary.json").is_file():
         return [folder]
-    inner = sorted(one for one in folder.iterdir() if one.is_dir() and not one.name.startswith("."))
-    finished = [one for one in inner if (one / "summary.json").is_file()]
-    for one in inner:
-        if (one / ".run").is_dir() and one not in finished:
-            say(f"warning: {messages.unfinished(str(one))}")
+    inner = sorted(
+        path for path in folder.iterdir() if path.is_dir() and not path.name.startswith(".")
+    )
+    finished = [path for path in inner if (path / "summary.json").is_file()]
+    for path in inner:
+        if (path / ".run").is_dir() and path not in finished:
+            say(f"warning: {messages.unfinished(str(path))}")
     if not finished:
         raise DataError(
             f"The folder {folder} holds no finished run.",
@@ -91,13 +93,13 @@ def _runs_of(folder: Path, say: Any) -> list[Path]:
 def _rows(fleet: Any) -> Iterator[dict[str, Any]]:
     """A row a unit: covariates, verdict, draws."""
     for name in fleet.coords["unit"].values.tolist():
-        one = fleet.dataset.sel(unit=name)
-        numbers = {key: float(one[key]) for key in ("torque", "sequence", "temperature", "ess")}
+        unit = fleet.dataset.sel(unit=name)
+        numbers = {key: float(unit[key]) for key in ("torque", "sequence", "temperature", "ess")}
         yield {
             "unit": name,
-            "assembly": str(one["assembly"].values),
-            "verdict": str(one["verdict"].values),
-            "num_draws": int(one["num_draws"]),
+            "assembly": str(unit["assembly"].values),
+            "verdict": str(unit["verdict"].values),
+            "num_draws": int(unit["num_draws"]),
             **{key: value if np.isfinite(value) else None for key, value in numbers.items()},
         }
 

@@ -39,16 +39,16 @@ def diff(first: Path, second: Path, figure: Path | None, json_: bool) -> None:
         from jbw.study.store import write_figure
 
         say(f"Reading {first} (A) and {second} (B)")
-        found = differences(first, second)
+        compared = differences(first, second)
         if figure is not None:
-            if found.backbones is None:
+            if compared.backbones is None:
                 raise ConfigError(
                     "Option --figure needs frequency and damping of both runs, but a run lacks the "
                     "parameters or the largest displacement for them.",
                     remedy="Leave --figure out.",
                 )
-            write_figure(figure, backbones_figure(found.backbones))
+            write_figure(figure, backbones_figure(compared.backbones))
         say("Done")
-    tables = parameters_table(found.record), backbone_table(found.record)
+    tables = parameters_table(compared.record), backbone_table(compared.record)
     saved = "" if figure is None else f"Figure: {figure}"
-    answer(json_, found.record, *tables, *found.record["statements"], saved=saved)
+    answer(json_, compared.record, *tables, *compared.record["statements"], saved=saved)

@@ -44,10 +44,10 @@ def laws(
         folder = claim(out or path.parent / "laws")
         say(f"Reading {path}")
         loaded = load_campaign(path, allow_outside=allow_outside)
-        chosen = None if laws is None else [one.strip() for one in laws.split(",")]
-        found = compare_laws(loaded, chosen, seed=seed, report=say)
-        save_laws(folder, found.tree, found.record)
-    record = found.record
-    told = laws_table(record), *record["statements"]
+        chosen = None if laws is None else [name.strip() for name in laws.split(",")]
+        compared = compare_laws(loaded, chosen, seed=seed, report=say)
+        save_laws(folder, compared.tree, compared.record)
+    record = compared.record
+    lines = laws_table(record), *record["statements"]
     refused = (f"{name}: {reason}" for name, reason in record["refused"].items())
-    answer(json_, record, *told, *refused, saved=f"Laws: {folder / 'laws.html'}")
+    answer(json_, record, *lines, *refused, saved=f"Laws: {folder / 'laws.html'}")

@@ -64,14 +64,14 @@ def look(
         loaded, doubts = load_with_doubts(campaign, allow_outside=allow_outside)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # readings that cannot be made are listed as unread
-            found = look_at(loaded, report=say)
+            readings = look_at(loaded, report=say)
         if figure is not None:
             import xarray
 
             from jbw.report.looking import look_figure  # loads matplotlib
             from jbw.study.store import write_figure
 
-            tree = xarray.DataTree.from_dict(look_groups(found))
+            tree = xarray.DataTree.from_dict(look_groups(readings))
             write_figure(figure, look_figure(tree))
         if html is not None:
             from jbw.report.picker import render_picker
@@ -79,11 +79,11 @@ def look(
 
             write_whole(html, render_picker(loaded.name, loaded.tests).encode())
         say("Done")
-    loops = found.record["loops"]
-    tables = tests_table(found.record), loops_table(loops), cycles_table(loops)
-    made = (("Figure", figure), ("Choose the band", html))
-    saved = "\n".join(f"{what}: {path}" for what, path in made if path is not None)
-    record = found.record | {"doubts": [str(doubt.message) for doubt in doubts]}
+    loops = readings.record["loops"]
+    tables = tests_table(readings.record), loops_table(loops), cycles_table(loops)
+    outputs = (("Figure", figure), ("Choose the band", html))
+    saved = "\n".join(f"{what}: {path}" for what, path in outputs if path is not None)
+    record = readings.record | {"doubts": [str(doubt.message) for doubt in doubts]}
     # What the records were mishandled by changes the numbers above: it is said beside them.
     doubted = [f"Doubtful: {doubt}" for doubt in record["doubts"]]
     answer(json_, record, *tables, *doubted, *record["statements"], *record["seen"], saved=saved)

@@ -49,8 +49,8 @@ def out_option(where: str) -> Option:
 
 def seed_option(otherwise: str = "", default: int | None = None) -> Option:
     """`--seed N`, and whose seed is taken when left out."""
-    told = f"; the {otherwise}'s when left out" if otherwise else ""
+    default_words = f"; the {otherwise}'s when left out" if otherwise else ""
     return click.option(
         "--seed", type=int, default=default, show_default=default is not None,
-        help=f"Seed of everything random{told}.",
+        help=f"Seed of everything random{default_words}.",
     )  # fmt: skip

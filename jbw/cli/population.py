@@ -49,50 +49,56 @@ def population(
 
         units = read_fleet(fleet)
         chosen, bent = (
-            None if given is None else [one.strip() for one in given.split(",")]
-            for given in (parameters, saturating)
+            None if names is None else [name.strip() for name in names.split(",")]
+            for names in (parameters, saturating)
         )
         require_torque(covariates_in(units), torque)
-        found = population_of(
+        pooling = population_of(
             units, parameters=chosen, saturating=bent or (), all_verdicts=all_verdicts, seed=seed,
             report=say,
         )  # fmt: skip
 
         def new(at: float | None) -> np.ndarray:
             rng = np.random.default_rng(seed)
-            return np.quantile(new_coordinates(found, at, rng, 4000), QUANTILES, axis=0)
+            return np.quantile(new_coordinates(pooling, at, rng, 4000), QUANTILES, axis=0)
 
         say(messages.NEW_UNIT)
-        tree = new_unit(found, units, torque, seed=seed)
-        backbone = new_backbone(found, units, torque, seed=seed)
+        tree = new_unit(pooling, units, torque, seed=seed)
+        backbone = new_backbone(pooling, units, torque, seed=seed)
         tree.dataset = backbone.assign_attrs(tree.attrs)
-        trend = "torque" in found.design.columns
-        known = np.array(found.record["torque"], float)
-        places = np.geomspace(known.min(), known.max(), NUM_PLACES) if trend else np.zeros(0)
+        trend = "torque" in pooling.design.columns
+        torques = np.array(pooling.record["torque"], float)
+        torques_drawn = (
+            np.geomspace(torques.min(), torques.max(), NUM_PLACES) if trend else np.zeros(0)
+        )
         if trend and torque is not None:
-            places = np.sort(np.append(places, torque))
-        ends = np.array([0.5, len(known) + 0.5])
-        bands = [new(one) for one in places] if trend else [new(None)] * 2
-        sd = np.sqrt(np.diagonal(found.pooled.cov, axis1=1, axis2=2))
+            torques_drawn = np.sort(np.append(torques_drawn, torque))
+        ends = np.array([0.5, len(torques) + 0.5])
+        bands = [new(torque_drawn) for torque_drawn in torques_drawn] if trend else [new(None)] * 2
+        sd = np.sqrt(np.diagonal(pooling.pooled.cov, axis1=1, axis2=2))
         figure = population_figure(
-            found.record, found.pooled.mean, sd, places if trend else ends, np.stack(bands, axis=1)
+            pooling.record,
+            pooling.pooled.mean,
+            sd,
+            torques_drawn if trend else ends,
+            np.stack(bands, axis=1),
         )
         ahead = np.exp(new(torque)).T
         record: dict[str, Any] = {
-            **found.record,
+            **pooling.record,
             "new_unit": {
-                "torque": torque_of(found, torque),
+                "torque": torque_of(pooling, torque),
                 **{
                     name: dict(zip(("q005", "median", "q995"), map(float, row), strict=True))
-                    for name, row in zip(found.pooled.names, ahead, strict=True)
+                    for name, row in zip(pooling.pooled.names, ahead, strict=True)
                 },
             },
         }
         folder = claim(out or fleet.with_name(f"{fleet.stem}-population"))
         shown = population_table(record)
-        sheet = population_sheet(fleet.stem, record, found.pooled.mean, sd, shown)
-        made = [f"population.{ending}" for ending in ("nc", "png", "html", "json")]
-        with writing(folder, *made) as part:
+        sheet = population_sheet(fleet.stem, record, pooling.pooled.mean, sd, shown)
+        files = [f"population.{ending}" for ending in ("nc", "png", "html", "json")]
+        with writing(folder, *files) as part:
             page = render_sheet(sheet, figure)
             (part / "population.html").write_text(page, encoding="utf-8")
             tree.to_netcdf(part / "population.nc", engine="h5netcdf")

@@ -91,15 +91,15 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
             tests = predicting.chosen(loaded.tests, options["names"], "--test")
             requests = [*((test, of_units) for test in tests), *requests]
         out = claim(options["out"] or folder / "predictions")
-        found = {}
-        for test, asked in requests:
+        predictions = {}
+        for test, test_request in requests:
             say(f"Predicting {test.name}")
-            found[test.name] = predicting.predict(basis, test, asked)
-        rows = [predicting.row_of(one) for one in found.values()]
+            predictions[test.name] = predicting.predict(basis, test, test_request)
+        rows = [predicting.row_of(prediction) for prediction in predictions.values()]
         for sentence in (sentence for row in rows for sentence in row["warnings"]):
             say(f"warning: {sentence}")
         say("Writing figures")
-        save_predictions(out, found, rows)
+        save_predictions(out, predictions, rows)
     by_noise: dict[str, list[str]] = {}
     for row in rows:
         by_noise.setdefault(row["noise"], []).append(row["test"])
@@ -122,7 +122,7 @@ def _planned(basis: "Basis", options: Mapping[str, Any]) -> "Iterator[Test]":
     from jbw.verification import planned
 
     sweep, stepped, tone = (options[kind] for kind in ("sweep", "stepped", "tone"))
-    if any(each is not None for each in (sweep, stepped, tone)) != bool(options["levels"]):
+    if any(quantity is not None for quantity in (sweep, stepped, tone)) != bool(options["levels"]):
         raise click.UsageError("--level goes with --sweep, --stepped or --tone.")
     for level in options["levels"]:
         if sweep is not None:
@@ -155,7 +155,7 @@ def _peak(row: dict[str, Any]) -> str:
     if row["y_peak"] is None:
         return NOTHING
     values = list(row["y_peak"].values())
-    low, middle, high = (number(each, values[2] - values[0]) for each in values)
+    low, middle, high = (number(quantile, values[2] - values[0]) for quantile in values)
     return f"{middle} [{low}, {high}]"
 
 

@@ -21,20 +21,20 @@ STATUS = {"ok": MARKS["good"], "failed": MARKS["bad"]}
 
 def console() -> Console:
     """A console on stdout, wide where it is no terminal; NO_COLOR is heeded by Rich."""
-    found = Console(highlight=False)
-    return found if found.is_terminal else Console(highlight=False, width=PIPE_WIDTH)
+    screen = Console(highlight=False)
+    return screen if screen.is_terminal else Console(highlight=False, width=PIPE_WIDTH)
 
 
 def show(*shown: Table | Text | str) -> None:
     """Print tables and sentences on stdout; tables without rows are left out."""
     screen = console()
-    for each in shown:
-        if not isinstance(each, Table):
+    for content in shown:
+        if not isinstance(content, Table):
             # Text, not markup, and no control characters: names come from files.
-            text = Text(printable(each)) if isinstance(each, str) else each
+            text = Text(printable(content)) if isinstance(content, str) else content
             screen.print(text, soft_wrap=not screen.is_terminal)
-        elif each.rows:
-            print_table(screen, each)
+        elif content.rows:
+            print_table(screen, content)
 
 
 def answer(json_: bool, record: Any, *shown: Table | Text | str, saved: str = "") -> None:
@@ -69,8 +69,8 @@ def _plain(value: Any) -> Any:
 def verdict_line(verdict: Mapping[str, Any]) -> Text:
     """A verdict in one line, with the status of each of its three answers."""
     parts: list[Any] = ["Verdict: ", _status(verdict["status"])]
-    for i, (name, told) in enumerate(verdict.get("answers", {}).items()):
-        parts += [", " if i else " (", f"{name} ", _status(told["status"])]
+    for i, (name, answered) in enumerate(verdict.get("answers", {}).items()):
+        parts += [", " if i else " (", f"{name} ", _status(answered["status"])]
     return Text.assemble(*parts, ")" if len(parts) > 2 else "")
 
 
@@ -78,8 +78,8 @@ def verdict_lines(verdict: Mapping[str, Any], *, passed: bool = False) -> Iterat
     """A verdict as a record holds it, and each finding against it; those passed, too."""
     status = verdict["status"]
     yield Text.assemble("Verdict: ", _status(status))
-    for name, told in verdict.get("answers", {}).items():
-        yield Text.assemble(f"  {name}: ", _status(told["status"]), f". {told['question']}")
+    for name, answered in verdict.get("answers", {}).items():
+        yield Text.assemble(f"  {name}: ", _status(answered["status"]), f". {answered['question']}")
     for finding in verdict["findings"]:
         sentence = f"  {finding['reason']} {finding['action']}".rstrip()
         if finding["status"] != "ok":

@@ -189,15 +189,15 @@ def computing() -> Iterator[Teller]:
 
 def called(name: str) -> str:
     """What a posterior under way is called, by the name that its draws are kept under."""
-    base, _, again = name.rpartition("_") if name[-1:].isdigit() else (name, "", "0")
-    step = next((one for one in STEPS if f"{base}_".startswith(one)), base)
+    base, _, round_number = name.rpartition("_") if name[-1:].isdigit() else (name, "", "0")
+    step = next((prefix for prefix in STEPS if f"{base}_".startswith(prefix)), base)
     how = f"{base}_".removeprefix(step).strip("_").replace("_", " ")
     for word, plain in WAYS.items():
         how = how.replace(word, plain)
-    told = ", ".join(filter(None, (STEPS.get(step, step), how)))
-    if again == "0":
-        return told
-    return stages.later_round(told, int(again) + 1)
+    words = ", ".join(filter(None, (STEPS.get(step, step), how)))
+    if round_number == "0":
+        return words
+    return stages.later_round(words, int(round_number) + 1)
 
 
 def chain_table(name: str, so_far: Any) -> Table:

@@ -53,10 +53,10 @@ def report(
             write_page(summary, tree, out)
         written = {"report": str(page)}
         if interactive:
-            beside = page.with_name("interactive.html")
-            say(f"Writing {beside}")
-            write_interactive(tree, beside, campaign_name(summary))
-            written["interactive"] = str(beside)
+            page_with_zoom = page.with_name("interactive.html")
+            say(f"Writing {page_with_zoom}")
+            write_interactive(tree, page_with_zoom, campaign_name(summary))
+            written["interactive"] = str(page_with_zoom)
     answer(json_, written, saved="\n".join(written.values()))
 
 
@@ -96,7 +96,7 @@ def _write_brief(folder: Path, out: Path | None, json_: bool, *, interactive: bo
 @json_option
 def export(
     folder: Path, out: Path | None, names: list[str], fmu: bool, count: int | None, json_: bool,
-    **asked: Any,
+    **options: Any,
 ) -> None:  # fmt: skip
     """Write the joint of the finished run in DIR for other programs.
 
@@ -121,7 +121,7 @@ def export(
         say(f"Reading {folder}")
         summary, tree = read_result(folder)
         say(stages.COMPUTING_JOINT)
-        result = exporting.export(tree, summary=summary, **asked)
+        result = exporting.export(tree, summary=summary, **options)
         programs = chosen_programs(names, result)
         if fmu:
             programs = dict.fromkeys((*programs, *chosen_programs(("fmi2", "fmi3"), result)))

@@ -31,7 +31,9 @@ from jbw.report.text import NOTHING
 @out_option("DIR/compare-STEP")
 @json_option
 @outside_option
-def compare(source: Path, out: Path | None, json_: bool, allow_outside: bool, **asked: Any) -> None:
+def compare(
+    source: Path, out: Path | None, json_: bool, allow_outside: bool, **options: Any
+) -> None:
     """Compare samplers on one posterior of the finished run in DIR, or of the campaign file DIR.
 
     For every parameter mean, standard deviation, quantiles and their distance in Monte Carlo
@@ -46,19 +48,21 @@ def compare(source: Path, out: Path | None, json_: bool, allow_outside: bool, **
         from jbw.study.store import claim
         from jbw.study.study import campaign_of, known_of, require_same_inputs
 
-        path, summary, known = source, {}, None
-        campaign, once = asked.pop("campaign"), asked.pop("once")
+        path, summary, run_knowledge = source, {}, None
+        campaign, once = options.pop("campaign"), options.pop("once")
         if source.is_dir():
-            path, summary, known = campaign_of(source, campaign), *known_of(source)
+            path, summary, run_knowledge = campaign_of(source, campaign), *known_of(source)
         place = source if source.is_dir() else source.parent
-        folder = claim(out or place / f"compare-{asked['step']}")
-        if asked["seed"] is None:
-            asked["seed"] = summary.get("seed")
+        folder = claim(out or place / f"compare-{options['step']}")
+        if options["seed"] is None:
+            options["seed"] = summary.get("seed")
         say(f"Reading {path}")
         loaded = load_campaign(path, allow_outside=allow_outside)
         require_same_inputs(loaded, summary)
         reports = {"report": say, "watch": say.chains}
-        comparison = compare_samplers(loaded, twice=not once, known=known, **reports, **asked)
+        comparison = compare_samplers(
+            loaded, twice=not once, known=run_knowledge, **reports, **options
+        )
         save_comparison(folder, comparison)
     reports = comparison_lines(comparison.record)
     answer(json_, comparison.record, *reports, saved=f"Comparison: {folder / 'compare.json'}")
@@ -152,7 +156,7 @@ def _distance(key: str, row: Mapping[str, Any]) -> str:
 @json_option
 @outside_option
 def sbc(
-    source: Path | None, out: Path | None, json_: bool, allow_outside: bool, **asked: Any
+    source: Path | None, out: Path | None, json_: bool, allow_outside: bool, **options: Any
 ) -> int:
     """Calibrate a step by simulation: does it hold the truth as often as it says?
 
@@ -167,14 +171,14 @@ def sbc(
         from jbw.study.store import claim
         from jbw.study.study import campaign_of
 
-        folder = claim(out or Path(f"sbc-{asked['step']}"))
+        folder = claim(out or Path(f"sbc-{options['step']}"))
         try:
             campaign = None
             if source is not None:
                 path = campaign_of(source) if source.is_dir() else source
                 say(f"Reading {path}")
                 campaign = load_campaign(path, allow_outside=allow_outside)
-            calibrated = calibration.sbc(campaign, report=say, **asked)
+            calibrated = calibration.sbc(campaign, report=say, **options)
             calibration.save_sbc(folder, calibrated)
         except BaseException:
             if not any(folder.iterdir()):
@@ -201,7 +205,7 @@ def calibration_table(record: Mapping[str, Any]) -> Table:
     return table(
         f"{record['step']}: {record['replications']} replications by {record['sampler']}, "
         f"{record['failed']} failed",
-        [{"quantity": name, **one} for name, one in record["quantities"].items()],
+        [{"quantity": name, **row} for name, row in record["quantities"].items()],
         words("quantity", "quantity"),
         *columns,
     )
