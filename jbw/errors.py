@@ -71,9 +71,9 @@ def naming(name: str) -> Iterator[None]:
         raise type(error)(what, why=error.why, remedy=error.remedy) from None
 
 
-def did_you_mean(name: str, known: Iterable[str]) -> str:
+def did_you_mean(name: str, names: Iterable[str]) -> str:
     """The beginning of a remedy: the known name most like the one that was asked for, if any."""
-    lowered = {other.lower(): other for other in known}
+    lowered = {other.lower(): other for other in names}
     nearest = get_close_matches(name.lower(), list(lowered), n=1, cutoff=0.4)
     return f"Did you mean `{lowered[nearest[0]]}`? " if nearest else ""
 

@@ -69,16 +69,16 @@ OSCILLATOR = (
 # names of their own beside those of the structure alone.
 FED = {"voltage": ("ᵛ", "N/kg/V"), "current": ("ⁱ", "N/kg/A")}
 ATTACHED = tuple(
-    one._replace(
-        name=f"{one.name}_{drive}", symbol=one.symbol + mark,
-        unit=gain if one.name == "gain" else one.unit,
-        meaning=f"{one.meaning}, driven by {drive}",
+    quantity._replace(
+        name=f"{quantity.name}_{drive}", symbol=quantity.symbol + mark,
+        unit=gain if quantity.name == "gain" else quantity.unit,
+        meaning=f"{quantity.meaning}, driven by {drive}",
     )
     for drive, (mark, gain) in FED.items()
-    for one in OSCILLATOR
+    for quantity in OSCILLATOR
 )  # fmt: skip
 LINEAR = (*OSCILLATOR, *ATTACHED)
-GAINS = frozenset(one.name for one in LINEAR if one.name.startswith("gain"))  # of the sources
+GAINS = frozenset(row.name for row in LINEAR if row.name.startswith("gain"))  # of the sources
 
 # What other modes add to a response, per force and unit mass of the joint's own mode: those outside
 # of a band by two constants, linear ones within it as they are.
@@ -96,7 +96,7 @@ NEIGHBOURS = tuple(
     )
     for k, n in enumerate("₁₂₃₄", 1)
 )
-RESIDUAL_TERMS = (*CONSTANT_TERMS, *(each for mode in NEIGHBOURS for each in mode))
+RESIDUAL_TERMS = (*CONSTANT_TERMS, *(quantity for mode in NEIGHBOURS for quantity in mode))
 
 # Of modes that meet in the joint beside the first, in units of what that one does to it; the sign
 # is held.
@@ -127,10 +127,10 @@ POINTS = tuple(
     )
     for k, n in enumerate("₂₃₄₅", 2)
 )  # fmt: skip
-_SEEN = tuple(each for point in POINTS for each in point)
-MODAL = (*(each for mode in MODES for each in mode), *_SEEN)
+_SEEN = tuple(quantity for point in POINTS for quantity in point)
+MODAL = (*(quantity for mode in MODES for quantity in mode), *_SEEN)
 # Known while the joint sticks.
-STUCK = (*LINEAR, *(each for mode in MODES for each in mode[:3]), *_SEEN)
+STUCK = (*LINEAR, *(quantity for mode in MODES for quantity in mode[:3]), *_SEEN)
 
 # Responses in the order of the derivative of the displacement.
 MOTION = (
@@ -155,7 +155,9 @@ OTHERS = (
     Quantity("log_likelihood", "log L", "1", "log likelihood"),
     Quantity("response", "v", "m/s", "velocity at one instant"),
 )
-BY_NAME = {each.name: each for each in (*LINEAR, *RESIDUAL_TERMS, *MODAL, *MOTION, *OTHERS)}
+BY_NAME = {
+    quantity.name: quantity for quantity in (*LINEAR, *RESIDUAL_TERMS, *MODAL, *MOTION, *OTHERS)
+}
 
 
 Motion = Literal["displacement", "velocity", "acceleration"]

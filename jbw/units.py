@@ -150,15 +150,15 @@ def plain(unit: str) -> str:
 
 @cache
 def _plain(unit: str) -> str:
-    raised = SUPERSCRIPT.sub(lambda found: "^" + found[0].translate(_RAISED), unit)
+    raised = SUPERSCRIPT.sub(lambda match: "^" + match[0].translate(_RAISED), unit)
     written = " ".join(raised.translate(_SPELLING).split()).replace("**", "^")
     outer = re.fullmatch(r"\[(.*)\]|\(([^()]*)\)", written)
     written = (outer[1] or outer[2] or "").strip() if outer else written
-    if known := SYMBOLS.get(written) or WORDS.get(written.lower() if len(written) > 2 else ""):
-        return known
+    if symbol := SYMBOLS.get(written) or WORDS.get(written.lower() if len(written) > 2 else ""):
+        return symbol
     stripped = re.sub(r"\s*([*/^()])\s*", r"\1", written)
     stripped = re.sub(r"(?<=[/ *.])s2\b", "s^2", stripped)
-    words = re.sub(r"[A-Za-z][A-Za-z']*", lambda found: _word(found[0]), stripped)
+    words = re.sub(r"[A-Za-z][A-Za-z']*", lambda match: _word(match[0]), stripped)
     words = SYMBOLS.get(words, words)
     if _in_table(words):
         return words
@@ -170,8 +170,8 @@ def _plain(unit: str) -> str:
 
 def _word(word: str) -> str:
     """The symbol of a word within a compound, where that is a symbol and no compound itself."""
-    known = WORDS.get(word.lower(), "") if len(word) > 2 else SYMBOLS.get(word, "")
-    return known if known and re.fullmatch("[A-Za-z]+", known) else word
+    symbol = WORDS.get(word.lower(), "") if len(word) > 2 else SYMBOLS.get(word, "")
+    return symbol if symbol and re.fullmatch("[A-Za-z]+", symbol) else word
 
 
 def _in_table(unit: str) -> bool:
@@ -183,12 +183,12 @@ def _same_in_table(unit: str) -> str:
 
     `m/s/s` and `m s^-2` are `m/s^2`; what is per force or mass is a ratio, and no table has it.
     """
-    found = measured(unit)
-    if found is None or any(p < 0 and _has_mass(s) for s, p in _factors(unit)):
+    of_unit = measured(unit)
+    if of_unit is None or any(p < 0 and _has_mass(s) for s, p in _factors(unit)):
         return ""
     for quantity, factors in FACTORS.items():
         for name in factors if quantity != "force per mass" else ():
-            if (listed := measured(name)) is not None and _alike(found, listed):
+            if (listed := measured(name)) is not None and _is_same_unit(of_unit, listed):
                 return name
     return ""
 
@@ -200,7 +200,7 @@ def _has_mass(symbol: str) -> bool:
 Measured = tuple[float, tuple[int, ...]]  # factor to SI, and powers of the base units
 
 
-def _alike(a: Measured, b: Measured) -> bool:
+def _is_same_unit(a: Measured, b: Measured) -> bool:
     return a[1] == b[1] and abs(a[0] / b[0] - 1) < 1e-12
 
 
@@ -243,11 +243,11 @@ def _factors(unit: str, sign: int = 1, depth: int = 0) -> Iterator[tuple[str, in
             yield from _factors(rest[1:end], sign * below, depth + 1)
             rest = rest[end + 1 :]
         else:
-            found = re.match(r"(1(?![\d.])|[A-Za-z]+)(?:\^?(-?\d+)|\^\((-?\d+)\))?", rest)
-            if not found:
+            match = re.match(r"(1(?![\d.])|[A-Za-z]+)(?:\^?(-?\d+)|\^\((-?\d+)\))?", rest)
+            if not match:
                 raise ValueError(unit)
-            yield found[1], sign * below * int(found[2] or found[3] or 1)
-            rest = rest[found.end() :]
+            yield match[1], sign * below * int(match[2] or match[3] or 1)
+            rest = rest[match.end() :]
         rest = rest.strip()
         below = 1
         if rest[:1] in ("/", "*", "."):
@@ -269,8 +269,8 @@ def _symbol(symbol: str) -> Measured | None:
 
 def decibels(unit: str) -> tuple[float, str] | None:
     """Reference of a unit in decibels, such as 1e-6 and `m/s^2` of `dB re 1e-6 m/s^2`; or None."""
-    found = _DECIBEL.fullmatch(unit.strip()) if len(unit) <= LONGEST else None
-    return (float(found[1] or 1.0), found[2]) if found else None
+    match = _DECIBEL.fullmatch(unit.strip()) if len(unit) <= LONGEST else None
+    return (float(match[1] or 1.0), match[2]) if match else None
 
 
 def titled(title: str) -> tuple[str, str]:
@@ -279,12 +279,12 @@ def titled(title: str) -> tuple[str, str]:
     `Force, N` and `Velocity / mm/s` have one as well. What stands behind a time is its unit
     whatever it says: a wrong one would be a wrong rate.
     """
-    found = re.fullmatch(r"\s*(.*?\S)\s*(?:\[([^\[\]]+)\]|\((.+)\)|\{([^{}]+)\})\s*", title)
-    if not found:
+    match = re.fullmatch(r"\s*(.*?\S)\s*(?:\[([^\[\]]+)\]|\((.+)\)|\{([^{}]+)\})\s*", title)
+    if not match:
         apart = re.fullmatch(r"\s*(.*?\S)(?:\s*,\s*|\s+(?:/|in)\s+)(\S.*?)\s*", title)
         apart = apart if apart and is_unit(apart[2]) else None
         return (apart[1], apart[2]) if apart else (title, "")
-    name, unit = found[1], found[2] or found[3] or found[4]
+    name, unit = match[1], match[2] or match[3] or match[4]
     timed = re.search(TIME, name.lower()) is not None
     return (name.rstrip("/ "), unit) if is_unit(unit) or timed else (title, "")
 
@@ -319,21 +319,21 @@ def quantity_of(unit: str, among: tuple[str, ...] = tuple(FACTORS)) -> str:
             return quantity
     # Of torsion, the few who want it know.
     shown = [quantity for quantity in among if quantity not in TORSION] or among
-    wanted = " or ".join(
+    named = " or ".join(
         f"{'an' if quantity[0] in 'aeiou' else 'a'} {quantity}" for quantity in shown
     )
-    known = [name for quantity in shown for name in FACTORS[quantity]]
+    units = [name for quantity in shown for name in FACTORS[quantity]]
     others = [quantity for quantity in FACTORS if _factor(written, quantity) is not None]
     if written.lower() == "db":
         raise ConfigError(
-            f"Unit `{unit}` of {wanted} needs the value that 0 dB stands for.",
+            f"Unit `{unit}` of {named} needs the value that 0 dB stands for.",
             remedy=f'State it: units = {{ ... = "dB re 1 {si_unit(among[0])}" }}.',
         )
     if others:
-        what = f"Unit `{unit}` measures a {others[0]}, but {wanted} is needed."
-        raise ConfigError(what, remedy=f"Use one of {', '.join(known)}, or correct the role.")
-    remedy = did_you_mean(written, known) + f"Known: {', '.join(known)}."
-    raise ConfigError(f"Unit `{unit}` of {wanted} is not known.", remedy=remedy)
+        what = f"Unit `{unit}` measures a {others[0]}, but {named} is needed."
+        raise ConfigError(what, remedy=f"Use one of {', '.join(units)}, or correct the role.")
+    remedy = did_you_mean(written, units) + f"Known: {', '.join(units)}."
+    raise ConfigError(f"Unit `{unit}` of {named} is not known.", remedy=remedy)
 
 
 def to_si(values: ArrayLike, unit: str, quantity: str) -> NDArray[np.float64]:
@@ -364,23 +364,23 @@ def _factor(written: str, quantity: str) -> float | None:
     """Factor to SI by the table, or of a compound with the dimensions of the quantity."""
     if written in FACTORS[quantity]:
         return FACTORS[quantity][written]
-    found, si = measured(written), measured(si_unit(quantity))
+    of_unit, si = measured(written), measured(si_unit(quantity))
     # A frequency has the dimensions of 1/s as other rates do, and N/kg those of an acceleration:
     # there only the table tells.
     by_table = quantity in ("frequency", "time") or (quantity == "acceleration" and "kg" in written)
     by_table = by_table or (quantity == "force per mass" and "kg" not in written)
-    if by_table or found is None or si is None or found[1] != si[1]:
+    if by_table or of_unit is None or si is None or of_unit[1] != si[1]:
         return None
-    return found[0]
+    return of_unit[0]
 
 
 def powers_of(unit: str) -> dict[str, int]:
     """Powers of its factors in a unit of jbw's dialect: `1/(m s^2)` is {m: -1, s: -2}."""
     above, _, below = unit.partition("/")
-    found: dict[str, int] = {}
+    powers: dict[str, int] = {}
     for part, sign in ((above, 1), (below.strip("()"), -1)):
         for factor in part.split():
             name, _, power = factor.partition("^")
             if name != "1":
-                found[name] = found.get(name, 0) + sign * int(power or 1)
-    return found
+                powers[name] = powers.get(name, 0) + sign * int(power or 1)
+    return powers

@@ -56,7 +56,7 @@ def at_points(
     solver = getattr(function, "solver", None)
     cores = num_cores()
 
-    def one(lot: Mapping[str, np.ndarray]) -> Any:
+    def values_of(lot: Mapping[str, np.ndarray]) -> Any:
         solved = None if solver is None else solver(lot, data, max(cores // len(lots), 1))
         theta = {name: jax.device_put(values) for name, values in lot.items()}
         if solved is None:
@@ -64,13 +64,13 @@ def at_points(
         return jax.tree.map(np.asarray, _rest(function, theta, *solved))
 
     with ThreadPoolExecutor(cores) as threads:  # of which JAX lets the first compile
-        found = list(threads.map(one, lots))
-    return jax.tree.map(lambda *rows: np.concatenate(rows)[:count], *found)
+        lot_values = list(threads.map(values_of, lots))
+    return jax.tree.map(lambda *rows: np.concatenate(rows)[:count], *lot_values)
 
 
 @eqx.filter_jit
 def _values(function: OfTheta, theta: Mapping[str, Float[Array, " point"]], data: PyTree) -> PyTree:
-    return jax.vmap(lambda one: function(one, data))(dict(theta))
+    return jax.vmap(lambda point: function(point, data))(dict(theta))
 
 
 @eqx.filter_jit
@@ -78,7 +78,9 @@ def _rest(
     function: OfTheta, theta: Mapping[str, Float[Array, " point"]], data: PyTree, solved: PyTree
 ) -> PyTree:
     """Values of the function where the costly part was solved before."""
-    return jax.vmap(lambda one, own: function(one, eqx.combine(data, own)))(dict(theta), solved)
+    return jax.vmap(lambda point, motions: function(point, eqx.combine(data, motions)))(
+        dict(theta), solved
+    )
 
 
 def forget() -> None:

@@ -179,7 +179,9 @@ def _at_rest(joints: Oscillator) -> State:
 
     def rest(joint: Oscillator) -> Any:
         memory = jax.tree.map(lambda x: jnp.asarray(x, float), joint.at_rest())
-        return tuple(law.packed(own) for law, own in zip(joint.laws, memory, strict=True))
+        return tuple(
+            law.packed(law_memory) for law, law_memory in zip(joint.laws, memory, strict=True)
+        )
 
     none = jnp.zeros(LANES)
     return none, none, jax.vmap(rest, axis_size=LANES)(joints)
@@ -260,11 +262,11 @@ class _Cache:
     def of(self, arrays: tuple[Any, ...], number: int | None, make: Callable[[], Any]) -> Any:
         """What `make` makes of one of the arrays' rows, or made of it before."""
         key = (number, *map(id, arrays))
-        if (made := self._made.get(key)) is None:
-            made = self._made[key] = make()
+        if (value := self._made.get(key)) is None:
+            value = self._made[key] = make()
             for array in arrays:
                 weakref.finalize(array, self._made.pop, key, None)
-        return made
+        return value
 
 
 _CACHE = _Cache()
@@ -303,7 +305,7 @@ def _marched(
         def of_lane(joint, gain, parts, state, totals):
             y, v, memory = state
             laws = zip(joint.laws, memory, strict=True)
-            full = y, v, tuple(law.unpacked(own) for law, own in laws)
+            full = y, v, tuple(law.unpacked(law_memory) for law, law_memory in laws)
             response = response_of(joint, order, full, gain * piece.samples[sample])
             residual = row[0] - response
             for k in range(NUM_DIRECTIONS):

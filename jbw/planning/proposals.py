@@ -233,14 +233,14 @@ def _backbones(grid: BackboneTable, beliefs: Beliefs, reach: Reach) -> list[Back
     dwell = settle + _rounded(READ_PERIODS / natural) if grid.dwell is None else grid.dwell
     level = float(np.median(_resonance(beliefs, max(amplitudes)).amplitude / gain))
     if level > reach.max_input:
-        kept = [
+        within_reach = [
             y for y in amplitudes
             if np.median(_resonance(beliefs, y).amplitude / gain) <= reach.max_input
         ]  # fmt: skip
-        if not kept:
+        if not within_reach:
             return []
-        amplitudes = tuple(kept)
-        level = float(np.median(_resonance(beliefs, max(kept)).amplitude / gain))
+        amplitudes = tuple(within_reach)
+        level = float(np.median(_resonance(beliefs, max(within_reach)).amplitude / gain))
     return [Backbone(_rounded(level), amplitudes, dwell, settle, reach.fs, natural)]
 
 

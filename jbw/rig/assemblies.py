@@ -142,14 +142,17 @@ def portal_frame(
     """
     mesh = _Mesh()
     base = _numbers_from(elements)
-    left, right = (np.arange(n, n + elements + 1) for n in (base, 2 * base))
-    beam = [left[-1], *range(3 * base + 1, 3 * base + elements), right[-1]]
+    first_column, second_column = (np.arange(n, n + elements + 1) for n in (base, 2 * base))
+    beam = [first_column[-1], *range(3 * base + 1, 3 * base + elements), second_column[-1]]
     top = heights[0]
     steps = np.linspace(0, 1, elements + 1)
-    at = {int(node): (0.0, top * s) for node, s in zip(left, steps, strict=True)}
-    at |= {int(n): (span, top - (1 - s) * heights[1]) for n, s in zip(right, steps, strict=True)}
+    at = {int(node): (0.0, top * s) for node, s in zip(first_column, steps, strict=True)}
+    at |= {
+        int(n): (span, top - (1 - s) * heights[1])
+        for n, s in zip(second_column, steps, strict=True)
+    }
     at |= {int(node): (span * s, top) for node, s in zip(beam, steps, strict=True)}
-    for column in (left, right):
+    for column in (first_column, second_column):
         for a, b in pairwise(column):
             mesh.add_frame(int(a), int(b), at, section)
     corners = {int(beam[0]): "beam", int(beam[-1]): "beam"}
@@ -161,9 +164,11 @@ def portal_frame(
             ("left link", "right link"), (beam[0], beam[-1]), stiffness, strict=True
         )
     )
-    fixed = [(int(column[0]), d) for column in (left, right) for d in ("x", "z", "ry")]
+    fixed = [
+        (int(column[0]), d) for column in (first_column, second_column) for d in ("x", "z", "ry")
+    ]
     outputs = {"sway": f"{beam[0]}:x", "middle": f"{beam[elements // 2]}:z"}
-    driven = {f"{left[elements // 2]}:x": 1.0}
+    driven = {f"{first_column[elements // 2]}:x": 1.0}
     return JointedModel(mesh.model(fixed), joints, driven, outputs, to_hz=400.0)
 
 
@@ -283,8 +288,8 @@ class _Mesh:
         )
         return matrix_model(mass, stiffness, units="SI", dofs=[names[row] for row in free])
 
-    def _numbers(self, places: Sequence[tuple[Any, str]]) -> list[int]:
-        return [self._rows.setdefault(place, len(self._rows)) for place in places]
+    def _numbers(self, dofs: Sequence[tuple[Any, str]]) -> list[int]:
+        return [self._rows.setdefault(dof, len(self._rows)) for dof in dofs]
 
     def _assembled(self, elements: Sequence[tuple[list[int], np.ndarray]]) -> sp.csc_array:
         row = np.concatenate([np.repeat(rows, len(rows)) for rows, _ in elements])

@@ -65,8 +65,8 @@ def write(campaign: RigCampaign, folder: str | Path) -> Path:
                     units = {"demand": record.units[record.source], **record.units}
                     filed = replace(record, channels=channels, units=units)
                 # float32 holds the 24 bits of the converters exactly; a curve has no converter.
-                kept = np.float64 if np.isnan(record.fs) else np.float32
-                write_hdf5(folder / f"{record.name}.h5", filed, dtype=kept)
+                dtype = np.float64 if np.isnan(record.fs) else np.float32
+                write_hdf5(folder / f"{record.name}.h5", filed, dtype=dtype)
         _write_text(folder / "truth.json", json.dumps(campaign.truth, indent=2) + "\n")
         _write_text(target, _campaign_text(campaign))
     except OSError as error:

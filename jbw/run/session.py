@@ -57,11 +57,11 @@ def give_back_after_compiling() -> None:
 def trimming(trim: Callable[[int], Any]) -> Callable[..., None]:
     """What is told of durations and asks to `trim` the heap, keeping no margin, after compiles."""
 
-    def told(event: str, duration: float, **facts: str | int) -> None:
+    def after_compile(event: str, duration: float, **facts: str | int) -> None:
         if event == COMPILED and duration >= LONG_S:
             trim(0)
 
-    return told
+    return after_compile
 
 
 def keep_compiled(name: str) -> Path | None:

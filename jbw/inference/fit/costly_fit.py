@@ -72,15 +72,15 @@ def costly_fit(
             remedy="Look at the data with `jbw check`, for swapped channels, units or NaN, and at "
             "the bounds for parameters that cannot be solved.",
         )
-    x, slope = (np.asarray(each) for each in from_search(jax.device_put(best.x), box))
+    x, slope = (np.asarray(point) for point in from_search(jax.device_put(best.x), box))
     jacobian = part(best.x, 1)
     if tolerance <= TOLERANCE:
         s = best.x
         jacobian = wide_enough(
             jacobian, lambda steps: _with_differences(residual, box, data, s, steps)[1], s
         )
-    found = describe_optimum(x, part(best.x, 0), jacobian / slope, box, costs)
-    return replace(found, num_refused=sum(end.num_refused for end in ends))
+    optimum = describe_optimum(x, part(best.x, 0), jacobian / slope, box, costs)
+    return replace(optimum, num_refused=sum(end.num_refused for end in ends))
 
 
 def wide_enough(
@@ -103,7 +103,7 @@ def wide_enough(
         now = differences(h)
         if not np.all(np.isfinite(now)):
             break
-        new, old = (np.diag(np.linalg.inv(precision(one))) for one in (now, before))
+        new, old = (np.diag(np.linalg.inv(precision(derivatives))) for derivatives in (now, before))
         off = np.sqrt(np.maximum(new / old, old / new))
         if before is jacobian and np.all(off < SAME):
             break

@@ -77,16 +77,16 @@ def fit(
         Section 3.1, in place of its sequential quadratic programming.
     """
     require_float64()
-    ends, reached = _solve(residual, box, data, _starts(starts, box, key))
-    costs = np.where(np.isfinite(reached), reached, np.inf)
+    ends, end_costs = _solve(residual, box, data, _starts(starts, box, key))
+    costs = np.where(np.isfinite(end_costs), end_costs, np.inf)
     num_refused = 0
     for best in np.argsort(costs, kind="stable"):
         if not np.isfinite(costs[best]):
             break
         jacobian, r = map(np.asarray, linearise(residual, ends[best], box, data))
         if np.all(np.isfinite(jacobian)):
-            found = describe_optimum(np.asarray(ends[best]), r, jacobian, box, costs)
-            return replace(found, num_refused=num_refused)
+            optimum = describe_optimum(np.asarray(ends[best]), r, jacobian, box, costs)
+            return replace(optimum, num_refused=num_refused)
         num_refused += 1
         costs[best] = np.inf
     raise ModelError(
@@ -165,13 +165,13 @@ def _solve(
     def of_logit(u: Array, data: PyTree) -> Array:
         return real(residual(from_unit(jax.nn.sigmoid(u), box), data))
 
-    def one(x: Array) -> tuple[Array, Array]:
+    def from_start(x: Array) -> tuple[Array, Array]:
         u = jax.scipy.special.logit(x)
         end = optx.least_squares(of_logit, solver, u, data, max_steps=MOST_STEPS, throw=False).value
         return jax.nn.sigmoid(end), 0.5 * jnp.sum(of_logit(end, data) ** 2)
 
     # One after another: each start takes its own number of steps, and a solver runs unbatched.
-    return jax.lax.map(one, x_starts)
+    return jax.lax.map(from_start, x_starts)
 
 
 @eqx.filter_jit
@@ -181,8 +181,8 @@ def linearise(
     """Jacobian with respect to the unit coordinate x, and residual, in one pass."""
 
     def both(x: Array) -> tuple[Array, Array]:
-        left = real(residual(from_unit(x, box), data))
-        return left, left
+        residuals = real(residual(from_unit(x, box), data))
+        return residuals, residuals
 
     return jax.jacfwd(both, has_aux=True)(x)
 
@@ -215,8 +215,8 @@ def _at_bound(
 ) -> dict[str, str]:
     """Parameters near a bound whose own Newton step leads onto it or beyond."""
     curvature = np.sum(jacobian**2, axis=0)
-    reached = x - (jacobian.T @ residual) / np.where(curvature > 0, curvature, np.inf)
-    lower = (x < NEAR_BOUND) & (reached <= 0)
-    upper = (x > 1 - NEAR_BOUND) & (reached >= 1)
+    newton_end = x - (jacobian.T @ residual) / np.where(curvature > 0, curvature, np.inf)
+    lower = (x < NEAR_BOUND) & (newton_end <= 0)
+    upper = (x > 1 - NEAR_BOUND) & (newton_end >= 1)
     sides = np.where(lower, "lower", np.where(upper, "upper", "")).tolist()
     return {name: side for name, side in zip(names, sides, strict=True) if side}

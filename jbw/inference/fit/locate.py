@@ -49,34 +49,34 @@ def locate(
     theta = Composed((inner, outer))
 
     def residual(u: Float[Array, " parameter"]) -> Float[Array, " values"]:
-        own = search.residual(named(theta.forward(u), box), data)
-        return jnp.concatenate([own, jnp.sqrt(PRIOR_PRECISION) * (u - 0.5)])
+        scaled = search.residual(named(theta.forward(u), box), data)
+        return jnp.concatenate([scaled, jnp.sqrt(PRIOR_PRECISION) * (u - 0.5)])
 
     u = jax.random.uniform(key, (search.num_looks, len(box.names)))
-    costs = jax.lax.map(lambda one: _cost(residual(one)), u, batch_size=search.num_looks)
-    found = _descend(residual, u[jnp.argmin(costs)], search.num_steps)
+    costs = jax.lax.map(lambda point: _cost(residual(point)), u, batch_size=search.num_looks)
+    optimum = _descend(residual, u[jnp.argmin(costs)], search.num_steps)
     # So wide that the sampler's logit is a straight line over the box.
     reach = WIDER * (upper - lower)
     bounds = lower - reach, upper + reach
-    logit = interval(*bounds).inverse(inner.forward(found.u))
+    logit = interval(*bounds).inverse(inner.forward(optimum.u))
     x = jax.nn.sigmoid(logit)
     slope = (upper - lower) / ((bounds[1] - bounds[0]) * x * (1 - x))
     # The Laplace approximation, where the residual is stationary.
-    root = jnp.linalg.cholesky(found.jacobian.T @ found.jacobian)
+    root = jnp.linalg.cholesky(optimum.jacobian.T @ optimum.jacobian)
     factor = jax.scipy.linalg.solve_triangular(root, jnp.eye(x.size), lower=True).T
     whitening = Affine(logit, slope[:, None] * factor)
     return Problem(log_likelihood, box, data, outer, *bounds, whitening, True)
 
 
-def _cost(left: Float[Array, " values"]) -> Float[Array, ""]:
-    return jnp.nan_to_num(jnp.sum(left**2), nan=jnp.inf)
+def _cost(residuals: Float[Array, " values"]) -> Float[Array, ""]:
+    return jnp.nan_to_num(jnp.sum(residuals**2), nan=jnp.inf)
 
 
 class _Place(NamedTuple):
     """Where a search is: point, residual and Jacobian there, damping."""
 
     u: Float[Array, " parameter"]
-    left: Float[Array, " values"]
+    residuals: Float[Array, " values"]
     jacobian: Float[Array, "values parameter"]
     damping: Float[Array, ""]
 
@@ -90,20 +90,20 @@ def _descend(
     """
 
     def both(u: Array) -> tuple[Array, Array]:
-        left = residual(u)
-        return left, left
+        residuals = residual(u)
+        return residuals, residuals
 
     def step(at: _Place, i: Array) -> tuple[_Place, None]:
         normal = at.jacobian.T @ at.jacobian
         shaped = normal + at.damping * jnp.diag(jnp.diagonal(normal))
-        move = jnp.linalg.solve(shaped, at.jacobian.T @ at.left)
+        move = jnp.linalg.solve(shaped, at.jacobian.T @ at.residuals)
         # The first step stays: so the Jacobian stands in one place and is compiled once.
         u = jnp.where(i == 0, at.u, jnp.clip(at.u - move, -BEYOND, 1 + BEYOND))
-        jacobian, left = jax.jacfwd(both, has_aux=True)(u)
-        better = (_cost(left) < _cost(at.left)) | (i == 0)
-        there = _Place(u, left, jacobian, jnp.where(i == 0, at.damping, at.damping / FALL))
-        back = at._replace(damping=at.damping * RISE)
-        return jax.tree.map(lambda a, b: jnp.where(better, a, b), there, back), None
+        jacobian, residuals = jax.jacfwd(both, has_aux=True)(u)
+        better = (_cost(residuals) < _cost(at.residuals)) | (i == 0)
+        moved = _Place(u, residuals, jacobian, jnp.where(i == 0, at.damping, at.damping / FALL))
+        retried = at._replace(damping=at.damping * RISE)
+        return jax.tree.map(lambda a, b: jnp.where(better, a, b), moved, retried), None
 
     size = jax.eval_shape(residual, u).size
     first = _Place(u, jnp.ones(size), jnp.eye(size, u.size), jnp.asarray(FIRST))

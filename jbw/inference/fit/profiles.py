@@ -141,7 +141,7 @@ def walk(
     sides: list[list[Point]] = []
     for sign in (-1.0, 1.0):
         s, side = start, [(start, centre)]
-        for place in _places(start[held], sign, sd):
+        for place in _steps(start[held], sign, sd):
             within = abs(place - start[held]) <= REACH * sd * (1 + 1e-9)
             if not within and side[-1][1] > centre + THRESHOLD:
                 break
@@ -178,7 +178,7 @@ def _sd(jacobian: Float[np.ndarray, "residual parameter"], held: int) -> float:
     return min(1 / residual, 1.0) if residual > 1e-9 * float(np.linalg.norm(column)) else 1.0
 
 
-def _places(centre: float, side: float, sd: float) -> list[float]:
+def _steps(centre: float, side: float, sd: float) -> list[float]:
     """Where to hold the coordinate on one side, outwards; the last one is the box's bound."""
     room = 1 - centre if side > 0 else centre
     if room <= ON_BOUND:
@@ -186,7 +186,7 @@ def _places(centre: float, side: float, sd: float) -> list[float]:
     reach = min(REACH * sd, room)
     steps = list(reach * np.arange(1, PLACES + 1) / PLACES)
     beyond = [REACH * sd * 2.0**k for k in range(1, MOST_FURTHER + 1)]
-    steps += [each for each in beyond if reach < each < room]
+    steps += [step for step in beyond if reach < step < room]
     if steps[-1] < room:
         steps.append(room)
     # On the bound itself exactly: a difference may miss it by rounding.
@@ -200,22 +200,22 @@ def constrained(part: Part, s: NDArray[np.float64], held: int, place: float) -> 
     """
     free = np.arange(len(s)) != held
 
-    def whole(rest: NDArray[np.float64]) -> NDArray[np.float64]:
+    def point_of(rest: NDArray[np.float64]) -> NDArray[np.float64]:
         point = np.full(len(s), place)
         point[free] = rest
         return point
 
     if not np.any(free):
-        point_alone = whole(np.empty(0))
+        point_alone = point_of(np.empty(0))
         chi_square = float(np.sum(part(point_alone, 0) ** 2))
         return point_alone, chi_square if np.isfinite(chi_square) else np.inf
 
     def of_rest(rest: NDArray[np.float64], which: int) -> NDArray[np.float64]:
-        value = part(whole(rest), which)
+        value = part(point_of(rest), which)
         return value[:, free] if which else value
 
     end: Any = trust_region(of_rest, np.clip(s[free], 0.0, 1.0), MOST_EVALUATIONS, TOLERANCE)
-    return whole(end.x), 2 * float(end.cost)
+    return point_of(end.x), 2 * float(end.cost)
 
 
 def profile_statements(of_all: Mapping[str, Profile]) -> list[str]:

@@ -34,8 +34,8 @@ def about_valley(residual: Residual, box: Box, data: PyTree, best: Fit) -> Repar
     for held in _least_known(part(start, 1)):
         points, chi_square = walk(part, start, held)
         near = chi_square < chi_square.min() + FAR
-        kept = near & np.append(True, np.diff(points[:, held]) > APART)
-        floor = _floor(part, held, points[kept], chi_square[kept])
+        on_floor = near & np.append(True, np.diff(points[:, held]) > APART)
+        floor = _floor(part, held, points[on_floor], chi_square[on_floor])
         if len(floor.points) > 1 and not np.any(np.abs(floor.slopes) > STEEP):
             floor = _finer(part, floor, unit) or floor
             return along_valley(floor, search_coordinate(box), unit)
@@ -60,25 +60,25 @@ def _floor(
     for point in points:
         # Where the model cannot be solved beside the point, the box alone bounds the others.
         jacobian = np.nan_to_num(part(point, 1), posinf=0.0, neginf=0.0)
-        others, own = np.delete(jacobian, held, axis=1), jacobian[:, held]
+        others, held_column = np.delete(jacobian, held, axis=1), jacobian[:, held]
         covariance = np.linalg.inv(precision(others))
-        slopes.append(-covariance @ (others.T @ own))
+        slopes.append(-covariance @ (others.T @ held_column))
         roots.append(np.linalg.cholesky(covariance))
     return Floor(held, points, np.stack(slopes), chi_square, np.stack(roots))
 
 
 def _finer(part: Part, floor: Floor, unit: Any) -> Floor | None:
     """The floor with optima put in where it misses them between two knots; None where nowhere."""
-    middles, found = (floor.points[1:, floor.held] + floor.points[:-1, floor.held]) / 2, []
+    middles, optima = (floor.points[1:, floor.held] + floor.points[:-1, floor.held]) / 2, []
     flat = along_valley(floor, IDENTITY, unit).outer
     for place in middles:
         guess = np.asarray(flat.forward(jnp.zeros(len(unit[0])).at[floor.held].set(place)))
         point, least = constrained(part, guess, floor.held, float(place))
         if float(np.sum(part(guess, 0) ** 2)) > least + OFF:
-            found.append((point, least))
-    if not found:
+            optima.append((point, least))
+    if not optima:
         return None
-    rows, costs = zip(*found, strict=True)
+    rows, costs = zip(*optima, strict=True)
     points = np.vstack([floor.points, rows])
     order = np.argsort(points[:, floor.held])
     chi_square = np.append(floor.chi_square, costs)

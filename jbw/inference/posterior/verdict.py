@@ -90,8 +90,8 @@ def _convergence(draws: Draws, sampler: str = "") -> list[Finding]:
     if all(len(values) == 1 for values in draws.values()):
         chains = {"num_chains": NUM_CHAINS}
         unknown = float("nan")
-        alone = Finding("r_hat", "not assessed", {}, unknown, chains, entry="r_hat.one_chain")
-        return [*findings, alone]
+        one_chain = Finding("r_hat", "not assessed", {}, unknown, chains, entry="r_hat.one_chain")
+        return [*findings, one_chain]
     # An R-hat that cannot be computed counts as the worst.
     name = max(rows, key=lambda name: np.nan_to_num(rows[name]["r_hat"], nan=np.inf))
     r_hat = rows[name]["r_hat"]

@@ -53,10 +53,10 @@ def force_at(
     joint = as_oscillator(joint)
     require_periodic(joint)
 
-    def left(x: Float[Array, " unknown"]) -> Float[Array, " unknown"]:
+    def imbalance(x: Float[Array, " unknown"]) -> Float[Array, " unknown"]:
         return _split(_imbalance(joint, omega, y_peak, x)[1:])
 
-    x = newton_steps(left, jnp.zeros(2 * num_harmonics - 2), num_steps)
+    x = newton_steps(imbalance, jnp.zeros(2 * num_harmonics - 2), num_steps)
     return jnp.asarray(y_peak * _imbalance(joint, omega, y_peak, x)[0])
 
 
@@ -91,7 +91,7 @@ def tone_at_phase(
     require_periodic(joint)
     turn = jax.lax.complex(jnp.cos(phase), jnp.sin(phase))
 
-    def left(x: Float[Array, " unknown"]) -> Float[Array, " unknown"]:
+    def imbalance(x: Float[Array, " unknown"]) -> Float[Array, " unknown"]:
         r = _imbalance(joint, x[-1] * joint.omega_n, y_peak, x[:-1])
         return jnp.append(_split(r[1:]), jnp.imag(r[0] * turn)) / joint.omega_n**2
 
@@ -102,7 +102,7 @@ def tone_at_phase(
     half = joint.zeta * joint.omega_n * cotangent
     squared = joint.omega_n**2 + jnp.real(law) + jnp.imag(law) * cotangent
     omega = half + jnp.sqrt(half**2 + squared)
-    x = newton_steps(left, jnp.append(none, omega / joint.omega_n), num_steps)
+    x = newton_steps(imbalance, jnp.append(none, omega / joint.omega_n), num_steps)
     force = _imbalance(joint, x[-1] * joint.omega_n, y_peak, x[:-1])[0]
     return x[-1] * joint.omega_n, y_peak * jnp.abs(force)  # pyright: ignore[reportReturnType]
 
