@@ -46,8 +46,8 @@ def breaks_of(x: Reals, period: float) -> tuple[int, ...]:
     loud = size > MATTERS * size.max()
     rows = np.flatnonzero(loud)
     rows = rows[:: -(-len(rows) // FITTED)]
-    told = past[rows] / size[rows, None]
-    weights = np.linalg.lstsq(told[:, :-1], told[:, -1])[0]
+    scaled_past = past[rows] / size[rows, None]
+    weights = np.linalg.lstsq(scaled_past[:, :-1], scaled_past[:, -1])[0]
     error = np.abs(np.correlate(x, np.append(-weights, 1.0), "valid"))
     around = median_filter(error, 4 * reach + 1, mode="nearest") / 0.6745
     loud &= size > LOUD_OVER * around

@@ -98,8 +98,8 @@ def forced_loop(record: Record) -> ForcedLoop:
     return ForcedLoop(record.fs, record.channels["displacement"], record.channels[force])
 
 
-def _must_have(record: Record, wanted: tuple[tuple[str, ...], ...], what: str) -> None:
-    for roles in wanted:
+def _must_have(record: Record, alternatives: tuple[tuple[str, ...], ...], what: str) -> None:
+    for roles in alternatives:
         if not any(role in record.channels for role in roles):
             raise DataError(
                 f"{record.name}: {what} needs a channel `{' or '.join(roles)}`, "

@@ -127,9 +127,9 @@ def read_decay(
     omega = 2 * np.pi * centre_hz + slope.imag / step_s
     damping = -slope.real / step_s / omega
     missed = np.linalg.norm(np.exp(pieces) - np.exp((powers @ fitted).T), axis=1)
-    kept = (damping > 0) & (missed < MISSED * np.linalg.norm(np.exp(pieces), axis=1))
+    is_reading = (damping > 0) & (missed < MISSED * np.linalg.norm(np.exp(pieces), axis=1))
     reading = np.exp(level.real), omega / (2 * np.pi), damping
-    return Reading(*(values[kept] for values in reading))
+    return Reading(*(values[is_reading] for values in reading))
 
 
 def decay_steps(log_size: Float[np.ndarray, " time"]) -> float:

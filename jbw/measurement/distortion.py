@@ -74,17 +74,17 @@ def best_linear_approximation(u: ArrayLike, y: ArrayLike, fs: float) -> BestLine
     spectra_u, spectra_y = np.fft.rfft(u), np.fft.rfft(y)
     lines = excited_lines(u)
     mean_u, mean_y = (x.mean(axis=1)[:, lines] for x in (spectra_u, spectra_y))
-    each = mean_y / mean_u
+    ratios = mean_y / mean_u
     # Noise of source and response together, as the ratio of a period has it to first order.
-    left = spectra_y[..., lines] - each[:, None] * spectra_u[..., lines]
-    noise = np.full(each.shape, np.nan)
+    residual = spectra_y[..., lines] - ratios[:, None] * spectra_u[..., lines]
+    noise = np.full(ratios.shape, np.nan)
     if num_periods > 1:
-        square = np.sum(np.abs(left) ** 2, axis=1) / (num_periods - 1)
+        square = np.sum(np.abs(residual) ** 2, axis=1) / (num_periods - 1)
         noise = square / num_periods / np.abs(mean_u) ** 2
-    h, noise = each.mean(axis=0), noise.mean(axis=0) / count
+    h, noise = ratios.mean(axis=0), noise.mean(axis=0) / count
     total, distortion = np.full(h.shape, np.nan), np.full(h.shape, np.nan)
     if count > 1:
-        total = np.sum(np.abs(each - h) ** 2, axis=0) / (count * (count - 1))
+        total = np.sum(np.abs(ratios - h) ** 2, axis=0) / (count * (count - 1))
         distortion = np.maximum(count * (total - noise), 0.0)
     freq = lines * fs / u.shape[-1]
     roots = np.sqrt(noise), np.sqrt(total), np.sqrt(distortion)
@@ -105,14 +105,14 @@ def detection_lines(u: ArrayLike, y: ArrayLike) -> Distortion:
     idle = np.setdiff1d(band, lines)
     nearest = lines[np.argmin(np.abs(idle[:, None] - lines[None]), axis=1)] if idle.size else idle
     ratio = mean_y[nearest] / mean_u[nearest]
-    left = mean_y[idle] - ratio * mean_u[idle]
+    response = mean_y[idle] - ratio * mean_u[idle]
     size = _rms(mean_y[lines])
     noise = np.nan
     if len(whole_u) > 1:
         spread = spectra_y - mean_y
         variance = np.sum(np.abs(spread) ** 2, axis=0) / (len(whole_u) * (len(whole_u) - 1))
         noise = float(np.sqrt(variance[band].mean()))
-    odd, even = left[idle % 2 == 1], left[idle % 2 == 0]
+    odd, even = response[idle % 2 == 1], response[idle % 2 == 0]
     return Distortion(_rms(odd) / size, _rms(even) / size, noise / size, odd.size, even.size)
 
 

@@ -38,8 +38,8 @@ class Harmonics:
     @property
     def variance(self) -> Reals:
         """E|error|^2 of each amplitude, real and imaginary part together [m^2]."""
-        each = np.diagonal(self.covariance, axis1=-2, axis2=-1)
-        return each.reshape(*self.amplitudes.shape, 2).sum(axis=-1)
+        variances = np.diagonal(self.covariance, axis1=-2, axis2=-1)
+        return variances.reshape(*self.amplitudes.shape, 2).sum(axis=-1)
 
     @property
     def is_drifting(self) -> NDArray[np.bool_]:
@@ -167,9 +167,11 @@ def _fitted(y: Reals, design: Reals, tones: Tones) -> SineFit:
     change = cho_solve(factor, design @ residual.reshape(-1, num_samples).T).T
     solution = (solution + change).reshape(*y.shape[:-1], -1)
     residual = y - solution @ design
-    kept = slice(0, 2 * tones.num_harmonics)
-    amplitudes = solution[..., kept][..., 0::2] + 1j * solution[..., kept][..., 1::2]
-    inverse = cho_solve(factor, np.eye(len(design)))[kept, kept]
+    of_harmonics = slice(0, 2 * tones.num_harmonics)
+    amplitudes = (
+        solution[..., of_harmonics][..., 0::2] + 1j * solution[..., of_harmonics][..., 1::2]
+    )
+    inverse = cho_solve(factor, np.eye(len(design)))[of_harmonics, of_harmonics]
     orders = np.arange(1, tones.num_harmonics + 1)
     omegas = np.concatenate([tones.omega * orders, np.asarray(tones.also, float)])
     return SineFit(amplitudes, residual, inverse, omegas, num_samples - len(design))

@@ -45,8 +45,8 @@ def _readings(curve: ControlledCurve, gain: float) -> Iterator[Reading]:
     squared = omega**2 + pull * np.cos(phase)
     natural = np.sqrt(np.where(squared > 0, squared, np.nan))
     damping = -pull * np.sin(phase) / (2 * natural * omega)
-    known = np.isfinite(natural)
-    rows = (curve.amplitude[known], natural[known] / (2 * np.pi), damping[known])
+    is_finite = np.isfinite(natural)
+    rows = (curve.amplitude[is_finite], natural[is_finite] / (2 * np.pi), damping[is_finite])
     yield from map(Reading, *(row.tolist() for row in rows))
 
 

@@ -70,8 +70,8 @@ def cycles_of(loop: ForcedLoop) -> list[Cycle]:
 
 def _between_passages(loop: ForcedLoop) -> list[Cycle]:
     """Whole cycles of a loop, from one passage of the middle to the second next."""
-    places = passages(loop.displacement)
-    return [_cycle(loop, *ends) for ends in zip(places[:-2:2], places[2::2], strict=False)]
+    crossings = passages(loop.displacement)
+    return [_cycle(loop, *ends) for ends in zip(crossings[:-2:2], crossings[2::2], strict=False)]
 
 
 def _cycle(loop: ForcedLoop, first: int, last: int) -> Cycle:
@@ -90,7 +90,7 @@ def passages(y: Reals) -> list[int]:
     reach, ends = float(np.ptp(y)), (float(np.min(y)), float(np.max(y)))
     goes_both_ways = min(-ends[0], ends[1]) > TURN * reach
     away = y - (0.0 if goes_both_ways else 0.5 * sum(ends))
-    far, found = AT_REST * reach, []
+    far, crossings = AT_REST * reach, []
     side = last = 0.0
     place = 0
     for i, (x, sign) in enumerate(zip(away, np.sign(away), strict=True)):
@@ -98,15 +98,15 @@ def passages(y: Reals) -> list[int]:
             last, place = sign, i
         if abs(x) > far and sign != side:
             side = sign
-            found.append(place)
+            crossings.append(place)
     begins = [] if abs(away[0]) > far else [0]
-    closes = [] if not found or abs(away[-1]) > far else [len(y) - 1]
-    return [*begins, *found[1:], *closes]
+    closes = [] if not crossings or abs(away[-1]) > far else [len(y) - 1]
+    return [*begins, *crossings[1:], *closes]
 
 
 def readings_of_cycles(loop: ForcedLoop) -> list[CycleReading]:
     """Every whole cycle of a loop, in its order."""
-    found: list[CycleReading] = []
+    readings: list[CycleReading] = []
     first: dict[int, float] = {}
     cycles = _between_passages(loop)
     groups = _amplitudes(cycles)
@@ -119,9 +119,9 @@ def readings_of_cycles(loop: ForcedLoop) -> list[CycleReading]:
         first.setdefault(group, stiffness)
         damping = work / (2 * np.pi * stiffness * amplitude**2) if stiffness else np.nan
         retained = stiffness / first[group] if first[group] else np.nan
-        again = groups.count(group) > 1
-        found.append(CycleReading(amplitude, stiffness, work, damping, retained, again))
-    return found
+        is_repeated = groups.count(group) > 1
+        readings.append(CycleReading(amplitude, stiffness, work, damping, retained, is_repeated))
+    return readings
 
 
 def _amplitudes(cycles: Sequence[Cycle]) -> list[int]:
@@ -129,9 +129,9 @@ def _amplitudes(cycles: Sequence[Cycle]) -> list[int]:
     strokes: list[float] = []
     numbers = []
     for cycle in cycles:
-        known = [i for i, stroke in enumerate(strokes) if abs(cycle.stroke / stroke - 1) < ALIKE]
-        strokes += [] if known else [cycle.stroke]
-        numbers.append(known[0] if known else len(strokes) - 1)
+        matching = [i for i, stroke in enumerate(strokes) if abs(cycle.stroke / stroke - 1) < ALIKE]
+        strokes += [] if matching else [cycle.stroke]
+        numbers.append(matching[0] if matching else len(strokes) - 1)
     return numbers
 
 
@@ -156,8 +156,8 @@ def drift_of(loop: ForcedLoop) -> float:
     Zero where that is no steady course: a joint that forgets its start slows down.
     """
     most = 0.0
-    for alike in of_one_amplitude(cycles_of(loop)):
-        centres, halves = np.transpose([_centre(loop, cycle) for cycle in alike[1:]])
+    for equal_cycles in of_one_amplitude(cycles_of(loop)):
+        centres, halves = np.transpose([_centre(loop, cycle) for cycle in equal_cycles[1:]])
         middle = len(centres) // 2
         if not 0 < middle < len(centres) - 1:
             continue
@@ -172,23 +172,23 @@ def drift_of(loop: ForcedLoop) -> float:
 
 def lopsided(loop: ForcedLoop) -> float:
     r"""Median of $(F^+ - F^-) / (F^+ + F^-)$ of the forces at the turning points of all cycles."""
-    found = np.array([_centre(loop, cycle) for cycle in cycles_of(loop)])
-    if not len(found):
+    centres = np.array([_centre(loop, cycle) for cycle in cycles_of(loop)])
+    if not len(centres):
         return 0.0
-    centre, half = found.T
+    centre, half = centres.T
     start = start_of(loop) or 0.0
     return float(np.median((centre - start * np.max(half)) / np.maximum(half, TINY)))
 
 
 def of_one_amplitude(cycles: Sequence[Cycle]) -> list[list[Cycle]]:
     """Runs of three cycles or more whose strokes are alike."""
-    found: list[list[Cycle]] = []
+    groups: list[list[Cycle]] = []
     for cycle in cycles:
-        if found and abs(cycle.stroke / found[-1][0].stroke - 1) < ALIKE:
-            found[-1].append(cycle)
+        if groups and abs(cycle.stroke / groups[-1][0].stroke - 1) < ALIKE:
+            groups[-1].append(cycle)
         else:
-            found.append([cycle])
-    return [each for each in found if len(each) >= FEWEST]
+            groups.append([cycle])
+    return [group for group in groups if len(group) >= FEWEST]
 
 
 def _centre(loop: ForcedLoop, cycle: Cycle) -> tuple[float, float]:

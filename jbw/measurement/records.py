@@ -134,8 +134,8 @@ class Test:
 
     def __post_init__(self) -> None:
         if any(record.drive != self.drive for record in self.records):
-            own = tuple(replace(record, drive=self.drive) for record in self.records)
-            object.__setattr__(self, "records", own)
+            with_drive = tuple(replace(record, drive=self.drive) for record in self.records)
+            object.__setattr__(self, "records", with_drive)
 
     @property
     def traits(self) -> Kind:
@@ -241,14 +241,14 @@ def _per_source(role: str, unit: str) -> tuple[float, str, str] | None:
 
     An accelerance in `1/kg` and a mobility in `m/(N s)` are such.
     """
-    found = measured(plain(unit))
-    for moved in QUANTITIES[role] if found else ():
+    of_unit = measured(plain(unit))
+    for moved in QUANTITIES[role] if of_unit else ():
         above = measured(si_unit(moved))
         for source in INPUTS:
             for quantity in QUANTITIES[source]:
                 below = measured(si_unit(quantity))
                 if quantity == "force per mass" or above is None or below is None:
                     continue
-                if found and found[1] == tuple(np.subtract(above[1], below[1])):
-                    return found[0], si_unit(moved), source
+                if of_unit and of_unit[1] == tuple(np.subtract(above[1], below[1])):
+                    return of_unit[0], si_unit(moved), source
     return None

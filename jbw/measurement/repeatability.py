@@ -60,16 +60,16 @@ def repeatability(y: ArrayLike) -> Repeatability:
         raise DataError("Channel `y` is constant.", why="It shows no response.")
     slope, t = np.gradient(mean), np.linspace(-1.0, 1.0, length)
     basis = np.linalg.qr(np.column_stack([mean, slope, t * slope]))[0]
-    left = rows - mean
-    along = left @ basis
+    deviations = rows - mean
+    along = deviations @ basis
     explained = float(np.sum(along**2))
-    rest = max(float(np.sum(left**2)) - explained, 0.0)
+    rest = max(float(np.sum(deviations**2)) - explained, 0.0)
     degrees = SHAPES * (count - 1), (length - SHAPES) * (count - 1)
     noise = rest / degrees[1]
     # Coloured noise has more power where the response has: its own band is what it is judged by.
-    ratio = explained / degrees[0] / max(_in_band(left, mean), noise, 1e-300)
+    ratio = explained / degrees[0] / max(_in_band(deviations, mean), noise, 1e-300)
     return Repeatability(
-        scatter=float(np.sqrt(np.sum(left**2) / ((count - 1) * length) / power)),
+        scatter=float(np.sqrt(np.sum(deviations**2) / ((count - 1) * length) / power)),
         noise=float(np.sqrt(noise / power)),
         size=float(np.std(along[:, 0], ddof=1) / np.sqrt(length * power)),
         p=float(f_distribution.sf(ratio, degrees[0], max(_lines(mean) * (count - 1), 1))),
@@ -87,10 +87,10 @@ def _lines(mean: np.ndarray) -> int:
     return 2 * int(np.sum(_band(mean)))
 
 
-def _in_band(left: np.ndarray, mean: np.ndarray) -> float:
+def _in_band(deviations: np.ndarray, mean: np.ndarray) -> float:
     """Variance a sample of noise as strong everywhere as the median line of the response's band."""
     band = _band(mean)
-    power = np.sum(np.abs(np.fft.rfft(left))[:, band] ** 2, axis=0) / (len(left) - 1)
+    power = np.sum(np.abs(np.fft.rfft(deviations))[:, band] ** 2, axis=0) / (len(deviations) - 1)
     # Median over mean of a chi-square of 2 k degrees of freedom, by Wilson and Hilferty.
-    k = len(left) - 1
-    return float(np.median(power) / left.shape[1] / (1 - 1 / (9 * k)) ** 3)
+    k = len(deviations) - 1
+    return float(np.median(power) / deviations.shape[1] / (1 - 1 / (9 * k)) ** 3)

@@ -53,15 +53,15 @@ def interpolated(
     reach = int(np.ceil(REACH * stretch))
     offsets = np.arange(1 - reach, reach + 1)
     padded = _mirrored(x, reach)
-    found = []
+    values = []
     for first in range(0, len(place), max(1, int(CHUNK / stretch))):
         at = place[first : first + max(1, int(CHUNK / stretch))]
-        whole = np.floor(at).astype(int)
-        weight = _kernel(((at - whole)[:, None] - offsets) / stretch)
-        rows = padded[whole[:, None] + offsets + reach]
+        nearest = np.floor(at).astype(int)
+        weight = _kernel(((at - nearest)[:, None] - offsets) / stretch)
+        rows = padded[nearest[:, None] + offsets + reach]
         # Their sum is one but for the window's ripple: a constant stays what it is.
-        found.append(np.sum(weight * rows, axis=1) / np.sum(weight, axis=1))
-    return np.concatenate(found) if found else np.zeros(0)
+        values.append(np.sum(weight * rows, axis=1) / np.sum(weight, axis=1))
+    return np.concatenate(values) if values else np.zeros(0)
 
 
 def _mirrored(x: Reals, reach: int) -> Reals:
@@ -75,44 +75,44 @@ def _kernel(away: Reals) -> Reals:
     return np.sinc(away) * np.i0(BETA * np.sqrt(inside)) / np.i0(BETA) * shown
 
 
-def at_rate(x: Reals, fs: float, wanted: float) -> tuple[Reals, str]:
+def at_rate(x: Reals, fs: float, new_fs: float) -> tuple[Reals, str]:
     """Even samples at another rate that is not higher, and what was done to them in words."""
-    if wanted > fs * (1 + 2e-5):
+    if new_fs > fs * (1 + 2e-5):
         raise DataError(
             f"`resample` must be at most the channel's sampling frequency, {fs:.7g} Hz, but is "
-            f"{wanted:g} Hz.",
+            f"{new_fs:g} Hz.",
             why="Above half of that frequency nothing was measured.",
             remedy=f"Put under [[test]]: `resample = {fs:.9g}`, or less.",
         )
-    size = int(np.floor((len(x) - 1) * wanted / fs * (1 + 1e-12))) + 1
-    ratio = max(fs / wanted, 1.0)
+    size = int(np.floor((len(x) - 1) * new_fs / fs * (1 + 1e-12))) + 1
+    ratio = max(fs / new_fs, 1.0)
     if len(x) < 2 * REACH * ratio:
         raise DataError(
-            f"{len(x)} samples are too few to be resampled from {fs:g} to {wanted:g} Hz.",
+            f"{len(x)} samples are too few to be resampled from {fs:g} to {new_fs:g} Hz.",
             remedy="Measure longer, or at one rate.",
         )
-    y = interpolated(x, np.arange(size) * (fs / wanted), ratio)
+    y = interpolated(x, np.arange(size) * (fs / new_fs), ratio)
     lost = np.sqrt(max(0.0, 1 - np.var(y) / max(float(np.var(x)), 1e-300)))
     return y, (
-        f"from {fs:.7g} to {wanted:.7g} Hz, to 3e-05 below {PASSED * wanted / 2:.4g} Hz; "
+        f"from {fs:.7g} to {new_fs:.7g} Hz, to 3e-05 below {PASSED * new_fs / 2:.4g} Hz; "
         f"{100 * lost:.2g} % of its rms lay above"
     )
 
 
-def from_uneven(x: Reals, time: Reals, wanted: float) -> tuple[Reals, str]:
+def from_uneven(x: Reals, time: Reals, new_fs: float) -> tuple[Reals, str]:
     """Uneven samples at an even rate, and the error of that in words."""
     usual = 1 / float(np.median(np.diff(time)))
-    if wanted > ABOVE * usual:
+    if new_fs > ABOVE * usual:
         raise DataError(
             f"`resample` must be at most the usual sampling frequency, {usual:.5g} Hz, but is "
-            f"{wanted:g} Hz.",
+            f"{new_fs:g} Hz.",
             why="Above half of that frequency nothing was measured.",
             remedy=f"Put under [[test]]: `resample = {proposed_rate(time):.9g}`, or less.",
         )
     span = float(time[-1] - time[0])
     pause = float(np.max(np.diff(time)))
-    rate = min(SHARE * (len(time) - 1) / span, 1 / pause, wanted)
-    at = np.arange(int(np.floor(span * wanted * (1 + 1e-12))) + 1) / wanted
+    rate = min(SHARE * (len(time) - 1) / span, 1 / pause, new_fs)
+    at = np.arange(int(np.floor(span * new_fs * (1 + 1e-12))) + 1) / new_fs
     out = np.arange(len(time)) % HELD_OUT == HELD_OUT // 2
     met = _band_limited(x[~out], time[~out] - time[0], rate, time[out] - time[0])
     error = float(np.std(met - x[out]) / max(float(np.std(x[out])), 1e-300))
@@ -127,7 +127,7 @@ def from_uneven(x: Reals, time: Reals, wanted: float) -> tuple[Reals, str]:
         )
     y = _band_limited(x, time - time[0], rate, at)
     return y, (
-        f"from uneven samples of some {usual:.4g} Hz to {wanted:.7g} Hz, below "
+        f"from uneven samples of some {usual:.4g} Hz to {new_fs:.7g} Hz, below "
         f"{PASSED * rate / 2:.4g} Hz; samples held out are met to {100 * error:.2g} % of the rms, "
         "their noise included"
     )
@@ -136,8 +136,8 @@ def from_uneven(x: Reals, time: Reals, wanted: float) -> tuple[Reals, str]:
 def proposed_rate(time: Reals) -> float:
     """A rate to which uneven samples may be resampled [Hz]: their usual one, of few digits."""
     usual = 1 / float(np.median(np.diff(time)))
-    whole = round(usual)
-    return float(whole) if abs(whole - usual) < NEAR * usual else float(f"{usual:.3g}")
+    rounded = round(usual)
+    return float(rounded) if abs(rounded - usual) < NEAR * usual else float(f"{usual:.3g}")
 
 
 def _band_limited(x: Reals, time: Reals, rate: float, at: Reals) -> Reals:
@@ -155,11 +155,11 @@ def _band_limited(x: Reals, time: Reals, rate: float, at: Reals) -> Reals:
         )[0]
         inner = OVERLAP // 2 if first else 0
         values[first + inner : end + 2 * REACH] = solved[inner:]
-    found = np.concatenate([
+    interpolants = np.concatenate([
         _matrix(at[i : i + CHUNK] * rate + REACH, len(values)) @ values
         for i in range(0, len(at), CHUNK)
     ])  # fmt: skip
-    return np.asarray(mean + scale * found, np.float64)
+    return np.asarray(mean + scale * interpolants, np.float64)
 
 
 def _blocks(size: int) -> Iterator[tuple[int, int]]:
@@ -171,8 +171,8 @@ def _blocks(size: int) -> Iterator[tuple[int, int]]:
 
 def _matrix(place: Reals, size: int) -> scipy.sparse.csr_array:
     """The kernel at places, a row each, over values of unit distance."""
-    whole = np.floor(place).astype(int)
-    columns = whole[:, None] + np.arange(1 - REACH, REACH + 1)
+    nearest = np.floor(place).astype(int)
+    columns = nearest[:, None] + np.arange(1 - REACH, REACH + 1)
     inside = (columns >= 0) & (columns < size)
     weight = np.where(inside, _kernel(place[:, None] - columns), 0.0)
     rows = np.broadcast_to(np.arange(len(place))[:, None], columns.shape)
@@ -193,11 +193,11 @@ def on_one_clock(record: Record, clock_ppm: float) -> Record:
     if not clock_ppm:
         return record
     ratio = 1 + clock_ppm / MILLION
-    kept = min(record.num_samples, int(np.floor((record.num_samples - 1) / ratio)) + 1)
-    place = np.arange(kept) * ratio
+    num_samples = min(record.num_samples, int(np.floor((record.num_samples - 1) / ratio)) + 1)
+    place = np.arange(num_samples) * ratio
     channels = {
-        role: interpolated(x, place) if role in OF_RESPONSE else x[:kept]
+        role: interpolated(x, place) if role in OF_RESPONSE else x[:num_samples]
         for role, x in record.channels.items()
     }
-    said = f"response on that of the drive, by {clock_ppm:g} ppm"
-    return replace(record, channels=channels, provenance={**record.provenance, "clock": said})
+    how = f"response on that of the drive, by {clock_ppm:g} ppm"
+    return replace(record, channels=channels, provenance={**record.provenance, "clock": how})

@@ -67,13 +67,13 @@ def driven_lines(record: Record, band_hz: tuple[float, float] | None = None) -> 
     y = response / (2j * np.pi * freq) ** derivative_order(record.response)
     near = np.ones(NEAR_LINES) / NEAR_LINES
     size = np.sqrt(np.convolve(np.abs(source) ** 2, near, "same"))
-    kept = (size > DRIVEN * np.max(size)) & swept(np.abs(source) ** 2)
+    is_driven = (size > DRIVEN * np.max(size)) & swept(np.abs(source) ** 2)
     if band_hz is not None:
-        kept &= lines_within(freq, band_hz)
-    if np.count_nonzero(kept) < LEAST_LINES:
+        is_driven &= lines_within(freq, band_hz)
+    if np.count_nonzero(is_driven) < LEAST_LINES:
         raise DataError(too_few)
-    place = 1 + np.flatnonzero(kept)
-    return Lines(2 * np.pi * freq[kept], source[kept], y[kept], place, len(u))
+    place = 1 + np.flatnonzero(is_driven)
+    return Lines(2 * np.pi * freq[is_driven], source[is_driven], y[is_driven], place, len(u))
 
 
 def driven_band(record: Record) -> tuple[float, float]:
@@ -125,13 +125,13 @@ def read_resonance(
     """An oscillator through the lines about the peak, narrower with what the last one said."""
     centre = float(omega[int(np.argmax(np.abs(omega * y)))])
     half, least = WIDE * centre, LEAST_POINTS if is_curve else LEAST_LINES
-    damping = left = np.nan
+    damping = residual = np.nan
     for _ in range(ROUNDS):
         away = np.abs(omega - centre)
         near = away <= max(half, float(np.sort(away)[min(least, len(away)) - 1]))
-        centre, damping, left = _through(omega[near], source[near], y[near], is_curve)
+        centre, damping, residual = _through(omega[near], source[near], y[near], is_curve)
         half = min(half, HALF_WIDTHS * abs(damping) * centre)
-    return Reading(np.nan, centre / (2 * np.pi), damping, left)
+    return Reading(np.nan, centre / (2 * np.pi), damping, residual)
 
 
 def _through(
@@ -143,19 +143,21 @@ def _through(
     """Natural frequency [rad/s], damping ratio, and what is left of the response over its rms."""
     # What velocities or accelerations lack of a displacement adds the third.
     ends = [] if is_curve else [np.ones_like(y), 1j * omega, 1 / (1j * omega)]
-    columns = np.column_stack([y, 1j * omega * y, -source, *(-each for each in ends)])
+    columns = np.column_stack([y, 1j * omega * y, -source, *(-column for column in ends)])
     scale = np.linalg.norm(columns, axis=0)
     scaled: Any = columns / scale
     stacked = np.concatenate([scaled.real, scaled.imag])
     target = omega**2 * y
     both = np.concatenate([np.real(target), np.imag(target)])
-    found = np.linalg.lstsq(stacked, both)[0] / scale
-    if not found[0] > 0.0:
+    coefficients = np.linalg.lstsq(stacked, both)[0] / scale
+    if not coefficients[0] > 0.0:
         raise DataError("The lines about the largest response show no resonance.")
-    model = -(columns[:, 2:] @ found[2:]) / (found[0] + 1j * omega * found[1] - omega**2)
-    left = np.linalg.norm(y - model) / np.linalg.norm(y)
-    omega_n = float(np.sqrt(found[0]))
-    return omega_n, float(found[1] / (2 * omega_n)), float(left)
+    model = -(columns[:, 2:] @ coefficients[2:]) / (
+        coefficients[0] + 1j * omega * coefficients[1] - omega**2
+    )
+    residual = np.linalg.norm(y - model) / np.linalg.norm(y)
+    omega_n = float(np.sqrt(coefficients[0]))
+    return omega_n, float(coefficients[1] / (2 * omega_n)), float(residual)
 
 
 def _weighed(envelope: Complex[np.ndarray, " value"]) -> float:

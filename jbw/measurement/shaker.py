@@ -69,7 +69,7 @@ def fit_attachment(
     Raises:
         DataError: NaN, unequal lengths, fewer values than unknowns, a dead voltage.
     """
-    v, f, x = (channel(one, name) for one, name in (
+    v, f, x = (channel(samples, name) for samples, name in (
         (voltage, "voltage"), (force, "force"), (response, "response")))  # fmt: skip
     same_length(voltage=v, force=f, response=x)
     if v.ndim != 1:
@@ -87,10 +87,10 @@ def fit_attachment(
             remedy="Widen the band, or give a longer record.",
         )
     jw = 2j * np.pi * freq[keep]
-    fed, given, moved = (np.fft.rfft(one - one.mean())[keep] for one in (v, f, x))
+    fed, force_lines, moved = (np.fft.rfft(samples - samples.mean())[keep] for samples in (v, f, x))
     moved = moved / jw ** derivative_order(kind)
     columns = np.column_stack([fed, -jw * fed, -(jw**2) * moved, -jw * moved, -moved])
-    found, inverse, left = _solved(columns, given)
+    coefficients, inverse, residual = _solved(columns, force_lines)
     if np.linalg.cond(columns / np.linalg.norm(columns, axis=0)) > DEGENERATE:
         raise DataError(
             f"The band {low:g} to {high:g} Hz must hold a second mode, but the voltage is a sum of "
@@ -98,15 +98,15 @@ def fit_attachment(
             why="About one mode gain and attachment trade for each other.",
             remedy="Widen the band, or give a record that drives several modes.",
         )
-    alone = _solved(columns[:, :1], given)[2]
-    gain = found[0]
-    variance = np.sum(np.abs(left) ** 2) / (2 * len(left) - len(found))
+    residual_of_gain = _solved(columns[:, :1], force_lines)[2]
+    gain = coefficients[0]
+    variance = np.sum(np.abs(residual) ** 2) / (2 * len(residual) - len(coefficients))
     std = np.sqrt(variance * np.diag(inverse)) / np.array([1, abs(gain), 1, 1, 1])
-    size = np.linalg.norm(given)
+    size = np.linalg.norm(force_lines)
     return ShakerFit(
-        float(gain), float(found[1] / gain), *map(float, found[2:]), std=std,
-        leftover=float(np.linalg.norm(left) / size),
-        leftover_gain=float(np.linalg.norm(alone) / size), num_lines=int(keep.sum()),
+        float(gain), float(coefficients[1] / gain), *map(float, coefficients[2:]), std=std,
+        leftover=float(np.linalg.norm(residual) / size),
+        leftover_gain=float(np.linalg.norm(residual_of_gain) / size), num_lines=int(keep.sum()),
         band_hz=(float(freq[keep][0]), float(freq[keep][-1])),
     )  # fmt: skip
 
@@ -115,6 +115,8 @@ def _solved(columns: Complexes, target: Complexes) -> tuple[Reals, Reals, Comple
     """Real coefficients, the inverse of the normal matrix, and what is left of the lines."""
     scale = np.linalg.norm(columns, axis=0)
     real = np.concatenate([np.real(columns / scale), np.imag(columns / scale)])
-    found = np.linalg.lstsq(real, np.concatenate([np.real(target), np.imag(target)]))[0] / scale
+    coefficients = (
+        np.linalg.lstsq(real, np.concatenate([np.real(target), np.imag(target)]))[0] / scale
+    )
     inverse = np.linalg.pinv(real.T @ real) / np.outer(scale, scale)
-    return found, inverse, target - columns @ found
+    return coefficients, inverse, target - columns @ coefficients

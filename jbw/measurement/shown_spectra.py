@@ -51,48 +51,51 @@ def spectrum_of(test: Test) -> Spectrum | None:
         return _of_curves(test)
     if test.traits.is_prescribed or test.traits.is_steady:
         return None
-    found = [_powers(record, is_driven=test.traits.is_driven) for record in test.records]
-    freq = found[0][0]
+    spectra = [_powers(record, is_driven=test.traits.is_driven) for record in test.records]
+    freq = spectra[0][0]
     response, source = (
-        np.mean([np.interp(freq, one[0], one[i]) for one in found], axis=0) for i in (1, 2)
+        np.mean([np.interp(freq, spectrum[0], spectrum[i]) for spectrum in spectra], axis=0)
+        for i in (1, 2)
     )
-    kept = freq * test.records[0].num_samples / test.records[0].fs >= SLOWEST
+    is_shown = freq * test.records[0].num_samples / test.records[0].fs >= SLOWEST
     if test.traits.is_driven:
-        kept &= swept(source) & (source > 0)
-    if not kept.any():
+        is_shown &= swept(source) & (source > 0)
+    if not is_shown.any():
         return None
-    return Spectrum(freq[kept], np.sqrt(response[kept] / source[kept]))
+    return Spectrum(freq[is_shown], np.sqrt(response[is_shown] / source[is_shown]))
 
 
 def peaks_of(spectra: dict[str, Spectrum]) -> list[Peak]:
     """Peaks that stand out of any of the spectra, from low to high, each with a band of its own."""
-    found: list[tuple[float, float, str]] = []
+    peaks: list[tuple[float, float, str]] = []
     for name, (freq, size) in spectra.items():
         log = np.log10(np.maximum(size, size.max() * 1e-12))
-        places, about = find_peaks(log, height=log.max() + np.log10(LEAST), prominence=STANDS_OUT)
-        found += [
+        indices, properties = find_peaks(
+            log, height=log.max() + np.log10(LEAST), prominence=STANDS_OUT
+        )
+        peaks += [
             (float(freq[i]), float(rise), name)
-            for i, rise in zip(places, about["prominences"], strict=True)
+            for i, rise in zip(indices, properties["prominences"], strict=True)
         ]
-    modes = sorted(_together(found), key=lambda mode: -max(one[1] for one in mode))[:MOST_PEAKS]
+    modes = sorted(_together(peaks), key=lambda mode: -max(peak[1] for peak in mode))[:MOST_PEAKS]
     centres = sorted((_centre(mode), mode) for mode in modes)
     ends = [0.0, *(centre for centre, _ in centres), np.inf]
     return [
-        Peak(centre, _band(before, centre, after), tuple(dict.fromkeys(one[2] for one in mode)))
+        Peak(centre, _band(before, centre, after), tuple(dict.fromkeys(peak[2] for peak in mode)))
         for before, (centre, mode), after in zip(ends, centres, ends[2:], strict=False)
     ]
 
 
 def _together(
-    found: Sequence[tuple[float, float, str]],
+    peaks: Sequence[tuple[float, float, str]],
 ) -> Iterator[list[tuple[float, float, str]]]:
     """Peaks of one mode: along the frequency each close to the one before."""
     mode: list[tuple[float, float, str]] = []
-    for one in sorted(found):
-        if mode and one[0] > (1 + APART) * mode[-1][0]:
+    for peak in sorted(peaks):
+        if mode and peak[0] > (1 + APART) * mode[-1][0]:
             yield mode
             mode = []
-        mode.append(one)
+        mode.append(peak)
     if mode:
         yield mode
 
@@ -131,13 +134,13 @@ def _of_curves(test: Test) -> Spectrum:
     freq = np.asarray(first.channels["frequency"], float)
     size = np.mean([np.abs(record.channels[record.response]) for record in test.records], axis=0)
     order = np.argsort(freq)
-    known = np.isfinite(size[order]) & (freq[order] > 0)
-    return Spectrum(freq[order][known], size[order][known])
+    is_usable = np.isfinite(size[order]) & (freq[order] > 0)
+    return Spectrum(freq[order][is_usable], size[order][is_usable])
 
 
 def shown(spectrum: Spectrum) -> Spectrum:
     """The largest line of every stretch, so that no peak is lost."""
     width = -(-len(spectrum.size) // NUM_SHOWN)
     starts = range(0, len(spectrum.size), width)
-    kept = [start + int(np.argmax(spectrum.size[start : start + width])) for start in starts]
-    return Spectrum(spectrum.freq_hz[kept], spectrum.size[kept])
+    largest = [start + int(np.argmax(spectrum.size[start : start + width])) for start in starts]
+    return Spectrum(spectrum.freq_hz[largest], spectrum.size[largest])

@@ -169,8 +169,8 @@ def _segment_length(
     num_repeats, num_samples = shape
     if window_s is not None and nperseg is not None:
         raise ConfigError("Give `window_s` or `nperseg`, not both.")
-    each = max(3, -(-DEFAULT_SEGMENTS // num_repeats))
-    longest = int(num_samples / (each - (each - 1) * overlap))
+    per_repeat = max(3, -(-DEFAULT_SEGMENTS // num_repeats))
+    longest = int(num_samples / (per_repeat - (per_repeat - 1) * overlap))
     if window_s is not None:
         length = round(window_s * fs)
     elif nperseg is not None:
@@ -279,13 +279,13 @@ def half_power_bandwidth(freq: Reals, h: Complexes) -> float:
     power = np.abs(h) ** 2
     top = int(np.argmax(power))
     below = power < power[top] / 2
-    left, right = np.flatnonzero(below[:top]), np.flatnonzero(below[top:])
-    if not (left.size and right.size):
+    below_peak, above_peak = np.flatnonzero(below[:top]), np.flatnonzero(below[top:])
+    if not (below_peak.size and above_peak.size):
         return np.inf
 
     def crossing(inside: int, outside: int) -> float:
         part = (power[inside] - power[top] / 2) / (power[inside] - power[outside])
         return freq[inside] + part * (freq[outside] - freq[inside])
 
-    i, j = int(left[-1]), top + int(right[0])
+    i, j = int(below_peak[-1]), top + int(above_peak[0])
     return float(crossing(j - 1, j) - crossing(i + 1, i))

@@ -82,12 +82,12 @@ def without_lines(
     num = len(lines_hz)
     limits = np.array([STATED] * num + [STATED, np.inf])
     lowest = np.array([-STATED] * (num + 1) + [-start[-1] / resolution])
-    found = least_squares(residual, np.zeros(num + 2), bounds=(lowest, limits), x_scale=0.1)
-    values = np.array(start + resolution * found.x)
+    solution = least_squares(residual, np.zeros(num + 2), bounds=(lowest, limits), x_scale=0.1)
+    values = np.array(start + resolution * solution.x)
     columns = design(values)
     amplitudes = np.linalg.lstsq(weight[:, None] * columns, weight * part)[0]
     lines = _with_errors(values[:num], amplitudes, columns, part, weight, time, len(x) / fs)
-    whole = (np.arange(len(x)) - first - (len(part) - 1) / 2) / fs
+    whole_time = (np.arange(len(x)) - first - (len(part) - 1) / 2) / fs
     removed = np.zeros(len(x))
     for line, (a, b) in zip(lines, amplitudes.reshape(-1, 2), strict=False):
         if line.error > KNOWN * line.amplitude:
@@ -96,7 +96,7 @@ def without_lines(
                 f"{line.amplitude:.3g}, with a standard error of {line.error:.2g} over the record.",
                 remedy="Leave it out of `lines_hz`, or correct its frequency.",
             )
-        turn = 2 * np.pi * line.hz * whole
+        turn = 2 * np.pi * line.hz * whole_time
         removed += a * np.cos(turn) + b * np.sin(turn)
     return x - removed, lines
 

@@ -28,31 +28,31 @@ TURNING = {si_unit(quantity) for quantity in TORSION}
 CENTRED = (*INPUTS, *RESPONSES, "restoring_force")  # roles whose mean may be taken out
 
 
-def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> tuple[Record, ...]:
+def records_of(contents: Contents, path: Path, request: Wanted, digest: str) -> tuple[Record, ...]:
     """Records of an open file in SI, one a repeat; what was done to them is in the provenance."""
-    sources = _sources(contents, wanted)
-    fs, said = (
-        (wanted.resample, f"{wanted.resample:.10g} Hz, to which it is resampled")
-        if wanted.resample and "frequency" not in sources
-        else sampling_of(contents, sources, wanted)
+    sources = _sources(contents, request)
+    fs, rate_source = (
+        (request.resample, f"{request.resample:.10g} Hz, to which it is resampled")
+        if request.resample and "frequency" not in sources
+        else sampling_of(contents, sources, request)
     )
-    part = cut(fs, wanted.span)
-    provenance = {"path": str(path), "sha256": digest, "reader": contents.reader, "fs": said}
+    part = cut(fs, request.span)
+    provenance = {"path": str(path), "sha256": digest, "reader": contents.reader, "fs": rate_source}
     provenance |= contents.notes
     channels: dict[str, Repeats] = {}
     units: dict[str, str] = {}
     for role, items in sources.items():
         if role == "time":
             continue
-        unit, against = _unit(role, items[0].unit, wanted)
+        unit, against = _unit(role, items[0].unit, request)
         reference, unit = decibels(unit) or (0.0, unit)
         factor, units[role], source = si_of(role, unit)
-        factor *= _calibration(role, contents.reader, wanted)
+        factor *= _calibration(role, contents.reader, request)
         is_curve = "frequency" in sources and role in RESPONSES
-        read = WHOLE if wanted.resample else part
-        rows = [row for item in items for row in rows_of(item, role, wanted, read, curve=is_curve)]
-        if wanted.resample and "frequency" not in sources:
-            rows, done = on_even_grid(rows, items[0], contents, sources, wanted)
+        read = WHOLE if request.resample else part
+        rows = [row for item in items for row in rows_of(item, role, request, read, curve=is_curve)]
+        if request.resample and "frequency" not in sources:
+            rows, done = on_even_grid(rows, items[0], contents, sources, request)
             rows = [row[part] for row in rows]
             provenance[f"resampled {role}"] = done
         if reference:
@@ -62,19 +62,19 @@ def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> t
         rows = rows if factor == 1.0 else [row * factor for row in rows]
         if items[0].start_s is not None:
             provenance[f"start of {role}"] = f"{items[0].start_s:.9g} s"
-        provenance[f"channel of {role}"] = (wanted.channels or {}).get(role, role)
+        provenance[f"channel of {role}"] = (request.channels or {}).get(role, role)
         provenance[f"unit of {role}"] = unit if factor == 1.0 else f"{unit}, times {factor:.10g}"
         if against:
             provenance[f"unit of {role}"] += f", by the campaign, against `{against}` of the file"
-        if wanted.remove_mean and role in CENTRED:
+        if request.remove_mean and role in CENTRED:
             means = [float(row.mean()) for row in rows]
             rows = [row - mean for row, mean in zip(rows, means, strict=True)]
             provenance[f"mean of {role} removed"] = ", ".join(f"{mean:.6g}" for mean in means)
-        if wanted.window_s and role in RESPONSES:
-            rows = [unwindowed(row, wanted.window_s * fs, part.start or 0) for row in rows]
-            provenance[f"window of {role} removed"] = f"exp(-t / {wanted.window_s:g} s)"
-        if wanted.lines_hz and role in RESPONSES:
-            parts = [without_lines(row, fs, wanted.lines_hz) for row in rows]
+        if request.window_s and role in RESPONSES:
+            rows = [unwindowed(row, request.window_s * fs, part.start or 0) for row in rows]
+            provenance[f"window of {role} removed"] = f"exp(-t / {request.window_s:g} s)"
+        if request.lines_hz and role in RESPONSES:
+            parts = [without_lines(row, fs, request.lines_hz) for row in rows]
             rows = [row for row, _ in parts]
             provenance[f"lines of {role} removed"] = "; ".join(
                 lines_removed(lines) for _, lines in parts
@@ -101,12 +101,12 @@ def records_of(contents: Contents, path: Path, wanted: Wanted, digest: str) -> t
             channels["phase"] = [np.angle(row) for row in rows]
             channels[role] = [np.abs(row) for row in rows]
             units["phase"], provenance["phase"] = "rad", f"angle of the complex {role}"
-    if wanted.conjugate and "phase" in channels:
+    if request.conjugate and "phase" in channels:
         channels["phase"] = [-row for row in channels["phase"]]
         provenance["conjugate"] = "phase turned, from exp(-j omega t) to exp(j omega t)"
-    if wanted.span:
-        provenance["span"] = f"{wanted.span[0]:g}-{wanted.span[1]:g} s"
-    if wanted.resample and "frequency" not in sources:
+    if request.span:
+        provenance["span"] = f"{request.span[0]:g}-{request.span[1]:g} s"
+    if request.resample and "frequency" not in sources:
         channels = _of_one_length(channels)
     return _repeats(channels, Record(fs, {}, units, path.name, provenance))
 
@@ -132,9 +132,10 @@ def _require_one_motion(units: Mapping[str, str]) -> None:
     straight = {role for role, unit in units.items() if role in CENTRED} - turning
     straight -= {role for role in straight if role == "input"}
     if turning & set(CENTRED) and straight:
-        one, other = sorted(turning & set(CENTRED))[0], sorted(straight)[0]
+        angular, linear = sorted(turning & set(CENTRED))[0], sorted(straight)[0]
         raise ConfigError(
-            f"role `{one}` is in `{units[one]}`, of torsion, but `{other}` is in `{units[other]}`.",
+            f"role `{angular}` is in `{units[angular]}`, of torsion, but `{linear}` is in "
+            f"`{units[linear]}`.",
             why="Torsion has angles and torques alone: metres, newtons and kilograms stand there "
             "for radians, newton metres and kg m^2.",
             remedy="Correct the units, or name channels of one motion.",
@@ -167,63 +168,66 @@ def _repeats(channels: Mapping[str, Repeats], record: Record) -> tuple[Record, .
             f"channels must have equally many repeats, but {listed}.",
             remedy="Name channels that were recorded together.",
         )
-    taken = [{role: rows[i % len(rows)] for role, rows in channels.items()} for i in range(number)]
+    by_repeat = [
+        {role: rows[i % len(rows)] for role, rows in channels.items()} for i in range(number)
+    ]
     names = [record.name] if number == 1 else [f"{record.name}[{i}]" for i in range(number)]
     return tuple(
-        replace(record, channels=each, name=name) for each, name in zip(taken, names, strict=True)
+        replace(record, channels=channels_of_repeat, name=name)
+        for channels_of_repeat, name in zip(by_repeat, names, strict=True)
     )
 
 
-def _unit(role: str, stated: str, wanted: Wanted) -> tuple[str, str]:
+def _unit(role: str, stated: str, request: Wanted) -> tuple[str, str]:
     """The unit of a role, and the one that the file states where the caller's counts instead.
 
     The caller's must not contradict the file's, unless he says that his are right.
     """
-    given = wanted.units.get(role, "")
-    if not (given or stated):
+    stated_unit = request.units.get(role, "")
+    if not (stated_unit or stated):
         raise ConfigError(
             f"the unit of role `{role}` is missing.",
             why="A wrong unit gives a wrong joint without any sign of it.",
             remedy=f'Say it: units = {{ {role} = "..." }}.',
         )
-    bare = decibels(given) is None
-    if given and bare:
-        si_of(role, given)  # an unknown unit is the first thing to say
-    contradicts = bool(given and stated) and plain(given) != plain(stated)
-    if contradicts and wanted.units_are == "mine":
-        return given, stated
+    bare = decibels(stated_unit) is None
+    if stated_unit and bare:
+        si_of(role, stated_unit)  # an unknown unit is the first thing to say
+    contradicts = bool(stated_unit and stated) and plain(stated_unit) != plain(stated)
+    if contradicts and request.units_are == "mine":
+        return stated_unit, stated
     # Of decibels the file says that they are such, and the campaign what 0 dB stands for.
     if contradicts and not (plain(stated).lower() == "db" and not bare):
         raise DataError(
-            f"role `{role}` is in `{given}` by the campaign but in `{stated}` by the file.",
+            f"role `{role}` is in `{stated_unit}` by the campaign but in `{stated}` by the file.",
             remedy=MINE,
         )
-    return given or stated, ""
+    return stated_unit or stated, ""
 
 
-def _calibration(role: str, reader: str, wanted: Wanted) -> float:
-    if reader == "WAV" and role not in wanted.scale:
+def _calibration(role: str, reader: str, request: Wanted) -> float:
+    if reader == "WAV" and role not in request.scale:
         raise ConfigError(
             f"role `{role}` needs a calibration, since WAV keeps no scale.",
             remedy=f"Give the value at full scale: scale = {{ {role} = ... }}.",
         )
-    scale = float(wanted.scale.get(role, 1.0))
+    scale = float(request.scale.get(role, 1.0))
     if not np.isfinite(scale) or scale == 0:
         raise ConfigError(f"`scale` of role `{role}` must be finite and not 0, but is {scale}.")
-    is_rms = wanted.amplitudes == "rms" and role in (*RESPONSES, *INPUTS)
+    is_rms = request.amplitudes == "rms" and role in (*RESPONSES, *INPUTS)
     return scale * np.sqrt(2) if is_rms else scale  # amplitudes are peak inside jbw
 
 
-def _sources(contents: Contents, wanted: Wanted) -> dict[str, list[Leaf]]:
-    channels = wanted.channels
+def _sources(contents: Contents, request: Wanted) -> dict[str, list[Leaf]]:
+    channels = request.channels
     if channels is None:
-        found = [name for name, item in names(contents.root) if isinstance(item, Leaf)]
-        channels = {name: name for name in found if name in ROLES}
+        channel_names = [name for name, item in names(contents.root) if isinstance(item, Leaf)]
+        channels = {name: name for name in channel_names if name in ROLES}
         if not channels:
             raise ConfigError(
                 f"no channel is named like a role ({', '.join(ROLES)}).",
                 remedy='Say which is which, channels = { velocity = "laser" }, from: '
-                f"{', '.join(found[:20])}.",
+                f"{', '.join(channel_names[:20])}.",
             )
     sources = {}
     for role, where in channels.items():
@@ -253,8 +257,8 @@ def _merged(records: Sequence[Record]) -> Record:
     provenance: dict[str, str] = {}
     for record in records:
         for key, value in record.provenance.items():
-            known = provenance.get(key, value)
-            provenance[key] = value if known == value else f"{known}; {value}"
+            merged_value = provenance.get(key, value)
+            provenance[key] = value if merged_value == value else f"{merged_value}; {value}"
     return Record(
         records[0].fs,
         {role: x for record in records for role, x in record.channels.items()},

@@ -41,33 +41,33 @@ def stamp(text: str) -> tuple[int, float] | None:
     """Day and seconds in it of a date, a time of day, or both; None of anything else."""
     if ":" not in text and text.count("-") + text.count(".") + text.count("/") < 2:
         return None
-    found = STAMP.fullmatch(text.strip()) if 5 < len(text) <= 40 else None
-    if not found or not (found[7] or found[1] or found[4]):
+    match = STAMP.fullmatch(text.strip()) if 5 < len(text) <= 40 else None
+    if not match or not (match[7] or match[1] or match[4]):
         return None
-    year, month, day = (int(x) for x in (found[1], found[2], found[3]) if x) if found[1] else (
-        (int(found[6]), int(found[5]), int(found[4])) if found[4] else (0, 1, 1)
+    year, month, day = (int(x) for x in (match[1], match[2], match[3]) if x) if match[1] else (
+        (int(match[6]), int(match[5]), int(match[4])) if match[4] else (0, 1, 1)
     )  # fmt: skip
     if not (1 <= month <= 31 and 1 <= day <= 31):
         return None
     # Only differences count: whether a month or a day comes first matters at midnight alone.
     days = 372 * year + 31 * month + day
-    if not found[7]:
+    if not match[7]:
         return days, 0.0
-    hours, minutes, seconds = int(found[7]), int(found[8]), int(found[9] or 0)
-    if (found[11] or "").lower() == "pm" and hours < 12:
+    hours, minutes, seconds = int(match[7]), int(match[8]), int(match[9] or 0)
+    if (match[11] or "").lower() == "pm" and hours < 12:
         hours += 12
-    if (found[11] or "").lower() == "am" and hours == 12:
+    if (match[11] or "").lower() == "am" and hours == 12:
         hours = 0
     if minutes > 59 or seconds > 60 or hours > 24:
         return None
-    part = int(found[10]) / 10 ** len(found[10]) if found[10] else 0.0
+    part = int(match[10]) / 10 ** len(match[10]) if match[10] else 0.0
     return days, hours * 3600.0 + minutes * 60.0 + seconds + part
 
 
 def since_first(stamps: Sequence[tuple[int, float] | None]) -> Reals:
     """Seconds since the first of some stamps, past midnight too; NaN where one is missing."""
-    seconds = np.array([np.nan if each is None else each[1] for each in stamps])
-    days = np.array([0 if each is None else each[0] for each in stamps])
+    seconds = np.array([np.nan if moment is None else moment[1] for moment in stamps])
+    days = np.array([0 if moment is None else moment[0] for moment in stamps])
     # Of a time of day alone, and of a date: the day after is the next one, whatever the month.
     turned = np.concatenate([[0.0], np.cumsum(np.diff(days) != 0)])
     plain = np.nan_to_num(seconds)

@@ -94,8 +94,8 @@ def contents(path: Path) -> Iterator[Contents]:
     """Open a text file of columns; without a header they are `column[0]`, `column[1]`, ..."""
     text = _decode(path.read_bytes())
     lines = text.splitlines()
-    found = of_lines(lines, path)
-    yield found or table(lines, path, is_ended=text.endswith(("\n", "\r")))
+    recorded = of_lines(lines, path)
+    yield recorded or table(lines, path, is_ended=text.endswith(("\n", "\r")))
 
 
 def table(
@@ -145,7 +145,7 @@ def table(
 def sniff(lines: Sequence[str], file: str, mark: str = "") -> Dialect:
     """The dialect that reads most of the first lines as numbers; one column of points alone."""
     among = [marks for marks in DIALECTS if not mark or marks.delimiter == mark] or DIALECTS
-    count, dialect = max((_trial(lines, marks) for marks in among), key=lambda found: found[0])
+    count, dialect = max((_trial(lines, marks) for marks in among), key=lambda trial: trial[0])
     if count < LEAST_LINES:
         count, dialect = _one_column(lines)
     if count < LEAST_LINES:
@@ -259,7 +259,9 @@ def _refuse_cut(body: Sequence[str], dialect: Dialect, path: Path) -> None:
     if len(body) < 2:
         return
     last, *others = map(dialect.digits, (body[-1], *body[:-1]))
-    if any(own < min(column) for own, column in zip(last, zip(*others, strict=True), strict=True)):
+    if any(
+        digits < min(column) for digits, column in zip(last, zip(*others, strict=True), strict=True)
+    ):
         raise DataError(
             f"File `{path}` ({path.stat().st_size} bytes) ends in the middle of a line for the csv "
             f"reader: {body[-1][:60]!r} has no end and fewer digits than every other line.",
@@ -283,8 +285,8 @@ def _titles(header: Sequence[str], dialect: Dialect) -> tuple[list[str], list[st
                 return last, units or [""] * len(last)  # numbers may name the columns too
         else:
             parts = [titled(title) for title in last]
-            alone = len({name for name, _ in parts}) == len(parts) or _names_times(last)
-            if not alone:
+            names_are_unique = len({name for name, _ in parts}) == len(parts) or _names_times(last)
+            if not names_are_unique:
                 return last, units or [""] * len(last)
             behind = [unit for _, unit in parts]
             if not units and not any(behind) and rows and _are_units(rows[-1]):
@@ -297,15 +299,15 @@ def _titles(header: Sequence[str], dialect: Dialect) -> tuple[list[str], list[st
 
 def _unit_in(header: Sequence[str]) -> list[str]:
     """The unit of a single column that a line above it states, such as `Unit: g`."""
-    found = [stated(line, "units?|einheit|y[ _]units?") for line in header]
-    return [text for text in found if text][-1:]
+    units = [stated(line, "units?|einheit|y[ _]units?") for line in header]
+    return [text for text in units if text][-1:]
 
 
 def _row(line: str, dialect: Dialect) -> list[str]:
     """Fields of a line above the table, whose delimiter may be written behind all, or not."""
     if dialect.columns == 1:  # of one name, which may have several words
-        told = rate_in([line]) or stated(line, "units?|einheit|y[ _]units?")
-        return [] if told else [line.strip().strip('#% "')]
+        is_fact = rate_in([line]) or stated(line, "units?|einheit|y[ _]units?")
+        return [] if is_fact else [line.strip().strip('#% "')]
     fields = dialect.fields(line.lstrip("#% "))
     extra = len(fields) == dialect.columns + 1 and not fields[-1] and dialect.delimiter
     return fields[:-1] if extra else fields
@@ -314,10 +316,10 @@ def _row(line: str, dialect: Dialect) -> list[str]:
 def _are_units(row: Sequence[str]) -> bool:
     """Whether a row holds units, one of them at least, and nothing else but signs of none."""
     bare = [text.strip("[](){} ") for text in row]
-    known = [is_unit(text) or bool(re.fullmatch(r"EU|%|Pa|[a-z]?C|degC|K|bar|psi", text))
+    are_units = [is_unit(text) or bool(re.fullmatch(r"EU|%|Pa|[a-z]?C|degC|K|bar|psi", text))
              for text in bare]  # fmt: skip
     empty = [not text or text.lower() in NO_UNIT for text in bare]
-    return any(known) and all(k or e for k, e in zip(known, empty, strict=True))
+    return any(are_units) and all(k or e for k, e in zip(are_units, empty, strict=True))
 
 
 def _names_times(row: Sequence[str]) -> bool:
@@ -334,12 +336,12 @@ def _columns(body: Sequence[str], dialect: Dialect, path: Path) -> list[Reals]:
     try:
         if dialect.decimal == "," and any("." in line for line in body[:LOOKED_AT]):
             raise ValueError("grouped digits")
-        whole = np.loadtxt(io.StringIO(rows), delimiter=dialect.delimiter, comments=None, ndmin=2)
+        matrix = np.loadtxt(io.StringIO(rows), delimiter=dialect.delimiter, comments=None, ndmin=2)
     except ValueError:
         return _cell_by_cell(body, dialect)
-    if whole.shape[1] != dialect.columns:
-        raise ValueError(f"{whole.shape[1]} columns in place of {dialect.columns}")
-    return list(whole.T)
+    if matrix.shape[1] != dialect.columns:
+        raise ValueError(f"{matrix.shape[1]} columns in place of {dialect.columns}")
+    return list(matrix.T)
 
 
 def _cell_by_cell(body: Sequence[str], dialect: Dialect) -> list[Reals]:
@@ -389,22 +391,22 @@ def _tree(
     leaves = _on_own_clocks(columns, titles, units, clocks)
     root: dict[str, Node] = {"column": _numbered(columns, leaves)}
     series: dict[str, Leaf] = {}
-    for i, (title, one) in enumerate(zip(titles, leaves, strict=True)):
+    for i, (title, column_leaf) in enumerate(zip(titles, leaves, strict=True)):
         # A name that is given twice would be a guess; its columns keep their numbers only.
-        alone = bool(title) and titles.count(title) == 1
-        if alone:
-            root[title] = one
-        series[title if alone else f"column[{i}]"] = one
+        is_unique = bool(title) and titles.count(title) == 1
+        if is_unique:
+            root[title] = column_leaf
+        series[title if is_unique else f"column[{i}]"] = column_leaf
     return root, series
 
 
 def _numbered(columns: Sequence[Reals], leaves: Sequence[Leaf]) -> Node:
     """The columns by their numbers: one table where all are alike, else one by one."""
-    if all(one.fs is None and not one.unit for one in leaves):
+    if all(column_leaf.fs is None and not column_leaf.unit for column_leaf in leaves):
         return leaf(np.stack(columns)) if columns else Opaque("empty")
-    found: NDArray[np.object_] = np.empty(len(leaves), dtype=object)
-    found[:] = leaves
-    return found
+    numbered: NDArray[np.object_] = np.empty(len(leaves), dtype=object)
+    numbered[:] = leaves
+    return numbered
 
 
 def _on_own_clocks(
@@ -420,55 +422,55 @@ def _on_own_clocks(
         for column, title, unit in zip(columns, titles, units, strict=True)
     ]
     if len(clocks) < 2:
-        return [_of_slower(one, columns, clocks) for one in plain_leaves]
-    found = []
-    for i, one in enumerate(plain_leaves):
-        own = max((k for k in clocks if k <= i), default=None)
-        if own is None:
-            found.append(one)
+        return [_of_slower(plain_leaf, columns, clocks) for plain_leaf in plain_leaves]
+    leaves = []
+    for i, plain_leaf in enumerate(plain_leaves):
+        clock = max((k for k in clocks if k <= i), default=None)
+        if clock is None:
+            leaves.append(plain_leaf)
             continue
-        time = columns[own]
+        time = columns[clock]
         size = _filled(time)
         if _filled(columns[i]) > size:
-            raise ValueError(f"column {i + 1} is longer than its times, column {own + 1}")
-        one = replace(leaf(columns[i][:size]), unit=one.unit, label=one.label)
-        found.append(one if i == own else _timed(one, time[:size], units[own]))
-    return found
+            raise ValueError(f"column {i + 1} is longer than its times, column {clock + 1}")
+        plain_leaf = replace(leaf(columns[i][:size]), unit=plain_leaf.unit, label=plain_leaf.label)
+        leaves.append(plain_leaf if i == clock else _timed(plain_leaf, time[:size], units[clock]))
+    return leaves
 
 
 def _filled(column: Reals) -> int:
     """Length of a column without the empty cells at its end."""
-    there = np.flatnonzero(np.isfinite(column))
-    return int(there[-1]) + 1 if len(there) else 0
+    filled = np.flatnonzero(np.isfinite(column))
+    return int(filled[-1]) + 1 if len(filled) else 0
 
 
-def _timed(one: Leaf, time: Reals, unit: str) -> Leaf:
+def _timed(untimed: Leaf, time: Reals, unit: str) -> Leaf:
     """A leaf with rate and start by its own times, where these are even."""
     try:
         seconds = time * factor_of(unit or "s", "time")
         fs, _ = sampling_frequency(seconds)
     except JbwError:  # uneven, or in no unit of time: nothing is stated then
-        return one
-    return replace(one, fs=fs, start_s=float(seconds[0]))
+        return untimed
+    return replace(untimed, fs=fs, start_s=float(seconds[0]))
 
 
-def _of_slower(one: Leaf, columns: Sequence[Reals], clocks: Sequence[int]) -> Leaf:
+def _of_slower(full_rate: Leaf, columns: Sequence[Reals], clocks: Sequence[int]) -> Leaf:
     """A channel that fills every k-th row only is one of a slower rate, by the table's times."""
-    values = np.asarray(one.array)
-    there = np.isfinite(values)
-    step = _stride(there)
+    values = np.asarray(full_rate.array)
+    is_filled = np.isfinite(values)
+    step = _stride(is_filled)
     if step < 2 or len(clocks) != 1:
-        return one
-    first = int(np.argmax(there))
+        return full_rate
+    first = int(np.argmax(is_filled))
     time = columns[clocks[0]][first::step]
-    slow = replace(leaf(values[first::step]), unit=one.unit, label=one.label)
+    slow = replace(leaf(values[first::step]), unit=full_rate.unit, label=full_rate.label)
     return _timed(slow, time, "s")
 
 
-def _stride(there: NDArray[np.bool_]) -> int:
+def _stride(is_filled: NDArray[np.bool_]) -> int:
     """Distance of the rows that are filled, if all are as far apart; 1 where they are not."""
-    rows = np.flatnonzero(there)
-    if len(rows) < 3 or 2 * len(rows) > len(there) + 1:
+    rows = np.flatnonzero(is_filled)
+    if len(rows) < 3 or 2 * len(rows) > len(is_filled) + 1:
         return 1
     steps = np.unique(np.diff(rows))
     return int(steps[0]) if len(steps) == 1 and rows[0] < steps[0] else 1

@@ -72,10 +72,10 @@ def fs_of(attributes: Mapping[str, Any]) -> float | None:
     others = [name for name in attributes if RATE.search(str(name)) and name != "fs"]
     named = (("fs", lambda fs: fs), ("dt", lambda dt: 1 / dt))
     for name, to_fs in (*named, *((name, lambda fs: fs) for name in others)):
-        found = attribute(attributes, name)
-        if isinstance(found, str | bytes) or np.size(found) != 1:
+        stated = attribute(attributes, name)
+        if isinstance(stated, str | bytes) or np.size(stated) != 1:
             continue
-        value = float(np.ravel(found)[0])
+        value = float(np.ravel(stated)[0])
         return to_fs(value) if value > 0 else None
     return None
 
@@ -99,12 +99,12 @@ def inside(dataset: h5py.Dataset) -> h5py.Dataset:
         raise _outside(dataset.name or "dataset")
     if dataset.chunks is None:
         stored = dataset.id.get_storage_size()
-        whole = stored in (0, dataset.nbytes)  # nothing is stored of a dataset never written
+        is_complete = stored in (0, dataset.nbytes)  # nothing is stored of a dataset never written
     else:
         most = dataset.maxshape or dataset.shape
         sizes = zip(dataset.chunks, dataset.shape, most, strict=True)
-        whole = not any(end is not None and chunk > n for chunk, n, end in sizes)
-    if not whole:
+        is_complete = not any(end is not None and chunk > n for chunk, n, end in sizes)
+    if not is_complete:
         raise DataError(
             f"`{dataset.name}` declares the shape {dataset.shape}, but was stored with another.",
             why="A damaged header reads like this, and would cut samples off.",
@@ -141,8 +141,8 @@ def _array(item: Any) -> Node:
     unit = next(filter(None, (text_of(item.attrs, key) for key in UNITS)), "")
     label = next(filter(None, (text_of(item.attrs, key) for key in LABELS)), "")
     unit = "" if item.ndim > 1 and "\n" in unit else unit  # one a channel: for a recorder
-    found = leaf(inside(item), fs=fs_of(item.attrs), unit=unit.partition(" since ")[0])
-    return replace(found, attributes=facts_of(item.attrs), label=label)
+    samples = leaf(inside(item), fs=fs_of(item.attrs), unit=unit.partition(" since ")[0])
+    return replace(samples, attributes=facts_of(item.attrs), label=label)
 
 
 def _texts(item: Any) -> str:

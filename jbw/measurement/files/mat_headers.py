@@ -104,8 +104,8 @@ class Elements:
         """The next bytes, all of them."""
         if count > len(self.data):
             raise ValueError(f"{count} bytes are declared, where {len(self.data)} are left")
-        taken, self.data = self.data[:count], self.data[count:]
-        return taken
+        head, self.data = self.data[:count], self.data[count:]
+        return head
 
     def integers(self, form: str) -> tuple[int, ...]:
         """The next bytes as integers of these forms."""

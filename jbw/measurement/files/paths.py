@@ -29,10 +29,10 @@ def select(root: Node, path: str) -> Leaf | list[Leaf]:
     if MINUS not in path or (isinstance(root, Mapping) and path in root):
         return _follow(root, path)
     picked = [_follow(root, part.strip()) for part in path.split(MINUS, 1)]
-    left, right = (item if isinstance(item, list) else [item] for item in picked)
-    if len(left) != len(right):
-        raise DataError(f"`{path}` subtracts {len(right)} channels from {len(left)}.")
-    differences = [replace(x, minus=y) for x, y in zip(left, right, strict=True)]
+    minuends, subtrahends = (item if isinstance(item, list) else [item] for item in picked)
+    if len(minuends) != len(subtrahends):
+        raise DataError(f"`{path}` subtracts {len(subtrahends)} channels from {len(minuends)}.")
+    differences = [replace(x, minus=y) for x, y in zip(minuends, subtrahends, strict=True)]
     return differences if isinstance(picked[0], list) else differences[0]
 
 
@@ -45,10 +45,10 @@ def _follow(root: Node, path: str) -> Leaf | list[Leaf]:
         name, unit = titled(path)
         if unit and isinstance(root, Mapping) and name in root:  # a title with its unit behind
             return _walk(root[name], [], "")
-        found = [name for name, item in names(root) if isinstance(item, Leaf)]
-        more = f" and {len(found) - 20} more" if len(found) > 20 else ""
-        listed = f"Found: {', '.join(found[:20]) or 'nothing'}{more}."
-        remedy = error.remedy or did_you_mean(path, found) + listed
+        channels = [name for name, item in names(root) if isinstance(item, Leaf)]
+        more = f" and {len(channels) - 20} more" if len(channels) > 20 else ""
+        listed = f"Found: {', '.join(channels[:20]) or 'nothing'}{more}."
+        remedy = error.remedy or did_you_mean(path, channels) + listed
         raise DataError(f"Channel `{path}` {error.what}", why=error.why, remedy=remedy) from None
 
 
@@ -90,14 +90,14 @@ def _indices(rest: str) -> tuple[list[int | None], str]:
             "MATLAB; [:] is all of them.",
         )
     first = 0 if rest[0] == "[" else 1
-    found = [None if text == ":" else int(text) for text in re.findall(r":|-?\d+", inside)]
-    if first and any(i is not None and i < first for i in found):
+    numbers = [None if text == ":" else int(text) for text in re.findall(r":|-?\d+", inside)]
+    if first and any(i is not None and i < first for i in numbers):
         raise DataError(
             f"has an index below 1 in `{rest[0]}{inside}{closed}`.",
             why="Parentheses and braces count from one, as in MATLAB; brackets from zero.",
             remedy="Write (1) or [0] for the first item.",
         )
-    return [None if i is None else i - first for i in found], after
+    return [None if i is None else i - first for i in numbers], after
 
 
 def _item(
@@ -112,26 +112,26 @@ def _item(
     if step is not None:
         _require_within(step, len(node), f"but there are {len(node)} items")
         return _walk(node[step], others, rest)
-    found = [_walk(item, others, rest) for item in node]
-    if any(isinstance(item, list) for item in found):
+    picked = [_walk(item, others, rest) for item in node]
+    if any(isinstance(item, list) for item in picked):
         raise DataError("runs over cells twice.", remedy="Keep one [:] over cells.")
-    return [item for item in found if isinstance(item, Leaf)]
+    return [item for item in picked if isinstance(item, Leaf)]
 
 
-def _require_within(step: int, length: int, told: str) -> None:
+def _require_within(step: int, length: int, but_words: str) -> None:
     if not -length <= step < length:
-        raise DataError(f"asks for item [{step}], counted from zero, {told}.")
+        raise DataError(f"asks for item [{step}], counted from zero, {but_words}.")
 
 
 def _pick(node: Leaf, steps: Sequence[int | None]) -> Leaf:
     """Apply indices to the open axes of an array, in the user's order."""
     if len(steps) > len(node.axes):
         raise DataError(f"goes on after an array of shape {node.array.shape}.")
-    taken = {}
+    fixed = {}
     for axis, step in zip(node.axes, steps, strict=False):
         if step is not None:
             length = node.array.shape[axis]
             _require_within(step, length, f"on an axis of {length}")
-            taken[axis] = step % length
-    axes = tuple(axis for axis in node.axes if axis not in taken)
-    return replace(node, axes=axes, fixed={**node.fixed, **taken})
+            fixed[axis] = step % length
+    axes = tuple(axis for axis in node.axes if axis not in fixed)
+    return replace(node, axes=axes, fixed={**node.fixed, **fixed})

@@ -80,24 +80,24 @@ def read(
         raise ConfigError(
             f"Argument `span` must be [first, last] in seconds, rising from 0, but is {span}."
         )
-    wanted = Wanted(channels, units or {}, fs, scale or {}, repeats, span)
-    kept = [r for i, r in enumerate(records(Path(path), wanted)) if i not in exclude]
-    for record in kept:
+    request = Wanted(channels, units or {}, fs, scale or {}, repeats, span)
+    included = [r for i, r in enumerate(records(Path(path), request)) if i not in exclude]
+    for record in included:
         report(record, inspect(record))
-    return tuple(kept)
+    return tuple(included)
 
 
-def records(path: Path, wanted: Wanted) -> tuple[Record, ...]:
+def records(path: Path, request: Wanted) -> tuple[Record, ...]:
     """Records of a file in SI, not yet checked sample by sample; raises as `read` does."""
-    for role in [*(wanted.channels or {}), *wanted.units, *wanted.scale]:
+    for role in [*(request.channels or {}), *request.units, *request.scale]:
         if role not in ROLES:
-            known = f"Known: {', '.join(ROLES)}."
+            roles_known = f"Known: {', '.join(ROLES)}."
             raise ConfigError(
-                f"Role `{role}` is not known.", remedy=did_you_mean(role, ROLES) + known
+                f"Role `{role}` is not known.", remedy=did_you_mean(role, ROLES) + roles_known
             )
     with naming(path.name), opened(path) as contents, path.open("rb") as stream:
         digest = hashlib.file_digest(stream, "sha256").hexdigest()
-        return records_of(contents, path, wanted, digest)
+        return records_of(contents, path, request, digest)
 
 
 def channels_of(path: Path) -> dict[str, Leaf]:
@@ -136,11 +136,11 @@ def opened(path: Path) -> Iterator[Contents]:
 def _reader_of(path: Path) -> str:
     if not path.is_file():
         folder = path.parent
-        found = sorted(p.name for p in folder.iterdir() if p.is_file()) if folder.is_dir() else []
-        listed = f"Found: {', '.join(found[:10])}." if found else ""
+        files = sorted(p.name for p in folder.iterdir() if p.is_file()) if folder.is_dir() else []
+        listed = f"Found: {', '.join(files[:10])}." if files else ""
         where = listed or f"The folder `{folder}` has no files."
         raise DataError(
-            f"File `{path}` does not exist.", remedy=did_you_mean(path.name, found) + where
+            f"File `{path}` does not exist.", remedy=did_you_mean(path.name, files) + where
         )
     suffix = path.suffix.lower()
     if suffix in PICKLES:

@@ -49,58 +49,58 @@ class Wanted:
     is_timed: bool = True  # whether samples must have a time: those of a loop need none
 
 
-def sampling_of(contents: Contents, sources: Sources, wanted: Wanted) -> tuple[float, str]:
+def sampling_of(contents: Contents, sources: Sources, request: Wanted) -> tuple[float, str]:
     """Sampling frequency [Hz], NaN for a measured FRF, and where it came from; all must agree."""
     if "frequency" in sources:
         return float("nan"), "none: a measured FRF"
     of_channels = {
-        f"`{(wanted.channels or {}).get(role, role)}`": item.fs
+        f"`{(request.channels or {}).get(role, role)}`": item.fs
         for role, items in sources.items()
         for item in items
         if item.fs is not None
     }
     of_file = {} if contents.fs is None else {"the file": contents.fs}
-    found = {**(of_channels or of_file), **_timed(sources, wanted)}
-    if wanted.fs is not None:
-        fs, said = _given(contents, wanted.fs)
-        found = {said: fs, **found}
-    if not found and not wanted.is_timed:
+    rates = {**(of_channels or of_file), **_timed(sources, request)}
+    if request.fs is not None:
+        fs, source = _stated_fs(contents, request.fs)
+        rates = {source: fs, **rates}
+    if not rates and not request.is_timed:
         return 1.0, COUNTED
-    if not found:
+    if not rates:
         raise DataError(
             "the sampling frequency is missing.",
             why="Nothing in the file gives it, and it cannot be guessed.",
             remedy="Give fs = <Hz>, or name a time column: channels = { time = ... }.",
         )
-    (said, fs), *others = found.items()
+    (source, fs), *others = rates.items()
     if not SLOWEST <= fs <= FASTEST:
         raise DataError(
-            f"the sampling frequency must lie between {SLOWEST:g} and {FASTEST:g} Hz, but {said} "
+            f"the sampling frequency must lie between {SLOWEST:g} and {FASTEST:g} Hz, but {source} "
             f"is {fs:g} Hz.",
             remedy="Correct `fs`, or the unit of the times.",
         )
     for other, value in others:
         if abs(value - fs) > 2e-5 * fs:
             raise DataError(
-                f"sampling frequencies must agree, but {said} is {fs:.7g} Hz "
+                f"sampling frequencies must agree, but {source} is {fs:.7g} Hz "
                 f"and {other} is {value:.7g} Hz.",
                 remedy="Name channels of one rate, or put under [[test]] the rate to resample them "
-                f"to: `resample = {min(found.values()):.9g}`.",
+                f"to: `resample = {min(rates.values()):.9g}`.",
             )
     if "time" not in sources:
-        _agree_with_unused_time(contents, sources, wanted, fs)
-    kept = snapped(fs) if wanted.fs is None else fs
-    rounded = "" if kept == fs else f", snapped from {fs:.10g} Hz"
-    return kept, f"{kept:.10g} Hz from {said}{rounded}"
+        _agree_with_unused_time(contents, sources, request, fs)
+    fs_used = snapped(fs) if request.fs is None else fs
+    rounded = "" if fs_used == fs else f", snapped from {fs:.10g} Hz"
+    return fs_used, f"{fs_used:.10g} Hz from {source}{rounded}"
 
 
 def on_even_grid(
-    rows: Repeats, item: Leaf, contents: Contents, sources: Sources, wanted: Wanted
+    rows: Repeats, item: Leaf, contents: Contents, sources: Sources, request: Wanted
 ) -> tuple[Repeats, str]:
     """Rows of a channel at the rate that the caller wants, and what was done to them in words."""
-    fs = wanted.resample or 0.0
-    found: Repeats = []
-    said = ""
+    fs = request.resample or 0.0
+    resampled: Repeats = []
+    how = ""
     for row in rows:
         if not np.isfinite(row).all():
             lost = int(np.flatnonzero(~np.isfinite(row))[0])
@@ -108,21 +108,21 @@ def on_even_grid(
                 f"samples that are resampled must be finite, but sample {lost} is not.",
                 remedy="Keep a part without lost samples, or export the record again.",
             )
-        own, time = _own_clock(row, item, contents, sources, wanted)
-        y, said = at_rate(row, own, fs) if time is None else from_uneven(row, time, fs)
-        found.append(y)
-    return found, said
+        channel_fs, time = _own_clock(row, item, contents, sources, request)
+        y, how = at_rate(row, channel_fs, fs) if time is None else from_uneven(row, time, fs)
+        resampled.append(y)
+    return resampled, how
 
 
 def _own_clock(
-    row: NDArray[np.float64], item: Leaf, contents: Contents, sources: Sources, wanted: Wanted
+    row: NDArray[np.float64], item: Leaf, contents: Contents, sources: Sources, request: Wanted
 ) -> tuple[float, NDArray[np.float64] | None]:
     """Rate of a channel [Hz], or the times of its samples where these are uneven."""
     if item.fs is not None:
         return item.fs, None
     for clock in sources.get("time", ()):
-        unit = clock.unit if wanted.units_are == "file" else ""
-        factor = si_of("time", unit or wanted.units.get("time", "") or clock.unit or "s")[0]
+        unit = clock.unit if request.units_are == "file" else ""
+        factor = si_of("time", unit or request.units.get("time", "") or clock.unit or "s")[0]
         time = np.asarray(np.ravel(load(clock)), np.float64) * factor
         if len(time) != len(row):
             continue
@@ -132,8 +132,8 @@ def _own_clock(
             return sampling_frequency(time)[0], None
         except DataError:
             return 0.0, time
-    if wanted.fs is not None:
-        return _given(contents, wanted.fs)[0], None
+    if request.fs is not None:
+        return _stated_fs(contents, request.fs)[0], None
     if contents.fs is not None:
         return contents.fs, None
     raise DataError(
@@ -144,7 +144,7 @@ def _own_clock(
 
 
 def _agree_with_unused_time(
-    contents: Contents, sources: Sources, wanted: Wanted, fs: float
+    contents: Contents, sources: Sources, request: Wanted, fs: float
 ) -> None:
     """Refuse a rate against which a column of times in the file speaks that nobody named."""
     lengths = {max(item.shape, default=0) for items in sources.values() for item in items}
@@ -172,38 +172,39 @@ def _agree_with_unused_time(
             )
 
 
-def _given(contents: Contents, fs: float | str) -> tuple[float, str]:
+def _stated_fs(contents: Contents, fs: float | str) -> tuple[float, str]:
     """Sampling frequency as the caller gives it: a number, or the path of a scalar."""
-    said = "the argument"
+    source = "the argument"
     if isinstance(fs, str):
         leaf = select(contents.root, fs)
         values = load(leaf).ravel() if isinstance(leaf, Leaf) else np.zeros(0)
         if values.size != 1:
             raise DataError(f"`fs` = {fs!r} must point at one number.")
-        said, fs = f"`{fs}`", float(values[0])
+        source, fs = f"`{fs}`", float(values[0])
     if not (np.isfinite(fs) and fs > 0):
         raise ConfigError(f"`fs` must be positive and finite, but is {fs}.")
-    return float(fs), said
+    return float(fs), source
 
 
-def _timed(sources: Sources, wanted: Wanted) -> dict[str, float]:
+def _timed(sources: Sources, request: Wanted) -> dict[str, float]:
     """Sampling frequency of each time channel, all of which must be even."""
     timed = {}
     for item in sources.get("time", ()):
-        given = wanted.units.get("time", "")
-        mine = wanted.units_are == "mine"
-        if given and item.unit and plain(given) != plain(item.unit) and not mine:
+        stated_unit = request.units.get("time", "")
+        mine = request.units_are == "mine"
+        if stated_unit and item.unit and plain(stated_unit) != plain(item.unit) and not mine:
             raise DataError(
-                f"role `time` is in `{given}` by the campaign but in `{item.unit}` by the file.",
+                f"role `time` is in `{stated_unit}` by the campaign but in `{item.unit}` by the "
+                "file.",
                 why="The sampling frequency hangs on it.",
                 remedy=MINE,
             )
-        factor = si_of("time", given or item.unit or "s")[0]
-        for row in rows_of(item, "time", wanted, exact=False):
-            name = (wanted.channels or {}).get("time", "time")
+        factor = si_of("time", stated_unit or item.unit or "s")[0]
+        for row in rows_of(item, "time", request, exact=False):
+            name = (request.channels or {}).get("time", "time")
             fs, before = sampling_frequency(row if factor == 1.0 else row * factor, name)
-            said = f"`{name}`" if fs == before else f"`{name}` (snapped from {before:.10g} Hz)"
-            timed[said] = fs
+            source = f"`{name}`" if fs == before else f"`{name}` (snapped from {before:.10g} Hz)"
+            timed[source] = fs
     return timed
 
 
@@ -219,7 +220,7 @@ def cut(fs: float, span: tuple[float, float] | None) -> slice:
 def rows_of(
     item: Leaf,
     role: str,
-    wanted: Wanted,
+    request: Wanted,
     part: slice = WHOLE,
     *,
     exact: bool = True,
@@ -228,8 +229,8 @@ def rows_of(
     """The repeats of one array: itself, or its rows; complex ones only in a response curve."""
     # A time column is not made `exact` float64: the last bit of its own type is its resolution.
     loaded = load(item, part, np.float64 if exact else None)
-    where = (wanted.channels or {}).get(role, role)
-    if loaded.ndim > (2 if wanted.repeats == "rows" else 1):
+    where = (request.channels or {}).get(role, role)
+    if loaded.ndim > (2 if request.repeats == "rows" else 1):
         raise DataError(
             f"channel `{where}` must be one series, but has shape {loaded.shape}.",
             remedy=f"Take one with `{where}[0]` or `{where}[:, 0]`, or set repeats = 'rows'.",
@@ -266,8 +267,8 @@ def sampling_frequency(time: NDArray[np.floating], name: str = "time") -> tuple[
     rounding = _resolution(time)
     time = np.asarray(time, dtype=np.float64)
     _require_steps(time, rounding, name)
-    found = (len(time) - 1) / (time[-1] - time[0])
-    fs = snapped(found, min(2 * rounding / (time[-1] - time[0]), LOOSEST_SNAP))
+    mean_rate = (len(time) - 1) / (time[-1] - time[0])
+    fs = snapped(mean_rate, min(2 * rounding / (time[-1] - time[0]), LOOSEST_SNAP))
     off = np.abs((time - time[0]) * fs - np.arange(len(time)))
     if off.max() > REGULARITY + rounding * fs:
         i = int(np.argmax(off > REGULARITY))
@@ -278,7 +279,7 @@ def sampling_frequency(time: NDArray[np.floating], name: str = "time") -> tuple[
             remedy="A sampling frequency beside it would be wrong: put under [[test]] "
             f"`resample = {proposed_rate(time):.9g}`, which says the error that it makes.",
         )
-    return fs, found
+    return fs, mean_rate
 
 
 def _resolution(time: NDArray[np.floating]) -> float:

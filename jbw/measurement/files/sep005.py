@@ -30,20 +30,22 @@ def from_sep005(
 
     Without `channels`, role to series, it takes series named like a role, or whose `quantity` is.
     """
-    leaves = [_leaf(one, i) for i, one in enumerate(series)]
-    names = [str(one["name"]) for one in series]
-    repeated = sorted({one for one in names if names.count(one) > 1})
+    leaves = [_leaf(signal, i) for i, signal in enumerate(series)]
+    names = [str(signal["name"]) for signal in series]
+    repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated:
         raise DataError(
             f"{name}: the name {repeated[0]!r} is given to {names.count(repeated[0])} series.",
             remedy="Names must differ, so that a channel can be told by its name.",
         )
-    digest = hashlib.sha256(b"".join(np.asarray(one["data"]).tobytes() for one in series))
+    digest = hashlib.sha256(b"".join(np.asarray(signal["data"]).tobytes() for signal in series))
     contents = Contents(dict(zip(names, leaves, strict=True)), "SEP-005")
     if channels is None:
-        told = {letter: role for role, letter in QUANTITIES.items()}
-        channels = {one: one for one in names if one in ROLES} or {
-            told[one["quantity"]]: str(one["name"]) for one in series if one.get("quantity") in told
+        role_of = {letter: role for role, letter in QUANTITIES.items()}
+        channels = {role: role for role in names if role in ROLES} or {
+            role_of[signal["quantity"]]: str(signal["name"])
+            for signal in series
+            if signal.get("quantity") in role_of
         }
     with naming(name):
         (record,) = records_of(contents, Path(name), Wanted(channels), digest.hexdigest())
@@ -55,35 +57,35 @@ def to_sep005(record: Record, names: Mapping[str, str] | None = None) -> list[di
     """The channels of a record in time as SEP-005 dictionaries, in SI, `names` by role."""
     if np.isnan(record.fs):
         raise DataError(f"{record.name}: SEP-005 holds time series, but this is a response curve.")
-    found = []
+    signals = []
     for role, samples in record.channels.items():
         name, unit = (names or {}).get(role, role), record.units[role]
-        one = {"name": name, "data": samples, "fs": record.fs, "unit_str": unit}
+        signal = {"name": name, "data": samples, "fs": record.fs, "unit_str": unit}
         quantity = {"quantity": QUANTITIES[role]} if role in QUANTITIES else {}
-        found.append({**one, **quantity, "group": record.name})
-    return found
+        signals.append({**signal, **quantity, "group": record.name})
+    return signals
 
 
-def _leaf(one: Mapping[str, Any], i: int) -> Leaf:
-    missing = [key for key in NEEDED if key not in one]
+def _leaf(signal: Mapping[str, Any], i: int) -> Leaf:
+    missing = [key for key in NEEDED if key not in signal]
     if missing:
         raise DataError(
             f"SEP-005 series [{i}] has no `{missing[0]}`.",
             remedy=f"Each needs {', '.join(NEEDED)}, and fs or time.",
         )
-    data = np.asarray(one["data"])
+    data = np.asarray(signal["data"])
     if data.ndim != 1 or not np.issubdtype(data.dtype, np.number):
         raise DataError(
-            f"SEP-005 series {one['name']!r}: `data` must be one axis of numbers, "
+            f"SEP-005 series {signal['name']!r}: `data` must be one axis of numbers, "
             f"but has shape {data.shape} and type {data.dtype}."
         )
-    fs = one.get("fs")
-    if one.get("time") is not None:
-        time = np.asarray(one["time"])
+    fs = signal.get("fs")
+    if signal.get("time") is not None:
+        time = np.asarray(signal["time"])
         if time.shape != data.shape:
             raise DataError(
-                f"SEP-005 series {one['name']!r}: `time` has {time.size} values, "
+                f"SEP-005 series {signal['name']!r}: `time` has {time.size} values, "
                 f"`data` {data.size}."
             )
-        fs = sampling_frequency(time, f"{one['name']}, time")[0] if fs is None else fs
-    return leaf(data, fs=None if fs is None else float(fs), unit=str(one["unit_str"]))
+        fs = sampling_frequency(time, f"{signal['name']}, time")[0] if fs is None else fs
+    return leaf(data, fs=None if fs is None else float(fs), unit=str(signal["unit_str"]))

@@ -31,23 +31,23 @@ class Bounded(BufferedReader):
 
     def read(self, size: int | None = -1, /) -> bytes:
         """The next bytes, up to the end of the file."""
-        left = os.fstat(self.fileno()).st_size - self.tell()
-        return super().read(left if size is None or size < 0 else min(size, max(left, 0)))
+        remaining = os.fstat(self.fileno()).st_size - self.tell()
+        return super().read(remaining if size is None or size < 0 else min(size, max(remaining, 0)))
 
 
 @contextmanager
 def _overheard() -> Iterator[list[logging.LogRecord]]:
     """What the library logs, kept: it prints the bytes of a damaged file by the page."""
     console = import_module("nptdms.log").log_manager.console_handler
-    log, kept, level = logging.getLogger("nptdms"), BufferingHandler(sys.maxsize), console.level
-    kept.setLevel(logging.WARNING)
+    log, handler, level = logging.getLogger("nptdms"), BufferingHandler(sys.maxsize), console.level
+    handler.setLevel(logging.WARNING)
     passed_on, log.propagate = log.propagate, False
     console.setLevel(logging.ERROR)
-    log.addHandler(kept)
+    log.addHandler(handler)
     try:
-        yield kept.buffer
+        yield handler.buffer
     finally:
-        log.removeHandler(kept)
+        log.removeHandler(handler)
         console.setLevel(level)
         log.propagate = passed_on
 
@@ -89,9 +89,9 @@ def _checked(file: Any, logged: Sequence[logging.LogRecord], path: Path) -> Cont
     """Contents of an opened file; refused where samples of it are not there."""
     groups = file.groups()
     if file.file_status.incomplete_final_segment or not groups:
-        found = sum(len(channel) for group in groups for channel in group.channels())
+        num_samples = sum(len(channel) for group in groups for channel in group.channels())
         raise DataError(
-            f"File `{path}` ({path.stat().st_size} bytes) is cut short: only {found} samples "
+            f"File `{path}` ({path.stat().st_size} bytes) is cut short: only {num_samples} samples "
             "of its channels can be read by the tdms reader.",
             remedy="Copy the file again; the recorder may not have closed it.",
         )
@@ -125,5 +125,5 @@ def _node(channel: Any, start_s: float | None) -> Node:
     if start_s is not None:
         start_s += float(channel.properties.get(OFFSET) or 0.0)
     fs = 1 / interval if interval > 0 else None
-    found = leaf(array, fs=fs, unit=unit.strip(), start_s=start_s)
-    return replace(found, label=str(channel.properties.get("NI_ChannelName", "")))
+    samples = leaf(array, fs=fs, unit=unit.strip(), start_s=start_s)
+    return replace(samples, label=str(channel.properties.get("NI_ChannelName", "")))

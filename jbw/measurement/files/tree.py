@@ -105,10 +105,10 @@ def numeric(array: NDArray[Any]) -> Leaf | Opaque:
 
 def cells(nodes: Sequence[Node], shape: tuple[int, ...]) -> NDArray[Any]:
     """Container of nodes."""
-    found = np.empty(len(nodes), dtype=object)
+    container = np.empty(len(nodes), dtype=object)
     for i, node in enumerate(nodes):
-        found[i] = node
-    return found.reshape(shape)
+        container[i] = node
+    return container.reshape(shape)
 
 
 def names(root: Node, prefix: str = "") -> Iterator[tuple[str, Leaf | Opaque]]:

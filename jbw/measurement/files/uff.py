@@ -35,31 +35,31 @@ SET_58 = re.compile(rb"^ {4}-1 *\r?\n *58[ b]", re.MULTILINE)
 def contents(path: Path) -> Iterator[Contents]:
     """Open a universal file as `set[0]`, `set[1]`, ..., and by their names where unique."""
     declared = len(SET_58.findall(path.read_bytes()))
-    found = optional("pyuff", "uff", path).UFF(str(path)).read_sets()
-    every = found if isinstance(found, list) else [found]
-    sets = [one for one in every if one.get("type") == 58]
+    read_sets = optional("pyuff", "uff", path).UFF(str(path)).read_sets()
+    every = read_sets if isinstance(read_sets, list) else [read_sets]
+    sets = [dataset for dataset in every if dataset.get("type") == 58]
     if not sets or len(sets) != declared:
         raise DataError(
             f"File `{path}` declares {declared} sets of type 58, but {len(sets)} can be read.",
             remedy="Export it again, as UFF 58 with time records.",
         )
-    system = next((one for one in every if one.get("type") == 164), {})
-    nodes = [_node(one, f"{path.name}, set[{i}]", system) for i, one in enumerate(sets)]
+    system = next((dataset for dataset in every if dataset.get("type") == 164), {})
+    nodes = [_node(dataset, f"{path.name}, set[{i}]", system) for i, dataset in enumerate(sets)]
     titles = _titles(sets)
     root: dict[str, Node] = {"set": cells(nodes, (len(nodes),))}
-    alone = {
+    unique = {
         title: node
         for title, node in zip(titles, nodes, strict=True)
         if title and titles.count(title) == 1
     }
     series: dict[str, Leaf] = {}
     for i, (title, node) in enumerate(zip(titles, nodes, strict=True)):
-        path_of = title if title in alone else f"set[{i}]"
+        path_of = title if title in unique else f"set[{i}]"
         series |= dict(names_of(node, path_of))
     notes = {} if not system else {"units of set 164": str(system.get("units_code", ""))}
-    program = next((one for one in every if one.get("type") == 151), {})
+    program = next((dataset for dataset in every if dataset.get("type") == 151), {})
     facts = {"program": str(program.get("prog_name") or program.get("model_name") or "").strip()}
-    yield Contents(root | alone, "UFF 58", notes=notes, series=series, attributes=facts)
+    yield Contents(root | unique, "UFF 58", notes=notes, series=series, attributes=facts)
 
 
 def names_of(node: Node, path: str) -> Iterator[tuple[str, Leaf]]:
@@ -69,23 +69,23 @@ def names_of(node: Node, path: str) -> Iterator[tuple[str, Leaf]]:
             yield (f"{path}.{name}" if name else path), item
 
 
-def _stated(found: Mapping[str, Any], key: str) -> str:
+def _stated(dataset: Mapping[str, Any], key: str) -> str:
     """A text of a set; empty where it says NONE."""
-    text = str(found.get(key, "")).strip()
+    text = str(dataset.get(key, "")).strip()
     return "" if text.upper() == "NONE" else text
 
 
 def _titles(sets: Sequence[Mapping[str, Any]]) -> list[str]:
     """Names of the sets: their first line, or where that says nothing the label of the ordinate."""
-    firsts = [_stated(one, "id1") for one in sets]
-    labels = [_stated(one, "ordinate_axis_lab") for one in sets]
-    told = len(set(firsts)) > 1 or len(sets) == 1
-    return firsts if told and all(firsts) else labels
+    firsts = [_stated(dataset, "id1") for dataset in sets]
+    labels = [_stated(dataset, "ordinate_axis_lab") for dataset in sets]
+    first_lines_differ = len(set(firsts)) > 1 or len(sets) == 1
+    return firsts if first_lines_differ and all(firsts) else labels
 
 
-def _node(found: Mapping[str, Any], where: str, system: Mapping[str, Any]) -> Node:
-    data, declared = np.asarray(found["data"]), found.get("num_pts")
-    x = np.asarray(found["x"])
+def _node(dataset: Mapping[str, Any], where: str, system: Mapping[str, Any]) -> Node:
+    data, declared = np.asarray(dataset["data"]), dataset.get("num_pts")
+    x = np.asarray(dataset["x"])
     if declared is not None and declared < len(data) <= declared + MOST_PADDED:
         if not np.any(data[declared:]):  # zeros that fill the last line
             data, x = data[:declared], x[:declared]
@@ -94,49 +94,51 @@ def _node(found: Mapping[str, Any], where: str, system: Mapping[str, Any]) -> No
             f"{where} declares {declared} samples, but has {len(data)}.",
             remedy="Copy the file again, or export it again.",
         )
-    quantity = SPECIFIC.get(int(found.get("ordinate_spec_data_type") or 0), "")
-    unit = _unit_of(found, "ordinate", quantity, system)
-    label = _stated(found, "ordinate_axis_lab")
+    quantity = SPECIFIC.get(int(dataset.get("ordinate_spec_data_type") or 0), "")
+    unit = _unit_of(dataset, "ordinate", quantity, system)
+    label = _stated(dataset, "ordinate_axis_lab")
     label = f"{quantity} {label}".strip() if quantity else label
-    if found.get("func_type") == FREQUENCY_RESPONSE:
-        per = SPECIFIC.get(int(found.get("orddenom_spec_data_type") or 0), "")
-        below = _unit_of(found, "orddenom", per, system)
+    if dataset.get("func_type") == FREQUENCY_RESPONSE:
+        per = SPECIFIC.get(int(dataset.get("orddenom_spec_data_type") or 0), "")
+        below = _unit_of(dataset, "orddenom", per, system)
         if unit and below and "/" + plain(below) not in plain(unit) and not _is_ratio(unit):
             unit = f"({unit})/{below}"
         return {
             "frequency": replace(leaf(x, unit="Hz"), label="frequency"),
             "response": replace(leaf(data, unit=unit), label=label),
         }
-    spacing, fs = float(found.get("abscissa_inc") or 0.0), None
+    spacing, fs = float(dataset.get("abscissa_inc") or 0.0), None
     if spacing > 0:
         fs = 1 / spacing
     elif len(x) > 1:  # uneven
         fs, _ = sampling_frequency(x, f"{where}, abscissa")
-    start = float(found.get("abscissa_min") or 0.0)
+    start = float(dataset.get("abscissa_min") or 0.0)
     return replace(leaf(data, fs=fs, unit=unit, start_s=start), label=label)
 
 
 def _is_ratio(unit: str) -> bool:
     """Whether a unit is a response per force already, as `m/s^2/N` or `1/kg`."""
-    found = measured(plain(unit))
-    return found is not None and found[1][1] < 0
+    of_unit = measured(plain(unit))
+    return of_unit is not None and of_unit[1][1] < 0
 
 
-def _unit_of(found: Mapping[str, Any], axis: str, quantity: str, system: Mapping[str, Any]) -> str:
+def _unit_of(
+    dataset: Mapping[str, Any], axis: str, quantity: str, system: Mapping[str, Any]
+) -> str:
     """Unit of an axis by its label, else by what it measures and the system of units of set 164.
 
     Numbers of the file are SI numbers times the factors of that set; where a factor contradicts
     the code of the system, nothing is stated.
     """
-    unit = _stated(found, f"{axis}_axis_units_lab")
+    unit = _stated(dataset, f"{axis}_axis_units_lab")
     if unit or not quantity or not system:
         return unit
     which = "force" if quantity == "force" else "length"
     factor = float(system.get(which) or 0.0)
     table = FACTORS["force" if which == "force" else "displacement"]
     base = next((n for n, si in table.items() if abs(si * factor - 1) < SAME_FACTOR), "")
-    said = SYSTEMS.get(int(system.get("units_code") or 0), {}).get(which, base)
-    return base + BEHIND.get(quantity, "") if base and base == said else ""
+    of_code = SYSTEMS.get(int(system.get("units_code") or 0), {}).get(which, base)
+    return base + BEHIND.get(quantity, "") if base and base == of_code else ""
 
 
 def write_uff(path: str | Path, record: Record) -> None:
@@ -206,14 +208,14 @@ def _set_of(record: Record, role: str) -> dict[str, Any]:
 
 def _require_same(path: Path, record: Record) -> None:
     """Refuse a file that does not hold what was written; of five digits the sampling interval."""
-    with contents(path) as found:
-        leaves = dict(names(found.root))
+    with contents(path) as written:
+        leaves = dict(names(written.root))
         for role, samples in record.channels.items():
-            own = leaves.get(role)
+            channel = leaves.get(role)
             if not (
-                isinstance(own, Leaf)
-                and own.shape == np.shape(samples)
-                and np.allclose(load(own), samples, rtol=1e-10, atol=0.0)
+                isinstance(channel, Leaf)
+                and channel.shape == np.shape(samples)
+                and np.allclose(load(channel), samples, rtol=1e-10, atol=0.0)
             ):
                 raise DataError(
                     f"Channel `{role}` of {path} does not read as it was written.",

@@ -22,20 +22,20 @@ LOOKED_AT = 80  # lines of a text by which its recorder is known
 def modules() -> tuple[str, ...]:
     """Dotted names of the modules in the table."""
     return tuple(
-        f"{__name__}.{found.name}"
-        for found in sorted(pkgutil.iter_modules(__path__), key=lambda found: found.name)
-        if found.name not in ("recorder", "facts")
+        f"{__name__}.{module.name}"
+        for module in sorted(pkgutil.iter_modules(__path__), key=lambda module: module.name)
+        if module.name not in ("recorder", "facts")
     )
 
 
 @cache
 def recorders() -> tuple[Recorder, ...]:
     """All recorders in the order of their files, those that take a whole format last."""
-    found: list[Recorder] = []
+    collected: list[Recorder] = []
     for name in modules():
         module = import_module(name)
-        found += getattr(module, "RECORDERS", None) or (module.RECORDER,)
-    return tuple(sorted(found, key=lambda recorder: recorder.is_general))
+        collected += getattr(module, "RECORDERS", None) or (module.RECORDER,)
+    return tuple(sorted(collected, key=lambda recorder: recorder.is_general))
 
 
 def of_lines(lines: Sequence[str], path: Path) -> Contents | None:

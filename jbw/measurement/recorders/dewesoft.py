@@ -42,10 +42,10 @@ def read(contents: Contents) -> Contents:
         if TIME.fullmatch(str(name)) or not (data and isinstance(item, Leaf)):
             continue
         clock = root.get(f"{data[1]}_time_{data[2]}", root.get(f"{data[1]}_time"))
-        told = titled_leaf(item, data[2])
+        channel = titled_leaf(item, data[2])
         if isinstance(clock, Leaf) and clock.shape == item.shape:
-            told = _timed(told, clock)
-        root[name] = series[str(name)] = told
+            channel = _timed(channel, clock)
+        root[name] = series[str(name)] = channel
     fs = rate_of(1 / number_at(root, "Sample_rate")) if "Sample_rate" in root else None
     return replace(contents, root=root, series=series, fs=contents.fs or fs)
 

@@ -31,24 +31,24 @@ def node_at(node: Any, *names: str) -> Any:
 
 def text_at(node: Any, *names: str) -> str:
     """Text at names within structs; empty where there is none."""
-    found = node_at(node, *names)
-    return found.text.strip() if isinstance(found, Opaque) else ""
+    child = node_at(node, *names)
+    return child.text.strip() if isinstance(child, Opaque) else ""
 
 
 def number_at(node: Any, *names: str) -> float:
     """Number at names within structs, or as text there, perhaps with a decimal comma; else NaN."""
-    found = node_at(node, *names)
-    if isinstance(found, Leaf) and 0 < math.prod(found.shape) <= MOST_VALUES:
-        values = np.ravel(load(found))
+    child = node_at(node, *names)
+    if isinstance(child, Leaf) and 0 < math.prod(child.shape) <= MOST_VALUES:
+        values = np.ravel(load(child))
         return float(values[0]) if not np.iscomplexobj(values) else math.nan
-    return number_in(found.text) if isinstance(found, Opaque) else math.nan
+    return number_in(child.text) if isinstance(child, Opaque) else math.nan
 
 
 def number_in(text: Any) -> float:
     """The number that a text begins with, `51200,0 Hz` too; NaN where it begins with none."""
-    found = re.match(r"\s*([-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?)", str(text)[:80])
+    match = re.match(r"\s*([-+]?\d*[.,]?\d+(?:[eE][-+]?\d+)?)", str(text)[:80])
     try:
-        return float(found[1].replace(",", ".")) if found else math.nan
+        return float(match[1].replace(",", ".")) if match else math.nan
     except ValueError:
         return math.nan
 
@@ -58,7 +58,7 @@ def rate_of(increment: float) -> float | None:
     return 1 / increment if math.isfinite(increment) and increment > 0 else None
 
 
-def known(value: float) -> float | None:
+def positive(value: float) -> float | None:
     """A number that is positive and finite, or None."""
     return value if math.isfinite(value) and value > 0 else None
 
@@ -73,9 +73,9 @@ def long_leaves(root: Node, least: int = 8) -> Iterator[tuple[str, Leaf]]:
 
 def stated(text: str, pattern: str) -> str:
     """What stands behind a key in a line such as `Sample rate: 1000 Hz`, or `Key;value`; or ''."""
-    found = re.match(rf"[\"#%\s]*(?:{pattern})[\"\s]*(?:[:=;,\t]|\s{{2,}})[\"\s]*(.*)", text,
+    match = re.match(rf"[\"#%\s]*(?:{pattern})[\"\s]*(?:[:=;,\t]|\s{{2,}})[\"\s]*(.*)", text,
                      re.IGNORECASE)  # fmt: skip
-    return found[1].strip(' "\t;,') if found else ""
+    return match[1].strip(' "\t;,') if match else ""
 
 
 RATE = re.compile(
@@ -104,11 +104,11 @@ def rate_in(lines: Sequence[str]) -> float | None:
         (INTERVAL, SECONDS, lambda x: 1 / x),
     ):
         for line in lines:
-            found = pattern.match(line[:200])
-            if not found:
+            match = pattern.match(line[:200])
+            if not match:
                 continue
-            unit = (found["unit"] or found["unit2"] or found["behind"] or "").strip().lower()
-            value = float(found["value"].replace(",", "."))
+            unit = (match["unit"] or match["unit2"] or match["behind"] or "").strip().lower()
+            value = float(match["value"].replace(",", "."))
             if unit in units and value > 0:
                 return float(to_fs(value * units[unit]))
     return None

@@ -15,7 +15,7 @@ import re
 from dataclasses import replace
 
 from jbw.measurement.files.tree import Contents, Leaf
-from jbw.measurement.recorders.facts import known, named, number_at, text_at, top
+from jbw.measurement.recorders.facts import named, number_at, positive, text_at, top
 from jbw.measurement.recorders.recorder import Recorder
 
 DATA = re.compile(r"(Channel_\d+)_Data")
@@ -33,19 +33,19 @@ def read(contents: Contents) -> Contents:
     """Rate of the file; name and unit of each channel of as many samples as it declares."""
     root = top(contents)
     series: dict[str, Leaf] = {}
-    fs = known(number_at(root, "File_Header", "SampleFrequency"))
+    fs = positive(number_at(root, "File_Header", "SampleFrequency"))
     count = number_at(root, "File_Header", "NumberOfSamplesPerChannel")
     for name, item in top(contents).items():
-        found = DATA.fullmatch(str(name))
-        if not (found and isinstance(item, Leaf)):
+        match = DATA.fullmatch(str(name))
+        if not (match and isinstance(item, Leaf)):
             continue
-        header = f"{found[1]}_Header"
+        header = f"{match[1]}_Header"
         size = max(item.shape, default=0)
         if not math.isnan(count) and count != size:
             raise ValueError(f"`{name}` holds {size} samples, but the file declares {count:g}")
         title = text_at(root, header, "SignalName") or str(name)
-        told = named(item, title, text_at(root, header, "Unit"))
-        root[name] = series[str(name)] = replace(told, fs=fs)
+        channel = named(item, title, text_at(root, header, "Unit"))
+        root[name] = series[str(name)] = replace(channel, fs=fs)
     return replace(contents, root=root, series=series)
 
 

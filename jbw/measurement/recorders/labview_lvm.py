@@ -50,30 +50,33 @@ def read_text(lines: Sequence[str], path: Path) -> Contents:
     facts = _facts(lines[: ends[0]])
     mark = SEPARATORS.get(facts.get("separator", ["Tab"])[0].lower(), "\t")
     decimal = facts.get("decimal_separator", ["."])[0] or "."
-    own = _facts(lines[ends[0] + 1 : ends[1]], mark)
-    number = int(number_in(own.get("channels", ["0"])[0]))
+    segment_facts = _facts(lines[ends[0] + 1 : ends[1]], mark)
+    number = int(number_in(segment_facts.get("channels", ["0"])[0]))
     names = [text.strip() for text in lines[ends[1] + 1].split(mark)]
     x_columns = facts.get("x_columns", ["No"])[0].lower()
     if x_columns == "multi":
-        return _with_times_of_each(lines[ends[1] + 1 :], path, own, (mark, decimal))
+        return _with_times_of_each(lines[ends[1] + 1 :], path, segment_facts, (mark, decimal))
     has_times = x_columns == "one"
     titles = [names[0] or "X_Value", *names[1 : 1 + number]]
     first = 0 if has_times else 1
     rows = [_cells(line, mark, first, number) for line in lines[ends[1] + 2 :] if line.strip()]
-    units = ["s", *_of_each(own, "y_unit_label", number)][first:]
+    units = ["s", *_of_each(segment_facts, "y_unit_label", number)][first:]
     dialect = Dialect(mark, decimal, 0, number + 1 - first)
-    found = table(
+    columns = table(
         rows, path, names=["time" if i == 0 else t for i, t in enumerate(titles)][first:],
         units=units, dialect=dialect,
     )  # fmt: skip
-    deltas, starts = _of_each(own, "delta_x", number), _of_each(own, "x0", number)
-    counts = _of_each(own, "samples", number)
+    deltas, starts = (
+        _of_each(segment_facts, "delta_x", number),
+        _of_each(segment_facts, "x0", number),
+    )
+    counts = _of_each(segment_facts, "samples", number)
     if has_times:
-        return _without_empty(found, counts)
+        return _without_empty(columns, counts)
     is_one_header = facts.get("multi_headings", ["Yes"])[0].lower() == "no"
-    notes = dict(found.notes)
-    told = {}
-    for i, (path_of, item) in enumerate((found.series or {}).items()):
+    notes = dict(columns.notes)
+    channels = {}
+    for i, (path_of, item) in enumerate((columns.series or {}).items()):
         start = number_in(starts[i])
         packets = _packets(path_of, number_in(counts[i]), item.shape[0], is_one_header)
         if packets > 1:
@@ -82,32 +85,36 @@ def read_text(lines: Sequence[str], path: Path) -> Contents:
         if rounding > LARGEST_ROUNDING:
             notes["digits of Delta_X"] = f"leave the sampling frequency uncertain by {rounding:.1e}"
         start_s = None if np.isnan(start) else start
-        told[path_of] = replace(item, fs=rate_of(number_in(deltas[i])), start_s=start_s)
-    return replace(found, root={**top(found), **told}, series=told, notes=notes)
+        channels[path_of] = replace(item, fs=rate_of(number_in(deltas[i])), start_s=start_s)
+    return replace(columns, root={**top(columns), **channels}, series=channels, notes=notes)
 
 
 def _with_times_of_each(
-    lines: Sequence[str], path: Path, own: dict[str, list[str]], marks: tuple[str, str]
+    lines: Sequence[str], path: Path, segment_facts: dict[str, list[str]], marks: tuple[str, str]
 ) -> Contents:
     """Channels that each have a column of times before them."""
     mark, decimal = marks
-    number = int(number_in(own.get("channels", ["0"])[0]))
+    number = int(number_in(segment_facts.get("channels", ["0"])[0]))
     names = [text.strip() for text in lines[0].split(mark)]
     titles = ["time" if i % 2 == 0 else name for i, name in enumerate(names[: 2 * number])]
-    units = [unit for each in _of_each(own, "y_unit_label", number) for unit in ("s", each)]
+    units = [
+        unit for label in _of_each(segment_facts, "y_unit_label", number) for unit in ("s", label)
+    ]
     rows = [_cells(line, mark, 0, 2 * number - 1) for line in lines[1:] if line.strip()]
     dialect = Dialect(mark, decimal, 0, 2 * number)
     return table(rows, path, names=titles, units=units, dialect=dialect)
 
 
-def _without_empty(found: Contents, counts: Sequence[str]) -> Contents:
+def _without_empty(columns: Contents, counts: Sequence[str]) -> Contents:
     """Times and channels, but for those that declare no sample."""
-    series = found.series or {}
+    series = columns.series or {}
     if len(series) != 1 + len(counts):
-        return found
+        return columns
     declared = [1.0, *(number_in(count) for count in counts)]
-    kept = {key: item for (key, item), n in zip(series.items(), declared, strict=True) if n != 0}
-    return replace(found, series=kept)
+    measured = {
+        key: item for (key, item), n in zip(series.items(), declared, strict=True) if n != 0
+    }
+    return replace(columns, series=measured)
 
 
 def _packets(name: str, declared: float, size: int, is_one_header: bool) -> int:

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from jbw.measurement.files.tree import RATE, Contents, Leaf, Opaque
-from jbw.measurement.recorders.facts import known, node_at, number_at, number_in, rate_of, top
+from jbw.measurement.recorders.facts import node_at, number_at, number_in, positive, rate_of, top
 from jbw.measurement.recorders.recorder import Recorder
 
 INTERVALS = ("dt", "Dt", "DT", "Tsample", "sampling_interval", "sample_interval")
@@ -44,10 +44,10 @@ def _units_of(node: Mapping[str, Any]) -> dict[str, str]:
         units = _texts(properties.get("VariableUnits"))
         return dict(zip(names, units, strict=False)) if len(names) == len(units) else {}
     for key in UNITS:
-        found = node.get(key)
-        if isinstance(found, Mapping):
-            return {n: x.text.strip() for n, x in found.items() if isinstance(x, Opaque)}
-        texts = _texts(found)
+        stated_units = node.get(key)
+        if isinstance(stated_units, Mapping):
+            return {n: x.text.strip() for n, x in stated_units.items() if isinstance(x, Opaque)}
+        texts = _texts(stated_units)
         series = [n for n in fields if max(node[n].shape, default=0) > 1]
         if texts and len(texts) == len(series):
             return dict(zip(series, texts, strict=True))
@@ -58,13 +58,13 @@ def _rate_of(node: Mapping[str, Any]) -> float | None:
     """A rate that a struct states as text, or an interval that it states as a number [s]."""
     for name, item in node.items():
         if isinstance(item, Opaque) and item.text and RATE.search(str(name)):
-            return known(number_in(item.text))
+            return positive(number_in(item.text))
         if str(name) in INTERVALS and isinstance(item, Leaf) and max(item.shape, default=1) == 1:
             return rate_of(number_at(node, str(name)))
     return None
 
 
-def _is_told(node: Any) -> bool:
+def _states_units(node: Any) -> bool:
     return isinstance(node, Mapping) and bool(_units_of(node) or _rate_of(node))
 
 
@@ -73,19 +73,19 @@ def is_of(contents: Contents) -> bool:
     root = top(contents)
     if not contents.reader.startswith(("MATLAB", "npz")):
         return False
-    return _is_told(root) or any(_is_told(node) for node in root.values())
+    return _states_units(root) or any(_states_units(node) for node in root.values())
 
 
 def read(contents: Contents) -> Contents:
     """Arrays with the units and the rate that stand beside them."""
-    root = _told(top(contents))
+    root = _with_units(top(contents))
     for name, node in top(contents).items():
-        if _is_told(node):
-            root[name] = _told(node)
+        if _states_units(node):
+            root[name] = _with_units(node)
     return replace(contents, root=root)
 
 
-def _told(node: Any) -> dict[str, Any]:
+def _with_units(node: Any) -> dict[str, Any]:
     units, fs = _units_of(node), _rate_of(node)
     return {
         name: replace(item, unit=item.unit or units.get(name, ""), fs=item.fs or fs)

@@ -30,8 +30,8 @@ def read(contents: Contents) -> Contents:
     """The channels; those of a rate of their own need no channel of times."""
     series = dict(_channels(top(contents)))
     timed = [name for name, item in series.items() if item.fs]
-    kept = {n: x for n, x in series.items() if not (timed and is_time(n.rpartition(".")[2]))}
-    return replace(contents, series=kept)
+    channels = {n: x for n, x in series.items() if not (timed and is_time(n.rpartition(".")[2]))}
+    return replace(contents, series=channels)
 
 
 RECORDER = Recorder("NI TDMS", lambda contents: contents.reader == "TDMS", read, is_general=True)

@@ -53,16 +53,16 @@ def read_rigol(lines: Sequence[str], path: Path) -> Contents:
     second = [text.strip() for text in lines[1].split(",")]
     units, numbers = second[1 : 1 + len(names)], second[1 + len(names) :]
     rows = [",".join(line.split(",")[: 1 + len(names)]) for line in lines[2:]]
-    found = table(rows, path, names=["number", *names], units=["", *units],
+    columns = table(rows, path, names=["number", *names], units=["", *units],
                   fs=rate_of(number_in(numbers[1]) if len(numbers) > 1 else 0.0))  # fmt: skip
     start = number_in(numbers[0]) if numbers else math.nan
     start_s = None if math.isnan(start) else start
     series = {
         name: replace(item, start_s=start_s)
-        for name, item in (found.series or {}).items()
+        for name, item in (columns.series or {}).items()
         if name != "number"
     }
-    return replace(found, root={**top(found), **series}, series=series)
+    return replace(columns, root={**top(columns), **series}, series=series)
 
 
 RECORDERS = (

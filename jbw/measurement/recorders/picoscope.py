@@ -40,8 +40,8 @@ def read(contents: Contents) -> Contents:
     for name, item in top(contents).items():
         if isinstance(item, Leaf) and re.fullmatch("[A-H]", str(name)):
             start_s = None if math.isnan(start) else start
-            told = replace(item, fs=fs, start_s=start_s, label=f"Channel {name}")
-            root[name] = series[str(name)] = told
+            channel = replace(item, fs=fs, start_s=start_s, label=f"Channel {name}")
+            root[name] = series[str(name)] = channel
     return replace(contents, root=root, series=series)
 
 

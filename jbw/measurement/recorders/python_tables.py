@@ -25,7 +25,7 @@ import numpy as np
 from jbw.errors import JbwError
 from jbw.measurement.files.sampling import sampling_frequency
 from jbw.measurement.files.tree import Contents, Leaf, Opaque, load
-from jbw.measurement.recorders.facts import known, number_in, top
+from jbw.measurement.recorders.facts import number_in, positive, top
 from jbw.measurement.recorders.recorder import Recorder
 
 NAMES = ("channel_names", "channels", "names", "columns", "labels", "channel")
@@ -51,28 +51,28 @@ def _rate(facts: Mapping[str, Any]) -> float | None:
             value = load(value).ravel() if isinstance(value, Leaf) else value
             if value is not None and np.size(value) == 1:
                 number = number_in(np.ravel(value)[0])
-                if known(number):
+                if positive(number):
                     return float(to_fs(number))
     return None
 
 
 def _facts(node: Any, item: Leaf) -> dict[str, Any]:
     """What stands beside an array, and in its attributes, which come first."""
-    beside = dict(node) if isinstance(node, Mapping) else {}
-    return {**beside, **item.attributes}
+    siblings = dict(node) if isinstance(node, Mapping) else {}
+    return {**siblings, **item.attributes}
 
 
 def _tables(node: Any, prefix: str = "") -> list[tuple[str, Leaf, dict[str, Any]]]:
-    found = []
+    tables = []
     for name, item in node.items() if isinstance(node, Mapping) else ():
         if isinstance(item, Mapping):
-            found += _tables(item, f"{prefix}{name}.")
+            tables += _tables(item, f"{prefix}{name}.")
         elif isinstance(item, Leaf) and len(item.shape) == 2:
             facts = _facts(node, item)
             names = _list(facts, NAMES) or _list(facts, (ITEMS,)) * (name == VALUES)
             if names and names.count("") == 0 and len(names) in item.shape:
-                found.append((f"{prefix}{name}", item, {**facts, "_names": names}))
-    return found
+                tables.append((f"{prefix}{name}", item, {**facts, "_names": names}))
+    return tables
 
 
 def _clock(node: Any) -> Leaf | None:
@@ -134,12 +134,12 @@ def read_labelled(contents: Contents) -> Contents:
     clock = _clock(top(contents))
     if clock is None:
         return contents
-    kept = {
+    along_clock = {
         str(name): item
         for name, item in top(contents).items()
         if isinstance(item, Leaf) and item.shape == clock.shape
     }
-    return replace(contents, series=kept)
+    return replace(contents, series=along_clock)
 
 
 RECORDERS = (

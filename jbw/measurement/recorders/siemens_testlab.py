@@ -52,19 +52,19 @@ def read(contents: Contents) -> Contents:
         unit = text_at(node, "y_values", "quantity", "label")
         if plain(text_at(node, "x_values", "quantity", "label")) == "Hz":
             hz = (0.0 if math.isnan(start) else start) + increment * np.arange(size)
-            told = replace(values, unit=unit, label=label)
+            signal = replace(values, unit=unit, label=label)
             added = {"frequency": replace(leaf(hz, unit="Hz"), label="frequency")}
             series[f"{name}.frequency"] = added["frequency"]
         else:
             start_s = None if math.isnan(start) else start
-            told = replace(values, fs=rate_of(increment), unit=unit, label=label, start_s=start_s)
+            signal = replace(values, fs=rate_of(increment), unit=unit, label=label, start_s=start_s)
             added = {}
-        root[name] = {**node, **added, "y_values": {**node["y_values"], "values": told}}
+        root[name] = {**node, **added, "y_values": {**node["y_values"], "values": signal}}
         path = f"{name}.y_values.values"
-        if len(told.shape) == 2 and told.shape[1] < told.shape[0]:
-            series |= {f"{path}[:, {i}]": _column(told, i) for i in range(told.shape[1])}
+        if len(signal.shape) == 2 and signal.shape[1] < signal.shape[0]:
+            series |= {f"{path}[:, {i}]": _column(signal, i) for i in range(signal.shape[1])}
         else:
-            series[path] = told
+            series[path] = signal
     return replace(contents, root=root, series=series)
 
 
