@@ -20,7 +20,7 @@ strict_option = click.option(
 )
 
 
-class CampaignFile(click.Path):
+class CampaignPath(click.Path):
     """A campaign file, refused before anything heavy is loaded where it is none."""
 
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
@@ -32,7 +32,7 @@ class CampaignFile(click.Path):
         return path
 
 
-campaign_argument = click.argument("campaign", type=CampaignFile(path_type=Path))
+campaign_argument = click.argument("campaign", type=CampaignPath(path_type=Path))
 run_argument = click.argument(
     "folder", metavar="DIR", type=click.Path(exists=True, file_okay=False, path_type=Path)
 )

@@ -24,7 +24,7 @@ SLOWEST = 3.0  # periods in a record: below, a drift of the mean is no mode
 Lines = Float[np.ndarray, " line"]
 
 
-class Spectrum(NamedTuple):
+class ShownSpectrum(NamedTuple):
     """The response as it was measured along frequency, over the source where a test has one."""
 
     freq_hz: Lines
@@ -39,7 +39,7 @@ class Peak(NamedTuple):
     tests: tuple[str, ...]  # in which it stands out
 
 
-def spectrum_of(test: Test) -> Spectrum | None:
+def spectrum_of(test: Test) -> ShownSpectrum | None:
     """Spectrum of a test's response, of the mean power of its repeats; None of tones and loops.
 
     Of a response curve the curve itself. Of a driven test the ratio to the source, between the
@@ -62,10 +62,10 @@ def spectrum_of(test: Test) -> Spectrum | None:
         is_shown &= swept(source) & (source > 0)
     if not is_shown.any():
         return None
-    return Spectrum(freq[is_shown], np.sqrt(response[is_shown] / source[is_shown]))
+    return ShownSpectrum(freq[is_shown], np.sqrt(response[is_shown] / source[is_shown]))
 
 
-def peaks_of(spectra: dict[str, Spectrum]) -> list[Peak]:
+def peaks_of(spectra: dict[str, ShownSpectrum]) -> list[Peak]:
     """Peaks that stand out of any of the spectra, from low to high, each with a band of its own."""
     peaks: list[tuple[float, float, str]] = []
     for name, (freq, size) in spectra.items():
@@ -129,18 +129,18 @@ def _power(samples: Float[np.ndarray, " time"]) -> Lines:
     return np.convolve(squares, np.ones(NEAR_LINES) / NEAR_LINES, "same")
 
 
-def _of_curves(test: Test) -> Spectrum:
+def _of_curves(test: Test) -> ShownSpectrum:
     first = test.records[0]
     freq = np.asarray(first.channels["frequency"], float)
     size = np.mean([np.abs(record.channels[record.response]) for record in test.records], axis=0)
     order = np.argsort(freq)
     is_usable = np.isfinite(size[order]) & (freq[order] > 0)
-    return Spectrum(freq[order][is_usable], size[order][is_usable])
+    return ShownSpectrum(freq[order][is_usable], size[order][is_usable])
 
 
-def shown(spectrum: Spectrum) -> Spectrum:
+def shown(spectrum: ShownSpectrum) -> ShownSpectrum:
     """The largest line of every stretch, so that no peak is lost."""
     width = -(-len(spectrum.size) // NUM_SHOWN)
     starts = range(0, len(spectrum.size), width)
     largest = [start + int(np.argmax(spectrum.size[start : start + width])) for start in starts]
-    return Spectrum(spectrum.freq_hz[largest], spectrum.size[largest])
+    return ShownSpectrum(spectrum.freq_hz[largest], spectrum.size[largest])

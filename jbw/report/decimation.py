@@ -9,7 +9,7 @@ from jaxtyping import Float
 Values = Float[np.ndarray, " point"]
 
 
-class Points(NamedTuple):
+class CurvePoints(NamedTuple):
     """A curve or the outline of a band, not a number between its parts."""
 
     x: Values
@@ -26,7 +26,7 @@ def shared_limit(sizes: Sequence[int], total: int) -> int:
     return low
 
 
-def decimated(points: Points, most: int) -> Points:
+def decimated(points: CurvePoints, most: int) -> CurvePoints:
     """The least and the largest ordinate of every stretch, in their order, `most` points or so.
 
     Each part between values that are no numbers keeps its first and last point, so that a band
@@ -44,7 +44,7 @@ def decimated(points: Points, most: int) -> Points:
         if len(part):
             indices.append(start + _extremes(part, width))
     order = np.unique(np.concatenate(indices))
-    return Points(points.x[order], points.y[order])
+    return CurvePoints(points.x[order], points.y[order])
 
 
 def _extremes(y: Values, width: int) -> np.ndarray:

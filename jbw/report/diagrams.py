@@ -15,7 +15,7 @@ from jbw.report.messages import figures as labels
 from jbw.report.result import (
     BACKBONE,
     HELD_OUT,
-    Parameter,
+    PosteriorParameter,
     branch,
     laws_of,
     node,
@@ -124,17 +124,17 @@ def _write(ax: Axes, x: float, y: float, text: str, size: float = 9.0, **look: A
     ax.text(x, y, text, fontsize=size, **{"ha": "center", "va": "center", "color": INK, **look})
 
 
-def _spread(parameter: Parameter) -> str:
+def _spread(parameter: PosteriorParameter) -> str:
     """Median of a parameter with half of its 99 % interval, as a page shows it."""
     shown = shown_as(parameter.name, parameter.unit)
     return spread_text(shown.factor * parameter.draws, shown.unit)
 
 
-def _symbol(parameter: Parameter) -> str:
+def _symbol(parameter: PosteriorParameter) -> str:
     return parameter.symbol + shown_as(parameter.name, parameter.unit).suffix
 
 
-class Outcome(NamedTuple):
+class StepOutcome(NamedTuple):
     """What one sampler of a step came to: what it found, how it mixed, its verdict."""
 
     words: str
@@ -142,15 +142,15 @@ class Outcome(NamedTuple):
     status: str = ""
 
 
-class Box(NamedTuple):
+class StepBox(NamedTuple):
     """One step of the procedure; without outcomes it is not drawn."""
 
     name: str
     does: str
-    outcomes: list[Outcome]
+    outcomes: list[StepOutcome]
 
 
-def _height(box: Box) -> float:
+def _height(box: StepBox) -> float:
     """Return the height of a box [in]: two lines for its name at least."""
     return 2 * PAD + LINE * max(2, sum(1 + outcome.words.count("\n") for outcome in box.outcomes))
 
@@ -166,12 +166,12 @@ def procedure(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
     """
     facts = branch(tree, "procedure", "verdict", "ess", "r_hat")
     boxes = [
-        Box("Step 2", "linear regime,\nline fit", _line_fit(tree)),
-        Box("Step 3", "third-order kernel\nH₃", _sampled(tree, facts, "third_order_")),
-        Box("Step 4", "γ alone,\nsweeps", _sampled(tree, facts, "opening_")),
-        Box("Joint", "all parameters\ntogether", _main(tree, facts)),
-        Box("Verification", "responses, fitted\nand held out", _verified(tree)),
-        Box("Validation", "hysteresis loops,\nenclosed areas", _validated(tree)),
+        StepBox("Step 2", "linear regime,\nline fit", _line_fit(tree)),
+        StepBox("Step 3", "third-order kernel\nH₃", _sampled(tree, facts, "third_order_")),
+        StepBox("Step 4", "γ alone,\nsweeps", _sampled(tree, facts, "opening_")),
+        StepBox("Joint", "all parameters\ntogether", _main(tree, facts)),
+        StepBox("Verification", "responses, fitted\nand held out", _verified(tree)),
+        StepBox("Validation", "hysteresis loops,\nenclosed areas", _validated(tree)),
     ]
     boxes = [box for box in boxes if box.outcomes]
     total = sum(map(_height, boxes)) + GAP * (len(boxes) - 1)
@@ -188,7 +188,7 @@ def procedure(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
     return only
 
 
-def _draw(ax: Axes, box: Box, top: float) -> None:
+def _draw(ax: Axes, box: StepBox, top: float) -> None:
     shape: dict[str, Any] = {"boxstyle": "round,pad=0,rounding_size=0.06", "fc": "none", "ec": INK}
     height, y = _height(box), top - PAD
     ax.add_patch(FancyBboxPatch((0.03, top - height), 9.94, height, lw=0.8, **shape))
@@ -204,7 +204,7 @@ def _draw(ax: Axes, box: Box, top: float) -> None:
         y -= LINE * (1 + outcome.words.count("\n"))
 
 
-def _line_fit(tree: xr.DataTree) -> list[Outcome]:
+def _line_fit(tree: xr.DataTree) -> list[StepOutcome]:
     step = node(tree, "steps/linear")
     if step is None or "pooled_omega_n" not in step.attrs:
         return []
@@ -214,10 +214,10 @@ def _line_fit(tree: xr.DataTree) -> list[Outcome]:
         words += f", ζ = {percent(step.attrs['pooled_zeta'])}"
     repeats = step.sizes.get("repeat", 0)
     records = f"{repeats} repeats" if repeats > 1 else "1 record"
-    return [Outcome(words, records if repeats else "")]
+    return [StepOutcome(words, records if repeats else "")]
 
 
-def _sampled(tree: xr.DataTree, facts: xr.Dataset, step: str) -> list[Outcome]:
+def _sampled(tree: xr.DataTree, facts: xr.Dataset, step: str) -> list[StepOutcome]:
     outcomes = []
     for name, called in SAMPLERS.items():
         group = node(tree, f"steps/{step}{name}/posterior")
@@ -227,11 +227,11 @@ def _sampled(tree: xr.DataTree, facts: xr.Dataset, step: str) -> list[Outcome]:
             product = quantity("_".join(parameter.name for parameter in law))
             draws = np.prod([parameter.draws for parameter in law], axis=0)
             words = f"{called}: {product.symbol} = {spread_text(draws, product.unit)}"
-            outcomes.append(Outcome(words, *_quality(facts, f"{step}{name}")))
+            outcomes.append(StepOutcome(words, *_quality(facts, f"{step}{name}")))
     return outcomes
 
 
-def _main(tree: xr.DataTree, facts: xr.Dataset) -> list[Outcome]:
+def _main(tree: xr.DataTree, facts: xr.Dataset) -> list[StepOutcome]:
     """Return the main posterior's numbers, two in a line, and below them how it mixed."""
     stored = parameters(branch(tree, "posterior"))
     shown = [
@@ -242,7 +242,7 @@ def _main(tree: xr.DataTree, facts: xr.Dataset) -> list[Outcome]:
     texts = [f"{_symbol(parameter)} = {_spread(parameter)}" for parameter in shown]
     mixing, status = _quality(facts, str(facts.attrs["main"]))
     lines = [",  ".join(texts[i : i + 2]) for i in range(0, len(texts), 2)]
-    return [Outcome("\n".join(filter(None, (*lines, mixing))), status=status)]
+    return [StepOutcome("\n".join(filter(None, (*lines, mixing))), status=status)]
 
 
 def _quality(facts: xr.Dataset, name: str) -> tuple[str, str]:
@@ -251,7 +251,7 @@ def _quality(facts: xr.Dataset, name: str) -> tuple[str, str]:
     return "" if ess == NOTHING else f"ESS {ess}, R-hat {r_hat}", str(row["verdict"].item())
 
 
-def _verified(tree: xr.DataTree) -> list[Outcome]:
+def _verified(tree: xr.DataTree) -> list[StepOutcome]:
     attributes = [test.attrs for _, _, test in verified(tree, "nrmse")]
     outcomes = []
     for fitted, called in ((True, "fitted"), (False, HELD_OUT)):
@@ -259,11 +259,11 @@ def _verified(tree: xr.DataTree) -> list[Outcome]:
         if errors:
             least, most = percent(min(errors), digits=2), percent(max(errors), digits=2)
             reach = f"{least} of the record's" if least == most else f"{least} to {most} of the"
-            outcomes.append(Outcome(f"{len(errors)} {called}: error {reach} rms"))
+            outcomes.append(StepOutcome(f"{len(errors)} {called}: error {reach} rms"))
     return outcomes
 
 
-def _validated(tree: xr.DataTree) -> list[Outcome]:
+def _validated(tree: xr.DataTree) -> list[StepOutcome]:
     parent = node(tree, "validation/loops")
     tests = parent.children.values() if parent is not None else ()
     areas = [enclosed_areas(test.to_dataset()) for test in tests]
@@ -271,4 +271,4 @@ def _validated(tree: xr.DataTree) -> list[Outcome]:
     if not ratios:
         return []
     largest = percent(max(abs(ratio - 1.0) for ratio in ratios), digits=2)
-    return [Outcome(labels.loop_areas(len(ratios), largest))]
+    return [StepOutcome(labels.loop_areas(len(ratios), largest))]

@@ -37,7 +37,7 @@ from jbw.report import (
 under_way = logging.getLogger("jbw.progress")
 
 
-class Entry(NamedTuple):
+class ReportFigure(NamedTuple):
     """One figure of the report."""
 
     slug: str  # its file name, without ending
@@ -57,12 +57,14 @@ GROUPS = {
 }
 
 
-def _entry(slug: str, group: str, draw: Callable[..., Any], *, parted: bool = False) -> Entry:
+def _entry(
+    slug: str, group: str, draw: Callable[..., Any], *, parted: bool = False
+) -> ReportFigure:
     kind, _, rest = slug.partition("_")
     name = rest if kind == "extra" else f"figure_{int(rest[:2])}"
     question, caption, *_ = f"{draw.__doc__}\n\n".split("\n\n")
     rest = partial(draw, part="rest") if parted else None
-    return Entry(slug, name, draw, question, " ".join(caption.split()), group, rest)
+    return ReportFigure(slug, name, draw, question, " ".join(caption.split()), group, rest)
 
 
 FIGURE_LIST = (
@@ -120,7 +122,7 @@ def drawn_once() -> Iterator[None]:
         _DRAWN.reset(token)
 
 
-def drawing(entry: Entry, tree: xr.DataTree, *, rest: bool = False) -> Figure:
+def drawing(entry: ReportFigure, tree: xr.DataTree, *, rest: bool = False) -> Figure:
     """The figure of a result, or of the `rest` of its tests; raises what its drawing raises."""
     draw = entry.rest if rest and entry.rest is not None else entry.draw
     drawn = _DRAWN.get()

@@ -17,7 +17,7 @@ OTHER_MODE = 0.15  # of the joint's frequency: what is farther away belongs to a
 Values = Float[np.ndarray, " reading"]
 
 
-class Points(NamedTuple):
+class MeasuredPoints(NamedTuple):
     """Readings of one test: its records' mean with their scatter, or every piece of a decay."""
 
     kind: str
@@ -27,7 +27,7 @@ class Points(NamedTuple):
     std: dict[str, Values]  # nan where there is one reading alone
 
 
-def measured_points(tree: xr.DataTree, curve: xr.Dataset) -> list[Points]:
+def measured_points(tree: xr.DataTree, curve: xr.Dataset) -> list[MeasuredPoints]:
     """Readings that a backbone says something of, in the order of the motion; none without any.
 
     Each is read as a linear oscillator's. Decays are read along their envelopes, from the smallest
@@ -43,7 +43,7 @@ def measured_points(tree: xr.DataTree, curve: xr.Dataset) -> list[Points]:
     return [points for test in of_main_drive if len((points := _points(test, curve)).y)]
 
 
-def _points(test: xr.Dataset, curve: xr.Dataset) -> Points:
+def _points(test: xr.Dataset, curve: xr.Dataset) -> MeasuredPoints:
     y = np.asarray(test["y"], float)
     values = {
         "frequency": np.asarray(test["frequency_hz"], float),
@@ -59,7 +59,7 @@ def _points(test: xr.Dataset, curve: xr.Dataset) -> Points:
     model = np.asarray(curve["frequency"].transpose("quantile", ...), float)[1]
     near_model = np.abs(values["frequency"] / np.interp(y, amplitude, model) - 1) < OTHER_MODE
     near_model &= (y >= amplitude[0] * along) & (y <= amplitude[-1])
-    return Points(
+    return MeasuredPoints(
         str(test.attrs.get("kind", "")),
         bool(test.attrs.get("fitted", 1)),
         y[near_model],
@@ -70,7 +70,9 @@ def _points(test: xr.Dataset, curve: xr.Dataset) -> Points:
     )
 
 
-def draw_points(ax: Axes, points: list[Points], name: str, factor: float, scale: float) -> None:
+def draw_points(
+    ax: Axes, points: list[MeasuredPoints], name: str, factor: float, scale: float
+) -> None:
     """Draw points of a quantity against the amplitude, an open symbol a kind of test."""
     kinds = list(dict.fromkeys(reading.kind for reading in points))
     for kind, is_fitted in dict.fromkeys((reading.kind, reading.is_fitted) for reading in points):

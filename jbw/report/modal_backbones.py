@@ -31,7 +31,7 @@ class Interaction(NamedTuple):
     x_peak: float  # where it is nearest [m]
 
 
-class Curve(NamedTuple):
+class BackboneCurve(NamedTuple):
     """Backbone of one mode; not a number beyond its end."""
 
     omega: Levels
@@ -88,7 +88,7 @@ def draw_backbones(
     return finish(axes, ax, labels.modal_amplitude(unit, several), ylabels)
 
 
-def curve_of(structure: Structure, levels: Levels, mode: int, num_harmonics: int) -> Curve:
+def curve_of(structure: Structure, levels: Levels, mode: int, num_harmonics: int) -> BackboneCurve:
     """Backbone of one mode as far as it goes."""
     try:
         motion = backbone(structure, levels, mode=mode, num_harmonics=num_harmonics)
@@ -97,7 +97,7 @@ def curve_of(structure: Structure, levels: Levels, mode: int, num_harmonics: int
     omega, zeta = np.asarray(motion.omega), np.asarray(motion.zeta)
     solved = levels[np.isfinite(omega)]
     end = None if len(solved) == len(levels) else float(solved.max(initial=0.0))
-    return Curve(omega, zeta, np.abs(np.asarray(motion.shape)), end)
+    return BackboneCurve(omega, zeta, np.abs(np.asarray(motion.shape)), end)
 
 
 @eqx.filter_jit
@@ -134,7 +134,7 @@ def _crossing(away: Levels, levels: Levels, nearest: int) -> float:
     return float(levels[i] + part * (levels[i + 1] - levels[i]))
 
 
-def _draw(column: Panels, x: Levels, curve: Curve) -> None:
+def _draw(column: Panels, x: Levels, curve: BackboneCurve) -> None:
     """The three panels of one mode."""
     column[0].plot(x, curve.omega / TURN, color=MODEL, lw=1.2)
     column[1].plot(x, 100 * curve.zeta, color=MODEL, lw=1.2)
@@ -147,7 +147,7 @@ def _draw(column: Panels, x: Levels, curve: Curve) -> None:
         panel.set_xlim(x[0], x[-1])
 
 
-def _title(mode: int, curve: Curve, factor: float, unit: str) -> str:
+def _title(mode: int, curve: BackboneCurve, factor: float, unit: str) -> str:
     name = f"mode {mode + 1}"
     if curve.end is None:
         return name

@@ -18,8 +18,8 @@ from jbw.errors import ConfigError, DataError, printable, reason_of
 from jbw.report import tables
 from jbw.report.charts import charts_of, shown_text
 from jbw.report.cycles import cycles_table
-from jbw.report.decimation import Points, decimated, shared_limit
-from jbw.report.figures import FIGURE_LIST, GROUPS, Entry, drawing, svg
+from jbw.report.decimation import CurvePoints, decimated, shared_limit
+from jbw.report.figures import FIGURE_LIST, GROUPS, ReportFigure, drawing, svg
 from jbw.report.identifiability import directions_table, quantities_table
 from jbw.report.messages import opening as messages
 from jbw.report.opening import lead, opening
@@ -164,7 +164,7 @@ def campaign_name(summary: Mapping[str, Any]) -> str:
     return str(campaign.get("name", "")) if isinstance(campaign, Mapping) else str(campaign or "")
 
 
-def _draw(entry: Entry, tree: xr.DataTree) -> dict[str, Any]:
+def _draw(entry: ReportFigure, tree: xr.DataTree) -> dict[str, Any]:
     """Return one figure as SVG, or the sentence that says why there is none."""
     number = entry.name.removeprefix("figure_") if entry.name.startswith("figure_") else ""
     drawn = {"entry": entry, "number": number, "svg": "", "rest": "", "missing": ""}
@@ -239,5 +239,5 @@ def render_interactive(tree: xr.DataTree, campaign: str = "") -> str:
 
 def _lighter(line: Mapping[str, Any], limit: int) -> dict[str, Any]:
     """A trace of plotly with so many points at most."""
-    x, y = decimated(Points(line["x"], line["y"]), limit)
+    x, y = decimated(CurvePoints(line["x"], line["y"]), limit)
     return {**line, "x": x, "y": y}

@@ -8,7 +8,7 @@ from markupsafe import Markup
 
 from jbw.errors import DataError, printable
 from jbw.measurement.records import Test
-from jbw.measurement.shown_spectra import Peak, Spectrum, peaks_of, shown, spectrum_of
+from jbw.measurement.shown_spectra import Peak, ShownSpectrum, peaks_of, shown, spectrum_of
 from jbw.report.page import ENVIRONMENT
 
 DIGITS = 5  # of a frequency and of a size on the page
@@ -44,7 +44,7 @@ def render_picker(campaign: str, tests: Sequence[Test]) -> str:
 
 
 def picker_data(
-    tests: Sequence[Test], spectra: Mapping[str, Spectrum], peaks: Sequence[Peak]
+    tests: Sequence[Test], spectra: Mapping[str, ShownSpectrum], peaks: Sequence[Peak]
 ) -> dict[str, Any]:
     """What the page draws: spectra by test with the band that is stated, and the peaks."""
     return {

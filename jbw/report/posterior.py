@@ -13,7 +13,15 @@ from matplotlib.axes import Axes
 from jbw.errors import DataError
 from jbw.report import style
 from jbw.report.messages import figures as labels
-from jbw.report.result import Parameter, branch, laws_of, node, of_joint, of_law, parameters
+from jbw.report.result import (
+    PosteriorParameter,
+    branch,
+    laws_of,
+    node,
+    of_joint,
+    of_law,
+    parameters,
+)
 from jbw.report.style import Panels, finish, panels, plain, title
 from jbw.report.text import axis_label
 
@@ -44,7 +52,9 @@ OPENING = (
 JOINT = Source("", "Step 4, all parameters", style.GREEN, "-")
 
 
-def _sampled(tree: xr.DataTree, sources: Iterable[Source]) -> dict[Source, dict[str, Parameter]]:
+def _sampled(
+    tree: xr.DataTree, sources: Iterable[Source]
+) -> dict[Source, dict[str, PosteriorParameter]]:
     """Return the parameters of the joint by source, of those that were run, and by name."""
     groups = {source: node(tree, f"{source.path}/posterior") for source in sources}
     by_source = {
@@ -57,7 +67,7 @@ def _sampled(tree: xr.DataTree, sources: Iterable[Source]) -> dict[Source, dict[
     return by_source
 
 
-def _names(by_source: dict[Source, dict[str, Parameter]]) -> list[str]:
+def _names(by_source: dict[Source, dict[str, PosteriorParameter]]) -> list[str]:
     return [n for n in dict.fromkeys(chain(*by_source.values())) if n != "omega_n"]
 
 
@@ -83,14 +93,16 @@ def opening_density(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
     return _densities(_sampled(tree, (*OPENING, JOINT)), names[:1], ax)[0, 0]
 
 
-def _densities(by_source: dict[Source, dict[str, Parameter]], names: list[str], ax: Any) -> Panels:
+def _densities(
+    by_source: dict[Source, dict[str, PosteriorParameter]], names: list[str], ax: Any
+) -> Panels:
     axes = panels(ax, 1, len(names), height=2.9)
     for panel, name in zip(axes[0], names, strict=True):
         _density(panel, [(source, of[name]) for source, of in by_source.items() if name in of])
     return finish(axes, ax, ylabels=labels.DENSITY)
 
 
-def _density(ax: Axes, posteriors: Sequence[tuple[Source, Parameter]]) -> None:
+def _density(ax: Axes, posteriors: Sequence[tuple[Source, PosteriorParameter]]) -> None:
     """Draw one parameter: the prior as 1, each posterior over it, 99 % intervals below."""
     draws = np.concatenate([parameter.draws.reshape(-1) for _, parameter in posteriors])
     span = (float(np.nanmin(draws)), float(np.nanmax(draws)))
@@ -117,7 +129,7 @@ def _density(ax: Axes, posteriors: Sequence[tuple[Source, Parameter]]) -> None:
     ax.locator_params(axis="x", nbins=4)
 
 
-def _interval(ax: Axes, parameter: Parameter, colour: str, height: float) -> None:
+def _interval(ax: Axes, parameter: PosteriorParameter, colour: str, height: float) -> None:
     """Draw the 99 % interval and the median of draws as a bar below the densities."""
     low, middle, high = np.nanquantile(parameter.draws, [0.005, 0.5, 0.995])
     ax.plot([low, high], [height, height], color=colour, lw=3.0, solid_capstyle="butt", alpha=0.7)
@@ -186,7 +198,7 @@ def ridge(tree: xr.DataTree, ax: Any = None) -> Panels:
     return finish(axes, ax)
 
 
-def _cloud(ax: Axes, source: Source, above: Parameter, along: Parameter) -> None:
+def _cloud(ax: Axes, source: Source, above: PosteriorParameter, along: PosteriorParameter) -> None:
     """Draw one parameter of a pair against the other, so many draws at most, and the truth."""
     every = max(1, above.draws.size // MOST_DRAWS)
     y, x = (parameter.draws.reshape(-1)[::every] for parameter in (above, along))

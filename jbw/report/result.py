@@ -21,7 +21,7 @@ BACKBONE = "verification/backbone"
 HELD_OUT = "held out"  # of every fit
 
 
-class Parameter(NamedTuple):
+class PosteriorParameter(NamedTuple):
     """Draws of a parameter or array element, with its prior box (lower, upper) and rig's truth."""
 
     name: str
@@ -133,7 +133,7 @@ def names_of(tree: xr.DataTree, summary: Mapping[str, Any] | None = None) -> dic
     return quantities
 
 
-def parameters(group: xr.Dataset) -> list[Parameter]:
+def parameters(group: xr.Dataset) -> list[PosteriorParameter]:
     """Return the parameters of a posterior group, an array element by element."""
     sampled = []
     quantities = names_of(xr.DataTree.from_dict({"/posterior": group}))
@@ -155,7 +155,9 @@ def parameters(group: xr.Dataset) -> list[Parameter]:
             unit, meaning = quantities[str(name)].unit, quantities[str(name)].meaning
             draws = np.asarray(single.transpose("chain", "draw"), float)
             sampled.append(
-                Parameter(label, symbol(label, quantities), unit, meaning, draws, box, truth)
+                PosteriorParameter(
+                    label, symbol(label, quantities), unit, meaning, draws, box, truth
+                )
             )
     return sampled
 
@@ -167,7 +169,7 @@ def _element(value: Any, index: int) -> float | None:
     return float(flat[index if flat.size > 1 else 0])
 
 
-def of_joint(group: xr.Dataset) -> list[Parameter]:
+def of_joint(group: xr.Dataset) -> list[PosteriorParameter]:
     """The oscillator's and its laws' own parameters: no gain, no noise, no products."""
     # The symbol of a product has several letters with spaces between them.
     return [
@@ -177,7 +179,7 @@ def of_joint(group: xr.Dataset) -> list[Parameter]:
     ]
 
 
-def of_law(joint: Iterable[Parameter]) -> list[Parameter]:
+def of_law(joint: Iterable[PosteriorParameter]) -> list[PosteriorParameter]:
     """Return those of the joint's parameters that are its laws'."""
     return [parameter for parameter in joint if parameter.name not in BY_NAME]
 

@@ -16,7 +16,7 @@ from jbw.cli.result import report
 from jbw.errors import ConfigError, DataError
 from jbw.report import page
 from jbw.report.charts import charts_of, traces
-from jbw.report.decimation import Points, decimated, shared_limit
+from jbw.report.decimation import CurvePoints, decimated, shared_limit
 from jbw.report.page import render_interactive, write_interactive
 from jbw.report.style import plain
 
@@ -129,7 +129,7 @@ def test_extremes_stay_and_gaps_stay_gaps():
     rng = np.random.default_rng(3)
     y = rng.normal(size=10_000)
     y[4000:4003] = np.nan
-    kept = decimated(Points(np.arange(10_000.0), y), 1000)
+    kept = decimated(CurvePoints(np.arange(10_000.0), y), 1000)
     assert len(kept.x) <= 1000 + 8
     assert np.all(np.diff(kept.x) > 0)
     for part in (slice(0, 4000), slice(4003, None)):
@@ -141,7 +141,7 @@ def test_extremes_stay_and_gaps_stay_gaps():
     places = (np.arange(200) * 20 + stretch.argmax(axis=1)).astype(float)
     assert np.isin(places, kept.x).all()
     assert np.isnan(kept.y).sum() == 3
-    assert decimated(Points(kept.x, kept.y), 2000).x is kept.x
+    assert decimated(CurvePoints(kept.x, kept.y), 2000).x is kept.x
 
 
 def test_a_limit_is_shared_so_that_short_curves_keep_their_points():

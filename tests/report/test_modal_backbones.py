@@ -42,7 +42,9 @@ def test_every_mode_has_a_column(monkeypatch):
     def motion(structure, levels, mode, num_harmonics):
         omega = Linear.omega_n[mode] * (ends if mode == 1 else np.ones(5))
         shape = np.tile([1.0, 0.01], (5, 1))
-        return modal_backbones.Curve(omega, 0.01 * omega / omega, shape, 5e-4 if mode else None)
+        return modal_backbones.BackboneCurve(
+            omega, 0.01 * omega / omega, shape, 5e-4 if mode else None
+        )
 
     monkeypatch.setattr(modal_backbones, "curve_of", motion)
     monkeypatch.setattr(modal_backbones, "admitted", lambda structure: structure)
