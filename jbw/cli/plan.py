@@ -13,7 +13,7 @@ from jbw.report.messages import planning
 from jbw.report.table import Column, Table, table
 
 if TYPE_CHECKING:
-    from jbw.planning.plan import Combination, Expected, Plan, Row
+    from jbw.planning.plan import CandidateRow, Combination, Expected, Plan
 
 
 @click.command()
@@ -127,7 +127,7 @@ def plan_table(planned: "Plan") -> Table:
     def cv(name: str) -> Column:
         return Column(f"CV {name}", lambda numbered: f"{numbered[1].cv[name].worst_decile:.2g}")
 
-    def repeats(numbered: "tuple[int, Row]") -> str:
+    def repeats(numbered: "tuple[int, CandidateRow]") -> str:
         return f"> {wish.max_repeats}" if numbered[1].repeats is None else str(numbered[1].repeats)
 
     return table(

@@ -15,7 +15,7 @@ from jbw.campaign.values import Count, Index, Positive, number, strings, text, w
 from jbw.errors import ConfigError
 from jbw.oscillator.laws import quantities_of
 from jbw.planning.beliefs import Range, ranges_of, shares_of, usual_of
-from jbw.planning.plan import Noise
+from jbw.planning.plan import ResponseNoise
 from jbw.planning.proposals import GRIDS, Grid
 from jbw.quantities import DEFAULT_LAWS, UNIT_OF, Quantity, must_be
 from jbw.report.messages import planning
@@ -135,7 +135,7 @@ class Description:
     ranges: Mapping[str, Range]  # of the joint's parameters, and of a gain of no single value
     gain: float | None = None  # force per modal mass for one unit of the input, known exactly
     input_unit: str | None = None  # V, N or N/kg
-    noise: Noise | None = None  # of the response
+    noise: ResponseNoise | None = None  # of the response
     settings: PlanTable = field(default_factory=PlanTable)
     grids: Mapping[str, Grid] = field(default_factory=dict)  # candidates by kind
     laws: tuple[str, ...] = DEFAULT_LAWS
@@ -240,8 +240,8 @@ def _force(plan: PlanTable) -> tuple[float | None, str | None, dict[str, Range]]
     return (low, unit, {}) if low == high else (None, unit, {"gain": (low, high)})
 
 
-def _noise(plan: PlanTable) -> Noise | None:
+def _noise(plan: PlanTable) -> ResponseNoise | None:
     if plan.noise is None:
         return None
     quantity = quantity_of(plan.noise_unit, MOTIONS)
-    return Noise(float(to_si(plan.noise, plan.noise_unit, quantity)), quantity)
+    return ResponseNoise(float(to_si(plan.noise, plan.noise_unit, quantity)), quantity)

@@ -13,7 +13,7 @@ from scipy.linalg import eigh
 
 from jbw.inference.fit.identifiability import weak_direction
 from jbw.planning.beliefs import Beliefs
-from jbw.planning.plan import Chosen, Combination, Expected, Row, Wish
+from jbw.planning.plan import CandidateRow, Chosen, Combination, Expected, Wish
 from jbw.planning.prospects import Prospect
 from jbw.report.messages import planning
 
@@ -21,22 +21,22 @@ STATUSES = ("ok", "too few", "not predicted", "not feasible")
 Matrices = Float[np.ndarray, "... parameter parameter"]
 
 
-class Modes(NamedTuple):
+class InformationModes(NamedTuple):
     """Prior and information of one repeat, made diagonal together."""
 
     values: Float[np.ndarray, "joint mode"]  # information f_k along mode k, in units of the prior's
     shares: Float[np.ndarray, "joint parameter mode"]  # prior variance w_ik^2 along mode k
 
 
-def modes(precision: Matrices, information: Matrices) -> Modes:
+def modes(precision: Matrices, information: Matrices) -> InformationModes:
     """Modes F w_k = f_k P w_k, w_k^T P w_k = 1 of a prior P and the information F, by joint."""
     values, vectors = zip(
         *(eigh(fisher_matrix, precision) for fisher_matrix in information), strict=True
     )
-    return Modes(np.maximum(values, 0.0), np.square(vectors))
+    return InformationModes(np.maximum(values, 0.0), np.square(vectors))
 
 
-def spread(eigenmodes: Modes, repeats: float) -> Float[np.ndarray, "joint parameter"]:
+def spread(eigenmodes: InformationModes, repeats: float) -> Float[np.ndarray, "joint parameter"]:
     """Coefficients of variation, CV_i^2 = [(P + R F)^-1]_ii = sum_k w_ik^2 / (1 + R f_k)."""
     return np.sqrt(
         np.sum(eigenmodes.shares / (1.0 + repeats * eigenmodes.values[..., None, :]), axis=-1)
@@ -55,7 +55,9 @@ def worst_decile(values: Float[np.ndarray, " joint *n"]) -> Float[np.ndarray, "*
     return np.quantile(values, 0.9, axis=0, method="inverted_cdf")
 
 
-def repeats_needed(eigenmodes: Modes, positions: list[int], cv: float, most: int) -> int | None:
+def repeats_needed(
+    eigenmodes: InformationModes, positions: list[int], cv: float, most: int
+) -> int | None:
     """Fewest repeats after which nine joints in ten meet the CV; None where `most` do not."""
 
     def enough(repeats: int) -> bool:
@@ -85,7 +87,7 @@ def information_gain(
     return 0.5 * (before - after)
 
 
-def row(prospect: Prospect, beliefs: Beliefs, wish: Wish) -> Row:
+def row(prospect: Prospect, beliefs: Beliefs, wish: Wish) -> CandidateRow:
     """A candidate judged: repeats, spread, gain and limits."""
     candidate, information = prospect.candidate, prospect.information
     positions = [beliefs.names.index(name) for name in wish.wanted]
@@ -106,7 +108,7 @@ def row(prospect: Prospect, beliefs: Beliefs, wish: Wish) -> Row:
         status = "not predicted"
     if exceeded:
         status = "not feasible"
-    return Row(
+    return CandidateRow(
         test=str(candidate),
         level=candidate.level,
         y_peak=float(np.median(y_peak)),
@@ -151,10 +153,10 @@ def _undetermined(
     return () if direction is None else (direction.text,)
 
 
-def ordered(rows: Sequence[Row]) -> tuple[Row, ...]:
+def ordered(rows: Sequence[CandidateRow]) -> tuple[CandidateRow, ...]:
     """Rows by status, then by measuring time, then by what they tell."""
 
-    def place(candidate: Row) -> tuple[int, float, float]:
+    def place(candidate: CandidateRow) -> tuple[int, float, float]:
         seconds = candidate.seconds_each * (candidate.repeats or 1)
         return STATUSES.index(candidate.status), seconds, -candidate.information_gain
 

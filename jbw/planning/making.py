@@ -14,7 +14,7 @@ from jbw.oscillator.modes.parameters import NAMES
 from jbw.planning.beliefs import Beliefs, after, before, modes_of
 from jbw.planning.description import Description, read_description
 from jbw.planning.judge import combine, covariance, expected, ordered, row
-from jbw.planning.plan import Noise, Plan, Wish
+from jbw.planning.plan import Plan, ResponseNoise, Wish
 from jbw.planning.proposals import Reach, default_grids, displacement_for, propose, sampling_for
 from jbw.planning.prospects import prospects
 from jbw.quantities import UNIT_OF, in_dialect
@@ -84,7 +84,7 @@ def plan_tests(
     )
 
 
-def _before(description: Description) -> tuple[Beliefs, Noise, str | None]:
+def _before(description: Description) -> tuple[Beliefs, ResponseNoise, str | None]:
     """Beliefs from the description, noise, and unit of the input where it is told."""
     if not description.ranges or description.noise is None:
         raise ConfigError(
@@ -103,7 +103,7 @@ def _before(description: Description) -> tuple[Beliefs, Noise, str | None]:
 
 def _after(
     description: Description, rig: "Rig", tree: xr.DataTree
-) -> tuple[Beliefs, Noise, str | None]:
+) -> tuple[Beliefs, ResponseNoise, str | None]:
     """Beliefs from a run, noise, and unit of the input where the gain is known."""
     inferred = "gain" in tree["posterior"].data_vars
     if inferred and description.gain is not None:
@@ -150,7 +150,7 @@ def _wish(description: Description, beliefs: Beliefs, input_unit: str) -> Wish:
 class Rig:
     """The rig that a run was measured on; None where the run does not tell."""
 
-    noise: Noise | None = None  # of a sample of the response
+    noise: ResponseNoise | None = None  # of a sample of the response
     fs: float | None = None  # [Hz]
     input_unit: str | None = None
     y_peak: float | None = None  # largest displacement that was fitted [m]
@@ -180,12 +180,12 @@ def rig_of(tree: xr.DataTree) -> Rig:
     )
 
 
-def _noise(posterior: xr.Dataset) -> Noise | None:
+def _noise(posterior: xr.Dataset) -> ResponseNoise | None:
     """Median over levels and draws of the noise of a sample."""
     # That of free decays, which were filtered, and that of harmonics are none of a sample.
     for name, values in posterior.data_vars.items():
         response = RESPONSE_OF.get(in_dialect(str(values.attrs.get("units", ""))))
         sampled = str(values.dims[-1]).startswith("level")
         if str(name).startswith("noise_std") and sampled and response is not None:
-            return Noise(float(values.median()), response)
+            return ResponseNoise(float(values.median()), response)
     return None

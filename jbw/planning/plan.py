@@ -9,7 +9,7 @@ MOST_FADED = 0.1  # of a burst
 
 
 @dataclass(frozen=True)
-class Sweep:
+class PlannedSweep:
     """A linear sweep from rest, recorded through its burst and the free decay behind it."""
 
     level: float  # peak of the input [V, N or N/kg]
@@ -49,7 +49,7 @@ class Sweep:
 
 
 @dataclass(frozen=True)
-class Tones:
+class PlannedTones:
     """Steady tones, each alone in a record of its own."""
 
     level: float  # peak of the input [V, N or N/kg]
@@ -79,7 +79,7 @@ class Tones:
 
 
 @dataclass(frozen=True)
-class Backbone:
+class PlannedBackbone:
     """Points at phase resonance that a controller holds, at amplitudes in turn."""
 
     level: float  # largest peak of the input, median over the joints [V, N or N/kg]
@@ -111,7 +111,7 @@ class Backbone:
 
 
 @dataclass(frozen=True)
-class Stepped(Tones):
+class PlannedSteppedSine(PlannedTones):
     """A stepped sine: the frequencies in turn, in one record."""
 
     def __str__(self) -> str:
@@ -120,11 +120,11 @@ class Stepped(Tones):
         return f"stepped {low:.4g}-{high:.4g} Hz, {count} steps of {self.dwell:.3g} s"
 
 
-Candidate = Sweep | Tones | Backbone
+Candidate = PlannedSweep | PlannedTones | PlannedBackbone
 
 
 @dataclass(frozen=True)
-class Noise:
+class ResponseNoise:
     """Noise of the response channel."""
 
     std: float  # standard deviation of a sample [m, m/s or m/s^2]
@@ -152,7 +152,7 @@ class Expected:
 
 
 @dataclass(frozen=True)
-class Row:
+class CandidateRow:
     """One candidate; its status is "ok", "too few", "not feasible" or "not predicted"."""
 
     test: str  # in words
@@ -192,7 +192,7 @@ class Combination:
 class Plan:
     """Candidates by measuring time, those that meet the wish within the limits first."""
 
-    rows: tuple[Row, ...]
+    rows: tuple[CandidateRow, ...]
     combination: Combination  # tests that meet the wish together
     wish: Wish
     num_joints: int  # that every number was made at

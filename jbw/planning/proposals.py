@@ -16,7 +16,13 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.backbone import Backbone as Resonances
 from jbw.oscillator.steady.backbone import backbone
 from jbw.planning.beliefs import Beliefs, modes_of
-from jbw.planning.plan import Backbone, Candidate, Stepped, Sweep, Tones
+from jbw.planning.plan import (
+    Candidate,
+    PlannedBackbone,
+    PlannedSteppedSine,
+    PlannedSweep,
+    PlannedTones,
+)
 from jbw.planning.prospects import peak_displacements
 from jbw.report.messages import planning
 
@@ -79,10 +85,10 @@ class BackboneTable(DwellingTable):
 
 
 READ = {
-    Sweep: planning.LAST_FREQUENCY,
-    Tones: planning.THIRD_HARMONIC,
-    Stepped: planning.THIRD_HARMONIC,
-    Backbone: planning.NATURAL_FREQUENCY,
+    PlannedSweep: planning.LAST_FREQUENCY,
+    PlannedTones: planning.THIRD_HARMONIC,
+    PlannedSteppedSine: planning.THIRD_HARMONIC,
+    PlannedBackbone: planning.NATURAL_FREQUENCY,
 }
 Grid = SweepTable | TonesTable | BackboneTable  # what is left out the joint decides
 GRIDS: dict[str, type[Grid]] = {
@@ -165,16 +171,16 @@ def _require_one_mode(grids: Mapping[str, Grid], beliefs: Beliefs) -> None:
         )
 
 
-def _sweeps(grid: SweepTable, beliefs: Beliefs, reach: Reach) -> list[Sweep]:
+def _sweeps(grid: SweepTable, beliefs: Beliefs, reach: Reach) -> list[PlannedSweep]:
     """Sweeps about every mode, at levels that move the joint alike."""
     modes = modes_of(beliefs.joints)
     centres = [float(np.median(mode.omega) / (2 * np.pi)) for mode in modes]
     spans = [grid.span] if grid.span else [_span_about(centre, centres) for centre in centres]
     rest = _decay(beliefs) if grid.rest is None else grid.rest
-    sweeps: list[Sweep] = []
+    sweeps: list[PlannedSweep] = []
     for mode, natural, (low, high) in zip(modes, centres, spans, strict=False):
         rates = grid.rates or tuple(_rounded(natural * (high - low) / n) for n in PERIODS)
-        shapes = [Sweep(1.0, low, high, rate, rest, reach.fs) for rate in rates]
+        shapes = [PlannedSweep(1.0, low, high, rate, rest, reach.fs) for rate in rates]
         goals = [y / float(np.median(mode.h)) for y in reach.goals]
         starts = list(zip(_steady_levels(beliefs, reach), goals, strict=True))
         sweeps += [
@@ -194,7 +200,7 @@ def _span_about(natural: float, every: Sequence[float]) -> tuple[float, float]:
     return _rounded(low), _rounded(min([high, *(x for x in middles if x > natural)]))
 
 
-def _aimed(shape: Sweep, level: float, y: float, beliefs: Beliefs) -> float:
+def _aimed(shape: PlannedSweep, level: float, y: float, beliefs: Beliefs) -> float:
     """Level at which a sweep moves the joint that responds most to y."""
     for _ in range(NUM_TRIES):
         peaks = peak_displacements(replace(shape, level=level), beliefs)
@@ -205,7 +211,7 @@ def _aimed(shape: Sweep, level: float, y: float, beliefs: Beliefs) -> float:
     return level
 
 
-def _tones(grid: TonesTable, beliefs: Beliefs, reach: Reach) -> list[Tones]:
+def _tones(grid: TonesTable, beliefs: Beliefs, reach: Reach) -> list[PlannedTones]:
     third = _natural(beliefs) / 3
     frequencies = grid.frequencies or tuple(_rounded(share * third) for share in THIRDS)
     # Far below its resonance the joint is a spring.
@@ -213,17 +219,17 @@ def _tones(grid: TonesTable, beliefs: Beliefs, reach: Reach) -> list[Tones]:
     per_metre = float(np.min(np.abs(omega_n**2 - (2 * np.pi * max(frequencies)) ** 2) / gain))
     levels = grid.levels or _within([per_metre * y for y in reach.goals], reach)
     settle, dwell = _times(grid, beliefs)
-    return [Tones(level, frequencies, dwell, settle, reach.fs) for level in levels]
+    return [PlannedTones(level, frequencies, dwell, settle, reach.fs) for level in levels]
 
 
-def _steps(grid: TonesTable, beliefs: Beliefs, reach: Reach) -> list[Stepped]:
+def _steps(grid: TonesTable, beliefs: Beliefs, reach: Reach) -> list[PlannedSteppedSine]:
     frequencies = grid.frequencies or _about_resonance(beliefs, reach)
     levels = grid.levels or _within(_steady_levels(beliefs, reach), reach)
     settle, dwell = _times(grid, beliefs)
-    return [Stepped(level, frequencies, dwell, settle, reach.fs) for level in levels]
+    return [PlannedSteppedSine(level, frequencies, dwell, settle, reach.fs) for level in levels]
 
 
-def _backbones(grid: BackboneTable, beliefs: Beliefs, reach: Reach) -> list[Backbone]:
+def _backbones(grid: BackboneTable, beliefs: Beliefs, reach: Reach) -> list[PlannedBackbone]:
     """Amplitudes up to the largest displacement, ten periods for the controller and 100 read."""
     lowest = LEAST_SHARE * reach.max_displacement
     usual = tuple(_rounded(y) for y in np.geomspace(lowest, reach.max_displacement, NUM_POINTS))
@@ -241,7 +247,7 @@ def _backbones(grid: BackboneTable, beliefs: Beliefs, reach: Reach) -> list[Back
             return []
         amplitudes = tuple(within_reach)
         level = float(np.median(_resonance(beliefs, max(within_reach)).amplitude / gain))
-    return [Backbone(_rounded(level), amplitudes, dwell, settle, reach.fs, natural)]
+    return [PlannedBackbone(_rounded(level), amplitudes, dwell, settle, reach.fs, natural)]
 
 
 def _about_resonance(beliefs: Beliefs, reach: Reach) -> tuple[float, ...]:

@@ -25,7 +25,7 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.cycle import steady_state
 from jbw.oscillator.steady.waveform import synthesis
 from jbw.planning.beliefs import Beliefs
-from jbw.planning.plan import Backbone, Candidate, Noise, Sweep, Tones
+from jbw.planning.plan import Candidate, PlannedBackbone, PlannedSweep, PlannedTones, ResponseNoise
 from jbw.quantities import UNIT_OF, Motion
 from jbw.report.messages import planning
 
@@ -53,13 +53,13 @@ class Prospect:
 def prospects(
     candidates: Sequence[Candidate],
     beliefs: Beliefs,
-    noise: Noise,
+    noise: ResponseNoise,
     report: Callable[[str], None] = lambda _: None,
 ) -> tuple[Prospect, ...]:
     """Information and peak displacement of candidates at every joint."""
     # Records of sweeps are filled up to the length of the longest, for each new length would be
     # compiled anew; what fills them up is not counted.
-    sweeps = [candidate for candidate in candidates if isinstance(candidate, Sweep)]
+    sweeps = [candidate for candidate in candidates if isinstance(candidate, PlannedSweep)]
     longest = max((candidate.num_samples for candidate in sweeps), default=0)
     report(planning.TIMING)
     report(cost_sentence(candidates, _seconds_each(candidates, beliefs, noise, longest), beliefs))
@@ -71,7 +71,7 @@ def prospects(
 
 
 def _seconds_each(
-    candidates: Sequence[Candidate], beliefs: Beliefs, noise: Noise, longest: int
+    candidates: Sequence[Candidate], beliefs: Beliefs, noise: ResponseNoise, longest: int
 ) -> dict[type, float]:
     """Time that one joint takes in the first candidate of each form, once compiled [s]."""
     one_joint = replace(
@@ -94,11 +94,13 @@ def cost_sentence(
     return planning.cost(len(candidates), beliefs.num_joints, seconds)
 
 
-def _prospect(candidate: Candidate, beliefs: Beliefs, noise: Noise, longest: int) -> Prospect:
-    if isinstance(candidate, Sweep):
+def _prospect(
+    candidate: Candidate, beliefs: Beliefs, noise: ResponseNoise, longest: int
+) -> Prospect:
+    if isinstance(candidate, PlannedSweep):
         y_peak = peak_displacements(candidate, beliefs, longest)
         designs = [_sweep_design(candidate, beliefs.laws, noise, longest)] * beliefs.num_joints
-    elif isinstance(candidate, Backbone):
+    elif isinstance(candidate, PlannedBackbone):
         y_peak, designs = _backbone_designs(candidate, beliefs, noise)
     else:
         y_peak, designs = _tones_designs(candidate, beliefs, noise)
@@ -116,7 +118,7 @@ def _prospect(candidate: Candidate, beliefs: Beliefs, noise: Noise, longest: int
 
 
 def peak_displacements(
-    candidate: Sweep, beliefs: Beliefs, longest: int = 0
+    candidate: PlannedSweep, beliefs: Beliefs, longest: int = 0
 ) -> Float[np.ndarray, " joint"]:
     """Peak displacement of every joint under a sweep [m]; not finite where it diverges."""
     source = band_limited(_source(candidate, longest))
@@ -127,7 +129,9 @@ def peak_displacements(
     return np.max(np.abs(np.array(displacements)), axis=1)
 
 
-def _sweep_design(candidate: Sweep, laws: tuple[str, ...], noise: Noise, longest: int) -> Design:
+def _sweep_design(
+    candidate: PlannedSweep, laws: tuple[str, ...], noise: ResponseNoise, longest: int
+) -> Design:
     """A sweep's record; its information does not depend on the response, which is left at zero."""
     source = _source(candidate, longest)
     channels = {"input": source, noise.response: np.zeros_like(source)}
@@ -140,7 +144,7 @@ def _sweep_design(candidate: Sweep, laws: tuple[str, ...], noise: Noise, longest
 
 
 def _tones_designs(
-    candidate: Tones, beliefs: Beliefs, noise: Noise
+    candidate: PlannedTones, beliefs: Beliefs, noise: ResponseNoise
 ) -> tuple[Float[np.ndarray, " joint"], list[Design]]:
     """Largest displacement [m] and odd harmonics of steady tones, joint by joint, all measured."""
     omega, level = 2 * np.pi * np.array(candidate.frequencies_hz), jnp.asarray(candidate.level)
@@ -159,7 +163,7 @@ def _tones_designs(
 
 
 def _backbone_designs(
-    candidate: Backbone, beliefs: Beliefs, noise: Noise
+    candidate: PlannedBackbone, beliefs: Beliefs, noise: ResponseNoise
 ) -> tuple[Float[np.ndarray, " joint"], list[Design]]:
     """Largest displacement [m] and points at phase resonance, joint by joint, all measured."""
     amplitudes = np.array(candidate.amplitudes)
@@ -173,7 +177,7 @@ def _backbone_designs(
     return np.full(beliefs.num_joints, amplitudes.max()), designs
 
 
-def _source(test: Sweep, longest: int) -> Float[np.ndarray, " time"]:
+def _source(test: PlannedSweep, longest: int) -> Float[np.ndarray, " time"]:
     """Samples of the input, with silence behind them up to so many."""
     played = sweep(test.level, test.start_hz, test.stop_hz, test.burst, fade=test.fade)
     return np.asarray(sampled(played, test.fs, max(test.num_samples, longest)))

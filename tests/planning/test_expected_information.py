@@ -15,13 +15,13 @@ from jbw.planning.judge import (
     spread,
     worst_decile,
 )
-from jbw.planning.plan import Noise, Stepped, Sweep, Tones
+from jbw.planning.plan import PlannedSteppedSine, PlannedSweep, PlannedTones, ResponseNoise
 from jbw.planning.prospects import peak_displacements, prospects
 
 JOINT = dict(omega_n=118.12, zeta=0.00444, alpha=497.4, delta=340.21, gamma=32.84)
 LINEAR = dict(omega_n=60.0, zeta=0.01, alpha=400.0, delta=1e-9, gamma=1e-9)
-VELOCITY = Noise(50e-6, "velocity")
-SWEEP = Sweep(level=0.05, start_hz=5.0, stop_hz=15.0, rate=2.0, rest=2.0, fs=512.0)
+VELOCITY = ResponseNoise(50e-6, "velocity")
+SWEEP = PlannedSweep(level=0.05, start_hz=5.0, stop_hz=15.0, rate=2.0, rest=2.0, fs=512.0)
 
 
 def beliefs_at(theta, gain, names):
@@ -69,7 +69,7 @@ def test_bound_of_a_linear_oscillator_in_a_sweep():
 
 @pytest.mark.slow
 def test_what_fills_up_a_record_tells_nothing():
-    longer = Sweep(level=0.05, start_hz=5.0, stop_hz=15.0, rate=1.5, rest=2.0, fs=512.0)
+    longer = PlannedSweep(level=0.05, start_hz=5.0, stop_hz=15.0, rate=1.5, rest=2.0, fs=512.0)
     beliefs = beliefs_at(LINEAR, 15.0, ("omega_n", "zeta"))
     alone = prospects([SWEEP], beliefs, VELOCITY)[0]
     filled = prospects([SWEEP, longer], beliefs, VELOCITY)[0]
@@ -80,7 +80,7 @@ def test_what_fills_up_a_record_tells_nothing():
 def test_bound_of_a_linear_oscillator_in_a_stepped_sine():
     r"""F = sum N/(2 sigma^2) 2 Re(conj dV dV'): amplitudes of a tone in white noise."""
     hz = (9.0, 9.4, 9.6, 10.0)
-    test = Stepped(level=0.02, frequencies_hz=hz, dwell=4.0, settle=2.0, fs=512.0)
+    test = PlannedSteppedSine(level=0.02, frequencies_hz=hz, dwell=4.0, settle=2.0, fs=512.0)
     found = prospects([test], beliefs_at(LINEAR, 15.0, ("omega_n", "zeta")), VELOCITY)[0]
     w, (n, z) = 2 * np.pi * np.array(hz), (60.0, 0.01)
     y = 15.0 * 0.02 / (n**2 - w**2 + 2j * z * n * w)
@@ -106,7 +106,7 @@ def bouc_wen(theta, u):
 
 
 def test_peak_displacement_in_a_strong_sweep():
-    test = Sweep(level=0.10, start_hz=12.0, stop_hz=26.0, rate=3.5, rest=0.5, fs=1024.0)
+    test = PlannedSweep(level=0.10, start_hz=12.0, stop_hz=26.0, rate=3.5, rest=0.5, fs=1024.0)
     theta = JOINT
     y_peak = peak_displacements(test, beliefs_at(theta, 15.0, ("omega_n",)))[0]
     slope = bouc_wen(theta, lambda t: 15.0 * float(chirp(np.float64(t), test)))
@@ -120,7 +120,9 @@ def test_peak_displacement_in_a_strong_sweep():
 
 
 def test_peak_displacement_of_tones():
-    test = Tones(level=0.6, frequencies_hz=(4.5, 5.0, 5.5, 6.0), dwell=4.0, settle=2.0, fs=512.0)
+    test = PlannedTones(
+        level=0.6, frequencies_hz=(4.5, 5.0, 5.5, 6.0), dwell=4.0, settle=2.0, fs=512.0
+    )
     theta = {**JOINT, "zeta": 0.02}  # settles sooner, for scipy
     found = prospects([test], beliefs_at(theta, 15.0, ("omega_n", "zeta")), VELOCITY)[0]
     slope = bouc_wen(theta, lambda t: 9.0 * np.cos(2 * np.pi * 6.0 * t))
@@ -195,8 +197,8 @@ def test_predicted_spread_is_that_of_fits_to_noisy_records():
 
     from jbw.observables.samples import band_limited, response_to
 
-    test = Sweep(level=0.06, start_hz=12.0, stop_hz=26.0, rate=2.8, rest=3.0, fs=512.0)
-    theta, noise = JOINT, Noise(5e-4, "velocity")
+    test = PlannedSweep(level=0.06, start_hz=12.0, stop_hz=26.0, rate=2.8, rest=3.0, fs=512.0)
+    theta, noise = JOINT, ResponseNoise(5e-4, "velocity")
     names = tuple(theta)
     found = prospects([test], beliefs_at(theta, 15.0, names), noise)[0]
     predicted = np.sqrt(np.diag(np.linalg.inv(found.information[0])))

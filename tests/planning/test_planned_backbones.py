@@ -8,7 +8,7 @@ from jbw import rig
 from jbw.observables.controlled import ControlledPoints
 from jbw.observables.dataset import Dataset
 from jbw.planning.description import parse
-from jbw.planning.plan import Backbone
+from jbw.planning.plan import PlannedBackbone
 from jbw.planning.prospects import fisher
 
 SIZE, NOISE = 2048, 5e-5  # samples read of a point, and noise of each [m/s]
@@ -38,7 +38,9 @@ def test_weak_points_tell_what_a_linear_oscillator_has_in_closed_form():
 
 
 def test_a_backbone_lasts_as_long_as_its_points():
-    candidate = Backbone(0.5, (1e-3, 2e-3, 3e-3), dwell=8.0, settle=2.0, fs=512.0, natural_hz=18.8)
+    candidate = PlannedBackbone(
+        0.5, (1e-3, 2e-3, 3e-3), dwell=8.0, settle=2.0, fs=512.0, natural_hz=18.8
+    )
     assert candidate.seconds == 24.0
     assert candidate.num_samples == 3072
     assert str(candidate) == "backbone 1-3 mm, 3 points of 8 s"

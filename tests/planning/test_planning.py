@@ -12,7 +12,7 @@ from jbw.planning.beliefs import Beliefs, after, before
 from jbw.planning.description import parse
 from jbw.planning.judge import combine, ordered, row
 from jbw.planning.making import plan_tests, rig_of
-from jbw.planning.plan import Noise, Sweep, Wish
+from jbw.planning.plan import PlannedSweep, ResponseNoise, Wish
 from jbw.planning.proposals import (
     Reach,
     SteppedTable,
@@ -64,7 +64,7 @@ def plain_beliefs(precision, num_joints=3):
 
 
 def plain_prospect(information, seconds, level=1.0, y_peak=1e-3, num_joints=3):
-    candidate = Sweep(level, 10.0, 20.0, 10.0 / seconds, 0.0, 512.0)
+    candidate = PlannedSweep(level, 10.0, 20.0, 10.0 / seconds, 0.0, 512.0)
     every = np.tile(np.asarray(information, float), (num_joints, 1, 1))
     return Prospect(candidate, every, np.full(num_joints, y_peak))
 
@@ -290,7 +290,7 @@ def test_a_turned_channel_moves_a_joint_as_far():
     }
     plain, turned = (propose(grids, beliefs, reach) for beliefs in found.values())
     assert turned == plain
-    noise = Noise(5e-6, "displacement")
+    noise = ResponseNoise(5e-6, "displacement")
     ahead, behind = (prospects(plain[-1:], beliefs, noise)[0] for beliefs in found.values())
     assert ahead.num_lost == 0
     np.testing.assert_allclose(behind.y_peak, ahead.y_peak, rtol=1e-12)
