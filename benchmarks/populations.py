@@ -24,8 +24,8 @@ from scipy.stats import beta
 from timing import Table, options, show
 
 import jbw
-from jbw.population.model import ACCEPTED, EVEN, FULL, Units, named_draws, population_model
-from jbw.population.prior import Design, prior_of
+from jbw.population.model import ACCEPTED, EVEN, FULL, UnitPosteriors, named_draws, population_model
+from jbw.population.prior import CovariateDesign, prior_of
 
 NAMES = ("omega_n", "zeta", "alpha_delta", "alpha_gamma")
 PRODUCTS = {"alpha_delta": "1/(m s^2)", "alpha_gamma": "1/(m s^2)"}
@@ -34,13 +34,13 @@ COVERAGE = {
     "units": "d", "populations": "d", "90 %": ".3f", "[99 %]": "", "99 %": ".3f", "[99 %] ": "",
     "divergent, %": ".3f", "most in one, %": ".2f", "R-hat > 1.01": "d",
 }  # fmt: skip
-Sampled = Callable[[Any, Units], tuple[dict[str, np.ndarray], np.ndarray]]
+Sampled = Callable[[Any, UnitPosteriors], tuple[dict[str, np.ndarray], np.ndarray]]
 
 
 class Truth(NamedTuple):
     """A population, its units as they are seen, and one that nobody measured."""
 
-    units: Units
+    units: UnitPosteriors
     new: np.ndarray
 
 
@@ -54,20 +54,20 @@ def made(rng: np.random.Generator, num: int, scale: np.ndarray) -> Truth:
     seen = true[:num] + own * rng.standard_normal((num, d))
     cov = own[:, :, None] ** 2 * np.eye(d)
     none = np.zeros((num, 0, d)), np.zeros((num, 0)), np.zeros(num, bool)
-    return Truth(Units(seen, cov, *none), true[num])
+    return Truth(UnitPosteriors(seen, cov, *none), true[num])
 
 
 def sampler_of(num: int, accepted: float) -> Sampled:
     """Draws of any population of so many units, and which diverged: compiled but once."""
-    design = Design(("mean",), np.ones((num, 1)), np.nan)
+    design = CovariateDesign(("mean",), np.ones((num, 1)), np.nan)
     before = prior_of(NAMES, PRODUCTS, np.zeros((num, len(NAMES))), design)
 
     def model(mean: Any, cov: Any) -> None:
         none = np.zeros((num, 0, len(NAMES))), np.zeros((num, 0)), np.zeros(num, bool)
         prior = before._replace(mean=mean.mean(0)[:, None])
-        population_model(Units(mean, cov, *none), design, prior, np.ones(num))
+        population_model(UnitPosteriors(mean, cov, *none), design, prior, np.ones(num))
 
-    def args(units: Units) -> tuple[Any, Any]:
+    def args(units: UnitPosteriors) -> tuple[Any, Any]:
         return jnp.asarray(units.mean), jnp.asarray(units.cov)
 
     example = args(made(np.random.default_rng(0), num, before.tau).units)
@@ -93,7 +93,7 @@ def sampler_of(num: int, accepted: float) -> Sampled:
         z = jax.tree.map(lambda one: one[warmup:], z)
         return jax.vmap(known.postprocess_fn(*known_of))(z), diverging[warmup:]
 
-    def drawn(key: Any, units: Units) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    def drawn(key: Any, units: UnitPosteriors) -> tuple[dict[str, np.ndarray], np.ndarray]:
         found = [chain(one, *args(units)) for one in jax.random.split(key, chains)]
         sites, diverging = jax.tree.map(lambda *each: np.stack(each), *found)
         return named_draws(sites), diverging
@@ -110,7 +110,7 @@ def places(drawn: dict[str, np.ndarray], new: np.ndarray) -> np.ndarray:
 def populations(num: int, count: int, accepted: float, seed: int = 0) -> Iterator[tuple]:
     """Places of new units, share of divergent draws and R-hat of one population after the other."""
     rng, drawn = np.random.default_rng(seed), sampler_of(num, accepted)
-    one = Design(("mean",), np.ones((1, 1)), np.nan)
+    one = CovariateDesign(("mean",), np.ones((1, 1)), np.nan)
     scale = prior_of(NAMES, PRODUCTS, np.zeros((1, len(NAMES))), one).tau
     for number in range(count):
         truth = made(rng, num, scale)

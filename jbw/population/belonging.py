@@ -26,8 +26,8 @@ from scipy.special import softmax
 from scipy.stats import chi2
 
 from jbw.inference.samplers.importance import smooth
-from jbw.population.model import Units, sampler
-from jbw.population.prior import TORQUE, Design, Prior, precision_of
+from jbw.population.model import UnitPosteriors, sampler
+from jbw.population.prior import TORQUE, CovariateDesign, Prior, precision_of
 from jbw.population.trend import bent
 from jbw.report.messages import population as messages
 
@@ -43,8 +43,8 @@ BATCH = 20  # draws side by side
 
 def belonging(
     key: Key[Array, ""],
-    units: Units,
-    design: Design,
+    units: UnitPosteriors,
+    design: CovariateDesign,
     prior: Prior,
     draws: dict[str, np.ndarray],
     report: Callable[[str], Any],
@@ -67,7 +67,7 @@ def belonging(
 
 
 def left_out(
-    units: Units, design: Design, prior: Prior, draws: dict[str, np.ndarray]
+    units: UnitPosteriors, design: CovariateDesign, prior: Prior, draws: dict[str, np.ndarray]
 ) -> tuple[Float[np.ndarray, "draw unit"], Float[np.ndarray, "draw unit"]]:
     """Of every unit by the others, draw by draw of T: its log density, and P of one as far off."""
     m, c = jnp.asarray(units.mean), jnp.asarray(units.cov)
@@ -94,7 +94,7 @@ def left_out(
     return np.asarray(log_density), chi2.sf(np.asarray(squares), d)
 
 
-def _rows(design: Design, d: int, u: Array | None) -> Float[Array, "unit d coefficient"]:
+def _rows(design: CovariateDesign, d: int, u: Array | None) -> Float[Array, "unit d coefficient"]:
     """The coordinates of every unit as a product with the line, coordinate by coordinate."""
     x = jnp.repeat(jnp.asarray(design.x)[:, None], d, axis=1)
     if u is not None:

@@ -11,7 +11,7 @@ from jaxtyping import Float
 from jbw.errors import ConfigError, DataError, did_you_mean
 from jbw.oscillator.law import Law
 from jbw.oscillator.laws import laws_named
-from jbw.population.model import Units
+from jbw.population.model import UnitPosteriors
 from jbw.population.unit import GAIN
 
 STRUCTURE = ("omega_n", "zeta")
@@ -186,7 +186,7 @@ def _identifiable_of(law: type[Law]) -> list[str]:
     ]
 
 
-def units_of_fleet(fleet: xr.DataTree, pooled_coordinates: Pooled) -> Units:
+def units_of_fleet(fleet: xr.DataTree, pooled_coordinates: Pooled) -> UnitPosteriors:
     r"""Summaries and draws of every unit in the pooled coordinates, none of them weighed yet.
 
     A run's prior is uniform in what it sampled: over logarithms its density is their product. A
@@ -208,4 +208,6 @@ def units_of_fleet(fleet: xr.DataTree, pooled_coordinates: Pooled) -> Units:
         draws.append(every.sel(parameter=list(pooled_coordinates.names)).values)
         log_prior.append(every.values @ is_sampled)
     weighed = np.zeros(len(draws), bool)
-    return Units(mean, pooled_coordinates.cov, np.stack(draws), np.stack(log_prior), weighed)
+    return UnitPosteriors(
+        mean, pooled_coordinates.cov, np.stack(draws), np.stack(log_prior), weighed
+    )

@@ -29,7 +29,7 @@ import numpyro.distributions as dist
 from jaxtyping import Array, Bool, Float, Int, Key
 from numpyro.infer import MCMC, NUTS
 
-from jbw.population.prior import ALIKE, TORQUE, Design, Prior
+from jbw.population.prior import ALIKE, TORQUE, CovariateDesign, Prior
 from jbw.population.trend import SPREAD, expected
 
 FULL = (500, 1000, 2)  # warm-up, draws, chains: of NUTS
@@ -38,7 +38,7 @@ ACCEPTED = 0.98  # scatters near zero and correlations near one bend the density
 EVEN = 2.0  # of the correlations' prior: above 1 it leans to none
 
 
-class Units(NamedTuple):
+class UnitPosteriors(NamedTuple):
     """What is known of every unit in the pooled coordinates.
 
     Attributes:
@@ -56,7 +56,9 @@ class Units(NamedTuple):
     weighed: Bool[np.ndarray, " unit"]
 
 
-def population_model(units: Units, design: Design, prior: Prior, included: Any) -> None:
+def population_model(
+    units: UnitPosteriors, design: CovariateDesign, prior: Prior, included: Any
+) -> None:
     """The NumPyro model of units that are integrated out, those that are kept (1, else 0)."""
     means, factor = population_of_units(design, prior)
     log_density = log_likelihoods(units, means, factor)
@@ -64,7 +66,7 @@ def population_model(units: Units, design: Design, prior: Prior, included: Any) 
 
 
 def population_of_units(
-    design: Design, prior: Prior
+    design: CovariateDesign, prior: Prior
 ) -> tuple[Float[Array, "unit d"], Float[Array, "d d"]]:
     """Means of all units and the root of T, of the sites `line` (d, covariate), `tau` and `root`.
 
@@ -86,7 +88,7 @@ def population_of_units(
 
 
 def log_likelihoods(
-    units: Units, means: Float[Array, "unit d"], factor: Float[Array, "d d"]
+    units: UnitPosteriors, means: Float[Array, "unit d"], factor: Float[Array, "d d"]
 ) -> Float[Array, " unit"]:
     """Log density of every unit's records, itself integrated out, up to a constant of each."""
     normal, weighed = np.flatnonzero(~units.weighed), np.flatnonzero(units.weighed)
@@ -101,7 +103,10 @@ def log_likelihoods(
 
 
 def log_weights(
-    units: Units, which: Int[np.ndarray, " which"], means: Float[Array, "unit d"], factor: Any
+    units: UnitPosteriors,
+    which: Int[np.ndarray, " which"],
+    means: Float[Array, "unit d"],
+    factor: Any,
 ) -> Float[Array, "which draw"]:
     """Of the draws of some units under a population of these means and this root of T."""
     apart = jnp.asarray(units.draws[which]) - means[which][:, None]
@@ -115,7 +120,9 @@ def log_weights(
 Sampler = Callable[[Key[Array, ""], Float[np.ndarray, " unit"]], dict[str, np.ndarray]]
 
 
-def sampler(units: Units, design: Design, prior: Prior, lengths: tuple[int, int, int]) -> Sampler:
+def sampler(
+    units: UnitPosteriors, design: CovariateDesign, prior: Prior, lengths: tuple[int, int, int]
+) -> Sampler:
     """Draws of the population by a key and which units are kept: 1, and 0 of one that is left out.
 
     They are `line`, `tau`, `scatter` (T), `u` where a coordinate saturates, and divergences, axes

@@ -20,7 +20,7 @@ NUM_NODES = 400  # of the scatter's quadrature, exact to 1e-10 where the data le
 REACH = 3.0  # square root of the largest scatter over its prior's, beyond which are 1e-18 of it
 
 
-class Line(NamedTuple):
+class TrendLine(NamedTuple):
     """What is known of the line B where the scatter is given.
 
     Attributes:
@@ -41,7 +41,7 @@ def line(
     scatter: Float[np.ndarray, "d d"],
     prior_mean: Float[np.ndarray, " coefficient"],
     prior_cov: Float[np.ndarray, "coefficient coefficient"],
-) -> Line:
+) -> TrendLine:
     """Posterior of the line under a given scatter T, in closed form."""
     d = m.shape[1]
     design = [np.kron(np.eye(d), row) for row in x]
@@ -61,11 +61,11 @@ def line(
     moved = mean - prior_mean
     prior = 0.5 * (np.linalg.slogdet(before)[1] - np.linalg.slogdet(precision)[1])
     log_marginal = float(data + prior - 0.5 * moved @ before @ moved)
-    return Line(mean, np.linalg.inv(precision), log_marginal)
+    return TrendLine(mean, np.linalg.inv(precision), log_marginal)
 
 
 def new_unit(
-    line: Line, x: Float[np.ndarray, " covariate"], scatter: Float[np.ndarray, "d d"]
+    line: TrendLine, x: Float[np.ndarray, " covariate"], scatter: Float[np.ndarray, "d d"]
 ) -> tuple[Float[np.ndarray, " d"], Float[np.ndarray, "d d"]]:
     """Mean and covariance of a unit that was not measured, at its covariates."""
     design = np.kron(np.eye(len(scatter)), x)

@@ -14,7 +14,7 @@ from jbw.oscillator.laws import laws_named
 from jbw.population.belonging import belonging
 from jbw.population.coordinates import Pooled, laws_of, pooled, units_of_fleet
 from jbw.population.model import FULL, ROUGH, sampler
-from jbw.population.prior import TORQUE, Design, Prior, design_of, prior_of
+from jbw.population.prior import TORQUE, CovariateDesign, Prior, design_of, prior_of
 from jbw.population.record import own_over_scatter, record_of
 from jbw.population.statements import OWN, statements
 from jbw.population.trend import mask_of
@@ -36,7 +36,7 @@ class Population(NamedTuple):
     """
 
     pooled: Pooled
-    design: Design
+    design: CovariateDesign
     prior: Prior
     draws: dict[str, np.ndarray]
     record: dict[str, Any]
@@ -104,13 +104,13 @@ def population_of(
     return Population(coordinates, design, prior, draws, record)
 
 
-def covariates_in(fleet: xr.DataTree) -> Design:
+def covariates_in(fleet: xr.DataTree) -> CovariateDesign:
     """Covariates that vary between the units of a fleet."""
     root = fleet.to_dataset()
     return design_of(root["torque"].values.tolist(), root["sequence"].values.tolist())
 
 
-def require_torque(design: Design, torque: float | None) -> None:
+def require_torque(design: CovariateDesign, torque: float | None) -> None:
     """Refuse a torque that no trend is known for."""
     if torque is None:
         return

@@ -39,7 +39,7 @@ class Prior(NamedTuple):
     same_unit: tuple[tuple[int, int], ...] = ()
 
 
-class Design(NamedTuple):
+class CovariateDesign(NamedTuple):
     """Covariates of the units, columns of numbers beside a one.
 
     Attributes:
@@ -64,7 +64,7 @@ class Design(NamedTuple):
         return row
 
 
-def design_of(torque: Sequence[float], sequence: Sequence[float]) -> Design:
+def design_of(torque: Sequence[float], sequence: Sequence[float]) -> CovariateDesign:
     """Covariates that vary between the units, on logarithms."""
     columns, x, reference = ["mean"], [np.ones(len(torque))], np.nan
     for name, values in ((TORQUE, np.asarray(torque)), ("sequence", np.asarray(sequence))):
@@ -81,14 +81,14 @@ def design_of(torque: Sequence[float], sequence: Sequence[float]) -> Design:
         reference = float(middle) if name == TORQUE else reference
         columns.append(name)
         x.append(np.log(values / middle))
-    return Design(tuple(columns), np.column_stack(x), reference)
+    return CovariateDesign(tuple(columns), np.column_stack(x), reference)
 
 
 def prior_of(
     names: Sequence[str],
     products: Mapping[str, str],
     mean: Float[np.ndarray, "unit d"],
-    design: Design,
+    design: CovariateDesign,
 ) -> Prior:
     """Priors by what is known of joints; the mean of all units stands wherever it does.
 
@@ -116,7 +116,9 @@ def prior_of(
     return Prior(np.column_stack(middle), np.column_stack(spread), tau, same_unit)
 
 
-def precision_of(prior: Prior, design: Design) -> Float[np.ndarray, "coefficient coefficient"]:
+def precision_of(
+    prior: Prior, design: CovariateDesign
+) -> Float[np.ndarray, "coefficient coefficient"]:
     """Inverse covariance of the line's coefficients, coordinate by coordinate."""
     d, p = prior.sd.shape
     precision = np.diag(np.ravel(prior.sd) ** -2.0)

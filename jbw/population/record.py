@@ -10,8 +10,8 @@ from jaxtyping import Float
 
 from jbw.inference.posterior.summary import QUANTILES
 from jbw.population.coordinates import Pooled, laws_of, monomials_of, parameters_of, unit_names
-from jbw.population.model import Units, log_weights
-from jbw.population.prior import TORQUE, Design, Prior
+from jbw.population.model import UnitPosteriors, log_weights
+from jbw.population.prior import TORQUE, CovariateDesign, Prior
 from jbw.population.trend import expected
 from jbw.population.unit import GAIN
 
@@ -24,8 +24,8 @@ Draws = dict[str, np.ndarray]
 def record_of(
     fleet: xr.DataTree,
     pooled: Pooled,
-    units: Units,
-    design: Design,
+    units: UnitPosteriors,
+    design: CovariateDesign,
     prior: Prior,
     draws: Draws,
     belongs: Float[np.ndarray, " unit"],
@@ -67,7 +67,7 @@ def interval(values: np.ndarray) -> dict[str, float]:
 
 
 def _rows(
-    fleet: xr.DataTree, pooled: Pooled, design: Design, draws: Draws
+    fleet: xr.DataTree, pooled: Pooled, design: CovariateDesign, draws: Draws
 ) -> dict[str, dict[str, Any]]:
     """A row a coordinate: mean, scatter between units and between runs, powers."""
     units, symbols = (json.loads(fleet.attrs[key]) for key in ("units", "symbols"))
@@ -94,7 +94,7 @@ def _rows(
 
 
 def _ratios(
-    fleet: xr.DataTree, pooled: Pooled, design: Design, prior: Prior, draws: Draws
+    fleet: xr.DataTree, pooled: Pooled, design: CovariateDesign, prior: Prior, draws: Draws
 ) -> dict[str, dict[str, float]]:
     """The power of torque of ratios of two products, by its text: gamma/delta of Bouc-Wen's law."""
     if TORQUE not in design.columns:
@@ -112,7 +112,9 @@ def _ratios(
     return rows
 
 
-def _shares(units: Units, design: Design, draws: Draws, names: list[str]) -> dict[str, float]:
+def _shares(
+    units: UnitPosteriors, design: CovariateDesign, draws: Draws, names: list[str]
+) -> dict[str, float]:
     r"""Of each unit that its draws stand for, their Kish share $(\sum w)^2 / (S \sum w^2)$.
 
     Under the population's median.
@@ -127,7 +129,7 @@ def _shares(units: Units, design: Design, draws: Draws, names: list[str]) -> dic
     return dict(zip(np.array(names)[which].tolist(), share.tolist(), strict=True))
 
 
-def _correlation(design: Design) -> float | None:
+def _correlation(design: CovariateDesign) -> float | None:
     """Of ln torque with ln of the number of the tightening over the units, where both vary."""
     if len(design.columns) < 3:
         return None

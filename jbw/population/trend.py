@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from jbw.errors import ConfigError, DataError, did_you_mean
-from jbw.population.prior import TORQUE, Design
+from jbw.population.prior import TORQUE, CovariateDesign
 
 SPREAD = 0.7  # sd of ln(T_0/T_ref): over 2 to 12 N m a power is like a curve of 3 T_ref to 3 %
 
@@ -26,7 +26,9 @@ def saturating(ratio: Reals, u: Reals) -> Float[Array, "..."]:
     return jnp.asarray(u * (1.0 - jnp.exp((1.0 - ratio) / u)))
 
 
-def expected(line: Reals, x: Reals, design: Design, u: Reals | None) -> Float[Array, "... unit d"]:
+def expected(
+    line: Reals, x: Reals, design: CovariateDesign, u: Reals | None
+) -> Float[Array, "... unit d"]:
     """Coordinates of units at their covariates, axes (..., unit, d).
 
     Args:

@@ -24,7 +24,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import gammaln, logsumexp
 
-from jbw.watch.hotelling import Reference
+from jbw.watch.hotelling import ReferenceReadings
 
 FURTHEST = 2.0  # standard deviations of a reading: how far a change may be expected to lead
 
@@ -48,7 +48,7 @@ class RunLength(NamedTuple):
     unchanged: Float[np.ndarray, "*batch n"]  # after each reading, that no change came at all
 
 
-def known_from(reference: Reference) -> Belief:
+def known_from(reference: ReferenceReadings) -> Belief:
     r"""Belief of the unchanged run: what the references leave of a flat prior.
 
     Its prediction is Hotelling's: Student's t of $n_0 - p$ degrees of freedom.
@@ -62,7 +62,7 @@ def known_from(reference: Reference) -> Belief:
     )
 
 
-def after_change(reference: Reference) -> Belief:
+def after_change(reference: ReferenceReadings) -> Belief:
     """Belief of a run behind a change: about the reference, `FURTHEST` times as wide."""
     return known_from(reference)._replace(kappa=np.array(1 / FURTHEST**2))
 

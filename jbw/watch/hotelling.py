@@ -24,7 +24,7 @@ Vector = Float[np.ndarray, " p"]
 Matrix = Float[np.ndarray, "p p"]
 
 
-class Reference(NamedTuple):
+class ReferenceReadings(NamedTuple):
     """Readings without change: how many, their mean and covariance over `num` - 1."""
 
     num: int
@@ -32,7 +32,7 @@ class Reference(NamedTuple):
     covariance: Float[np.ndarray, "*batch p p"]
 
 
-def reference_of(readings: Float[np.ndarray, "*batch record p"]) -> Reference:
+def reference_of(readings: Float[np.ndarray, "*batch record p"]) -> ReferenceReadings:
     """The reference that readings without change make.
 
     Raises:
@@ -48,7 +48,7 @@ def reference_of(readings: Float[np.ndarray, "*batch record p"]) -> Reference:
     mean = readings.mean(axis=-2)
     away = readings - mean[..., None, :]
     covariance = np.swapaxes(away, -1, -2) @ away / (num - 1)
-    return Reference(num, mean, covariance)
+    return ReferenceReadings(num, mean, covariance)
 
 
 def threshold(false_alarms: float, p: int, num: int) -> float:
@@ -63,7 +63,9 @@ def threshold(false_alarms: float, p: int, num: int) -> float:
 
 
 def distance(
-    reading: Float[np.ndarray, "*batch p"], reference: Reference, excess: Matrix | None = None
+    reading: Float[np.ndarray, "*batch p"],
+    reference: ReferenceReadings,
+    excess: Matrix | None = None,
 ) -> Float[np.ndarray, "*batch"]:
     r"""$T^2$ of a further reading.
 

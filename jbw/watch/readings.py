@@ -26,7 +26,7 @@ SPARE = 1.05  # between an amplitude of the records and the end of a window that
 PER_AMPLITUDE = 2  # values: frequency and logarithm of the damping
 
 
-class Reading(NamedTuple):
+class RecordReading(NamedTuple):
     """One record, read at amplitudes A1 < A2 < ...
 
     Attributes:
@@ -69,7 +69,7 @@ def common_amplitude(test: Test) -> float:
     return float(f"{amplitude:.3g}")
 
 
-def reading(record: Record, test: Test, amplitudes: Sequence[float]) -> Reading:
+def reading(record: Record, test: Test, amplitudes: Sequence[float]) -> RecordReading:
     """A record of a test's kind, band and settling, read at peak amplitudes of its response.
 
     Raises:
@@ -222,7 +222,7 @@ def _crossing(parabola: Float[np.ndarray, " 3"], level: float) -> float:
 
 def _joined(
     parts: Sequence[tuple[Float[np.ndarray, " 2"], Float[np.ndarray, "2 2"]]], share: float
-) -> Reading:
+) -> RecordReading:
     """Readings at several amplitudes as one; frequencies beyond the first by their difference."""
     values = np.concatenate([part for part, _ in parts])
     covariance = np.zeros((len(values), len(values)))
@@ -230,7 +230,7 @@ def _joined(
         covariance[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = part_covariance
     change = np.eye(len(values))
     change[2::2, 0] = -1.0
-    return Reading(change @ values, change @ covariance @ change.T, share)
+    return RecordReading(change @ values, change @ covariance @ change.T, share)
 
 
 def _unit(record: Record) -> str:

@@ -10,7 +10,7 @@ from scipy.stats import t as student
 from jbw.report.messages import watch
 from jbw.watch.change_point import after_change, known_from, run_length
 from jbw.watch.hotelling import (
-    Reference,
+    ReferenceReadings,
     distance,
     excess_noise,
     reference_of,
@@ -98,7 +98,7 @@ def state(
     )
 
 
-def change_of(reference: Reference, behind: Float[np.ndarray, "n p"], first: int) -> Change:
+def change_of(reference: ReferenceReadings, behind: Float[np.ndarray, "n p"], first: int) -> Change:
     """Frequency and damping behind a change less those of the reference, by Student's t."""
     away = behind.mean(axis=0) - reference.mean
     sd = np.sqrt(np.diag(reference.covariance) * (1 / len(behind) + 1 / reference.num))

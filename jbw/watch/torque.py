@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jbw.report.messages import watch
-from jbw.watch.hotelling import Reference, tail
+from jbw.watch.hotelling import ReferenceReadings, tail
 
 PLACES = np.linspace(-4.0, 4.0, 8001)  # of x: four standard deviations of what is expected
 QUANTILES = (0.005, 0.5, 0.995)
@@ -52,7 +52,7 @@ class TorqueChange(NamedTuple):
 
 
 def torque_after(
-    away: Float[np.ndarray, " p"], reference: Reference, num: int, trend: Trend
+    away: Float[np.ndarray, " p"], reference: ReferenceReadings, num: int, trend: Trend
 ) -> TorqueChange:
     """The torque that readings behind a change are like.
 

@@ -17,7 +17,7 @@ from jbw.population.coordinates import Pooled
 from jbw.population.normal import moments, scattered
 from jbw.population.one_stage import joint_model, measured_units, one_stage
 from jbw.population.population import Population
-from jbw.population.prior import Design, Prior
+from jbw.population.prior import CovariateDesign, Prior
 
 S = np.array([0.05, 0.1, 0.1, 0.2, 0.15])  # each unit's own error of ln zeta
 Y = np.log(0.01) + np.array([-0.3, 0.1, 0.25, 0.0, -0.1])
@@ -48,7 +48,7 @@ def units(monkeypatch):
         np.zeros((0, 2)),
     )  # fmt: skip
     prior = Prior(np.array([[Y.mean()]]), np.array([[ANYWHERE]]), np.array([SCALE]))
-    design = Design(("mean",), np.ones((5, 1)), np.nan)
+    design = CovariateDesign(("mean",), np.ones((5, 1)), np.nan)
     return studies, Population(pooled, design, prior, {}, {"units": list("abcde")})
 
 

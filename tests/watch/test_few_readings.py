@@ -9,7 +9,7 @@ from scipy.stats import f as fisher
 from scipy.stats import t as student
 
 from jbw.watch.change_point import Belief, run_length
-from jbw.watch.hotelling import Reference
+from jbw.watch.hotelling import ReferenceReadings
 from jbw.watch.torque import Trend, torque_after
 
 NUM_REFERENCES, NUM = 6, 3
@@ -21,7 +21,7 @@ def test_six_references_and_three_readings_leave_their_own_students_t():
     To 2 %: places lie 1e-3 apart, of 0.086; what is expected, N(0, 1), narrows it by 0.2 %.
     """
     s, away = 0.03, 0.0
-    reference = Reference(NUM_REFERENCES, np.zeros(1), np.array([[s**2]]))
+    reference = ReferenceReadings(NUM_REFERENCES, np.zeros(1), np.array([[s**2]]))
     trend = Trend(8.0, np.ones((4, 1)), 4.0, 12.0)
     found = torque_after(np.array([away]), reference, NUM, trend)
     half = student.ppf(0.995, NUM_REFERENCES - 1) * s * np.sqrt(1 / NUM + 1 / NUM_REFERENCES)
@@ -38,7 +38,7 @@ def test_intervals_hold_the_torque_as_often_as_they_say():
         x = 0.3 * rng.standard_normal()
         before = s * rng.standard_normal(NUM_REFERENCES)
         after = slope * x + s * rng.standard_normal(NUM)
-        reference = Reference(
+        reference = ReferenceReadings(
             NUM_REFERENCES, np.array([before.mean()]), np.array([[before.var(ddof=1)]])
         )
         found = torque_after(np.array([after.mean() - before.mean()]), reference, NUM, trend)
@@ -55,7 +55,7 @@ def test_what_no_torque_explains_is_hotelling_of_the_mean_of_the_readings(part, 
     )
     away = np.array([0.0, np.sqrt(part * limit * (1 / NUM + 1 / NUM_REFERENCES))])
     trend = Trend(8.0, np.array([[1.0, 0.0]]), 4.0, 12.0)  # which leaves the second value alone
-    reference = Reference(NUM_REFERENCES, np.zeros(p), np.eye(p))
+    reference = ReferenceReadings(NUM_REFERENCES, np.zeros(p), np.eye(p))
     assert torque_after(away, reference, NUM, trend).explained is explained
 
 

@@ -13,9 +13,9 @@ import jbw
 from jbw.measurement.records import Record, Test
 from jbw.population.coordinates import Pooled
 from jbw.population.population import Population
-from jbw.population.prior import Design
+from jbw.population.prior import CovariateDesign
 from jbw.watch import trend
-from jbw.watch.hotelling import Reference
+from jbw.watch.hotelling import ReferenceReadings
 from jbw.watch.statement import as_plain, sentence, state
 from jbw.watch.torque import PLACES, Trend, torque_after, words_of
 
@@ -31,7 +31,7 @@ def known(num_draws=50, slope=SLOPE):
 def test_many_references_and_one_slope_leave_weighted_least_squares():
     """Of a known covariance, x is normal about g'Wd / g'Wg, with the expectation N(0, 1) in it."""
     num, away = 4, np.array([-0.21, 0.13])
-    found = torque_after(away, Reference(10**6, np.zeros(2), COVARIANCE), num, known())
+    found = torque_after(away, ReferenceReadings(10**6, np.zeros(2), COVARIANCE), num, known())
     weight = np.linalg.inv(COVARIANCE / num)
     precision = SLOPE @ weight @ SLOPE + 1.0
     middle, reach = SLOPE @ weight @ away / precision, 2.5758293 / np.sqrt(precision)
@@ -47,7 +47,7 @@ def test_few_references_leave_students_t():
     """t of n0 - 1 degrees of freedom and the scale (1 + q / (n0 - 1)) / g'Wg about the same."""
     num, references, away = 1, 8, 1e-2 * np.array([-2.1, 1.3])
     scale = 1e-2 * COVARIANCE * 0.01  # narrow, so that what is expected does not matter
-    found = torque_after(away, Reference(references, np.zeros(2), scale), num, known())
+    found = torque_after(away, ReferenceReadings(references, np.zeros(2), scale), num, known())
     weight = np.linalg.inv(scale * (1 / num + 1 / references))
     precision = SLOPE @ weight @ SLOPE
     middle = SLOPE @ weight @ away / precision
@@ -60,13 +60,13 @@ def test_few_references_leave_students_t():
 
 def test_without_a_trend_nothing_is_learnt():
     """The interval is that of what was expected: factors of exp(2.58) either way."""
-    reference = Reference(20, np.zeros(2), COVARIANCE)
+    reference = ReferenceReadings(20, np.zeros(2), COVARIANCE)
     found = torque_after(np.array([-0.2, 0.1]), reference, 1, known(slope=np.zeros(2)))
     assert np.log([found.low / 8.0, found.high / 8.0]) == pytest.approx([-2.576, 2.576], abs=1e-2)
 
 
 def test_what_no_torque_explains_is_said():
-    reference = Reference(20, np.zeros(2), COVARIANCE)
+    reference = ReferenceReadings(20, np.zeros(2), COVARIANCE)
     found = torque_after(np.array([-0.4, -0.4]), reference, 1, known())  # lower and less damped
     assert not found.explained
     far = torque_after(1.5 * SLOPE, reference, 1, known())
@@ -106,7 +106,7 @@ def a_fleet(status="ok", y_peak=Y_PEAK):
     fleet = xr.DataTree.from_dict({"/": root, **units})
     for name, peak in zip("ab", (2 * y_peak, y_peak), strict=True):
         fleet[name].attrs["y_peak"] = peak
-    design = Design(("mean", "torque"), np.ones((2, 2)), 5.0)
+    design = CovariateDesign(("mean", "torque"), np.ones((2, 2)), 5.0)
     line = np.stack([logs[0], list(POWER.values())], axis=-1)[None, None]
     found = Population(
         Pooled(tuple(MEANS), logs, np.zeros((1, 3, 3)), np.eye(3), tuple(MEANS), np.zeros((0, 3))),
