@@ -83,7 +83,7 @@ class _Piece(NamedTuple):
     measured: Float[Array, "sample column"]  # d, then J
 
 
-class Record(NamedTuple):
+class MarchedRecord(NamedTuple):
     """A record ready to be marched along, by `record_of`."""
 
     pieces: tuple[_Piece, ...]
@@ -94,7 +94,7 @@ class Record(NamedTuple):
 def march(
     joints: Oscillator,
     gains: Float[np.ndarray, " lane"],
-    record: Record,
+    record: MarchedRecord,
     fs: float,
     substeps: int,
     order: int,
@@ -194,7 +194,7 @@ def _none() -> _Totals:
 
 def record_of(
     source: HeldInput, number: int | None = None, measured: Measured | None = None
-) -> Record:
+) -> MarchedRecord:
     """A record on the device, in pieces, made once as long as its arrays are there.
 
     Args:
@@ -212,7 +212,7 @@ def record_of(
         compared = _CACHE.of(arrays, number, lambda: [*_measured_pieces(measured, number, size)])
     pairs = zip(inputs, compared, strict=True)
     pieces = tuple(_Piece(rows, samples, columns) for (rows, samples), columns in pairs)
-    return Record(pieces, size - 1, first)
+    return MarchedRecord(pieces, size - 1, first)
 
 
 @cache

@@ -142,7 +142,7 @@ class WornForce(Force):
         return self.bwbn_stiffness * self.bwbn_yield * z[0]
 
 
-class Sliders(Force):
+class SliderForces(Force):
     """Springs side by side, each slipping at a limit: where a step ends tells their forces."""
 
     springs: Float[Array, " slider"]  # [1/s^2]
@@ -171,7 +171,7 @@ class Sliders(Force):
         return jnp.sum(z)
 
 
-class Spring(Force):
+class LinearSpring(Force):
     """Stiffness k beside that of the structure [1/s^2]."""
 
     k: Scalar

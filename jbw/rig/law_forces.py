@@ -21,10 +21,10 @@ from jbw.rig.forces import (
     EvenSpring,
     Force,
     GapForce,
+    LinearSpring,
     PowerSpring,
     Scalar,
-    Sliders,
-    Spring,
+    SliderForces,
     StopForce,
     WornForce,
 )
@@ -38,7 +38,7 @@ def jenkins(theta: Mapping[str, Scalar]) -> list[Force]:
     """From stiffness_1, slip_1 [m], stiffness_2, slip_ratio_2 [-] to the slip before, ..."""
     springs = [x for name, x in theta.items() if name.startswith("stiffness")]
     ratios = (x for name, x in theta.items() if name.startswith("slip"))  # the first one is m
-    return [Sliders(_row(springs), jnp.cumprod(_row(ratios)))]
+    return [SliderForces(_row(springs), jnp.cumprod(_row(ratios)))]
 
 
 def _row(numbers: Iterable[Scalar]) -> Array:
@@ -50,13 +50,13 @@ def _slips(last: Scalar) -> Array:
     return last * jnp.linspace(0.0, 1.0, BINS + 1) ** GRADING
 
 
-def _binned(weight: Array, moment: Array) -> Sliders:
+def _binned(weight: Array, moment: Array) -> SliderForces:
     """A slider for each bin at its centroid, by integrals of the density and of its moment."""
     springs = jnp.diff(weight)
-    return Sliders(springs, jnp.diff(moment) / springs)
+    return SliderForces(springs, jnp.diff(moment) / springs)
 
 
-def _power_density(r: Scalar, chi: Scalar, last: Scalar) -> Sliders:
+def _power_density(r: Scalar, chi: Scalar, last: Scalar) -> SliderForces:
     r"""Sliders of the density $R \varphi^\chi$ to the last slip."""
     x = _slips(last)
     return _binned(r * x ** (chi + 1) / (chi + 1), r * x ** (chi + 2) / (chi + 2))
@@ -67,7 +67,7 @@ def iwan4(theta: Mapping[str, Scalar]) -> list[Force]:
     chi, spread = theta["iwan_chi"], theta["iwan_stiffness"] / (1 + theta["iwan_beta"])
     r = theta["iwan_loss"] * (chi + 1) * (chi + 2) / MILLIMETRE ** (chi + 1)
     last = (spread * (chi + 1) / r) ** (1 / (chi + 1))
-    together = Sliders(_row([theta["iwan_beta"] * spread]), _row([last]))
+    together = SliderForces(_row([theta["iwan_beta"] * spread]), _row([last]))
     return [_power_density(r, chi, last), together]
 
 
@@ -76,7 +76,7 @@ def masing_power(theta: Mapping[str, Scalar]) -> list[Force]:
     q = theta["power_exponent"]
     r = theta["power_loss"] * q * (q + 1) / MILLIMETRE**q
     sliders = _power_density(r, q - 1, FARTHEST)
-    return [sliders, Spring(-sliders.stiffness)]
+    return [sliders, LinearSpring(-sliders.stiffness)]
 
 
 def masing_exponential(theta: Mapping[str, Scalar]) -> list[Force]:

@@ -9,7 +9,7 @@ from scipy.stats import truncnorm
 from jbw.errors import ConfigError
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.fit.identifiability import box_sensitivity, contraction, sensitivity_statements
-from jbw.inference.fit.information import Information, Known, information, statements
+from jbw.inference.fit.information import Information, QuantityInformation, information, statements
 from jbw.inference.space.box import Product, alone, box, log_prior_of, prior_of
 from jbw.report.messages import identified
 
@@ -215,7 +215,7 @@ def test_a_narrow_posterior_follows_a_bound_only_if_it_leans_on_it():
     ],
 )
 def test_how_well_a_parameter_is_identified(relative, ratio, grade, shown):
-    row = Known("p", 2.0, 2.0 * relative, ratio)
+    row = QuantityInformation("p", 2.0, 2.0 * relative, ratio)
     found = Information(("p",), (), {"p": row})
     assert statements(found) == [identified.directions(0, 0), identified.grade(grade, [shown])]
 

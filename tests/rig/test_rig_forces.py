@@ -14,7 +14,7 @@ from jbw.oscillator.law import Law
 from jbw.oscillator.laws import LAWS
 from jbw.oscillator.oscillator import Oscillator
 from jbw.rig import measure
-from jbw.rig.forces import Sliders
+from jbw.rig.forces import SliderForces
 from jbw.rig.integrator import GRID, respond
 from jbw.rig.law_forces import FORCES
 
@@ -59,7 +59,7 @@ def test_its_sliders_have_the_virgin_curve_of_the_density(name, most):
     law, x = law_of(name), np.geomspace(3e-6, 4e-3, 400)
     found = sum(
         np.minimum(x[:, None], one.slips) @ one.springs
-        if isinstance(one, Sliders)
+        if isinstance(one, SliderForces)
         else one.stiffness * x
         for one in FORCES[name.rstrip("_0123456789")](law.parameters())
     )

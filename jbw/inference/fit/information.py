@@ -37,7 +37,7 @@ class Direction:
 
 
 @dataclass(frozen=True)
-class Known:
+class QuantityInformation:
     """A parameter or product in words, its value, and its deviation, also over the prior's."""
 
     text: str
@@ -57,7 +57,7 @@ class Information:
 
     names: tuple[str, ...]
     directions: tuple[Direction, ...]
-    known: dict[str, Known]
+    known: dict[str, QuantityInformation]
 
 
 def information(best: Fit, box: Box, products: Iterable[Product] = ()) -> Information:
@@ -91,7 +91,7 @@ def information(best: Fit, box: Box, products: Iterable[Product] = ()) -> Inform
         sd, alone_sd = np.linalg.norm(gradient @ root), np.linalg.norm(gradient * prior)
         ratio = float(sd / alone_sd) if alone_sd > 0 else 1.0
         value = float(value_of(product, best.theta))
-        known[product.name] = Known(product.text, value, float(sd), ratio)
+        known[product.name] = QuantityInformation(product.text, value, float(sd), ratio)
     return Information(box.names, directions, known)
 
 
@@ -160,7 +160,7 @@ def ties(spectrum: Information, products: Iterable[Product]) -> list[str]:
     return [sentence for product in products for sentence in _tie(spectrum.known, product)]
 
 
-def _kind(row: Known) -> str:
+def _kind(row: QuantityInformation) -> str:
     """By the criterion that the report grades parameters by, after sampling."""
     if _is_unlearnt(row):
         return "unknown"
@@ -169,17 +169,17 @@ def _kind(row: Known) -> str:
     return "roughly" if row.relative <= ROUGHLY else "hardly"
 
 
-def _is_unlearnt(row: Known) -> bool:
+def _is_unlearnt(row: QuantityInformation) -> bool:
     return row.ratio > math.exp(-LEARNT)
 
 
-def _with_error(row: Known) -> str:
+def _with_error(row: QuantityInformation) -> str:
     if _is_unlearnt(row):
         return row.text
     return identified.with_error(row.text, row.value, row.sd, row.relative)
 
 
-def _tie(rows: Mapping[str, Known], product: Product) -> list[str]:
+def _tie(rows: Mapping[str, QuantityInformation], product: Product) -> list[str]:
     """That a product is known better than its factors, where it is."""
     row = rows[product.name]
     factors = [rows[name].relative for name in product.factors if name in rows]
