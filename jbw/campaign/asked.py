@@ -1,4 +1,6 @@
-"""The doubtful lines of a draft, put to a person one by one: `jbw init --ask`.
+"""What records do not say, put to a person one by one: `jbw init --ask`.
+
+First the channels of a file none of which is named like a response, then the doubtful lines.
 
 A line ends in `# CHECK: why` where the records do not say it. An answer takes the place of its
 value; none keeps it, and so does one that a campaign file cannot take, which is said.
@@ -6,12 +8,15 @@ value; none keeps it, and so does one that a campaign file cannot take, which is
 
 import re
 import tomllib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 from jbw.campaign.document import toml
 from jbw.campaign.schema import parse
-from jbw.errors import ConfigError
+from jbw.errors import ConfigError, did_you_mean
+from jbw.measurement.records import INPUTS, RESPONSES
 
 LINE = re.compile(r"^(?P<off># )?(?P<key>\w+) = (?P<value>.+?)  # CHECK: (?P<why>.*)$")
 LISTS = ("band", "tones", "span")  # keys whose value is a list of numbers
@@ -25,6 +30,52 @@ SAID = {
 }
 Ask = Callable[[str], str]  # a question to an answer; raises EOFError where nobody answers
 Tell = Callable[[str], Any]
+# A file and the names of its channels to the channel of each role that a person states.
+Named = Callable[[Path, Collection[str]], Mapping[str, str]]
+MOST_LISTED = 12  # channels named in a question
+
+
+def channels_named_by(ask: Ask, tell: Tell) -> Named:
+    """What a person says of channels whose names do not: which responds, which drives.
+
+    Files with the same channels are asked about once. An empty answer leaves a channel out.
+    """
+    known: dict[tuple[str, ...], dict[str, str]] = {}
+
+    def named(path: Path, channels: Collection[str]) -> dict[str, str]:
+        layout = tuple(channels)
+        if layout not in known:
+            known[layout] = _channels_of(path, channels, ask, tell)
+        return known[layout]
+
+    return named
+
+
+def _channels_of(path: Path, channels: Collection[str], ask: Ask, tell: Tell) -> dict[str, str]:
+    """Role to channel of a file, the response first; none where nobody names a response."""
+    roles: dict[str, str] = {}
+    file = toml(path.name)
+    with suppress(EOFError):
+        for what, quantities in (("response", RESPONSES[::-1]), ("drive", INPUTS[::-1])):
+            others = [channel for channel in channels if channel not in roles.values()]
+            names = ", ".join(others[:MOST_LISTED])
+            question = f"{file}: channel of the {what}, of {names} [leave it out]: "
+            channel = _one_of(others, question, "", ask, tell)
+            if channel:
+                measured = f"{file}: what {channel} measures, {' or '.join(quantities)}"
+                default = quantities[0]
+                role = _one_of(quantities, f"{measured} [{default}]: ", default, ask, tell)
+                roles[role] = channel
+            elif what == "response":
+                break
+    return roles
+
+
+def _one_of(names: Collection[str], question: str, default: str, ask: Ask, tell: Tell) -> str:
+    """An answer that is one of some names, or the default where it is empty."""
+    while (answer := ask(question).strip()) and answer not in names:
+        tell(f"`{answer}` is none of them. {did_you_mean(answer, names)}".rstrip())
+    return answer or default
 
 
 def answered(text: str, ask: Ask, tell: Tell) -> str:

@@ -12,10 +12,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from jbw.campaign.asked import Named
 from jbw.campaign.content import course_of, falls, strongest_line
 from jbw.campaign.controlled_drafts import controlled_kind
 from jbw.campaign.document import commented, toml
-from jbw.campaign.roles import MOST_SAMPLES, Channel, Leaves, channels_by_role, last_name
+from jbw.campaign.roles import (
+    MOST_SAMPLES,
+    Channel,
+    Leaves,
+    channels_by_role,
+    last_name,
+    with_roles,
+)
 from jbw.campaign.settings import Identify
 from jbw.campaign.tables import Head, TestSpec
 from jbw.errors import ConfigError, DataError, JbwError, RunError
@@ -77,10 +85,15 @@ class Draft:
     assumed: tuple[str, ...]  # what the records did not say, one line each
 
 
-def start_campaign(folder: str | Path) -> Draft:
+def start_campaign(folder: str | Path, named: Named = lambda path, channels: {}) -> Draft:
     """Look at the measurement files of a folder and draft its campaign file.
 
     Files whose names differ only in their last number are repeats of one test.
+
+    Args:
+        folder: Of the records.
+        named: Called with a file and its channels where none of these is named like a response;
+            returns the channel of each role.
 
     Raises:
         DataError: No such folder, or no measurement file in it that can be read.
@@ -103,7 +116,7 @@ def start_campaign(folder: str | Path) -> Draft:
         )
     curves = _frequencies_of_curves(groups)
     for repeats in groups:
-        own = _blocks(repeats, assumed, curves)
+        own = _blocks(repeats, assumed, curves, named)
         names += [_name_of(repeats[0], i, len(own)) for i in range(len(own))]
         blocks += own
     if curves is None:
@@ -276,7 +289,7 @@ def _may_hold_a_curve(path: Path) -> bool:
 
 
 def _blocks(
-    files: Sequence[Path], assumed: list[tuple[str, str]], curves: Reach | None
+    files: Sequence[Path], assumed: list[tuple[str, str]], curves: Reach | None, named: Named
 ) -> list[str]:
     """The [[test]] tables of some files, or a comment where they cannot be a test."""
     try:
@@ -284,7 +297,7 @@ def _blocks(
             looked = looked_at(contents)
             found = _records_in(looked.series)
             blocks = [
-                _block(files, replace(looked, series=series), assumed, curves)
+                _block(files, replace(looked, series=series), assumed, curves, named)
                 for series in found[:MOST_BLOCKS]
             ]
     except JbwError as error:
@@ -300,14 +313,19 @@ def _block(
     looked: Looked,
     assumed: list[tuple[str, str]],
     curves: Reach | None,
+    named: Named,
 ) -> str:
-    """One [[test]] table; as a comment where no channel is named like a response."""
+    """One [[test]] table; as a comment where no channel is known to be a response."""
 
     def assume(what: str) -> None:
         assumed.append((files[0].name, what))
 
     series = looked.series
     channels = channels_by_role(series)
+    if channels.keys().isdisjoint(RESPONSES):
+        taken = {channel.path for channel in channels.values()}
+        unknown = [path for path in series if path not in taken]
+        channels = with_roles(channels, named(files[0], unknown), series)
     if channels.keys().isdisjoint(RESPONSES):
         assume("no channel is named like a response.")
         return _skeleton(files, looked, channels)

@@ -87,6 +87,25 @@ def channels_by_role(series: Leaves) -> dict[str, Channel]:
     return roles
 
 
+def with_roles(
+    channels: Mapping[str, Channel], stated: Mapping[str, str], series: Leaves
+) -> dict[str, Channel]:
+    """Channels by role, and those whose roles a person states instead of what they were taken for.
+
+    The unit of a channel is the file's where it is one of the role.
+    """
+    others = {role: c for role, c in channels.items() if c.path not in stated.values()}
+    units = {role: series[path].unit for role, path in stated.items()}
+    return others | {
+        role: Channel(path, units[role] if _fits(role, units[role]) else "", _si_of_role(role))
+        for role, path in stated.items()
+    }
+
+
+def _si_of_role(role: str) -> str:
+    return si_unit(QUANTITIES[role][0])
+
+
 def _of_amplitudes(roles: dict[str, Channel]) -> dict[str, Channel]:
     """Roles in which an amplitude beside frequencies is a response, where its unit is one's."""
     amplitude = roles["input"]

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from jbw.campaign.asked import answered, still_doubtful
+from jbw.campaign.asked import answered, channels_named_by, still_doubtful
 from jbw.campaign.check import Check, Row, as_json, check_campaign
 from jbw.campaign.draft import (
     NAMED,
@@ -41,10 +41,9 @@ def init(folder: Path, print_: bool, ask: bool, json_: bool) -> None:
 
     An existing campaign file is never overwritten. What the records do not say is marked CHECK.
     """
-    draft = start_campaign(folder)
     if ask:
         require_unwritten(folder, print_)
-        draft = asked_about(draft)
+    draft = asked_about(folder) if ask else start_campaign(folder)
     path = None if print_ else str(write_campaign(draft, folder))
     if json_:
         show_json({"campaign": path, "text": draft.text, "check": list(draft.assumed)})
@@ -62,8 +61,8 @@ def require_unwritten(folder: Path, print_: bool) -> None:
         raise already_written(folder / NAMED)
 
 
-def asked_about(draft: Draft) -> Draft:
-    """The draft with a person's answers; doubtful is what is still marked in it.
+def asked_about(folder: Path) -> Draft:
+    """The draft of a folder with a person's answers; doubtful is what is still marked in it.
 
     Questions go to stderr, so that --print and --json stay what they are.
     """
@@ -72,8 +71,12 @@ def asked_about(draft: Draft) -> Draft:
         click.echo(question, nl=False, err=True)
         return input()
 
-    click.echo(ASKED, err=True)
-    text = answered(draft.text, ask, lambda sentence: click.echo(sentence, err=True))
+    def tell(sentence: str) -> None:
+        click.echo(sentence, err=True)
+
+    tell(ASKED)
+    draft = start_campaign(folder, channels_named_by(ask, tell))
+    text = answered(draft.text, ask, tell)
     return Draft(text, tuple(still_doubtful(text)))
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from jbw.campaign.asked import answered, still_doubtful
+from jbw.campaign.asked import answered, channels_named_by, still_doubtful
 from jbw.campaign.content import course_of, falls, strongest_line
 from jbw.campaign.draft import start_campaign
 from jbw.campaign.schema import parse
@@ -186,6 +186,38 @@ def test_from_where_nobody_answers_the_draft_is_as_it_was():
         text.partition("files")[2]
         == DRAFT.replace('velocity = "v"', 'velocity = "v", force = "f"').partition("files")[2]
     )
+
+
+def test_channels_with_names_that_say_nothing_are_asked_for_once(tmp_path):
+    for name in ("first.csv", "second.csv"):
+        np.savetxt(tmp_path / name, np.stack([T, NOISE, 0.1 * DECAY], 1), delimiter=",",
+                   header="zeit,kanal7,kanal9", comments="")  # fmt: skip
+    told = []
+    ask, heard = scripted("kanal8", "kanal9", "velocity", "kanal7", "")
+    text = start_campaign(tmp_path, channels_named_by(ask, told.append)).text
+    assert told == ["`kanal8` is none of them. Did you mean `kanal9`?"]
+    assert heard[0] == '"first.csv": channel of the response, of kanal7, kanal9 [leave it out]: '
+    assert heard[2:4] == [
+        '"first.csv": what kanal9 measures, acceleration or velocity or displacement '
+        "[acceleration]: ",
+        '"first.csv": channel of the drive, of kanal7 [leave it out]: ',
+    ]
+    assert len(heard) == 5
+    for test in parse(text).tests:
+        assert test.kind == "noise"
+        assert test.channels == {"time": "zeit", "velocity": "kanal9", "force": "kanal7"}
+    assert text.count("SI assumed, not in the file, for velocity, force") == 2
+
+
+def test_a_response_alone_is_drafted_by_its_samples_and_nobodys_answer_is_a_comment(tmp_path):
+    np.savez(tmp_path / "run_1.npz", fs=FS, a=NOISE, b=0.1 * DECAY)
+    ask, _ = scripted("b", "", "")
+    (test,) = parse(start_campaign(tmp_path, channels_named_by(ask, pytest.fail)).text).tests
+    assert (test.kind, test.channels) == ("decay", {"acceleration": "b"})
+    ask, heard = scripted()
+    text = start_campaign(tmp_path, channels_named_by(ask, pytest.fail)).text
+    assert len(heard) == 1
+    assert text == start_campaign(tmp_path).text
 
 
 def test_the_command_asks_and_writes_once(tmp_path):
