@@ -193,8 +193,10 @@ def _course(name: str, envelope: np.ndarray, chosen: BandFilter, order: int) -> 
             why=f"A decay {MOST_WAIT:g} times as long as a record is more than a test needs.",
             remedy="Make a test of the weak records by themselves, or drop them with `exclude`.",
         )
-    omega = 2 * np.pi * chosen.centre_hz
-    return float(start) / omega**order, SPARE * (wait + duration)
+    # Of the mode, which need not lie in the middle of its band.
+    turns = envelope[strongest, 1:edge] * np.conj(envelope[strongest, : edge - 1])
+    omega = 2 * np.pi * chosen.centre_hz + np.angle(turns.sum()) / chosen.step_s
+    return float(start / omega**order), SPARE * (wait + duration)
 
 
 class Entry(NamedTuple):
