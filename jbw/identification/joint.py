@@ -24,6 +24,7 @@ from jbw.identification.attachments import drive_sentences
 from jbw.identification.between_records import between_finding, between_records
 from jbw.identification.causes import cause_finding, causes, causes_sentence
 from jbw.identification.equivalent import (
+    Effects,
     effects,
     effects_sentence,
     hysteresis_finding,
@@ -32,6 +33,7 @@ from jbw.identification.equivalent import (
 )
 from jbw.identification.leaving_out import consistency_finding, leave_one_out, left_out_sentence
 from jbw.identification.no_joint import joint_finding, likely, may_be_absent, without_joint
+from jbw.identification.only_drag import drag_finding, may_be_drag, with_drag
 from jbw.identification.own_joints import own_joint_sentences
 from jbw.identification.prepare import Fitted, completed, weighed
 from jbw.identification.reached import threshold_sentences
@@ -154,6 +156,17 @@ def without_absent_joint(key: Key[Array, ""], ready: Fitted) -> Fitted | None:
         statements=(*ready.statements, said),
         findings=(*ready.findings, finding),
     )
+
+
+def seen_drag(added: Effects, ready: Fitted, *, misses: bool) -> Finding | None:
+    """Whether drag fits as well as the laws of hysteresis; None where these soften as slip does."""
+    best, data, y_peak = ready.fit, ready.data, ready.y_peak
+    zeta = {**data.held, **best.theta}["zeta"]
+    if data.modes is not None or not may_be_drag(added, zeta, data.laws):
+        return None
+    damping = float(zeta * np.median(added.damping))
+    drag = with_drag(best, ready.box, data, damping, y_peak)
+    return drag_finding(drag, added, y_peak, misses=misses)
 
 
 def names_of_laws(data: Dataset) -> set[str]:
@@ -383,6 +396,10 @@ def posterior_checks(
     if added is not None:
         words.append(effects_sentence(added, y_peak))
         findings.append(hysteresis_finding(added, y_peak, data.laws, misses=misses))
+        if findings[-1] is None:
+            findings += checked(
+                {"hysteresis beside drag": lambda: seen_drag(added, ready, misses=misses)}
+            )
         if may_be_absent(added):
             findings += checked(
                 {

@@ -22,15 +22,19 @@ from jaxtyping import Array, Float, Key
 from scipy.linalg import block_diag
 from scipy.special import softmax
 
+from jbw.identification.accuracy import residual_finding
 from jbw.identification.assemble import Measured, Report, assemble
-from jbw.identification.joint import law_variables
+from jbw.identification.equivalent import effects, hysteresis_finding
+from jbw.identification.joint import law_variables, seen_drag
 from jbw.identification.prepare import Fitted, prepare
 from jbw.identification.procedure import Identification, decays_in
 from jbw.identification.step import Step, attrs
+from jbw.identification.widening import ending
 from jbw.inference.fit.costly_fit import evaluator, from_search, to_search
 from jbw.inference.generator import generator, parts_of
 from jbw.inference.posterior.finding import Finding, judge
 from jbw.inference.posterior.summary import LAPLACE
+from jbw.inference.posterior.verdict import bounds_findings
 from jbw.inference.space.box import bounds_by_name
 from jbw.inference.space.reparametrisation import in_logarithms, never_zero
 from jbw.observables import dataset
@@ -101,13 +105,29 @@ def laplace_step(key: Key[Array, ""], ready: Fitted, started: float) -> Step:
     return Step(
         "joint",
         tree,
-        judge([not_sampled()]),
+        judge([not_sampled(), *doubts_of_fit(tree["posterior"].to_dataset(), ready)]),
         ready.fit,
         ready.box,
         (*ready.statements, *said),
         {name: float(value) for name, value in ready.data.held.items()},
         perf_counter() - started,
     )
+
+
+def doubts_of_fit(drawn: xr.Dataset, ready: Fitted) -> list[Finding]:
+    """What a fit by itself tells against its laws and its bounds: no hysteresis, truncation."""
+    data = ready.data
+    found = []
+    if (added := effects(drawn, data.held, ready.y_peak, data.laws)) is not None:
+        left = dataset.left_by_label(ready.fit.residual, data)
+        error = dataset.error_by_label(left, data)
+        shown = residual_finding(left, dataset.fractions_counted(data), error, data.laws)
+        misses = shown is not None and shown.status != "ok"
+        one = hysteresis_finding(added, ready.y_peak, data.laws, misses=misses)
+        found.append(one or seen_drag(added, ready, misses=misses))
+    draws = {name: drawn[name].values for name in ready.box.names}
+    found += bounds_findings(draws, ready.box, ending(ready.box, data.laws))
+    return [finding for finding in found if finding is not None and finding.status != "ok"]
 
 
 class Gaussian(NamedTuple):

@@ -15,7 +15,7 @@ from jbw.inference.posterior.finding import ASKED
 from jbw.report.cycles import motion_unit
 from jbw.report.messages import opening as messages
 from jbw.report.result import BACKBONE, laws_of, node
-from jbw.report.words import grades
+from jbw.report.words import grades, unseen_hysteresis
 
 Summary = Mapping[str, Any]
 LOW = 0.1  # of the largest displacement fitted: where the joint hardly slips
@@ -174,6 +174,8 @@ def _span(ratios: Sequence[float], digits: int = 2) -> str:
 
 def _unknown(summary: Summary) -> str:
     """Which parameters the data do not identify, and which the prior truncates."""
+    if (reason := unseen_hysteresis(summary)) is not None:
+        return reason
     rows, graded = _rows(summary), grades(summary)
     drawn = {name: grade for name, grade in graded.items() if rows[name].get("kl") is not None}
     hidden = [name for name, grade in drawn.items() if grade > 1]

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from jbw.inference.thresholds import KNOWN, LEARNT, ROUGHLY
+from jbw.quantities import RESIDUAL_TERMS, STUCK
 from jbw.report.messages import opening
 from jbw.report.text import NOTHING, Names, number, percent, quantity, raised, symbol
 
@@ -16,6 +17,7 @@ SPELLED = {
     **{"ess_bulk": "bulk ESS", "ess_tail": "tail ESS", "r_hat": "R-hat"},
 }
 UNCOUNTED = "noise_std"
+LINEAR_NAMES = frozenset(quantity.name for quantity in (*STUCK, *RESIDUAL_TERMS))
 # Laws that are called by people's names or by more than their own.
 LAWS = {"bouc_wen": "Bouc-Wen oscillator", "cubic": "cubic spring", "jenkins": "Jenkins array"}
 
@@ -91,9 +93,21 @@ def combination(text: str, quantities: Names) -> str:
     return replaced.replace("*", "·").replace("-", "−")
 
 
+def unseen_hysteresis(summary: Mapping[str, Any]) -> str | None:
+    """Why no hysteresis is seen in a run; None where it is, or was not asked for."""
+    against = (summary.get("verdict") or {}).get("findings") or ()
+    reasons = (row["reason"] for row in against
+               if row["code"] == "no_hysteresis" and row["status"] != "ok")  # fmt: skip
+    return next(reasons, None)
+
+
 def grades(summary: Mapping[str, Any]) -> dict[str, int]:
-    """What is known of each parameter of the main posterior, by its place in `opening.GRADES`."""
+    """What is known of each parameter of the main posterior, by its place in `opening.GRADES`.
+
+    Where no hysteresis is seen, its parameters are poorly known at best, whatever their intervals.
+    """
     main = (summary.get("steps") or {}).get(summary.get("main")) or {}
+    is_empty = unseen_hysteresis(summary) is not None
     graded = {}
     for name, facts in (main.get("parameters") or {}).items():
         cv, kl = facts.get("cv"), facts.get("kl")
@@ -101,6 +115,8 @@ def grades(summary: Mapping[str, Any]) -> dict[str, int]:
             continue
         size = abs(cv)
         grade = 0 if size <= KNOWN else 1 if size <= ROUGHLY else 2
+        if is_empty and name not in LINEAR_NAMES:
+            grade = 2
         graded[name] = 3 if kl is not None and kl < LEARNT else grade
     return graded
 

@@ -34,6 +34,10 @@ SIZE = {"name": "delta", "size": 212.0, "limit": 400.0}
 PEAKS = {"name": "delta", "below": 12.3, "above": 45.6, "weight": 0.3}
 BOUND = {"name": "alpha", "side": "upper", "share": 0.137, "edge": 0.01}
 OTHER = {"sampler": "nuts"}
+DRAG = {
+    "growth": 1.3, "least": 9.21, "number": 2, "y": 1.9,
+    "frequency": [-2e-4, -1e-4, -9e-5], "damping": [1.35, 1.36, 1.37],
+}  # fmt: skip
 # Values of the sentence, then of the remedy.
 OF_FINDINGS = {
     "non_finite": ({"count": 3, "name": "alpha"}, {}),
@@ -54,6 +58,7 @@ OF_FINDINGS = {
     "e_bfmi": ({"e_bfmi": 0.21, "limit": 0.3}, {}),
     "budget": ({"spent": 900.0}, {"budget": 1800.0}),
     "chi_square": ({"ratio": 9.0, "low": 0.2, "high": 5.0}, {}),
+    "no_hysteresis.drag": (DRAG, {"law": "quadratic_damping"}),
     "at_bound": (BOUND, {"line": "Put under [identify.prior]: `alpha = [1.0, 3.0]`."}),
     "at_bound.ends": (BOUND, {"name": "alpha"}),
     "unidentified": (

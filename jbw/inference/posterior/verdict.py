@@ -62,7 +62,7 @@ def verdict(
     if findings[0].status == "ok":
         sampler = str(tree.attrs.get("sampler", ""))
         findings += [_moving(draws), *_convergence(draws, sampler), *modes_findings(draws)]
-        findings += [*_bounds(draws, box, ending), _identified(draws, box)]
+        findings += [*bounds_findings(draws, box, ending), _identified(draws, box)]
     findings += _trajectories(tree["sample_stats"].to_dataset(), tree.attrs)
     findings += _at_once(tree.attrs)
     findings += _budget(tree.attrs, findings)
@@ -135,7 +135,8 @@ def leaning(draws: Draws, box: Box) -> Iterator[tuple[str, str, float]]:
                 yield name, side, share
 
 
-def _bounds(draws: Draws, box: Box, ending: Collection[str]) -> list[Finding]:
+def bounds_findings(draws: Draws, box: Box, ending: Collection[str]) -> list[Finding]:
+    """Which prior bounds truncate the draws, a finding each; one that is ok where none does."""
     findings, bounds = [], bounds_by_name(box)
     truncated = list(leaning(draws, box))
     for name, side, share in truncated:

@@ -1,5 +1,7 @@
 """Findings on the question: does the model follow the data?"""
 
+from collections.abc import Sequence
+
 from jbw.report.messages.message import Message
 
 MESSAGES = (
@@ -154,7 +156,39 @@ MESSAGES = (
         the amplitude and does not change the frequency. A law of hysteresis then follows it with
         meaningless parameters, and misses its phase.
 
+        Where the frequency falls by less than half of the damping ratio that the joint adds, the
+        same data are fitted by quadratic damping in place of the laws. If chi-square grows by no
+        more than so many parameters reach by chance at a probability of 1 %, hysteresis is not
+        seen, however narrow the intervals of its parameters are.
+
         Remedy: put `laws = ["quadratic_damping"]` under `[joint]`, and compare: jbw laws.
         """,
     ),
+    Message(
+        "no_hysteresis.drag",
+        lambda growth, least, number, y, frequency, damping: (
+            f"No hysteresis is seen: damping by the square of the velocity, with {number} "
+            f"parameters less, {_fits(growth)}. At {y:.2g} mm the fitted joint adds "
+            f"{_change(damping)} of zeta to the damping and changes the natural frequency by "
+            f"{_change(frequency)}; slip that adds so much damping lowers it more. Use no "
+            "parameter of the joint, and no response beyond that motion."
+        ),
+        remedy='Try damping without hysteresis. Put under [joint]: `laws = ["{law}"]`.',
+        passed="Damping by the square of the velocity, in place of hysteresis, makes chi-square "
+        "grow by {growth:.3g}, by chance {least:.3g}.",
+    ),
 )
+
+
+def _fits(growth: float) -> str:
+    """How well a law with fewer parameters fits, by the growth of chi-square."""
+    if growth < 0.0:
+        return f"fits better: chi-square falls by {-growth:.2g}"
+    return f"fits as well: chi-square grows by {growth:.2g} alone"
+
+
+def _change(quantiles: Sequence[float]) -> str:
+    """A relative change with its interval, in per cent."""
+    low, middle, high = (f"{x:.0f}" if abs(x) >= 100 else f"{x:.2g}"
+                         for x in (100 * value for value in quantiles))  # fmt: skip
+    return f"{middle} % [{low}, {high}]"
