@@ -52,7 +52,7 @@ def test_a_first_answer_has_parameters_and_bands_and_is_not_assessed(quick):
     assert curve["frequency"].dims == ("quantile", "amplitude")
     low, middle, high = curve["damping"].values
     assert np.all((low <= middle) & (middle <= high))
-    assert "no other test was predicted yet" in " ".join(summary["opening"])
+    assert "no other test is predicted yet" in " ".join(summary["opening"])
 
 
 def test_intervals_are_those_of_the_posterior(quick, toy):
