@@ -14,7 +14,7 @@ from jbw.measurement.checks import told_together
 from jbw.measurement.records import Test, steady
 from jbw.measurement.resonances import driven_band
 from jbw.measurement.spectra import FRF, frf
-from jbw.observables.samples import advance
+from jbw.observables.samples import on_time
 from jbw.paper.kernels import h1
 from jbw.quantities import BY_NAME, derivative_order, gain_unit, per
 
@@ -60,8 +60,9 @@ def linear_step(
     fs, response = test.records[0].fs, test.records[0].response
     band = test.band_hz or driven_band(test.records[0])
     how = {"response": response, "band": band, "window": window, "nperseg": size}
-    u = np.stack([(gain or 1.0) * record.channels[record.source] for record in test.records])
-    y = np.stack([advance(r.channels[response], test.delay, fs) for r in test.records])
+    timely = on_time(test).records
+    u = np.stack([(gain or 1.0) * record.channels[record.source] for record in timely])
+    y = np.stack([record.channels[response] for record in timely])
     with told_together(test.name, len(test.records)):
         each = (frf(one_u, one_y, fs, **how) for one_u, one_y in zip(u, y, strict=True))
         modal = None

@@ -24,12 +24,12 @@ from jbw.observables.repeats import Repeats, repeats
 from jbw.observables.residual_terms import own_columns, taken
 from jbw.observables.samples import (
     Lines,
-    advance,
     band_limited,
     in_band,
     joints_at,
     lines_of,
     loudest_hz,
+    on_time,
     response_to,
     substeps_for,
     values_of,
@@ -118,7 +118,7 @@ class Records(Repeated):
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
         """Sweeps in time, then whole periods of multisines; a part a form of record."""
-        sweeps = [test for test in tests if test.kind != "multisine"]
+        sweeps = [on_time(test) for test in tests if test.kind != "multisine"]
         steady = [periods(test) for test in tests if test.kind == "multisine"]
         steady = [test for test in steady if test is not None]
         return tuple(
@@ -137,12 +137,11 @@ class Records(Repeated):
         periodic: bool = False,
     ) -> Self:
         """Sufficient statistics of the repeats of tests of one form: of a band, its lines alone."""
+        tests = [on_time(test) for test in tests]
         fs, response, length, skipped, residuals, *band_hz = common_form(tests)
         lines = lines_of(band_hz, length - skipped, fs)
         inputs = np.stack([np.mean([r.channels[r.source] for r in t.records], 0) for t in tests])
-        responses = [
-            np.stack([advance(r.channels[response], t.delay, fs) for r in t.records]) for t in tests
-        ]
+        responses = [np.stack([r.channels[response] for r in t.records]) for t in tests]
         responses = [in_band(r[:, skipped:], lines) for r in responses]
         means = np.stack([r.mean(axis=0) for r in responses])
         # In a band, the scatter over time is that over its lines.

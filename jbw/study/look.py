@@ -33,6 +33,7 @@ from jbw.observables.decay_envelopes import readings
 from jbw.observables.harmonic_groups import groups_of
 from jbw.observables.modal_starts import bands_of
 from jbw.observables.modes import Modes
+from jbw.observables.samples import on_time
 from jbw.quantities import UNIT_OF, derivative_order, per
 from jbw.report.messages.look import NO_OSCILLATOR
 from jbw.study.look_words import statements
@@ -181,7 +182,8 @@ def _read(tests: Sequence[Test], gain: float | None) -> tuple[list[Reading], Res
         return _of_harmonics(tests)
     if not traits.is_driven or traits.is_plain:
         raise DataError(f"Tests of kind {tests[0].kind} show no resonance without a model.")
-    lines = [driven_lines(reading, test.band_hz) for test in tests for reading in test.records]
+    timely = [on_time(test) for test in tests]
+    lines = [driven_lines(record, test.band_hz) for test in timely for record in test.records]
     lines_read = [read_lines(reading) for reading in lines]
     return lines_read, _shown(*lines[0][:3], lines_read[0], tests[0])
 

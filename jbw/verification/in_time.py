@@ -16,13 +16,13 @@ from jbw.measurement.channels import lines_within
 from jbw.measurement.records import Record, Test
 from jbw.measurement.spectra import DEFAULT_SEGMENTS, frf
 from jbw.observables.samples import (
-    advance,
     band_limited,
     in_band,
     lines_of,
     motion_under,
     motions_at,
     noise_share,
+    on_time,
     response_of,
 )
 from jbw.oscillator.hold import HeldInput
@@ -107,11 +107,7 @@ def _response(
 
 def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Motion:
     """Carry the input of a test's first record through the model, by the run's steps when None."""
-    delayed = [
-        (one, advance(one.channels[one.response], test.delay, one.fs)) for one in test.records
-    ]
-    on_time = (replace(one, channels={**one.channels, one.response: x}) for one, x in delayed)
-    test = replace(test, records=tuple(on_time), delay=0.0)
+    test = on_time(test)
     record, steps = test.records[0], substeps or source.basis.substeps
     (model, peak), others = source.carried(
         lambda draws, laws: predict_motion(

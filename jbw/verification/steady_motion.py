@@ -15,7 +15,7 @@ from jbw.measurement.records import Record, Test, periods
 from jbw.observables.loops import Loops
 from jbw.observables.modes import Modes
 from jbw.observables.records import Records
-from jbw.observables.samples import advance, band_limited, in_band, motion_under, noise_share
+from jbw.observables.samples import band_limited, in_band, motion_under, noise_share, on_time
 from jbw.oscillator.hold import HeldInput
 from jbw.quantities import UNIT_OF, derivative_order
 from jbw.verification.bands import QUANTILE_AXIS, band, beside, errors, gaussian_band
@@ -166,8 +166,10 @@ def loop_validation(test: Test, draws: Draws, laws: Laws) -> xr.Dataset:
 def _cycles(record: Record, test: Test, omega: float) -> dict[str, NDArray[np.float64]]:
     """One cycle of input, displacement, velocity and acceleration, phase counted from the input."""
     fs, (low, high) = record.fs, (part * omega / (2 * np.pi) for part in BAND)
+    test = on_time(replace(test, records=(record,)))
+    (record,) = test.records
     keep = slice(round(test.settle * fs), None)
-    x = advance(record.channels[record.response], test.delay, fs)[keep]
+    x = record.channels[record.response][keep]
     y, v, a = _kinematics(x, fs, (low, min(high, 0.4 * fs)), record.response)
     # The first and last periods of the band's lower edge are doubtful after integration.
     inner = slice(round(2 * fs / low), -round(2 * fs / low))

@@ -15,7 +15,7 @@ from jbw.identification.joint import draw_noise_std
 from jbw.measurement.records import Record, Test
 from jbw.observables.dataset import Dataset, log_likelihood, stacked
 from jbw.observables.records import Records
-from jbw.observables.samples import advance, band_limited, response_to
+from jbw.observables.samples import advance, band_limited, on_time, response_to
 
 FS = 256.0
 TRUTH = {
@@ -205,3 +205,43 @@ def test_a_motion_that_hides_the_data_by_rounding_is_no_prediction(monkeypatch):
         far = np.full((1, 512), size)
         monkeypatch.setattr(Records, "predict", lambda self, theta, far=far: far)
         assert np.all(np.isfinite(data.misfit({}))) == bounded
+
+
+def apart(lag, size=512):
+    """A sweep whose channels were started `lag` samples apart, its voltage and its velocity."""
+    t = np.arange(size) / FS
+    u, y = np.sin(2 * np.pi * 3 * t**2), np.sin(2 * np.pi * 3 * t**2 - 0.4) * (1 + t)
+    channels = {"input": u[: size - lag], "velocity": y[lag:]}
+    if lag < 0:
+        channels = {"input": u[-lag:], "velocity": y[: size + lag]}
+    record = Record(FS, channels, {"input": "V", "velocity": "m/s"})
+    return Test("sweep", (record,), "sweep", delay=-lag / FS, settle=0.01), u, y
+
+
+@pytest.mark.parametrize("lag", [64, -64])
+def test_a_response_started_later_or_earlier_is_compared_with_its_own_drive(lag):
+    """Whole samples apart, so that what both saw is known to the last digit."""
+    test, u, y = apart(lag)
+    timely = on_time(test)
+    (record,) = timely.records
+    assert timely.delay == 0.0
+    first, begun = round(timely.settle * FS), max(-lag, 0)  # the latter in the motion's time
+    assert first == max(lag, round(0.01 * FS))
+    seen = slice(begun + first, len(u) - abs(lag))
+    np.testing.assert_array_equal(record.channels["input"][first:], u[seen])
+    np.testing.assert_allclose(record.channels["velocity"][first:], y[seen], atol=1e-12)
+
+
+def test_a_delay_longer_than_the_record_is_refused_by_name():
+    test, *_ = apart(64)
+    with pytest.raises(DataError, match="`delay` must be shorter than record"):
+        on_time(replace(test, delay=3.0))
+
+
+def test_periods_are_turned_for_their_ends_meet():
+    t = np.arange(256) / 256
+    channels = {"input": np.cos(2 * np.pi * t), "velocity": np.cos(2 * np.pi * (t - 0.1))}
+    record = Record(256.0, channels, {"input": "V", "velocity": "m/s"})
+    test = Test("multisine", (record,), delay=0.1, periods=2, tones_hz=(1.0,))
+    (timely,) = on_time(test).records
+    np.testing.assert_allclose(timely.channels["velocity"], np.cos(2 * np.pi * t), atol=1e-12)
