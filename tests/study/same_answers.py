@@ -42,7 +42,7 @@ UNITS = {
     **dict.fromkeys(("softening", "softening_exponent", "damping_exponent", "masing"), PURE),
     **dict.fromkeys(("elastic", "opening", "num_readings", "num_parameters", "lines"), PURE),
     **dict.fromkeys(("error", "error_left_out", "error_highest", "floor", "line"), PURE),
-    **dict.fromkeys(("error_held_out", "error_beyond"), PURE),
+    **dict.fromkeys(("error_held_out", "error_beyond", "error_across"), PURE),
     **dict.fromkeys(("khat", "khat_evidence", "elpd_doubt", "weight"), (PURE, ONE)),
     **dict.fromkeys(("elpd_difference", "elpd_difference_se"), (PURE, ONE)),
     **dict.fromkeys(("log_evidence_difference", "log_evidence_error"), (PURE, ONE)),
