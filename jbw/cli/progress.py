@@ -20,6 +20,7 @@ from rich.text import Text
 
 from jbw.cli.printing import duration
 from jbw.report.messages import stages
+from jbw.run.session import RESERVED, address_space
 from jbw.run.session import prepare_process as prepare_process
 
 LOOK_S = 1.0  # between two looks at the chains at least, on a terminal
@@ -183,6 +184,8 @@ def telling(first: str = "") -> Iterator[Teller]:
 def computing() -> Iterator[Teller]:
     """A teller, and JAX set up. Import what needs JAX within."""
     with telling(STARTING) as say:
+        if (limit := address_space()) < RESERVED:
+            say.remark(stages.little_address_space(limit / 2**30, RESERVED / 2**30))
         prepare_process()
         yield say
 

@@ -127,7 +127,7 @@ def export(
             programs = dict.fromkeys((*programs, *chosen_programs(("fmi2", "fmi3"), result)))
         draws = () if count is None else exporting.export_draws(tree, result, count)
         place = out or folder / "export"
-        say(f"Writing {', '.join(map(str, programs)) or 'tables'} to {place}")
+        say(f"Writing {', '.join(program.title for program in programs) or 'tables'} to {place}")
         written = write_export(claim(place), result, tuple(programs), draws)
     paths, notes = [str(path) for path in written], notes_on(programs)
     skipped = [] if names else [PROGRAMS[name] for name in USUAL if PROGRAMS[name] not in programs]

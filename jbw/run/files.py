@@ -15,8 +15,15 @@ def write_whole(path: Path, content: bytes) -> None:
     """Write a file so that a kill or a full disk leaves the old one, or the new one, never half.
 
     Raises:
-        RunError: If the disk is full or the folder cannot be written.
+        RunError: If the disk is full, the folder cannot be written, or the path is no file: a
+            device, which the new file would replace, or a folder.
     """
+    if path.exists() and not path.is_file():
+        kind = "folder" if path.is_dir() else "device"
+        raise RunError(
+            f"{path} must be a file or a new name, but is a {kind}.",
+            remedy="Name a file, for example result.html.",
+        )
     part = path.with_name(f"{path.name}.part")
     try:
         with part.open("wb") as stream:

@@ -12,6 +12,9 @@ from typing import Any
 import platformdirs
 
 COMPILED = "/jax/core/compile/backend_compile_duration"
+# Of address space, less than which compilers and linear algebra may end the process, 0.7 to 1.5
+# GiB of it where two cores compile.
+RESERVED = 3.0 * 2**30
 LONG_S = 0.3  # of a compile: below, less is freed than looking for it is worth
 THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 
@@ -37,6 +40,16 @@ def prepare_process() -> None:
     logging.getLogger("jax").setLevel(logging.ERROR)
     if not any(name in os.environ for name in THREADS):
         threadpool_limits(1, user_api="blas")
+
+
+def address_space() -> float:
+    """Most address space that this process may have [bytes]; infinite where nothing limits it."""
+    try:
+        import resource
+    except ImportError:  # no such limits on this system
+        return float("inf")
+    soft, _ = resource.getrlimit(resource.RLIMIT_AS)
+    return float("inf") if soft == resource.RLIM_INFINITY else float(soft)
 
 
 def give_back_after_compiling() -> None:

@@ -2,6 +2,7 @@
 
 import errno
 import json
+import os
 import subprocess
 import sys
 from dataclasses import replace
@@ -11,7 +12,7 @@ import pytest
 
 from jbw.errors import ConfigError, DataError, RunError
 from jbw.run import folder as folders
-from jbw.run.files import hash_of, require_room
+from jbw.run.files import hash_of, require_room, write_whole
 from jbw.run.folder import HIDDEN, begin, reopen
 from jbw.run.manifest import Manifest, require_unchanged, with_inputs
 
@@ -192,3 +193,16 @@ def test_other_versions_are_refused_by_name(read):
     with pytest.raises(RunError, match=r"begun with jax 0\.1\.2, not ") as caught:
         require_unchanged(older, campaign)
     assert "Install the versions" in caught.value.remedy
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no such files on this system")
+def test_a_device_or_a_folder_in_a_file_s_place_is_refused_and_stays(tmp_path):
+    """A file written beside it and renamed would take the place of /dev/full."""
+    os.mkfifo(tmp_path / "pipe")
+    (tmp_path / "folder").mkdir()
+    for name, kind in (("pipe", "device"), ("folder", "folder")):
+        with pytest.raises(RunError, match=f"must be a file or a new name, but is a {kind}"):
+            write_whole(tmp_path / name, b"report")
+    assert (tmp_path / "pipe").is_fifo()
+    assert (tmp_path / "folder").is_dir()
+    assert len(list(tmp_path.iterdir())) == 2

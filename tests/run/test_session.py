@@ -51,3 +51,22 @@ def test_a_process_asks_after_its_own_compiles(monkeypatch):
     finally:
         jax.monitoring.unregister_event_duration_listener(listener)
     assert set(asked) == {0}
+
+
+LIMITED = """
+import resource
+from jbw.cli.progress import computing
+resource.setrlimit(resource.RLIMIT_AS, ({limit}, resource.RLIM_INFINITY))
+with computing():
+    pass
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="limits on the address space are Linux's")
+@pytest.mark.parametrize(
+    ("limit", "is_said"), [("int(2.5 * 2**30)", True), ("resource.RLIM_INFINITY", False)]
+)
+def test_a_limit_on_the_address_space_that_may_end_the_process_is_said(limit, is_said):
+    command = [sys.executable, "-c", LIMITED.format(limit=limit)]
+    told = subprocess.run(command, capture_output=True, text=True, check=True).stderr
+    assert ("limited to 2.5 GiB" in told and "ulimit -v unlimited" in told) is is_said

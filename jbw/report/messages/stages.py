@@ -19,6 +19,15 @@ BACKBONE = "The backbone"
 RECORD_LIKELIHOOD = "The likelihood of single records"
 
 
+def little_address_space(limit_gib: float, needed_gib: float) -> str:
+    """That a limit on the address space may end the process."""
+    return (
+        f"The address space of this process is limited to {limit_gib:.2g} GiB, but compiling may "
+        f"reserve {needed_gib:g} GiB and ends the process where it gets none. Raise the limit: "
+        "ulimit -v unlimited."
+    )
+
+
 def design(step: int) -> str:
     """Of a calibration: that the design of a step of the paper is read."""
     return f"Reading the design of Step {step} from the campaign"
