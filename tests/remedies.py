@@ -162,3 +162,21 @@ def commands():
         for text in strings_of(tree)
         for command, options in COMMAND.findall(text)
     }
+
+
+# What a sentence proposes without backquotes: a key and a value that is whole, {} a channel's role.
+TEXT, MAPPING = r"\"[^\"{}]*\"|'[^'{}]*'", r"\{ (?:\w+|\{\}) = (?:\"[^\"{}.]*\"|-?\d[\d.]*) \}"
+BARE = re.compile(rf"(?<![\w.])([a-z_]+) = ({TEXT}|true|{MAPPING})")
+# Drafts are whole campaign files, which their tests load; sentences of oscillators name arguments.
+NO_SENTENCES = ("campaign/draft.py", "campaign/document.py", "campaign/asked.py", "rig/", "paper/")
+
+
+def bare_lines():
+    """(file, key, line) of every whole line that a sentence of the code names in plain words."""
+    return {
+        (name, key, f"{key} = {value}".replace("{}", "velocity"))
+        for name, tree in modules()
+        if not name.startswith(NO_SENTENCES)
+        for text in strings_of(tree)
+        for key, value in BARE.findall(re.sub(r"`[^`]*`", "", text))
+    }

@@ -6,9 +6,10 @@ from pathlib import Path
 
 import click
 import pytest
-from pasted import lines_of, pasted
-from remedies import PASTED, commands, lines
+from pasted import CAMPAIGN, lines_of, pasted
+from remedies import PASTED, bare_lines, commands, lines
 
+from jbw.campaign.schema import parse
 from jbw.cli import COMMANDS, cli
 from jbw.identification.accuracy import another_law
 from jbw.identification.suspects import factor_words
@@ -35,6 +36,31 @@ def test_the_tests_of_the_registry_are_there_and_paste(where):
     (test,) = (n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef) and n.name == name)
     called = {ast.unparse(n.func) for n in ast.walk(test) if isinstance(n, ast.Call)}
     assert called & {"pasted", "lines_of"}
+
+
+CURVE = """kind = "frf"
+files = "frf.h5"
+channels = { frequency = "f", force = "F", displacement = "x", phase = "p" }
+units = { frequency = "Hz", force = "N", displacement = "m", phase = "rad" }"""
+# Tables that hold a key which a driven test has not; parts of `matrices` are in test_joint_tables.
+OF_CURVES, OF_MATRICES = {"gaps", "units"}, {"dofs", "mass", "stiffness", "tip"}
+BARE = sorted({(key, line) for _, key, line in bare_lines() if key not in OF_MATRICES})
+
+
+@pytest.mark.parametrize(("key", "line"), BARE)
+def test_a_line_in_plain_words_is_taken(key, line):
+    """A whole line without backquotes, in the place of the one that the table has."""
+    test = CURVE if key in OF_CURVES else CAMPAIGN["[test]"]
+    kept = "\n".join(one for one in test.splitlines() if not one.startswith(f"{key} ="))
+    beside = {  # what such a table holds besides
+        "units": '{ frequency = "Hz", force = "N", displacement = "m",',
+        "channels": '{ input = "u",',
+    }
+    added = line.replace("{", beside.get(key, "{"))
+    tables = {"campaign": CAMPAIGN["campaign"], "[test]": kept}
+    table = "identify" if key in ("sampler", "profiles") else "[test]"
+    tables[table] = f"{tables.get(table, '')}\n{added}"
+    parse("\n".join(f"[{name}]\n{lines}" for name, lines in tables.items()))
 
 
 def options_of(command):
