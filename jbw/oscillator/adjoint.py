@@ -91,7 +91,8 @@ def _solve_jvp(substeps, primals, tangents):
         )
     trajectory = _states(substeps, 1, stepping, initial)
     stacks = any(law.stacks for law in stepping.step.laws)
-    along = adjoint_stack.tangent if stacks else partial(in_chunks, _linearised, _recurrence)
+    linearised = jax.vmap(_linearised, in_axes=(None, 0, 0, 0, 0))
+    along = adjoint_stack.tangent if stacks else partial(in_chunks, linearised, _recurrence)
     stepping_dot, initial_dot = tangents
     pushed, pushed_dot = jax.jvp(Stepping.pushed, (stepping,), (stepping_dot,))
     trajectory_dot = along(pushed, trajectory, pushed_dot, initial_dot)
@@ -110,8 +111,8 @@ def in_chunks(
     """Tangent of a trajectory: chunks of steps one after another.
 
     Args:
-        linearised: The derivative of a step at its constants, start and push, and the tangents of
-            constants and push.
+        linearised: The derivatives of many steps at their constants, starts and pushes, and the
+            tangents of constants, one a step, and pushes.
         recurrence: The scan of tangents of states over it.
         stepping: Constants and pushes of all steps.
         trajectory: States before and after them.
@@ -132,7 +133,7 @@ def in_chunks(
     @jax.checkpoint
     def chunk(x_dot, inputs):
         starts, push, push_dot = inputs
-        parts = jax.vmap(partial(linearised, stepping.step))(starts, push, step_dot, push_dot)
+        parts = linearised(stepping.step, starts, push, step_dot, push_dot)
         return jax.lax.scan(recurrence, x_dot, parts)
 
     _, ys = jax.lax.scan(chunk, initial_dot, (starts, push, push_dot))

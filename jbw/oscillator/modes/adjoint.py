@@ -14,16 +14,18 @@ stands between.
 
 from collections.abc import Callable
 from functools import partial
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from jbw.oscillator.adjoint import in_chunks
+from jbw.oscillator.kinks import barrier
 from jbw.oscillator.law import map_laws
 from jbw.oscillator.modes.step import (
     Begun,
-    JointStep,
+    Kernel,
     ModalState,
     ModalStep,
     ModalStepping,
@@ -141,101 +143,141 @@ class JointSlopes(NamedTuple):
 
 
 def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, Any, Any]:
-    """The derivatives of every joint's step, and what constants and input add to the modes."""
+    """The derivatives of every joint's steps, and what constants and input add to the modes.
+
+    Of many steps, along the first axis of all but the constants.
+    """
     (q, v, memories), _ = start
-    joints = tuple(zip(step.joints, step_dot.joints, strict=True))
 
-    def before(step, push):
-        rise, gain = freely(step, q, v, push)
-        return rise, gain, seen_by_joints(step, q, v, rise, gain, push[2])
+    def before(q, v, push, *dots):
+        def seen(step, push):
+            rise, gain = freely(step, q, v, push)
+            return rise, gain, seen_by_joints(step, q, v, rise, gain, push[2])
 
-    (_, _, seen), free_by = jax.jvp(before, (step, push), (step_dot, push_dot))
+        return jax.jvp(seen, (step, push), dots)
+
+    (_, _, seen), free_by = jax.vmap(before)(q, v, push, step_dot, push_dot)
+    by_constants = partial(_by_constants, step, step_dot)
+    kernels = tuple(
+        (joint.kernel, joint_dot.kernel)
+        for joint, joint_dot in zip(step.joints, step_dot.joints, strict=True)
+    )
     at = [(free.x, free.v, memory) for free, memory in zip(seen, memories, strict=True)]
-    starts, by_start = _each(partial(_sloped, _start), joints, at)
-    paths, path_by = jax.jvp(lambda step: predicted(step, seen, starts), (step,), (step_dot,))
-    bends = bent_by = ((),) * len(joints)
-    by_bend = (None,) * len(joints)
-    if len(joints) > 1:
+    starts, by_start = _each(partial(_sloped, _start), kernels, at)
+    paths, path_by = by_constants(predicted, seen, starts)
+    bends = bent_by = ((),) * len(kernels)
+    by_bend = (None,) * len(kernels)
+    if len(kernels) > 1:
         at_a = [(*each, path.a) for each, path in zip(at, paths, strict=True)]
-        halves, by_bend = _each(partial(_sloped, _half_bend), joints, at_a)
-        halves = tuple(half for (half,) in halves)
-        bends, bent_by = jax.jvp(lambda step: all_bent(step, halves), (step,), (step_dot,))
+        halves, by_bend = _each(partial(_sloped, _half_bend), kernels, at_a)
+        bends, bent_by = by_constants(all_bent, tuple(half for (half,) in halves))
     along = [(*each, path) for each, path in zip(at, paths, strict=True)]
-    passed, ends, by_along = _each(_passed_linearly, joints, along, bends)
+    passed, ends, by_along = _each(_passing_slopes, kernels, along, bends)
     turns = tuple(jnp.where(joint.shift != 0.0, 1.0, 0.0) for joint in passed)
-    moves, move_by = jax.jvp(lambda step: corrections(step, starts, passed), (step,), (step_dot,))
-    passing, by_move = _each(_passing_slopes, joints, along, bends, ends, moves, by_along)
+    moves, move_by = by_constants(corrections, starts, passed)
+    passing, by_move = _each(_moved_slopes, kernels, ends, moves, by_along)
     # The step's own change of what the modes do with the joints' forces.
     none = tuple(jnp.zeros_like(part) for part in q)
-    _, post = jax.jvp(
-        lambda step: driven(step, none, none, none, none, starts, passed), (step,), (step_dot,)
-    )
+    _, post = by_constants(driven, none, none, none, none, starts, passed)
     parts = by_start, path_by, by_bend, bent_by, turns, passing, move_by, by_move
     return tuple(JointSlopes(*each) for each in zip(*parts, strict=True)), free_by, post
 
 
-def _each(function: Callable[..., tuple], *arguments: Any) -> tuple[tuple, ...]:
-    """What a function returns for every joint, each of its values for all joints."""
-    return tuple(zip(*(function(*each) for each in zip(*arguments, strict=True)), strict=True))
+def _by_constants(
+    step: ModalStep, step_dot: ModalStep, function: Callable[..., Any], *arguments: Any
+) -> tuple[Any, Any]:
+    """What a function of the step returns in many steps, and what its constants add to it."""
+
+    def in_step(step_dot: ModalStep, *arguments: Any) -> tuple[Any, Any]:
+        return jax.jvp(lambda step: function(step, *arguments), (step,), (step_dot,))
+
+    return jax.vmap(in_step)(step_dot, *arguments)
 
 
-def _start(joint: JointStep, at: tuple) -> tuple[Scalar, ...]:
+def _each(function: Callable[..., tuple], kernels: tuple, *arguments: Any) -> tuple[tuple, ...]:
+    """What a function returns for every joint in many steps, each of its values for all joints.
+
+    Joints with the same laws stand side by side in one array: they are compiled once, which is
+    most of what several joints would add to compiling.
+    """
+    joints = list(zip(kernels, *arguments, strict=True))
+    alike: dict[Any, list[int]] = {}
+    for place, joint in enumerate(joints):
+        alike.setdefault(jax.tree.structure(joint), []).append(place)
+
+    def of_joint(joint: tuple) -> tuple:
+        (kernel, kernel_dot), *rest = joint
+        in_step = jax.vmap(partial(function, kernel))
+        return in_step(kernel_dot, *rest)
+
+    values: dict[int, tuple] = {}
+    for places in alike.values():
+        if len(places) == 1:
+            values[places[0]] = of_joint(joints[places[0]])
+            continue
+        beside = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(joints[p] for p in places))
+        together = jax.vmap(of_joint)(beside)
+        values |= {p: jax.tree.map(itemgetter(i), together) for i, p in enumerate(places)}
+    return tuple(zip(*(values[place] for place in range(len(joints))), strict=True))
+
+
+def _start(kernel: Kernel, at: tuple) -> tuple[Scalar, ...]:
     """Remainder r and h r' at the start, by x, v and the memories."""
-    return remainder(Begun(joint, *at))
+    return remainder(Begun(kernel, *at))
 
 
-def _half_bend(joint: JointStep, at: tuple) -> tuple[Scalar, ...]:
+def _half_bend(kernel: Kernel, at: tuple) -> tuple[Scalar, ...]:
     """Half of h^2 r'' at the start, by x, v, the memories and a."""
     *start, a = at
-    return (half_bend(Begun(joint, *start), a),)
+    return (half_bend(Begun(kernel, *start), a),)
 
 
-def _passing(joint: JointStep, bends: tuple, at: tuple) -> tuple[Passed, End]:
+def _passing(kernel: Kernel, bends: tuple, at: tuple) -> tuple[Passed, End]:
     """A joint's step before the correction of its x, by x, v, memories and path.
 
     Where the joint turns, the bends of the others add to x and v at the end of the path, and to the
     shift; derivatives by them follow from those by the path.
     """
     *start, path = at
-    return pass_always(Begun(joint, *start), path, bends)
+    return pass_always(Begun(kernel, *start), path, bends)
 
 
-def _sloped(function: Callable[..., Any], joints: tuple, at: Any) -> tuple[Any, Slopes]:
-    """A part of a joint's step, and its derivatives; of the joint and the joint's tangent."""
-    joint, joint_dot = joints
-    value, by_at = jax.linearize(lambda at: function(joint, at), at)
-    _, offset = jax.jvp(lambda joint: function(joint, at), (joint,), (joint_dot,))
+def _sloped(
+    function: Callable[..., Any], kernel: Kernel, kernel_dot: Kernel, at: Any
+) -> tuple[Any, Slopes]:
+    """A part of a joint's step, and its derivatives."""
+    value, by_at = jax.linearize(lambda at: function(kernel, at), at)
+    _, offset = jax.jvp(lambda kernel: function(kernel, at), (kernel,), (kernel_dot,))
     return value, Slopes(tuple(tuple(by_at(way)) for way in _ways(at)), tuple(offset))
 
 
-def _passed_linearly(
-    joints: tuple, at: Any, bends: tuple
-) -> tuple[Passed, End, Callable[..., Any]]:
-    """A joint after its kernel, its end, and the linear function of what both depend on."""
-    (passed, end), by_at = jax.linearize(partial(_passing, joints[0], bends), at)
-    return passed, end, by_at
-
-
 def _passing_slopes(
-    joints: tuple, at: Any, bends: tuple, end: End, move: Scalar, by_at: Callable[..., Any]
+    kernel: Kernel, kernel_dot: Kernel, at: tuple, bends: tuple
+) -> tuple[Passed, End, Slopes]:
+    """A joint after its kernel, its end, and the derivatives of both."""
+    (passed, end), by_at = jax.linearize(partial(_passing, kernel, bends), at)
+    _, offset = jax.jvp(lambda kernel: _passing(kernel, bends, at), (kernel,), (kernel_dot,))
+    return passed, end, Slopes(tuple(by_at(way) for way in _ways(at)), offset)
+
+
+def _moved_slopes(
+    kernel: Kernel, kernel_dot: Kernel, end: End, move: Scalar, by_along: Slopes
 ) -> tuple[Slopes, tuple]:
     """Derivatives of `Passed` and of the memories after the correction of x, and by that."""
-    joint, joint_dot = joints
-    laws = joint.laws
+    laws, laws_dot = kernel.laws, kernel_dot.laws
     _, by_end = jax.linearize(lambda end: shifted(laws, end, move), end)
 
-    def column(way: Any) -> tuple:
-        passed_dot, end_dot = by_at(way)
+    def column(passed_dot: Passed, end_dot: End) -> tuple:
         return (*passed_dot, *jax.tree.leaves(by_end(end_dot)))
 
-    def whole(joint: JointStep) -> tuple:
-        passed, end = _passing(joint, bends, at)
-        return (*passed, *jax.tree.leaves(shifted(joint.laws, end, move)))
-
-    _, offset = jax.jvp(whole, (joint,), (joint_dot,))
+    passed_dot, end_dot = by_along.offset
+    _, memory_dot = jax.jvp(
+        lambda laws, end: shifted(laws, end, move), (laws, end), (laws_dot, end_dot)
+    )
     unit = jnp.ones_like(move)
     _, by_move = jax.jvp(lambda move: shifted(laws, end, move), (move,), (unit,))
-    columns = tuple(column(way) for way in _ways(at))
+    columns = tuple(column(*both) for both in by_along.columns)
+    offset = (*passed_dot, *jax.tree.leaves(memory_dot))
     return Slopes(columns, offset), tuple(jax.tree.leaves(by_move))
 
 
@@ -253,10 +295,10 @@ def _recurrence(step: ModalStep, state_dot, inputs):
     (q, v, memories), _ = state_dot
     none = tuple(jnp.zeros_like(part) for part in q)
     rise, gain = freely(step, q, v, (none, none, none[0]))
-    seen = _sum(seen_by_joints(step, q, v, rise, gain, none[0]), seen_by)
+    seen = barrier(_sum(seen_by_joints(step, q, v, rise, gain, none[0]), seen_by))
     joints = list(zip(slopes, seen, memories, strict=True))
     starts = tuple(
-        Remainder(*by.start.along(free.x, free.v, memory)) for by, free, memory in joints
+        barrier(Remainder(*by.start.along(free.x, free.v, memory))) for by, free, memory in joints
     )
     paths = [
         _sum(path, by.path_by)
@@ -266,7 +308,7 @@ def _recurrence(step: ModalStep, state_dot, inputs):
     if len(slopes) > 1:
         paths, shifts = _bent_paths(step, joints, paths)
     ends = [
-        by.passing.along(free.x, free.v, memory, path)
+        barrier(by.passing.along(free.x, free.v, memory, barrier(path)))
         for (by, free, memory), path in zip(joints, paths, strict=True)
     ]
     num = len(Passed._fields)
@@ -275,7 +317,7 @@ def _recurrence(step: ModalStep, state_dot, inputs):
         joint._replace(shift=joint.shift + shift)
         for joint, shift in zip(passed, shifts, strict=True)
     )
-    moves = corrections(step, starts, passed)
+    moves = barrier(corrections(step, starts, passed))
 
     def after(by: JointSlopes, memory: Any, end: tuple, move: Scalar) -> Any:
         change = move + by.move_by

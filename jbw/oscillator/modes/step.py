@@ -82,8 +82,20 @@ class Coupling(eqx.Module):
     bend_v: Scalar
 
 
+class Kernel(eqx.Module):
+    """Constants of a joint's kernel, of one kind for all joints with the same laws.
+
+    `bend_*` are what half of h^2 r'' of the joint itself does to its x and v.
+    """
+
+    laws: tuple[Law, ...]
+    dt: Scalar
+    bend_y: Scalar
+    bend_v: Scalar
+
+
 class JointStep(eqx.Module):
-    """Constants of one joint's kernel.
+    """Constants of one joint's step.
 
     `by` holds what the force of every joint does to this one, which stands at `place` among them.
     """
@@ -93,6 +105,12 @@ class JointStep(eqx.Module):
     by: tuple[Coupling, ...]
     input_gain: Scalar
     place: int = eqx.field(static=True)
+
+    @property
+    def kernel(self) -> Kernel:
+        """Constants of what the joint does by itself."""
+        by_itself = self.by[self.place]
+        return Kernel(self.laws, self.dt, by_itself.bend_y, by_itself.bend_v)
 
     @property
     def by_others(self) -> tuple[Coupling, ...]:
@@ -118,9 +136,9 @@ class FreeMotion(NamedTuple):
 
 
 class Begun(NamedTuple):
-    """A joint at the start of a step: its constants, displacement, velocity and memories."""
+    """A joint at the start of a step: its kernel, displacement, velocity and memories."""
 
-    joint: JointStep
+    kernel: Kernel
     x: Scalar
     v: Scalar
     memory: tuple[Memory, ...]
@@ -133,7 +151,7 @@ class Begun(NamedTuple):
     @property
     def branches(self) -> tuple[Any, ...]:
         """Branches of the laws."""
-        pairs = zip(self.joint.laws, self.memory, strict=True)
+        pairs = zip(self.kernel.laws, self.memory, strict=True)
         return tuple(law.branch(self.v, law_memory) for law, law_memory in pairs)
 
 
@@ -233,7 +251,7 @@ def _constants(structure: Structure, dt: Scalar) -> tuple[ModalStep, list[Array]
     modes, weights, moments_y, moments_v = [], [], [], []
     for i, (omega_n, zeta) in enumerate(zip(structure.omega_n, structure.zeta, strict=True)):  # pyright: ignore
         stiffness, damping = omega_n**2, 2.0 * zeta * omega_n
-        m = impulse_moments(stiffness, damping, dt, NUM_MOMENTS)
+        m = barrier(impulse_moments(stiffness, damping, dt, NUM_MOMENTS))
         (r_y, s_y, d_y, a_y, b_y), (r_v, s_v, d_v, a_v, b_v) = (
             (w[0], w[1], 3.0 * w[2] - 2.0 * w[3], w[3] - 2.0 * w[2], w[3] - w[2])
             for w in (m.y, m.v)
@@ -248,13 +266,11 @@ def _constants(structure: Structure, dt: Scalar) -> tuple[ModalStep, list[Array]
         moments_y.append(m.y)
         moments_v.append(m.v)
 
-    def coupling(j: int, other: int) -> Coupling:
-        parts = ([h[j, i] * p[i, other] * w for w in of_mode] for i, of_mode in enumerate(weights))
-        return Coupling(*(added(column) for column in zip(*parts, strict=True)))
-
+    # As arrays: a sum for each of so many numbers would take long to compile.
+    couplings = barrier(jnp.einsum("ji,il,iw->wjl", h, p, jnp.asarray(weights)))
     steps = []
     for j, laws in enumerate(structure.laws):
-        by = tuple(coupling(j, other) for other in joints)
+        by = tuple(Coupling(*couplings[:, j, other]) for other in joints)
         input_gain = added(h[j, i] * b[i] for i in range(len(modes)))
         steps.append(JointStep(laws, dt, by, input_gain, j))  # pyright: ignore[reportArgumentType]
     step = ModalStep(tuple(steps), tuple(modes))
@@ -269,7 +285,7 @@ def modal_advance(
     rise, gain = freely(step, q, v, push)
     seen = seen_by_joints(step, q, v, rise, gain, push[2])
     begun = tuple(
-        Begun(joint, at.x, at.v, memory)
+        Begun(joint.kernel, at.x, at.v, memory)
         for joint, at, memory in zip(step.joints, seen, memories, strict=True)
     )
     starts = tuple(remainder(at) for at in begun)
@@ -277,8 +293,8 @@ def modal_advance(
     bends = tuple((at, path.a) for at, path in zip(begun, paths, strict=True))
     passed, ends = zip(
         *(
-            pass_where_met(at, path, _without(at.joint.place, bends))
-            for at, path in zip(begun, paths, strict=True)
+            pass_where_met(joint, at, path, _without(joint.place, bends))
+            for joint, at, path in zip(step.joints, begun, paths, strict=True)
         ),
         strict=True,
     )
@@ -319,14 +335,14 @@ def seen_by_joints(step: ModalStep, q, v, rise, gain, u: Scalar) -> tuple[FreeMo
 
 def remainder(at: Begun) -> Remainder:
     """Remainder of a joint's laws and h times its rate at the start."""
-    return Remainder(*remainders(at.joint.laws, at.joint.dt, at.state, at.branches))
+    return Remainder(*remainders(at.kernel.laws, at.kernel.dt, at.state, at.branches))
 
 
 def half_bend(at: Begun, a: Scalar) -> Scalar:
     """Half of h^2 r'' of a joint at the start, by its acceleration there."""
-    if not at.joint.laws:
+    if not at.kernel.laws:
         return jnp.zeros_like(a)
-    return bend(at.joint.laws, at.joint.dt, at.state, at.branches, a)
+    return bend(at.kernel.laws, at.kernel.dt, at.state, at.branches, a)
 
 
 def bent(joint: JointStep, half_bends: Sequence[Scalar]) -> tuple[Scalar, ...]:
@@ -367,7 +383,7 @@ def _less(whole: Scalar, *parts: Any) -> Scalar:
 
 
 def pass_where_met(
-    at: Begun, path: Path, others: tuple[tuple[Begun, Scalar], ...]
+    joint: JointStep, at: Begun, path: Path, others: tuple[tuple[Begun, Scalar], ...]
 ) -> tuple[Passed, End]:
     """A joint along its path: `jbw.oscillator.step.advance` without the motion of the modes.
 
@@ -375,16 +391,16 @@ def pass_where_met(
     and their accelerations there.
     """
     end, shift = _smooth(at, path), jnp.zeros_like(path.x)
-    if at.joint.laws and any(law.kinked for law in at.joint.laws):
-        memory_1, kinked = glided(at.joint.laws, at.state, at.branches, path.x, path.v)
+    if at.kernel.laws and any(law.kinked for law in at.kernel.laws):
+        memory_1, kinked = glided(at.kernel.laws, at.state, at.branches, path.x, path.v)
 
         def kinks(operands: Any) -> tuple[End, Scalar]:
-            at, path, others = operands
+            joint, at, path, others = operands
             halves = [half_bend(*other) for other in others]
-            return _through_kinks(at, path, bent(at.joint, halves))
+            return _through_kinks(at, path, bent(joint, halves))
 
         smooth = end._replace(memory=memory_1), shift
-        end, shift = where_rare(kinked, kinks, (at, path, others), smooth)
+        end, shift = where_rare(kinked, kinks, (joint, at, path, others), smooth)
     return _passed(at, end, shift)
 
 
@@ -394,7 +410,7 @@ def pass_always(at: Begun, path: Path, bends: tuple[Scalar, ...]) -> tuple[Passe
     `bends` are what half of h^2 r'' of the other joints does to this one's x and v.
     """
     end, shift = _smooth(at, path), jnp.zeros_like(path.x)
-    if at.joint.laws and any(law.kinked for law in at.joint.laws):
+    if at.kernel.laws and any(law.kinked for law in at.kernel.laws):
         x_1, v_1 = barrier((path.x, path.v))
         end, shift = barrier(_through_kinks(at, Path(x_1, v_1, path.a), bends))
     passed, end = _passed(at, end, shift)
@@ -410,21 +426,19 @@ def _smooth(at: Begun, path: Path) -> End:
 
 def _passed(at: Begun, end: End, shift: Scalar) -> tuple[Passed, End]:
     """What a joint does to the modes from its end, and that with the impulses of cusps."""
-    laws, none = at.joint.laws, jnp.zeros_like(shift)
+    laws, none = at.kernel.laws, jnp.zeros_like(shift)
     if not laws:
         return Passed(none, none, none, none, none), end
-    end = past_cusps(laws, at.joint.dt, at.state, end)
-    r_1, rate_1 = remainders(laws, at.joint.dt, (end.y, end.v, end.memory), end.branches)
+    end = past_cusps(laws, at.kernel.dt, at.state, end)
+    r_1, rate_1 = remainders(laws, at.kernel.dt, (end.y, end.v, end.memory), end.branches)
     return Passed(r_1, rate_1, end.kick_y, end.kick_v, shift), end
 
 
 def _through_kinks(at: Begun, path: Path, bends: tuple[Scalar, ...]) -> tuple[End, Scalar]:
     """End of a step that may hold kinks, and what x already holds of the kicks."""
-    joint = at.joint
-    by_itself = joint.by[joint.place]
-    weights = by_itself.bend_y, by_itself.bend_v
-    start = at.state, at.branches, path.a
-    end, shifts = through_kinks(joint.laws, joint.dt, start, weights, (path.x, path.v), bends)
+    kernel, start = at.kernel, (at.state, at.branches, path.a)
+    weights = kernel.bend_y, kernel.bend_v
+    end, shifts = through_kinks(kernel.laws, kernel.dt, start, weights, (path.x, path.v), bends)
     return end, shifts[0]
 
 
