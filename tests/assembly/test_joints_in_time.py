@@ -4,15 +4,16 @@ The golden motion is that of 18 and 19 degrees of freedom, by adaptive steps wit
 located; the golden errors are those of the same reduction in the same integrator.
 """
 
+import warnings
+
 import numpy as np
 import pytest
 from golden_beams import CASES, joints, reduced
 
 import jbw
-from jbw.errors import JbwError
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
 from jbw.oscillator.laws.jenkins import Jenkins
-from jbw.oscillator.modes.structure import Structure, admitted
+from jbw.oscillator.modes.structure import admitted, warn_of_stiff_joints
 
 LAWS = {
     "bouc_wen": lambda law: BoucWenLaw(law["alpha"], law["delta"], law["gamma"]),
@@ -20,19 +21,13 @@ LAWS = {
 }
 
 
-def takes_several_joints():
-    try:
-        admitted(Structure(np.ones(2), np.ones(2), np.ones((2, 2)), np.ones((2, 2)), np.ones(2),
-                           np.ones(2), ((), ())))  # fmt: skip
-    except (JbwError, TypeError):
-        return False
-    return True
-
-
-pytestmark = [
-    pytest.mark.slow,  # compiles steps of eight modes
-    pytest.mark.skipif(not takes_several_joints(), reason="a `Structure` has one joint here"),
-]
+def with_laws(case):
+    """The reduced beams with their golden laws."""
+    places = [
+        jbw.Joint(joint.name, joint.weights, stiffness=joint.stiffness, laws=LAWS[law["law"]](law))
+        for joint, law in zip(joints(case), case["joints"], strict=True)
+    ]
+    return reduced(case, 5, places=places)
 
 
 def chirp(case):
@@ -41,13 +36,10 @@ def chirp(case):
     return drive["A"] * np.sin(phase) * np.sin(np.pi * np.minimum(t, 0.02) / 0.04) ** 2
 
 
+@pytest.mark.slow  # compiles steps of eight modes
 @pytest.mark.parametrize("case", CASES, ids=[case["name"] for case in CASES])
 def test_the_motion_of_the_reduced_beams_is_that_of_all_degrees_of_freedom(case):
-    places = [
-        jbw.Joint(joint.name, joint.weights, stiffness=joint.stiffness, laws=LAWS[law["law"]](law))
-        for joint, law in zip(joints(case), case["joints"], strict=True)
-    ]
-    structure = reduced(case, 5, places=places).structure()
+    structure = with_laws(case).structure()
     response = jbw.simulate(structure, chirp(case), case["input"]["fs"], substeps=16)
     reduction = case["reduced"]["rubin_5_and_input"]
     index = case["index"]
@@ -58,8 +50,17 @@ def test_the_motion_of_the_reduced_beams_is_that_of_all_degrees_of_freedom(case)
             np.asarray(seen)[index], expected, atol=2e-5 * np.abs(expected).max()
         )
     # All degrees of freedom: the error of the reduction is the golden one at these samples.
-    exact, golden = np.array(case["tip"]), np.array(reduction["tip"])
-    error, golden_error = (
-        np.linalg.norm(tip - exact) for tip in (np.asarray(response.y)[index], golden)
-    )
-    assert error == pytest.approx(golden_error, rel=0.1)
+    exact_and_golden = (("tip", np.asarray(response.y)), ("x", np.asarray(response.x).T))
+    for name, motion in exact_and_golden:
+        exact, golden = np.array(case[name]), np.array(reduction[name])
+        error, golden_error = (np.linalg.norm(x - exact, axis=0) for x in (motion[index], golden))
+        np.testing.assert_allclose(error, golden_error, rtol=0.1, err_msg=name)
+
+
+@pytest.mark.parametrize("case", CASES, ids=[case["name"] for case in CASES])
+def test_joints_that_alone_hold_a_mechanism_are_not_called_stiffer_than_it(case):
+    """Freed, the second case is a mechanism: its joints share all of one stiffness, exactly 1."""
+    structure = with_laws(case).structure()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        warn_of_stiff_joints(admitted(structure))

@@ -21,6 +21,8 @@ _NEAR = 0.05
 _ORDERS = (3, 5)
 # Of a joint's largest: what a mode moves it by less is rounding of a mode that does not move it.
 _UNMOVED = 1e-8
+# Of the joints' part in the stiffness: a structure that is a mechanism without its joints has 1.
+_ROUND_OFF = 1e-9
 
 # Those of one joint, or a tuple for every joint.
 Laws = tuple[Law, ...] | tuple[tuple[Law, ...], ...]
@@ -280,7 +282,7 @@ def warn_of_stiff_joints(structure: Structure) -> None:
     compliance = np.divide(1.0, omega_n**2, out=np.zeros_like(omega_n), where=omega_n > 0.0)
     shares = k[:, None] * ((h * compliance) @ p)
     largest = float(np.max(np.real(np.linalg.eigvals(shares))))
-    if largest <= 1.0:
+    if largest <= 1.0 + _ROUND_OFF:
         return
     if len(k) == 1:
         limit = k[0] / shares[0, 0]
