@@ -129,6 +129,15 @@ def test_a_place_that_the_model_lacks_is_refused_with_the_nearest(place, what, r
     assert what in caught.value.what
 
 
+@pytest.mark.parametrize("row", [0, 4])
+def test_a_row_out_of_range_is_refused_with_the_nearest(row):
+    with pytest.raises(ConfigError, match=f"there is no node {row}") as caught:
+        reduced_three(
+            three(dofs=None), [Joint("bolt", {f"{row}:row": 1.0}, stiffness=1.0)], input="1:row"
+        )
+    assert "The nearest nodes are" in caught.value.remedy
+
+
 def test_a_joint_on_a_constrained_degree_is_refused_and_why_is_said():
     with pytest.raises(ConfigError) as caught:
         reduced_three(places=[Joint("bolt", across=("17:x", "112:z"), stiffness=1.0)])
