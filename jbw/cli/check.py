@@ -22,10 +22,10 @@ from jbw.cli.options import json_option, outside_option
 from jbw.cli.printing import answer, following, show_json
 from jbw.errors import RunError
 from jbw.measurement.records import Record
+from jbw.report.messages import commands, tables
 from jbw.report.messages.stages import drawing_records
 from jbw.report.table import Cell, Column, Table, table
 
-ASKED = "What the records do not say, line by line; Enter keeps what stands in brackets."
 MARKS = {"ok": "good", "warning": "doubt", "error": "bad"}
 
 
@@ -74,7 +74,7 @@ def asked_about(folder: Path) -> Draft:
     def tell(sentence: str) -> None:
         click.echo(sentence, err=True)
 
-    tell(ASKED)
+    tell(commands.MISSING_FACTS)
     draft = start_campaign(folder, channels_named_by(ask, tell))
     text = answered(draft.text, ask, tell)
     return Draft(text, tuple(still_doubtful(text)))
@@ -181,7 +181,7 @@ def _joints(joints: JointsCheck) -> Iterator[Table | str]:
             Column(f"energy share of {name}", lambda row, j=j: f"{100 * shares[j, row[0]]:.2g} %")
             for j, name in enumerate(joints.joints)
         ]
-    yield table("Modes with the joints in full stick", rows, *columns)
+    yield table(tables.MODES_IN_STICK, rows, *columns)
     if separability is not None:
         part = dict(zip(separability.modes, separability.over_largest, strict=True))
         columns = [
@@ -192,11 +192,8 @@ def _joints(joints: JointsCheck) -> Iterator[Table | str]:
             ),
         ]
         swept = [row for row in rows if row[0] in part]
-        yield table("Matrix B of the swept modes, rows over their largest", swept, *columns)
-        yield (
-            f"Condition number of B: {separability.condition:.3g}. It multiplies the noise where "
-            "each joint has a law of its own."
-        )
+        yield table(tables.MATRIX_B, swept, *columns)
+        yield commands.condition_number(f"{separability.condition:.3g}")
     yield from joints.notes
 
 

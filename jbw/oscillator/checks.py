@@ -15,6 +15,7 @@ from jaxtyping import Array, ArrayLike, Complex, Int
 from jbw.errors import ConfigError, DataError, ModelError
 from jbw.oscillator.hold import HOLDS
 from jbw.oscillator.law import laws_in, map_laws
+from jbw.report.messages.joint import stiffer_than_structure
 
 
 def is_concrete(*values: object) -> bool:
@@ -179,16 +180,6 @@ def warn_of_negative_stiffness(oscillator: Any) -> None:
         worst = np.unravel_index(np.argmax(share), np.shape(share))
         most, least = (np.broadcast_to(x, np.shape(share))[worst] for x in (alpha, limit))
         warnings.warn(stiffer_than_structure("omega_n^2", most, least), stacklevel=3)
-
-
-def stiffer_than_structure(held: str, stiffness: Any, limit: Any) -> str:
-    """Warning of a joint whose stiffness exceeds what is `held` [1/s^2]."""
-    return (
-        f"The joint is stiffer than the structure: its stiffness must not exceed {held}, but "
-        f"{stiffness:.4g} > {limit:.4g} 1/s^2. Once it slips, nothing holds the structure, and the "
-        "motion runs away. Lower the stiffness of the laws, or raise omega_n, which includes "
-        "that of the joint in full stick."
-    )
 
 
 def warn_of_long_steps(fs: Any, substeps: int, y: Any, v: Any) -> None:

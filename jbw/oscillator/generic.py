@@ -15,6 +15,7 @@ from jbw.oscillator.kinks import Ends, StepPath, kink_impulse, signed
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.steady.waveform import crest, exponentials, synthesis
 from jbw.quantities import must_be
+from jbw.report.messages import joint as messages
 
 Law = Any  # a `jbw.oscillator.law.Law`, whose methods call these functions
 Memory = Any
@@ -159,8 +160,5 @@ def no_force(law: Law) -> str | None:
     for quantity in law.table:
         least = float(np.min(np.asarray(parameters[quantity.name])))
         if (must := must_be(quantity, least)) is not None:
-            return (
-                f"Parameter `{quantity.name}` of `{law.name}` must be {must}, but it is "
-                f"{least:g}, of which no force is known."
-            )
+            return messages.no_known_force(quantity.name, law.name, must, least)
     return None

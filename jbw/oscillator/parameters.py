@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jbw.quantities import Quantity
+from jbw.report.messages import joint as messages
 
 # A caller may give NumPy's; inside of what is traced all is JAX's, which pyright cannot know.
 Scalar = Float[Array, "..."] | Float[np.ndarray, "..."] | float
@@ -192,10 +193,4 @@ def of_opensees(*materials: Material) -> dict[str, Conversion]:
 def beyond_all_motion(name: str, bounds: tuple[float, float], y_peak: float) -> str | None:
     """A warning of a prior on a gap that is wider than the largest motion [m], or None."""
     least, most = bounds
-    if most <= y_peak:
-        return None
-    what = f"begins at {least:.3g}" if least >= y_peak else f"reaches {most:.3g}"
-    return (
-        f"The prior of {name} {what} m, but the largest motion is {y_peak:.3g} m: a wider gap "
-        "never closes, and hides what is behind it. Lower the bound, or drive harder."
-    )
+    return None if most <= y_peak else messages.prior_beyond_motion(name, least, most, y_peak)

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from jbw.report.messages import tables as notes
 from jbw.report.table import Column, Table, table, words
 from jbw.report.text import NOTHING, length_unit, number, percent
 
@@ -36,7 +37,7 @@ def cycles_table(loops: Sequence[Row]) -> Table:
     """A row a cycle: amplitude, secant stiffness, work, damping, and the stiffness retained."""
     (factor, unit), stiffness = _written(loops)
     return table(
-        "Force loops, cycle by cycle",
+        notes.CYCLES,
         list(_shown(loops)),
         words("test", "test"),
         words("cycle", "cycle", "right"),
@@ -44,7 +45,7 @@ def cycles_table(loops: Sequence[Row]) -> Table:
         Column(f"secant stiffness [{stiffness}]", lambda row: number(row["stiffness"])),
         Column("work [J]", lambda row: number(row["work"])),
         Column("equivalent\ndamping", lambda row: percent(row["damping"])),
-        Column("stiffness over the first\nof this amplitude", _retained),
+        Column(notes.FIRST_OF_AMPLITUDE, _retained),
     )
 
 

@@ -137,8 +137,8 @@ def quantities_table(summary: Row, quantities: Names) -> Table:
         named("parameter or combination", quantities),
         by_sd("fit", "value", only="terminal"),
         digits("sd", "sd", 2, only="terminal"),
-        shares("sd / value,\nby the fit", "relative"),
-        shares("sd / prior's,\nby the fit", "ratio"),
+        shares(notes.SD_OVER_VALUE, "relative"),
+        shares(notes.SD_OVER_PRIOR, "ratio"),
         Column(
             "contraction,\nby the draws",
             lambda row: percent(row["contraction"]),
@@ -149,7 +149,7 @@ def quantities_table(summary: Row, quantities: Names) -> Table:
             partial(_shift, quantities=quantities),
             identified.FOLLOWS,
         ),
-        Column("99 % interval\nof the profile", _interval),
+        Column(notes.PROFILE_INTERVAL, _interval),
         note=" ".join(filter(None, (identified.OF_THE_FIT, _waterfall(summary)))),
     )
 

@@ -167,11 +167,11 @@ def table_of_tests(summary: Summary, tree: xr.DataTree | None = None) -> Table:
             "used as", lambda row: "fitted" if row.get("fitted") else "held out", only="terminal"
         ),
         Column("remark", _fitted, align="left"),
-        shares("RMS error /\nrms of the record", "nrmse", ""),
+        shares(notes.ERROR, "nrmse", ""),
         shares("the same, best\nlinear oscillator", "nrmse_linear", ""),
         shares("the same, best\ncubic oscillator", "nrmse_cubic", ""),
         Column("inside the\n99 % band", inside),
-        shares("half width of the band /\nrms of the record", "half_width", ""),
+        shares(notes.HALF_WIDTH, "half_width", ""),
     )
     sections = tuple(Section(rows, heading, heading) for heading, rows in parts)
     return Table(notes.TESTS, columns, sections)
@@ -254,7 +254,7 @@ def routes_table(summary: Summary, quantities: Names) -> Table:
         mean("joint"),
         digits("joint: sd", "joint_sd", 2),
         digits("joint sd /\ncut sd", "sd_ratio", 2),
-        digits("cut less joint,\nover the joint's sd", "difference", place=1.0),
+        digits(notes.CUT_LESS_JOINT, "difference", place=1.0),
     )
 
 
@@ -276,7 +276,7 @@ def loops_table(tree: xr.DataTree) -> Table:
         words("restoring force", "force", "right"),
         Column("measured [mJ/kg]", _measured_area),
         Column("model [mJ/kg]\nmedian", lambda row: number(row["model"][1], row["sd"])),
-        Column("model [mJ/kg]\n99 % parameter band", _interval),
+        Column(notes.MODEL_AREA, _interval),
         Column("bands\nmeet", _meet),
     )
 

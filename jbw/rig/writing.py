@@ -14,32 +14,8 @@ from jbw.errors import RunError
 from jbw.measurement.files.hdf5 import write_hdf5
 from jbw.measurement.records import Test
 from jbw.quantities import DEFAULT_LAWS
+from jbw.report.messages import rig as messages
 from jbw.rig.acquisition import RigCampaign
-
-_HEAD = """\
-# A campaign of the virtual rig. Each [[test]] is one excitation repeated, one file a repeat.
-# Voltages and forces are those at the shaker; the gain to N/kg, or the modal mass, is not given:
-# the identification finds it. Files of shaken tests also hold `demand`, what was asked of the
-# source. truth.json is for judging only.
-
-[campaign]
-name = {name}
-"""
-
-_PURPOSE = {
-    "noise": "White noise: natural frequency, damping and gain (Step 2).",
-    "tone": "Probing tone near a third of the natural frequency: Y(3 omega) (Step 3).",
-    "sweep": "Sweep from rest, then free decay: all parameters (Step 4).",
-    "stepped": "Stepped sine: each frequency in turn; for verification of the FRF.",
-    "loop": "Tone near resonance: hysteresis loops, for validation.",
-    "multisine": "Multisine, whole periods of a steady motion: all parameters.",
-    "decay": "Free decay after a burst: softening and dissipation, without any force.",
-    "pull": "Loop under a prescribed displacement: stiffness and hysteretic force.",
-    "curve": "Response curve, the response held by a controller.",
-    "backbone": "Phase-locked backbone: frequency, force and amplitude at phase resonance.",
-    "phase": "Points at another phase that a controller holds.",
-    "s": "S-curve: the force that holds each amplitude at one frequency.",
-}
 
 
 def write(campaign: RigCampaign, folder: str | Path) -> Path:
@@ -101,7 +77,7 @@ def _write_text(path: Path, text: str) -> None:
 
 
 def _campaign_text(campaign: RigCampaign) -> str:
-    blocks = [_HEAD.format(name=toml(campaign.name))]
+    blocks = [f"{messages.HEAD}\n[campaign]\nname = {toml(campaign.name)}\n"]
     if stated := dict(campaign.assembly):
         blocks.append(_table("[assembly]", stated))
     if campaign.laws != DEFAULT_LAWS:
@@ -111,11 +87,9 @@ def _campaign_text(campaign: RigCampaign) -> str:
     blocks += [_test_text(test) for test in campaign.tests]
     if stated := dict(campaign.settings):
         prior = stated.pop("prior", None)
-        fixed = "# Fixed before any fit: what is fitted; the rest is predicted.\n[identify]"
-        blocks.append(_table(fixed, stated))
+        blocks.append(_table(f"{messages.IDENTIFY}\n[identify]", stated))
         if prior is not None:
-            bounds = "# Priors: bounds of a uniform one in SI, or a distribution.\n[identify.prior]"
-            blocks.append(_table(bounds, prior))
+            blocks.append(_table(f"{messages.PRIOR}\n[identify.prior]", prior))
     return "\n".join(blocks)
 
 
@@ -126,7 +100,7 @@ def _table(head: str, table: Mapping[str, Any]) -> str:
 
 
 def _test_text(test: Test) -> str:
-    record, purpose = test.records[0], _PURPOSE.get(test.name.split("_")[0])
+    record, purpose = test.records[0], messages.PURPOSE.get(test.name.split("_")[0])
     table = {
         "name": test.name,
         "kind": test.kind,

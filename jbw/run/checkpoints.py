@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from jbw.report.messages import run as messages
 from jbw.run.files import write_whole
 
 MAGIC = b"jbw-checkpoint-1"
@@ -72,8 +73,7 @@ class Interruption:
             if count > 1:
                 print(farewell(), file=sys.stderr, flush=True)
                 os._exit(INTERRUPTED)
-            when = " when this chunk of draws is saved" if self.waits else ""
-            print(f"Stopping{when}; again to leave at once.", file=sys.stderr, flush=True)
+            print(messages.stopping(waits=self.waits), file=sys.stderr, flush=True)
         heard.close()
 
 
@@ -129,9 +129,10 @@ class Checkpoint:
             filter(None, map(unpack, contents)), key=lambda generation: generation.number
         )
         if len(intact) < len(contents):
-            then = "the one before it is used" if intact else "its chains start again"
             warnings.warn(
-                f"A checkpoint of {self._name} in {self._files[0].parent} is damaged: {then}.",
+                messages.damaged_checkpoint(
+                    self._name, str(self._files[0].parent), has_earlier=bool(intact)
+                ),
                 stacklevel=2,
             )
         if not intact:

@@ -12,6 +12,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING
 
 from jbw.errors import RunError
+from jbw.report.messages import run as messages
 from jbw.run.checkpoints import Checkpoint, Interruption, Watch
 from jbw.run.files import ROOM, ROOM_OF_RIG, require_room
 from jbw.run.manifest import (
@@ -209,11 +210,7 @@ def require_same(run: Run) -> str | None:
     was, is_ = run.manifest.machine, machine()
     if was == is_:
         return None
-    return (
-        f"The run began on {was['name']} ({was['processors']} processors) and goes on "
-        f"here, on {is_['name']} ({is_['processors']}): its draws may differ in the last "
-        "digits, and chains whose start does begin again."
-    )
+    return messages.another_machine(was["name"], was["processors"], is_["name"], is_["processors"])
 
 
 def _require_empty(folder: Path) -> None:

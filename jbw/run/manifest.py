@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from jbw.errors import ConfigError, DataError, RunError
+from jbw.report.messages.run import RESTORE
 from jbw.run.files import hash_of, write_whole
 
 FORMAT = 1
 VERSIONED = ("jbw", "jax", "jaxlib", "numpyro", "blackjax", "diffrax", "optimistix", "numpy")
-RESTORE = "Restore it, or begin a new run in another folder: jbw identify CAMPAIGN --out DIR."
 
 
 def versions() -> dict[str, str]:

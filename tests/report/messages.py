@@ -15,11 +15,14 @@ from jbw.report.messages import (
     differences,
     figures,
     identified,
+    joint,
     laws,
     look,
     opening,
     planning,
     population,
+    rig,
+    run,
     stages,
     study,
     tables,
@@ -93,6 +96,7 @@ def of_findings() -> Iterator[str]:
 
 
 SLOPE = {"q005": -2.0, "median": -1.5, "q995": -1.0}
+PARAMETERS = {"alpha": 1e3, "delta": 100.0, "gamma": -200.0}
 NUMBERS = watch.distances(31.2, 17.4, 20, 0.00021)
 
 
@@ -230,6 +234,7 @@ OF_TOPICS = {
     ],
     "commands": [
         *commands.SHORT.values(), commands.FAULT, commands.NO_NAME,
+        commands.MISSING_FACTS, commands.condition_number("12.3"),
         commands.nothing_called("rhat", "r_hat"), commands.no_command("identfy", "identify"),
         commands.identify_again("run"), commands.saved("a run", "'a run'"),
         commands.draw_posterior("run"), commands.or_export("run"), commands.or_plan("run"),
@@ -238,6 +243,23 @@ OF_TOPICS = {
         commands.two_numbers("'10-25'"),
         commands.parameter_explained(BY_NAME["omega_n"], ()),
     ],
+    "joint": [
+        *constants(joint),
+        joint.stiffer_than_structure("omega_n^2", 1.2e4, 1e4),
+        joint.unbounded(joint.unloads_beyond(2.0), PARAMETERS, "Check delta."),
+        joint.may_diverge(("alpha > 0", "gamma >= 0"), ("gamma >= 0",), PARAMETERS),
+        joint.prior_unbounded(-30.0), joint.prior_beyond_motion("gap", 2e-4, 1e-3, 1e-4),
+        joint.prior_beyond_motion("gap", 1e-5, 1e-3, 1e-4),
+        joint.no_known_force("chi", "iwan4", "above -1", -1.5),
+        joint.indistinguishable(("iwan4", "jenkins_3"), joint.SAME_CURVES),
+    ],
+    "run": [
+        *constants(run), run.stopping(waits=True), run.stopping(waits=False),
+        run.damaged_checkpoint("joint", "beam-run", has_earlier=True),
+        run.damaged_checkpoint("joint", "beam-run", has_earlier=False),
+        run.another_machine("lab", "16", "desk", "8"),
+    ],
+    "rig": [rig.IDENTIFY, rig.PRIOR, *rig.PURPOSE.values(), *rig.HEAD.splitlines()],
     "figures": [
         *constants(figures),
         figures.model_residual("2.3 %"), figures.taken_by_slip("alpha"),

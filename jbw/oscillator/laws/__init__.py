@@ -26,6 +26,7 @@ from jbw.oscillator.laws.springs import Cubic as Cubic
 from jbw.oscillator.laws.springs import Polynomial as Polynomial
 from jbw.oscillator.laws.springs import Quintic, Square
 from jbw.quantities import Quantity
+from jbw.report.messages import joint as messages
 
 Kind = type[Law]
 
@@ -128,14 +129,11 @@ def same_by_construction(names: Iterable[str | Kind]) -> str | None:
     sliders = [kind.name for kind in kinds if issubclass(kind, Masing | Jenkins)]
     exponents = [kind.name for kind in kinds if issubclass(kind, BoucWenLaw | BoucWenNu)]
     for same_laws, why in (
-        (sliders, "only the sum of their virgin curves acts on any motion"),
-        (exponents, "the one is the other with its exponent at 1"),
+        (sliders, messages.SAME_CURVES),
+        (exponents, messages.SAME_EXPONENT),
     ):
         if len(same_laws) > 1:
-            return (
-                f"The laws {' and '.join(f'`{name}`' for name in same_laws)} cannot be told apart: "
-                f"{why}. Keep one of them."
-            )
+            return messages.indistinguishable(same_laws, why)
     return None
 
 

@@ -20,6 +20,7 @@ from jbw.oscillator.laws.kinked_step import kinked_step
 from jbw.oscillator.laws.piecewise_map import smooth_move
 from jbw.oscillator.parameters import MOST_SOFTENING, Scalar
 from jbw.quantities import Quantity
+from jbw.report.messages import joint as messages
 
 _ALPHA = Quantity("alpha", "α", "1/s^2", "stiffness of the hysteretic part", 0.0, is_share=True)
 _DELTA = Quantity("delta", "δ", "1/m", "softening of the hysteresis")
@@ -133,13 +134,7 @@ class BoucWenLaw(Law):
     def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
         """Where the law lets Z grow for ever: measured joints may need it."""
         lowest = bounds["gamma"][0] + bounds["delta"][0]
-        if lowest >= 0:
-            return None
-        return (
-            f"The prior lets gamma + delta fall to {lowest:.4g} 1/m, where the hysteretic force "
-            "grows without bound; draws that diverge count as failed solves. Raise the lower bound "
-            "of gamma above -delta unless that is meant."
-        )
+        return None if lowest >= 0 else messages.prior_unbounded(lowest)
 
     def stiffness(self) -> Scalar:
         """Alpha: the joint sticks [1/s^2]."""
@@ -244,10 +239,10 @@ class BoucWenLaw(Law):
         broken = [name for name, holds in conditions.items() if not np.all(holds)]
         if not broken:
             return None
-        return (
-            f"The joint is bounded for {' and '.join(conditions)}, but alpha = {self.alpha}, "
-            f"delta = {self.delta}, gamma = {self.gamma} break {' and '.join(broken)}: z may "
-            "diverge. Check their signs, or keep the input so small that it does not."
+        return messages.may_diverge(
+            tuple(conditions),
+            broken,
+            {"alpha": self.alpha, "delta": self.delta, "gamma": self.gamma},
         )
 
     def at_tip(self, y_peak: Scalar) -> Scalar:

@@ -30,6 +30,7 @@ from jbw.oscillator.steady.waveform import (
     synthesis,
 )
 from jbw.quantities import Quantity
+from jbw.report.messages import joint as messages
 
 WIDTH = (0.005, 0.9)  # half the gap, over the largest displacement: a wider one is never crossed
 # Over the stiffness of rest; over that of a whole loop, where the motion is given.
@@ -101,7 +102,7 @@ class GapSeries(Law):
 
     def thresholds(self) -> tuple[Threshold, ...]:
         """The contacts."""
-        return (Threshold("contact", self.gap, "all that is behind the gap"),)
+        return (Threshold("contact", self.gap, messages.BEHIND_GAP),)
 
     @property
     def element(self) -> BoucWenLaw:

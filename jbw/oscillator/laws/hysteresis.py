@@ -17,6 +17,7 @@ from jbw.oscillator.checks import (
 )
 from jbw.oscillator.laws.relaxation import half_width, loop_harmonics, opening_and_area, phi, psi
 from jbw.oscillator.parameters import Hysteresis
+from jbw.report.messages import joint as messages
 
 # The strongest sweeps reach 17; beyond this the joint slips all the way, or a unit is wrong.
 _LARGEST_EXPONENT = 50.0
@@ -200,16 +201,13 @@ def _warn_unbounded(joint: Hysteresis, z: ArrayLike, dy: ArrayLike) -> None:
     """Warn where z leaves every bound instead of relaxing to alpha/(delta + gamma)."""
     alpha, delta, gamma = (np.asarray(x) for x in (joint.alpha, joint.delta, joint.gamma))
     if np.any((alpha <= 0.0) | (delta + gamma < 0.0)):
-        reason = "alpha > 0 and delta + gamma >= 0 must hold"
+        reason = messages.BOUNDED
     elif np.any((np.asarray(z) * dy < 0.0) & (np.abs(z) * (delta - gamma) >= alpha)):
-        reason = f"unloading starts at |z| = {np.max(np.abs(z)):g}, above alpha/(delta - gamma)"
+        reason = messages.unloads_beyond(np.max(np.abs(z)))
     else:
         return
-    warnings.warn(
-        f"The hysteretic force is unbounded: {reason} (alpha = {alpha}, delta = {delta}, "
-        f"gamma = {gamma}). {_REMEDY}",
-        stacklevel=3,
-    )
+    parameters = {"alpha": alpha, "delta": delta, "gamma": gamma}
+    warnings.warn(messages.unbounded(reason, parameters, _REMEDY), stacklevel=3)
 
 
 def _warn_saturated(joint: Hysteresis, y_peak: ArrayLike, loop: SteadyLoop) -> None:

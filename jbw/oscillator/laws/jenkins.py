@@ -20,6 +20,7 @@ from jbw.oscillator.steady.waveform import (
     synthesis,
 )
 from jbw.quantities import Quantity
+from jbw.report.messages import joint as messages
 
 # The prior of the first slip is between these fractions of the largest displacement, of the others
 # from there up by ratios of at least one, so that sliders cannot be interchanged. The ratios
@@ -119,7 +120,7 @@ class Jenkins(Law):
     def thresholds(self) -> tuple[Threshold, ...]:
         """The slips; sliders that never slip are one linear spring."""
         return tuple(
-            Threshold(f"slip of slider {i}", phi, "its stiffness, but for the sum of such")
+            Threshold(f"slip of slider {i}", phi, messages.STUCK_SLIDER)
             for i, phi in enumerate(self.phi, 1)
         )
 

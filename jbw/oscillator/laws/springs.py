@@ -16,6 +16,7 @@ from jbw.oscillator.law import Bounds, Law, Loop, Scales
 from jbw.oscillator.parameters import Restoring, Scalar
 from jbw.oscillator.steady.waveform import odd_harmonics, synthesis
 from jbw.quantities import Quantity
+from jbw.report.messages import joint as messages
 
 # Displacements at which a force is probed for oddness [m].
 _PROBES = (1e-6, 1e-5, 1e-4, 1e-3, 1e-2)
@@ -217,7 +218,7 @@ class Square(Spring):
 
     def even_part(self) -> str:
         """All of it."""
-        return "`square` is an even one"
+        return messages.EVEN_SQUARE
 
 
 class Polynomial(Spring):

@@ -5,6 +5,9 @@ from collections.abc import Sequence
 from jbw.quantities import Quantity
 from jbw.report.messages.message import capital
 
+MISSING_FACTS = (
+    "Facts that the records do not state, line by line; Enter keeps the value in brackets."
+)
 NO_NAME = "It explains parameters, columns and words too, such as: jbw explain ESS"
 
 
@@ -96,6 +99,14 @@ def without_model(campaign: str) -> str:
 def sampler_distances(reference: str) -> str:
     """Of the table of samplers side by side."""
     return f"Distances in Monte Carlo standard errors from {reference}"
+
+
+def condition_number(value: str) -> str:
+    """Of the matrix B of the swept modes."""
+    return (
+        f"Condition number of B: {value}. It multiplies the noise where each joint has a law of "
+        "its own."
+    )
 
 
 def two_numbers(value: str) -> str:

@@ -1,0 +1,82 @@
+"""Warnings of the parameters of a joint and of their prior, without values or units of a test."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+BOUNDED = "alpha > 0 and delta + gamma >= 0 must hold"
+SAME_CURVES = "only the sum of their virgin curves acts on any motion"
+SAME_EXPONENT = "one equals the other with its exponent at 1"
+EVEN_SQUARE = "`square` is an even one"
+
+# What a record that stays below a threshold of a law leaves undetermined.
+BEHIND_GAP = "all that is behind the gap"
+STUCK_SLIDER = "its stiffness, except in the sum with others that stick"
+
+
+def stiffer_than_structure(held: str, stiffness: Any, limit: Any) -> str:
+    """That the joint's stiffness exceeds what is `held` [1/s^2]."""
+    return (
+        f"The joint is stiffer than the structure: its stiffness must not exceed {held}, but "
+        f"{stiffness:.4g} > {limit:.4g} 1/s^2. Once it slips, nothing holds the structure, and the "
+        "motion runs away. Lower the stiffness of the laws, or raise omega_n, which includes "
+        "that of the joint in full stick."
+    )
+
+
+def unloads_beyond(z: float) -> str:
+    """That unloading begins where the hysteretic force z grows [1]."""
+    return f"unloading starts at |z| = {z:g}, above alpha/(delta - gamma)"
+
+
+def unbounded(reason: str, parameters: Mapping[str, Any], remedy: str) -> str:
+    """That z leaves every bound, and why."""
+    return f"The hysteretic force is unbounded: {reason} ({_stated(parameters)}). {remedy}"
+
+
+def may_diverge(
+    conditions: Sequence[str], broken: Sequence[str], parameters: Mapping[str, Any]
+) -> str:
+    """Which of the conditions for a bounded z the parameters break."""
+    return (
+        f"The joint is bounded for {' and '.join(conditions)}, but {_stated(parameters)} break "
+        f"{' and '.join(broken)}: z may diverge. Check their signs, or keep the input so small "
+        "that it does not."
+    )
+
+
+def _stated(parameters: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name} = {value}" for name, value in parameters.items())
+
+
+def prior_unbounded(lowest: float) -> str:
+    """That a prior admits gamma + delta below zero [1/m]."""
+    return (
+        f"The prior lets gamma + delta fall to {lowest:.4g} 1/m, where the hysteretic force "
+        "grows without bound; draws that diverge count as failed solves. Raise the lower bound "
+        "of gamma above -delta unless that is meant."
+    )
+
+
+def prior_beyond_motion(name: str, least: float, most: float, y_peak: float) -> str:
+    """That a prior admits gaps wider than the largest motion [m]."""
+    what = f"begins at {least:.3g}" if least >= y_peak else f"reaches {most:.3g}"
+    return (
+        f"The prior of {name} {what} m, but the largest motion is {y_peak:.3g} m: a wider gap "
+        "never closes, and hides what is behind it. Lower the bound, or drive harder."
+    )
+
+
+def no_known_force(parameter: str, law: str, must: str, value: float) -> str:
+    """That a parameter lies below the least value for which the law has a force."""
+    return (
+        f"Parameter `{parameter}` of `{law}` must be {must}, but it is "
+        f"{value:g}, of which no force is known."
+    )
+
+
+def indistinguishable(laws: Sequence[str], why: str) -> str:
+    """That no motion tells two laws apart."""
+    return (
+        f"The laws {' and '.join(f'`{name}`' for name in laws)} cannot be told apart: "
+        f"{why}. Keep one of them."
+    )

@@ -1,0 +1,24 @@
+"""What a run's folder and its interruption say."""
+
+RESTORE = "Restore it, or begin a new run in another folder: jbw identify CAMPAIGN --out DIR."
+
+
+def stopping(*, waits: bool) -> str:
+    """What an interruption is answered with; some wait for a chunk of draws."""
+    when = " when this chunk of draws is saved" if waits else ""
+    return f"Stopping{when}; again to leave at once."
+
+
+def damaged_checkpoint(name: str, folder: str, *, has_earlier: bool) -> str:
+    """That a checkpoint is damaged, and what is used instead."""
+    then = "the one before it is used" if has_earlier else "its chains start again"
+    return f"A checkpoint of {name} in {folder} is damaged: {then}."
+
+
+def another_machine(before: str, processors_before: str, now: str, processors_now: str) -> str:
+    """That a run goes on on another machine than it began on."""
+    return (
+        f"The run began on {before} ({processors_before} processors) and "
+        f"continues on {now} ({processors_now}): its draws may differ in the last digits, and "
+        "chains whose start differs begin again."
+    )
