@@ -70,8 +70,8 @@ def batched(joint, u):
 
 def marched(joint, u):
     """Lanes of joints along one record, by the program that fits and draws share."""
-    size, lanes = batch.INTERVALS + 1, np.ones(batch.LANES)
-    joints = jax.tree.map(lambda x: jnp.asarray(x) * lanes, as_oscillator(joint))
+    size, ones = batch.INTERVALS + 1, np.ones(batch.LANES)
+    joints = jax.tree.map(lambda x: jnp.asarray(x) * ones, as_oscillator(joint))
     rows = input_polynomials(u, "first", periodic=False)
     piece = batch._Piece(
         jnp.zeros((size - 1, 2)).at[: NUM - 1].set(rows), jnp.zeros(size).at[:NUM].set(u),
@@ -79,10 +79,9 @@ def marched(joint, u):
     )  # fmt: skip
     none, state = jnp.int32(0), batch._at_rest(joints)
     parts = jnp.zeros((batch.LANES, batch.NUM_DIRECTIONS))
-    return batch._marched(
-        1, joints, lanes, parts, piece, FS, jnp.int32(1), jnp.int32(NUM - 1), none, jnp.bool_(True),
-        state, batch._none(),
-    )[1].square  # fmt: skip
+    lanes = batch._Lanes(joints, ones, parts)
+    steps = batch._Steps(FS, jnp.int32(1), jnp.int32(NUM - 1), none, jnp.bool_(True))
+    return batch._marched(1, lanes, piece, steps, state, batch._none())[1].square
 
 
 def gradient(joint, u):

@@ -86,7 +86,8 @@ def without_lines(
     values = np.array(start + resolution * solution.x)
     columns = design(values)
     amplitudes = np.linalg.lstsq(weight[:, None] * columns, weight * part)[0]
-    lines = _with_errors(values[:num], amplitudes, columns, part, weight, time, len(x) / fs)
+    fitted = _WeightedPart(columns, part, weight, time)
+    lines = _with_errors(values[:num], amplitudes, fitted, len(x) / fs)
     whole_time = (np.arange(len(x)) - first - (len(part) - 1) / 2) / fs
     removed = np.zeros(len(x))
     for line, (a, b) in zip(lines, amplitudes.reshape(-1, 2), strict=False):
@@ -123,16 +124,20 @@ def _mode_of(x: Reals, fs: float, lines_hz: Sequence[float], resolution: float) 
     return [float(freq[np.argmax(size)]), float(rate)]
 
 
+class _WeightedPart(NamedTuple):
+    """The part of a record to which lines and a decay are fitted, and their columns there."""
+
+    columns: Float[np.ndarray, "time column"]
+    part: Reals
+    weight: Reals
+    time: Reals  # from the middle of the part [s]
+
+
 def _with_errors(
-    lines_hz: Reals,
-    amplitudes: Reals,
-    columns: Float[np.ndarray, "time column"],
-    part: Reals,
-    weight: Reals,
-    time: Reals,
-    length_s: float,
+    lines_hz: Reals, amplitudes: Reals, fitted: _WeightedPart, length_s: float
 ) -> tuple[SteadyLine, ...]:
     """Lines with the errors of what is taken out, by the samples' scatter about the fit."""
+    columns, part, weight, time = fitted
     scatter = part - columns @ amplitudes
     variance = float(np.sum((weight * scatter) ** 2) / np.sum(weight**2))
     slopes = [
@@ -154,7 +159,7 @@ def _with_errors(
         along = np.array([a, b, 0.0]) / max(peak, 1e-300)
         across = np.array([-b, a, 0.0]) / max(peak, 1e-300)
         across[2] = 2 * np.pi * furthest * peak
-        own = covariance[np.ix_(chosen, chosen)]
-        error = float(np.sqrt(max(along @ own @ along, across @ own @ across)))
+        of_line = covariance[np.ix_(chosen, chosen)]
+        error = float(np.sqrt(max(along @ of_line @ along, across @ of_line @ across)))
         lines.append(SteadyLine(float(lines_hz[i]), peak, error))
     return tuple(lines)

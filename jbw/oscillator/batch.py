@@ -83,6 +83,24 @@ class _Piece(NamedTuple):
     measured: Float[Array, "sample column"]  # d, then J
 
 
+class _Lanes(NamedTuple):
+    """What differs from lane to lane."""
+
+    joints: Oscillator
+    gain: Float[Any, " lane"]  # of the input
+    parts: Float[Any, "lane direction"]  # of the directions, that are no residual
+
+
+class _Steps(NamedTuple):
+    """The steps along a piece; numbers, so that others do not compile again."""
+
+    fs: Any  # sampling rate [Hz]
+    substeps: Any  # between samples
+    num_steps: Any
+    first: Any  # sample that counts, from the piece's begin
+    begins: Any  # whether the sample before the first step counts
+
+
 class MarchedRecord(NamedTuple):
     """A record ready to be marched along, by `record_of`."""
 
@@ -125,11 +143,12 @@ def march(
     for number, piece in enumerate(record.pieces):
         done = number * INTERVALS
         size = min(INTERVALS, record.num_intervals - done)
-        state, totals, written = _marched(
-            order, joints, gain, parts, piece, float(fs), np.int32(substeps),
-            np.int32(size * substeps), np.int32(record.first - done), np.bool_(number == 0), state,
-            totals,
+        steps = _Steps(
+            float(fs), np.int32(substeps), np.int32(size * substeps),
+            np.int32(record.first - done), np.bool_(number == 0),
         )  # fmt: skip
+        lanes = _Lanes(joints, gain, parts)
+        state, totals, written = _marched(order, lanes, piece, steps, state, totals)
         if writes:
             rows.append(np.asarray(written)[0 if number == 0 else 1 : size + 1, :count])
     along = np.stack([np.asarray(row) for row in totals.along], axis=-1)[:count]
@@ -155,11 +174,9 @@ def compile_ahead(joints: Oscillator, num_powers: int, order: int) -> None:
         _nothing(),
     )
     none = np.int32(0)
-    gain, parts = np.zeros(LANES), np.zeros((LANES, NUM_DIRECTIONS))
-    _marched(
-        order, joints, gain, parts, piece, 1.0, np.int32(1), none, none, np.bool_(False),
-        _at_rest(joints), _none(),
-    )  # fmt: skip
+    lanes = _Lanes(joints, np.zeros(LANES), np.zeros((LANES, NUM_DIRECTIONS)))
+    steps = _Steps(1.0, np.int32(1), none, none, np.bool_(False))
+    _marched(order, lanes, piece, steps, _at_rest(joints), _none())
 
 
 def filled_up(values: PyTree) -> PyTree:
@@ -274,20 +291,11 @@ _CACHE = _Cache()
 
 @partial(jax.jit, static_argnums=0)
 def _marched(
-    order: int,
-    joints: Oscillator,
-    gain: Float[Array, " lane"],
-    parts: Float[Array, "lane direction"],
-    piece: _Piece,
-    fs: Array,
-    substeps: Array,
-    num_steps: Array,
-    first: Array,
-    begins: Array,
-    state: State,
-    totals: _Totals,
+    order: int, lanes: _Lanes, piece: _Piece, steps: _Steps, state: State, totals: _Totals
 ) -> tuple[State, _Totals, Float[Array, "sample lane"]]:
     """A piece: so many steps on from a state, with the responses behind and the totals so far."""
+    joints, gain, parts = lanes
+    fs, substeps, num_steps, first, begins = steps
     part = 1.0 / substeps
 
     def constants(joint: Oscillator, gain: Array) -> Stepping:

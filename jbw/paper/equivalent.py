@@ -246,8 +246,8 @@ def simulate_equivalent(
     joint, smoothing, rate, state, breadth = jax.tree.map(
         lambda x: jnp.asarray(x, float), (joint, smoothing, substeps * fs, initial, width)
     )
-    drive = _Drive(u, u_0, substeps, rate, variant == "printed")
-    return _simulate(joint, smoothing, drive, state, breadth, num_samples, adjoint)
+    drive = _Drive(u, u_0, substeps, rate, breadth, variant == "printed")
+    return _simulate(joint, smoothing, drive, state, num_samples, adjoint)
 
 
 def _length(u: Array, num_samples: int | None) -> int:
@@ -275,6 +275,7 @@ class _Drive(eqx.Module):
     u_0: InputFunction | None
     substeps: int = eqx.field(static=True)
     rate: Array  # steps in a second [1/s]
+    width: Array  # of the smoothed switching
     by_input: bool = eqx.field(static=True)
 
     def force(self, step: Array) -> Array:
@@ -301,11 +302,10 @@ def _simulate(
     smoothing: Smoothing,
     drive: _Drive,
     initial: tuple[Array, Array],
-    width: Array,
     num_samples: int,
     adjoint: diffrax.AbstractAdjoint,
 ) -> EquivalentResponse:
-    acceleration = partial(equivalent_acceleration, joint, smoothing, width=width)
+    acceleration = partial(equivalent_acceleration, joint, smoothing, width=drive.width)
 
     def field(step: Any, state: tuple[Array, Array], _: Any) -> tuple[Array, Array]:
         y, v = state
@@ -331,7 +331,7 @@ def _simulate(
     held = None if drive.u_0 is None else jax.vmap(drive.switched)(step)
     direction = jax.vmap(drive.direction)(step, v)
     a = acceleration(y, v, jax.vmap(drive.force)(step), held, direction=direction)
-    z = equivalent_force(smoothing, y, direction, held, width=width)
+    z = equivalent_force(smoothing, y, direction, held, width=drive.width)
     return EquivalentResponse(t=step / drive.rate, y=y, v=v, z=z, a=a)
 
 

@@ -15,7 +15,7 @@ from jbw.population.belonging import belonging
 from jbw.population.coordinates import Pooled, laws_of, pooled, units_of_fleet
 from jbw.population.model import FULL, ROUGH, sampler
 from jbw.population.prior import TORQUE, CovariateDesign, Prior, design_of, prior_of
-from jbw.population.record import own_over_scatter, record_of
+from jbw.population.record import Pooling, own_over_scatter, record_of
 from jbw.population.statements import OWN, statements
 from jbw.population.trend import mask_of
 from jbw.report.messages import population as messages
@@ -99,7 +99,7 @@ def population_of(
     report(messages.sampling_stage(num, int(units.weighed.sum())))
     draws = sampler(units, design, prior, FULL)(key, every)
     belongs = belonging(key, units, design, prior, draws, report)
-    record = record_of(fleet, coordinates, units, design, prior, draws, belongs)
+    record = record_of(fleet, Pooling(coordinates, units, design, prior, draws), belongs)
     record["statements"] = statements(record)
     return Population(coordinates, design, prior, draws, record)
 

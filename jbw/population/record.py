@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -21,16 +21,21 @@ GOOD_R_HAT, FEW_DIVERGENT = 1.01, 0.002
 Draws = dict[str, np.ndarray]
 
 
+class Pooling(NamedTuple):
+    """Draws of a population model, and what it was made of."""
+
+    pooled: Pooled
+    units: UnitPosteriors
+    design: CovariateDesign
+    prior: Prior
+    draws: Draws
+
+
 def record_of(
-    fleet: xr.DataTree,
-    pooled: Pooled,
-    units: UnitPosteriors,
-    design: CovariateDesign,
-    prior: Prior,
-    draws: Draws,
-    belongs: Float[np.ndarray, " unit"],
+    fleet: xr.DataTree, pooling: Pooling, belongs: Float[np.ndarray, " unit"]
 ) -> dict[str, Any]:
     """All numbers of a population; `belongs` as `belonging` has it."""
+    pooled, units, design, prior, draws = pooling
     root, names = fleet.to_dataset(), unit_names(fleet)
     torque = root["torque"].values.tolist()
     record = {
