@@ -107,6 +107,19 @@ def findings() -> str:
     return "\n\n".join(f"## {code}\n\n{page}" for code, page in explanations().items())
 
 
+def explained_words() -> str:
+    """Every word of the report and column of its tables, with its meaning."""
+    from jbw.report.messages.words import WORDS
+
+    rows = [f"| {cell(', '.join(names))} | {cell(meaning)} |" for names, meaning in WORDS.items()]
+    return "\n".join(["| word or column | meaning |", "| --- | --- |", *rows])
+
+
+def cell(text: str) -> str:
+    """A text within a cell of a table, whose strokes and stars would be marks."""
+    return re.sub(r"([|*])", r"\\\1", text)
+
+
 def commands() -> str:
     """Every command of `jbw`: its help, how it is called, and its options."""
     import click
@@ -441,6 +454,7 @@ MAKERS: dict[str, Callable[..., str]] = {
     "equations": equations,
     "figure": figure,
     "findings": findings,
+    "words": explained_words,
     "gallery": gallery,
     "notebook": notebook,
     "plan": plan_file,

@@ -9,6 +9,7 @@ from jbw.cli import run
 from jbw.cli.about import explained
 from jbw.oscillator.laws import vocabulary
 from jbw.quantities import BY_NAME
+from jbw.report.messages import tables
 from jbw.report.messages.findings import FINDINGS, explanations
 from jbw.report.messages.words import WORDS, words
 
@@ -63,21 +64,31 @@ MAKERS = {"Column", "words", "named", "digits", "shares", "by_sd", "_number", "_
 
 
 def headings():
-    """Every heading of a column that the source writes out, with where it stands."""
-    found = {}
+    """Every heading of a column in the source or in the catalogue, with where it is used."""
+    in_source = {}
     for path in sorted([*PACKAGE.glob("report/*.py"), *PACKAGE.glob("cli/*.py")]):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if getattr(getattr(node, "func", None), "id", "") in MAKERS and node.args:
-                heading = node.args[0]
-                if isinstance(heading, ast.Constant) and str(heading.value).strip():
-                    found[" ".join(str(heading.value).split())] = path.name
-    return found
+                heading = heading_of(node.args[0])
+                if heading:
+                    in_source[heading] = path.name
+    return in_source
+
+
+def heading_of(node):
+    """A heading that is written out, or a constant of the catalogue; empty where it is built."""
+    match node:
+        case ast.Constant(value=text):
+            return " ".join(str(text).split())
+        case ast.Attribute(value=ast.Name(id="notes"), attr=name):
+            return " ".join(getattr(tables, name).split())
+    return ""
 
 
 def test_there_are_headings_to_look_at():
-    found = headings()
-    assert len(found) > 60
-    assert "RMS error / rms of the record" in found
+    in_source = headings()
+    assert len(in_source) > 60
+    assert "RMS error / rms of the record" in in_source
 
 
 def test_every_column_of_a_table_is_explained():

@@ -28,9 +28,19 @@ WORDS: dict[tuple[str, ...], str] = {
         "The probability of the parameters given the data, as a set of draws. A column `draws` "
         "counts them."
     ),
-    ("prior",): (
-        "The probability of a parameter before the data: by default uniform within a range. "
-        "`[identify.prior]` states others."
+    ("prior", "prior bounds", "box"): (
+        "The probability of a parameter before the data: by default uniform between two bounds, "
+        "together a box. `[identify.prior]` states others. A parameter at a bound is truncated by "
+        "the prior: the data allow values beyond it."
+    ),
+    ("identified", "not identified", "grade"): (
+        "Whether the data narrow a parameter. Where they do not, its interval is that of the "
+        "prior, and no result of the test."
+    ),
+    ("product", "products"): (
+        "alpha*delta sets how fast the frequency falls with amplitude at small amplitude, and "
+        "alpha*gamma how fast the damping rises. Weak motion identifies the products where it "
+        "does not identify their factors."
     ),
     ("Step 2",): (
         "The linear reading of a noise test: natural frequency and damping ratio at low amplitude."
@@ -52,7 +62,18 @@ WORDS: dict[tuple[str, ...], str] = {
         "`[identify]`."
     ),
     ("fitted", "used as"): ("Whether a test was fitted or held out."),
-    ("residual",): ("The measured response less the predicted one."),
+    ("residual", "coloured residual"): (
+        "The measured response less the predicted one. It is coloured where neighbouring samples "
+        "are correlated: then it holds a discrepancy of the model, and not the noise alone."
+    ),
+    ("offset", "offsets", "run effects"): (
+        "The natural frequency and the damping ratio of a session, or an assembly, less those of "
+        "all."
+    ),
+    ("leave one out", "leave-one-out"): (
+        "A fit without one session. Where it moves the parameters far, that session contradicts "
+        "the others."
+    ),
     ("effective number of samples", "worth"): (
         "Samples of a coloured residual are correlated and count as fewer independent ones, so "
         "that intervals do not become too narrow."
@@ -243,7 +264,7 @@ WORDS: dict[tuple[str, ...], str] = {
     ("peak displacement [m]", "peak [m]", "motion", "motion [mm]", "at", "amplitude"): (
         "The largest displacement of a test, or the amplitude at which something is compared."
     ),
-    ("of fitted", "beyond fitted"): (
+    ("of fitted", "beyond fitted", "beyond", "extrapolation"): (
         "The largest displacement of a test over that of the fitted tests. Beyond 1 a prediction "
         "extrapolates."
     ),
