@@ -80,7 +80,7 @@ def marched(joint, u):
     none, state = jnp.int32(0), batch._at_rest(joints)
     parts = jnp.zeros((batch.LANES, batch.NUM_DIRECTIONS))
     lanes = batch._Lanes(joints, ones, parts)
-    steps = batch._Steps(FS, jnp.int32(1), jnp.int32(NUM - 1), none, jnp.bool_(True))
+    steps = batch._Span(FS, jnp.int32(1), jnp.int32(NUM - 1), none, jnp.bool_(True))
     return batch._marched(1, lanes, piece, steps, state, batch._none())[1].square
 
 

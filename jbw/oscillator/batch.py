@@ -91,7 +91,7 @@ class _Lanes(NamedTuple):
     parts: Float[Any, "lane direction"]  # of the directions, that are no residual
 
 
-class _Steps(NamedTuple):
+class _Span(NamedTuple):
     """The steps along a piece; numbers, so that others do not compile again."""
 
     fs: Any  # sampling rate [Hz]
@@ -143,7 +143,7 @@ def march(
     for number, piece in enumerate(record.pieces):
         done = number * INTERVALS
         size = min(INTERVALS, record.num_intervals - done)
-        steps = _Steps(
+        steps = _Span(
             float(fs), np.int32(substeps), np.int32(size * substeps),
             np.int32(record.first - done), np.bool_(number == 0),
         )  # fmt: skip
@@ -175,7 +175,7 @@ def compile_ahead(joints: Oscillator, num_powers: int, order: int) -> None:
     )
     none = np.int32(0)
     lanes = _Lanes(joints, np.zeros(LANES), np.zeros((LANES, NUM_DIRECTIONS)))
-    steps = _Steps(1.0, np.int32(1), none, none, np.bool_(False))
+    steps = _Span(1.0, np.int32(1), none, none, np.bool_(False))
     _marched(order, lanes, piece, steps, _at_rest(joints), _none())
 
 
@@ -291,7 +291,7 @@ _CACHE = _Cache()
 
 @partial(jax.jit, static_argnums=0)
 def _marched(
-    order: int, lanes: _Lanes, piece: _Piece, steps: _Steps, state: State, totals: _Totals
+    order: int, lanes: _Lanes, piece: _Piece, steps: _Span, state: State, totals: _Totals
 ) -> tuple[State, _Totals, Float[Array, "sample lane"]]:
     """A piece: so many steps on from a state, with the responses behind and the totals so far."""
     joints, gain, parts = lanes
