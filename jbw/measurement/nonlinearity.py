@@ -20,6 +20,7 @@ from jbw.measurement.repeatability import repeatability
 from jbw.measurement.spectra import frf
 from jbw.measurement.swept_harmonics import largest_share, swept_harmonics
 from jbw.quantities import Motion
+from jbw.report.messages import look as messages
 
 MOST_SAMPLES = 2**23  # of a test's channels together: more are not held in memory to be compared
 SAME_SOURCE = 0.1  # scatter of the source over its size: above it, repeats are none of each other
@@ -57,28 +58,28 @@ def seen_in(test: Stated, records: Sequence[Record]) -> list[str]:
     `records` are of one length and sampling frequency, or nothing is said.
     """
     traits = test.traits
-    shapes = {(one.num_samples, one.fs) for one in records}
-    if traits.is_curve or len(shapes) != 1 or not all(one.valid.all() for one in records):
+    shapes = {(record.num_samples, record.fs) for record in records}
+    if traits.is_curve or len(shapes) != 1 or not all(record.valid.all() for record in records):
         return []
     driven = traits.is_driven and any(role in records[0].channels for role in INPUTS)
     role = next(filter(records[0].channels.__contains__, RESPONSES), None)
     if not driven or role is None:
         return []
     fs = records[0].fs
-    u = np.stack([one.channels[one.source] for one in records])
-    y = np.stack([one.channels[role] for one in records])
-    said: list[str] = []
+    u = np.stack([record.channels[record.source] for record in records])
+    y = np.stack([record.channels[role] for record in records])
+    sentences: list[str] = []
     try:
         if traits.is_periodic and test.periods > 1:
-            said += _multisine(test, u, y, fs)
+            sentences += _multisine(test, u, y, fs)
         elif traits.is_broadband:
-            said += _noise(u, y, fs, role)
+            sentences += _noise(u, y, fs, role)
         else:
-            said += _repeats(u, y)
-            said += _sweep(u, y, fs) if traits.is_transient else []
+            sentences += _repeats(u, y)
+            sentences += _sweep(u, y, fs) if traits.is_transient else []
     except DataError as error:  # too short, say: it is for `jbw identify` to refuse
-        said.append(f"not told: {str(error).splitlines()[0]}")
-    return [f"{test.name}: {one}" for one in said]
+        sentences.append(messages.not_assessed(str(error).splitlines()[0]))
+    return [f"{test.name}: {sentence}" for sentence in sentences]
 
 
 def _same_source(u: NDArray[np.float64]) -> bool:
@@ -87,41 +88,27 @@ def _same_source(u: NDArray[np.float64]) -> bool:
     return float(np.std(u - mean)) <= SAME_SOURCE * float(np.std(mean))
 
 
-def _percent(share: float) -> str:
-    return f"{100 * share:.2f} %"
-
-
 def _repeats(u: NDArray[np.float64], y: NDArray[np.float64]) -> Iterator[str]:
     if len(y) < 2 or not _same_source(u):
         return
-    found = repeatability(y)
-    how = "as noise does"
-    if found.differ:
-        how = (
-            f"more than noise of {_percent(found.noise)} does: size, start or pace differ (p = "
-            f"{found.p:.0e}), the size by {_percent(found.size)}"
-        )
-    yield (
-        f"{len(y)} repeats scatter by {_percent(found.scatter)} of the response, {how}; their mean "
-        f"shows no effect below {_percent(found.floor)}."
-    )
+    scatter = repeatability(y)
+    how = messages.AS_NOISE
+    if scatter.differ:
+        how = messages.more_than_noise(scatter.noise, scatter.p, scatter.size)
+    yield messages.repeats(len(y), scatter.scatter, scatter.floor, how)
 
 
 def _sweep(u: NDArray[np.float64], y: NDArray[np.float64], fs: float) -> Iterator[str]:
     together = (u, y) if _same_source(u) else (u[:1], y[:1])
-    found = swept_harmonics(*together, fs)
-    shares = {order: largest_share(found, order) for order in ORDERS}
+    harmonics = swept_harmonics(*together, fs)
+    shares = {order: largest_share(harmonics, order) for order in ORDERS}
     shown = [
-        f"the {ORDERS[order]} {_percent(share)} at {hz:.4g} Hz"
+        messages.harmonic(ORDERS[order], share, hz)
         for order, (share, error, hz) in shares.items()
         if np.isfinite(share) and share > ABOVE_NOISE * error
     ]
     noise = max((error for _, error, _ in shares.values()), default=0.0)
-    if shown:
-        told = ", ".join(shown)
-        yield f"harmonics over the largest response: {told}; residual of the fit {_percent(noise)}."
-    else:
-        yield f"no harmonic exceeds the residual of the fit, {_percent(noise)} of the response."
+    yield messages.harmonics(shown, noise)
 
 
 def _multisine(
@@ -133,42 +120,29 @@ def _multisine(
     if rest or skipped >= test.periods:
         return
     steady = (x[:, skipped * size :].reshape(len(x), -1, size) for x in (u, y))
-    (u, y), again = steady, _same_source(u)
-    if again:  # repeats of one realisation are further periods of it
+    (u, y), is_repeated = steady, _same_source(u)
+    if is_repeated:  # repeats of one realisation are further periods of it
         u, y = (x.reshape(1, -1, size) for x in (u, y))
-    found = best_linear_approximation(u, y, fs)
-    gain = np.sqrt(np.mean(np.abs(found.h) ** 2))
+    best = best_linear_approximation(u, y, fs)
+    gain = np.sqrt(np.mean(np.abs(best.h) ** 2))
     noise, distortion = (
-        np.sqrt(np.mean(one**2)) / gain for one in (found.noise_std, found.distortion_std)
+        np.sqrt(np.mean(std**2)) / gain for std in (best.noise_std, best.distortion_std)
     )
-    if np.isfinite(noise) and found.num_realisations > 1:
-        yield (
-            f"of the best linear approximation noise makes {_percent(noise)}; nonlinear distortion "
-            f"is {_percent(distortion)} of it in one of {found.num_realisations} realisations."
-        )
+    if np.isfinite(noise) and best.num_realisations > 1:
+        yield messages.distortion(noise, distortion, best.num_realisations)
     elif np.isfinite(noise):
-        yield (
-            f"noise makes {_percent(noise)} of the response's mean over {found.num_periods} "
-            "periods."
-        )
+        yield messages.noise_of_periods(noise, best.num_periods)
     idle = detection_lines(u[0], y[0])
     shares = {"even": (idle.even, idle.num_even), "odd": (idle.odd, idle.num_odd)}
-    told = [f"{name} lines {_percent(share)}" for name, (share, count) in shares.items() if count]
-    if told:
-        yield (
-            f"lines without excitation, over those with it: {', '.join(told)}; noise "
-            f"{_percent(idle.noise)}."
-        )
+    present = [(name, share) for name, (share, count) in shares.items() if count]
+    if present:
+        yield messages.idle_lines(present, idle.noise)
 
 
 def _noise(
     u: NDArray[np.float64], y: NDArray[np.float64], fs: float, role: Motion
 ) -> Iterator[str]:
-    hz, coherence = coherence_at_resonance(u, y, fs, role)
-    yield (
-        f"coherence at the resonance ({hz:.4g} Hz) is {coherence:.3f}; what it lacks of 1 is "
-        "noise, a window too short, or distortion."
-    )
+    yield messages.coherence_of_noise(*coherence_at_resonance(u, y, fs, role))
 
 
 def coherence_at_resonance(
@@ -181,7 +155,7 @@ def coherence_at_resonance(
     """
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of the window, which is Step 2's to choose
-        found = frf(u, y, fs, response=role)
-    power = np.abs(found.h) ** 2 * found.input_spectrum
+        estimate = frf(u, y, fs, response=role)
+    power = np.abs(estimate.h) ** 2 * estimate.input_spectrum
     near = power > power.max() / 4
-    return float(found.freq[np.argmax(power)]), float(np.mean(found.coherence[near]))
+    return float(estimate.freq[np.argmax(power)]), float(np.mean(estimate.coherence[near]))

@@ -187,6 +187,13 @@ OF_TOPICS = {
         look.between_ends([1e-4, 2e-4, 4e-4], 0.0013, 0.13, (0.01, 0.0101), ""),
         look.onset(4e-3, "strong", 3.0),
         look.session_scatter(3, [("frequency", 0.00053, 0.0053), ("damping", 0.02, 0.05)]),
+        look.not_assessed("A segment must have at least 8 samples."),
+        look.repeats(3, 0.0023, 0.0013, look.AS_NOISE),
+        look.repeats(3, 0.0423, 0.0243, look.more_than_noise(0.0023, 1e-9, 0.041)),
+        look.harmonics([], 0.111), look.harmonics([look.harmonic("third", 0.012, 18.8)], 0.004),
+        look.distortion(0.002, 0.013, 4), look.noise_of_periods(0.002, 8),
+        look.idle_lines([("even", 0.001), ("odd", 0.02)], 0.002),
+        look.coherence_of_noise(18.81, 0.963),
     ],
     "opening": [
         opening.effect(0.4, 4.0, "mm", opening.change(

@@ -101,3 +101,77 @@ def session_scatter(count: int, rows: Sequence[tuple[str, float, float]]) -> str
     """Scatter of records within sessions, and of sessions or assemblies, at one level."""
     parts = (f"{name} {percent(a)} within, {percent(b)} between" for name, a, b in rows)
     return f"Scatter in {count} sessions or assemblies at one level: {'; '.join(parts)}."
+
+
+# Of one test, behind its name.
+def not_assessed(reason: str) -> str:
+    """Why nothing can be said of a test's repeats, harmonics or noise."""
+    return f"not assessed: {reason}"
+
+
+def repeats(count: int, scatter: float, floor: float, how: str) -> str:
+    """How far repeats scatter, as shares of the response, and `how`."""
+    return (
+        f"{count} repeats scatter by {of_response(scatter)} of the response, {how}; their mean "
+        f"shows no effect below {of_response(floor)}."
+    )
+
+
+AS_NOISE = "as noise does"
+
+
+def more_than_noise(noise: float, p: float, size: float) -> str:
+    """That repeats differ by more than noise does, with the probability of noise doing so."""
+    return (
+        f"more than noise of {of_response(noise)} does: size, start or pace differ (p = {p:.0e}), "
+        f"the size by {of_response(size)}"
+    )
+
+
+def harmonic(order: str, share: float, hz: float) -> str:
+    """The largest harmonic of an order along a sweep."""
+    return f"the {order} {of_response(share)} at {hz:.4g} Hz"
+
+
+def harmonics(listed: Sequence[str], residual: float) -> str:
+    """Harmonics along a sweep over the largest response, and what the fit leaves."""
+    if not listed:
+        return (
+            f"no harmonic exceeds the residual of the fit, {of_response(residual)} of the response."
+        )
+    return (
+        f"harmonics over the largest response: {', '.join(listed)}; residual of the fit "
+        f"{of_response(residual)}."
+    )
+
+
+def distortion(noise: float, nonlinear_share: float, num_realisations: int) -> str:
+    """Noise and nonlinear distortion of the best linear approximation, by realisations."""
+    return (
+        f"noise is {of_response(noise)} of the best linear approximation; nonlinear distortion is "
+        f"{of_response(nonlinear_share)} of it in one of {num_realisations} realisations."
+    )
+
+
+def noise_of_periods(noise: float, num_periods: int) -> str:
+    """Noise by the scatter of periods."""
+    return f"noise is {of_response(noise)} of the response's mean over {num_periods} periods."
+
+
+def idle_lines(shares: Sequence[tuple[str, float]], noise: float) -> str:
+    """The response at even and odd lines without excitation, over that at excited lines."""
+    listed = ", ".join(f"{name} lines {of_response(share)}" for name, share in shares)
+    return f"lines without excitation, over those with it: {listed}; noise {of_response(noise)}."
+
+
+def coherence_of_noise(hz: float, coherence_mean: float) -> str:
+    """Coherence of random noise about its strongest response."""
+    return (
+        f"coherence at the resonance ({hz:.4g} Hz) is {coherence_mean:.3f}; what it lacks of 1 is "
+        "noise, a window too short, or distortion."
+    )
+
+
+def of_response(share: float) -> str:
+    """A share in per cent, of two digits behind the point."""
+    return f"{100 * share:.2f} %"
