@@ -38,10 +38,10 @@ def beliefs_at(theta, gain, names):
 def chirp(t, test):
     """A linear sweep that falls by half a cosine over its last part, then silence."""
     rate = (test.stop_hz - test.start_hz) / test.burst
-    left = test.burst - t
-    fade = np.where(left < test.fade, 0.5 - 0.5 * np.cos(np.pi * left / test.fade), 1.0)
+    remaining = test.burst - t
+    fade = np.where(remaining < test.fade, 0.5 - 0.5 * np.cos(np.pi * remaining / test.fade), 1.0)
     wave = np.sin(2 * np.pi * (test.start_hz * t + 0.5 * rate * t**2))
-    return test.level * np.where(left > 0, fade * wave, 0.0)
+    return test.level * np.where(remaining > 0, fade * wave, 0.0)
 
 
 def linear_velocity(omega_n, zeta, gain, test, finer=8):
@@ -52,7 +52,7 @@ def linear_velocity(omega_n, zeta, gain, test, finer=8):
 
 @pytest.mark.slow
 def test_bound_of_a_linear_oscillator_in_a_sweep():
-    found = prospects([SWEEP], beliefs_at(LINEAR, 15.0, ("omega_n", "zeta")), VELOCITY)[0]
+    prospect = prospects([SWEEP], beliefs_at(LINEAR, 15.0, ("omega_n", "zeta")), VELOCITY)[0]
     columns = []
     for name in ("omega_n", "zeta"):
         ends = []
@@ -62,26 +62,26 @@ def test_bound_of_a_linear_oscillator_in_a_sweep():
         columns.append((ends[0] - ends[1]) / 2e-4)
     slope = np.stack(columns, axis=1) / VELOCITY.std
     # lsim draws lines between samples an eighth apart: 1e-4 of the response; differences 1e-6.
-    np.testing.assert_allclose(found.information[0], slope.T @ slope, rtol=1e-3)
+    np.testing.assert_allclose(prospect.information[0], slope.T @ slope, rtol=1e-3)
     y = np.cumsum(linear_velocity(60.0, 0.01, 15.0, SWEEP)) / SWEEP.fs
-    assert found.y_peak[0] == pytest.approx(np.abs(y).max(), rel=0.01)  # a sum for an integral
+    assert prospect.y_peak[0] == pytest.approx(np.abs(y).max(), rel=0.01)  # a sum for an integral
 
 
 @pytest.mark.slow
 def test_what_fills_up_a_record_tells_nothing():
     longer = PlannedSweep(level=0.05, start_hz=5.0, stop_hz=15.0, rate=1.5, rest=2.0, fs=512.0)
     beliefs = beliefs_at(LINEAR, 15.0, ("omega_n", "zeta"))
-    alone = prospects([SWEEP], beliefs, VELOCITY)[0]
+    sweep_alone = prospects([SWEEP], beliefs, VELOCITY)[0]
     filled = prospects([SWEEP, longer], beliefs, VELOCITY)[0]
     # The transform behind the band-limited hold sees another length: 1e-5 of the input at its end.
-    np.testing.assert_allclose(filled.information, alone.information, rtol=1e-4)
+    np.testing.assert_allclose(filled.information, sweep_alone.information, rtol=1e-4)
 
 
 def test_bound_of_a_linear_oscillator_in_a_stepped_sine():
     r"""F = sum N/(2 sigma^2) 2 Re(conj dV dV'): amplitudes of a tone in white noise."""
     hz = (9.0, 9.4, 9.6, 10.0)
     test = PlannedSteppedSine(level=0.02, frequencies_hz=hz, dwell=4.0, settle=2.0, fs=512.0)
-    found = prospects([test], beliefs_at(LINEAR, 15.0, ("omega_n", "zeta")), VELOCITY)[0]
+    prospect = prospects([test], beliefs_at(LINEAR, 15.0, ("omega_n", "zeta")), VELOCITY)[0]
     w, (n, z) = 2 * np.pi * np.array(hz), (60.0, 0.01)
     y = 15.0 * 0.02 / (n**2 - w**2 + 2j * z * n * w)
     by_n = -(y**2) / 0.3 * (2 * n + 2j * z * w) * n
@@ -89,8 +89,8 @@ def test_bound_of_a_linear_oscillator_in_a_stepped_sine():
     slope = 1j * w * np.stack([by_n, by_z])
     expected = 1024 / (2 * VELOCITY.std**2) * (slope.conj() @ slope.T).real
     # No approximation on either side: the joint sticks, delta y = 1e-11.
-    np.testing.assert_allclose(found.information[0], expected, rtol=1e-6)
-    assert found.y_peak[0] == pytest.approx(np.abs(y).max(), rel=1e-3)  # 256 phases a period
+    np.testing.assert_allclose(prospect.information[0], expected, rtol=1e-6)
+    assert prospect.y_peak[0] == pytest.approx(np.abs(y).max(), rel=1e-3)  # 256 phases a period
 
 
 def bouc_wen(theta, u):
@@ -124,37 +124,39 @@ def test_peak_displacement_of_tones():
         level=0.6, frequencies_hz=(4.5, 5.0, 5.5, 6.0), dwell=4.0, settle=2.0, fs=512.0
     )
     theta = {**JOINT, "zeta": 0.02}  # settles sooner, for scipy
-    found = prospects([test], beliefs_at(theta, 15.0, ("omega_n", "zeta")), VELOCITY)[0]
+    prospect = prospects([test], beliefs_at(theta, 15.0, ("omega_n", "zeta")), VELOCITY)[0]
     slope = bouc_wen(theta, lambda t: 9.0 * np.cos(2 * np.pi * 6.0 * t))
     t = np.linspace(5.0, 6.0, 2000)
     solved = solve_ivp(slope, (0.0, 6.0), np.zeros(3), t_eval=t, rtol=1e-8, atol=1e-11)
     # exp(-zeta omega_n 5 s) = 7e-6 is left of the transient; four harmonics are good to 3e-6.
-    assert found.y_peak[0] == pytest.approx(np.abs(solved.y[0]).max(), rel=1e-3)
+    assert prospect.y_peak[0] == pytest.approx(np.abs(solved.y[0]).max(), rel=1e-3)
 
 
 def test_the_law_of_repeats():
     information = np.array([[[40.0, 10.0], [10.0, 90.0]]])
-    found = modes(1e-12 * np.eye(2), information)
+    eigenmodes = modes(1e-12 * np.eye(2), information)
     once = np.sqrt(np.diag(np.linalg.inv(information[0])))
     for repeats in (1, 4, 25):
         # The prior of 1e-12 is a part in 1e11 of what is told.
-        np.testing.assert_allclose(spread(found, repeats)[0], once / np.sqrt(repeats), rtol=1e-9)
+        np.testing.assert_allclose(
+            spread(eigenmodes, repeats)[0], once / np.sqrt(repeats), rtol=1e-9
+        )
 
 
 def test_repeats_needed_in_closed_form():
-    prior, told, cv = 100.0, 7.0, 0.01
-    found = modes(np.array([[prior]]), np.array([[[told]]]))
-    expected = int(np.ceil((1 / cv**2 - prior) / told))
-    assert repeats_needed(found, [0], cv, 10_000) == expected
-    assert repeats_needed(found, [0], cv, expected - 1) is None
+    prior, information, cv = 100.0, 7.0, 0.01
+    eigenmodes = modes(np.array([[prior]]), np.array([[[information]]]))
+    expected = int(np.ceil((1 / cv**2 - prior) / information))
+    assert repeats_needed(eigenmodes, [0], cv, 10_000) == expected
+    assert repeats_needed(eigenmodes, [0], cv, expected - 1) is None
 
 
 def test_a_direction_that_nothing_tells_of_is_never_known():
     v = np.array([1.0, 1.0]) / np.sqrt(2)  # log of a product
-    found = modes(np.eye(2), 1e9 * np.outer(v, v)[None])
-    assert repeats_needed(found, [0], 0.05, 10**6) is None
+    eigenmodes = modes(np.eye(2), 1e9 * np.outer(v, v)[None])
+    assert repeats_needed(eigenmodes, [0], 0.05, 10**6) is None
     # What is left is the prior across the product, half of it along each parameter.
-    assert spread(found, 1e6)[0, 0] == pytest.approx(np.sqrt(0.5))
+    assert spread(eigenmodes, 1e6)[0, 0] == pytest.approx(np.sqrt(0.5))
 
 
 def test_gain_is_the_mutual_information_of_a_linear_gaussian_problem():
@@ -166,15 +168,17 @@ def test_gain_is_the_mutual_information_of_a_linear_gaussian_problem():
     both = np.block([[prior, prior @ slope.T], [slope @ prior, data]])
     entropies = [0.5 * np.linalg.slogdet(m)[1] for m in (prior, data, both)]
     expected = entropies[0] + entropies[1] - entropies[2]
-    told = slope.T @ slope
-    assert information_gain(np.linalg.inv(prior), told) == pytest.approx(expected, rel=1e-10)
+    information = slope.T @ slope
+    assert information_gain(np.linalg.inv(prior), information) == pytest.approx(expected, rel=1e-10)
     # About some parameters alone: the same with the others left out of the joint covariance.
     some = [0, 2]
     chosen = some + list(range(3, 10))
     part = prior[np.ix_(some, some)], data, both[np.ix_(chosen, chosen)]
     entropies = [0.5 * np.linalg.slogdet(m)[1] for m in part]
     expected = entropies[0] + entropies[1] - entropies[2]
-    assert information_gain(np.linalg.inv(prior), told, some) == pytest.approx(expected, rel=1e-10)
+    assert information_gain(np.linalg.inv(prior), information, some) == pytest.approx(
+        expected, rel=1e-10
+    )
 
 
 def test_covariance_of_parameters_known_very_differently():
@@ -200,8 +204,8 @@ def test_predicted_spread_is_that_of_fits_to_noisy_records():
     test = PlannedSweep(level=0.06, start_hz=12.0, stop_hz=26.0, rate=2.8, rest=3.0, fs=512.0)
     theta, noise = JOINT, ResponseNoise(5e-4, "velocity")
     names = tuple(theta)
-    found = prospects([test], beliefs_at(theta, 15.0, names), noise)[0]
-    predicted = np.sqrt(np.diag(np.linalg.inv(found.information[0])))
+    prospect = prospects([test], beliefs_at(theta, 15.0, names), noise)[0]
+    predicted = np.sqrt(np.diag(np.linalg.inv(prospect.information[0])))
     source = band_limited(chirp(np.arange(test.num_samples) / test.fs, test))
 
     @jax.jit

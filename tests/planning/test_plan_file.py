@@ -16,22 +16,22 @@ LEAST = "[plan]\nnatural_hz = 20.0\ndelta = [100.0, 300.0]\nnoise = 1e-5\n"
 
 
 def test_the_least_file_has_sensible_defaults():
-    found = parse(LEAST)
-    assert found.ranges["omega_n"] == pytest.approx((40 * np.pi, 40 * np.pi))
-    assert found.ranges["zeta"] == (0.002, 0.01)
-    assert found.ranges["share"] == (0.01, 0.1)
-    assert found.ranges["gamma"] == pytest.approx((5.0, 90.0))  # 0.05 to 0.3 of delta
-    assert (found.gain, found.input_unit) == (None, None)
-    assert (found.noise.std, found.noise.response) == (1e-5, "velocity")
-    assert found.grids == {}
+    description = parse(LEAST)
+    assert description.ranges["omega_n"] == pytest.approx((40 * np.pi, 40 * np.pi))
+    assert description.ranges["zeta"] == (0.002, 0.01)
+    assert description.ranges["share"] == (0.01, 0.1)
+    assert description.ranges["gamma"] == pytest.approx((5.0, 90.0))  # 0.05 to 0.3 of delta
+    assert (description.gain, description.input_unit) == (None, None)
+    assert (description.noise.std, description.noise.response) == (1e-5, "velocity")
+    assert description.grids == {}
 
 
 def test_the_example_is_a_plan_file_and_shows_every_table():
-    found = parse(EXAMPLE)
-    assert (found.gain, found.input_unit) == (15.0, "V")
-    assert found.noise.std == pytest.approx(50e-6)
-    assert set(found.grids) == {"sweep", "tones", "stepped"}
-    assert set(TABLES) - {"plan", "joint"} == {*found.grids, "backbone"}
+    description = parse(EXAMPLE)
+    assert (description.gain, description.input_unit) == (15.0, "V")
+    assert description.noise.std == pytest.approx(50e-6)
+    assert set(description.grids) == {"sweep", "tones", "stepped"}
+    assert set(TABLES) - {"plan", "joint"} == {*description.grids, "backbone"}
     assert "# [backbone]" in EXAMPLE  # no candidate unless it is asked for
     for name in ("fs", "max_repeats", "joints", "seed", "levels", "rates", "dwell"):
         assert f"# {name} = " in EXAMPLE
@@ -39,11 +39,11 @@ def test_the_example_is_a_plan_file_and_shows_every_table():
 
 
 def test_a_modal_mass_makes_newtons_and_its_range_is_inferred():
-    found = parse(LEAST + "modal_mass = [2.0, 4.0]\nnoise_unit = 'mm'\n")
-    assert found.input_unit == "N"
-    assert found.gain is None
-    assert found.ranges["gain"] == (0.25, 0.5)
-    assert (found.noise.std, found.noise.response) == (1e-8, "displacement")
+    description = parse(LEAST + "modal_mass = [2.0, 4.0]\nnoise_unit = 'mm'\n")
+    assert description.input_unit == "N"
+    assert description.gain is None
+    assert description.ranges["gain"] == (0.25, 0.5)
+    assert (description.noise.std, description.noise.response) == (1e-8, "displacement")
     assert parse(LEAST + "modal_mass = 2.0\n").gain == 0.5
 
 
@@ -94,8 +94,8 @@ def test_beside_a_run_the_joint_is_not_told_again():
         parse(text, of_run=True)
     assert told_by_run("zeta") in str(caught.value)
     assert "gain: must be a single value beside a run, but is [1.0, 2.0]" in str(caught.value)
-    found = parse("[plan]\nmax_input = 3.0\n", of_run=True)
-    assert (found.ranges, dict(found.settings)) == ({}, {"max_input": 3.0})
+    description = parse("[plan]\nmax_input = 3.0\n", of_run=True)
+    assert (description.ranges, dict(description.settings)) == ({}, {"max_input": 3.0})
 
 
 def test_a_file_that_is_not_there_or_not_text(tmp_path):
@@ -121,12 +121,12 @@ slip_1 = [1e-4, 3e-4]
 
 
 def test_another_law_brings_its_own_keys_and_wishes():
-    found = parse(JENKINS + "slip_ratio_2 = 5.0\nwanted = 'slip_ratio_2'\n")
-    assert found.laws == ("jenkins_2",)
-    assert list(found.ranges) == [
+    description = parse(JENKINS + "slip_ratio_2 = 5.0\nwanted = 'slip_ratio_2'\n")
+    assert description.laws == ("jenkins_2",)
+    assert list(description.ranges) == [
         "omega_n", "zeta", "stiffness_1", "slip_1", "stiffness_2", "slip_ratio_2",
     ]  # fmt: skip
-    assert found.settings.wanted == ("slip_ratio_2",)
+    assert description.settings.wanted == ("slip_ratio_2",)
     with pytest.raises(ConfigError) as caught:
         parse(JENKINS + "delta = 3.0\nwanted = 'alpha'\n")
     for part in ("slip_ratio_2: missing; ", "delta: unknown key", "'alpha' is unknown"):

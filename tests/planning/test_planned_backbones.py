@@ -30,11 +30,11 @@ def test_weak_points_tell_what_a_linear_oscillator_has_in_closed_form():
     )
     names = ("omega_n", "zeta")
     scale = jnp.asarray([theta[name] for name in names])
-    found = fisher(theta, names, scale, Dataset.of([data]), jnp.ones(4))
+    information = fisher(theta, names, scale, Dataset.of([data]), jnp.ones(4))
     part = NOISE * np.sqrt(2 / SIZE) / (joint.omega_n * amplitudes)
     square = np.sum(part**-2.0)
     expected = [[square * (joint.zeta**-2.0 + 4), 2 * square], [2 * square, square]]
-    np.testing.assert_allclose(found, expected, rtol=2e-3)
+    np.testing.assert_allclose(information, expected, rtol=2e-3)
 
 
 def test_a_backbone_lasts_as_long_as_its_points():

@@ -70,33 +70,33 @@ def plain_prospect(information, seconds, level=1.0, y_peak=1e-3, num_joints=3):
 
 
 def test_draws_lie_in_their_ranges_and_the_prior_is_theirs():
-    found = before(RANGES, held={"gain": 3.0}, num_joints=4000, seed=1)
+    beliefs = before(RANGES, held={"gain": 3.0}, num_joints=4000, seed=1)
     for name, (low, high) in RANGES.items():
-        assert low <= found.joints[name].min() < found.joints[name].max() <= high
-    logs = np.log(np.stack([found.joints[name] for name in found.names]))
+        assert low <= beliefs.joints[name].min() < beliefs.joints[name].max() <= high
+    logs = np.log(np.stack([beliefs.joints[name] for name in beliefs.names]))
     # A Latin hypercube of 4000 points has the moments of a uniform law to a part in a thousand.
     np.testing.assert_allclose(
-        np.sqrt(np.diag(np.linalg.inv(found.precision))), logs.std(axis=1), rtol=1e-3
+        np.sqrt(np.diag(np.linalg.inv(beliefs.precision))), logs.std(axis=1), rtol=1e-3
     )
-    assert set(found.joints["gain"]) == {3.0}
+    assert set(beliefs.joints["gain"]) == {3.0}
 
 
 def test_a_share_ties_alpha_to_the_frequency():
     ranges = {**RANGES, "share": (0.02, 0.08)}
     del ranges["alpha"]
-    found = before(ranges, held={"gain": 1.0}, num_joints=4000, seed=1)
-    assert found.names == ("omega_n", "zeta", "alpha", "delta", "gamma")
-    logs = np.log(np.stack([found.joints[name] for name in found.names]))
+    beliefs = before(ranges, held={"gain": 1.0}, num_joints=4000, seed=1)
+    assert beliefs.names == ("omega_n", "zeta", "alpha", "delta", "gamma")
+    logs = np.log(np.stack([beliefs.joints[name] for name in beliefs.names]))
     expected = np.cov(logs)
     # Correlations of 4000 points are known to 1/sqrt(4000), four of which are admitted.
     size = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
-    assert np.abs((np.linalg.inv(found.precision) - expected) / size).max() < 0.064
+    assert np.abs((np.linalg.inv(beliefs.precision) - expected) / size).max() < 0.064
 
 
 def test_a_single_value_is_a_guess_known_to_a_factor():
-    found = before({**RANGES, "delta": (340.0, 340.0)}, held={"gain": 1.0}, num_joints=3, seed=0)
-    assert set(found.joints["delta"]) == {340.0}
-    assert np.linalg.inv(found.precision)[3, 3] == pytest.approx(np.log(4.0) ** 2 / 12)
+    beliefs = before({**RANGES, "delta": (340.0, 340.0)}, held={"gain": 1.0}, num_joints=3, seed=0)
+    assert set(beliefs.joints["delta"]) == {340.0}
+    assert np.linalg.inv(beliefs.precision)[3, 3] == pytest.approx(np.log(4.0) ** 2 / 12)
 
 
 def test_ranges_through_zero_are_refused():
@@ -127,11 +127,11 @@ def posterior_tree(**drop):
 
 def test_a_posterior_is_taken_as_what_is_known():
     tree, covariance = posterior_tree()
-    found = after(tree, held={"gain": 15.0}, num_joints=7)
-    assert found.num_joints == 7
+    beliefs = after(tree, held={"gain": 15.0}, num_joints=7)
+    assert beliefs.num_joints == 7
     # Sample covariance of 1200 draws: 3/sqrt(600) of the variances.
     size = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
-    assert np.abs(np.linalg.inv(found.precision) - covariance).max() < 0.13 * size.max()
+    assert np.abs(np.linalg.inv(beliefs.precision) - covariance).max() < 0.13 * size.max()
     with pytest.raises(DataError, match=r"lacks delta"):
         after(posterior_tree(delta=1)[0], held={}, num_joints=2)
     with pytest.raises(DataError, match=r"zeta.*0"):
@@ -141,13 +141,13 @@ def test_a_posterior_is_taken_as_what_is_known():
 def test_a_row_counts_repeats_time_and_limits():
     beliefs = plain_beliefs(np.diag([1.0, 1.0]))
     wish = Wish(wanted=("alpha",), cv=0.1, max_displacement=2e-3, max_input=1.5)
-    found = row(plain_prospect(np.diag([10.0, 50.0]), 5.0), beliefs, wish)
+    candidate = row(plain_prospect(np.diag([10.0, 50.0]), 5.0), beliefs, wish)
     # 1 + 10 R >= 1 / 0.1^2
-    assert (found.repeats, found.status) == (10, "ok")
-    assert found.seconds == pytest.approx(50.0)
-    assert found.cv["alpha"].worst_decile == pytest.approx(1 / np.sqrt(101))
-    assert list(found.cv) == ["alpha"]
-    assert found.information_gain == pytest.approx(0.5 * np.log(11 * 51))
+    assert (candidate.repeats, candidate.status) == (10, "ok")
+    assert candidate.seconds == pytest.approx(50.0)
+    assert candidate.cv["alpha"].worst_decile == pytest.approx(1 / np.sqrt(101))
+    assert list(candidate.cv) == ["alpha"]
+    assert candidate.information_gain == pytest.approx(0.5 * np.log(11 * 51))
     far = row(plain_prospect(np.diag([10.0, 50.0]), 5.0, level=2.0, y_peak=3e-3), beliefs, wish)
     assert far.status == "not feasible"
     assert "0.003 m exceeds 0.002 m" in far.notes[0]
@@ -157,29 +157,29 @@ def test_a_row_counts_repeats_time_and_limits():
     assert "3 of 3 joints" in lost.notes[0]
     few = row(plain_prospect(np.diag([0.01, 50.0]), 1.0), beliefs, wish)
     assert (few.status, few.repeats, few.seconds) == ("too few", None, None)
-    assert ordered([far, lost, few, found]) == (found, few, lost, far)
+    assert ordered([far, lost, few, candidate]) == (candidate, few, lost, far)
 
 
 def test_tests_are_combined_where_none_does_it_alone():
     """Each test tells of one parameter; the strong one of both is dear, the weak one needless."""
     beliefs = plain_beliefs(np.diag([1.0, 1.0]))
     wish = Wish(wanted=("alpha", "delta"), cv=0.1)
-    one, other = (
+    first, second = (
         plain_prospect(np.diag([50.0, 0.0]), 5.0),
         plain_prospect(np.diag([0.0, 40.0]), 4.0),
     )
     dear = plain_prospect(np.diag([60.0, 60.0]), 500.0)
-    found = combine([one, other, dear], beliefs, wish)
-    assert found.met
+    combination = combine([first, second, dear], beliefs, wish)
+    assert combination.met
     # 1 + 50 R >= 100 and 1 + 40 R >= 100
-    assert [one.repeats for one in found.tests] == [2, 3]
-    assert found.seconds == pytest.approx(2 * 5.0 + 3 * 4.0)
-    alone = combine([one], beliefs, wish)
-    assert not alone.met
-    assert alone.notes == (undetermined(["delta"]),)
-    known = combine([one], plain_beliefs(np.diag([200.0, 200.0])), wish)
-    assert known.met
-    assert known.tests == ()
+    assert [chosen.repeats for chosen in combination.tests] == [2, 3]
+    assert combination.seconds == pytest.approx(2 * 5.0 + 3 * 4.0)
+    of_first = combine([first], beliefs, wish)
+    assert not of_first.met
+    assert of_first.notes == (undetermined(["delta"]),)
+    with_prior = combine([first], plain_beliefs(np.diag([200.0, 200.0])), wish)
+    assert with_prior.met
+    assert with_prior.tests == ()
 
 
 @pytest.fixture(scope="module")
@@ -201,40 +201,42 @@ def test_tones_far_below_resonance_know_products_only(tones):
 def test_a_level_beyond_the_input_is_not_feasible(tones):
     assert tones.rows[1].level == 1.0
     assert tones.rows[1].status == "not feasible"
-    assert all(one.level == 0.2 for one in tones.combination.tests)
+    assert all(chosen.level == 0.2 for chosen in tones.combination.tests)
 
 
 def test_a_plan_after_a_run_reads_its_rig():
     tree, covariance = posterior_tree()
     shape = TONES[TONES.index("[tones]") :]
-    said = []
+    sentences = []
     text = f"[plan]\ngain = 15.0\ncv = 0.001\nwanted = ['delta']\njoints = 2\n{shape}"
-    found = plan_tests(parse(text, of_run=True), tree, report=said.append)
-    assert found.wish.input_unit == "V"
-    assert found.num_joints == 2
-    assert len(said) == 4  # what is timed, what it costs, and two candidates
+    plan = plan_tests(parse(text, of_run=True), tree, report=sentences.append)
+    assert plan.wish.input_unit == "V"
+    assert plan.num_joints == 2
+    assert len(sentences) == 4  # what is timed, what it costs, and two candidates
     # Known before as the posterior has it: 1200 draws tell a spread to 2 %.
     expected = np.sqrt(covariance[3, 3])
-    assert found.before["delta"].median == pytest.approx(expected, rel=0.07)
-    assert all(one.cv["delta"].median < found.before["delta"].median for one in found.rows)
-    assert "draws of the run's posterior" in found.notes[0]
+    assert plan.before["delta"].median == pytest.approx(expected, rel=0.07)
+    assert all(
+        candidate.cv["delta"].median < plan.before["delta"].median for candidate in plan.rows
+    )
+    assert "draws of the run's posterior" in plan.notes[0]
 
 
 def test_what_a_run_tells_of_its_rig():
     tree = posterior_tree()[0]
-    found = rig_of(tree)
-    assert (found.noise.std, found.noise.response) == (pytest.approx(4e-5), "velocity")
-    assert (found.fs, found.input_unit, found.y_peak) == (512.0, "V", 2e-3)
-    assert found.held == {}
+    rig = rig_of(tree)
+    assert (rig.noise.std, rig.noise.response) == (pytest.approx(4e-5), "velocity")
+    assert (rig.fs, rig.input_unit, rig.y_peak) == (512.0, "V", 2e-3)
+    assert rig.held == {}
     tree.attrs["held"] = '{"gain": 15.0}'
     tree.attrs["tests"] = '{"one": {"kind": "frf", "source": "N", "response": "velocity"}}'
     del tree["verification"], tree.attrs["y_peak"]
-    found = rig_of(tree)
-    assert (found.fs, found.input_unit, found.y_peak) == (None, "N", None)
-    assert found.held == {"gain": 15.0}
+    rig = rig_of(tree)
+    assert (rig.fs, rig.input_unit, rig.y_peak) == (None, "N", None)
+    assert rig.held == {"gain": 15.0}
     # In a filtered decay the noise is none of a sample.
-    known = tree["posterior"].to_dataset().rename(level="record")
-    tree["posterior"] = xr.DataTree(known)
+    posterior = tree["posterior"].to_dataset().rename(level="record")
+    tree["posterior"] = xr.DataTree(posterior)
     assert rig_of(tree).noise is None
 
 
@@ -245,8 +247,8 @@ def test_a_run_that_lacks_what_a_plan_needs():
     with pytest.raises(ConfigError, match=r"`noise` must be given") as caught:
         plan_tests(None, quiet)
     assert "--limits" in str(caught.value)
-    known = tree["posterior"].to_dataset()
-    tree["posterior"] = xr.DataTree(known.assign(gain=15.0 + 0.0 * known["zeta"]))
+    posterior = tree["posterior"].to_dataset()
+    tree["posterior"] = xr.DataTree(posterior.assign(gain=15.0 + 0.0 * posterior["zeta"]))
     with pytest.raises(ConfigError, match=r"which inferred the gain, but one gives 0.5"):
         plan_tests(parse("[plan]\nmodal_mass = 2.0\n", of_run=True), tree)
 
@@ -268,11 +270,13 @@ def test_default_levels_aim_below_the_limits():
     beliefs = before({**RANGES, "alpha": (450.0, 550.0)}, held={"gain": 15.0}, num_joints=3, seed=0)
     reach = Reach(fs=256.0, max_displacement=4e-3, max_input=0.1)
     grid = SweepTable(span=(14.0, 24.0), rates=(4.0,), rest=1.0)
-    found = propose({"sweep": grid}, beliefs, reach)
-    levels = [one.level for one in found]
+    proposals = propose({"sweep": grid}, beliefs, reach)
+    levels = [proposal.level for proposal in proposals]
     assert levels == sorted(levels)
     assert levels[-1] == 0.1  # the largest input, where 0.9 of the largest displacement needs more
-    peaks = [peak_displacements(one, beliefs).max() for one in (found[0], found[-1])]
+    peaks = [
+        peak_displacements(proposal, beliefs).max() for proposal in (proposals[0], proposals[-1])
+    ]
     # 0.2 of the limit at the joint that responds most: three tries come within a few per cent.
     assert peaks[0] == pytest.approx(0.8e-3, rel=0.05)
     assert peaks[1] < 4e-3
@@ -285,13 +289,13 @@ def test_a_turned_channel_moves_a_joint_as_far():
         "stepped": SteppedTable(dwell=9.0, settle=5.0, frequencies=(18.0, 19.0)),
     }
     reach = Reach(fs=1024.0, max_displacement=1e-3)
-    found = {
+    peaks = {
         gain: before(RANGES, held={"gain": gain}, num_joints=2, seed=0) for gain in (15.0, -15.0)
     }
-    plain, turned = (propose(grids, beliefs, reach) for beliefs in found.values())
+    plain, turned = (propose(grids, beliefs, reach) for beliefs in peaks.values())
     assert turned == plain
     noise = ResponseNoise(5e-6, "displacement")
-    ahead, behind = (prospects(plain[-1:], beliefs, noise)[0] for beliefs in found.values())
+    ahead, behind = (prospects(plain[-1:], beliefs, noise)[0] for beliefs in peaks.values())
     assert ahead.num_lost == 0
     np.testing.assert_allclose(behind.y_peak, ahead.y_peak, rtol=1e-12)
     scale = np.abs(ahead.information).max()
@@ -304,11 +308,15 @@ def test_levels_that_are_given_are_kept():
         "sweep": SweepTable(levels=(0.1, 0.2), rates=(1.0, 2.0)),
         "stepped": SteppedTable(levels=(0.01,), frequencies=(18.0, 19.0), dwell=9.0, settle=5.0),
     }
-    found = propose(grids, beliefs, Reach(fs=1024.0, max_displacement=1e-3))
-    assert [(one.level, one.rate) for one in found[:4]] == [
+    proposals = propose(grids, beliefs, Reach(fs=1024.0, max_displacement=1e-3))
+    assert [(proposal.level, proposal.rate) for proposal in proposals[:4]] == [
         (0.1, 1.0), (0.2, 1.0), (0.1, 2.0), (0.2, 2.0),
     ]  # fmt: skip
-    assert (found[4].level, found[4].seconds, found[4].num_samples) == (0.01, 18.0, 4096)
+    assert (proposals[4].level, proposals[4].seconds, proposals[4].num_samples) == (
+        0.01,
+        18.0,
+        4096,
+    )
 
 
 def test_tests_of_a_joint_of_sliders_are_planned_by_its_own_parameters():
@@ -330,11 +338,11 @@ def test_tests_of_a_joint_of_sliders_are_planned_by_its_own_parameters():
     settle = 15.0
     levels = [0.5]
     """
-    found = plan_tests(parse(text))
-    assert found.wish.wanted == ("stiffness_1", "slip_1")
-    (row,) = found.rows
+    plan = plan_tests(parse(text))
+    assert plan.wish.wanted == ("stiffness_1", "slip_1")
+    (row,) = plan.rows
     assert row.information_gain > 0.0
-    assert row.cv["slip_1"].median < found.before["slip_1"].median
+    assert row.cv["slip_1"].median < plan.before["slip_1"].median
     # The middle of the range of slips, drawn by a Latin hypercube of two.
     beliefs = before(parse(text).ranges, held={"gain": 15.0}, num_joints=8, seed=0,
                      laws=("jenkins_1",))  # fmt: skip
@@ -346,7 +354,7 @@ def test_the_cost_of_a_plan_is_the_first_of_each_form_times_their_number():
     kinds = [int, int, int, str, str]
     joints = SimpleNamespace(num_joints=4)
     candidates = [kind() for kind in kinds]
-    told = cost_sentence(candidates, {int: 2.0, str: 0.5}, joints)  # pyright: ignore
-    assert told == cost(5, 4, 28.0)
-    told = cost_sentence(candidates, {int: 200.0, str: 0.5}, joints)  # pyright: ignore
-    assert told == cost(5, 4, 2400.0)
+    sentence = cost_sentence(candidates, {int: 2.0, str: 0.5}, joints)  # pyright: ignore
+    assert sentence == cost(5, 4, 28.0)
+    sentence = cost_sentence(candidates, {int: 200.0, str: 0.5}, joints)  # pyright: ignore
+    assert sentence == cost(5, 4, 2400.0)

@@ -27,13 +27,13 @@ rates = [3.0]
 @pytest.fixture(scope="module")
 def tree():
     """Draws of the truth, by a factor of 1.5 where weak motion tells little."""
-    rng, found = np.random.default_rng(0), truth()
-    held = {"sign_2": found.pop("sign_2")}
+    rng, parameters = np.random.default_rng(0), truth()
+    held = {"sign_2": parameters.pop("sign_2")}
     wide = {"alpha", "delta", "gamma", "shape_2", "coupling_2", "gain_ratio_2", "zeta_2"}
     draws = {
         name: (("chain", "draw"),
                value * np.exp((0.4 if name in wide else 1e-3) * rng.standard_normal((2, 200))))
-        for name, value in found.items()
+        for name, value in parameters.items()
     }  # fmt: skip
     attrs = {"laws": json.dumps(["bouc_wen"]), "held": json.dumps(held), "y_peak": 1e-3}
     return xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs), "/posterior": xr.Dataset(draws)})
@@ -46,7 +46,9 @@ def plan(tree):
 
 def test_every_mode_has_sweeps_that_move_the_joint_alike(tree, plan):
     beliefs = after(tree, held={"sign_2": -1.0}, num_joints=2)
-    natural = [float(np.median(one.omega)) / (2 * np.pi) for one in modes_of(beliefs.joints)]
+    natural = [
+        float(np.median(resonances.omega)) / (2 * np.pi) for resonances in modes_of(beliefs.joints)
+    ]
     assert natural == pytest.approx([18.8, 57.2], rel=5e-3)  # the draws' own scatter
     assert {row.test[:9] for row in plan.rows} == {"sweep 9.4", "sweep 38-"}
     assert {"shape_2", "coupling_2"} < set(plan.wish.wanted)
@@ -66,7 +68,7 @@ def test_sweeps_of_either_mode_are_combined(plan):
 
     assert best("sweep 9.4", "alpha") < 0.5 * best("sweep 38-", "alpha")
     assert best("sweep 38-", "coupling_2") < 0.8 * best("sweep 9.4", "coupling_2")
-    assert {one.test[:9] for one in plan.combination.tests} == {"sweep 9.4", "sweep 38-"}
+    assert {chosen.test[:9] for chosen in plan.combination.tests} == {"sweep 9.4", "sweep 38-"}
 
 
 def test_tones_are_refused(tree):

@@ -62,11 +62,11 @@ def test_tones_have_the_golden_harmonics(golden):
         assert v.size == 65_536
         for order, key, tolerance in ((1, "Y1", 1e-6), (3, "Y3", 1e-4)):
             n_omega = 2 * np.pi * order * frequency
-            found = line(v, order * frequency) / (1j * n_omega)
+            harmonic = line(v, order * frequency) / (1j * n_omega)
             expected = complex(*case[key])
             # Found: 2e-7 of Y1 and 3.5e-5 of Y3 (5 nm/s: the kinks, and the converter without
             # noise), a twentieth of what the laser leaves in Y3 over eight repeats.
-            assert abs(found / expected - 1) < tolerance, (frequency, key)
+            assert abs(harmonic / expected - 1) < tolerance, (frequency, key)
 
 
 def test_tones_are_steady_when_the_record_starts():
@@ -166,8 +166,8 @@ def test_velocity_lags_by_the_delay_and_the_tests_say_so():
     v, inner = velocity(prompt, test=1), slice(1024, -1024)
     omega = 2 * np.pi * np.fft.rfftfreq(v.size, 1 / FS)
     shifted = np.fft.irfft(np.fft.rfft(v) * np.exp(-1j * omega * delay), v.size)[inner]
-    found = velocity(late, test=1)[inner]
-    assert np.std(found - shifted) < 0.01 * np.std(found - v[inner])
+    lagged = velocity(late, test=1)[inner]
+    assert np.std(lagged - shifted) < 0.01 * np.std(lagged - v[inner])
 
 
 # Days
@@ -181,9 +181,9 @@ def test_days_scatter_as_stated():
     ]
     # 100 days: a CV is known to 7 %, the mean to a tenth of the CV.
     for name, mean, cv in (("omega_n", TRUTH.omega_n, 0.0018), ("zeta", TRUTH.zeta, 0.05)):
-        found = np.array([day[name] for day in days])
-        assert np.std(found) / mean == pytest.approx(cv, rel=0.28)
-        assert np.mean(found) == pytest.approx(mean, rel=0.4 * cv)
+        drawn = np.array([day[name] for day in days])
+        assert np.std(drawn) / mean == pytest.approx(cv, rel=0.28)
+        assert np.mean(drawn) == pytest.approx(mean, rel=0.4 * cv)
 
 
 def test_a_day_is_the_same_in_all_tests():
@@ -211,27 +211,27 @@ def test_without_variation_every_day_is_the_truth():
 
 def test_equal_seeds_give_equal_bits_and_others_other_records():
     rig = bench_of(short_noise(), short_sweep())
-    one, same, other = measure(rig, seed=7), measure(rig, seed=7), measure(rig, seed=8)
+    first, same, other = measure(rig, seed=7), measure(rig, seed=7), measure(rig, seed=8)
     for test in (0, 1):
-        np.testing.assert_array_equal(velocity(one, test), velocity(same, test))
-        np.testing.assert_array_equal(volts(one, test), volts(same, test))
-        assert not np.array_equal(velocity(one, test), velocity(other, test))
+        np.testing.assert_array_equal(velocity(first, test), velocity(same, test))
+        np.testing.assert_array_equal(volts(first, test), volts(same, test))
+        assert not np.array_equal(velocity(first, test), velocity(other, test))
 
 
 def test_a_subset_gives_the_records_of_the_whole():
     rig = bench_of(short_noise(), short_sweep(), short_tone())
-    whole = measure(rig)
+    campaign = measure(rig)
     part = measure(rig, tests=["noise", "tone"], repeats=2)
     assert [test.name for test in part.tests] == ["noise", "tone"]
     for test, same in ((0, 0), (1, 2)):
-        np.testing.assert_array_equal(velocity(part, test, 1), velocity(whole, same, 1))
+        np.testing.assert_array_equal(velocity(part, test, 1), velocity(campaign, same, 1))
 
 
 def test_a_subset_of_the_days_gives_their_records():
     rig = bench_of(short_noise(), short_sweep(), short_tone())
-    whole = measure(rig, omega_n_cv=0.001)
+    campaign = measure(rig, omega_n_cv=0.001)
     part = measure(rig, tests=["noise", "tone"], repeats=2, omega_n_cv=0.001)
-    same = {test.name: test for test in whole.tests}
+    same = {test.name: test for test in campaign.tests}
     for test in part.tests:
         expected = same[test.name].records[0].channels["velocity"]
         np.testing.assert_array_equal(test.records[0].channels["velocity"], expected)
@@ -266,14 +266,14 @@ def test_sweep_peaks_are_those_the_presets_state():
     for preset, peaks in (("laboratory", (1.4, 2.8, 5.4)), ("paper", (5.4, 10.4, 20.7))):
         names = ["sweep_0p05V", "sweep_0p10V", "sweep_0p20V"]
         campaign = measure(preset, tests=names, repeats=1, **QUIET)
-        found = [np.abs(np.cumsum(velocity(campaign, i))).max() / FS * 1e3 for i in range(3)]
-        np.testing.assert_allclose(found, peaks, rtol=0.03)
+        peaks_mm = [np.abs(np.cumsum(velocity(campaign, i))).max() / FS * 1e3 for i in range(3)]
+        np.testing.assert_allclose(peaks_mm, peaks, rtol=0.03)
 
 
 def test_held_out_before_any_fit():
     sweeps = ["sweep_0p05V", "sweep_0p10V", "sweep_0p20V"]
-    whole = measure(tests=sweeps)
-    settings = dict(whole.settings)
+    campaign = measure(tests=sweeps)
+    settings = dict(campaign.settings)
     prior = settings.pop("prior")
     # Of the preset's two kinds of test to fit, the one that was measured.
     assert settings == {"fit": ("sweep",), "fit_levels": (0.05, 0.20), "fit_repeats": 24}

@@ -43,9 +43,11 @@ def test_analog_sweep_matches_the_golden_states(golden):
     def force(t):
         return sine_sweep(t, case["A"], case["f0"], case["rate_hz_per_s"])
 
-    found = respond(BoucWen(**case["params"]), on_grid(force), case["N"] + 1, case["fs"])
+    response = respond(BoucWen(**case["params"]), on_grid(force), case["N"] + 1, case["fs"])
     # Largest errors found, in units of the rms: 3.5e-7, 3.9e-7, 5.1e-6 (z jumps in slope).
-    for x, name, rms, tolerance in zip(found, "yvZ", case["rms"], (5e-7, 5e-7, 1e-5), strict=True):
+    for x, name, rms, tolerance in zip(
+        response, "yvZ", case["rms"], (5e-7, 5e-7, 1e-5), strict=True
+    ):
         error = np.abs(x[case["index"]] - np.array(case[name])).max() / rms
         assert error < tolerance, name
         assert np.sqrt(np.mean(x**2)) == pytest.approx(rms, rel=1e-7)

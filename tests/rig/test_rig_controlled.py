@@ -58,9 +58,9 @@ def test_they_are_written_and_read_back(tmp_path):
     campaign = rig.measure(preset, seed=3)
     path = rig.write(campaign, tmp_path / "rig")
     loaded = load_campaign(path)
-    for test, again in zip(campaign.tests, loaded.tests, strict=True):
-        assert (again.kind, again.locked_phase) == (test.kind, test.locked_phase)
-        assert again.amplitude_std == test.amplitude_std > 0
-        for record, other in zip(test.records, again.records, strict=True):
+    for test, loaded_test in zip(campaign.tests, loaded.tests, strict=True):
+        assert (loaded_test.kind, loaded_test.locked_phase) == (test.kind, test.locked_phase)
+        assert loaded_test.amplitude_std == test.amplitude_std > 0
+        for record, other in zip(test.records, loaded_test.records, strict=True):
             for role, values in record.channels.items():
                 np.testing.assert_array_equal(other.channels[role], values)

@@ -42,12 +42,12 @@ def test_the_rig_moves_as_the_exact_step_does(name):
     y, v = motion(joint(name))
     assert np.abs(y).max() > 2e-3  # beyond every slip and stop
     t = np.arange(SAMPLES * FINER) / (FS * FINER)
-    found = jbw.simulate(joint(name), force(t), FS * FINER)
+    exact = jbw.simulate(joint(name), force(t), FS * FINER)
     linear = motion(Oscillator(118.0, 0.004, ()))[1]
     rms, matters = np.sqrt(np.mean(v**2)), np.sqrt(np.mean((v - linear) ** 2))
     assert matters > 0.01 * rms
     # Found: 2e-5, of straight lines in the input; 6e-5 of the power's sliders.
-    wrong = np.sqrt(np.mean((np.asarray(found.v)[::FINER] - v) ** 2))
+    wrong = np.sqrt(np.mean((np.asarray(exact.v)[::FINER] - v) ** 2))
     assert wrong < 2e-4 * rms
 
 
@@ -57,14 +57,14 @@ def test_the_rig_moves_as_the_exact_step_does(name):
 def test_its_sliders_have_the_virgin_curve_of_the_density(name, most):
     """To a part of the whole stiffness that curves of 0.1 % about a resonance of 1 % do not see."""
     law, x = law_of(name), np.geomspace(3e-6, 4e-3, 400)
-    found = sum(
-        np.minimum(x[:, None], one.slips) @ one.springs
-        if isinstance(one, SliderForces)
-        else one.stiffness * x
-        for one in FORCES[name.rstrip("_0123456789")](law.parameters())
+    force = sum(
+        np.minimum(x[:, None], element.slips) @ element.springs
+        if isinstance(element, SliderForces)
+        else element.stiffness * x
+        for element in FORCES[name.rstrip("_0123456789")](law.parameters())
     )
     exact = law.stiffness() * x - law.lag(x)[0]
-    assert np.max(np.abs(found - exact) / x) < most * 118.0**2
+    assert np.max(np.abs(force - exact) / x) < most * 118.0**2
 
 
 def test_the_rig_knows_every_law():

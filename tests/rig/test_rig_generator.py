@@ -49,11 +49,11 @@ def test_noise_is_gaussian(noise):
 def test_noise_is_the_sum_of_its_lines_also_when_it_lags():
     phases = np.array([0.3, 1.1, 5.0])
     lag = 0.37 / FS
-    found = analog(Noise(0.2, 1.0, 0.0), 32 * FS, phases, fs=FS, lag=lag)(5, 300)
+    samples = analog(Noise(0.2, 1.0, 0.0), 32 * FS, phases, fs=FS, lag=lag)(5, 300)
     t = np.arange(5, 300) / (32 * FS) - lag
     line = np.arange(1, 4)[:, None]
     waves = np.cos(2 * np.pi * line * FS / 8 * t + phases[:, None])
-    np.testing.assert_allclose(found, 0.2 * np.sqrt(2 / 3) * waves.sum(0), atol=1e-14)
+    np.testing.assert_allclose(samples, 0.2 * np.sqrt(2 / 3) * waves.sum(0), atol=1e-14)
 
 
 def test_the_tail_of_a_noise_wraps_into_its_period():

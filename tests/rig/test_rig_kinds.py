@@ -59,10 +59,10 @@ def test_a_multisine_that_lags_is_its_delayed_self():
     delay = 0.3e-3
     plan = Plan("m", "multisine", multisine(), 1)
     prompt, late = (measure(rig_of(plan), delay=d, **QUIET) for d in (0.0, delay))
-    v, found = (c.tests[0].records[0].channels["velocity"] for c in (prompt, late))
+    v, lagged = (c.tests[0].records[0].channels["velocity"] for c in (prompt, late))
     omega = 2 * np.pi * np.fft.rfftfreq(v.size, 1 / FS)
     shifted = np.fft.irfft(np.fft.rfft(v) * np.exp(-1j * omega * delay), v.size)
-    np.testing.assert_allclose(found, shifted, atol=2e-5 * np.abs(v).max())
+    np.testing.assert_allclose(lagged, shifted, atol=2e-5 * np.abs(v).max())
 
 
 # Free decay
@@ -150,9 +150,9 @@ def test_the_force_that_holds_a_response_holds_it_on_the_bench():
         count = 48 * 1024
         y, _, _ = respond(TRUTH, volts, count, FS)
         t = np.arange(count - 16_384, count) / FS
-        found = 2 * np.mean(y[-16_384:] * np.exp(-2j * np.pi * frequency * t))
+        fundamental = 2 * np.mean(y[-16_384:] * np.exp(-2j * np.pi * frequency * t))
         # Found: 2e-6, what is left of the transient after 32 s.
-        assert found == pytest.approx(2e-3 * np.exp(-1j * np.angle(force)), rel=1e-5)
+        assert fundamental == pytest.approx(2e-3 * np.exp(-1j * np.angle(force)), rel=1e-5)
 
 
 def test_a_curve_is_recorded_with_the_noise_of_a_fitted_sine():

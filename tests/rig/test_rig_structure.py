@@ -40,10 +40,10 @@ def between(i, j):
 
 @pytest.mark.parametrize("case", GOLDEN["cases"], ids=["wing", "two modes"])
 def test_its_poles_with_an_armature_are_the_golden_ones(case):
-    own, system = case["armature"], case["system"]
+    armature, system = case["armature"], case["system"]
     phi = np.array(system["phi_drive"])
     shapes = Shapes(np.array(system["w"]), np.array(system["ze"]), phi, 0 * phi, phi)
-    structure = Assembled(shapes, (), Armature(1.0, **own))
+    structure = Assembled(shapes, (), Armature(1.0, **armature))
     num = len(phi)
 
     def rate(y):
@@ -60,7 +60,7 @@ def test_its_poles_with_an_armature_are_the_golden_ones(case):
 
 def test_without_a_joint_it_is_mass_damping_and_stiffness():
     """Motion and the force cell beside scipy's exact solution between the points of the grid."""
-    found = move(Assembled(SHAPES, (), SHAKER), between, SIZE, FS)
+    motion = move(Assembled(SHAPES, (), SHAKER), between, SIZE, FS)
     phi, num = SHAPES.drive, 2
     tied = np.outer(phi, phi)
     mass = np.eye(num) + SHAKER.mass * tied
@@ -78,35 +78,35 @@ def test_without_a_joint_it_is_mass_damping_and_stiffness():
     for name, rows in {"displacement": q, "velocity": rate, "acceleration": change}.items():
         expected = rows @ SHAPES.output
         np.testing.assert_allclose(
-            getattr(found, name), expected, atol=2.5e-5 * np.abs(expected).max()
+            getattr(motion, name), expected, atol=2.5e-5 * np.abs(expected).max()
         )
     cell = (change + 2 * SHAPES.zeta * SHAPES.omega * rate + SHAPES.omega**2 * q)[:, 0] / phi[0]
-    np.testing.assert_allclose(found.force, cell, atol=2.5e-5 * np.abs(cell).max())
+    np.testing.assert_allclose(motion.force, cell, atol=2.5e-5 * np.abs(cell).max())
     np.testing.assert_allclose(
-        found.drive_point, change @ phi, atol=2.5e-5 * np.abs(change @ phi).max()
+        motion.drive_point, change @ phi, atol=2.5e-5 * np.abs(change @ phi).max()
     )
 
 
 def test_an_identification_s_truth_moves_as_the_structure_does():
     """The same in the other code, in its gauge: which has other shapes, units and solver."""
     structure = Assembled(SHAPES, (BoucWenForce(**BOUC_WEN),), Armature(gain=8.0))
-    found = move(structure, between, SIZE, FS)
+    motion = move(structure, between, SIZE, FS)
     law = law_named("bouc_wen").build(BOUC_WEN)
-    own = law_named("bouc_wen").build(law_of_mode(law, SHAPES))
+    modal_law = law_named("bouc_wen").build(law_of_mode(law, SHAPES))
     truth = modal_truth(SHAPES)
     truth["b"] = 8.0 * truth["b"]
-    other = jbw.simulate(jbw.Structure(**truth, laws=(own,)), between(0, GRID * SIZE)[:: GRID // 8],
-                         8 * FS)  # fmt: skip
+    structure_of_modes = jbw.Structure(**truth, laws=(modal_law,))
+    other = jbw.simulate(structure_of_modes, between(0, GRID * SIZE)[:: GRID // 8], 8 * FS)
     y = np.asarray(other.y)[::8]
-    assert BOUC_WEN["delta"] * np.abs(found.joint).max() > 0.3  # the joint slips
+    assert BOUC_WEN["delta"] * np.abs(motion.joint).max() > 0.3  # the joint slips
     # Straight between eight samples of one: 1e-5 of the rms.
-    assert np.sqrt(np.mean((found.displacement - y) ** 2)) < 1e-4 * np.sqrt(np.mean(y**2))
+    assert np.sqrt(np.mean((motion.displacement - y) ** 2)) < 1e-4 * np.sqrt(np.mean(y**2))
 
 
 def test_a_law_takes_the_units_of_the_mode():
     """By hand: phi_J = 1.2, phi_J / phi_r = 1.5."""
-    own = law_of_mode(law_named("bouc_wen").build(BOUC_WEN), SHAPES)
-    assert own == pytest.approx({"alpha": 720.0, "delta": 510.0, "gamma": 49.5})
+    modal_law = law_of_mode(law_named("bouc_wen").build(BOUC_WEN), SHAPES)
+    assert modal_law == pytest.approx({"alpha": 720.0, "delta": 510.0, "gamma": 49.5})
     cubic = law_of_mode(law_named("cubic").build({"cubic": 2.0}), SHAPES)
     assert cubic == pytest.approx({"cubic": 2.0 * 1.44 * 2.25})
     slider = law_of_mode(law_named("jenkins_1").build({"stiffness_1": 3.0, "slip_1": 0.3}), SHAPES)

@@ -34,11 +34,11 @@ def test_a_units_powers(unit, powers):
 def test_parameters_are_powers_of_the_torque_by_their_units(path, p, stiffness, displacement):
     how = Tightening(load_path=path, contact=p, **QUIET)
     twice = 2.0 * how.reference
-    found = tightened(rig.TRUTH, twice, how)
-    assert found.omega_n == pytest.approx(rig.TRUTH.omega_n * 2**how.omega_n, rel=1e-12)
-    assert found.zeta == pytest.approx(rig.TRUTH.zeta * 2**how.zeta, rel=1e-12)
+    at_torque = tightened(rig.TRUTH, twice, how)
+    assert at_torque.omega_n == pytest.approx(rig.TRUTH.omega_n * 2**how.omega_n, rel=1e-12)
+    assert at_torque.zeta == pytest.approx(rig.TRUTH.zeta * 2**how.zeta, rel=1e-12)
     stiff, slip = 2.0**stiffness, 2.0**displacement
-    (law,) = found.laws
+    (law,) = at_torque.laws
     assert law.alpha == pytest.approx(rig.TRUTH.alpha * stiff, rel=1e-12)
     assert law.delta == pytest.approx(rig.TRUTH.delta / slip, rel=1e-12)
     assert law.gamma / law.delta == pytest.approx(rig.TRUTH.gamma / rig.TRUTH.delta, rel=1e-12)
@@ -66,21 +66,25 @@ def test_bedding_counts_as_torque_and_a_wrench_scatters_the_preload():
 
 
 def test_a_fleet_states_what_was_done_and_is_read_back(tmp_path):
-    torques, kept = (4.0, 8.0), {"tests": [SWEEP], "repeats": 2}
-    kept["order"] = "given"
-    fleet = measure_fleet(torques=torques, assemblies=2, seed=3, **kept)
-    stated = [(one.assembly["name"], one.assembly.torque, one.assembly.sequence) for one in fleet]
+    torques, options = (4.0, 8.0), {"tests": [SWEEP], "repeats": 2}
+    options["order"] = "given"
+    fleet = measure_fleet(torques=torques, assemblies=2, seed=3, **options)
+    stated = [
+        (unit.assembly["name"], unit.assembly.torque, unit.assembly.sequence) for unit in fleet
+    ]
     assert stated == [
         ("assembly 1", 4.0, 1), ("assembly 1", 8.0, 2), ("assembly 2", 4.0, 1),
         ("assembly 2", 8.0, 2),
     ]  # fmt: skip
-    joints = [one.truth["joint"] for one in fleet]
+    joints = [unit.truth["joint"] for unit in fleet]
     # Every tightening is another joint, by more than the torque alone says.
     assert len({joint["alpha"] for joint in joints}) == 4
-    again = measure_fleet(torques=torques, assemblies=2, seed=3, **kept)
-    assert [one.truth["joint"] for one in again] == joints
-    for one, two in zip(fleet, again, strict=True):
-        first, second = (each.tests[0].records[0].channels["velocity"] for each in (one, two))
+    repeated = measure_fleet(torques=torques, assemblies=2, seed=3, **options)
+    assert [unit.truth["joint"] for unit in repeated] == joints
+    for unit, same_unit in zip(fleet, repeated, strict=True):
+        first, second = (
+            measured.tests[0].records[0].channels["velocity"] for measured in (unit, same_unit)
+        )
         assert np.array_equal(first, second)
     loaded = load_campaign(rig.write(fleet[1], tmp_path / "second"))
     assert dict(loaded.assembly) == {"name": "assembly 1", "torque": 8.0, "sequence": 2}
@@ -93,7 +97,8 @@ def test_a_wrench_that_is_off_leaves_the_slope_and_adds_to_the_scatter():
     how = Tightening(wrench=w, **QUIET)
     torques = np.repeat([2.0, 4.0, 8.0, 12.0], 500)
     drawn = [
-        tightened(rig.TRUTH, one, how, chance=rng.standard_normal(5)).laws[0] for one in torques
+        tightened(rig.TRUTH, torque, how, chance=rng.standard_normal(5)).laws[0]
+        for torque in torques
     ]
     for values, power in (
         ([law.alpha for law in drawn], -how.contact),
@@ -107,28 +112,28 @@ def test_a_wrench_that_is_off_leaves_the_slope_and_adds_to_the_scatter():
 
 
 def test_torque_and_sequence_do_not_rise_together():
-    kept = {"tests": [SWEEP], "repeats": 1, "torques": (4.0, 8.0, 12.0)}
-    fleet = measure_fleet(assemblies=2, seed=3, **kept)
-    stated = np.array([[one.assembly.torque, one.assembly.sequence] for one in fleet])
+    options = {"tests": [SWEEP], "repeats": 1, "torques": (4.0, 8.0, 12.0)}
+    fleet = measure_fleet(assemblies=2, seed=3, **options)
+    stated = np.array([[unit.assembly.torque, unit.assembly.sequence] for unit in fleet])
     assert abs(np.corrcoef(np.log(stated).T)[0, 1]) < 0.5
     first, second = stated[:3, 0], stated[3:, 0]
     assert sorted(first) == [4.0, 8.0, 12.0]
     assert np.array_equal(second, first[::-1])
-    given = measure_fleet(assemblies=2, seed=3, order="given", **kept)
+    in_order = measure_fleet(assemblies=2, seed=3, order="given", **options)
 
     # Which joint one gets at a torque has nothing to do with the order.
     def joints(campaigns):
         return {(o.assembly["name"], o.assembly.torque): o.truth["joint"] for o in campaigns}
 
-    assert joints(fleet) == joints(given)
+    assert joints(fleet) == joints(in_order)
 
 
 def test_scatter_is_what_was_asked():
     rng = np.random.default_rng(0)
     drawn = [tightened(rig.TRUTH, 8.0, chance=rng.standard_normal(5)) for _ in range(400)]
-    spread = np.std([np.log(one.omega_n) for one in drawn], ddof=1)
+    spread = np.std([np.log(joint.omega_n) for joint in drawn], ddof=1)
     assert spread == pytest.approx(2e-3, rel=0.15)  # four standard errors of 400
-    spread = np.std([np.log(one.laws[0].alpha) for one in drawn], ddof=1)
+    spread = np.std([np.log(joint.laws[0].alpha) for joint in drawn], ddof=1)
     assert spread == pytest.approx(0.05, rel=0.15)
 
 

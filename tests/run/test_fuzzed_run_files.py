@@ -39,16 +39,16 @@ def test_a_damaged_checkpoint_is_never_used(tmp_path_factory, first, second):
     newer, older = (pack(number, ARRAYS) for number in (7, 6))
     (folder / "joint.0.checkpoint").write_bytes(changed(newer, first))
     (folder / "joint.1.checkpoint").write_bytes(older if second is None else changed(older, second))
-    with warnings.catch_warnings(record=True) as said:
+    with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
-        found = Checkpoint(folder, "joint", Interruption()).load()
-    assert "damaged" in str(said[0].message)
+        arrays = Checkpoint(folder, "joint", Interruption()).load()
+    assert "damaged" in str(warned[0].message)
     if second is not None:
-        assert found is None
+        assert arrays is None
         return
-    assert found is not None
+    assert arrays is not None
     for name, values in ARRAYS.items():
-        np.testing.assert_array_equal(found[name], values)
+        np.testing.assert_array_equal(arrays[name], values)
 
 
 @pytest.mark.fault(43, 44)

@@ -26,11 +26,11 @@ def saved(tmp_path):
 
 
 def loaded(folder):
-    with warnings.catch_warnings(record=True) as said:
+    with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always")
-        found = Checkpoint(folder, "joint", Interruption()).load()
-    size = None if found is None else found["state/0"].size
-    return size, " ".join(str(one.message) for one in said)
+        arrays_loaded = Checkpoint(folder, "joint", Interruption()).load()
+    size = None if arrays_loaded is None else arrays_loaded["state/0"].size
+    return size, " ".join(str(warning.message) for warning in warned)
 
 
 def newest(folder):
@@ -41,9 +41,9 @@ def newest(folder):
 def test_the_newest_of_two_generations_is_loaded(saved):
     assert len(list(saved.iterdir())) == 2
     assert loaded(saved) == (5, "")
-    found = Checkpoint(saved, "joint", Interruption()).load()
-    np.testing.assert_array_equal(found["theta/gamma"], arrays(5)["theta/gamma"])
-    assert found["state/0"].dtype == np.uint32
+    arrays_loaded = Checkpoint(saved, "joint", Interruption()).load()
+    np.testing.assert_array_equal(arrays_loaded["theta/gamma"], arrays(5)["theta/gamma"])
+    assert arrays_loaded["state/0"].dtype == np.uint32
     assert loaded(saved / "..") == (None, "")
 
 
@@ -51,20 +51,20 @@ def test_the_newest_of_two_generations_is_loaded(saved):
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.99])
 def test_a_torn_checkpoint_falls_back_one_generation(saved, share):
     path = newest(saved)
-    whole = path.read_bytes()
-    path.write_bytes(whole[: int(share * len(whole))])
-    size, said = loaded(saved)
+    intact = path.read_bytes()
+    path.write_bytes(intact[: int(share * len(intact))])
+    size, warning = loaded(saved)
     assert size == 4
-    assert "joint" in said
-    assert "the one before it is used" in said
+    assert "joint" in warning
+    assert "the one before it is used" in warning
 
 
 @pytest.mark.fault(44)
 def test_a_changed_byte_anywhere_is_noticed():
-    whole = pack(7, arrays(3))
-    assert unpack(whole).number == 7
-    for i in range(len(whole)):
-        changed = bytearray(whole)
+    intact = pack(7, arrays(3))
+    assert unpack(intact).number == 7
+    for i in range(len(intact)):
+        changed = bytearray(intact)
         changed[i] ^= 1
         assert unpack(bytes(changed)) is None
 
@@ -73,9 +73,9 @@ def test_a_changed_byte_anywhere_is_noticed():
 def test_two_damaged_checkpoints_start_the_chains_again(saved):
     for path in saved.iterdir():
         path.write_bytes(b"junk")
-    size, said = loaded(saved)
+    size, warning = loaded(saved)
     assert size is None
-    assert "its chains start again" in said
+    assert "its chains start again" in warning
 
 
 def test_saving_goes_on_over_the_damaged_generation(saved):

@@ -23,12 +23,12 @@ def test_a_run_begins_goes_on_and_finishes(tmp_path):
     run = begin(tmp_path / "new" / "run", ASKED)
     run.note(replace(run.manifest, text="[campaign]"))
     run.close()
-    again = reopen(run.folder)
-    assert again is not None
-    assert again.manifest == replace(ASKED, text="[campaign]")
+    reopened = reopen(run.folder)
+    assert reopened is not None
+    assert reopened.manifest == replace(ASKED, text="[campaign]")
     (run.folder / "summary.json").write_text("{}")
-    again.finish()
-    again.close()
+    reopened.finish()
+    reopened.close()
     assert reopen(run.folder) is None
     assert [path.name for path in run.folder.iterdir()] == ["summary.json"]
 
@@ -39,11 +39,11 @@ def test_sittings_of_one_run_add_their_time(tmp_path, monkeypatch):
     run = begin(tmp_path / "run", ASKED)
     assert run.spent == 0.0
     run.close()
-    again = reopen(tmp_path / "run")
-    assert again is not None
-    assert again.spent == 7.5
-    again.close()
-    assert again.spent == 7.75
+    reopened = reopen(tmp_path / "run")
+    assert reopened is not None
+    assert reopened.spent == 7.5
+    reopened.close()
+    assert reopened.spent == 7.75
 
 
 def test_a_folder_that_holds_something_is_refused_and_not_touched(tmp_path):
@@ -141,8 +141,8 @@ def read(tmp_path):
     (tmp_path / "beam.toml").write_text("[campaign]\nname = 'beam'\n")
     (tmp_path / "sweep.h5").write_bytes(b"123")
     inputs = {str(tmp_path / "sweep.h5"): hash_of(tmp_path / "sweep.h5")}
-    known = replace(ASKED, text=(tmp_path / "beam.toml").read_text())
-    return with_inputs(known, tmp_path / "beam.toml", inputs), tmp_path / "beam.toml"
+    manifest = replace(ASKED, text=(tmp_path / "beam.toml").read_text())
+    return with_inputs(manifest, tmp_path / "beam.toml", inputs), tmp_path / "beam.toml"
 
 
 def test_what_is_unchanged_goes_on(read):
@@ -177,13 +177,13 @@ def test_changed_data_are_refused_with_their_file(read):
     data.unlink()
     with pytest.raises(DataError, match=r"sweep\.h5 cannot be read: No such file"):
         require_unchanged(manifest, campaign)
-    for found, says in (
+    for digests, says in (
         ({str(data): manifest.inputs["sweep.h5"], "/new.h5": "1"}, "new.h5 is among"),
         ({}, "sweep.h5 is no more among"),
         ({str(data): "1"}, "sweep.h5 changed"),
     ):
         with pytest.raises(DataError, match=says):
-            with_inputs(manifest, campaign, found)
+            with_inputs(manifest, campaign, digests)
 
 
 @pytest.mark.fault(43)

@@ -30,11 +30,11 @@ def test_linear_algebra_has_one_thread_unless_the_environment_names_more(named, 
 
 
 def test_the_heap_is_given_back_after_longer_compiles_alone():
-    asked = []
-    told = trimming(asked.append)
+    trims = []
+    after_compile = trimming(trims.append)
     for event, seconds in ((COMPILED, 0.01), ("/jax/other", 9.0), (COMPILED, 2.0)):
-        told(event, seconds, fun_name="any")
-    assert asked == [0]
+        after_compile(event, seconds, fun_name="any")
+    assert trims == [0]
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="of glibc")
@@ -42,15 +42,15 @@ def test_a_process_asks_after_its_own_compiles(monkeypatch):
     """JAX tells of a compile by the name that is listened for."""
     import jax
 
-    asked = []
+    trims = []
     monkeypatch.setattr(session, "LONG_S", 0.0)
-    listener = trimming(asked.append)
+    listener = trimming(trims.append)
     jax.monitoring.register_event_duration_secs_listener(listener)
     try:
         jax.jit(lambda x: x + 1.2345)(1.0)
     finally:
         jax.monitoring.unregister_event_duration_listener(listener)
-    assert set(asked) == {0}
+    assert set(trims) == {0}
 
 
 LIMITED = """

@@ -23,10 +23,10 @@ def test_six_references_and_three_readings_leave_their_own_students_t():
     s, away = 0.03, 0.0
     reference = ReferenceReadings(NUM_REFERENCES, np.zeros(1), np.array([[s**2]]))
     trend = Trend(8.0, np.ones((4, 1)), 4.0, 12.0)
-    found = torque_after(np.array([away]), reference, NUM, trend)
+    torque = torque_after(np.array([away]), reference, NUM, trend)
     half = student.ppf(0.995, NUM_REFERENCES - 1) * s * np.sqrt(1 / NUM + 1 / NUM_REFERENCES)
-    assert np.log(found.high / 8.0) == pytest.approx(half, rel=0.02)
-    assert np.log(found.low / 8.0) == pytest.approx(-half, rel=0.02)
+    assert np.log(torque.high / 8.0) == pytest.approx(half, rel=0.02)
+    assert np.log(torque.low / 8.0) == pytest.approx(-half, rel=0.02)
 
 
 def test_intervals_hold_the_torque_as_often_as_they_say():
@@ -41,8 +41,8 @@ def test_intervals_hold_the_torque_as_often_as_they_say():
         reference = ReferenceReadings(
             NUM_REFERENCES, np.array([before.mean()]), np.array([[before.var(ddof=1)]])
         )
-        found = torque_after(np.array([after.mean() - before.mean()]), reference, NUM, trend)
-        missed += not found.low <= 8.0 * np.exp(x) <= found.high
+        torque = torque_after(np.array([after.mean() - before.mean()]), reference, NUM, trend)
+        missed += not torque.low <= 8.0 * np.exp(x) <= torque.high
     assert abs(missed / 4000 - 0.01) < 4 * np.sqrt(0.01 * 0.99 / 4000)
 
 
@@ -87,7 +87,7 @@ def test_two_readings_behind_references_by_hand():
         return Belief(np.array([mean]), np.array(kappa), np.array(nu), np.array([[psi]]))
 
     x, hazard = [0.7, 1.9], 0.2
-    found = run_length(np.array(x)[:, None], belief(*prior), hazard, belief(*start))
+    run_lengths = run_length(np.array(x)[:, None], belief(*prior), hazard, belief(*start))
     evidence, unchanged = enumerated(x, prior, start, hazard)
-    assert float(found.log_evidence) == pytest.approx(evidence, rel=1e-12)
-    assert float(found.unchanged[-1]) == pytest.approx(unchanged, rel=1e-12)
+    assert float(run_lengths.log_evidence) == pytest.approx(evidence, rel=1e-12)
+    assert float(run_lengths.unchanged[-1]) == pytest.approx(unchanged, rel=1e-12)

@@ -35,34 +35,34 @@ def simulated(num_reference, p, seed):
 @pytest.mark.parametrize("num", GOLDEN["hotelling"]["thresholds"])
 def test_thresholds_are_golden(num):
     golden = GOLDEN["hotelling"]
-    found = threshold(golden["alpha"], golden["p"], int(num))
-    assert found == pytest.approx(golden["thresholds"][num], rel=1e-10)
+    limit = threshold(golden["alpha"], golden["p"], int(num))
+    assert limit == pytest.approx(golden["thresholds"][num], rel=1e-10)
 
 
 @pytest.mark.parametrize(("num", "p"), [(6, 2), (8, 4), (20, 2), (20, 4)])
 def test_an_unchanged_joint_alarms_as_often_as_stated(num, p):
-    references, further = simulated(num, p, seed=num + p)
-    squared = distance(further, reference_of(references))
+    references, watched = simulated(num, p, seed=num + p)
+    squared = distance(watched, reference_of(references))
     rate = np.mean(squared > threshold(0.01, p, num))
     # 1,000 alarms expected: their Monte Carlo sd is 3 %.
     assert rate == pytest.approx(0.01, rel=0.2)
 
 
 def test_an_unchanged_joint_has_evenly_spread_tails():
-    references, further = simulated(12, 3, seed=1)
-    found = np.sort(tail(distance(further, reference_of(references)), 3, 12))
+    references, watched = simulated(12, 3, seed=1)
+    tails = np.sort(tail(distance(watched, reference_of(references)), 3, 12))
     # Kolmogorov's bound at 1e-4: sqrt(log(2e4) / 2 / 1e5) is 0.007.
-    assert np.max(np.abs(found - (np.arange(NUM) + 0.5) / NUM)) < 0.007
+    assert np.max(np.abs(tails - (np.arange(NUM) + 0.5) / NUM)) < 0.007
 
 
 @pytest.mark.parametrize("num", [8, 20])
 def test_power_is_that_of_simulated_changes(num):
-    references, further = simulated(num, 2, seed=num)
+    references, watched = simulated(num, 2, seed=num)
     mix = np.array([[1.0, 0.0], [0.6, 1.0]])
-    squared = distance(further + mix @ [2.0, 1.0], reference_of(references))
-    found = np.mean(squared > threshold(0.01, 2, num))
+    squared = distance(watched + mix @ [2.0, 1.0], reference_of(references))
+    alarm_rate = np.mean(squared > threshold(0.01, 2, num))
     # A share of 1e5 has an sd of 0.0016 at most.
-    assert found == pytest.approx(power(0.01, 2, num, np.sqrt(5.0)), abs=0.006)
+    assert alarm_rate == pytest.approx(power(0.01, 2, num, np.sqrt(5.0)), abs=0.006)
 
 
 def test_five_per_cent_more_damping_is_found_from_twenty_references():
@@ -71,9 +71,9 @@ def test_five_per_cent_more_damping_is_found_from_twenty_references():
     references = base + SCATTER * rng.standard_normal((NUM, 20, 2))
     loose = base + [0.0, np.log(1.05)] + SCATTER * rng.standard_normal((NUM, 2))
     squared = distance(loose, reference_of(references))
-    found = np.mean(squared > threshold(1e-3, 2, 20))
-    assert found > 0.95
-    assert found == pytest.approx(power(1e-3, 2, 20, np.log(1.05) / SCATTER[1]), abs=0.005)
+    alarm_rate = np.mean(squared > threshold(1e-3, 2, 20))
+    assert alarm_rate > 0.95
+    assert alarm_rate == pytest.approx(power(1e-3, 2, 20, np.log(1.05) / SCATTER[1]), abs=0.005)
 
 
 # 5 % more damping and 50 mHz less frequency, in standard deviations of whole-record readings of the
@@ -100,8 +100,8 @@ def test_a_reading_at_the_references_mean_has_no_distance():
     reference = reference_of(references)
     assert distance(references.mean(axis=0), reference) == pytest.approx(0.0, abs=1e-12)
     # The mean squared distance of the references themselves is p (n - 1) / n, whatever they are.
-    own = distance(references, reference)
-    assert own.mean() == pytest.approx(2 * 8 / 9, rel=1e-12)
+    distances = distance(references, reference)
+    assert distances.mean() == pytest.approx(2 * 8 / 9, rel=1e-12)
     assert tail(np.array(0.0), 2, 9) == 1.0
     assert tail(np.array(threshold(0.3, 2, 9)), 2, 9) == pytest.approx(0.3, rel=1e-12)
 

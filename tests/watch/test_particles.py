@@ -43,25 +43,27 @@ def test_a_linear_gaussian_keeps_its_mean_covariance_and_evidence():
     rng = np.random.default_rng(0)
     rows, values = records(12, seed=1)
     x = rng.multivariate_normal(*FIRST, size=NUM)
-    now, found = particles_of(x, density(rows[:0], values[:0])), []
+    now, updates = particles_of(x, density(rows[:0], values[:0])), []
     for r in range(len(values)):
-        found.append(take_in(rng, now, density(rows[: r + 1], values[: r + 1])))
-        now = found[-1].particles
+        updates.append(take_in(rng, now, density(rows[: r + 1], values[: r + 1])))
+        now = updates[-1].particles
     mean, cov, evidence = exact(rows, values)
-    kish = [one.kish for one in found]
+    kish = [update.kish for update in updates]
     assert min(kish) < ENOUGH < max(kish)  # some records moved the particles, others did not
-    assert [one.accepted is not None for one in found] == [k < ENOUGH for k in kish]
+    assert [update.accepted is not None for update in updates] == [k < ENOUGH for k in kish]
     weight = np.exp(now.log_weight)
     # Half of 4,000 particles count at least, and five moves leave some of them alike: a thousand
     # independent ones, of which means and variances are known to 3 and 4.5 %; five of these.
     sd = np.sqrt(np.diag(cov))
     assert np.all(np.abs(weight @ now.x - mean) < 5 * 0.032 * sd)
-    left = np.cov(now.x.T, aweights=weight) - cov
-    assert np.all(np.abs(left) < 5 * 0.045 * np.outer(sd, sd))
+    covariance_error = np.cov(now.x.T, aweights=weight) - cov
+    assert np.all(np.abs(covariance_error) < 5 * 0.045 * np.outer(sd, sd))
     assert weight.sum() == pytest.approx(1.0, rel=1e-12)
     # A step's relative error is sqrt((1/kish - 1) / n), at the worst record some 4 %.
     errors = np.sqrt((1 / np.array(kish) - 1) / 1000)
-    assert np.all(np.abs([one.log_evidence for one in found] - evidence) < 5 * errors + 0.01)
+    assert np.all(
+        np.abs([update.log_evidence for update in updates] - evidence) < 5 * errors + 0.01
+    )
 
 
 def test_resampling_is_even():
@@ -82,10 +84,10 @@ def test_points_that_cannot_be_have_no_weight():
     def boxed(slope):
         return lambda x: np.where(np.abs(x[:, 0]) < 1.0, slope * x[:, 0], -np.inf)
 
-    found = take_in(rng, particles_of(rng.uniform(-1, 1, (NUM, 1)), boxed(0.0)), boxed(8.0))
-    x = found.particles.x[:, 0]
-    assert found.accepted is not None
+    update = take_in(rng, particles_of(rng.uniform(-1, 1, (NUM, 1)), boxed(0.0)), boxed(8.0))
+    x = update.particles.x[:, 0]
+    assert update.accepted is not None
     assert np.all(np.abs(x) < 1.0)
     # Of exp(8 x) on [-1, 1] the mean is coth(8) - 1/8 and the evidence sinh(8) / 8.
     assert x.mean() == pytest.approx(1 / np.tanh(8) - 1 / 8, abs=5 * 0.125 / np.sqrt(500))
-    assert found.log_evidence == pytest.approx(np.log(np.sinh(8) / 8), abs=5 * 0.032)
+    assert update.log_evidence == pytest.approx(np.log(np.sinh(8) / 8), abs=5 * 0.032)

@@ -34,30 +34,32 @@ def impacts(*velocities):
 
 def test_a_linear_decay_reads_what_it_is():
     test = impacts(linear())
-    found = reading(test.records[0], test, [0.3, 0.6])
+    decay_reading = reading(test.records[0], test, [0.3, 0.6])
     # The filter's 80 dB leave 1e-4 of the mirror at -f in the envelope; the slopes less.
-    assert found.values[0] == pytest.approx(F_HZ, abs=1e-5)
-    assert found.values[1] == pytest.approx(np.log(ZETA), abs=1e-4)
-    assert found.values[2] == pytest.approx(0.0, abs=1e-5)
-    assert found.values[3] == pytest.approx(np.log(ZETA), abs=1e-4)
+    assert decay_reading.values[0] == pytest.approx(F_HZ, abs=1e-5)
+    assert decay_reading.values[1] == pytest.approx(np.log(ZETA), abs=1e-4)
+    assert decay_reading.values[2] == pytest.approx(0.0, abs=1e-5)
+    assert decay_reading.values[3] == pytest.approx(np.log(ZETA), abs=1e-4)
     # Sidelobes of the mode itself, through a Hann window of a few of its periods.
-    assert found.other_modes < 5e-3
-    assert len(names_of([0.3, 0.6], "m/s")) == len(found.values) == 2 * PER_AMPLITUDE
+    assert decay_reading.other_modes < 5e-3
+    assert len(names_of([0.3, 0.6], "m/s")) == len(decay_reading.values) == 2 * PER_AMPLITUDE
 
 
 def test_the_covariance_is_the_scatter_of_repeats():
     test = impacts(linear())
-    found = [
+    readings = [
         reading(record(linear(noise=2e-3, seed=i, phase=i)), test, [0.6, 0.3]) for i in range(300)
     ]
-    values = np.stack([one.values for one in found])
-    own = np.mean([one.covariance for one in found], axis=0)
+    values = np.stack([repeat.values for repeat in readings])
+    mean_covariance = np.mean([repeat.covariance for repeat in readings], axis=0)
     sd = values.std(axis=0, ddof=1)
     # An sd of 300 is known to 4 %; values of the envelope one step apart are correlated by a few
     # per cent, and share nothing with what the covariance takes for independent windows.
-    assert sd == pytest.approx(np.sqrt(np.diag(own)), rel=0.2)
+    assert sd == pytest.approx(np.sqrt(np.diag(mean_covariance)), rel=0.2)
     correlation = np.corrcoef(values.T)[0, 2]
-    assert correlation == pytest.approx(own[0, 2] / np.sqrt(own[0, 0] * own[2, 2]), abs=0.2)
+    assert correlation == pytest.approx(
+        mean_covariance[0, 2] / np.sqrt(mean_covariance[0, 0] * mean_covariance[2, 2]), abs=0.2
+    )
     # Unbiased to four standard errors.
     assert np.abs(values.mean(axis=0)[0] - F_HZ) < 4 * sd[0] / np.sqrt(300) + 1e-5
 
@@ -92,7 +94,7 @@ def power_law(size, seconds=9.0):
 def test_a_louder_hammer_reads_the_same(joint, sizes, amplitude):
     """Parameters of whole records move by per cents with the hammer; a reading must not."""
     test = impacts(*(joint(size) for size in sizes))
-    soft, loud = (reading(one, test, [amplitude]).values for one in test.records)
+    soft, loud = (reading(record, test, [amplitude]).values for record in test.records)
     # Where the window begins within a step of the envelope differs: 1e-3 of the damping.
     assert loud[0] == pytest.approx(soft[0], rel=2e-5)
     assert loud[1] == pytest.approx(soft[1], abs=3e-3)
@@ -110,11 +112,11 @@ def test_a_power_law_reads_its_own_damping():
 
 def test_the_common_amplitude_lies_within_every_record():
     test = impacts(linear(1.0), linear(0.5), linear(2.0))
-    found = common_amplitude(test)
-    assert len({reading(one, test, [found]).values.shape for one in test.records}) == 1
+    amplitude = common_amplitude(test)
+    assert len({reading(record, test, [amplitude]).values.shape for record in test.records}) == 1
     # The loudest ends at 2 exp(-zeta omega 9 s), give or take the filter's half length.
     end = 2.0 * np.exp(-ZETA * 2 * np.pi * F_HZ * 9.0)
-    assert found == pytest.approx(1.05 * np.sqrt(1.4) * end, rel=0.25)
+    assert amplitude == pytest.approx(1.05 * np.sqrt(1.4) * end, rel=0.25)
 
 
 def test_records_without_a_common_window_are_refused():

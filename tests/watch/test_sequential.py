@@ -58,7 +58,7 @@ def terms_of(x, hits, worth):
 
 def posterior(rng, hits, worth=1.0):
     """Draws under uniform priors, their terms and the log evidence, by points about themselves."""
-    middle, width = (np.array(list(each.values())) for each in (TRUTH, ABOUT))
+    middle, width = (np.array(list(parameters.values())) for parameters in (TRUTH, ABOUT))
     mean, cov = np.zeros(3), np.eye(3)
     for _ in range(4):
         near = multivariate_t(mean, cov, df=4)  # the scatter of frequencies has far tails
@@ -101,20 +101,20 @@ def run():
 @pytest.mark.slow
 def test_one_record_more_leaves_the_posterior_of_all(run):
     study, first = run
-    said = []
-    found = updated(study, HITS[-1:], num_particles=NUM, report=said.append)
+    sentences = []
+    after_record = updated(study, HITS[-1:], num_particles=NUM, report=sentences.append)
     all_, _, evidence = posterior(np.random.default_rng(1), HITS)
-    sequential = found["sequential"].to_dataset()
+    sequential = after_record["sequential"].to_dataset()
     # Two sets of a few hundred independent draws each: means to 0.06 sd, sds to 5 %; four of these.
     for i, name in enumerate(TRUTH):
-        x = found["posterior"][name].values.ravel()
+        x = after_record["posterior"][name].values.ravel()
         assert abs(x.mean() - all_[:, i].mean()) < 4 * 0.06 * all_[:, i].std()
         assert x.std() == pytest.approx(all_[:, i].std(), rel=4 * 0.05)
     # Either evidence is that of some thousand points.
     assert sequential["log_evidence"].item() == pytest.approx(evidence - first, abs=0.2)
     assert sequential["record"].item() == "hit 5"
     moved = bool(np.isfinite(sequential["accepted"].item()))
-    assert said == [particles("hit 5", sequential["kish"].item(), moved=moved)]
+    assert sentences == [particles("hit 5", sequential["kish"].item(), moved=moved)]
 
 
 def exact_sd(hits, worth):
@@ -143,8 +143,8 @@ def test_records_count_as_many_values_as_those_of_the_run():
     worth = 0.3
     study, _ = study_of(HITS[:-1], worth, seed=2)
     before = study.posterior["posterior"]["zeta"].values.ravel()
-    found = updated(study, HITS[-1:], num_particles=NUM, report=lambda said: None)
-    after = found["posterior"]["zeta"].values.ravel()
+    after_record = updated(study, HITS[-1:], num_particles=NUM, report=lambda sentence: None)
+    after = after_record["posterior"]["zeta"].values.ravel()
     # Sds of some 500 independent draws are known to 3 %, noise by some 400 values to 4 %, sizes of
     # records by their first crest to 1 %: four of their root of squares.
     for x, hits in ((before, HITS[:-1]), (after, HITS)):
@@ -170,14 +170,14 @@ def test_a_run_that_was_written_and_loaded_takes_one_record_more(tmp_path):
     save_result(tmp_path / "run", study.tree, study.record)
     loaded = jbw.load_study(tmp_path / "run", jbw.load_campaign(tmp_path / "three/campaign.toml"))
     assert loaded.identification is None
-    found = updated(loaded, hits[3:], report=lambda said: None)["posterior"]
+    after_record = updated(loaded, hits[3:], report=lambda sentence: None)["posterior"]
 
     settings = Identify(**{**draws, "fit_repeats": 4})
     all_ = run_procedure(measured(every.tests, settings, laws=every.laws)).main.posterior
     # 1,000 draws, of which a third count and move, beside as many anew: means to 0.06 sd and sds
     # to 5 %; four of these. The fourth hit moves gamma by an sd.
     for name in ("omega_n", "zeta", "alpha_delta", "alpha_gamma"):
-        x, y = found[name].values, all_["posterior"][name].values
+        x, y = after_record[name].values, all_["posterior"][name].values
         assert abs(x.mean() - y.mean()) < 4 * 0.06 * y.std(), name
         assert x.std() == pytest.approx(y.std(), rel=4 * 0.05), name
 
@@ -192,7 +192,7 @@ def test_a_run_that_was_written_and_loaded_takes_one_record_more(tmp_path):
 @pytest.mark.slow
 def test_a_record_of_another_kind_is_refused(run, record, message):
     with pytest.raises(jbw.DataError, match=message):
-        updated(run[0], [record], report=lambda said: None)
+        updated(run[0], [record], report=lambda sentence: None)
 
 
 @pytest.mark.slow

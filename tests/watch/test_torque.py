@@ -31,44 +31,44 @@ def known(num_draws=50, slope=SLOPE):
 def test_many_references_and_one_slope_leave_weighted_least_squares():
     """Of a known covariance, x is normal about g'Wd / g'Wg, with the expectation N(0, 1) in it."""
     num, away = 4, np.array([-0.21, 0.13])
-    found = torque_after(away, ReferenceReadings(10**6, np.zeros(2), COVARIANCE), num, known())
+    torque = torque_after(away, ReferenceReadings(10**6, np.zeros(2), COVARIANCE), num, known())
     weight = np.linalg.inv(COVARIANCE / num)
     precision = SLOPE @ weight @ SLOPE + 1.0
     middle, reach = SLOPE @ weight @ away / precision, 2.5758293 / np.sqrt(precision)
     # Quantiles of a sum over places; a covariance of 1e6 readings is known to 1e-3.
     for value, expected in (
-        (found.after, middle), (found.low, middle - reach), (found.high, middle + reach),
+        (torque.after, middle), (torque.low, middle - reach), (torque.high, middle + reach),
     ):  # fmt: skip
         assert np.log(value / 8.0) == pytest.approx(expected, abs=STEP)
-    assert (found.before, found.explained, found.inside) == (8.0, True, True)
+    assert (torque.before, torque.explained, torque.inside) == (8.0, True, True)
 
 
 def test_few_references_leave_students_t():
     """t of n0 - 1 degrees of freedom and the scale (1 + q / (n0 - 1)) / g'Wg about the same."""
     num, references, away = 1, 8, 1e-2 * np.array([-2.1, 1.3])
     scale = 1e-2 * COVARIANCE * 0.01  # narrow, so that what is expected does not matter
-    found = torque_after(away, ReferenceReadings(references, np.zeros(2), scale), num, known())
+    torque = torque_after(away, ReferenceReadings(references, np.zeros(2), scale), num, known())
     weight = np.linalg.inv(scale * (1 / num + 1 / references))
     precision = SLOPE @ weight @ SLOPE
     middle = SLOPE @ weight @ away / precision
-    left = (away - SLOPE * middle) @ weight @ (away - SLOPE * middle)
-    reach = student.ppf(0.995, 7) * np.sqrt((1 + left / 7) / precision)
-    assert np.log(found.after / 8.0) == pytest.approx(middle, abs=STEP)
-    assert np.log(found.low / 8.0) == pytest.approx(middle - reach, abs=STEP)
-    assert np.log(found.high / 8.0) == pytest.approx(middle + reach, abs=STEP)
+    misfit = (away - SLOPE * middle) @ weight @ (away - SLOPE * middle)
+    reach = student.ppf(0.995, 7) * np.sqrt((1 + misfit / 7) / precision)
+    assert np.log(torque.after / 8.0) == pytest.approx(middle, abs=STEP)
+    assert np.log(torque.low / 8.0) == pytest.approx(middle - reach, abs=STEP)
+    assert np.log(torque.high / 8.0) == pytest.approx(middle + reach, abs=STEP)
 
 
 def test_without_a_trend_nothing_is_learnt():
     """The interval is that of what was expected: factors of exp(2.58) either way."""
     reference = ReferenceReadings(20, np.zeros(2), COVARIANCE)
-    found = torque_after(np.array([-0.2, 0.1]), reference, 1, known(slope=np.zeros(2)))
-    assert np.log([found.low / 8.0, found.high / 8.0]) == pytest.approx([-2.576, 2.576], abs=1e-2)
+    torque = torque_after(np.array([-0.2, 0.1]), reference, 1, known(slope=np.zeros(2)))
+    assert np.log([torque.low / 8.0, torque.high / 8.0]) == pytest.approx([-2.576, 2.576], abs=1e-2)
 
 
 def test_what_no_torque_explains_is_said():
     reference = ReferenceReadings(20, np.zeros(2), COVARIANCE)
-    found = torque_after(np.array([-0.4, -0.4]), reference, 1, known())  # lower and less damped
-    assert not found.explained
+    torque = torque_after(np.array([-0.4, -0.4]), reference, 1, known())  # lower and less damped
+    assert not torque.explained
     far = torque_after(1.5 * SLOPE, reference, 1, known())
     assert not far.inside
     assert far.after > 8.0
@@ -80,13 +80,13 @@ def test_an_alarm_is_stated_as_a_torque():
     references = rng.standard_normal((20, 2)) @ root.T
     x = np.log(6.1 / 8.0)
     watched = rng.standard_normal((4, 2)) @ root.T + SLOPE * x
-    found = state(references, watched, 1e-3, trend=known())
-    assert found.change is not None
-    assert found.change.torque is not None
-    assert found.change.torque.low < 6.1 < found.change.torque.high
-    said = sentence(found, [f"hit {i}" for i in range(4)], 20)
-    assert words_of(found.change.torque) in said
-    plain = json.loads(json.dumps(as_plain(found)))
+    watch_state = state(references, watched, 1e-3, trend=known())
+    assert watch_state.change is not None
+    assert watch_state.change.torque is not None
+    assert watch_state.change.torque.low < 6.1 < watch_state.change.torque.high
+    statement = sentence(watch_state, [f"hit {i}" for i in range(4)], 20)
+    assert words_of(watch_state.change.torque) in statement
+    plain = json.loads(json.dumps(as_plain(watch_state)))
     assert plain["change"]["torque"]["before"] == 8.0
     assert "torque" not in as_plain(state(references, watched, 1e-3))["change"]
 
@@ -108,14 +108,14 @@ def a_fleet(status="ok", y_peak=Y_PEAK):
         fleet[name].attrs["y_peak"] = peak
     design = CovariateDesign(("mean", "torque"), np.ones((2, 2)), 5.0)
     line = np.stack([logs[0], list(POWER.values())], axis=-1)[None, None]
-    found = Population(
+    fleet_population = Population(
         Pooled(tuple(MEANS), logs, np.zeros((1, 3, 3)), np.eye(3), tuple(MEANS), np.zeros((0, 3))),
         design,
         SimpleNamespace(),
         {"line": line, "tau": np.zeros((1, 1, 3)), "scatter": 1e-30 * np.eye(3)[None, None]},
         {"status": status, "torque": [4.0, 12.0]},
     )
-    return fleet, found
+    return fleet, fleet_population
 
 
 @pytest.fixture
@@ -144,13 +144,13 @@ def duffing(torque, amplitude):
 
 
 def test_slopes_are_those_of_the_fleets_own_joints(trend_at):
-    found = trend_at()
+    fleet_trend = trend_at()
     (f_8, z_8), (g_8, w_8) = (duffing(8.0, amplitude) for amplitude in (0.3, 0.2))
     (f_9, z_9), (g_9, w_9) = (duffing(8.8, amplitude) for amplitude in (0.3, 0.2))
     expected = np.array([f_9 - f_8, z_9 - z_8, g_9 - f_9 - (g_8 - f_8), w_9 - w_8]) / np.log(1.1)
     # Three steps of the velocity to a displacement, each a hundredth of the one before.
-    assert np.allclose(found.slopes, expected, rtol=1e-3, atol=1e-5)
-    assert (found.least, found.most, found.torque) == (4.0, 12.0, 8.0)
+    assert np.allclose(fleet_trend.slopes, expected, rtol=1e-3, atol=1e-5)
+    assert (fleet_trend.least, fleet_trend.most, fleet_trend.torque) == (4.0, 12.0, 8.0)
     # 0.1 of ln preload over the sd 0.55 of ln torque: 0.01 / (0.302 + 0.01).
     assert "slopes are about 3 % too small" in trend_at.said[-1]
 

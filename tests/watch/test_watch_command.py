@@ -42,15 +42,15 @@ def decay(size, rng, zeta=1.0, f=1.0, seconds=SECONDS):
     )
     steps = 8
     log, phase = np.log(size), rng.uniform(0, 6)
-    found = []
+    records = []
     for _ in range(round(FS * seconds)):
-        found.append(np.exp(log) * np.cos(phase))
+        records.append(np.exp(log) * np.cos(phase))
         for _ in range(steps):
             power_of = np.exp(0.6 * log)
             omega = 2 * np.pi * F_HZ * f * (1 - 0.02 * power_of)
             log -= zeta * (0.001 + 0.004 * power_of) * omega / (steps * FS)
             phase += omega / (steps * FS)
-    return np.array(found) + 1e-4 * rng.standard_normal(len(found))
+    return np.array(records) + 1e-4 * rng.standard_normal(len(records))
 
 
 def write_hit(path, velocity):
@@ -95,8 +95,8 @@ def call(watched, campaign, capsys):
     def called(*names, options=()):
         files = [word for name in names for word in ("--add", str(campaign / f"{name}.h5"))]
         code = run(["watch", str(watched), *files, *options, "--json"])
-        told = capsys.readouterr()
-        return code, json.loads(told.out), " ".join(told.err.split())
+        streams = capsys.readouterr()
+        return code, json.loads(streams.out), " ".join(streams.err.split())
 
     return called
 
@@ -106,15 +106,15 @@ def lines(folder):
 
 
 def test_a_watch_from_the_references_to_a_loose_bolt(call, watched):
-    code, found, _ = call()
-    assert (code, found["count"]) == (0, NUM)
-    assert [one["role"] for one in lines(watched)[1:]] == ["reference"] * NUM
-    code, found, _ = call("same", "louder")
+    code, answer, _ = call()
+    assert (code, answer["count"]) == (0, NUM)
+    assert [line["role"] for line in lines(watched)[1:]] == ["reference"] * NUM
+    code, answer, _ = call("same", "louder")
     assert code == 0
-    assert [one["alarm"] for one in found["added"]] == ["", ""]
-    code, found, _ = call("loose")
+    assert [line["alarm"] for line in answer["added"]] == ["", ""]
+    code, answer, _ = call("loose")
     assert code == 6
-    (loose,) = found["added"]
+    (loose,) = answer["added"]
     assert loose["alarm"]
     # 8 % of damping is 11 sd and 2e-4 of frequency 5 sd: such a change is hardly ever missed.
     assert power(1e-3, 2, NUM, np.hypot(11, 5)) > 0.999
@@ -140,9 +140,9 @@ def test_an_alarm_is_stated_as_a_torque_where_a_fleet_is_known(call, tmp_path, m
         "jbw.watch.trend.trend_of",
         lambda units, torque, amplitudes, test, report: Trend(8.0, slopes, 4.0, 12.0),
     )
-    code, found, _ = call("loose", options=("--population", str(fleet)))
+    code, answer, _ = call("loose", options=("--population", str(fleet)))
     assert code == 6
-    (loose,) = found["added"]
+    (loose,) = answer["added"]
     like = loose["change"]["torque"]
     assert like["low"] < 8.0 * np.exp(-0.3) < like["high"]
     assert like["explained"]
@@ -154,44 +154,44 @@ def test_an_alarm_is_stated_as_a_torque_where_a_fleet_is_known(call, tmp_path, m
 
 
 def test_a_tighter_joint_is_told_apart(call):
-    code, found, _ = call("tight")
+    code, answer, _ = call("tight")
     assert code == 6
-    assert found["added"][0]["change"]["direction"] == "tighter, or another temperature"
+    assert answer["added"][0]["change"]["direction"] == "tighter, or another temperature"
 
 
 def test_a_record_below_the_window_is_refused_and_noted(call, watched):
-    code, found, said = call("softer")
+    code, answer, stderr = call("softer")
     assert code == 3
-    assert found["added"][0]["kind"] == "refused"
-    assert "does not pass the window" in said
-    assert lines(watched)[-1]["reason"] == found["added"][0]["reason"]
-    code, found, _ = call("same")
-    assert (code, found["added"][0]["number"]) == (0, NUM + 1)
+    assert answer["added"][0]["kind"] == "refused"
+    assert "does not pass the window" in stderr
+    assert lines(watched)[-1]["reason"] == answer["added"][0]["reason"]
+    code, answer, _ = call("same")
+    assert (code, answer["added"][0]["number"]) == (0, NUM + 1)
 
 
 def test_a_record_counts_once(call, watched):
     call("same")
     before = (watched / "watch.jsonl").read_bytes()
-    code, _, said = call("same")
+    code, _, stderr = call("same")
     assert code == 0
-    assert f"as number {NUM + 1}" in said
+    assert f"as number {NUM + 1}" in stderr
     assert (watched / "watch.jsonl").read_bytes() == before
 
 
 def test_a_watch_cut_by_a_crash_goes_on_as_if_nothing_had_happened(call, watched):
     call("same")
-    whole = lines(watched)
+    uninterrupted = lines(watched)
     log = watched / "watch.jsonl"
     content = log.read_bytes().splitlines(keepends=True)
     # Within the references, and within the record that was added.
     for cut in (7, len(content) - 1):
         log.write_bytes(b"".join(content[:cut]) + content[cut][:50])
-        code, _, said = call("same")
+        code, _, stderr = call("same")
         assert code == 0
-        assert watch.torn_line(str(log), 50, str(watched / "watch.torn")) in said
-        again = lines(watched)
-        drop = [{k: v for k, v in one.items() if k != "when"} for one in again]
-        assert drop == [{k: v for k, v in one.items() if k != "when"} for one in whole]
+        assert watch.torn_line(str(log), 50, str(watched / "watch.torn")) in stderr
+        resumed = lines(watched)
+        drop = [{k: v for k, v in line.items() if k != "when"} for line in resumed]
+        assert drop == [{k: v for k, v in line.items() if k != "when"} for line in uninterrupted]
 
 
 @pytest.mark.parametrize(
@@ -204,9 +204,9 @@ def test_a_watch_cut_by_a_crash_goes_on_as_if_nothing_had_happened(call, watched
 )
 def test_a_watch_keeps_what_it_began_with(call, options, message):
     call()
-    code, _, said = call(options=options)
+    code, _, stderr = call(options=options)
     assert code == 2
-    assert message in said
+    assert message in stderr
 
 
 @pytest.mark.parametrize(
@@ -228,22 +228,22 @@ def test_a_watch_that_cannot_begin_says_why_and_leaves_nothing(
 
 
 def test_two_amplitudes_are_read_and_the_reference_may_be_shorter(call, watched):
-    code, _, said = call(options=("--amplitude", "0.3,0.2", "--reference", "10"))
+    code, _, stderr = call(options=("--amplitude", "0.3,0.2", "--reference", "10"))
     assert code == 0
     settings, *readings = lines(watched)
     assert settings["names"][2] == "f(0.2 m/s) - f(0.3 m/s) [Hz]"
-    assert [len(one["values"]) for one in readings] == [4] * NUM
-    assert [one["role"] for one in readings] == ["reference"] * 10 + ["watched"] * 10
-    assert not any(one.get("alarm") for one in readings)
-    assert watch.several_amplitudes(20) in said
+    assert [len(reading["values"]) for reading in readings] == [4] * NUM
+    assert [reading["role"] for reading in readings] == ["reference"] * 10 + ["watched"] * 10
+    assert not any(reading.get("alarm") for reading in readings)
+    assert watch.several_amplitudes(20) in stderr
 
 
 def test_a_file_that_cannot_be_read_is_noted(call, campaign, watched):
     (campaign / "broken.h5").write_bytes(b"no HDF5")
-    code, found, _ = call("broken", "same")
+    code, answer, _ = call("broken", "same")
     (campaign / "broken.h5").unlink()
     assert code == 3
-    assert [one["kind"] for one in found["added"]] == ["refused", "reading"]
+    assert [line["kind"] for line in answer["added"]] == ["refused", "reading"]
     assert lines(watched)[-2]["record"] == "broken.h5"
 
 
@@ -253,6 +253,6 @@ def test_a_run_without_decays_is_refused(call, watched, tmp_path):
     )
     path = tmp_path / "noise.toml"
     path.write_text(text.replace('velocity = "m/s"', 'velocity = "m/s", input = "V"'))
-    code, _, said = call(options=("--campaign", str(path)))
+    code, _, stderr = call(options=("--campaign", str(path)))
     assert code == 3
-    assert "has no free decays" in said
+    assert "has no free decays" in stderr

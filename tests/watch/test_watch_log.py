@@ -28,14 +28,14 @@ def test_entries_are_read_as_they_were_appended(path):
 
 
 def test_a_last_line_cut_by_a_crash_is_set_aside_and_told(path):
-    whole = path.read_bytes()
+    uncut = path.read_bytes()
     line = json.dumps({"kind": "reading", "record": "third"}).encode() + b"\n"
     for length in range(1, len(line)):
-        path.write_bytes(whole + line[:length])
-        told = set_aside(path)
-        assert told is not None
-        assert told == torn_line(str(path), length, str(path.with_name(TORN)))
-        assert path.read_bytes() == whole
+        path.write_bytes(uncut + line[:length])
+        warning = set_aside(path)
+        assert warning is not None
+        assert warning == torn_line(str(path), length, str(path.with_name(TORN)))
+        assert path.read_bytes() == uncut
         assert path.with_name(TORN).read_bytes() == line[:length] + b"\n"
         path.with_name(TORN).unlink()
 
@@ -62,8 +62,8 @@ def test_a_disk_that_takes_half_a_line_is_told_and_repaired(path, monkeypatch):
     with pytest.raises(jbw.RunError, match="only 7 of"):
         append(path, {"kind": "reading"})
     monkeypatch.undo()
-    told = set_aside(path)
-    assert told is not None
+    warning = set_aside(path)
+    assert warning is not None
     assert read_log(path) == ENTRIES
 
 
