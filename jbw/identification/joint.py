@@ -7,7 +7,7 @@ from the draws, and checked.
 import logging
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from time import perf_counter
 from typing import Any
 
@@ -31,7 +31,13 @@ from jbw.identification.equivalent import (
     response_finding,
     within_response,
 )
-from jbw.identification.leaving_out import consistency_finding, leave_one_out, left_out_sentence
+from jbw.identification.leaving_out import (
+    consistency_finding,
+    fits_without_each_run,
+    leave_one_out,
+    left_out_sentence,
+)
+from jbw.identification.model_discrepancy import discrepancy_sentences, model_discrepancy
 from jbw.identification.no_joint import joint_finding, likely, may_be_absent, without_joint
 from jbw.identification.only_drag import drag_finding, may_be_drag, with_drag
 from jbw.identification.own_joints import own_joint_sentences
@@ -414,12 +420,19 @@ def posterior_checks(
         (),
     )
 
+    without_each = cache(lambda: fits_without_each_run(best, prior, data))
+
     def each_test_left_out() -> Finding | None:
-        if (left_out := leave_one_out(best, prior, data)) is None:
+        if (left_out := leave_one_out(best, prior, data, without_each())) is None:
             return None
         groups["leave_one_out"] = left_out
         words.append(left_out_sentence(left_out))
         return consistency_finding(left_out, data.laws)
+
+    def left_beyond_noise() -> Finding | None:
+        groups["discrepancy"] = model_discrepancy(best, prior, data, without_each(), y_peak)
+        words.extend(discrepancy_sentences(groups["discrepancy"]))
+        return None
 
     def each_kind_left_out() -> Finding | None:
         if (predicted := across_kinds(best, prior, data)) is not None:
@@ -436,6 +449,7 @@ def posterior_checks(
     findings += checked(
         {
             "the fit without each test": each_test_left_out,
+            "the model discrepancy": left_beyond_noise,
             "the fit without each kind of test": each_kind_left_out,
             "the fit to each record alone": each_record_alone,
         }

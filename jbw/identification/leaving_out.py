@@ -13,7 +13,8 @@ them determines, a fit moves far for nothing.
 """
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from functools import reduce
 
 import numpy as np
 import xarray as xr
@@ -25,29 +26,64 @@ from jbw.inference.fit.costly_fit import residual_at
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.finding import Finding, checked
 from jbw.inference.space.box import Box
-from jbw.observables.dataset import Dataset, left_by_label, size_by_label, stacked, without
+from jbw.observables.dataset import (
+    Dataset,
+    left_by_label,
+    silenced,
+    size_by_label,
+    stacked,
+    without,
+)
 
 under_way = logging.getLogger("jbw.progress")
+FitsWithout = Mapping[tuple[str, ...], Fit]  # by the runs that are left out
 MOVES = 4.0  # standard deviations of the change: beyond, the runs contradict each other
 LEAST_GAIN = 0.01  # of the variance: what a run must add for its absence to be judged
 
 
-def leave_one_out(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
-    """Fit again without each run of records, harmonics or loops in turn.
+def fits_without_each_run(best: Fit, prior: Box, data: Dataset) -> FitsWithout:
+    """Fit again without each run of records, harmonics or loops in turn; nothing of fewer than two.
+
+    Free decays are left out where there is nothing else, the strongest third of them together, the
+    weakest, and those between: a record beside one like it says nothing of other amplitudes.
+    """
+    decays_alone = all(part.own_shifts for part in data.parts)
+    parts = [part for part in data.parts if part.sizes() and (decays_alone or not part.own_shifts)]
+    runs = tuple(dict.fromkeys(run for part in parts for run in part.runs))
+    groups = _thirds(data) if decays_alone else [(run,) for run in runs]
+    if len(groups) < 2:
+        return {}
+    excluded = silenced if decays_alone else without
+    fits: dict[tuple[str, ...], Fit] = {}
+    for place, group in enumerate(groups, start=1):
+        under_way.info("fit without run %d of %d", place, len(groups))
+        rest = reduce(lambda known, run: excluded(run, known), group, data)
+        fits[group] = refit(best, prior, rest)
+    return fits
+
+
+def _thirds(data: Dataset) -> list[tuple[str, ...]]:
+    """Names of the records of free decays, from the weakest third to the strongest."""
+    sizes = {run: y for part in data.parts for run, y in part.begins_at(1.0).items()}
+    order = sorted(sizes, key=lambda run: sizes[run])
+    parts = np.array_split(np.arange(len(order)), min(len(order), 3))
+    return [tuple(order[i] for i in part) for part in parts]
+
+
+def leave_one_out(
+    best: Fit, prior: Box, data: Dataset, without_each: FitsWithout
+) -> xr.Dataset | None:
+    """What the fits without each run, those of `fits_without_each_run`, say of the runs.
 
     `z` is NaN where a run adds nothing, `error` is that of a run as the fit without it predicts it.
     Two runs must be left, so that no fit is of one level alone: None with fewer than two such runs,
-    or three runs in all.
+    three runs in all, or of free decays alone.
     """
-    own = [part for part in data.parts if part.sizes() and not part.own_shifts]
-    runs = tuple(dict.fromkeys(run for part in own for run in part.runs))
-    if len(runs) < 2 or len(set(data.runs)) < 3:
+    decays_alone = all(part.own_shifts for part in data.parts)
+    if decays_alone or len(without_each) < 2 or len(set(data.runs)) < 3:
         return None
+    runs, fits = [run for (run,) in without_each], list(without_each.values())
     others = [without(run, data) for run in runs]
-    fits = []
-    for place, rest in enumerate(others, start=1):
-        under_way.info("fit without run %d of %d", place, len(others))
-        fits.append(refit(best, prior, rest))
     pairs = zip(fits, others, strict=True)
     growth = np.array([_gained(best, fit, prior, rest) for fit, rest in pairs])
     estimate = np.array([list(one.theta.values()) for one in fits])

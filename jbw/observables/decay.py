@@ -6,7 +6,7 @@ natural frequency: structures are never twice the same to the last digit. Shifts
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import ClassVar, Self
+from typing import Any, ClassVar, NamedTuple, Self
 
 import equinox as eqx
 import jax
@@ -17,7 +17,15 @@ from jaxtyping import Array, Complex, Float, Key
 from jbw.inference.groups.offsets import Estimate
 from jbw.inference.groups.scatter import log_density_of_offsets
 from jbw.measurement.demodulation import read_decay
-from jbw.observables.decay_envelopes import Envelopes, Match, match, some_readings
+from jbw.observables.decay_drift import LeftOutDecay, left_out_decay
+from jbw.observables.decay_envelopes import (
+    Entry,
+    Envelopes,
+    Match,
+    follow,
+    match,
+    some_readings,
+)
 from jbw.observables.effective_values import correlated_fraction
 from jbw.observables.observable import (
     AmplitudeCurve,
@@ -33,6 +41,8 @@ from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.oscillator.response import simulate
 from jbw.quantities import LETTER_OF, UNIT_OF, derivative_order
 
+BEGINNING = 0.3  # 1 / (zeta omega_n): of a record, from which its initial state is read
+LEAST_BEGUN = 8  # values of the envelope for that
 NUM_OWN = 3  # unknowns of a record besides its noise: amplitude, phase, shift
 SCATTERS = np.geomspace(1e-8, 1e-2, 25)  # of omega_n: a log-uniform prior of the shifts' scatter
 
@@ -207,6 +217,30 @@ class Decays(Envelopes):
         """Displacement that the simulated decay begins from [m]."""
         return float(self.y_start)
 
+    def begins_at(self, omega_n: float) -> dict[str, float]:
+        """What every envelope begins with, at the natural frequency."""
+        begins = np.abs(np.asarray(self.envelope)[:, 0]) / omega_n ** derivative_order(
+            self.response
+        )
+        return dict(zip(self.names, begins.tolist(), strict=True))
+
+    def drift(self, theta: Theta, run: str) -> LeftOutDecay | None:
+        """How a record drifts from its prediction by its beginning, its noise that of the others.
+
+        As of a record that no fit has seen.
+        """
+        record, size = self.names.index(run), num_begun(theta, self)
+        alike = np.delete(np.asarray(self.noise_std), record)
+        noise_std = float(np.mean(alike)) if len(alike) else float(self.noise_std[record])
+        seen = replace(self, noise_std=jax.device_put(np.full(len(self.names), noise_std)))
+        predicted, errors = predicted_from_beginnings(theta, seen, size)
+        time = self.step_s * (np.arange(self.envelope.shape[1]) - 0.5 * size)
+        measured, expected = (np.asarray(row[record])[size:] for row in (self.envelope, predicted))
+        at_start = float(errors[0][record]), float(errors[1][record])
+        return left_out_decay(
+            measured, expected, time[size:], at_start, noise_std, float(self.fraction)
+        )
+
     def only(self, record: int, size: int) -> Self:
         """One record, the first values of it alone, with its own noise."""
         kept = slice(record, record + 1)
@@ -294,6 +328,61 @@ def _logarithm(envelope: Complex[Array, " step"], data: Envelopes) -> Complex[Ar
 def matched(theta: Theta, data: Decays) -> Match:
     """Every record matched at one point of the parameters, compiled."""
     return data.matches(theta)
+
+
+class Beginning(NamedTuple):
+    """Where a record lies by its beginning alone: the entry, and the covariance of this.
+
+    Of log amplitude, phase and shift; the rate is the change of the log amplitude by the place.
+    """
+
+    entry: Entry
+    covariance: Float[Array, "own own"]
+    rate: Float[Array, ""]
+
+    def moved(self, change: Float[Array, " own"]) -> Entry:
+        """The entry after a change of log amplitude, phase and shift."""
+        place, phase, shift = self.entry
+        return Entry(place + change[0] / self.rate, phase + change[1], shift + change[2])
+
+
+def begun(
+    decay: Complex[Array, " step"],
+    envelope: Complex[Array, " value"],
+    noise_std: Float[Array, ""],
+    data: Decays,
+) -> Beginning:
+    """Where the beginning of a record lies on a decay, by its noise and the scatter of shifts."""
+    found = match(decay, envelope, data.step_s)
+    # A short beginning says little of its own noise; that of the fitted records stands for it.
+    precision = found.precision * data.fraction / noise_std**2
+    # The shift's own prior holds it where a short beginning would not.
+    both = jnp.linalg.inv(precision.at[2, 2].add(1 / data.shift_std**2))
+    centre = -both[:, 2] * found.entry.shift / data.shift_std**2
+    return Beginning(Beginning(found.entry, both, found.rate).moved(centre), both, found.rate)
+
+
+def num_begun(theta: Mapping[str, Any], data: Decays) -> int:
+    r"""Values of an envelope that tell its start: $0.3 / (\zeta \omega_n)$, half at most."""
+    rate = float(np.mean(theta["zeta"] * theta["omega_n"]))
+    half = data.envelope.shape[1] // 2
+    wanted = BEGINNING / (rate * data.step_s) if rate > 0 else half
+    return int(min(max(wanted, LEAST_BEGUN), half))
+
+
+@eqx.filter_jit
+def predicted_from_beginnings(
+    theta: Theta, data: Decays, size: int
+) -> tuple[Complex[Array, "record step"], tuple[Float[Array, " record"], Float[Array, " record"]]]:
+    """Every envelope from its first values on; errors of its log amplitude and shift [rad/s]."""
+    decay, steps = decay_of(theta, data), jnp.arange(data.envelope.shape[1], dtype=float)
+
+    def one(pair: tuple[Array, Array]) -> tuple[Array, tuple[Array, Array]]:
+        own = begun(decay, pair[0][:size], pair[1], data)
+        errors = jnp.sqrt(jnp.diag(own.covariance))
+        return follow(decay, own.entry, steps, data.step_s)[0], (errors[0], errors[2])
+
+    return jax.lax.map(one, (data.envelope, data.noise_std))
 
 
 @eqx.filter_jit

@@ -94,6 +94,10 @@ class ModalDecays(Decays):
         """Envelopes of the decays of each test, in a band with all modes of the structure."""
         return tuple(cls.of(test, laws=laws, substeps=substeps, modes=modes) for test in tests)
 
+    def drift(self, theta: Theta, run: str) -> None:
+        """None: a drift is read off one mode alone."""
+        return None
+
     @classmethod
     def of(
         cls,

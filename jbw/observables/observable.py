@@ -15,6 +15,7 @@ from jaxtyping import Array, Complex, Float, Key
 
 from jbw.inference.groups.offsets import Estimate
 from jbw.measurement.records import Test
+from jbw.observables.decay_drift import LeftOutDecay
 from jbw.observables.spectra import Spectrum
 from jbw.quantities import DEFAULT_LAWS
 
@@ -271,6 +272,14 @@ class Observable(eqx.Module):
     def y_peak(self, omega_n: float) -> float:
         """Largest displacement [m], of noise its rms, by omega_n [rad/s] where not measured."""
         return 0.0
+
+    def begins_at(self, omega_n: float) -> dict[str, float]:
+        """Displacement that each free decay begins with [m], by run; nothing of other kinds."""
+        return {}
+
+    def drift(self, theta: Theta, run: str) -> LeftOutDecay | None:
+        """How a free decay drifts from its prediction by its beginning; None of other kinds."""
+        return None
 
     def peaks_of_modes(self) -> tuple[float, ...]:
         """Largest displacement [m] about each of several modes; nothing where not measured."""

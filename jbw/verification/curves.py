@@ -108,8 +108,9 @@ def _predict_alike(source: Source, curves: Sequence[Curve], residuals: str) -> l
                 # A linear oscillator has no higher harmonics to compare.
                 if group.order == 1 or name != "linear"
             }
-            std = source.std(noise, float(data.repeats.num_repeats[i]))
-            drawn, said = _compared(group, test, model[:, i, :size], of_others, order, std)
+            values = model[:, i, :size]
+            std = source.std(noise, values, float(data.repeats.num_repeats[i]))
+            drawn, said = _compared(group, test, values, of_others, order, std)
             suffix = "" if group.order == 1 else f"_{group.order}"
             variables |= {name + suffix: variable for name, variable in drawn.items()}
             attrs |= {name + suffix: value for name, value in said.items()}

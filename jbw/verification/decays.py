@@ -11,8 +11,8 @@ from jaxtyping import Array, Complex, Float, Key
 
 from jbw.inference.generator import generator
 from jbw.measurement.records import Test
-from jbw.observables.decay import Decays, decay_of
-from jbw.observables.decay_envelopes import Entry, envelopes, filter_of, follow, match
+from jbw.observables.decay import Decays, begun, decay_of, num_begun
+from jbw.observables.decay_envelopes import envelopes, filter_of, follow
 from jbw.observables.modal_decays import ModalDecays
 from jbw.quantities import UNIT_OF, derivative_order, in_dialect
 from jbw.verification.bands import QUANTILE_AXIS, band, error, half_width, within
@@ -32,11 +32,9 @@ from jbw.verification.predicted import (
     Source,
     noise_by_label,
 )
-from jbw.verification.predictive_basis import Draws
 
-SEEN = 0.3  # 1 / (zeta omega_n): of a held-out record, from which its initial state is read
-LEAST_SEEN = 8  # values of the envelope for that
 NO_SHIFT = 1e-6  # of omega_n: scatter of the records' frequencies where no decay was fitted
+MISSED_KEY = 1  # of the noise's: what draws the model discrepancy
 SILENT = 1e-6  # of a record: a noise that leaves its initial state sharp
 
 
@@ -83,14 +81,6 @@ def verify_decays(source: Source, test: Test, num_fitted: int) -> list[xr.Datase
     return _compared(source, test, data, every, num_fitted)
 
 
-def num_seen(draws: Draws, data: Decays) -> int:
-    r"""Values of an envelope that tell its start: $0.3 / (\zeta \omega_n)$, half at most."""
-    rate = float(np.mean(draws["zeta"] * draws["omega_n"]))
-    half = data.envelope.shape[1] // 2
-    wanted = SEEN / (rate * data.step_s) if rate > 0 else half
-    return int(min(max(wanted, LEAST_SEEN), half))
-
-
 def _reduced(source: Source, test: Test) -> Decays:
     """Decays with the fraction of values that count and the scatter that the fitted ones had."""
     facts = source.basis.decay_facts
@@ -119,7 +109,7 @@ def _compared(
     for i, (every, noise) in enumerate(zip(envelopes(test), noise_std, strict=True)):
         whole = every[::stride]
         held_out = i >= num_fitted
-        size = num_seen(source.draws, data) if held_out else data.envelope.shape[1]
+        size = num_begun(source.draws, data) if held_out else data.envelope.shape[1]
         seen_s = float(size * data.step_s) if held_out else 0.0
         # Names are compiled in: one for every record, so that all run through one program.
         only = replace(data.only(i, size), names=("record",))
@@ -128,10 +118,20 @@ def _compared(
         key_entry, key_noise = jax.random.split(jax.random.fold_in(key, i))
         carrier = np.exp(2j * np.pi * chosen.centre_hz * time)
         envelope, others = entered(key_entry, seen, time)
+        scatter = noise
+        if held_out and (missed := source.basis.discrepancy) is not None and not missed.is_nothing:
+            omega_n = float(np.mean(source.draws["omega_n"]))
+            begin = float(np.abs(whole[0])) / omega_n ** derivative_order(data.response)
+            frequency, damping, grown = missed.at(begin, of_decay=True)
+            rates = omega_n * np.array([damping, frequency])
+            key_missed = jax.random.fold_in(key_noise, MISSED_KEY)
+            envelope = drifted(key_missed, envelope, time - 0.5 * seen_s, rates)
+            size = np.abs(np.median(envelope, axis=0)) / np.sqrt(2)
+            scatter = np.hypot(noise, grown * missed.share_of(test.kind) * size)
         model = np.real(envelope * carrier)
         measured, later = np.real(whole * carrier), time >= seen_s
         model_band = band(model)
-        predictive = band(model + noise * generator(key_noise).standard_normal(model.shape))
+        predictive = band(model + scatter * generator(key_noise).standard_normal(model.shape))
         edges = (predictive if source.noise else model_band)[:, later]
         inside = within(measured[later], edges)
         variables = {
@@ -158,6 +158,22 @@ def _compared(
     return found
 
 
+def drifted(
+    key: Key[Array, ""],
+    envelope: Complex[np.ndarray, "draw time"],
+    time: Float[np.ndarray, " time"],
+    rates: Float[np.ndarray, "2"],
+) -> Complex[np.ndarray, "draw time"]:
+    r"""Envelopes of draws whose rate of decay and frequency are each off by a draw [1/s].
+
+    $$e_k(t)\,\exp\bigl((-\rho_\zeta z_{k1} + j \rho_\omega z_{k2})\,t\bigr), \quad z \sim N(0, I)$$
+
+    Time counts from the middle of what gave the initial state.
+    """
+    off = rates * generator(key).standard_normal((len(envelope), 2))
+    return envelope * np.exp(np.multiply.outer(-off[:, 0] + 1j * off[:, 1], time))
+
+
 def _along(source: Source, data: Decays) -> Entered:
     """Records of one mode, all on the decays of the draws and of what they are compared with."""
     decays, others = source.observed(data, decay_of)
@@ -181,19 +197,8 @@ def _entered(
 
     def one(pair: tuple[Array, Array]) -> Array:
         key, decay = pair
-        found = jax.vmap(lambda e: match(decay, e, seen.step_s))(seen.envelope)
-        entry = jax.tree.map(lambda x: x[0], found.entry)
-        # A short beginning says little of its own noise; that of the fitted records stands for it.
-        precision = found.precision[0] * seen.fraction / seen.noise_std[0] ** 2
-        # The shift's own prior holds it where a short beginning would not.
-        both = jnp.linalg.inv(precision.at[2, 2].add(1 / seen.shift_std**2))
-        centre = -both[:, 2] * entry.shift / seen.shift_std**2
-        change = centre + jnp.linalg.cholesky(both) @ jax.random.normal(key, (3,))
-        moved = Entry(
-            entry.place + change[0] / found.rate[0],
-            entry.phase + change[1],
-            entry.shift + change[2],
-        )
-        return follow(decay, moved, steps, seen.step_s)[0]
+        own = begun(decay, seen.envelope[0], seen.noise_std[0], seen)
+        change = jnp.linalg.cholesky(own.covariance) @ jax.random.normal(key, (3,))
+        return follow(decay, own.moved(change), steps, seen.step_s)[0]
 
     return jax.lax.map(one, (jax.random.split(key, len(decays)), jnp.asarray(decays)))

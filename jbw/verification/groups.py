@@ -83,5 +83,5 @@ def groups_of(source: Source, test: Test, part: Repeated) -> Iterator[Group]:
             plain(every[:, i][:, kept]),
             {name: plain(other[i][kept]) for name, other in others.items()},
             noise,
-            source.std(noise, len(test.records)),
+            source.std(noise, plain(every[:, i][:, kept]), len(test.records)),
         )

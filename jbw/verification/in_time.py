@@ -172,7 +172,7 @@ def compare_records(source: Source, motion: Motion) -> xr.Dataset:
 
     measured, model = compared(motion.measured), compared(motion.model)
     others = {name: compared(one) for name, one in motion.others.items()}
-    noise_std = (source.std(motion.noise) or 0.0) * noise_share(lines, size)
+    noise_std = source.std(motion.noise, model, share=noise_share(lines, size)) or 0.0
     mean, unit = measured.mean(axis=0), {"units": record.units[response]}
     variables = beside("time", mean, model, noise_std, unit)
     variables["measured"] = ("time", mean, {**unit, "long_name": f"mean measured {response}"})

@@ -75,8 +75,9 @@ def predict_planned(source: Source, test: Test) -> Predicted:
         values = factor * motion[:, :, order // 2]
         middle = np.unwrap(np.angle(np.mean(values, axis=0))).astype(np.float64)
         drawn = polar("model", values, middle, magnitude, phase)
-        if source.noise and noise.std is not None:
-            predictive = gaussian_band(np.abs(values), noise.std)
+        std = source.std(noise, values)
+        if source.noise and std:
+            predictive = gaussian_band(np.abs(values), std)
             drawn["predictive_magnitude"] = (("quantile", "freq"), predictive, magnitude)
         suffix = "" if order == 1 else f"_{order}"
         variables |= {name + suffix: variable for name, variable in drawn.items()}

@@ -9,6 +9,7 @@ import xarray as xr
 
 from jbw.campaign.gains import Gain, gain_of
 from jbw.errors import ConfigError, DataError
+from jbw.identification.model_discrepancy import NOTHING, AtAmplitude
 from jbw.inference.thresholds import BEYOND
 from jbw.measurement.records import Test, drive_of
 from jbw.observables.drives import of_drive
@@ -21,13 +22,14 @@ from jbw.verification.decays import predict_decay
 from jbw.verification.groups import has_groups_alone, predict_groups
 from jbw.verification.in_time import predict_records
 from jbw.verification.planned import predict_planned
-from jbw.verification.predicted import LEFT_OUT, Predicted, Source, is_measured
+from jbw.verification.predicted import LANES, LEFT_OUT, Predicted, Source, is_measured
 from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws, seen_of
 from jbw.verification.steady_motion import predict_loop, predict_periods
 
 HARDLY = 0.01  # of an input's power near the mode: less hardly touches it
 MOST_SAMPLES = 8_000_000  # of all draws of a record together
 FEWEST = 20  # draws through however long a record
+ERROR_ALONE = "not known: band of the parameters and of the model discrepancy"
 ERRORS = ("coverage", "num_values", "nrmse", "half_width")
 
 
@@ -67,6 +69,9 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
     facts = {"test": test.name, "kind": test.kind, "num_draws": source.num_draws}
     facts["scatter"] = int(basis.scatters(test) and not test.traits.is_free)
     facts["noise"] = noise.says if asked.noise else LEFT_OUT
+    has_noise = noise.std is not None or source.model_error > 0
+    if asked.noise and noise.std is None and has_noise:
+        facts["noise"] = ERROR_ALONE
     lacking = [name for name in basis.lacking if name in TAKEN[test.residuals]]
     if lacking and test.traits.is_driven:
         facts["lacking"] = ", ".join(lacking)
@@ -81,7 +86,7 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
     if (extrapolation := found.extrapolation(basis)) is not None:
         facts |= {"y_peak_fitted": basis.y_peak, "extrapolation": extrapolation}
     kept, dropped = dataset.attrs | facts, []
-    if not asked.noise or noise.std is None:
+    if not asked.noise or not has_noise:
         dropped += [name for name in dataset.data_vars if "predictive" in str(name)]
     if not is_measured(test):
         of_measured = ("measured", "nrmse", "repeat")
@@ -136,17 +141,34 @@ def _require_point_known(basis: Basis, test: Test) -> None:
 def _source(basis: Basis, test: Test, asked: Request) -> Source:
     """The draws that a test is predicted with: fewer of them through long records."""
     most, route = asked.num_draws, route_of(test)
-    own_gain = gain_of(asked.gain, "force" if test.traits.is_prescribed else drive_of(test))
+    drive = "force" if test.traits.is_prescribed else drive_of(test)
+    gain = _gain(basis, test, gain_of(asked.gain, drive))
     if route in (predict_records, predict_periods, predict_groups):
         most = min(most, max(FEWEST, MOST_SAMPLES // test.records[0].num_samples))
+    missed = NOTHING if basis.has_fitted(test) else missed_in(basis, test, gain, asked.seed)
 
     def drawn(count: int, one: Basis) -> Draws:
         if route is predict_decay:
             return dict(of_drive(one.thinned(count, one.decay), drive_of(test)))
-        return one.draws_for(test, count, _gain(basis, test, own_gain), asked.seed)
+        return one.draws_for(test, count, gain, asked.seed, missed=missed)
 
     own, *others = ((drawn(count, one), one.laws) for count, one in basis.shared(most))
-    return Source(basis, own[0], noise=asked.noise, bare=0.0, seed=asked.seed, beside=tuple(others))
+    return Source(
+        basis, own[0], noise=asked.noise, bare=0.0, seed=asked.seed, beside=tuple(others),
+        model_error=basis.model_error(test, missed),
+    )  # fmt: skip
+
+
+def missed_in(basis: Basis, test: Test, gain: float | None = None, seed: int = 0) -> AtAmplitude:
+    """The model discrepancy at the amplitude of a test that was not fitted.
+
+    The amplitude is what a few draws predict; free decays have one in each record.
+    """
+    discrepancy, route = basis.discrepancy, route_of(test)
+    if discrepancy is None or discrepancy.is_nothing or route is predict_decay:
+        return NOTHING  # of decays every record has an amplitude of its own
+    found = route(Source(basis, basis.draws_for(test, LANES, gain, seed), seed=seed), test)
+    return discrepancy.at(None if found.peak is None else float(np.median(found.peak)))
 
 
 def _gain(basis: Basis, test: Test, stated: float | None) -> float | None:

@@ -16,7 +16,15 @@ from jbw.observables.harmonic_groups import harmonic_label
 from jbw.observables.observable import Observable, prediction
 from jbw.observables.repeats import Repeats
 from jbw.verification.bands import band
-from jbw.verification.predictive_basis import Basis, Draws, Laws, Seen, count_of, seen_of
+from jbw.verification.predictive_basis import (
+    Basis,
+    Draws,
+    Laws,
+    Seen,
+    count_of,
+    noise_by_label,
+    seen_of,
+)
 
 OWN = "of this test, as fitted"
 ALIKE = "mean of the fitted tests of its kind"
@@ -64,17 +72,29 @@ class Source:
     seed: int = 0
     # Draws of other laws, which are carried after those of the basis.
     beside: tuple[tuple[Draws, Laws], ...] = ()
+    model_error: float = 0.0  # what the law misses beside omega_n and zeta, over the response
 
     @property
     def num_draws(self) -> int:
         """How many draws there are, of all laws."""
         return count_of(self.draws) + sum(count_of(draws) for draws, _ in self.beside)
 
-    def std(self, known: Noise, num_repeats: float = 1.0) -> float | None:
-        """Noise of the mean of some repeats for the bands; None where they have none."""
-        if not self.noise or known.std is None:
+    def std(
+        self, known: Noise, model: NDArray[Any], num_repeats: float = 1.0, share: float = 1.0
+    ) -> float | None:
+        r"""Noise of the mean of K repeats and error of the model for the bands; None of neither.
+
+        $$\sqrt{f \sigma^2 / K + s^2 \,\mathrm{mean}(m^2)}$$
+
+        where s is the model's error over its response m, real parts and imaginary parts apart, and
+        `share` the part $\sqrt f$ of the noise that is compared.
+        """
+        if not self.noise or (known.std is None and not self.model_error):
             return self.bare
-        return known.std / float(np.sqrt(num_repeats))
+        noise = share * (known.std or 0.0) / float(np.sqrt(num_repeats))
+        values = np.median(np.real(model), axis=0), np.median(np.imag(model), axis=0)
+        size = np.sqrt(np.mean(values[0] ** 2 + values[1] ** 2) / (1 + np.iscomplexobj(model)))
+        return float(np.hypot(noise, self.model_error * size))
 
     def carried(self, predict: Callable[[Draws, Laws], PyTree]) -> tuple[Any, dict[str, Any]]:
         """What every draw predicts along a first axis, and what each reference does by name."""
@@ -143,17 +163,6 @@ def noise_of(
     near = [std for level, std in alike.values() if level == test.level]
     chosen = near or [std for _, std in alike.values()]
     return Noise(float(np.mean(chosen)), ALIKE) if chosen else NOT_KNOWN
-
-
-def noise_by_label(posterior: xr.Dataset) -> dict[str, float]:
-    """Mean noise of every group of data of a posterior, by the group's label."""
-    found = {}
-    for name, values in posterior.data_vars.items():
-        dims = [dim for dim in values.dims if dim not in ("chain", "draw")]
-        if str(name).startswith("noise_std") and len(dims) == 1 and dims[0] in values.coords:
-            means = values.mean(("chain", "draw")).values
-            found |= dict(zip(map(str, values[dims[0]].values), map(float, means), strict=True))
-    return found
 
 
 def _labels(name: str, seen: Seen, order: int) -> list[str]:

@@ -12,6 +12,12 @@ from jaxtyping import Array, Key
 from numpy.typing import ArrayLike, NDArray
 
 from jbw.errors import ConfigError, DataError
+from jbw.identification.model_discrepancy import (
+    NOTHING,
+    AtAmplitude,
+    Discrepancy,
+    discrepancy_in,
+)
 from jbw.inference.generator import generator
 from jbw.inference.posterior.summary import evenly_spaced
 from jbw.measurement.curves import response_curve
@@ -68,6 +74,7 @@ class Basis:
     # Residual terms that units of a population have, but not all of them: left out of further ones.
     lacking: tuple[str, ...] = ()
     points: tuple[str, ...] = ()  # names of those where responses are measured beside the first
+    discrepancy: Discrepancy | None = None  # of the law; None where the run does not say
 
     def shared(self, num_draws: int) -> tuple[tuple[int, "Basis"], ...]:
         """Number of draws of each law, this one's first; a law of less than two has none."""
@@ -88,23 +95,43 @@ class Basis:
         return thin(chosen, num_draws, self.held, laws=self.laws)
 
     def draws(
-        self, num_draws: int, gain: float | None = None, seed: int = 0, drive: str = ""
+        self,
+        num_draws: int,
+        gain: float | None = None,
+        seed: int = 0,
+        drive: str = "",
+        *,
+        missed: AtAmplitude = NOTHING,
     ) -> Draws:
         """Parameters of a further run's joint, and the gain [N/kg per unit of the source].
 
-        Those of a drive that has its own, under their plain names; of others' all names.
+        Those of a drive that has its own, under their plain names; of others' all names. `missed`
+        is the model discrepancy in them.
         """
         key = jax.random.fold_in(jax.random.key(seed), SCATTER_KEY)
-        known = dict(of_drive(self.thinned(num_draws), drive))
-        return scattered(key, self._complete(known, gain), self.scatter)
+        known = self._complete(dict(of_drive(self.thinned(num_draws), drive)), gain)
+        return scattered(key, known, self._scatter(known, missed))
+
+    def _scatter(self, draws: Draws, missed: AtAmplitude) -> tuple[float, ...]:
+        """Standard deviation of omega_n and zeta over runs and by the model discrepancy."""
+        by_law = missed.frequency * float(np.mean(draws["omega_n"])), missed.damping
+        if not any(by_law):
+            return self.scatter
+        return tuple(np.hypot(self.scatter or (0.0, 0.0), by_law).tolist())
 
     def draws_for(
-        self, test: Test, num_draws: int, gain: float | None = None, seed: int = 0
+        self,
+        test: Test,
+        num_draws: int,
+        gain: float | None = None,
+        seed: int = 0,
+        *,
+        missed: AtAmplitude = NOTHING,
     ) -> Draws:
         """The same with omega_n and zeta of the test's own run, where that was fitted."""
         name, drive = self.run_of(test), drive_of(test)
         if self.runs is None or name is None:
-            return self.draws(num_draws, gain, seed, drive)
+            return self.draws(num_draws, gain, seed, drive, missed=missed)
         run = self.runs.sel(run=name)
         known = self.thinned(run.sizes["draw"])
         known |= {str(n): v.values for n, v in run.data_vars.items() if plain(str(n)) in OFFSETS}
@@ -117,6 +144,17 @@ class Basis:
         known = () if self.runs is None else self.runs["run"].values.tolist()
         names = (name for name in (run_of(test), family_of(test)) if name in known)
         return next(names, None) if test.name in self.seen else None
+
+    def has_fitted(self, test: Test) -> bool:
+        """Whether anything of a test was fitted: a group of data has its name, or that and more."""
+        fitted = noise_by_label(self.posterior)
+        alike = (label == test.name or label.startswith(f"{test.name} ") for label in fitted)
+        return any(alike) and self.seen.get(test.name, seen_of(test))[:3] == seen_of(test)[:3]
+
+    def model_error(self, test: Test, missed: AtAmplitude) -> float:
+        """What the law misses of a test beside omega_n and zeta, over the response."""
+        share = 0.0 if self.discrepancy is None else self.discrepancy.share_of(test.kind)
+        return missed.share * share
 
     def scatters(self, test: Test) -> bool:
         """Whether bands of a test hold the scatter of runs: it is of none that was fitted."""
@@ -234,7 +272,21 @@ def basis_of(tree: xr.DataTree) -> Basis:
         tree["runs"].to_dataset() if "runs" in tree.children else None,
         lacking=tuple(json.loads(str(attrs.get("lacking", "[]")))),
         points=tuple(json.loads(str(attrs.get("points", "[]")))),
+        discrepancy=discrepancy_in(tree["discrepancy"].to_dataset())
+        if "discrepancy" in tree.children
+        else None,
     )
+
+
+def noise_by_label(posterior: xr.Dataset) -> dict[str, float]:
+    """Mean noise of every group of data of a posterior, by the group's label."""
+    found = {}
+    for name, values in posterior.data_vars.items():
+        dims = [dim for dim in values.dims if dim not in ("chain", "draw")]
+        if str(name).startswith("noise_std") and len(dims) == 1 and dims[0] in values.coords:
+            means = values.mean(("chain", "draw")).values
+            found |= dict(zip(map(str, values[dims[0]].values), map(float, means), strict=True))
+    return found
 
 
 def seen_of(test: Test) -> Seen:

@@ -81,14 +81,12 @@ def predict_periods(source: Source, test: Test) -> Predicted:
     data = replace(data, modes=Modes((), points=basis.points))
     responses, others = source.observed(data)
     noise = noise_of(basis, test, of_repeats(data.repeats))
-    noise_std = source.std(noise, len(cut.records))
     measured, model = np.asarray(data.mean[0]), in_band(responses[:, 0], data.lines)
     others = {name: in_band(one[0], data.lines) for name, one in others.items()}
     if is_measured(test):
         model, others = completed(basis, cut, measured, model, others)
     size, record = len(measured), cut.records[0]
-    if noise_std is not None:
-        noise_std *= noise_share(data.lines, size)
+    noise_std = source.std(noise, model, len(cut.records), noise_share(data.lines, size))
     unit = {"units": UNIT_OF[data.response], "long_name": data.response}
     variables = beside("time", measured, model, noise_std, unit)
     freq = np.fft.rfftfreq(size, 1 / data.fs)

@@ -17,6 +17,7 @@ import xarray as xr
 from jbw.campaign.settings import Identify
 from jbw.errors import Attempts
 from jbw.identification.accuracy import CLOSE, another_law, within_unseen
+from jbw.identification.model_discrepancy import NOTHING, AtAmplitude
 from jbw.identification.procedure import Identification, Report
 from jbw.identification.selection import DecaySplit, Sweeps, loop_tests
 from jbw.inference.posterior.finding import Finding, Verdict, amended, checked, judge
@@ -42,7 +43,7 @@ from jbw.verification.in_time import (
 )
 from jbw.verification.modal_decays import first_mode_alone, modes_of_draws
 from jbw.verification.places import place
-from jbw.verification.predict import route_of
+from jbw.verification.predict import missed_in, route_of
 from jbw.verification.predicted import ALIKE, Predicted, Source
 from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws
 from jbw.verification.reference_oscillators import Reference, of_run, references
@@ -157,11 +158,20 @@ def _verify_forced(
     basis = source.basis
     groups: Groups = {}
 
-    def beside(test: Test, num_draws: int = NUM_DRAWS) -> Source:
+    def missed(test: Test) -> AtAmplitude:
+        """The model discrepancy in a test's bands; the noise of what was fitted includes it."""
+        return NOTHING if test.name in names else missed_in(basis, test, seed=source.seed)
+
+    def beside(
+        test: Test, num_draws: int = NUM_DRAWS, discrepancy: AtAmplitude | None = None
+    ) -> Source:
         """What a test is compared with: all of its own run, where that was fitted."""
-        draws = basis.draws_for(test, num_draws, seed=source.seed)
+        known = missed(test) if discrepancy is None else discrepancy
         return replace(
-            source, draws=draws, references=of_run(simpler, basis.run_of(test), drive_of(test))
+            source,
+            draws=basis.draws_for(test, num_draws, seed=source.seed, missed=known),
+            references=of_run(simpler, basis.run_of(test), drive_of(test)),
+            model_error=basis.model_error(test, known),
         )
 
     def add(kind: str, name: str, test: Test, one: Predicted) -> None:
@@ -190,12 +200,13 @@ def _verify_forced(
         add("sweep", test.name, test, one._replace(dataset=shown))
 
     def add_response(test: Test) -> None:
-        add_frf(motion_of(replace(beside(test, NUM_FEW), references={}), test, substeps=1))
+        draws = beside(test, NUM_FEW, NOTHING)
+        add_frf(motion_of(replace(draws, references={}), test, substeps=1))
 
-    def add_curves(same: Sequence[str]) -> None:
-        alike = [curves[name] for name in same]
-        compared = predict_curves(beside(alike[0].test), alike)
-        for name, curve, one in zip(same, alike, compared, strict=True):
+    def add_curves(same: Sequence[str], discrepancy: AtAmplitude) -> None:
+        together = [curves[name] for name in same]
+        compared = predict_curves(beside(together[0].test, discrepancy=discrepancy), together)
+        for name, curve, one in zip(same, together, compared, strict=True):
             add("curve", name, curve.test, one)
 
     def add_test(test: Test) -> None:
@@ -207,7 +218,7 @@ def _verify_forced(
             add(PLACE, name, test, one)
 
     def add_validation(test: Test) -> None:
-        validated = loop_validation(test, beside(test).draws, basis.laws)
+        validated = loop_validation(test, beside(test, discrepancy=NOTHING).draws, basis.laws)
         marked = validated.assign_attrs(scatter=int(basis.scatters(test)))
         groups[place("validation/loops", test.name)] = marked
 
@@ -225,11 +236,12 @@ def _verify_forced(
     rest = [test for test in tests if test.name not in validating]
     curves = curves_of([test for test in rest if test.name in names])
     curves |= curves_of([test for test in rest if test.name not in names], " (held out)")
-    by_run: dict[tuple[str | None, str], list[str]] = {}
+    alike: dict[tuple[str | None, str, AtAmplitude], list[str]] = {}
     for name, curve in curves.items():
-        by_run.setdefault((basis.run_of(curve.test), drive_of(curve.test)), []).append(name)
-    for same in by_run.values():
-        attempt(curves[same[0]].test, partial(add_curves, same), "curve of ")
+        place_of = basis.run_of(curve.test), drive_of(curve.test), missed(curve.test)
+        alike.setdefault(place_of, []).append(name)
+    for (_, _, discrepancy), same in alike.items():
+        attempt(curves[same[0]].test, partial(add_curves, same, discrepancy), "curve of ")
     for test in tests:
         if test.traits.is_prescribed or test.is_cyclic or has_groups_alone(test):
             attempt(test, partial(add_test, test))

@@ -12,7 +12,11 @@ from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError, DataError
 from jbw.identification.assemble import assemble, measured
 from jbw.identification.joint import joint_step
-from jbw.identification.leaving_out import consistency_finding, leave_one_out
+from jbw.identification.leaving_out import (
+    consistency_finding,
+    fits_without_each_run,
+    leave_one_out,
+)
 from jbw.identification.prepare import reweight, with_weights
 from jbw.identification.run_effects import (
     runs_dataset,
@@ -335,7 +339,7 @@ def test_leaving_a_run_out_is_a_fit_of_the_others():
     data = assemble(measured(tests, Identify(), gain=GAIN))
     middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
     best = costly_fit(stacked, prior, data, starts=middle)
-    found = leave_one_out(best, prior, data)
+    found = leave_one_out(best, prior, data, fits_without_each_run(best, prior, data))
     assert found is not None
     assert list(found.run.values) == ["held at 5", "held at 20", "held at 60"]
     apart = costly_fit(
@@ -358,7 +362,9 @@ def test_a_level_that_contradicts_the_others_is_found():
     data = assemble(measured(tests, Identify(), gain=GAIN))
     middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
     best = costly_fit(stacked, prior, data, starts=middle)
-    finding = consistency_finding(leave_one_out(best, prior, data))
+    finding = consistency_finding(
+        leave_one_out(best, prior, data, fits_without_each_run(best, prior, data))
+    )
     assert finding.status == "failed"
     assert finding.number > 4
 

@@ -16,8 +16,7 @@ from jbw.identification.assemble import assemble, measured_in
 from jbw.identification.run_effects import tells_apart
 from jbw.measurement.channels import lines_within, whole_down, whole_up
 from jbw.measurement.records import Record, Test
-from jbw.observables.decay import Decays
-from jbw.verification.decays import SEEN, num_seen
+from jbw.observables.decay import BEGINNING, Decays, num_begun
 from jbw.verification.in_time import Motion, _resolves, _settling, compare_frfs
 from jbw.verification.predicted import NOT_KNOWN
 from jbw.verification.reference_oscillators import references
@@ -85,11 +84,11 @@ def test_the_start_of_a_held_out_decay_is_read_over_the_same_part_of_it(scale):
     band = (10.0 * scale, 40.0 * scale)
     data = Decays.of(Test("decay", (record,), name="ring", band_hz=band))
     known = {"omega_n": np.full(3, OMEGA * scale), "zeta": np.full(3, zeta)}
-    seen_s = num_seen(known, data) * data.step_s
+    seen_s = num_begun(known, data) * data.step_s
     # Whole steps of the envelope, which are a filter's length apart.
-    assert seen_s * scale == pytest.approx(SEEN / rate, abs=data.step_s * scale)
+    assert seen_s * scale == pytest.approx(BEGINNING / rate, abs=data.step_s * scale)
     silent = {"omega_n": np.full(3, OMEGA * scale), "zeta": np.zeros(3)}
-    assert num_seen(silent, data) == data.envelope.shape[1] // 2
+    assert num_begun(silent, data) == data.envelope.shape[1] // 2
 
 
 @pytest.mark.parametrize("scale", [*SCALES, 2.0**40])

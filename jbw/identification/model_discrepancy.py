@@ -1,0 +1,474 @@
+r"""Model discrepancy: what a law leaves on runs that its fit has not seen, by amplitude.
+
+A law that is not quite right has another equivalent stiffness and damping than the joint, and the
+difference runs with amplitude. Every run r is left out of the fit in turn. Of what this leaves on
+it, $e_r$ in standard errors, one part is a change of natural frequency and damping ratio,
+
+$$\hat b_r = (S_r^T S_r)^{-1} S_r^T e_r, \qquad
+  V_r = (S_r^T S_r)^{-1} + P_r C_{-r} P_r^T, \quad P_r = (S_r^T S_r)^{-1} S_r^T J_r$$
+
+where S are the derivatives of the prediction by omega_n and zeta, J those by all parameters and C
+the covariance of the fit without the run. Its variance is shared by all kinds of test, and grows
+with the distance from the amplitudes that were fitted,
+
+$$\hat b_r \sim N\bigl(0,\, V_r + \tau^2 (y_r / y_{max})^{2p} g_r\bigr), \quad p = 0, 1, 2, \qquad
+  \sqrt{g(y)} = 1 + d(y) / h, \\
+  d = \max(\ln y / y_{max},\, \ln y_{min} / y,\, 0), \quad
+  h = \tfrac12 \max(\ln y_{max} / y_{min}, \ln 2)$$
+
+as an error that is linear in the logarithm of the amplitude grows. $\tau$ is that of Paule and
+Mandel about zero, and none where chance makes as much. The rest of $e_r$ is a share of the
+response, white, beyond the noise that a test like it would be taken to have. A variance that n runs
+tell is taken n / (n - 2) times: that of Student's t distribution.
+
+Reference:
+    Kennedy and O'Hagan (2001), J. R. Stat. Soc. B 63, 425: a discrepancy beside a calibrated model.
+    Paule and Mandel (1982), J. Res. Natl. Bur. Stand. 87, 377.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+from scipy import stats
+from scipy.optimize import root_scalar
+
+from jbw.identification.leaving_out import FitsWithout
+from jbw.identification.run_effects import (
+    BY_CHANCE,
+    own_frequency_alone,
+    sizes_of,
+    tells_apart,
+)
+from jbw.inference.fit.costly_fit import residual_at
+from jbw.inference.fit.fitting import Fit
+from jbw.inference.space.box import Box
+from jbw.observables.dataset import (
+    Dataset,
+    as_arrays,
+    by_label,
+    fractions_counted,
+    left_by_label,
+    size_by_label,
+    stacked,
+)
+from jbw.observables.decay_drift import LeftOutDecay
+from jbw.observables.drives import plain
+from jbw.observables.observable import OFFSETS, Row
+
+LEAST_RANGE = float(np.log(2.0))  # of the logarithm of amplitude: the least that a slope is over
+POWERS = (0, 1, 2)  # of the amplitude: a change of stiffness, friction, a cubic spring
+MOST_WIDENED = 3.0  # n / (n - 2) of three runs: fewer say no more
+OfGroup = dict[str, float]  # by label
+
+
+class Scatter(NamedTuple):
+    """Standard deviation at the largest amplitude fitted, and the power of amplitude it runs by."""
+
+    std: float
+    power: int = 0
+
+
+NO_SCATTER = Scatter(0.0)
+
+
+class Missed(NamedTuple):
+    """What a law misses within the amplitudes that were fitted."""
+
+    frequency: Scatter  # of the natural frequency, over itself [-]
+    damping: Scatter  # of the damping ratio [-]
+
+
+class AtAmplitude(NamedTuple):
+    """Standard deviations of what a law misses at one amplitude."""
+
+    frequency: float  # of the natural frequency, over itself [-]
+    damping: float  # of the damping ratio [-]
+    share: float  # factor of the share of the response that is missed otherwise
+
+
+NOTHING = AtAmplitude(0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Discrepancy:
+    """What a law leaves beyond noise on tests that were not fitted."""
+
+    forced: Missed
+    decays: Missed  # the natural frequency over that of the beginning of a record
+    share: Mapping[str, float]  # sd of the rest over the rms of the response, by kind of test
+    y_low: float  # smallest and largest amplitude of a run that was fitted [m]; 0 where not known
+    y_high: float
+
+    @property
+    def is_nothing(self) -> bool:
+        """Whether the law leaves nothing beyond noise."""
+        scatters = (scatter.std for scatter in (*self.forced, *self.decays))
+        return not any((*scatters, *self.share.values()))
+
+    def at(self, y: float | None, *, of_decay: bool = False) -> AtAmplitude:
+        """Standard deviations at an amplitude [m]; where it is not known, at the largest fitted."""
+        grown = growth(y, self.y_low, self.y_high)
+        ratio = y / self.y_high if y is not None and self.y_high > 0 else 1.0
+        frequency, damping = (
+            grown * std * ratio**power for std, power in (self.decays if of_decay else self.forced)
+        )
+        return AtAmplitude(frequency, damping, grown)
+
+    def share_of(self, kind: str) -> float:
+        """Share of the response that a test of a kind leaves: its kind's, else the largest."""
+        return self.share.get(kind, max(self.share.values(), default=0.0))
+
+
+class LeftOutRun(NamedTuple):
+    """What one run shows of the discrepancy when it is left out of the fit."""
+
+    shift: Float[np.ndarray, " own"]  # of omega_n [rad/s] and zeta, that the law misses
+    std: Float[np.ndarray, " own"]  # their standard errors; infinite where the run knows nothing
+    rests: Mapping[str, float]  # of its response that no shift explains, beyond noise, by kind
+    is_decay: bool = False
+    amplitude: float = np.nan  # over the largest fitted; NaN where it is not known
+    grown: float = 1.0  # factor of standard deviations at its amplitude, by those of the others
+
+
+def growth(y: float | None, y_low: float, y_high: float) -> float:
+    r"""The factor $\sqrt g = 1 + d / h$ of a standard deviation at an amplitude y [m]."""
+    if y is None or not (0 < y_low <= y_high and y > 0):
+        return 1.0
+    distance = max(np.log(y / y_high), np.log(y_low / y), 0.0)
+    return float(1 + 2 * distance / max(np.log(y_high / y_low), LEAST_RANGE))
+
+
+def scatter_by_amplitude(
+    shift: Float[np.ndarray, " run"],
+    std: Float[np.ndarray, " run"],
+    amplitude: Float[np.ndarray, " run"],
+    grown: Float[np.ndarray, " run"],
+    num_fits: int,
+) -> Scatter:
+    r"""The likeliest of scatters that are constant, or run with the amplitude or its square.
+
+    $$\log p = -\tfrac12 \sum_r \Bigl[\log v_r + \frac{b_r^2}{v_r}\Bigr], \qquad
+      v_r = \sigma_r^2 + \tau^2 g_r (y_r / y_{max})^{2p}, \quad p = 0, 1, 2$$
+    """
+    relative = np.where(np.isfinite(amplitude), amplitude, 1.0)
+    found: list[tuple[float, Scatter]] = []
+    for power in POWERS:
+        factor = grown * relative**power
+        scatter = scatter_about_zero(shift, std, factor, num_fits)
+        variance = std**2 + scatter**2 / widened(num_fits) * factor**2
+        known = np.isfinite(variance)
+        terms = np.log(variance[known]) + shift[known] ** 2 / variance[known]
+        found.append((float(np.sum(terms)), Scatter(scatter, power)))
+    likeliest = min(found, key=lambda pair: pair[0])[1]
+    return likeliest if likeliest.std > 0 else NO_SCATTER
+
+
+def scatter_about_zero(
+    shift: Float[np.ndarray, " run"],
+    std: Float[np.ndarray, " run"],
+    grown: Float[np.ndarray, " run"],
+    num_fits: int,
+) -> float:
+    r"""The $\tau$ of Paule and Mandel about zero, widened for few runs; 0 where chance makes it.
+
+    $$\sum_r \frac{b_r^2}{\sigma_r^2 + \tau^2 g_r} = n, \qquad \tau \sqrt{m / (m - 2)}$$
+
+    for m fits, each without one of the runs, or without several of n.
+    """
+    known = np.isfinite(std)
+    b, variance, g = shift[known] ** 2, std[known] ** 2, grown[known] ** 2
+    count = len(b)
+    if not count or stats.chi2.sf(np.sum(b / variance), count) > BY_CHANCE:
+        return 0.0
+    most = float(np.sum(b / g))  # of which the sum is n at most
+    found = root_scalar(
+        lambda square: float(np.sum(b / (variance + square * g))) - count,
+        bracket=(0.0, most),
+        rtol=1e-12,
+    )
+    return float(np.sqrt(found.root * widened(num_fits)))
+
+
+def widened(num_runs: int) -> float:
+    """Variance of Student's t distribution of so many degrees of freedom, that of three at most."""
+    return num_runs / (num_runs - 2) if num_runs > 2 else MOST_WIDENED
+
+
+def shift_of(
+    residual: Float[np.ndarray, " value"],
+    slopes: Float[np.ndarray, "value own"],
+    jacobian: Float[np.ndarray, "value parameter"],
+    covariance: Float[np.ndarray, "parameter parameter"],
+) -> tuple[Float[np.ndarray, " own"], Float[np.ndarray, " own"]]:
+    r"""Change of omega_n and zeta that a residual asks for, in standard errors, and its own errors.
+
+    $$\hat b = (S^T S)^{-1} S^T e, \qquad V = (S^T S)^{-1} + P C P^T, \quad P = (S^T S)^{-1} S^T J$$
+
+    Of a derivative that is nothing, or two that are one, the error is infinite.
+    """
+    shift, std = np.zeros(slopes.shape[1]), np.full(slopes.shape[1], np.inf)
+    known = np.any(slopes != 0.0, axis=0)
+    precision = slopes[:, known].T @ slopes[:, known]
+    if not np.any(known) or not tells_apart(precision):
+        return shift, std
+    along = np.linalg.solve(precision, slopes[:, known].T)
+    by_parameters = along @ jacobian
+    spread = np.linalg.inv(precision) + by_parameters @ covariance @ by_parameters.T
+    shift[known], std[known] = along @ residual, np.sqrt(np.diag(spread))
+    return shift, std
+
+
+def left_out_run(
+    run: str, fit: Fit, best: Fit, prior: Box, data: Dataset, noise: OfGroup
+) -> LeftOutRun:
+    """What a run shows at the fit without it, its natural frequency its own where runs have it."""
+    scored = own_frequency_alone(data)
+    rows = residual_at(stacked, fit.x, prior, scored)
+    labels = [label for label in _labels_of(run, data) if label in size_by_label(data)]
+    columns = [[i for i, n in enumerate(best.theta) if plain(n) == name] for name in OFFSETS]
+    jacobian = _end_to_end(-best.jacobian, labels, data)
+    slopes = np.stack([jacobian[:, own].sum(axis=1) for own in columns], axis=1)
+    shift, std = shift_of(_end_to_end(rows, labels, data), slopes, jacobian, fit.covariance)
+    moved = -sum(
+        b * best.jacobian[:, own].sum(axis=1) for b, own in zip(shift, columns, strict=True)
+    )
+    left = left_by_label(rows - moved, data)
+    return LeftOutRun(shift, std, _shares({label: left[label] for label in labels}, noise, data))
+
+
+def by_drift(of_run: LeftOutRun, decay: LeftOutDecay, omega_n: float) -> LeftOutRun:
+    """What a free decay shows when it is predicted from its beginning.
+
+    Its damping is as uncertain as the parameters leave it, as `of_run` has that.
+    """
+    drift = decay.drift
+    std = np.array([decay.frequency_std, decay.rate_std / omega_n])
+    if np.isfinite(of_run.std[1]):
+        std[1] = np.hypot(std[1], of_run.std[1])
+    excess = _beyond(drift.rest, decay.noise, decay.fraction) / _square(drift.measured)
+    return of_run._replace(
+        shift=np.array([drift.frequency, drift.rate / omega_n]),
+        std=std,
+        rests=dict.fromkeys(of_run.rests, excess**0.5),
+        is_decay=True,
+    )
+
+
+def model_discrepancy(
+    best: Fit, prior: Box, data: Dataset, fits: FitsWithout, y_peak: float
+) -> xr.Dataset:
+    """What every run shows of the discrepancy when it is left out, and what all show together.
+
+    `fits` are those of `leaving_out.fits_without_each_run`, `y_peak` is the largest displacement
+    fitted [m].
+    """
+    natural = {plain(n): value for n, value in reversed(best.theta.items())}.get("omega_n", 1.0)
+    amplitudes, noise = _amplitudes(data, natural, y_peak), _noise_alike(best, data)
+    y_high = max(amplitudes.values(), default=0.0)
+    shown: dict[str, LeftOutRun] = {}
+    stay_in = _decays(data) - {run for group in fits for run in group}
+    beside = {tuple(sorted(stay_in)): best} if stay_in else {}  # decays among other tests
+    for group, fit in {**beside, **fits}.items():
+        others = [y for run, y in amplitudes.items() if run not in group]
+        for run in group:
+            of_run = left_out_run(run, fit, best, prior, data, noise)
+            if (decay := _drift(run, fit, data)) is not None:
+                of_run = by_drift(of_run, decay, natural)
+            grown = growth(amplitudes.get(run), min(others, default=0.0), max(others, default=0.0))
+            relative = amplitudes.get(run, np.nan) / y_high if y_high > 0 else np.nan
+            shown[run] = of_run._replace(amplitude=relative, grown=grown)
+    free = [run for run in shown.values() if run.is_decay]
+    forced = [run for run in shown.values() if not run.is_decay]
+    missed = _missed(forced, len(fits), natural)
+    missed_by_decays = _missed(free, len(fits) or len(free), natural)
+    nothing = Missed(NO_SCATTER, NO_SCATTER)
+    shares = _pooled(list(shown.values()))
+    for kind, share in _shares_as_fitted(best, data).items():
+        shares[kind] = max(share, shares.get(kind, 0.0))
+    own = (len(shown), len(OFFSETS))
+    shift = np.reshape([run.shift for run in shown.values()], own)
+    std = np.reshape([run.std for run in shown.values()], own)
+    of_run = {
+        "amplitude": [run.amplitude * y_high for run in shown.values()],
+        "growth": [run.grown for run in shown.values()],
+    }
+    known = [y for y in amplitudes.values() if y > 0]
+    return xr.Dataset(
+        {
+            **{name: ("run", np.array(values, float)) for name, values in of_run.items()},
+            "shift": (("run", "quantity"), shift, {"long_name": "missed by the fit without it"}),
+            "std": (("run", "quantity"), std, {"long_name": "its standard error"}),
+            "rest": ("kind", list(shares.values()), {"units": "1", "long_name": "sd over rms"}),
+        },
+        {"run": list(shown), "quantity": list(OFFSETS), "kind": list(shares)},
+        {
+            "forced": np.ravel(missed or missed_by_decays or nothing),
+            "decays": np.ravel(missed_by_decays or missed or nothing),
+            "y_low": min(known, default=0.0),
+            "y_high": y_high,
+        },
+    )
+
+
+def discrepancy_in(found: xr.Dataset) -> Discrepancy:
+    """The discrepancy as predictions take it."""
+    shares = dict(zip(map(str, found["kind"].values), found["rest"].values.tolist(), strict=True))
+    forced, decays = (_missed_in(found.attrs[name]) for name in ("forced", "decays"))
+    return Discrepancy(
+        forced, decays, shares, float(found.attrs["y_low"]), float(found.attrs["y_high"])
+    )
+
+
+def _missed_in(numbers: Float[np.ndarray, "4"]) -> Missed:
+    frequency, power, damping, power_of_damping = map(float, numbers)
+    return Missed(Scatter(frequency, int(power)), Scatter(damping, int(power_of_damping)))
+
+
+def _missed(shown: Sequence[LeftOutRun], num_fits: int, natural: float) -> Missed | None:
+    """Scatter of what runs show, over the natural frequency [rad/s]; None of no runs."""
+    if not shown:
+        return None
+    shift, std = (np.array([getattr(run, name) for run in shown]) for name in ("shift", "std"))
+    grown = np.array([run.grown for run in shown])
+    amplitude = np.array([run.amplitude for run in shown])
+    omega_n, zeta = (
+        scatter_by_amplitude(*pair, amplitude, grown, num_fits)
+        for pair in zip(shift.T, std.T, strict=True)
+    )
+    return Missed(omega_n._replace(std=omega_n.std / natural), zeta)
+
+
+def discrepancy_sentences(found: xr.Dataset) -> list[str]:
+    """What the law leaves on runs that were left out, in words; none where that is noise."""
+    discrepancy = discrepancy_in(found)
+    if discrepancy.is_nothing:
+        return []
+    missed = []
+    of_kinds = {"": discrepancy.forced, " in decays": discrepancy.decays}
+    if discrepancy.forced == discrepancy.decays:
+        del of_kinds[" in decays"]
+    for kind, (frequency, damping) in of_kinds.items():
+        if frequency.std > 0:
+            missed.append(f"{100 * frequency.std:.2g} % of the natural frequency{kind}")
+        if damping.std > 0:
+            missed.append(f"{100 * damping.std:.2g} % of critical damping{kind}")
+    missed += [
+        f"{100 * share:.2g} % of the response in a test of kind {kind}"
+        for kind, share in discrepancy.share.items()
+    ]
+    return [
+        "Model discrepancy, a standard deviation at the largest amplitude fitted: the law misses "
+        f"{', '.join(missed)}. The bands of tests that were not fitted include it; beyond the "
+        "amplitudes that were fitted it grows with the logarithm of the amplitude."
+    ]
+
+
+def _amplitudes(data: Dataset, omega_n: float, y_peak: float) -> dict[str, float]:
+    """Largest displacement of every run of the part with most runs [m], by its response's size.
+
+    Of free decays alone what their envelopes begin with, at the natural frequency.
+    """
+    if sizes := sizes_of(data):
+        largest = max(sizes.values())
+        return {run: y_peak * size / largest for run, size in sizes.items()}
+    return {run: y for part in data.parts for run, y in part.begins_at(omega_n).items()}
+
+
+def _decays(data: Dataset) -> set[str]:
+    """Names of free decays."""
+    return {run for part in data.parts if part.own_shifts for run in part.runs}
+
+
+def _drift(run: str, fit: Fit, data: Dataset) -> LeftOutDecay | None:
+    """Drift of a run that is a free decay of one mode."""
+    part = next(part for part in data.parts if run in part.runs)
+    return part.drift(as_arrays(fit.theta, data), run)
+
+
+def _labels_of(run: str, data: Dataset) -> list[str]:
+    return [label for label, name in zip(data.labels, data.runs, strict=True) if name == run]
+
+
+def _end_to_end(
+    rows: Float[np.ndarray, "all ..."], labels: Sequence[str], data: Dataset
+) -> Float[np.ndarray, "some ..."]:
+    """Those of the rows of `stacked` that belong to some groups."""
+    labelled = by_label(rows, data)
+    return np.concatenate([labelled[label] for label in labels])
+
+
+def _kinds(data: Dataset) -> dict[str, tuple[str, ...]]:
+    """Kinds of test that the part of every group takes, by label."""
+    return {label: part.kinds for part in data.parts for label in part.labels}
+
+
+def _noise_of_repeats(data: Dataset) -> OfGroup:
+    """Sum of squares that noise leaves of the mean of each group that was repeated."""
+    sizes = size_by_label(data)
+    known = {label: x for part in data.parts for label, x in part.mean_repeatability().items()}
+    return {label: (x * sizes[label]) ** 2 for label, x in known.items()}
+
+
+def _noise_alike(best: Fit, data: Dataset) -> OfGroup:
+    """Sum of squares that noise would leave of each group, were it not fitted.
+
+    By the scatter of its repeats, else as much a value as the fit leaves of other groups of its
+    kind; none where there are no others.
+    """
+    left, kinds = left_by_label(best.residual, data), _kinds(data)
+    square = {label: _square(row) / _count(row) for label, row in left.items()}
+    noise = {}
+    for label, row in left.items():
+        others = [other for other in left if other != label and kinds[other] == kinds[label]]
+        alike = [square[other] for other in others]
+        noise[label] = _count(row) * float(np.mean(alike)) if alike else 0.0
+    return noise | _noise_of_repeats(data)
+
+
+def _shares(left: Mapping[str, Row], noise: OfGroup, data: Dataset) -> dict[str, float]:
+    """What is left of groups beyond noise over their response, by the kinds of test they are of."""
+    kinds, sizes, fractions = _kinds(data), size_by_label(data), fractions_counted(data)
+    beyond: dict[str, list[tuple[float, float]]] = {}
+    for label, row in left.items():
+        excess = _beyond(row, noise[label], fractions[label])
+        for kind in kinds[label]:
+            beyond.setdefault(kind, []).append((excess, sizes[label] ** 2))
+    sums = {kind: np.sum(pairs, axis=0) for kind, pairs in beyond.items()}
+    return {kind: float(np.sqrt(excess / size)) for kind, (excess, size) in sums.items()}
+
+
+def _shares_as_fitted(best: Fit, data: Dataset) -> dict[str, float]:
+    """What the fit leaves of groups beyond the scatter of their repeats, by kind."""
+    noise, left = _noise_of_repeats(data), left_by_label(best.residual, data)
+    shares = _shares({label: left[label] for label in noise}, noise, data)
+    return {kind: share for kind, share in shares.items() if share > 0}
+
+
+def _pooled(shown: Sequence[LeftOutRun]) -> dict[str, float]:
+    r"""Share of each kind, $\sqrt{\mathrm{mean}(s_r^2 / g_r)}$, widened for few runs."""
+    squares: dict[str, list[float]] = {}
+    for run in shown:
+        for kind, share in run.rests.items():
+            squares.setdefault(kind, []).append((share / run.grown) ** 2)
+    found = {kind: float(np.sqrt(np.mean(x) * widened(len(x)))) for kind, x in squares.items()}
+    return {kind: share for kind, share in found.items() if share > 0}
+
+
+def _beyond(row: Row, noise: float, fraction: float) -> float:
+    """Sum of squares beyond that of noise, of which a fraction of the values is independent."""
+    chance = 1 + stats.norm.isf(BY_CHANCE) * np.sqrt(2 / (_count(row) * fraction))
+    square = _square(row)
+    return square - noise if square > chance * noise else 0.0
+
+
+def _square(row: Row) -> float:
+    return float(np.sum(np.abs(row) ** 2))
+
+
+def _count(row: Row) -> int:
+    """Real values of a row."""
+    return len(row) * (2 if np.iscomplexobj(row) else 1)

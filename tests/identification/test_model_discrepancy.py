@@ -1,0 +1,196 @@
+"""Model discrepancy: nothing where the law is right, and bands that hold where it is not."""
+
+from dataclasses import replace
+
+import jax
+import numpy as np
+import pytest
+import xarray as xr
+
+from jbw.identification.leaving_out import fits_without_each_run
+from jbw.identification.model_discrepancy import (
+    NO_SCATTER,
+    Discrepancy,
+    Missed,
+    Scatter,
+    discrepancy_in,
+    discrepancy_sentences,
+    growth,
+    model_discrepancy,
+    scatter_about_zero,
+    scatter_by_amplitude,
+    shift_of,
+    widened,
+)
+from jbw.inference.fit.costly_fit import costly_fit
+from jbw.inference.space.box import box
+from jbw.measurement.records import Record, Test
+from jbw.observables.dataset import Dataset, left_by_label, stacked, with_fitted_noise
+from jbw.observables.decay import Decays
+from jbw.observables.decay_drift import drift_of
+from jbw.verification.decays import drifted
+from jbw.verification.predict import Request, predict
+from jbw.verification.predictive_basis import Basis
+
+FS, OMEGA_N, ZETA, NOISE = 512.0, 2 * np.pi * 20.0, 4e-3, 1e-3
+BAND = (14.0, 26.0)
+RUNS = (1.0, 0.8, 0.65, 0.5, 0.4, 0.3)  # first velocity of the records that are fitted [m/s]
+
+
+def test_the_discrepancy_grows_with_the_logarithm_of_the_amplitude():
+    assert growth(2.0, 1.0, 4.0) == 1.0
+    # Half of the range of the logarithm beyond either end: twice as much.
+    assert growth(8.0, 1.0, 4.0) == pytest.approx(2.0, rel=1e-12)
+    assert growth(0.5, 1.0, 4.0) == pytest.approx(2.0, rel=1e-12)
+    # A narrow range counts as one octave.
+    assert growth(4.0, 2.0, 2.0) == pytest.approx(1 + 2 * 1.0, rel=1e-12)
+    assert growth(None, 1.0, 4.0) == growth(5.0, 0.0, 0.0) == 1.0
+
+
+def test_the_scatter_of_equal_errors_is_the_mean_square_beyond_them():
+    shift, std = np.array([3.0, -4.0, 5.0]), np.full(3, 0.5)
+    found = scatter_about_zero(shift, std, np.ones(3), 3)
+    assert found**2 == pytest.approx(3 * (np.mean(shift**2) - 0.5**2), rel=1e-9)
+    # What lies where the discrepancy is twice as large counts a half.
+    grown = scatter_about_zero(2 * shift, np.full(3, 1e-6), np.full(3, 2.0), 3)
+    assert grown**2 == pytest.approx(3 * np.mean(shift**2), rel=1e-6)
+
+
+def test_shifts_that_chance_makes_are_no_discrepancy():
+    rng = np.random.default_rng(5)
+    found = [
+        scatter_about_zero(rng.standard_normal(6), np.ones(6), np.ones(6), 6) for _ in range(2000)
+    ]
+    # A probability of 1e-3 each: more than 8 of 2000 in one of 4000 such sets.
+    assert np.count_nonzero(found) <= 8
+    assert scatter_about_zero(np.array([9.0]), np.array([np.inf]), np.ones(1), 3) == 0.0
+
+
+def test_a_scatter_runs_with_the_amplitude_as_the_shifts_do():
+    y = np.array([0.2, 0.4, 0.6, 0.8, 1.0])
+    sign, std, ones = np.array([1, -1, 1, 1, -1]), np.full(5, 1e-6), np.ones(5)
+    for power in (0, 1, 2):
+        found = scatter_by_amplitude(3.0 * sign * y**power, std, y, ones, 5)
+        assert found.power == power
+        assert found.std == pytest.approx(3.0 * np.sqrt(5 / 3), rel=1e-6)  # of t with 5 degrees
+    missed = Missed(Scatter(0.01, 1), Scatter(0.002, 2))
+    law = Discrepancy(missed, missed, {}, 1.0, 4.0)
+    assert law.at(2.0)[:2] == pytest.approx((0.005, 0.0005), rel=1e-12)
+    # Beyond, by the power and by the logarithm.
+    assert law.at(8.0)[:2] == pytest.approx((2 * 0.02, 2 * 0.008), rel=1e-12)
+
+
+def test_few_runs_widen_a_variance_as_student_has_it():
+    assert widened(6) == pytest.approx(6 / 4)  # the variance of t with 6 degrees of freedom
+    assert widened(3) == widened(2) == 3.0
+
+
+def test_the_shift_of_a_linear_residual_is_exact():
+    rng = np.random.default_rng(1)
+    jacobian = rng.standard_normal((50, 3))
+    slopes, covariance = jacobian[:, :2], np.diag([0.0, 0.0, 0.04])
+    shift, std = shift_of(slopes @ [0.3, -2.0], slopes, jacobian, covariance)
+    np.testing.assert_allclose(shift, [0.3, -2.0], rtol=1e-12)
+    along = np.linalg.pinv(slopes)
+    expected = np.linalg.inv(slopes.T @ slopes) + 0.04 * np.outer(
+        along @ jacobian[:, 2], along @ jacobian[:, 2]
+    )
+    np.testing.assert_allclose(std, np.sqrt(np.diag(expected)), rtol=1e-12)
+    shift, std = shift_of(slopes[:, 0], slopes * [1.0, 0.0], jacobian, covariance)
+    assert shift[0] == pytest.approx(1.0)
+    assert shift[1] == 0.0
+    assert np.isinf(std[1])
+
+
+def test_a_drift_is_read_off_the_ratio_of_two_envelopes():
+    time = np.linspace(0.5, 4.0, 80)
+    predicted = np.exp((-0.7 + 3j) * time)
+    measured = predicted * np.exp((-0.05 + 0.9j) * time)  # 3.6 rad at the end: turns are unwound
+    drift = drift_of(measured, predicted, time)
+    assert drift.rate == pytest.approx(0.05, rel=1e-12)
+    assert drift.frequency == pytest.approx(0.9, rel=1e-12)
+    assert np.abs(drift.rest).max() < 1e-12
+
+
+def test_envelopes_drift_apart_in_proportion_to_time():
+    time, rates = np.array([0.0, 1.0, 3.0]), np.array([0.1, 0.2])
+    found = np.log(drifted(jax.random.key(0), np.ones((20000, 3), complex), time, rates))
+    np.testing.assert_allclose(found.real.std(axis=0), 0.1 * time, rtol=0.03)  # 6 sd of 20000
+    np.testing.assert_allclose(found.imag.std(axis=0), 0.2 * time, rtol=0.03)
+
+
+def decays(velocities, hardening=0.0, name="decay"):
+    r"""Decays whose frequency runs with the amplitude, in closed form.
+
+    $$v = V \cos\varphi, \quad V = V_0 e^{-\zeta\omega_n t}, \quad
+      \varphi = \omega_n t + \kappa V_0^2 (1 - e^{-2\zeta\omega_n t}) / (2 \zeta)$$
+    """
+    rng, t = np.random.default_rng(len(velocities)), np.arange(int(8 * FS)) / FS
+    records = []
+    for v0 in velocities:
+        gone = -np.expm1(-2 * ZETA * OMEGA_N * t)
+        phase = OMEGA_N * t + hardening * v0**2 * gone / (2 * ZETA) + rng.uniform(0, 6)
+        v = v0 * np.exp(-ZETA * OMEGA_N * t) * np.cos(phase)
+        v += NOISE * rng.standard_normal(len(t))
+        records.append(Record(FS, {"velocity": v}, {"velocity": "m/s"}))
+    return Test("decay", tuple(records), name, band_hz=BAND)
+
+
+def learned(hardening):
+    """Discrepancy of a linear structure from six decays, and what predicts with it."""
+    data = Dataset.of([Decays.of(decays(RUNS, hardening), laws=())])
+    prior = box({"omega_n": (0.9 * OMEGA_N, 1.1 * OMEGA_N), "zeta": (1e-4, 2e-2)})
+    best = costly_fit(stacked, prior, data, starts={"omega_n": OMEGA_N, "zeta": ZETA})
+    data = with_fitted_noise(best.theta, left_by_label(best.residual, data), data)
+    best = costly_fit(stacked, prior, data, starts=best.theta)
+    y_peak = max(RUNS) / OMEGA_N
+    found = model_discrepancy(best, prior, data, fits_without_each_run(best, prior, data), y_peak)
+    rng = np.random.default_rng(0)
+    drawn = rng.multivariate_normal(list(best.theta.values()), best.covariance, (1, 100))
+    dims = ("chain", "draw")
+    posterior = xr.Dataset(
+        {name: (dims, drawn[..., i]) for i, name in enumerate(best.theta)}
+        | {
+            "noise_std": (
+                (*dims, "record"),
+                np.broadcast_to(data.parts[0].noise_std, (1, 100, len(RUNS))),
+                {"units": "m/s"},
+            )
+        },
+        {"record": list(data.labels)},
+    )
+    facts = {"shift_std": float(data.parts[0].shift_std), "worth": 1.0}
+    bare = Basis(posterior, {}, {}, y_peak, (), 1, posterior, facts, ())
+    return found, bare, replace(bare, discrepancy=discrepancy_in(found))
+
+
+def test_the_right_law_leaves_no_discrepancy():
+    found, bare, basis = learned(0.0)
+    assert discrepancy_in(found).is_nothing
+    assert discrepancy_sentences(found) == []
+    unseen = decays((1.2, 0.7), name="unseen")
+    before, after = (predict(one, unseen, Request(num_draws=50)) for one in (bare, basis))
+    np.testing.assert_array_equal(before["predictive_band"], after["predictive_band"])
+
+
+def test_bands_of_stronger_decays_hold_what_a_wrong_law_misses():
+    hardening = 2e-4  # of the frequency at 1 m/s
+    found, bare, basis = learned(hardening)
+    discrepancy = discrepancy_in(found)
+    # Off by up to the change of frequency of the strongest record, widened for three fits.
+    assert 0.05 * hardening < discrepancy.decays.frequency.std < 3 * hardening
+    assert "of the natural frequency" in discrepancy_sentences(found)[0]
+    unseen = decays((1.2, 0.9, 0.35), hardening, name="unseen")
+    before, after = (predict(one, unseen, Request(num_draws=100)).attrs for one in (bare, basis))
+    assert before["coverage"] < 0.8
+    assert after["coverage"] >= 0.95
+    # Not wider than three times what is missed.
+    assert after["half_width"] / 2.576 <= 3 * after["nrmse"]
+
+
+def test_a_kind_that_was_not_left_out_takes_the_largest_share():
+    nothing = Missed(NO_SCATTER, NO_SCATTER)
+    found = Discrepancy(nothing, nothing, {"sweep": 0.02, "loop": 0.05}, 0.0, 0.0)
+    assert found.share_of("sweep") == 0.02
+    assert found.share_of("tones") == 0.05
+    assert not found.is_nothing
