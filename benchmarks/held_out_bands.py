@@ -1,0 +1,206 @@
+"""Do the bands of measured structures hold records that no fit has seen?
+
+Each test of a campaign, or each record of its decays, is left out in turn; a single record is cut
+into four blocks. The rest is fitted, draws are those of the Gaussian about the fit, and the one
+that was left out is predicted, without the model discrepancy and with it. Bands of 99 % should hold
+95 to 100 % of the values, and their mean half width over 2.58 times the error should be 3 at most.
+With --rig, the virtual rig makes sweeps of six levels by a law that is not the one fitted, or is;
+an inner level and the highest are left out.
+
+    JBW_DATA=FOLDER python benchmarks/held_out_bands.py [--set "double beam"] [--json FILE]
+    python benchmarks/held_out_bands.py --rig 5 [--json FILE]
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from timing import Table, options, show
+
+import jbw
+from jbw import rig
+from jbw.campaign.load import Campaign
+from jbw.identification.assemble import measured_in
+from jbw.identification.laplace import fit_alone
+from jbw.identification.leaving_out import fits_without_each_run
+from jbw.identification.model_discrepancy import discrepancy_in, model_discrepancy
+from jbw.measurement.records import Test
+from jbw.observables.dataset import Dataset
+from jbw.oscillator.laws import laws_named
+from jbw.rig.generator import Sweep
+from jbw.rig.presets import Preset
+from jbw.study.quick import fit_tree
+from jbw.verification.predict import Request, predict
+from jbw.verification.predictive_basis import Basis, basis_of
+
+FOLDER = Path(__file__).parent.parent / "notebooks" / "campaigns"
+SETS = {
+    "double beam": "bolted_double_beam",
+    "Brake-Reuss": "brake_reuss_beam",
+    "hysteretic benchmark": "hysteretic_benchmark",
+    "friction damper": "friction_damper",
+    "F-16": "f16_sweep",
+    "Silverbox": "silverbox",
+}
+OMEGA_N, ZETA, SCATTER = 2 * np.pi * 18.8, 0.00444, 0.2  # of logarithms of the law's parameters
+BOUC_WEN = {"alpha": 2500.0, "delta": 340.0, "gamma": 90.0}
+IWAN = {"iwan_stiffness": 1500.0, "iwan_loss": 217.0, "iwan_chi": -0.3, "iwan_beta": 0.5}
+# True parameters, the laws that are fitted, and the least and largest level [V].
+RIG = {
+    "right law": (BOUC_WEN, ("bouc_wen",), (0.01, 0.08)),
+    "Iwan under Bouc-Wen": (IWAN, ("bouc_wen",), (0.005, 0.04)),
+    "softening under cubic": (BOUC_WEN, ("cubic",), (0.01, 0.08)),
+    "extra damping": ({**BOUC_WEN, "quadratic_damping": 2.0}, ("bouc_wen",), (0.01, 0.08)),
+}
+TRUE = {
+    "right law": ("bouc_wen",),
+    "Iwan under Bouc-Wen": ("iwan4",),
+    "softening under cubic": ("bouc_wen",),
+    "extra damping": ("bouc_wen", "quadratic_damping"),
+}
+LEFT_OUT = (2, 5)  # of six levels
+NUM_BLOCKS = 4  # of a set with one record
+REACH = 2.576  # standard deviations of a 99 % band
+COLUMNS = {"set": "", "left out": "", "error, %": ".2g", "held before, %": ".1f", "held, %": ".1f"}
+COLUMNS |= {"width before": ".2f", "width": ".2f", "time, s": ".0f"}
+
+
+def folds(campaign: Campaign) -> Iterator[tuple[Campaign, Test]]:
+    """The campaign without each of its tests, or records, and what was left out."""
+    tests = campaign.tests
+    records_of_one = len(tests) == 1 and len(tests[0].records) > 1
+    if records_of_one:
+        tests = tuple(replace(tests[0], records=(one,)) for one in tests[0].records)
+    elif len(tests) == 1:
+        tests = tuple(blocks(tests[0]))
+    for i, test in enumerate(tests):
+        rest = tuple(other for j, other in enumerate(tests) if j != i)
+        settings = {"hold_out": (), "fit_levels": None, "fit_repeats": "all"}
+        if records_of_one:  # all in one test again
+            rest = (replace(test, records=tuple(other.records[0] for other in rest)),)
+        held = replace(test, name=f"{test.name}, {i + 1}")
+        known = campaign.settings.model_copy(update=settings)
+        yield replace(campaign, tests=rest, settings=known), held
+
+
+def blocks(test: Test) -> Iterator[Test]:
+    """A record in four blocks, followed in time; a third of each lets its start be forgotten."""
+    (record,) = test.records
+    size = record.num_samples // NUM_BLOCKS
+    for i in range(NUM_BLOCKS):
+        cut = {name: x[i * size : (i + 1) * size] for name, x in record.channels.items()}
+        yield replace(
+            test,
+            kind="sweep",
+            name=f"block {i + 1}",
+            periods=1,
+            settle=size / record.fs / 3,
+            records=(replace(record, channels=cut),),
+        )
+
+
+def bases(campaign: Campaign) -> tuple[Basis, Basis]:
+    """What predicts by the fit of a campaign, without the model discrepancy and with it."""
+    seen = measured_in(campaign, lambda said: None, campaign.tests)
+    found = fit_alone(seen, seed=0, report=lambda said: None)
+    ready = found.fitted
+    fits = fits_without_each_run(ready.fit, ready.box, ready.data)
+    missed = model_discrepancy(ready.fit, ready.box, ready.data, fits, ready.y_peak)
+    tree = fit_tree(seen, found)
+    posterior = tree["posterior"].to_dataset()
+    tree["posterior"] = xr.DataTree(posterior.assign(noise_of(ready.data, posterior.sizes)))
+    basis = basis_of(tree)
+    return basis, replace(basis, discrepancy=discrepancy_in(missed))
+
+
+def noise_of(data: Dataset, sizes: Mapping[str, int]) -> dict[str, Any]:
+    """Noise of every group as the fit has it, as a posterior holds it."""
+    known, shape = {}, (sizes["chain"], sizes["draw"])
+    for i, part in enumerate(data.parts):
+        if part.dimension:
+            repeats = getattr(part, "repeats", part)
+            std, dim = np.asarray(repeats.noise_std), f"{part.dimension}_{i}"
+            dim = "record" if part.own_shifts else dim
+            name = "noise_std" if part.own_shifts else f"noise_std_{i}"
+            values = np.broadcast_to(std, (*shape, len(std)))
+            known[name] = (("chain", "draw", dim), values, {"units": part.unit})
+            known[dim] = (dim, list(part.labels))
+    return known
+
+
+def rows(name: str) -> Iterator[dict[str, Any]]:
+    """What the bands of one set hold, a row for each that was left out."""
+    campaign = jbw.load_campaign(FOLDER / f"{SETS[name]}.toml", allow_outside=True)
+    for rest, held in folds(campaign):
+        started = perf_counter()
+        row = {"set": name, "left out": held.name}
+        yield row | compared(*bases(rest), held) | {"time, s": perf_counter() - started}
+
+
+def compared(before: Basis, after: Basis, held: Test) -> dict[str, float]:
+    """What the bands of a test hold without the model discrepancy and with it."""
+    found = {}
+    for suffix, basis in ((" before", before), ("", after)):
+        attrs = predict(basis, held, Request(seed=1)).attrs
+        found["error, %"] = 100 * float(attrs["nrmse"])
+        found[f"held{suffix}, %"] = 100 * float(attrs["coverage"])
+        found[f"width{suffix}"] = float(attrs["half_width"] / (REACH * attrs["nrmse"]))
+    return found
+
+
+def made(case: str, seed: int) -> Campaign:
+    """A campaign of six levels of sweeps on the rig, of which the case tells what is fitted."""
+    truth, laws, levels = RIG[case]
+    rng = np.random.default_rng(seed)
+    theta = {name: x * np.exp(SCATTER * rng.standard_normal()) for name, x in truth.items()}
+    joint = jbw.Oscillator(OMEGA_N, ZETA, tuple(law.of(theta) for law in laws_named(TRUE[case])))
+    plans = tuple(
+        rig.Plan(
+            f"sweep_{1e3 * level:.1f}mV", "sweep",
+            Sweep(12.0, 26.0, level, burst=3.0, fade=0.2, duration=4.0), repeats=2,
+        )
+        for level in np.geomspace(*levels, 6)
+    )  # fmt: skip
+    preset = Preset(
+        name=case, gain=15.0, input_range=1.0, velocity_range=2.0, plans=plans, noise_ratio=0.01
+    )
+    campaign = rig.measure(preset, joint=joint, seed=seed, fs=256.0)
+    return replace(campaign, laws=laws)
+
+
+def rig_rows(case: str, seed: int) -> Iterator[dict[str, Any]]:
+    """What the bands of two levels hold that no fit has seen, the inner one and the highest."""
+    campaign, started = made(case, seed), perf_counter()
+    held = [campaign.tests[i] for i in LEFT_OUT]
+    tests = tuple(test for test in campaign.tests if test not in held)
+    settings = {"prior": {}, "fit": None, "fit_levels": [x.level for x in tests], "fit_repeats": 2}
+    known = campaign.settings.model_copy(update=settings)
+    before, after = bases(replace(campaign, tests=tests, settings=known))
+    for test in held:
+        row = {"set": case, "left out": f"{test.name}, seed {seed}"}
+        yield row | compared(before, after, test) | {"time, s": perf_counter() - started}
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = options(__doc__)
+    parser.add_argument("--set", action="append", choices=SETS, help="of those; all when left out")
+    parser.add_argument("--rig", type=int, metavar="N", help="campaigns of each case on the rig")
+    chosen = parser.parse_args(arguments)
+    jbw.enable_x64()
+    found = []
+    if chosen.rig:
+        each = (row for seed in range(chosen.rig) for case in RIG for row in rig_rows(case, seed))
+    else:
+        each = (row for name in chosen.set or SETS for row in rows(name))
+    for row in each:
+        print(row, flush=True)
+        found.append([row[column] for column in COLUMNS])
+    show([Table("Bands of what was left out", COLUMNS, found)], file=chosen.json)
+
+
+if __name__ == "__main__":
+    main()
