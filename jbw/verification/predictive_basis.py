@@ -145,6 +145,11 @@ class Basis:
         names = (name for name in (run_of(test), family_of(test)) if name in known)
         return next(names, None) if test.name in self.seen else None
 
+    @property
+    def misses(self) -> bool:
+        """Whether the law leaves more than noise on tests that were not fitted."""
+        return self.discrepancy is not None and not self.discrepancy.is_nothing
+
     def has_fitted(self, test: Test) -> bool:
         """Whether anything of a test was fitted: a group of data has its name, or that and more."""
         fitted = noise_by_label(self.posterior)

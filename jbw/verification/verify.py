@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from scipy.stats import norm
 
 from jbw.campaign.settings import Identify
 from jbw.errors import Attempts
@@ -22,6 +23,7 @@ from jbw.identification.procedure import Identification, Report
 from jbw.identification.selection import DecaySplit, Sweeps, loop_tests
 from jbw.inference.posterior.finding import Finding, Verdict, amended, checked, judge
 from jbw.inference.posterior.remedies import put
+from jbw.inference.posterior.summary import QUANTILES
 from jbw.measurement.records import Test, drive_of
 from jbw.observables.dataset import Dataset
 from jbw.observables.decay import Decays
@@ -54,6 +56,7 @@ NUM_FEW = 20  # of the draws, through long records
 BETTER = 1.1  # times the error of a simpler oscillator: beyond, that one is the better model
 LEAST_COVERAGE = 0.95  # of a 99 % band over a record
 LEAST_VALUES = 50  # of a record whose coverage says something
+REACH = float(norm.ppf(QUANTILES[-1]))  # standard deviations of a 99 % band
 SIMPLER = ("linear", "cubic")
 Groups = dict[str, xr.Dataset]
 
@@ -123,6 +126,7 @@ def _verify_free(
     for name, one in zip(decays.names, every, strict=False):
         if not one.attrs["fitted"] and unit > 0:
             one.attrs["extrapolation"] = one.attrs["level"] / unit
+        one.attrs["discrepancy"] = int(not one.attrs["fitted"] and basis.misses)
         groups[place("verification/decay", name)] = one
     curves = attempts.make(
         "The frequency and damping of the free decays against amplitude", against_amplitude, None
@@ -189,7 +193,8 @@ def _verify_forced(
 
     def marks(test: Test) -> dict[str, Any]:
         known = {"fitted": int(test.name in names), "offsets": int(len(basis.scatter) > 0)}
-        return {**known, "scatter": int(basis.scatters(test))}
+        missed = not known["fitted"] and basis.misses
+        return {**known, "scatter": int(basis.scatters(test)), "discrepancy": int(missed)}
 
     def add_sweep(test: Test) -> None:
         own = beside(test)
@@ -297,7 +302,7 @@ def prediction_findings(tree: xr.DataTree) -> list[Finding]:
     """The largest error beside a simpler oscillator's, and the least coverage of held-out tests."""
     tests = _predicted(tree)
     laws = json.loads(str(tree.attrs.get("laws", "[]")))
-    return [*_simpler(tests, laws), *_coverage(tests)]
+    return [*_simpler(tests, laws), *_replaced(tests, laws), *_coverage(tests)]
 
 
 def _simpler(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> list[Finding]:
@@ -324,6 +329,31 @@ def _simpler(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> lis
         f"another law. {another_law(laws)}"
     )
     return [checked("simpler_model", ratios[worst] < BETTER, reason, ratios[worst], action)]
+
+
+def _replaced(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> list[Finding]:
+    """Whether the model discrepancy in a band is more than a linear oscillator would miss.
+
+    Nothing where the bands have no discrepancy. A test on which the joint does not beat the linear
+    oscillator says nothing here: `_simpler` looks at that.
+    """
+    ratios = {
+        name: attrs["half_width"] / REACH / attrs["nrmse_linear"]
+        for name, attrs in tests.items()
+        if attrs.get("discrepancy")
+        and attrs.get("nrmse_linear", np.nan) > BETTER * attrs["nrmse"]
+        and np.isfinite(attrs.get("half_width", np.nan))
+    }
+    if not ratios:
+        return []
+    worst = max(ratios, key=lambda name: ratios[name])
+    reason = (
+        f"The bands with the model discrepancy are widest on {worst}: their standard deviation is "
+        f"{ratios[worst]:.2g} times the error of the best linear oscillator; it must be less, or "
+        "the discrepancy has replaced the law."
+    )
+    action = f"Do not predict such tests by this law. {another_law(laws)}"
+    return [checked("law_replaced", ratios[worst] < 1, reason, ratios[worst], action)]
 
 
 def _coverage(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:

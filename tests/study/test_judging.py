@@ -76,3 +76,17 @@ def test_a_joint_that_cannot_be_solved_is_no_better():
     unknown = {"nrmse": 0.1, "nrmse_linear": np.nan, "fitted": 1}
     found = findings(**{"sweep/a": unknown, "curve/b": GOOD})["simpler_model"]
     assert found.number == pytest.approx(0.05)
+
+
+def test_a_discrepancy_wider_than_a_linear_oscillators_error_refuses_the_law():
+    # 2.576 standard deviations of 0.25, where a linear oscillator misses 0.2.
+    wide = {**GOOD, "fitted": 0, "discrepancy": 1, "half_width": 0.644}
+    found = findings(**{"sweep/wide": wide})["law_replaced"]
+    assert found.status == "failed"
+    assert found.number == pytest.approx(0.25 / 0.2, rel=1e-3)
+    assert "has replaced the law" in found.reason
+    assert pasted(found.action).laws == ("bouc_wen", "cubic")
+    assert findings(**{"sweep/a": {**wide, "half_width": 0.2}})["law_replaced"].status == "ok"
+    # Wide by noise alone, or where the joint hardly acts: nothing is said.
+    assert "law_replaced" not in findings(**{"sweep/a": {**wide, "discrepancy": 0}})
+    assert "law_replaced" not in findings(**{"sweep/a": {**wide, "nrmse_linear": 0.0105}})

@@ -136,6 +136,20 @@ MESSAGES = (
         """,
     ),
     Message(
+        "law_replaced",
+        explanation="""
+        Check: where the law leaves more than noise on runs that were left out, the standard
+        deviation of the bands of every held-out test over the error of the best linear
+        oscillator; less than 1.
+
+        The bands of such tests include a model discrepancy: what the law misses of frequency and
+        damping, by amplitude. Where that is as large as what a linear oscillator misses, the law
+        says nothing about the joint there, however many values its bands hold.
+
+        Remedy: do not predict such tests by this law, and try others: jbw laws.
+        """,
+    ),
+    Message(
         "held_out_coverage",
         explanation="""
         Check: the share of the values of every held-out test inside the 99 % band; at least 95
