@@ -54,7 +54,7 @@ RIG = {
     "right law": (BOUC_WEN, ("bouc_wen",), (0.01, 0.08)),
     "Iwan under Bouc-Wen": (IWAN, ("bouc_wen",), (0.005, 0.04)),
     "softening under cubic": (BOUC_WEN, ("cubic",), (0.01, 0.08)),
-    "extra damping": ({**BOUC_WEN, "quadratic_damping": 2.0}, ("bouc_wen",), (0.01, 0.08)),
+    "extra damping": ({**BOUC_WEN, "quadratic_damping": 20.0}, ("bouc_wen",), (0.01, 0.08)),
 }
 TRUE = {
     "right law": ("bouc_wen",),
