@@ -307,19 +307,18 @@ def model_discrepancy(
     shares = _pooled(list(shown.values()))
     for kind, share in _shares_as_fitted(best, data).items():
         shares[kind] = max(share, shares.get(kind, 0.0))
-    own = (len(shown), len(OFFSETS))
+    own, dims = (len(shown), len(OFFSETS)), ("run", "quantity")
     shift = np.reshape([run.shift for run in shown.values()], own)
     std = np.reshape([run.std for run in shown.values()], own)
-    of_run = {
-        "amplitude": [run.amplitude * y_high for run in shown.values()],
-        "growth": [run.grown for run in shown.values()],
-    }
+    amplitude = [run.amplitude * y_high for run in shown.values()]
+    grown_by, units = [run.grown for run in shown.values()], {"group_units": ["rad/s", "1"]}
     positive = [y for y in amplitudes.values() if y > 0]
     return xr.Dataset(
         {
-            **{name: ("run", np.array(values, float)) for name, values in of_run.items()},
-            "shift": (("run", "quantity"), shift, {"long_name": "missed by the fit without it"}),
-            "std": (("run", "quantity"), std, {"long_name": "its standard error"}),
+            "amplitude": ("run", amplitude, {"units": "m", "long_name": "largest displacement"}),
+            "growth": ("run", grown_by, {"units": "1", "long_name": "factor at its amplitude"}),
+            "shift": (dims, shift, {**units, "long_name": "missed by the fit without it"}),
+            "std": (dims, std, {**units, "long_name": "its standard error"}),
             "rest": ("kind", list(shares.values()), {"units": "1", "long_name": "sd over rms"}),
         },
         {"run": list(shown), "quantity": list(OFFSETS), "kind": list(shares)},
