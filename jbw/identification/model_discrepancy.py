@@ -18,10 +18,18 @@ $$\hat b_r \sim N\bigl(0,\, V_r + \tau^2 (y_r / y_{max})^{2p} g_r\bigr), \quad p
 
 as an error that is linear in the logarithm of the amplitude grows. $\tau$ is that of Paule and
 Mandel about zero, and none where chance makes as much. The rest of $e_r$ is a share of the
-response, white, beyond the noise that a test like it would be taken to have. A variance that n runs
-tell is taken n / (n - 2) times: that of Student's t distribution.
+response, white, beyond what noise and the errors of the fit without the run leave of it,
+
+$$E|e|^2 = N n + |M|^2, \qquad
+  \mathrm{var}|e|^2 = 2\,(N n^2 / f + N^2 n^2 / K + 2 n |M|^2 + |M^T M|^2), \\
+  M = (I - S_r (S_r^T S_r)^{-1} S_r^T)\,J_r C_{-r}^{1/2}$$
+
+of N values, of which a fraction f is independent, with the noise n that a test like it would be
+taken to have and K values tell; chance is that of the gamma distribution with these moments. A
+variance that n runs tell is taken n / (n - 2) times: that of Student's t distribution.
 
 Reference:
+    Satterthwaite (1946), Biometrics Bull. 2, 110: the distribution of a sum of squares.
     Kennedy and O'Hagan (2001), J. R. Stat. Soc. B 63, 425: a discrepancy beside a calibrated model.
     Paule and Mandel (1982), J. Res. Natl. Bur. Stand. 87, 377.
 """
@@ -33,7 +41,7 @@ from typing import NamedTuple
 import jax
 import numpy as np
 import xarray as xr
-from jaxtyping import Float
+from jaxtyping import Float, Inexact
 from scipy import stats
 from scipy.optimize import root_scalar
 
@@ -63,7 +71,6 @@ BY_CHANCE = 0.01  # probability below which shifts and residuals are taken for t
 NO_OFFSET = 1e-9  # of the scatter of runs: room for no offset
 POWERS = (0, 1, 2)  # of the amplitude: a change of stiffness, friction, a cubic spring
 MOST_WIDENED = 3.0  # n / (n - 2) of three runs: fewer say no more
-OfGroup = dict[str, float]  # by label
 
 
 class Scatter(NamedTuple):
@@ -124,15 +131,41 @@ class Discrepancy:
         return self.share.get(kind, max(self.share.values(), default=0.0))
 
 
+class Noise(NamedTuple):
+    """Sum of squares that noise leaves of a group, and the independent values that tell it."""
+
+    square: float
+    known_by: float
+
+
+class Rest(NamedTuple):
+    """Square of what no shift explains of a response, and what chance makes of that."""
+
+    square: float
+    mean: float
+    variance: float
+
+    @property
+    def is_by_chance(self) -> bool:
+        """Whether a sum of squares with these moments is as large in more than 1 % of cases."""
+        if self.mean <= 0:
+            return self.square <= 0
+        scale = self.variance / (2 * self.mean)
+        return bool(stats.chi2.sf(self.square / scale, self.mean / scale) > BY_CHANCE)
+
+
 class LeftOutRun(NamedTuple):
     """What one run shows of the discrepancy when it is left out of the fit."""
 
     shift: Float[np.ndarray, " own"]  # of omega_n [rad/s] and zeta, that the law misses
     std: Float[np.ndarray, " own"]  # their standard errors; infinite where the run knows nothing
-    rests: Mapping[str, float]  # of its response that no shift explains, beyond noise, by kind
+    rests: Mapping[str, Rest]  # over the square of the response, by kind
     is_decay: bool = False
     amplitude: float = np.nan  # over the largest fitted; NaN where it is not known
     grown: float = 1.0  # factor of standard deviations at its amplitude, by those of the others
+
+
+NoiseOf = Mapping[str, Noise]  # by label
 
 
 def growth(y: float | None, y_low: float, y_high: float) -> float:
@@ -211,16 +244,20 @@ def shift_of(
 
     Of a derivative that is nothing, or two that are one, the error is infinite.
     """
-    shift, std = np.zeros(slopes.shape[1]), np.full(slopes.shape[1], np.inf)
-    known = np.any(slopes != 0.0, axis=0)
-    precision = slopes[:, known].T @ slopes[:, known]
-    if not np.any(known) or not tells_apart(precision):
-        return shift, std
-    along = np.linalg.solve(precision, slopes[:, known].T)
+    along = coefficients_of(slopes)
     by_parameters = along @ jacobian
-    spread = np.linalg.inv(precision) + by_parameters @ covariance @ by_parameters.T
-    shift[known], std[known] = along @ residual, np.sqrt(np.diag(spread))
-    return shift, std
+    spread = along @ along.T + by_parameters @ covariance @ by_parameters.T
+    known = np.any(along != 0.0, axis=1)
+    return along @ residual, np.where(known, np.sqrt(np.diag(spread)), np.inf)
+
+
+def coefficients_of(slopes: Float[np.ndarray, "value own"]) -> Float[np.ndarray, "own value"]:
+    """What gives least-squares coefficients of the slopes, $(S^T S)^{-1} S^T$; else zeros."""
+    along, known = np.zeros(slopes.shape[::-1]), np.any(slopes != 0.0, axis=0)
+    precision = slopes[:, known].T @ slopes[:, known]
+    if np.any(known) and tells_apart(precision):
+        along[known] = np.linalg.solve(precision, slopes[:, known].T)
+    return along
 
 
 class Slopes(NamedTuple):
@@ -244,7 +281,7 @@ def slopes_of(best: Fit, prior: Box, data: Dataset) -> Slopes:
     return Slopes(bare, -jacobian, scatter[: len(OFFSETS)])
 
 
-def left_out_run(run: str, fit: Fit, known: Slopes, prior: Box, noise: OfGroup) -> LeftOutRun:
+def left_out_run(run: str, fit: Fit, known: Slopes, prior: Box, noise: NoiseOf) -> LeftOutRun:
     """What a run shows at the fit without it, beyond what runs scatter by."""
     data, names = known.data, list(fit.theta)
     rows = residual_at(stacked, fit.x, prior, data)
@@ -254,7 +291,11 @@ def left_out_run(run: str, fit: Fit, known: Slopes, prior: Box, noise: OfGroup) 
     jacobian, slopes = (_end_to_end(each, labels, data) for each in (known.jacobian, by_own))
     shift, std = shift_of(_end_to_end(rows, labels, data), slopes, jacobian, fit.covariance)
     left = left_by_label(rows - by_own @ shift, data)
-    rests = _shares({label: left[label] for label in labels}, noise, data)
+    explained = by_own @ (coefficients_of(slopes) @ jacobian)
+    by_errors = (known.jacobian - explained) @ np.linalg.cholesky(fit.covariance)
+    moves = [left_by_label(column, data) for column in by_errors.T]
+    uncertain = {label: np.stack([move[label] for move in moves], axis=1) for label in labels}
+    rests = _rests({label: left[label] for label in labels}, noise, data, uncertain)
     return LeftOutRun(shift, np.hypot(std, known.scatter), rests)
 
 
@@ -267,11 +308,11 @@ def by_drift(of_run: LeftOutRun, decay: LeftOutDecay, omega_n: float) -> LeftOut
     std = np.array([decay.frequency_std, decay.rate_std / omega_n])
     if np.isfinite(of_run.std[1]):
         std[1] = np.hypot(std[1], of_run.std[1])
-    excess = _beyond(drift.rest, decay.noise, decay.fraction) / _square(drift.measured)
+    rest = _rest(drift.rest, Noise(decay.noise, np.inf), decay.fraction)
     return of_run._replace(
         shift=np.array([drift.frequency, drift.rate / omega_n]),
         std=std,
-        rests=dict.fromkeys(of_run.rests, excess**0.5),
+        rests=dict.fromkeys(of_run.rests, _over(rest, _square(drift.measured))),
         is_decay=True,
     )
 
@@ -321,7 +362,11 @@ def model_discrepancy(
             "std": (dims, std, {**units, "long_name": "its standard error"}),
             "rest": ("kind", list(shares.values()), {"units": "1", "long_name": "sd over rms"}),
         },
-        {"run": list(shown), "quantity": list(OFFSETS), "kind": list(shares)},
+        {
+            "run": np.array(list(shown), str),
+            "quantity": list(OFFSETS),
+            "kind": np.array(list(shares), str),
+        },
         {
             "forced": np.ravel(missed or missed_by_decays or nothing),
             "decays": np.ravel(missed_by_decays or missed or nothing),
@@ -429,63 +474,105 @@ def _kinds(data: Dataset) -> dict[str, tuple[str, ...]]:
     return {label: part.kinds for part in data.parts for label in part.labels}
 
 
-def _noise_of_repeats(data: Dataset) -> OfGroup:
-    """Sum of squares that noise leaves of the mean of each group that was repeated."""
+def _noise_of_repeats(data: Dataset) -> dict[str, Noise]:
+    """What noise leaves of the mean of each group that was repeated."""
     sizes = size_by_label(data)
+    known_by = {label: x for part in data.parts for label, x in part.noise_known().items()}
     known = {label: x for part in data.parts for label, x in part.mean_repeatability().items()}
-    return {label: (x * sizes[label]) ** 2 for label, x in known.items()}
+    return {label: Noise((x * sizes[label]) ** 2, known_by[label]) for label, x in known.items()}
 
 
-def _noise_alike(best: Fit, data: Dataset) -> OfGroup:
-    """Sum of squares that noise would leave of each group, were it not fitted.
+def _noise_alike(best: Fit, data: Dataset) -> dict[str, Noise]:
+    """What noise would leave of each group, were it not fitted.
 
     By the scatter of its repeats, else as much a value as the fit leaves of other groups of its
-    kind; none where there are no others.
+    kind, or of itself where there are no others: bands take that for noise.
     """
     left, kinds = left_by_label(best.residual, data), _kinds(data)
+    fractions = fractions_counted(data)
     square = {label: _square(row) / _count(row) for label, row in left.items()}
     noise = {}
     for label, row in left.items():
         others = [other for other in left if other != label and kinds[other] == kinds[label]]
-        alike = [square[other] for other in others]
-        noise[label] = _count(row) * float(np.mean(alike)) if alike else 0.0
+        alike = others or [label]
+        known_by = sum(fractions[x] * _count(left[x]) for x in alike)
+        noise[label] = Noise(_count(row) * float(np.mean([square[x] for x in alike])), known_by)
     return noise | _noise_of_repeats(data)
 
 
-def _shares(left: Mapping[str, Row], noise: OfGroup, data: Dataset) -> dict[str, float]:
-    """What is left of groups beyond noise over their response, by the kinds of test they are of."""
+def _rests(
+    left: Mapping[str, Row],
+    noise: NoiseOf,
+    data: Dataset,
+    uncertain: Mapping[str, Inexact[np.ndarray, "_value parameter"]] | None = None,
+) -> dict[str, Rest]:
+    """What is left of groups over their response, by the kinds of test that they are of."""
     kinds, sizes, fractions = _kinds(data), size_by_label(data), fractions_counted(data)
-    beyond: dict[str, list[tuple[float, float]]] = {}
+    squares: dict[str, list[tuple[Rest, float]]] = {}
     for label, row in left.items():
-        excess = _beyond(row, noise[label], fractions[label])
+        moved = None if uncertain is None else uncertain[label]
+        rest = _rest(row, noise[label], fractions[label], moved)
         for kind in kinds[label]:
-            beyond.setdefault(kind, []).append((excess, sizes[label] ** 2))
-    sums = {kind: np.sum(pairs, axis=0) for kind, pairs in beyond.items()}
-    return {kind: float(np.sqrt(excess / size)) for kind, (excess, size) in sums.items()}
+            squares.setdefault(kind, []).append((rest, sizes[label] ** 2))
+    return {
+        kind: _over(_sum_of([rest for rest, _ in pairs]), sum(size for _, size in pairs))
+        for kind, pairs in squares.items()
+    }
+
+
+def _rest(
+    row: Row,
+    noise: Noise,
+    fraction: float,
+    uncertain: Inexact[np.ndarray, "value parameter"] | None = None,
+) -> Rest:
+    r"""A row's square beside what is expected of it, $N n + |M|^2$, and the variance of that."""
+    moved = np.zeros((len(row), 0)) if uncertain is None else uncertain
+    real = np.concatenate([np.real(moved), np.imag(moved)]) if np.iscomplexobj(moved) else moved
+    count, of_errors, products = _count(row), float(np.sum(real**2)), real.T @ real
+    of_noise = noise.square**2 * (1 / (count * fraction) + 1 / noise.known_by)
+    of_both = 2 * noise.square / count * of_errors
+    variance = 2 * (of_noise + of_both + float(np.sum(products**2)))
+    return Rest(_square(row), noise.square + of_errors, variance)
+
+
+def _over(rest: Rest, size: float) -> Rest:
+    """A rest over the square of a response."""
+    return Rest(rest.square / size, rest.mean / size, rest.variance / size**2)
+
+
+def _sum_of(rests: Sequence[Rest]) -> Rest:
+    """Several rests in one, each independent of the others."""
+    return Rest(*np.sum(rests, axis=0).tolist())
 
 
 def _shares_as_fitted(best: Fit, data: Dataset) -> dict[str, float]:
     """What the fit leaves of groups beyond the scatter of their repeats, by kind."""
     noise, left = _noise_of_repeats(data), left_by_label(best.residual, data)
-    shares = _shares({label: left[label] for label in noise}, noise, data)
-    return {kind: share for kind, share in shares.items() if share > 0}
+    rests = _rests({label: left[label] for label in noise}, noise, data)
+    return {kind: share for kind, rest in rests.items() if (share := _share_of([rest], [1.0])) > 0}
 
 
 def _pooled(shown: Sequence[LeftOutRun]) -> dict[str, float]:
-    r"""Share of each kind, $\sqrt{\mathrm{mean}(s_r^2 / g_r)}$, widened for few runs."""
-    squares: dict[str, list[float]] = {}
+    """Share of each kind that runs show together, widened for few runs."""
+    runs: dict[str, list[LeftOutRun]] = {}
     for run in shown:
-        for kind, share in run.rests.items():
-            squares.setdefault(kind, []).append((share / run.grown) ** 2)
-    found = {kind: float(np.sqrt(np.mean(x) * widened(len(x)))) for kind, x in squares.items()}
-    return {kind: share for kind, share in found.items() if share > 0}
+        for kind in run.rests:
+            runs.setdefault(kind, []).append(run)
+    shares = {
+        kind: _share_of([run.rests[kind] for run in those], [run.grown for run in those])
+        * widened(len(those)) ** 0.5
+        for kind, those in runs.items()
+    }
+    return {kind: share for kind, share in shares.items() if share > 0}
 
 
-def _beyond(row: Row, noise: float, fraction: float) -> float:
-    """Sum of squares beyond that of noise, of which a fraction of the values is independent."""
-    chance = 1 + stats.norm.isf(BY_CHANCE) * np.sqrt(2 / (_count(row) * fraction))
-    square = _square(row)
-    return square - noise if square > chance * noise else 0.0
+def _share_of(rests: Sequence[Rest], grown: Sequence[float]) -> float:
+    r"""$\sqrt{\mathrm{mean}\,((|e_r|^2 - E|e_r|^2) / g_r)}$; none where chance makes as much."""
+    if _sum_of(rests).is_by_chance:
+        return 0.0
+    beyond = [(x.square - x.mean) / g**2 for x, g in zip(rests, grown, strict=True)]
+    return float(np.sqrt(max(np.mean(beyond), 0.0)))
 
 
 def _square(row: Row) -> float:

@@ -13,7 +13,10 @@ from jbw.identification.model_discrepancy import (
     NO_SCATTER,
     Discrepancy,
     Missed,
+    Noise,
+    Rest,
     Scatter,
+    _rest,
     discrepancy_in,
     discrepancy_sentences,
     growth,
@@ -79,6 +82,28 @@ def test_a_scatter_runs_with_the_amplitude_as_the_shifts_do():
     assert law.at(2.0)[:2] == pytest.approx((0.005, 0.0005), rel=1e-12)
     # Beyond, by the power and by the logarithm.
     assert law.at(8.0)[:2] == pytest.approx((2 * 0.02, 2 * 0.008), rel=1e-12)
+
+
+def test_a_rest_is_judged_beside_noise_and_the_errors_of_parameters():
+    # Rows of unit noise, moved by two parameters, by numpy's own draws.
+    rng = np.random.default_rng(7)
+    moved = 0.2 * rng.standard_normal((200, 2))
+    drawn = rng.standard_normal((4000, 200)) + rng.standard_normal((4000, 2)) @ moved.T
+    known = rng.chisquare(150, 4000) / 150  # the noise's square as 150 values tell it
+    rests = [
+        _rest(row, Noise(200 * square, 150.0), 1.0, moved)
+        for row, square in zip(drawn, known, strict=True)
+    ]
+    gaps = np.array([rest.square - rest.mean for rest in rests])
+    error = np.std(gaps) / np.sqrt(4000)
+    assert abs(np.mean(gaps)) < 4 * error
+    # A variance of 4000 draws strays by 1 / sqrt(2000) or so, the formula's noise by 1 / sqrt(75).
+    assert np.mean([rest.variance for rest in rests]) == pytest.approx(np.var(gaps), rel=0.1)
+    # The gamma distribution stands for a quotient, whose tail is a little longer.
+    by_chance = np.mean([not rest.is_by_chance for rest in rests])
+    assert 0.005 < by_chance < 0.02
+    assert not Rest(1.0, 0.0, 0.0).is_by_chance
+    assert Rest(0.0, 0.0, 0.0).is_by_chance
 
 
 def test_few_runs_widen_a_variance_as_student_has_it():
