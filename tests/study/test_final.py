@@ -130,7 +130,7 @@ def test_every_test_is_fitted_and_the_held_out_answer_stays(final, toy):
 def test_the_report_tells_both(final):
     study = jbw.load_study(final)
     text = " ".join(opening(study.record, study.tree))
-    assert "held out" in text
+    assert "the held-out test" in text
     assert "They are fitted now, for use." in text
     headings = [str(section.heading) for section in table_of_tests(study.record).sections]
     assert headings == [
