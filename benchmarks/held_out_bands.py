@@ -8,7 +8,7 @@ With --rig, the virtual rig makes sweeps of six levels by a law that is not the 
 an inner level and the highest are left out.
 
     JBW_DATA=FOLDER python benchmarks/held_out_bands.py [--set "double beam"] [--json FILE]
-    python benchmarks/held_out_bands.py --rig 5 [--json FILE]
+    python benchmarks/held_out_bands.py --rig 5 [--first SEED] [--case "right law"] [--json FILE]
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -189,11 +189,15 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = options(__doc__)
     parser.add_argument("--set", action="append", choices=SETS, help="of those; all when left out")
     parser.add_argument("--rig", type=int, metavar="N", help="campaigns of each case on the rig")
+    parser.add_argument("--first", type=int, default=0, metavar="SEED", help="that of the first")
+    parser.add_argument("--case", action="append", choices=RIG, help="of those on the rig")
     chosen = parser.parse_args(arguments)
     jbw.enable_x64()
     found = []
     if chosen.rig:
-        each = (row for seed in range(chosen.rig) for case in RIG for row in rig_rows(case, seed))
+        seeds = range(chosen.first, chosen.first + chosen.rig)
+        cases = chosen.case or list(RIG)
+        each = (row for seed in seeds for case in cases for row in rig_rows(case, seed))
     else:
         each = (row for name in chosen.set or SETS for row in rows(name))
     for row in each:

@@ -17,7 +17,21 @@ $$\hat b_r \sim N\bigl(0,\, V_r + \tau^2 (y_r / y_{max})^{2p} g_r\bigr), \quad p
   h = \tfrac12 \max(\ln y_{max} / y_{min}, \ln 2)$$
 
 as an error that is linear in the logarithm of the amplitude grows. $\tau$ is that of Paule and
-Mandel about zero, and none where chance makes as much. The rest of $e_r$ is a share of the
+Mandel about zero, and none where chance makes as much.
+
+Beyond the largest amplitude fitted the errors of the parameters are no longer those of a law that
+holds: they answer for its misfit at the amplitudes that were fitted. So all that the runs left out
+miss beyond noise, $\tau_0^2 = \mathrm{mean}_r ((\hat b_r^2 - \sigma_r^2) / g_r)$ with the errors
+$\sigma_r$ of noise alone, grows outward,
+
+$$\tau^2(y) = \tau^2 + \max(\tau, \tau_0)^2 \bigl(g(y)\,(y / y_{max})^4 - 1\bigr), \quad
+  y > y_{max}$$
+
+with the square of the amplitude, as the equivalent stiffness of a cubic spring does: of the powers
+p above the steepest, since runs below cannot tell which one holds beyond them. Where chance makes
+all that is missed, of frequency, damping and the rest together, nothing grows.
+
+The rest of $e_r$ is a share of the
 response, white, beyond what noise and the errors of the fit without the run leave of it,
 
 $$E|e|^2 = N n + |M|^2, \qquad
@@ -74,10 +88,14 @@ MOST_WIDENED = 3.0  # n / (n - 2) of three runs: fewer say no more
 
 
 class Scatter(NamedTuple):
-    """Standard deviation at the largest amplitude fitted, and the power of amplitude it runs by."""
+    """Standard deviation at the largest amplitude fitted, and the power of amplitude it runs by.
+
+    `whole` is that of all that is missed, errors of the parameters included, which grows outward.
+    """
 
     std: float
     power: int = 0
+    whole: float = 0.0
 
 
 NO_SCATTER = Scatter(0.0)
@@ -96,6 +114,7 @@ class AtAmplitude(NamedTuple):
     frequency: float  # of the natural frequency, over itself [-]
     damping: float  # of the damping ratio [-]
     share: float  # factor of the share of the response that is missed otherwise
+    beyond: float = 0.0  # factor of what grows outward, of all that is missed of that
 
 
 NOTHING = AtAmplitude(0.0, 0.0, 0.0)
@@ -107,28 +126,37 @@ class Discrepancy:
 
     forced: Missed
     decays: Missed  # the natural frequency over that of the beginning of a record
-    share: Mapping[str, float]  # sd of the rest over the rms of the response, by kind of test
+    share: Mapping[str, Scatter]  # the rest over the rms of the response, by kind of test
     y_low: float  # smallest and largest amplitude of a run that was fitted [m]; 0 where not known
     y_high: float
 
     @property
     def is_nothing(self) -> bool:
         """Whether the law leaves nothing beyond noise."""
-        scatters = (scatter.std for scatter in (*self.forced, *self.decays))
-        return not any((*scatters, *self.share.values()))
+        scatters = (*self.forced, *self.decays, *self.share.values())
+        return not any(scatter.std or scatter.whole for scatter in scatters)
 
     def at(self, y: float | None, *, of_decay: bool = False) -> AtAmplitude:
         """Standard deviations at an amplitude [m]; where it is not known, at the largest fitted."""
-        grown = growth(y, self.y_low, self.y_high)
+        grown, beyond = growth(y, self.y_low, self.y_high), outward(y, self.y_low, self.y_high)
         ratio = y / self.y_high if y is not None and self.y_high > 0 else 1.0
-        frequency, damping = (
-            grown * std * ratio**power for std, power in (self.decays if of_decay else self.forced)
-        )
-        return AtAmplitude(frequency, damping, grown)
+        within = 1.0 if beyond else grown
 
-    def share_of(self, kind: str) -> float:
+        def std_of(scatter: Scatter) -> float:
+            inside = within * scatter.std * min(ratio, 1.0) ** scatter.power
+            return float(np.hypot(inside, beyond * scatter.whole))
+
+        frequency, damping = map(std_of, self.decays if of_decay else self.forced)
+        return AtAmplitude(frequency, damping, within, beyond)
+
+    def share_of(self, kind: str, missed: AtAmplitude) -> float:
         """Share of the response that a test of a kind leaves: its kind's, else the largest."""
-        return self.share.get(kind, max(self.share.values(), default=0.0))
+        shares = {name: _at(scatter, missed) for name, scatter in self.share.items()}
+        return shares.get(kind, max(shares.values(), default=0.0))
+
+
+def _at(share: Scatter, missed: AtAmplitude) -> float:
+    return float(np.hypot(missed.share * share.std, missed.beyond * share.whole))
 
 
 class Noise(NamedTuple):
@@ -144,6 +172,7 @@ class Rest(NamedTuple):
     square: float
     mean: float
     variance: float
+    noise: float = 0.0  # of the mean: that of noise alone
 
     @property
     def is_by_chance(self) -> bool:
@@ -163,6 +192,7 @@ class LeftOutRun(NamedTuple):
     is_decay: bool = False
     amplitude: float = np.nan  # over the largest fitted; NaN where it is not known
     grown: float = 1.0  # factor of standard deviations at its amplitude, by those of the others
+    noise_std: Float[np.ndarray, " own"] = np.zeros(0)  # of `std` that of noise, not of parameters
 
 
 NoiseOf = Mapping[str, Noise]  # by label
@@ -174,6 +204,14 @@ def growth(y: float | None, y_low: float, y_high: float) -> float:
         return 1.0
     distance = max(np.log(y / y_high), np.log(y_low / y), 0.0)
     return float(1 + 2 * distance / max(np.log(y_high / y_low), LEAST_RANGE))
+
+
+def outward(y: float | None, y_low: float, y_high: float) -> float:
+    r"""The factor $\sqrt{g (y / y_{max})^4 - 1}$ of all that is missed; 0 within the fitted."""
+    if y is None or not 0 < y_low <= y_high < y:
+        return 0.0
+    grown = growth(y, y_low, y_high) * (y / y_high) ** max(POWERS)
+    return float(np.sqrt(grown**2 - 1))
 
 
 def scatter_by_amplitude(
@@ -199,6 +237,23 @@ def scatter_by_amplitude(
         found.append((float(np.sum(terms)), Scatter(scatter, power)))
     likeliest = min(found, key=lambda pair: pair[0])[1]
     return likeliest if likeliest.std > 0 else NO_SCATTER
+
+
+def missed_in_all(
+    shift: Float[np.ndarray, " run"],
+    noise_std: Float[np.ndarray, " run"],
+    grown: Float[np.ndarray, " run"],
+    num_fits: int,
+) -> float:
+    r"""The $\tau_0$ of all that runs miss beyond noise, widened for few runs.
+
+    $$\tau_0^2 = \frac{m}{m - 2}\,\mathrm{mean}\,\frac{b_r^2 - \sigma_r^2}{g_r}$$
+    """
+    known = np.isfinite(noise_std)
+    if not np.any(known):
+        return 0.0
+    beyond = (shift[known] ** 2 - noise_std[known] ** 2) / grown[known] ** 2
+    return float(np.sqrt(max(np.mean(beyond), 0.0) * widened(num_fits)))
 
 
 def scatter_about_zero(
@@ -289,14 +344,17 @@ def left_out_run(run: str, fit: Fit, known: Slopes, prior: Box, noise: NoiseOf) 
     columns = [[i for i, n in enumerate(names) if plain(n) == name] for name in OFFSETS]
     by_own = np.stack([known.jacobian[:, own].sum(axis=1) for own in columns], axis=1)
     jacobian, slopes = (_end_to_end(each, labels, data) for each in (known.jacobian, by_own))
-    shift, std = shift_of(_end_to_end(rows, labels, data), slopes, jacobian, fit.covariance)
+    of_run = _end_to_end(rows, labels, data)
+    shift, std = shift_of(of_run, slopes, jacobian, fit.covariance)
+    _, noise_std = shift_of(of_run, slopes, jacobian, np.zeros_like(fit.covariance))
     left = left_by_label(rows - by_own @ shift, data)
     explained = by_own @ (coefficients_of(slopes) @ jacobian)
     by_errors = (known.jacobian - explained) @ np.linalg.cholesky(fit.covariance)
     moves = [left_by_label(column, data) for column in by_errors.T]
     uncertain = {label: np.stack([move[label] for move in moves], axis=1) for label in labels}
     rests = _rests({label: left[label] for label in labels}, noise, data, uncertain)
-    return LeftOutRun(shift, np.hypot(std, known.scatter), rests)
+    by_runs = np.hypot(std, known.scatter), np.hypot(noise_std, known.scatter)
+    return LeftOutRun(shift, by_runs[0], rests, noise_std=by_runs[1])
 
 
 def by_drift(of_run: LeftOutRun, decay: LeftOutDecay, omega_n: float) -> LeftOutRun:
@@ -305,7 +363,8 @@ def by_drift(of_run: LeftOutRun, decay: LeftOutDecay, omega_n: float) -> LeftOut
     Its damping is as uncertain as the parameters leave it, as `of_run` has that.
     """
     drift = decay.drift
-    std = np.array([decay.frequency_std, decay.rate_std / omega_n])
+    noise_std = np.array([decay.frequency_std, decay.rate_std / omega_n])
+    std = noise_std.copy()
     if np.isfinite(of_run.std[1]):
         std[1] = np.hypot(std[1], of_run.std[1])
     rest = _rest(drift.rest, Noise(decay.noise, np.inf), decay.fraction)
@@ -314,6 +373,7 @@ def by_drift(of_run: LeftOutRun, decay: LeftOutDecay, omega_n: float) -> LeftOut
         std=std,
         rests=dict.fromkeys(of_run.rests, _over(rest, _square(drift.measured))),
         is_decay=True,
+        noise_std=noise_std,
     )
 
 
@@ -347,12 +407,19 @@ def model_discrepancy(
     nothing = Missed(NO_SCATTER, NO_SCATTER)
     shares = _pooled(list(shown.values()))
     for kind, share in _shares_as_fitted(best, data).items():
-        shares[kind] = max(share, shares.get(kind, 0.0))
+        known_share = shares.get(kind, NO_SCATTER)
+        shares[kind] = Scatter(max(share, known_share.std), 0, max(share, known_share.whole))
+    everything = (*(missed or ()), *(missed_by_decays or ()), *shares.values())
+    if not any(scatter.std for scatter in everything):  # chance makes all that is missed
+        missed = missed_by_decays = None
+        shares = {}
+    shares = {kind: share for kind, share in shares.items() if share.std or share.whole}
     own, dims = (len(shown), len(OFFSETS)), ("run", "quantity")
     shift = np.reshape([run.shift for run in shown.values()], own)
     std = np.reshape([run.std for run in shown.values()], own)
     amplitude = [run.amplitude * y_high for run in shown.values()]
     grown_by, units = [run.grown for run in shown.values()], {"group_units": ["rad/s", "1"]}
+    of_rest = {"units": "1", "long_name": "sd over rms"}
     positive = [y for y in amplitudes.values() if y > 0]
     return xr.Dataset(
         {
@@ -360,7 +427,8 @@ def model_discrepancy(
             "growth": ("run", grown_by, {"units": "1", "long_name": "factor at its amplitude"}),
             "shift": (dims, shift, {**units, "long_name": "missed by the fit without it"}),
             "std": (dims, std, {**units, "long_name": "its standard error"}),
-            "rest": ("kind", list(shares.values()), {"units": "1", "long_name": "sd over rms"}),
+            "rest": ("kind", [share.std for share in shares.values()], of_rest),
+            "rest_beyond": ("kind", [share.whole for share in shares.values()], of_rest),
         },
         {
             "run": np.array(list(shown), str),
@@ -377,31 +445,39 @@ def model_discrepancy(
 
 
 def discrepancy_in(found: xr.Dataset) -> Discrepancy:
-    """The discrepancy as predictions take it."""
-    shares = dict(zip(map(str, found["kind"].values), found["rest"].values.tolist(), strict=True))
+    """The discrepancy as predictions take it; of old runs without what grows outward."""
+    names, rests = map(str, found["kind"].values), found["rest"].values.tolist()
+    whole = found["rest_beyond"].values.tolist() if "rest_beyond" in found else [0.0] * len(rests)
+    pairs = zip(names, rests, whole, strict=True)
+    shares = {kind: Scatter(rest, 0, beyond) for kind, rest, beyond in pairs}
     forced, decays = (_missed_in(found.attrs[name]) for name in ("forced", "decays"))
     return Discrepancy(
         forced, decays, shares, float(found.attrs["y_low"]), float(found.attrs["y_high"])
     )
 
 
-def _missed_in(numbers: Float[np.ndarray, "4"]) -> Missed:
-    frequency, power, damping, power_of_damping = map(float, numbers)
-    return Missed(Scatter(frequency, int(power)), Scatter(damping, int(power_of_damping)))
+def _missed_in(numbers: Float[np.ndarray, " number"]) -> Missed:
+    rows = np.reshape(numbers, (len(OFFSETS), -1)).tolist()
+    return Missed(*(Scatter(std, int(power), *whole) for std, power, *whole in rows))
 
 
 def _missed(shown: Sequence[LeftOutRun], num_fits: int, natural: float) -> Missed | None:
     """Scatter of what runs show, over the natural frequency [rad/s]; None of no runs."""
     if not shown:
         return None
-    shift, std = (np.array([getattr(run, name) for run in shown]) for name in ("shift", "std"))
+    shift, std, noise_std = (
+        np.array([getattr(run, name) for run in shown]) for name in ("shift", "std", "noise_std")
+    )
     grown = np.array([run.grown for run in shown])
     amplitude = np.array([run.amplitude for run in shown])
-    omega_n, zeta = (
-        scatter_by_amplitude(*pair, amplitude, grown, num_fits)
-        for pair in zip(shift.T, std.T, strict=True)
-    )
-    return Missed(omega_n._replace(std=omega_n.std / natural), zeta)
+    found = []
+    for b, error, of_noise in zip(shift.T, std.T, noise_std.T, strict=True):
+        scatter = scatter_by_amplitude(b, error, amplitude, grown, num_fits)
+        whole = max(scatter.std, missed_in_all(b, of_noise, grown, num_fits))
+        found.append(scatter._replace(whole=whole))
+    omega_n, zeta = found
+    relative = Scatter(omega_n.std / natural, omega_n.power, omega_n.whole / natural)
+    return Missed(relative, zeta)
 
 
 def discrepancy_sentences(found: xr.Dataset) -> list[str]:
@@ -426,7 +502,8 @@ def discrepancy_sentences(found: xr.Dataset) -> list[str]:
             missed.append(f"{100 * damping.std:.2g} % of critical damping{kind}")
     missed += [
         f"{100 * share:.2g} % of the response in a test of kind {kind}"
-        for kind, share in discrepancy.share.items()
+        for kind, (share, *_) in discrepancy.share.items()
+        if share > 0
     ]
     return [
         "Model discrepancy, a standard deviation at the largest amplitude fitted: the law misses "
@@ -533,12 +610,13 @@ def _rest(
     of_noise = noise.square**2 * (1 / (count * fraction) + 1 / noise.known_by)
     of_both = 2 * noise.square / count * of_errors
     variance = 2 * (of_noise + of_both + float(np.sum(products**2)))
-    return Rest(_square(row), noise.square + of_errors, variance)
+    return Rest(_square(row), noise.square + of_errors, variance, noise.square)
 
 
 def _over(rest: Rest, size: float) -> Rest:
     """A rest over the square of a response."""
-    return Rest(rest.square / size, rest.mean / size, rest.variance / size**2)
+    square, mean, variance, noise = rest
+    return Rest(square / size, mean / size, variance / size**2, noise / size)
 
 
 def _sum_of(rests: Sequence[Rest]) -> Rest:
@@ -553,18 +631,22 @@ def _shares_as_fitted(best: Fit, data: Dataset) -> dict[str, float]:
     return {kind: share for kind, rest in rests.items() if (share := _share_of([rest], [1.0])) > 0}
 
 
-def _pooled(shown: Sequence[LeftOutRun]) -> dict[str, float]:
+def _pooled(shown: Sequence[LeftOutRun]) -> dict[str, Scatter]:
     """Share of each kind that runs show together, widened for few runs."""
     runs: dict[str, list[LeftOutRun]] = {}
     for run in shown:
         for kind in run.rests:
             runs.setdefault(kind, []).append(run)
-    shares = {
-        kind: _share_of([run.rests[kind] for run in those], [run.grown for run in those])
-        * widened(len(those)) ** 0.5
-        for kind, those in runs.items()
-    }
-    return {kind: share for kind, share in shares.items() if share > 0}
+    return {kind: _share_of_runs(those, kind) for kind, those in runs.items()}
+
+
+def _share_of_runs(runs: Sequence[LeftOutRun], kind: str) -> Scatter:
+    rests, grown = [run.rests[kind] for run in runs], [run.grown for run in runs]
+    widths = widened(len(runs)) ** 0.5
+    size, of_noise = np.sqrt([[rest.square, rest.noise] for rest in rests]).T
+    whole = missed_in_all(size, of_noise, np.array(grown), len(runs))
+    share = _share_of(rests, grown) * widths
+    return Scatter(share, 0, max(share, whole))
 
 
 def _share_of(rests: Sequence[Rest], grown: Sequence[float]) -> float:

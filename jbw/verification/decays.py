@@ -122,12 +122,12 @@ def _compared(
         if held_out and (missed := source.basis.discrepancy) is not None and not missed.is_nothing:
             omega_n = float(np.mean(source.draws["omega_n"]))
             begin = float(np.abs(whole[0])) / omega_n ** derivative_order(data.response)
-            frequency, damping, grown = missed.at(begin, of_decay=True)
-            rates = omega_n * np.array([damping, frequency])
+            at = missed.at(begin, of_decay=True)
+            rates = omega_n * np.array([at.damping, at.frequency])
             key_missed = jax.random.fold_in(key_noise, MISSED_KEY)
             envelope = drifted(key_missed, envelope, time - 0.5 * seen_s, rates)
             size = np.abs(np.median(envelope, axis=0)) / np.sqrt(2)
-            scatter = np.hypot(noise, grown * missed.share_of(test.kind) * size)
+            scatter = np.hypot(noise, missed.share_of(test.kind, at) * size)
         model = np.real(envelope * carrier)
         measured, later = np.real(whole * carrier), time >= seen_s
         model_band = band(model)

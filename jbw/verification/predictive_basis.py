@@ -158,8 +158,7 @@ class Basis:
 
     def model_error(self, test: Test, missed: AtAmplitude) -> float:
         """What the law misses of a test beside omega_n and zeta, over the response."""
-        share = 0.0 if self.discrepancy is None else self.discrepancy.share_of(test.kind)
-        return missed.share * share
+        return 0.0 if self.discrepancy is None else self.discrepancy.share_of(test.kind, missed)
 
     def scatters(self, test: Test) -> bool:
         """Whether bands of a test hold the scatter of runs: it is of none that was fitted."""

@@ -77,11 +77,16 @@ def test_a_scatter_runs_with_the_amplitude_as_the_shifts_do():
         found = scatter_by_amplitude(3.0 * sign * y**power, std, y, ones, 5)
         assert found.power == power
         assert found.std == pytest.approx(3.0 * np.sqrt(5 / 3), rel=1e-6)  # of t with 5 degrees
-    missed = Missed(Scatter(0.01, 1), Scatter(0.002, 2))
+    missed = Missed(Scatter(0.01, 1, 0.01), Scatter(0.002, 2, 0.002))
     law = Discrepancy(missed, missed, {}, 1.0, 4.0)
     assert law.at(2.0)[:2] == pytest.approx((0.005, 0.0005), rel=1e-12)
-    # Beyond, by the power and by the logarithm.
-    assert law.at(8.0)[:2] == pytest.approx((2 * 0.02, 2 * 0.008), rel=1e-12)
+    # Beyond, by the square of the amplitude and by the logarithm: 2 * 2^2 times.
+    assert law.at(8.0)[:2] == pytest.approx((8 * 0.01, 8 * 0.002), rel=1e-12)
+    # At the largest amplitude, what grows outward is not there yet.
+    more = Discrepancy(Missed(Scatter(0.0, 0, 0.01), NO_SCATTER), missed, {}, 1.0, 4.0)
+    assert more.at(4.0)[:2] == (0.0, 0.0)
+    assert more.at(8.0).frequency == pytest.approx(0.01 * np.sqrt(8**2 - 1), rel=1e-12)
+    assert not more.is_nothing
 
 
 def test_a_rest_is_judged_beside_noise_and_the_errors_of_parameters():
@@ -216,9 +221,10 @@ def test_bands_of_stronger_decays_hold_what_a_wrong_law_misses():
 
 def test_a_kind_that_was_not_left_out_takes_the_largest_share():
     nothing = Missed(NO_SCATTER, NO_SCATTER)
-    found = Discrepancy(nothing, nothing, {"sweep": 0.02, "loop": 0.05}, 0.0, 0.0)
-    assert found.share_of("sweep") == 0.02
-    assert found.share_of("tones") == 0.05
+    shares = {"sweep": Scatter(0.02), "loop": Scatter(0.05)}
+    found = Discrepancy(nothing, nothing, shares, 0.0, 0.0)
+    assert found.share_of("sweep", found.at(None)) == 0.02
+    assert found.share_of("tones", found.at(None)) == 0.05
     assert not found.is_nothing
 
 
