@@ -37,7 +37,11 @@ from jbw.identification.leaving_out import (
     leave_one_out,
     left_out_sentence,
 )
-from jbw.identification.model_discrepancy import discrepancy_sentences, model_discrepancy
+from jbw.identification.model_discrepancy import (
+    discrepancy_finding,
+    discrepancy_sentences,
+    model_discrepancy,
+)
 from jbw.identification.no_joint import joint_finding, likely, may_be_absent, without_joint
 from jbw.identification.only_drag import drag_finding, may_be_drag, with_drag
 from jbw.identification.own_joints import own_joint_sentences
@@ -432,7 +436,7 @@ def posterior_checks(
     def left_beyond_noise() -> Finding | None:
         groups["discrepancy"] = model_discrepancy(best, prior, data, without_each(), y_peak)
         words.extend(discrepancy_sentences(groups["discrepancy"]))
-        return None
+        return discrepancy_finding(groups["discrepancy"], data.laws)
 
     def each_kind_left_out() -> Finding | None:
         if (predicted := across_kinds(best, prior, data)) is not None:

@@ -59,6 +59,7 @@ from jaxtyping import Float, Inexact
 from scipy import stats
 from scipy.optimize import root_scalar
 
+from jbw.identification.accuracy import another_law
 from jbw.identification.leaving_out import FitsWithout
 from jbw.identification.run_effects import (
     sizes_of,
@@ -66,6 +67,7 @@ from jbw.identification.run_effects import (
 )
 from jbw.inference.fit.costly_fit import evaluator, from_search, residual_at, to_search
 from jbw.inference.fit.fitting import Fit
+from jbw.inference.posterior.finding import Finding
 from jbw.inference.space.box import Box
 from jbw.observables.dataset import (
     Dataset,
@@ -79,6 +81,7 @@ from jbw.observables.dataset import (
 from jbw.observables.decay_drift import LeftOutDecay
 from jbw.observables.drives import plain
 from jbw.observables.observable import OFFSETS, Row
+from jbw.report.messages import discrepancy as messages
 
 LEAST_RANGE = float(np.log(2.0))  # of the logarithm of amplitude: the least that a slope is over
 BY_CHANCE = 0.01  # probability below which shifts and residuals are taken for the law's
@@ -417,6 +420,7 @@ def model_discrepancy(
     own, dims = (len(shown), len(OFFSETS)), ("run", "quantity")
     shift = np.reshape([run.shift for run in shown.values()], own)
     std = np.reshape([run.std for run in shown.values()], own)
+    noise_std = np.reshape([run.noise_std for run in shown.values()], own)
     amplitude = [run.amplitude * y_high for run in shown.values()]
     grown_by, units = [run.grown for run in shown.values()], {"group_units": ["rad/s", "1"]}
     of_rest = {"units": "1", "long_name": "sd over rms"}
@@ -427,6 +431,7 @@ def model_discrepancy(
             "growth": ("run", grown_by, {"units": "1", "long_name": "factor at its amplitude"}),
             "shift": (dims, shift, {**units, "long_name": "missed by the fit without it"}),
             "std": (dims, std, {**units, "long_name": "its standard error"}),
+            "noise_std": (dims, noise_std, {**units, "long_name": "that of noise alone"}),
             "rest": ("kind", [share.std for share in shares.values()], of_rest),
             "rest_beyond": ("kind", [share.whole for share in shares.values()], of_rest),
         },
@@ -440,6 +445,7 @@ def model_discrepancy(
             "decays": np.ravel(missed_by_decays or missed or nothing),
             "y_low": min(positive, default=0.0),
             "y_high": y_high,
+            "omega_n": natural,
         },
     )
 
@@ -480,36 +486,37 @@ def _missed(shown: Sequence[LeftOutRun], num_fits: int, natural: float) -> Misse
     return Missed(relative, zeta)
 
 
-def discrepancy_sentences(found: xr.Dataset) -> list[str]:
-    """What the law leaves on runs that were left out, in words; none where that is noise."""
-    discrepancy = discrepancy_in(found)
+def discrepancy_finding(found: xr.Dataset, laws: Sequence[str]) -> Finding | None:
+    """What the law misses of runs that were left out; None where none can be left out."""
     if not found.sizes["run"]:
-        return [
-            "What the law misses of tests that were not fitted cannot be scored: one run was "
-            "fitted, and leaving it out leaves none. Bands of other tests hold the parameters and "
-            "the noise alone; add a run of another level."
-        ]
+        return None
+    discrepancy = discrepancy_in(found)
     if discrepancy.is_nothing:
-        return []
-    missed = []
-    of_kinds = {"": discrepancy.forced, " in decays": discrepancy.decays}
-    if discrepancy.forced == discrepancy.decays:
-        del of_kinds[" in decays"]
-    for kind, (frequency, damping) in of_kinds.items():
-        if frequency.std > 0:
-            missed.append(f"{100 * frequency.std:.2g} % of the natural frequency{kind}")
-        if damping.std > 0:
-            missed.append(f"{100 * damping.std:.2g} % of critical damping{kind}")
-    missed += [
-        f"{100 * share:.2g} % of the response in a test of kind {kind}"
-        for kind, (share, *_) in discrepancy.share.items()
-        if share > 0
-    ]
-    return [
-        "Model discrepancy, a standard deviation at the largest amplitude fitted: the law misses "
-        f"{', '.join(missed)}. The bands of tests that were not fitted include it; beyond the "
-        "amplitudes that were fitted it grows with the logarithm of the amplitude."
-    ]
+        return Finding("discrepancy", "ok", {}, 0.0)
+    shift, noise_std = found["shift"].values, found["noise_std"].values
+    over_noise = np.where(np.isfinite(noise_std), np.abs(shift) / noise_std, 0.0)
+    run = int(np.argmax(over_noise.max(axis=1)))
+    forced = discrepancy.forced if any(x.whole for x in discrepancy.forced) else discrepancy.decays
+    shares = {kind: share.whole for kind, share in discrepancy.share.items()}
+    values = {
+        "frequency": forced.frequency.whole,
+        "damping": forced.damping.whole,
+        "rest": max(shares.values(), default=0.0),
+        "run": str(found["run"].values[run]),
+        "run_frequency": float(shift[run, 0] / found.attrs["omega_n"]),
+        "run_damping": float(shift[run, 1]),
+    }
+    remedy = {"another_law": another_law(laws)}
+    largest = max(values["frequency"], values["damping"], values["rest"])
+    return Finding("discrepancy", "usable", values, largest, remedy)
+
+
+def discrepancy_sentences(found: xr.Dataset) -> list[str]:
+    """What the bands of tests that were not fitted hold beside noise, in words."""
+    if not found.sizes["run"]:
+        return [messages.ONE_RUN]
+    discrepancy = discrepancy_in(found)
+    return [] if discrepancy.is_nothing else [messages.IN_BANDS]
 
 
 def _amplitudes(data: Dataset, omega_n: float, y_peak: float) -> dict[str, float]:

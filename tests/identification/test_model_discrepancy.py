@@ -17,6 +17,7 @@ from jbw.identification.model_discrepancy import (
     Rest,
     Scatter,
     _rest,
+    discrepancy_finding,
     discrepancy_in,
     discrepancy_sentences,
     growth,
@@ -32,6 +33,7 @@ from jbw.measurement.records import Record, Test
 from jbw.observables.dataset import Dataset, left_by_label, stacked, with_fitted_noise
 from jbw.observables.decay import Decays
 from jbw.observables.decay_drift import drift_of
+from jbw.report.messages import discrepancy as messages
 from jbw.verification.decays import drifted
 from jbw.verification.predict import Request, predict
 from jbw.verification.predictive_basis import Basis
@@ -199,6 +201,7 @@ def test_the_right_law_leaves_no_discrepancy():
     found, bare, basis = learned(0.0)
     assert discrepancy_in(found).is_nothing
     assert discrepancy_sentences(found) == []
+    assert discrepancy_finding(found, ()).status == "ok"
     unseen = decays((1.2, 0.7), name="unseen")
     before, after = (predict(one, unseen, Request(num_draws=50)) for one in (bare, basis))
     np.testing.assert_array_equal(before["predictive_band"], after["predictive_band"])
@@ -210,7 +213,11 @@ def test_bands_of_stronger_decays_hold_what_a_wrong_law_misses():
     discrepancy = discrepancy_in(found)
     # Off by up to the change of frequency of the strongest record, widened for three fits.
     assert 0.05 * hardening < discrepancy.decays.frequency.std < 3 * hardening
-    assert "of the natural frequency" in discrepancy_sentences(found)[0]
+    assert discrepancy_sentences(found) == [messages.IN_BANDS]
+    finding = discrepancy_finding(found, ())
+    assert (finding.code, finding.status) == ("discrepancy", "usable")
+    assert finding.values["frequency"] == discrepancy.decays.frequency.whole
+    assert "of the natural frequency" in finding.reason
     unseen = decays((1.2, 0.9, 0.35), hardening, name="unseen")
     before, after = (predict(one, unseen, Request(num_draws=100)).attrs for one in (bare, basis))
     assert before["coverage"] < 0.8
@@ -230,8 +237,8 @@ def test_a_kind_that_was_not_left_out_takes_the_largest_share():
 
 def test_what_cannot_be_scored_is_said():
     empty = model_discrepancy_of_runs(0)
-    (sentence,) = discrepancy_sentences(empty)
-    assert "cannot be scored: one run was fitted" in sentence
+    assert discrepancy_sentences(empty) == [messages.ONE_RUN]
+    assert discrepancy_finding(empty, ()) is None
     assert discrepancy_sentences(model_discrepancy_of_runs(3)) == []
 
 

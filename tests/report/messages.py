@@ -13,6 +13,7 @@ from jbw.report.messages import (
     brief,
     commands,
     differences,
+    discrepancy,
     figures,
     identified,
     joint,
@@ -60,6 +61,11 @@ OF_FINDINGS = {
     "tree_depth": ({"share": 0.1, "limit": 0.05}, {"num_warmup": 1000}),
     "e_bfmi": ({"e_bfmi": 0.21, "limit": 0.3}, {}),
     "budget": ({"spent": 900.0}, {"budget": 1800.0}),
+    "discrepancy": (
+        {"frequency": 6.6e-5, "damping": 9.8e-5, "rest": 0.0049, "run": "sweep 26 mV",
+         "run_frequency": -1.46e-4, "run_damping": 1.95e-4},
+        {"another_law": "Try other laws: jbw laws."},
+    ),
     "chi_square": ({"ratio": 9.0, "low": 0.2, "high": 5.0}, {}),
     "no_hysteresis.drag": (DRAG, {"law": "quadratic_damping"}),
     "at_bound": (BOUND, {"line": "Put under [identify.prior]: `alpha = [1.0, 3.0]`."}),
@@ -325,6 +331,7 @@ OF_TOPICS = {
         population.heading(6),
         population.caption(trend=True),
     ],
+    "discrepancy": constants(discrepancy),
     "watch": [
         watch.no_alarm(NUMBERS),
         watch.alarm("drift", "hit 31", "hit 27", "looser",

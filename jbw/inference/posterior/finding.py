@@ -17,7 +17,7 @@ ASKED = {
     "sampling": ("ess_bulk", "r_hat"),
     "law": (
         "no_hysteresis", "cause", "level_trend", "repeatability", "held_out_coverage",
-        "simpler_model", "law_replaced", "misfit", "coloured_residual", "chi_square",
+        "simpler_model", "law_replaced", "discrepancy", "misfit", "coloured_residual", "chi_square",
         "leave_one_out", "records_apart",
     ),
     "knowledge": ("no_joint", "unidentified", "modes", "at_bound"),

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 
+from jbw.report.messages.discrepancy import missed
 from jbw.report.messages.message import Message
 
 MESSAGES = (
@@ -134,6 +135,26 @@ MESSAGES = (
 
         Remedy: fit fewer levels, add `cubic`, or doubt that the data show hysteresis.
         """,
+    ),
+    Message(
+        "discrepancy",
+        missed,
+        """
+        Check: whether runs that are left out of the fit, each in turn, differ from what the fit
+        to the others predicts by more than noise and the errors of the parameters, at a
+        probability of 1 %: in natural frequency, in damping ratio, and in the rest of the
+        response.
+
+        A law that is not quite right has another stiffness or damping than the joint at some
+        amplitudes. Bands of tests that were not fitted include what it misses: within the fitted
+        amplitudes as runs left out show it, beyond them growing with the square of the amplitude
+        and with the distance in its logarithm. A law that misses nothing beyond noise has the
+        bands of its parameters and the noise.
+
+        Remedy: compare laws by `jbw laws`; fit the levels that are to be predicted.
+        """,
+        "Compare laws, or predict within the fitted amplitudes. {another_law}",
+        "Runs that are left out show nothing beyond noise that the law misses.",
     ),
     Message(
         "law_replaced",

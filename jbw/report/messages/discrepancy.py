@@ -1,0 +1,44 @@
+"""What is said of the model discrepancy: what a law misses of runs that its fit has not seen."""
+
+from jbw.report.messages.message import listed, percent
+
+ONE_RUN = (
+    "What the law misses of tests that were not fitted cannot be scored: one run was fitted, and "
+    "leaving it out leaves none. Bands of other tests hold the parameters and the noise alone; add "
+    "a run of another level."
+)
+IN_BANDS = (
+    "Bands of tests that were not fitted include what the law misses of runs that are left out. "
+    "Beyond the largest amplitude fitted it grows with the square of the amplitude, as the "
+    "equivalent stiffness of a cubic spring does."
+)
+
+
+def missed(
+    frequency: float,
+    damping: float,
+    rest: float,
+    run: str,
+    run_frequency: float,
+    run_damping: float,
+) -> str:
+    """What a law misses, and how the run lies on which it shows most."""
+    parts = [f"{percent(frequency)} of the natural frequency"] if frequency else []
+    parts += [f"{percent(damping)} of critical damping"] if damping else []
+    parts += [f"{percent(rest)} of the response otherwise"] if rest else []
+    changes = []
+    if run_frequency:
+        size, side = percent(abs(run_frequency)), _side(run_frequency)
+        changes.append(f"its natural frequency is {size} {side}")
+    if run_damping:
+        size, side = percent(abs(run_damping)), _side(run_damping)
+        changes.append(f"its damping ratio is {size} of critical {side}")
+    most = f" It shows most on {run}: {listed(changes)} than predicted." if changes else ""
+    return (
+        f"The law misses more than noise of runs that are left out: {listed(parts)}, as standard "
+        f"deviations over the fitted amplitudes.{most}"
+    )
+
+
+def _side(change: float) -> str:
+    return "higher" if change > 0 else "lower"
