@@ -29,7 +29,8 @@ $$\tau^2(y) = \tau^2 + \max(\tau, \tau_0)^2 \bigl(g(y)\,(y / y_{max})^4 - 1\bigr
 
 with the square of the amplitude, as the equivalent stiffness of a cubic spring does: of the powers
 p above the steepest, since runs below cannot tell which one holds beyond them. Where chance makes
-all that is missed, of frequency, damping and the rest together, nothing grows.
+all that is missed, of frequency, damping and the rest together, nothing grows. Farther from the
+fitted amplitudes than these are apart, in the logarithm, the discrepancy is not stated.
 
 The rest of $e_r$ is a share of the
 response, white, beyond what noise and the errors of the fit without the run leave of it,
@@ -87,6 +88,7 @@ LEAST_RANGE = float(np.log(2.0))  # of the logarithm of amplitude: the least tha
 BY_CHANCE = 0.01  # probability below which shifts and residuals are taken for the law's
 NO_OFFSET = 1e-9  # of the scatter of runs: room for no offset
 POWERS = (0, 1, 2)  # of the amplitude: a change of stiffness, friction, a cubic spring
+MOST_GROWN = 3.0  # of a standard deviation by the logarithm of the amplitude: the whole range
 MOST_WIDENED = 3.0  # n / (n - 2) of three runs: fewer say no more
 
 
@@ -151,6 +153,14 @@ class Discrepancy:
 
         frequency, damping = map(std_of, self.decays if of_decay else self.forced)
         return AtAmplitude(frequency, damping, within, beyond)
+
+    def is_stated(self, y: float) -> bool:
+        """Whether the discrepancy can be stated at an amplitude [m].
+
+        No farther from the amplitudes that were fitted, in the logarithm, than these are apart, or
+        one octave: runs left out show nothing of what lies beyond.
+        """
+        return self.is_nothing or growth(y, self.y_low, self.y_high) <= MOST_GROWN
 
     def share_of(self, kind: str, missed: AtAmplitude) -> float:
         """Share of the response that a test of a kind leaves: its kind's, else the largest."""

@@ -30,7 +30,13 @@ HARDLY = 0.01  # of an input's power near the mode: less hardly touches it
 MOST_SAMPLES = 8_000_000  # of all draws of a record together
 FEWEST = 20  # draws through however long a record
 ERROR_ALONE = "not known: band of the parameters and of the model discrepancy"
-ERRORS = ("coverage", "num_values", "nrmse", "half_width")
+WITHHELD = (
+    "withheld, and with it the band of a measurement: the law misses more than noise of runs that "
+    "are left out, and these tests lie farther from the fitted amplitudes than those are apart; "
+    "fit a test of their level"
+)
+OF_BAND = ("coverage", "num_values", "half_width")
+ERRORS = (*OF_BAND, "nrmse")
 
 
 @dataclass(frozen=True)
@@ -52,6 +58,7 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
         Measured values beside bands over `quantile`: `model_*` of the parameters, `predictive_*`
         with the noise where that is asked for and known; over time, frequency or both, repeats and
         records by name. `peak_displacement`, `nrmse_of_repeat` or `nrmse_of_record` where known.
+        No `predictive_*` where the model discrepancy cannot be stated: `noise` says so then.
         Attributes: `coverage` of the 99 % band and its `num_values`, `nrmse`, `noise` in words,
         `y_peak` the 99 % band of the peak displacement [m], `extrapolation` its upper edge over
         the largest displacement among what was fitted, `kind`, `level` and `num_draws`.
@@ -72,6 +79,9 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
     has_noise = noise.std is not None or source.model_error > 0
     if asked.noise and noise.std is None and has_noise:
         facts["noise"] = ERROR_ALONE
+    withheld = asked.noise and _is_withheld(basis, test, found)
+    if withheld:
+        facts["noise"] = WITHHELD
     lacking = [name for name in basis.lacking if name in TAKEN[test.residuals]]
     if lacking and test.traits.is_driven:
         facts["lacking"] = ", ".join(lacking)
@@ -79,14 +89,16 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
     if np.isfinite(test.level) and not test.traits.is_free:
         unit = str(dataset.attrs.get("level_unit", seen_of(test).source))
         facts |= {"level": test.level, "level_unit": unit}
-    if asked.noise and noise.std is not None:
+    if asked.noise and noise.std is not None and not withheld:
         facts["noise_std"] = noise.std
     if peak is not None:
         facts["y_peak"] = band(peak)
     if (extrapolation := found.extrapolation(basis)) is not None:
         facts |= {"y_peak_fitted": basis.y_peak, "extrapolation": extrapolation}
     kept, dropped = dataset.attrs | facts, []
-    if not asked.noise or not has_noise:
+    if withheld:
+        kept = {name: value for name, value in kept.items() if name not in OF_BAND}
+    if not asked.noise or not has_noise or withheld:
         dropped += [name for name in dataset.data_vars if "predictive" in str(name)]
     if not is_measured(test):
         of_measured = ("measured", "nrmse", "repeat")
@@ -98,6 +110,14 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
         dataset = dataset.assign(peak_displacement=("quantile", band(peak), about))
     dataset.attrs = kept
     return dataset
+
+
+def _is_withheld(basis: Basis, test: Test, found: Predicted) -> bool:
+    """Whether no band of a measurement can be stated at the amplitude of a test."""
+    discrepancy = basis.discrepancy
+    if discrepancy is None or found.peak is None or basis.has_fitted(test):
+        return False
+    return not discrepancy.is_stated(float(np.median(found.peak)))
 
 
 def route_of(test: Test) -> Callable[[Source, Test], Predicted]:

@@ -35,7 +35,7 @@ from jbw.observables.decay import Decays
 from jbw.observables.decay_drift import drift_of
 from jbw.report.messages import discrepancy as messages
 from jbw.verification.decays import drifted
-from jbw.verification.predict import Request, predict
+from jbw.verification.predict import WITHHELD, Request, predict
 from jbw.verification.predictive_basis import Basis
 
 FS, OMEGA_N, ZETA, NOISE = 512.0, 2 * np.pi * 20.0, 4e-3, 1e-3
@@ -224,6 +224,22 @@ def test_bands_of_stronger_decays_hold_what_a_wrong_law_misses():
     assert after["coverage"] >= 0.95
     # Not wider than three times what is missed.
     assert after["half_width"] / 2.576 <= 3 * after["nrmse"]
+
+
+def test_a_band_far_beyond_what_was_fitted_is_withheld_in_words():
+    _, bare, basis = learned(2e-4)
+    far = decays((1e2,), name="far")  # the fitted records lie within a factor of 3.3
+    found, before = (predict(one, far, Request(num_draws=20)) for one in (basis, bare))
+    assert found.attrs["noise"] == WITHHELD
+    assert "predictive_band" not in found
+    assert not {"coverage", "half_width", "noise_std"} & set(found.attrs)
+    assert found.attrs["nrmse"] > 0
+    # A law that misses nothing beyond noise has its band anywhere.
+    assert "predictive_band" in before
+    nothing = Missed(NO_SCATTER, NO_SCATTER)
+    assert Discrepancy(nothing, nothing, {}, 1.0, 2.0).is_stated(1e3)
+    missed = Discrepancy(nothing, nothing, {"sweep": Scatter(0.1)}, 1.0, 4.0)
+    assert [missed.is_stated(y) for y in (0.24, 0.26, 15.9, 16.1)] == [False, True, True, False]
 
 
 def test_a_kind_that_was_not_left_out_takes_the_largest_share():
