@@ -66,7 +66,7 @@ LEFT_OUT = (2, 5)  # of six levels
 NUM_BLOCKS = 4  # of a set with one record
 REACH = 2.576  # standard deviations of a 99 % band
 COLUMNS = {"set": "", "left out": "", "error, %": ".2g", "held before, %": ".1f", "held, %": ".1f"}
-COLUMNS |= {"width before": ".2f", "width": ".2f", "time, s": ".0f"}
+COLUMNS |= {"width before": ".2f", "width": ".2f", "missed": "", "time, s": ".0f"}
 
 
 def folds(campaign: Campaign) -> Iterator[tuple[Campaign, Test]]:
@@ -141,9 +141,23 @@ def rows(name: str) -> Iterator[dict[str, Any]]:
         yield row | compared(*bases(rest), held) | {"time, s": perf_counter() - started}
 
 
-def compared(before: Basis, after: Basis, held: Test) -> dict[str, float]:
+def missed_by(basis: Basis) -> str:
+    """What the law misses more than noise of, as the verdict names it."""
+    discrepancy = basis.discrepancy
+    assert discrepancy is not None
+    both = zip(discrepancy.forced, discrepancy.decays, strict=True)
+    named = [
+        name
+        for name, scatters in zip(("frequency", "damping"), both, strict=True)
+        if any(scatter.whole for scatter in scatters)
+    ]
+    rest = ["rest"] if any(share.whole for share in discrepancy.share.values()) else []
+    return " and ".join([*named, *rest]) or "nothing"
+
+
+def compared(before: Basis, after: Basis, held: Test) -> dict[str, Any]:
     """What the bands of a test hold without the model discrepancy and with it."""
-    found = {}
+    found: dict[str, Any] = {"missed": missed_by(after)}
     for suffix, basis in ((" before", before), ("", after)):
         attrs = predict(basis, held, Request(seed=1)).attrs
         found["error, %"] = 100 * float(attrs["nrmse"])
