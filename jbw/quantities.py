@@ -8,7 +8,7 @@ jbw up to 0.1 wrote `rad s-1` and `m^-2 s^6` as well; `in_dialect` reads them.
 
 import re
 from collections.abc import Iterable
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from jbw.errors import ConfigError
 
@@ -210,3 +210,38 @@ def in_dialect(unit: str) -> str:
 
 def _power(exponent: str) -> str:
     return "" if exponent == "1" else f"^{exponent}"
+
+
+# -- of several joints -----------------------------------------------------------------------------
+AT, TIED = "@", "="  # between a name and the joint that it is of, and between joints of one law
+
+
+def label(name: str) -> str:
+    """A joint's name as a part of a parameter's: `bolt 1` is `bolt_1`."""
+    return re.sub(r"\W+", "_", name)
+
+
+def name_at(name: str, joint: str) -> str:
+    """Name of a law's parameter at a joint."""
+    return f"{name}{AT}{joint}"
+
+
+def law_name(law: str, joints: Iterable[str]) -> str:
+    """Name of a law that some joints share."""
+    return name_at(law, TIED.join(joints))
+
+
+def split(law: str) -> tuple[str, tuple[str, ...]]:
+    """Name of a law itself, and the joints that have it; none of a law of the only joint."""
+    plain, _, joints = law.partition(AT)
+    return plain, tuple(joints.split(TIED)) if joints else ()
+
+
+def are_at_joints(laws: Iterable[Any]) -> bool:
+    """Whether these are laws of several joints."""
+    return any(isinstance(law, str) and AT in law for law in laws)
+
+
+def joints_of(laws: Iterable[str]) -> tuple[str, ...]:
+    """Names of all joints that have laws, in the order of their laws."""
+    return tuple(dict.fromkeys(joint for law in laws for joint in split(law)[1]))

@@ -25,6 +25,7 @@ from jbw.campaign.files import found_files
 from jbw.campaign.schema import CampaignSpec
 from jbw.errors import ConfigError
 from jbw.measurement.checks import Fault, doubt, refusal
+from jbw.quantities import label, law_name
 
 STRUCTURE = "[structure]"
 _UNMOVED = 1e-2  # of the joint that moves most: B is a millionth
@@ -264,18 +265,99 @@ def _unseen(motion: np.ndarray, names: Sequence[str]) -> Iterator[Fault]:
             )
 
 
-def refuse_several(spec: CampaignSpec) -> None:
-    """Raise for a campaign of several joints, or of matrices, which no command identifies yet.
+@dataclass(frozen=True)
+class SeveralJoints:
+    """A structure with several joints, ready to be identified.
+
+    Attributes:
+        model: Its modes and joints.
+        laws: Names of the joints' laws with the joints that share each.
+    """
+
+    model: ReducedModel
+    laws: tuple[str, ...]
+
+
+def joints_of(
+    spec: CampaignSpec, folder: Path, *, allow_outside: bool = False
+) -> SeveralJoints | None:
+    """The joints of a campaign with matrices; None of one joint.
 
     Raises:
-        ConfigError: It has matrices or [[joint]] tables.
+        ConfigError: As `reduced_model`; or the tests do not tell two joints of one kind of law
+            apart, or the campaign states what matrices tell.
     """
-    if spec.assembled is None and not spec.joints:
+    if spec.assembled is None:
+        return None
+    _refuse_stated_twice(spec)
+    checked, faults = check_joints(spec, folder, allow_outside=allow_outside)
+    for fault in faults:
+        if fault.severity == "error":
+            raise ConfigError(fault.what, why=fault.why, remedy=fault.remedy)
+    model = reduced_model(spec, folder, allow_outside=allow_outside)
+    return SeveralJoints(model, laws_by_joint(spec.joints))
+
+
+def laws_by_joint(joints: Sequence[JointTable]) -> tuple[str, ...]:
+    """Names of all laws with the joints that have them: those of a tie together."""
+    groups = groups_of(joints)
+    shared = [
+        (joints[leader], [t.name for t, g in zip(joints, groups, strict=True) if g == leader])
+        for leader in dict.fromkeys(groups)
+    ]
+    labels = [label(table.name) for table in joints]
+    if len(set(labels)) < len(labels):
+        twice = next(table.name for table in joints if labels.count(label(table.name)) > 1)
+        raise ConfigError(
+            f"[[joint]] `{twice}` name: must differ from other joints' by letters or numbers.",
+            why="Its parameters bear its name with _ for what is neither.",
+            remedy="Rename one of them.",
+        )
+    return tuple(
+        law_name(law, map(label, names)) for leader, names in shared for law in leader.laws
+    )
+
+
+def _refuse_stated_twice(spec: CampaignSpec) -> None:
+    """Refuse what is not read beside matrices, rather than to pass over it."""
+    stated = {
+        "gain": spec.gain is not None,
+        "modal_mass": spec.modal_mass is not None,
+    }
+    for name, is_stated in stated.items():
+        if is_stated:
+            raise ConfigError(
+                f"[campaign] {name}: must be left out beside `matrices` under [structure], whose "
+                "modes have their masses, but is stated.",
+                remedy=f"Leave `{name}` out.",
+            )
+    if spec.instruments.is_stated:
+        raise ConfigError(
+            "[campaign]: errors of instruments must be left out beside `matrices` under "
+            "[structure], but are stated.",
+            why="How they spread over the parameters of several joints is not known yet.",
+            remedy="Leave them out.",
+        )
+    if spec.assembled is not None and spec.assembled.shapes == "uncertain":
+        raise ConfigError(
+            'A campaign with `shapes = "uncertain"` can be checked, but not identified yet.',
+            why="The identification takes the joints' motion in every mode from the model.",
+            remedy='Put under [structure]: `shapes = "model"`.',
+        )
+
+
+def refuse_unknown_shapes(spec: CampaignSpec) -> None:
+    """Raise for several joints of measured modes, which no command identifies yet.
+
+    Raises:
+        ConfigError: It has [[joint]] tables without matrices.
+    """
+    if spec.assembled is not None or not spec.joints:
         return
-    what = "`matrices` under [structure]" if spec.assembled else "[[joint]] tables"
     raise ConfigError(
-        f"A campaign with {what} can be checked, but its joints cannot be identified yet.",
-        why="The identification knows one joint of stated modes; it would ignore the others.",
-        remedy="Read with `jbw check` which joints the tests tell apart, or state one joint under "
-        "[joint] and its modes under [structure] in place of them.",
+        "A campaign with [[joint]] tables but no matrices can be checked, but its joints cannot be "
+        "identified yet.",
+        why="The identification takes the joints' motion in every mode from a model.",
+        remedy="Read with `jbw check` which joints the tests tell apart, state `matrices` under "
+        "[structure], or one joint under [joint] and its modes in place of them.",
     )

@@ -12,7 +12,7 @@ from jbw.campaign.check import findings, unread
 from jbw.campaign.duplicates import held_twice, source_of
 from jbw.campaign.files import repeats_of
 from jbw.campaign.gains import Gain, force_per_unit, gain_of
-from jbw.campaign.joints import refuse_several
+from jbw.campaign.joints import SeveralJoints, joints_of, refuse_unknown_shapes
 from jbw.campaign.schema import read_spec
 from jbw.campaign.settings import Identify, Structured, laws_of
 from jbw.campaign.tables import NOT_STATED, Assembly, Instruments, TestSpec
@@ -58,6 +58,7 @@ class Campaign:
     # Modes that meet in the joint; None of one. A mapping of its keys is taken too.
     structure: Structured | None = None
     instruments: Instruments = NOT_STATED  # what is known of clock and calibration
+    joints: SeveralJoints | None = None  # of a structure with several; None of one
 
     def __repr__(self) -> str:
         lines = [f"  {_line(test)}" for test in self.tests[:SHOWN]]
@@ -101,12 +102,14 @@ def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
     """
     path = Path(path)
     spec = read_spec(path)
-    refuse_several(spec)
+    refuse_unknown_shapes(spec)
     for fault in unread(spec):
         warnings.warn(f"{path.name}, [identify]: {fault.what} {fault.remedy}", stacklevel=2)
     folder, per_unit = path.resolve().parent, force_per_unit(spec)
+    joints = joints_of(spec, folder, allow_outside=allow_outside)
+    laws = spec.laws if joints is None else joints.laws
     tests = [
-        load_test(test, folder, per_unit=per_unit, laws=spec.laws, allow_outside=allow_outside)
+        load_test(test, folder, per_unit=per_unit, laws=laws, allow_outside=allow_outside)
         for test in spec.tests
     ]
     sources = [
@@ -118,8 +121,9 @@ def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
         if fault.severity == "error":
             raise DataError(fault.what, why=fault.why, remedy=fault.remedy)
         warnings.warn(f"Test {name}: {fault.what} {fault.remedy}", stacklevel=2)
-    facts = (spec.gain, spec.modal_mass, spec.settings, path, spec.laws, spec.assembly)
-    return Campaign(spec.name, folder, tuple(tests), *facts, spec.structure, spec.instruments)
+    facts = (spec.gain, spec.modal_mass, spec.settings, path, laws, spec.assembly)
+    known = (spec.structure, spec.instruments, joints)
+    return Campaign(spec.name, folder, tuple(tests), *facts, *known)
 
 
 def load_with_doubts(

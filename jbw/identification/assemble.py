@@ -10,10 +10,12 @@ from typing import Any
 import numpy as np
 
 from jbw.campaign.gains import Gain, force_per_unit, gain_of
+from jbw.campaign.joints import SeveralJoints
 from jbw.campaign.load import Campaign
 from jbw.campaign.settings import Identify, Structured, laws_of, never_steady
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.identification import selection
+from jbw.identification.assembled import assembled_modes, known_gain, with_steps
 from jbw.identification.attachments import foretold, require_one_unit
 from jbw.identification.linear_step import LinearStep, linear_step
 from jbw.identification.selection import DecaySplit, Sweeps
@@ -69,20 +71,25 @@ def measured(
     laws: tuple[str, ...] | None = None,
     structure: Structured | None = None,
     gain: Gain = None,
+    joints: SeveralJoints | None = None,
     report: Report = logger.info,
 ) -> Measured:
     """Step 2, where there is a noise test, and what is fitted and held out.
 
     `laws` are those of a campaign that names none when None, `structure` its modes where several
     meet in the joint, `gain` is what the campaign states [N/kg per unit of the input], by drive
-    where there are several, and `report` is called with one sentence at every stage.
+    where there are several, `joints` those of a structure with several, and `report` is called with one sentence at every stage.
 
     Raises:
         ConfigError: If `hold_out` names no test, settings do not fit the tests, or tests of one
             drive have sources in different units.
     """
     laws = laws_of(DEFAULT_LAWS, settings.prior) if laws is None else laws
-    modes = modes_of(structure, tests, settings)
+    if joints is None:
+        modes = modes_of(structure, tests, settings)
+    else:
+        modes = assembled_modes(joints, tests, settings)
+        gain = known_gain(modes, tests)
     tests = with_own_constants(modes, tests)
     chosen = selection.fitted(tests, settings)
     require_one_unit(chosen)
@@ -102,7 +109,8 @@ def measured_in(
     """The same of a campaign with all that it states; of some of its tests where they are given."""
     return measured(
         campaign.tests if tests is None else tests, campaign.settings, laws=campaign.laws,
-        structure=campaign.structure, gain=force_per_unit(campaign), report=report,
+        structure=campaign.structure, gain=force_per_unit(campaign), joints=campaign.joints,
+        report=report,
     )  # fmt: skip
 
 
@@ -230,7 +238,7 @@ def _reduced(tests: Sequence[Test], seen: Measured) -> list[Observable]:
             stated["modes"] = seen.modes
         for drive in dict.fromkeys(drive_of(test) for test in own):
             alike = [test for test in own if drive_of(test) == drive]
-            found = observable.reduce(alike, **stated)
+            found = with_steps(observable.reduce(alike, **stated), seen.modes, seen.settings)
             parts += [replace(part, drive=drive, modes=seen.modes) for part in found]
     return parts
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError, DataError
+from jbw.identification.assembled import ASSEMBLED, joint_bounds
 from jbw.identification.residual_terms import stated_terms, term_bounds
 from jbw.inference.density import Density
 from jbw.inference.fit.fitting import Fit
@@ -37,13 +38,17 @@ def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box
     scales = Scales(omega_n, known.get("zeta", 0.01), y_peak, forced)
     gain = None if "gain" in data.held else (known["gain"], min(p.gain_std() for p in parts))
     linear = any(part.is_linear for part in parts)
-    prior = joint_box(settings, scales, gain, data.laws, linear=linear)
+    is_assembled = data.modes is not None and data.modes.meet == ASSEMBLED
+    of_one_joint = () if is_assembled else data.laws
+    prior = joint_box(settings, scales, gain, of_one_joint, linear=linear)
     own = {name: pair for name, pair in bounds_by_name(prior).items() if name not in data.held}
     if "gain" in own and not any("gain" in part.first_values() for part in parts):
         own["gain"] = settings.prior.get("gain", weighed_bounds(known["gain"]))
     for drive in attached(data.parts):
         own |= _bounds_of(drive, settings, data, known)
     own |= _bounds_beside(settings, data, known)
+    if is_assembled and data.laws:
+        own |= joint_bounds(data.modes, data, settings.prior, scales.zeta)
     if data.modes is not None and "omega_n" in own and "omega_n" not in settings.prior:
         low, high = (2 * np.pi * hz for hz in data.modes.windows_hz[0])
         own["omega_n"] = max(own["omega_n"][0], low), min(own["omega_n"][1], high)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from jbw.inference.groups.offsets import Estimate, known_estimate
 from jbw.observables.observable import OFFSETS, Laws, Observable, Theta, Weighted
+from jbw.oscillator.modes.assembled import OMEGA, PUSH, ZETA, numbered, seen_name
 from jbw.oscillator.modes.parameters import NAMES, SEEN, Names, structure_of
 from jbw.quantities import DEFAULT_LAWS, OSCILLATOR
 
@@ -28,6 +29,8 @@ LABEL = "modes at the joint"
 SHAPE_STD, COUPLING_STD = 1.5, 2.0  # of logarithms
 REACH = 3.0  # of these: where boxes end
 WITHIN = 0.07  # of a stated frequency: where a mode is looked for, and stays
+HARDLY_SEEN = 0.02  # of the largest gain: less tells no frequency of a mode
+LEAST_ZETA = 1e-4  # of a first value
 CLEAR = 9.0  # of chi-square: by less the other sign is not ruled out
 Bounds = dict[str, tuple[float, float]]
 Reals = NDArray[np.float64]
@@ -40,7 +43,10 @@ class Modes(NamedTuple):
     driving_point: bool = False  # whether the output is where the source pushes
     joint_shape: tuple[float, ...] = ()  # h_i / h_1 of every mode, where they were measured
     points: tuple[str, ...] = ()  # names of those where responses are measured beside the first
-    meet: str = "common"  # in a common joint; "apart" with laws of their own; "first": it alone
+    # In a common joint; "apart" with laws of their own; "first": it alone; "assembled" in several
+    # joints of a reduced model.
+    meet: str = "common"
+    numbers: tuple[tuple[str, float], ...] = ()  # of that model, by name
 
     @property
     def names(self) -> tuple[Names, ...]:
@@ -66,7 +72,7 @@ class Modes(NamedTuple):
     def held(self) -> dict[str, float]:
         """What is held: signs, which begin as positive, and shapes that were measured."""
         if self.meet != "common":
-            return {}
+            return dict(self.numbers)
         signs = {names.sign: 1.0 for names in self.names}
         over_first = (h / self.joint_shape[0] for h in self.joint_shape[1:])
         known = dict(zip(self.names, over_first, strict=False))
@@ -100,20 +106,56 @@ def with_ratios(found: Mapping[str, float]) -> dict[str, float]:
     return {**found, **ratios, **seen}
 
 
+def gain_shares(modes: Modes, point: str = "") -> Reals:
+    """What a point sees of every driven mode of a reduced model, over the first gain."""
+    numbers, driven = dict(modes.numbers), range(1, len(modes.hz) + 1)
+    gains = [numbers[numbered(PUSH, i)] * numbers[seen_name(i, point)] for i in driven]
+    return np.array(gains) / (numbers[numbered(PUSH, 1)] * numbers[seen_name(1)])
+
+
+def by_model(modes: Modes, readings: Mapping[str, float]) -> dict[str, float]:
+    r"""First values of a structure whose shapes are known, from readings of single modes.
+
+    $$g = \frac{\sum_{io} w_{io}g_{io}}{\sum_{io} w_{io}^2}, \qquad
+      w_{io} = \frac{b_ic_{oi}}{b_1c_{11}}$$
+
+    Frequencies and damping of modes that the points hardly see are those of the model.
+    """
+    numbers, names = dict(modes.numbers), (FIRST, *(own[:3] for own in modes.names))
+    gains = {"": [own[2] for own in names]} | {p: list(own) for p, own in modes.seen.items()}
+    shares = {point: gain_shares(modes, point) for point in gains}
+    strongest = np.max([np.abs(row) for row in shares.values()], axis=0)
+    first: dict[str, float] = {}
+    for i, (omega, zeta, _) in enumerate(names):
+        is_seen = strongest[i] > HARDLY_SEEN * strongest.max() and omega in readings
+        first[omega] = readings[omega] if is_seen else numbers[numbered(OMEGA, i + 1)]
+        first[zeta] = readings[zeta] if is_seen else max(numbers[numbered(ZETA, i + 1)], LEAST_ZETA)
+    known = [
+        (shares[point][i], readings[name])
+        for point, own in gains.items()
+        for i, name in enumerate(own)
+        if name in readings
+    ]
+    if known:
+        w, g = np.array(known).T
+        first["gain"] = float(w @ g / (w @ w))
+    return first
+
+
 def bounds_of(modes: Modes, known: Mapping[str, float], *, with_joint: bool) -> Bounds:
     """Bounds of the modes' parameters about first values; at the joint only where it has a law."""
     found: Bounds = {}
     for names, (low, high) in zip(modes.names, modes.windows_hz[1:], strict=True):
         found[names.omega] = 2 * np.pi * low, 2 * np.pi * high
         found[names.zeta] = 0.005 * known[names.zeta], 3.0 * known[names.zeta]
-        if names.ratio not in known:  # nothing drives the motion
+        if names.ratio not in known:  # nothing drives the motion, or the model tells it
             continue
         ratio = known[names.ratio]
         reach = 2 * max(abs(ratio), 0.05)
         # Where the output is the drive point, gains are squares of shapes.
         least = 1e-3 * ratio if modes.driving_point else ratio - reach
         found[names.ratio] = least, ratio + reach
-    for name in (name for names in modes.seen.values() for name in names):
+    for name in (name for names in modes.seen.values() for name in names if name in known):
         reach = 2 * max(abs(known[name]), 0.05)
         found[name] = known[name] - reach, known[name] + reach
     for name in modes.free if with_joint else ():

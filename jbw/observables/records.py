@@ -18,6 +18,7 @@ from jbw.observables import remembered
 from jbw.observables.forms import by_form, common_form, first_alike
 from jbw.observables.line_fit import oscillator_through
 from jbw.observables.modal_readings import band_peak, lines_of_motions, read_modes
+from jbw.observables.modes import by_model
 from jbw.observables.observable import OFFSETS, Laws, Rows, Theta, run_of
 from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import Repeats, repeats
@@ -427,7 +428,9 @@ class Records(Repeated):
         if self.modes is not None:
             motions = zip(self.moved, self.points, source, mean, strict=True)
             order = derivative_order(self.response)
-            return read_modes(self.modes, lines_of_motions(motions, self.fs, order))
+            readings = read_modes(self.modes, lines_of_motions(motions, self.fs, order))
+            is_assembled = self.modes.meet == "assembled"
+            return by_model(self.modes, readings) if is_assembled else readings
         level = int(np.argmin(np.mean(mean**2, axis=1)))
         omega = 2 * np.pi * np.fft.rfftfreq(mean.shape[1], 1 / self.fs)[1:]
         x, u = (np.fft.rfft(row[level])[1:] for row in (mean, source))

@@ -314,6 +314,28 @@ class ScaledLaw(Law):
         """K / kappa."""
         return self.law.stiffness() / self.unit
 
+    def at_rest(self) -> Memory:
+        """Memory of the law before any motion."""
+        return self.law.at_rest()
+
+    def force(self, y: Scalar, v: Scalar, memory: Memory) -> Scalar:
+        """F(l q) / (kappa l)."""
+        force = self.law.force(self.length * y, self.length * v, memory)
+        return force / (self.unit * self.length)
+
+    def rate(self, y: Scalar, v: Scalar, memory: Memory) -> Memory:
+        """Rate of the law's memory at l q."""
+        return self.law.rate(self.length * y, self.length * v, memory)
+
+    def move(self, y: Scalar, memory: Memory, dy: Scalar) -> Memory:
+        """The law's memory after a move of l q."""
+        return self.law.move(self.length * y, memory, self.length * dy)
+
+    def loop(self, y_peak: Scalar) -> Loop:
+        """The law's loop at l Y, over kappa."""
+        loop = self.law.loop(self.length * y_peak)
+        return Loop(loop.stiffness / self.unit, loop.damping / self.unit)
+
     def scaled(self, length: Scalar, stiffness: Scalar) -> "ScaledLaw":
         """In other units once more."""
         return ScaledLaw(self.law, self.length * length, self.unit * stiffness)

@@ -14,7 +14,9 @@ from jbw.oscillator.law import Bounds, Law, Loop, Memory, Scales
 from jbw.oscillator.laws import Kind, laws_named
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
 from jbw.oscillator.laws.springs import Square, as_law
+from jbw.oscillator.modes.assembled import first_mode_laws
 from jbw.oscillator.parameters import Restoring, Scalar
+from jbw.quantities import are_at_joints
 
 
 class Oscillator(eqx.Module):
@@ -183,8 +185,12 @@ def as_oscillator(joint: Joint) -> Oscillator:
 
 
 def oscillator_of(theta: Mapping[str, Any], laws: Iterable[str | Kind]) -> Oscillator:
-    """The oscillator of a dictionary of parameters."""
-    forces = tuple(law.of(theta) for law in laws_named(laws))
+    """The oscillator of a dictionary of parameters; of several joints, as the first mode has it."""
+    laws = tuple(laws)
+    if are_at_joints(laws):
+        forces = first_mode_laws(theta, laws)
+    else:
+        forces = tuple(law.of(theta) for law in laws_named(laws))
     return Oscillator(theta["omega_n"], theta["zeta"], forces)
 
 

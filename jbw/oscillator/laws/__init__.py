@@ -11,6 +11,7 @@ from typing import Any
 
 from jbw.errors import ConfigError
 from jbw.oscillator.law import Law
+from jbw.oscillator.laws.at_joints import resolved
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
 from jbw.oscillator.laws.bouc_wen_nu import BoucWenNu
 from jbw.oscillator.laws.bwbn import BWBN as BWBN
@@ -25,7 +26,7 @@ from jbw.oscillator.laws.masing import Masing
 from jbw.oscillator.laws.springs import Cubic as Cubic
 from jbw.oscillator.laws.springs import Polynomial as Polynomial
 from jbw.oscillator.laws.springs import Quintic, Square
-from jbw.quantities import Quantity
+from jbw.quantities import AT, Quantity
 from jbw.report.messages import joint as messages
 
 Kind = type[Law]
@@ -87,6 +88,8 @@ def law_named(name: str | Kind) -> Kind:
         return name  # pyright: ignore[reportReturnType]
     if name in LAWS:
         return LAWS[str(name)]
+    if AT in str(name):
+        return resolved(str(name), law_named)
     member = re.fullmatch(r"(\w+)_([1-9]\d?)", str(name))
     if member and member[1] in FAMILIES:
         return FAMILIES[member[1]](int(member[2]))

@@ -26,6 +26,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from jbw.oscillator.laws import laws_named, quantities_of
+from jbw.oscillator.modes.assembled import assembled_structure, is_assembled, seen_by
 from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.quantities import MODES, POINTS, Quantity
@@ -46,18 +47,26 @@ NAMES = tuple(Names(*(quantity.name for quantity in mode)) for mode in MODES)
 SEEN = tuple(tuple(quantity.name for quantity in point) for point in POINTS)
 
 
+DRIVEN = (("omega_n", "zeta"), *(names[:2] for names in NAMES))  # modes with numbers of their own
+
+
 def model_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Oscillator | Structure:
     """The oscillator of a dictionary of parameters, or the structure where it has further modes."""
     return structure_of(theta, laws) if has_further_modes(theta) else oscillator_of(theta, laws)
 
 
 def has_further_modes(names: Container[str]) -> bool:
-    """Whether names of parameters include those of a second mode or a further one."""
-    return NAMES[0].omega in names
+    """Whether names of parameters include those of a second mode, or of several joints."""
+    return NAMES[0].omega in names or is_assembled(names)
 
 
 def structure_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Structure:
-    """The structure of a dictionary of parameters; b is over the first mode's gain, c is one."""
+    """The structure of a dictionary of parameters; b is over the first mode's gain, c is one.
+
+    Of several joints, b and c are those of the reduced model (`jbw.oscillator.modes.assembled`).
+    """
+    if is_assembled(theta):
+        return assembled_structure(theta, laws, DRIVEN)
     first = (theta["omega_n"], theta["zeta"], 1.0, 1.0, 1.0)
     others = (_mode(theta, names) for names in NAMES if names.omega in theta)
     fields = (jnp.stack(jnp.broadcast_arrays(*field)) for field in zip(first, *others, strict=True))
@@ -111,6 +120,8 @@ def seen_by_points(theta: Mapping[str, Any], num_modes: int) -> Float[Array, "po
 
 def at_points(theta: Mapping[str, Any], structure: Structure) -> Structure:
     """The structure with an output for every point."""
+    if is_assembled(theta):
+        return replace(structure, c=seen_by(theta))
     return replace(structure, c=seen_by_points(theta, jnp.size(structure.omega_n)))
 
 

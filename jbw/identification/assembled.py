@@ -1,0 +1,222 @@
+"""Several joints of a reduced model: which of its modes the tests drive, and what a prior begins with."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from math import sqrt
+from typing import Any
+
+import numpy as np
+
+from jbw.campaign.joints import SeveralJoints
+from jbw.campaign.settings import MOST_MODES, MOST_POINTS, Identify
+from jbw.errors import ConfigError, DataError
+from jbw.measurement.channels import lines_within
+from jbw.measurement.records import Test, drive_of
+from jbw.observables.dataset import Dataset
+from jbw.observables.modal_readings import DRIVEN, FEWEST
+from jbw.observables.modes import HARDLY_SEEN, Modes, gain_shares
+from jbw.oscillator.damper import Damper
+from jbw.oscillator.law import Bounds, Scales
+from jbw.oscillator.laws import law_named
+from jbw.oscillator.modes.assembled import STIFFNESS, held_numbers, motion_name
+from jbw.quantities import FED, label, name_at, split
+
+ASSEMBLED = "assembled"
+
+
+def assembled_modes(
+    joints: SeveralJoints, tests: Sequence[Test], settings: Identify
+) -> Modes:
+    """Modes of a reduced model as a campaign's tests see them: those that are driven come first.
+
+    Raises:
+        ConfigError: Tests, laws or settings of which several joints know nothing.
+        DataError: The tests drive no mode of the model, or too many.
+    """
+    reduced = joints.model
+    _require_laws(joints.laws)
+    _require_kinds(tests)
+    _require_sources(tests)
+    if "cubic" in settings.compare_with:
+        raise ConfigError(
+            "[identify] compare_with must be linear where a structure has several joints, but "
+            "names cubic, a spring of one joint.",
+            remedy='Put under [identify]: `compare_with = ["linear"]`, or leave it out.',
+        )
+    driven = _driven_modes(reduced, tests)
+    order = [*driven, *(i for i in range(reduced.omega.size) if i not in driven)]
+    points = tuple(dict.fromkeys(test.point for test in tests if test.point))
+    if len(points) > MOST_POINTS:
+        raise ConfigError(
+            f"[structure] points: tests must be at {MOST_POINTS} points at most beside the first, "
+            f"but are at {len(points)}.",
+            remedy="Leave the tests of one out of the file.",
+        )
+    rows = dict(zip(reduced.outputs, reduced.c[:, order], strict=True))
+    numbers = held_numbers(
+        reduced.omega[order],
+        reduced.zeta[order],
+        {label(j.name): row for j, row in zip(reduced.joints, reduced.H[:, order], strict=True)},
+        {label(joint.name): joint.stiffness for joint in reduced.joints},
+        reduced.b[order],
+        {"": rows[reduced.outputs[0]], **{point: rows[point] for point in points}},
+    )
+    hz = tuple(float(reduced.frequencies_hz[i]) for i in driven)
+    return Modes(hz, points=points, meet=ASSEMBLED, numbers=tuple(numbers.items()))
+
+
+def _require_laws(laws: Sequence[str]) -> None:
+    for name in laws:
+        plain, joints = split(name)
+        kind = law_named(plain)
+        if issubclass(kind, Damper) or kind.degrades:
+            what = "is a damper" if issubclass(kind, Damper) else "changes with every cycle"
+            raise ConfigError(
+                f"[[joint]] `{joints[0]}` laws: must be springs or hysteresis that no cycle "
+                f"changes, but `{plain}` {what}, which several joints do not identify yet.",
+                remedy='Put under that [[joint]]: `laws = ["bouc_wen"]`.',
+            )
+
+
+def _require_kinds(tests: Sequence[Test]) -> None:
+    for test in tests:
+        if not (test.traits.is_transient or test.traits.is_periodic):
+            raise ConfigError(
+                f"[[test]] {test.name}: must be a sweep or a multisine where a structure has "
+                f"several joints, but is of kind `{test.kind}`, which they do not identify yet.",
+                remedy="Leave the test out of the campaign file.",
+            )
+
+
+def _require_sources(tests: Sequence[Test]) -> None:
+    """Refuse sources of several kinds, and forces per modal mass, which matrices do not know."""
+    drives = sorted({drive_of(test) for test in tests})
+    if len(drives) > 1:
+        raise ConfigError(
+            f"[structure] needs tests of one drive, but they are driven by {' and '.join(drives)}.",
+            why="A shaker that moves along changes every mode.",
+            remedy="Leave the tests of one drive out of the campaign file.",
+        )
+    for test in tests:
+        record = test.records[0]
+        if record.units[record.source] == "N/kg":
+            raise ConfigError(
+                f"[[test]] {test.name}: its source must be a force, a voltage or a current beside "
+                "matrices, but is in N/kg, a force per modal mass.",
+                remedy="Give the force itself, in N.",
+            )
+
+
+def _driven_modes(reduced: Any, tests: Sequence[Test]) -> list[int]:
+    """Elastic kept modes that the sources of the tests pass through, one that is seen well first."""
+    frequencies = reduced.frequencies_hz
+    elastic = [i for i, hz in enumerate(frequencies) if hz > 0]
+    windows = Modes(tuple(float(frequencies[i]) for i in elastic)).windows_hz
+    passed = {i for test in tests for i, window in zip(elastic, windows, strict=True)
+              if _passes(test, window)}  # fmt: skip
+    gains = np.abs(reduced.b * reduced.c[0])
+    driven = sorted(passed)
+    if not driven:
+        raise DataError(
+            "[structure] to_hz: a test must drive a mode of the model within 7 % of its frequency, "
+            f"but none drives one of {', '.join(f'{frequencies[i]:.4g}' for i in elastic[:5])} Hz.",
+            remedy="Sweep through a mode, or correct `units` and `stiffness`.",
+        )
+    if len(driven) > MOST_MODES:
+        raise DataError(
+            f"[structure] to_hz: tests must drive {MOST_MODES} modes at most, but drive "
+            f"{len(driven)}.",
+            remedy="State `band` in the tests, so that they hold fewer modes.",
+        )
+    seen = [i for i in driven if gains[i] > HARDLY_SEEN * gains[driven].max()]
+    if not seen:
+        raise DataError(
+            f"[structure] points: `{reduced.outputs[0]}`, the first one, must see a mode that the "
+            "tests drive, but the model has it, or the input, in a node of all of them.",
+            remedy="Name another point first, or correct the direction of `input`.",
+        )
+    return [seen[0], *(i for i in driven if i != seen[0])]
+
+
+def _passes(test: Test, window_hz: tuple[float, float]) -> bool:
+    """Whether a test's source has loud lines within a window, in the test's band."""
+    record = test.records[0]
+    hz = np.fft.rfftfreq(record.num_samples, 1 / record.fs)
+    size = np.abs(np.fft.rfft(record.channels[record.source]))
+    is_loud = (size > DRIVEN * size[1:].max()) & lines_within(hz, window_hz) & (hz > 0)
+    if test.band_hz is not None:
+        is_loud &= lines_within(hz, test.band_hz)
+    return int(np.sum(is_loud)) >= FEWEST
+
+
+def known_gain(modes: Modes | None, tests: Sequence[Test]) -> float | None:
+    """Gain of the first mode under a measured force [1/kg], which the model tells; None of others."""
+    if modes is None or modes.meet != ASSEMBLED or drive_of(tests[0]) in FED:
+        return None
+    numbers = dict(modes.numbers)
+    return numbers["push_1"] * numbers["seen_1"]
+
+
+def with_steps(parts: Sequence, modes: Modes | None, settings: Identify) -> list:
+    """Records whose steps follow the fastest residual mode, by at most a radian each.
+
+    Raises:
+        ConfigError: `substeps` are stated, and too few: the motion would be unstable.
+    """
+    if modes is None or modes.meet != ASSEMBLED:
+        return list(parts)
+    highest = max(x for name, x in modes.numbers if name.startswith("model_omega_"))
+    stepped = []
+    for part in parts:
+        needed = 2 ** int(np.ceil(np.log2(highest / part.fs)))
+        if settings.substeps is not None and highest / part.fs / settings.substeps > np.pi:
+            raise ConfigError(
+                f"[identify] substeps must be {needed} at least, so that steps follow the residual "
+                f"mode at {highest / (2 * np.pi):.4g} Hz, but is {settings.substeps}.",
+                remedy=f"Put under [identify]: `substeps = {needed}`, or no `substeps` at all.",
+            )
+        least = settings.substeps or max(needed, part.substeps)
+        stepped.append(replace(part, substeps=least))
+    return stepped
+
+
+def joint_bounds(
+    modes: Modes, data: Dataset, stated: Mapping[str, tuple[float, float]], zeta: float
+) -> Bounds:
+    """Wide bounds of the laws at every joint, by its stiffness in full stick and its motion.
+
+    Raises:
+        ConfigError: Bounds that a campaign states leave the joint stiffer than in full stick.
+    """
+    numbers = dict(modes.numbers)
+    bounds: Bounds = {}
+    for name in data.laws:
+        plain, joints = split(name)
+        stiffness = min(numbers[name_at(STIFFNESS, joint)] for joint in joints)
+        peak = max(_largest_motion(modes, data, joint) for joint in joints)
+        own = law_named(name).prior(Scales(sqrt(stiffness), zeta, peak))
+        beside = [law for law in data.laws if split(law)[1] == joints]
+        shares = {one.name for one in law_named(name).table if one.is_share}
+        for parameter, (low, high) in own.items():
+            high = high / len(beside) if parameter in shares else high
+            bounds[parameter] = stated.get(parameter, (low, high))
+            if parameter in shares and bounds[parameter][1] > stiffness:
+                raise ConfigError(
+                    f"[identify.prior] `{parameter}` must end below {stiffness:g} N/m, the "
+                    f"`stiffness` of joint `{joints[0]}` in full stick, but ends at "
+                    f"{bounds[parameter][1]:g}.",
+                    remedy="Lower its upper bound, or raise `stiffness`.",
+                )
+    return bounds
+
+
+def _largest_motion(modes: Modes, data: Dataset, joint: str) -> float:
+    """Largest motion of a joint in the modes that the first point sees [m, or rad]."""
+    numbers, shares = dict(modes.numbers), np.abs(gain_shares(modes))
+    peaks = np.max([own for part in data.parts if (own := part.peaks_of_modes())], axis=0)
+    motions = [
+        abs(numbers[motion_name(i, joint)] / numbers[f"seen_{i}"]) * peak
+        for i, (peak, share) in enumerate(zip(peaks, shares, strict=True), 1)
+        if share > HARDLY_SEEN * shares.max()
+    ]
+    return float(max(motions))

@@ -1,0 +1,105 @@
+r"""A law of one of several joints: the same law, its parameters named with the joint's name.
+
+`bouc_wen@bolt_1` has the parameters `alpha@bolt_1`, `delta@bolt_1` and `gamma@bolt_1`, in the
+joint's units: alpha [N/m] where its motion is in metres. Joints that share one law are named
+together, `bouc_wen@bolt_1=bolt_2`; its parameters bear the first one's name.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from functools import cache
+from typing import Any, Self
+
+from jbw.oscillator.law import Bounds, Law, Monomial, Scales, Threshold
+from jbw.quantities import Quantity, law_name, name_at, split
+
+@cache
+def law_at(kind: type[Law], joints: tuple[str, ...]) -> type[Law]:
+    """The kind of law with the parameters' names of the first of some joints, which share it."""
+    joint = joints[0]
+
+    def named(quantity: Quantity) -> Quantity:
+        return quantity._replace(
+            name=name_at(quantity.name, joint), symbol=f"{quantity.symbol} {joint}",
+            unit=_unit(quantity), meaning=f"{quantity.meaning}, {joint}",
+        )  # fmt: skip
+
+    def monomial(product: Monomial) -> Monomial:
+        powers = {name_at(name, joint): power for name, power in product.powers.items()}
+        return Monomial(named(product.quantity), powers)
+
+    def plain(theta: Mapping[str, Any]) -> dict[str, Any]:
+        return {name: theta[name_at(name, joint)] for name in kind.names()}
+
+    class AtJoints(kind):
+        """The law of its kind, by the parameters' names at a joint."""
+
+        name = law_name(kind.name, joints)
+        table = tuple(named(quantity) for quantity in kind.table)
+        products = tuple(monomial(product) for product in kind.products)
+        coordinates = {}
+
+        @classmethod
+        def build(cls, theta: Mapping[str, Any]) -> Self:
+            """The law from a dictionary of its parameters at the joint."""
+            return _of_kind(cls, kind.build(plain(theta)))
+
+        @classmethod
+        def unnamed(cls, theta: Mapping[str, Any]) -> Law:
+            """The same as a law of its kind, which programs that step it share."""
+            return kind.build(plain(theta))
+
+        def parameters(self) -> dict[str, Any]:
+            """Values of the parameters by their names at the joint."""
+            own = _of_kind(kind, self).parameters()
+            return {name_at(name, joint): value for name, value in own.items()}
+
+        @classmethod
+        def prior(cls, scales: Scales) -> Bounds:
+            """Bounds by the joint's scales: the root of its stiffness for omega_n, its motion."""
+            return {name_at(name, joint): pair for name, pair in kind.prior(scales).items()}
+
+        @classmethod
+        def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
+            """A warning about the joint's bounds, or None."""
+            return kind.caution(plain(bounds), y_peak)
+
+        def powers_of_length(self) -> dict[str, Any]:
+            """Powers of length by the names at the joint."""
+            own = _of_kind(kind, self).powers_of_length()
+            return {name_at(name, joint): value for name, value in own.items()}
+
+        def thresholds(self) -> tuple[Threshold, ...]:
+            """None: they are motions of the joint, which records of responses do not measure."""
+            return ()
+
+    AtJoints.__name__ = AtJoints.__qualname__ = kind.__name__
+    return AtJoints
+
+
+def _of_kind[Kind: Law](kind: type[Kind], law: Law) -> Kind:
+    """A law with the same numbers, of another class of the same fields."""
+    same = object.__new__(kind)
+    for field in fields(law):
+        object.__setattr__(same, field.name, getattr(law, field.name))
+    return same
+
+
+def _unit(quantity: Quantity) -> str:
+    """Unit at a joint, whose force is in newtons: that per unit mass [kg], `1/s^2` is `N/m`."""
+    return _PER_MASS.get(quantity.unit, quantity.unit)
+
+
+_PER_MASS = {
+    "1/s^2": "N/m",
+    "1/(m s^2)": "N/m^2",
+    "1/(m^2 s^2)": "N/m^3",
+    "1/(m^4 s^2)": "N/m^5",
+    "N/kg": "N",
+}
+
+
+def resolved(name: str, law_named: Callable[[str], type[Law]]) -> type[Law]:
+    """The kind of law of a name with joints in it."""
+    plain, joints = split(name)
+    return law_at(law_named(plain), joints)

@@ -1,0 +1,153 @@
+r"""A structure with several joints by the names of its parameters, as a campaign's posterior has them.
+
+Frequencies and damping ratios of the modes that tests drive come first, under their usual names;
+everything else is of the reduced model, and held:
+
+$$\ddot q_i + 2\zeta_i\omega_i\dot q_i + \omega_i^2q_i + \sum_jH_{ji}r_j = \frac{g}{b_1c_1}b_iu,
+  \qquad x_j = \sum_iH_{ji}q_i, \qquad y_o = \sum_ic_{oi}q_i$$
+
+`push_i` is b_i, `seen_i` is c_i of the first point, `seen_i@tip` that of another one, and
+`motion_i@bolt_1` is H_ji. `model_omega_i` and `model_zeta_i` are of the reduced model, and hold for
+modes after those that are driven, residual ones among them. The `gain` g is that of the first mode, as in a structure of
+one joint: g = b_1 c_1 where the source is a force. `stiffness@bolt_1` is k_j in full stick.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float
+
+from jbw.oscillator.law import Law
+from jbw.oscillator.laws import laws_named
+from jbw.oscillator.modes.structure import Structure
+from jbw.quantities import joints_of, name_at, split
+
+PUSH, SEEN, MOTION, STIFFNESS = "push", "seen", "motion", "stiffness"
+OMEGA, ZETA = "model_omega", "model_zeta"
+
+
+def numbered(name: str, mode: int) -> str:
+    """Name of a mode's number; `mode` is 1 for the first."""
+    return f"{name}_{mode}"
+
+
+FIRST_PUSH = numbered(PUSH, 1)
+
+
+def held_numbers(
+    omega: Float[np.ndarray, " mode"],
+    zeta: Float[np.ndarray, " mode"],
+    H: Mapping[str, Float[np.ndarray, " mode"]],
+    stiffness: Mapping[str, float],
+    b: Float[np.ndarray, " mode"],
+    c: Mapping[str, Float[np.ndarray, " mode"]],
+) -> dict[str, float]:
+    """Numbers of a reduced model by name, modes that tests drive first.
+
+    Args:
+        omega: Natural frequencies [rad/s].
+        zeta: Damping ratios [-].
+        H: Motion of every joint by its label.
+        stiffness: Of every joint in full stick by its label [N/m].
+        b: What the input does to each mode.
+        c: What each point sees, by its name; the first one's is empty.
+    """
+    numbers: dict[str, float] = {}
+    for i in range(len(omega)):
+        mode = i + 1
+        numbers |= {numbered(OMEGA, mode): omega[i], numbered(ZETA, mode): zeta[i]}
+        numbers[numbered(PUSH, mode)] = b[i]
+        numbers |= {seen_name(mode, point): row[i] for point, row in c.items()}
+        numbers |= {motion_name(mode, joint): row[i] for joint, row in H.items()}
+    numbers |= {name_at(STIFFNESS, joint): k for joint, k in stiffness.items()}
+    return {name: float(value) for name, value in numbers.items()}
+
+
+def seen_name(mode: int, point: str = "") -> str:
+    """Name of what a point sees of a mode."""
+    return name_at(numbered(SEEN, mode), point) if point else numbered(SEEN, mode)
+
+
+def motion_name(mode: int, joint: str) -> str:
+    """Name of a joint's motion in a mode."""
+    return name_at(numbered(MOTION, mode), joint)
+
+
+def is_assembled(names: Any) -> bool:
+    """Whether names of parameters are those of a structure with several joints."""
+    return FIRST_PUSH in names
+
+
+def num_modes(theta: Mapping[str, Any]) -> int:
+    """Number of modes, residual ones among them."""
+    return next(i for i in range(1, len(theta) + 2) if numbered(PUSH, i) not in theta) - 1
+
+
+def rows(theta: Mapping[str, Any], names: Sequence[str]) -> Float[Array, " mode"]:
+    """Numbers of all modes by their names."""
+    return jnp.stack(jnp.broadcast_arrays(*(jnp.asarray(theta[name], float) for name in names)))
+
+
+def assembled_structure(
+    theta: Mapping[str, Any],
+    laws: tuple[str, ...],
+    driven: Sequence[tuple[str, ...]],
+) -> Structure:
+    """The structure of a dictionary of parameters.
+
+    Args:
+        theta: The parameters.
+        laws: Names of the joints' laws; without any, the joints stick.
+        driven: Names of frequency and damping of the modes that tests may drive, in order.
+    """
+    modes = range(1, num_modes(theta) + 1)
+    own = [pair for pair in driven if pair[0] in theta]
+    omega, zeta = (
+        rows(theta, [*(pair[k] for pair in own), *(numbered(name, i) for i in modes[len(own) :])])
+        for k, name in enumerate((OMEGA, ZETA))
+    )
+    joints = joints_of(laws) or joints_in(theta)[:1]
+    H = jnp.stack([rows(theta, [motion_name(i, joint) for i in modes]) for joint in joints])
+    b = rows(theta, [numbered(PUSH, i) for i in modes])
+    c = rows(theta, [seen_name(i) for i in modes])
+    b = b / (b[0] * theta[seen_name(1)])
+    of_joints = tuple(laws_at(theta, laws, joint) for joint in joints)
+    return Structure(omega, zeta, H, H.T, b, c, of_joints)
+
+
+def seen_by(theta: Mapping[str, Any]) -> Float[Array, "point mode"]:
+    """What every point sees of all modes, the first point's row first."""
+    modes, stem = range(1, num_modes(theta) + 1), seen_name(1, "") + "@"
+    points = ["", *(name.removeprefix(stem) for name in theta if name.startswith(stem))]
+    return jnp.stack([rows(theta, [seen_name(i, point) for i in modes]) for point in points])
+
+
+def laws_at(theta: Mapping[str, Any], laws: tuple[str, ...], joint: str) -> tuple[Law, ...]:
+    """The laws of one joint."""
+    kinds: Any = laws_named(laws)
+    return tuple(
+        kind.unnamed(theta)
+        for name, kind in zip(laws, kinds, strict=True)
+        if joint in split(name)[1]
+    )
+
+
+def joints_in(theta: Mapping[str, Any]) -> tuple[str, ...]:
+    """Labels of all joints of a dictionary of parameters, with laws or without."""
+    stem = motion_name(1, "")
+    return tuple(name.removeprefix(stem) for name in theta if name.startswith(stem))
+
+
+def first_mode_laws(theta: Mapping[str, Any], laws: tuple[str, ...]) -> tuple[Law, ...]:
+    r"""The joints' laws as the first mode feels them, by the displacement y of the first point.
+
+    $$\ddot y + 2\zeta_1\omega_1\dot y + \omega_1^2y + \sum_jc_1H_{j1}r_j(H_{j1}y/c_1) = gu$$
+    """
+    c = theta[seen_name(1)]
+    felt = []
+    for joint in joints_of(laws):
+        h = theta[motion_name(1, joint)]
+        felt += [law.scaled(jnp.abs(h / c), h**-2.0) for law in laws_at(theta, laws, joint)]
+    return tuple(felt)
