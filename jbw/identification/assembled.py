@@ -13,7 +13,7 @@ from jbw.errors import ConfigError, DataError
 from jbw.measurement.channels import lines_within
 from jbw.measurement.records import Test, drive_of
 from jbw.observables.dataset import Dataset
-from jbw.observables.modal_readings import DRIVEN, FEWEST
+from jbw.observables.modal_readings import DRIVEN
 from jbw.observables.modes import HARDLY_SEEN, Modes, gain_shares
 from jbw.oscillator.damper import Damper
 from jbw.oscillator.law import Bounds, Scales
@@ -22,6 +22,7 @@ from jbw.oscillator.modes.assembled import STIFFNESS, held_numbers, motion_name
 from jbw.quantities import FED, label, name_at, split
 
 ASSEMBLED = "assembled"
+FEWEST = 3  # loud lines within 7 % of a mode: by fewer a source does not drive it
 
 
 def assembled_modes(

@@ -93,7 +93,8 @@ def read_campaign(campaign: Campaign, report: Report) -> ReadCampaign:
     All of this comes before anything is sampled: what is wrong with a record then costs no result.
     """
     gain = force_per_unit(campaign)
-    several = campaign.structure is not None and len(campaign.structure.modes) > 1
+    several = campaign.joints is not None
+    several |= campaign.structure is not None and len(campaign.structure.modes) > 1
     tests, left_out = usable(campaign.tests, campaign.settings, gain, several_modes=several)
     for sentence in left_out:
         report(sentence)
