@@ -6,6 +6,7 @@ from math import sqrt
 from typing import Any
 
 import numpy as np
+from jaxtyping import Float
 
 from jbw.campaign.joints import SeveralJoints
 from jbw.campaign.settings import MOST_MODES, MOST_POINTS, Identify
@@ -18,7 +19,7 @@ from jbw.observables.modes import HARDLY_SEEN, Modes, gain_shares
 from jbw.oscillator.damper import Damper
 from jbw.oscillator.law import Bounds, Scales
 from jbw.oscillator.laws import law_named
-from jbw.oscillator.modes.assembled import STIFFNESS, held_numbers, motion_name
+from jbw.oscillator.modes.assembled import STIFFNESS, held_numbers, motion_name, seen_name
 from jbw.quantities import FED, label, name_at, split
 
 ASSEMBLED = "assembled"
@@ -213,11 +214,15 @@ def joint_bounds(
 
 def _largest_motion(modes: Modes, data: Dataset, joint: str) -> float:
     """Largest motion of a joint in the modes that the first point sees [m, or rad]."""
+    numbers, amplitudes = dict(modes.numbers), largest_amplitudes(modes, data)
+    motion = [numbers[motion_name(i, joint)] for i in range(1, len(amplitudes) + 1)]
+    return float(np.nanmax(np.abs(motion) * amplitudes))
+
+
+def largest_amplitudes(modes: Modes, data: Dataset) -> Float[np.ndarray, " mode"]:
+    """Largest amplitude of every driven mode; NaN of those that the first point hardly sees."""
     numbers, shares = dict(modes.numbers), np.abs(gain_shares(modes))
     peaks = np.max([own for part in data.parts if (own := part.peaks_of_modes())], axis=0)
-    motions = [
-        abs(numbers[motion_name(i, joint)] / numbers[f"seen_{i}"]) * peak
-        for i, (peak, share) in enumerate(zip(peaks, shares, strict=True), 1)
-        if share > HARDLY_SEEN * shares.max()
-    ]
-    return float(max(motions))
+    seen = np.array([numbers[seen_name(i)] for i in range(1, len(shares) + 1)])
+    is_seen = shares > HARDLY_SEEN * shares.max()
+    return np.where(is_seen, peaks / np.where(is_seen, np.abs(seen), 1.0), np.nan)

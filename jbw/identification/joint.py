@@ -31,6 +31,8 @@ from jbw.identification.equivalent import (
     response_finding,
     within_response,
 )
+from jbw.identification.joint_answers import GROUP as JOINTS
+from jbw.identification.joint_answers import joints_finding, joints_group, joints_words
 from jbw.identification.leaving_out import (
     consistency_finding,
     fits_without_each_run,
@@ -389,6 +391,13 @@ def posterior_checks(
     if runs is not None:
         groups["runs"] = runs
         words.append(runs_sentence(runs))
+    joints = attempts.make(
+        "The shares of the joints", lambda: joints_group(posterior, data), None
+    )
+    if joints is not None:
+        groups[JOINTS] = joints
+        words += joints_words(joints)
+        findings.append(joints_finding(joints))
     sentences: dict[str, Callable[[], Iterable[str]]] = {
         "tests": lambda: [x for part in data.parts for x in part.statements(of_part(theta, part))],
         "drives": lambda: drive_sentences(theta, data),

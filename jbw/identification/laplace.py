@@ -26,6 +26,8 @@ from jbw.identification.accuracy import residual_finding
 from jbw.identification.assemble import Measured, Report, assemble
 from jbw.identification.equivalent import effects, hysteresis_finding
 from jbw.identification.joint import law_variables, seen_drag
+from jbw.identification.joint_answers import GROUP as JOINTS
+from jbw.identification.joint_answers import joints_finding, joints_group, joints_words
 from jbw.identification.prepare import Fitted, prepare
 from jbw.identification.procedure import Identification, decays_in
 from jbw.identification.step import Step, attrs
@@ -97,6 +99,10 @@ def laplace_step(key: Key[Array, ""], ready: Fitted, started: float) -> Step:
         }
     )
     tree.attrs |= {"sampler": LAPLACE, "num_chains": NUM_CHAINS, "num_samples": NUM_DRAWS}
+    joints = joints_group(tree["posterior"].to_dataset(), ready.data)
+    if joints is not None:
+        tree[JOINTS] = xr.DataTree(joints)
+    finding = joints_finding(joints)
     said = [] if ready.fit.weak is None else [f"By the fit, {ready.fit.weak.text}."]
     said += [
         f"The best fit of {parameter} lies at the {side} bound of its prior."
@@ -105,10 +111,16 @@ def laplace_step(key: Key[Array, ""], ready: Fitted, started: float) -> Step:
     return Step(
         "joint",
         tree,
-        judge([not_sampled(), *doubts_of_fit(tree["posterior"].to_dataset(), ready)]),
+        judge(
+            [
+                not_sampled(),
+                *([] if finding is None else [finding]),
+                *doubts_of_fit(tree["posterior"].to_dataset(), ready),
+            ]
+        ),
         ready.fit,
         ready.box,
-        (*ready.statements, *said),
+        (*ready.statements, *said, *joints_words(joints)),
         {name: float(value) for name, value in ready.data.held.items()},
         perf_counter() - started,
     )

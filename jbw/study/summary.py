@@ -15,6 +15,8 @@ from jbw.campaign.load import Campaign
 from jbw.identification.across_kinds import across_kinds_record
 from jbw.identification.assemble import Measured, entered, fitted_repeats
 from jbw.identification.instruments import Sensors, spread_of, with_instruments
+from jbw.identification.joint_answers import GROUP as JOINTS
+from jbw.identification.joint_answers import joints_record
 from jbw.identification.linear_step import NAMES, LinearStep, units_of
 from jbw.identification.modal import ModalFit
 from jbw.identification.procedure import Identification
@@ -65,6 +67,7 @@ def record_of(
         "predictions": _predictions(tree),
         "across_kinds": _across_kinds(tree),
         "loops": _loops(tree),
+        **_joints(tree),
         "versions": {package: version(package) for package in VERSIONED},
         "seed": order.seed,
         "inputs": input_hashes(campaign),
@@ -250,6 +253,12 @@ def _across_kinds(tree: xr.DataTree) -> dict[str, Any]:
     """How well each kind of test is predicted from the others; nothing of one kind."""
     group = node(tree, "across_kinds")
     return {} if group is None else across_kinds_record(group.to_dataset())
+
+
+def _joints(tree: xr.DataTree) -> dict[str, Any]:
+    """What each of several joints does to every mode; nothing of one."""
+    group = node(tree, JOINTS)
+    return {} if group is None else {"joints": joints_record(group.to_dataset())}
 
 
 def _known(attrs: Mapping[Any, Any], name: str) -> float | None:

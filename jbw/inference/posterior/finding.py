@@ -20,7 +20,7 @@ ASKED = {
         "simpler_model", "law_replaced", "discrepancy", "misfit", "coloured_residual", "chi_square",
         "leave_one_out", "records_apart",
     ),
-    "knowledge": ("no_joint", "unidentified", "modes", "at_bound"),
+    "knowledge": ("no_joint", "unidentified_joints", "unidentified", "modes", "at_bound"),
 }  # fmt: skip
 ASKED_BY = {code: name for name, codes in ASKED.items() for code in codes}
 

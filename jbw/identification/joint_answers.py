@@ -1,0 +1,280 @@
+r"""What several joints do to every mode that tests drive, by the posterior.
+
+A mode alone, at the largest motion a that was measured of it, moves joint j by $|H_{ji}|a$. There
+the joint's steady loop takes from the mode's stiffness and adds to its losses
+
+$$K_{ji} = H_{ji}^2\,\big(k_j - \mathrm{Re}\,\kappa_j(|H_{ji}|a)\big), \qquad
+  L_{ji} = H_{ji}^2\,\mathrm{Im}\,\kappa_j(|H_{ji}|a)$$
+
+with $\kappa_j$ the complex stiffness of its laws and $k_j$ theirs at rest. Sums over joints are what
+a mode tells; a joint by itself is identified where its own K and L are.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from jaxtyping import Array, Float
+
+from jbw.identification.assembled import ASSEMBLED, largest_amplitudes
+from jbw.inference.posterior.finding import Finding
+from jbw.inference.posterior.summary import QUANTILES
+from jbw.observables.dataset import Dataset
+from jbw.oscillator.modes.assembled import STIFFNESS, laws_at, motion_name
+from jbw.oscillator.modes.parameters import DRIVEN
+from jbw.quantities import joints_of, name_at, split
+
+GROUP = "joints"
+SPREAD = 2.0  # of the ends of a 99 % interval: a joint that is known better is identified
+NO_LOSS = 1e-9  # of what a mode's joints take from its stiffness: losses of a spring
+MAIN = 0.5  # of a mode's losses: a joint that takes more is said to damp it
+NUM_PHASES = 64  # of a loop that is kept
+
+
+def joints_group(posterior: xr.Dataset, data: Dataset) -> xr.Dataset | None:
+    """Shares of every joint in every driven mode, and what all do together; None of one joint.
+
+    Variables over `joint` and `mode`: `energy_share` in full stick, `loss_share` and
+    `softening_share` of what the joints do together, at the largest motion measured of the mode,
+    with quantiles; over `mode`: `frequency_hz`, `amplitude`, `frequency_change` and `damping_added`
+    of all joints together; over `joint`: `identified`, `motion` and `loop` at its largest motion.
+    """
+    modes = data.modes
+    if modes is None or modes.meet != ASSEMBLED or not joints_of(data.laws):
+        return None
+    names = joints_of(data.laws)
+    known = dict(modes.numbers)
+    driven = range(len(modes.hz))
+    motion = np.array([[known[motion_name(i + 1, joint)] for i in driven] for joint in names])
+    amplitude = largest_amplitudes(modes, data)
+    theta = {str(n): jnp.asarray(v.values.ravel()) for n, v in posterior.data_vars.items()
+             if v.ndim == 2}  # fmt: skip
+    softening, losses = (np.asarray(x) for x in _of_modes(
+        theta, data.laws, names, jnp.asarray(motion), jnp.asarray(amplitude)
+    ))  # fmt: skip
+    omega = np.array([_values(posterior, data, DRIVEN[i][0]) for i in driven])
+    lowered = np.sqrt(np.maximum(1 - softening.sum(axis=0) / omega**2, 0.0))
+    added = losses.sum(axis=0) / (2 * (omega * lowered) ** 2)
+    k = np.array([known[name_at(STIFFNESS, joint)] for joint in names])
+    shares = k[:, None] * motion**2 / (2 * np.pi * np.array(modes.hz)) ** 2
+    largest = np.nanmax(np.abs(motion) * amplitude, axis=1)
+    at_rest = {name: float(np.median(np.asarray(x))) for name, x in theta.items()}
+    x, force = _loops(at_rest, data.laws, names, largest)
+    return xr.Dataset(
+        {
+            "energy_share": (("joint", "mode"), shares, _words("1", "share in strain energy")),
+            "loss_share": (*_bands(_shares(losses)), _words("1", "share in the joints' losses")),
+            "softening_share": (
+                *_bands(_shares(softening)), _words("1", "share in the joints' softening"),
+            ),
+            "frequency_hz": ("mode", np.array(modes.hz), _words("Hz", "natural frequency, model")),
+            "amplitude": ("mode", amplitude, _words("m kg^0.5", "largest modal amplitude")),
+            "frequency_change": (
+                ("mode", "quantile"), _quantiles(lowered - 1), _words("1", "change by all joints"),
+            ),
+            "damping_added": (
+                ("mode", "quantile"), _quantiles(added), _words("1", "damping of all joints"),
+            ),
+            "identified": ("joint", _identified(names, data.laws, softening, losses)),
+            "motion": (("joint", "phase"), x, _words("m", "relative motion")),
+            "loop": (("joint", "phase"), force, _words("N", "force, laws at posterior medians")),
+        },
+        {"joint": list(names), "mode": [i + 1 for i in driven], "quantile": list(QUANTILES)},
+    )  # fmt: skip
+
+
+def _values(posterior: xr.Dataset, data: Dataset, name: str) -> np.ndarray:
+    """Draws of a parameter, or what it is held at."""
+    if name in posterior:
+        return posterior[name].values.ravel()
+    return np.atleast_1d(np.asarray(data.held[name]))
+
+
+@eqx.filter_jit
+def _of_modes(
+    theta: Mapping[str, Array],
+    laws: tuple[str, ...],
+    names: tuple[str, ...],
+    motion: Float[Array, "joint mode"],
+    amplitude: Float[Array, " mode"],
+) -> tuple[Float[Array, "joint mode draw"], Float[Array, "joint mode draw"]]:
+    """K and L of every joint, mode and draw."""
+
+    def at(draw: Mapping[str, Array]) -> tuple[Array, Array]:
+        rows = []
+        for joint, h in zip(names, motion, strict=True):
+            own = laws_at(draw, laws, joint)
+            loops = [law.loop(jnp.abs(h) * amplitude) for law in own]
+            at_rest = sum(law.stiffness() for law in own)
+            stiffness = sum(loop.stiffness for loop in loops)
+            rows.append((h**2 * (at_rest - stiffness), h**2 * sum(x.damping for x in loops)))
+        softening, losses = zip(*rows, strict=True)
+        return jnp.stack(softening), jnp.stack(losses)
+
+    return jax.vmap(at, out_axes=-1)(dict(theta))
+
+
+def _loops(
+    theta: Mapping[str, float],
+    laws: tuple[str, ...],
+    names: Sequence[str],
+    largest: Float[np.ndarray, " joint"],
+) -> tuple[Float[np.ndarray, "joint phase"], Float[np.ndarray, "joint phase"]]:
+    """Motion and force of every joint's laws along their steady loop."""
+    phase = np.linspace(0, np.pi, NUM_PHASES // 2, endpoint=False)
+    x, force = [], []
+    for joint, peak in zip(names, largest, strict=True):
+        down = peak * np.cos(phase)
+        falling = np.zeros_like(down)
+        for law in laws_at(theta, laws, joint):
+            tip = law.at_tip(peak)
+            falling += [float(law.force(to, -1.0, law.move(peak, tip, to - peak))) for to in down]  # pyright: ignore
+        x.append(np.concatenate([down, -down]))
+        force.append(np.concatenate([falling, -falling]))
+    return np.array(x), np.array(force)
+
+
+def _words(unit: str, meaning: str) -> dict[str, str]:
+    return {"units": unit, "long_name": meaning}
+
+
+def _shares(parts: Float[np.ndarray, "joint mode draw"]) -> Float[np.ndarray, "joint mode draw"]:
+    """Parts of every joint over their sum; NaN where nothing is."""
+    whole = parts.sum(axis=0)
+    return parts / np.where(whole != 0, whole, np.nan)
+
+
+def _quantiles(draws: Float[np.ndarray, "... draw"]) -> Float[np.ndarray, "... quantile"]:
+    return np.moveaxis(np.quantile(draws, QUANTILES, axis=-1), 0, -1)
+
+
+def _bands(draws: Float[np.ndarray, "joint mode draw"]) -> tuple[tuple[str, ...], np.ndarray]:
+    return ("joint", "mode", "quantile"), _quantiles(draws)
+
+
+def _identified(
+    names: Sequence[str],
+    laws: Sequence[str],
+    softening: Float[np.ndarray, "joint mode draw"],
+    losses: Float[np.ndarray, "joint mode draw"],
+) -> list[bool]:
+    """Whether what each joint does is known within a factor of two, in the mode that shows it best.
+
+    Joints of a tie have one law, of which either mode and joint may tell.
+    """
+    size = np.abs(np.median(softening, axis=-1)).sum(axis=0)
+    known = np.zeros(softening.shape[:2], bool)
+    for j, i in np.ndindex(known.shape):
+        has_losses = np.median(losses[j, i]) > NO_LOSS * size[i]
+        known[j, i] = _is_known(softening[j, i]) and (not has_losses or _is_known(losses[j, i]))
+    tied = {joint: split(law)[1] for law in laws for joint in split(law)[1]}
+    rows = dict(zip(names, known.any(axis=1), strict=True))
+    return [any(rows[other] for other in tied[joint]) for joint in names]
+
+
+def _is_known(draws: Float[np.ndarray, " draw"]) -> bool:
+    low, _, high = np.quantile(draws, QUANTILES)
+    low, high = (low, high) if low > 0 else (-high, -low)
+    return bool(low > 0 and high < SPREAD * low)
+
+
+def joints_words(group: xr.Dataset | None) -> list[str]:
+    """What damps each mode, what all joints do together, and which are identified; sentences."""
+    if group is None:
+        return []
+    said = []
+    for mode in group["mode"].values:
+        own = group.sel(mode=mode)
+        name = f"Mode {mode}, at {float(own['frequency_hz']):.4g} Hz,"
+        if not np.isfinite(float(own["amplitude"])):
+            said.append(f"{name} is hardly seen at the first point: shares in it are not told.")
+            continue
+        change, damping = (100 * own[n].values for n in ("frequency_change", "damping_added"))
+        said.append(
+            f"{name} at its largest motion: all joints together change its frequency by "
+            f"{change[1]:.3g} % [{change[0]:.3g}, {change[2]:.3g}] and add {damping[1]:.3g} % "
+            f"[{damping[0]:.3g}, {damping[2]:.3g}] of damping."
+        )
+        said += _who_damps(int(mode), own)
+    identified = dict(zip(group["joint"].values, group["identified"].values, strict=True))
+    named = ", ".join(str(joint) for joint, known in identified.items() if known)
+    if named:
+        said.append(f"Identified by themselves: {named}.")
+    return said
+
+
+def _who_damps(mode: int, own: xr.Dataset) -> list[str]:
+    """The joint that takes most of a mode's losses, where its interval says so."""
+    low, middle, high = (own["loss_share"].isel(quantile=i).values for i in range(3))
+    if np.all(np.isnan(middle)):
+        return []
+    first = int(np.nanargmax(middle))
+    if low[first] < MAIN:
+        return []
+    joint = str(own["joint"].values[first])
+    return [
+        f"Mode {mode} is damped by {joint} ({100 * middle[first]:.0f} % of the joints' losses, "
+        f"{100 * low[first]:.0f} to {100 * high[first]:.0f} %)."
+    ]
+
+
+def joints_finding(group: xr.Dataset | None) -> Finding | None:
+    """Whether every joint is identified by itself; None of one joint."""
+    if group is None:
+        return None
+    identified = dict(zip(group["joint"].values, group["identified"].values, strict=True))
+    unknown = [str(joint) for joint, known in identified.items() if not known]
+    if not unknown:
+        return Finding(CODE, "ok", "Every joint is identified by itself.", 0.0)
+    one = len(unknown) == 1
+    reason = (
+        f"{'Joint' if one else 'Joints'} {', '.join(unknown)} {'is' if one else 'are'} "
+        "unidentified: the tests do not tell what "
+        f"{'it does' if one else 'each does'} within a factor of two. That is no sign of a small "
+        "effect; what all joints do together to each mode is told."
+    )
+    action = "Sweep a further mode that moves it, or tie it to another joint by `same_as`."
+    return Finding(CODE, "usable", reason, float(len(unknown)), action)
+
+
+CODE = "unidentified_joints"
+
+
+def joints_record(group: xr.Dataset | None) -> dict[str, Any] | None:
+    """The same in plain values for a summary; None of one joint."""
+    if group is None:
+        return None
+    quantiles = [str(q) for q in group["quantile"].values]
+
+    def bands(row: xr.DataArray) -> dict[str, float | None]:
+        return {q: _plain(x) for q, x in zip(quantiles, row.values, strict=True)}
+
+    modes = [
+        {
+            "mode": int(mode),
+            "frequency_hz": float(group["frequency_hz"].sel(mode=mode)),
+            **{name: bands(group[name].sel(mode=mode))
+               for name in ("frequency_change", "damping_added")},
+        }
+        for mode in group["mode"].values
+    ]  # fmt: skip
+    joints = [
+        {
+            "joint": str(joint),
+            "verdict": "identified" if bool(own["identified"]) else "unidentified",
+            "energy_share": [_plain(x) for x in own["energy_share"].values],
+            **{name: [bands(own[name].sel(mode=mode)) for mode in group["mode"].values]
+               for name in ("loss_share", "softening_share")},
+        }
+        for joint, own in group.groupby("joint", squeeze=False)
+        for own in [own.squeeze("joint")]
+    ]  # fmt: skip
+    return {"modes": modes, "joints": joints}
+
+
+def _plain(x: Any) -> float | None:
+    return float(x) if np.isfinite(x) else None
