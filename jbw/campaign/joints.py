@@ -212,13 +212,14 @@ def _inseparable(separability: JointSeparability, joints: Sequence[JointTable]) 
     """Joints with laws of their own that the swept modes do not tell apart.
 
     Of one kind of law the posterior has a mode for each order of the joints: that is refused. Of
-    different kinds it is doubtful.
+    different kinds it is doubtful, and so it is of one mode, which tells the sum of all joints.
     """
+    is_sum = len(separability.modes) == 1
     leaders = [joints[group] for group in dict.fromkeys(groups_of(joints))]
     for pair in separability.inseparable:
         first, second = leaders[pair.first], leaders[pair.second]
         alike = laws_of_joint(first, joints) == laws_of_joint(second, joints)
-        make = refusal if alike else doubt
+        make = refusal if alike and not is_sum else doubt
         yield make(
             "joint",
             separability.sentence(pair),
@@ -243,7 +244,7 @@ def _too_few(separability: JointSeparability) -> Iterator[Fault]:
 
 def _reason(pair: InseparablePair, separability: JointSeparability) -> str:
     if len(separability.modes) == 1:
-        return "One mode tells one number of all joints together."
+        return "One mode tells what all joints do together, and of none what it does by itself."
     if pair.likeness == "same motion":
         return "Exchanging their laws changes no response, so that the posterior has two halves."
     return (

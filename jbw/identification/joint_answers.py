@@ -217,8 +217,8 @@ def _who_damps(mode: int, own: xr.Dataset) -> list[str]:
         return []
     joint = str(own["joint"].values[first])
     return [
-        f"Mode {mode} is damped by {joint} ({100 * middle[first]:.0f} % of the joints' losses, "
-        f"{100 * low[first]:.0f} to {100 * high[first]:.0f} %)."
+        f"Mode {mode} is damped by {joint} ({100 * middle[first]:.3g} % of the joints' losses, "
+        f"{100 * low[first]:.3g} to {100 * high[first]:.3g} %)."
     ]
 
 

@@ -1,0 +1,130 @@
+"""Two lapped beams with two bolts, swept through modes: a campaign with matrices, short enough to fit.
+
+The truth is a structure of the same reduced model under the same input, on a grid of twice as many
+steps; noise is white. What reduction itself costs is shown in tests/assembly.
+"""
+
+import numpy as np
+import scipy.io
+
+import jbw
+from jbw.campaign.joints import SeveralJoints
+from jbw.campaign.load import Campaign
+from jbw.campaign.settings import Identify
+from jbw.measurement.records import Record, Test
+from jbw.oscillator.laws.bouc_wen import BoucWenLaw
+from jbw.rig.assemblies import lapped_beams
+
+FS, DURATION, TO_HZ, ZETA = 512.0, 1.0, 120.0, 0.004
+NAMES = ("bolt 1", "bolt 2")
+LABELS = ("bolt_1", "bolt_2")
+# alpha [N/m], delta and gamma [1/m]: delta times the bolts' motion reaches 0.3 to 2.
+BOLTS = ((6e6, 3e5, 4e4), (9e6, 2e5, 6e4))
+# Band [Hz] and forces [N] of the sweeps of each mode.
+SWEEPS = {"first": ((25.0, 40.0), (0.3, 1.5)), "second": ((70.0, 105.0), (0.5, 2.5))}
+LAWS = tuple(f"bouc_wen@{label}" for label in LABELS)
+
+
+def truth(bolts=BOLTS):
+    """Parameters by the names that a campaign has for them."""
+    named = {
+        f"{name}@{label}": value
+        for label, bolt in zip(LABELS, bolts, strict=True)
+        for name, value in zip(("alpha", "delta", "gamma"), bolt, strict=True)
+    }
+    model = reduced()
+    return {
+        "omega_n": float(model.omega[0]), "omega_2": float(model.omega[1]), "zeta": ZETA,
+        "zeta_2": ZETA, **named,
+    }  # fmt: skip
+
+
+def reduced(bolts=None):
+    """Modes to 120 Hz, with laws where bolts have numbers."""
+    rig = lapped_beams()
+    laws = [()] * 2 if bolts is None else [BoucWenLaw(*numbers) for numbers in bolts]
+    return rig.with_laws(*laws).reduced(to_hz=TO_HZ, zeta=ZETA)
+
+
+def sweep(band_hz, force):
+    """A linear sweep with smooth ends, which leaves the last third to ring down."""
+    t = np.arange(int(DURATION * FS)) / FS
+    window = np.clip(t / 0.1, 0, 1) * np.clip((DURATION - t) / 0.3, 0, 1)
+    rate = (band_hz[1] - band_hz[0]) / (2 * DURATION)
+    phase = 2 * np.pi * (band_hz[0] * t + rate * t**2)
+    return force * np.sin(0.5 * np.pi * window) ** 2 * np.sin(phase)
+
+
+def records(names=tuple(SWEEPS), *, bolts=BOLTS, noise_ratio=0.01, seed=1):
+    """Force and velocity at the tip by the name of the test."""
+    structure, rng = reduced(bolts).structure(), np.random.default_rng(seed)
+    found = {}
+    for name in names:
+        band, forces = SWEEPS[name]
+        for force in forces:
+            u = sweep(band, force)
+            v = np.asarray(jbw.simulate(structure, u, FS, hold="band_limited", substeps=32).v)
+            noise = noise_ratio * np.std(v) * rng.standard_normal(v.shape)
+            found[f"{name} at {force:g} N"] = force, u, v + noise
+    return found
+
+
+def campaign(names=tuple(SWEEPS), *, laws=LAWS, settings=None, **options):
+    """The same as a campaign in memory."""
+    tests = []
+    for name, (level, u, v) in records(names, **options).items():
+        channels, units = {"force": u, "velocity": v}, {"force": "N", "velocity": "m/s"}
+        record = Record(FS, channels, units, name)
+        tests.append(Test("sweep", (record,), name, level=level, run="one"))
+    stated = Identify.of({"offsets": "none", "model_error": "none", **(settings or {})})
+    joints = SeveralJoints(reduced(), laws)
+    return Campaign("bolts", None, tuple(tests), laws=laws, joints=joints, settings=stated)
+
+
+def written(folder, names=tuple(SWEEPS), *, tie="", **options):
+    """The same as a campaign file with matrices and records; its path."""
+    rig = lapped_beams()
+    dofs = np.array([str(dof) for dof in rig.model.dofs], dtype=object)[:, None]
+    matrices = {"M": rig.model.mass, "K": rig.model.stiffness, "dofs": dofs}
+    scipy.io.savemat(folder / "beams.mat", matrices)
+    text = f"""[campaign]
+name = "bolts"
+
+[structure]
+matrices = "beams.mat"
+units = "SI"
+to_hz = {TO_HZ}
+damping = {ZETA}
+input = "1:z"
+points = {{ tip = "105:z" }}
+
+[identify]
+offsets = "none"
+model_error = "none"
+"""
+    for joint in rig.joints:
+        weights = ", ".join(f'"{dof}" = {x}' for dof, x in dict(joint.weights).items())
+        text += f"""
+[[joint]]
+name = "{joint.name}"
+weights = {{ {weights} }}
+stiffness = {joint.stiffness}
+"""
+    text += tie
+    for name, (level, u, v) in records(names, **options).items():
+        file = f"{name.replace(' ', '_')}.npz"
+        np.savez(folder / file, u=u, v=v)
+        text += f"""
+[[test]]
+name = "{name}"
+kind = "sweep"
+files = "{file}"
+channels = {{ force = "u", velocity = "v" }}
+units = {{ force = "N", velocity = "m/s" }}
+fs = {FS}
+level = {level}
+run = "one"
+"""
+    path = folder / "campaign.toml"
+    path.write_text(text)
+    return path
