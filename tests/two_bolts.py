@@ -55,15 +55,29 @@ def sweep(band_hz, force):
     return force * np.sin(0.5 * np.pi * window) ** 2 * np.sin(phase)
 
 
-def records(names=tuple(SWEEPS), *, bolts=BOLTS, noise_ratio=0.01, seed=1):
+def slipping_motion(model, u):
+    """Velocity at the tip under a force, by steps in time."""
+    motion = jbw.simulate(model.structure(), u, FS, hold="band_limited", substeps=32)
+    return np.asarray(motion.v)
+
+
+def stuck_motion(model, u):
+    """The same of joints in full stick, periodic, by the modes' frequency response."""
+    omega = 2 * np.pi * np.fft.rfftfreq(len(u), 1 / FS)[:, None]
+    compliance = 1 / (model.omega**2 - omega**2 + 2j * model.zeta * model.omega * omega)
+    response = np.sum(model.b * model.c[0] * compliance, axis=1)
+    return np.fft.irfft(1j * omega[:, 0] * response * np.fft.rfft(u), len(u))
+
+
+def records(names=tuple(SWEEPS), *, bolts=BOLTS, noise_ratio=0.01, seed=1, weaker=1.0):
     """Force and velocity at the tip by the name of the test."""
-    structure, rng = reduced(bolts).structure(), np.random.default_rng(seed)
+    model, rng = reduced(bolts), np.random.default_rng(seed)
     found = {}
     for name in names:
         band, forces = SWEEPS[name]
-        for force in forces:
+        for force in np.array(forces) / weaker:
             u = sweep(band, force)
-            v = np.asarray(jbw.simulate(structure, u, FS, hold="band_limited", substeps=32).v)
+            v = stuck_motion(model, u) if bolts is None else slipping_motion(model, u)
             noise = noise_ratio * np.std(v) * rng.standard_normal(v.shape)
             found[f"{name} at {force:g} N"] = force, u, v + noise
     return found

@@ -35,8 +35,8 @@ def opening(summary: Summary, tree: xr.DataTree) -> list[str]:
     met = [fit_sentence(summary)] if "quick" in summary else _misfits(summary)
     doubts = [messages.doubtful(doubt) for doubt in summary.get("doubts") or ()]
     units = [messages.TORSION] if _unit_of_motion(summary) == "rad" else []
-    effect = effect_sentence(summary, tree)
-    return [effect, *units, *met, _unknown(summary), *doubts, _following(summary)]
+    effect, joints = effect_sentence(summary, tree), joint_sentences(summary)
+    return [effect, *units, *joints, *met, _unknown(summary), *doubts, _following(summary)]
 
 
 def lead(summary: Summary, drawn: Sequence[str]) -> str | None:
@@ -111,7 +111,25 @@ def effect_sentence(summary: Summary, tree: xr.DataTree) -> str:
             f"{_change('natural frequency', frequency, 'Hz')} and "
             f"{_change('damping ratio', 100 * damping, '%')}"
         )
-    return messages.effect(LOW * y_peak * factor, y_peak * factor, unit, changes)
+    several = bool(summary.get("joints"))
+    return messages.effect(LOW * y_peak * factor, y_peak * factor, unit, changes, several=several)
+
+
+def joint_sentences(summary: Summary) -> list[str]:
+    """Which of several joints damps each mode, and which are not identified; nothing of one."""
+    found = summary.get("joints")
+    if not found:
+        return []
+    damped = []
+    for i, mode in enumerate(found["modes"]):
+        shares = {row["joint"]: (row["loss_share"][i] or {}).get("0.5") for row in found["joints"]}
+        known = {joint: share for joint, share in shares.items() if share is not None}
+        if known:
+            most = max(known, key=lambda joint: known[joint])
+            damped.append(messages.damped_by(mode["mode"], most, f"{100 * known[most]:.3g}"))
+    unknown = [row["joint"] for row in found["joints"] if row["verdict"] != "identified"]
+    unidentified = [messages.joints_unidentified(unknown)] if unknown else []
+    return [f"{', '.join(damped)}.".capitalize(), *unidentified] if damped else unidentified
 
 
 def _change(what: str, values: np.ndarray, unit: str) -> str:

@@ -119,6 +119,7 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
         routes=tables.routes_table(summary, quantities),
         route_words=_statements(summary.get("comparison"), quantities),
         loops=tables.loops_table(tree),
+        joints=tables.joints_table(tree),
         cycles=cycles_table((summary.get("look") or {}).get("loops") or []),
         checks=tables.checks_table(tree, quantities),
         provenance=_provenance(summary),

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from contextlib import suppress
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -279,6 +280,43 @@ def loops_table(tree: xr.DataTree) -> Table:
         Column(notes.MODEL_AREA, _interval),
         Column("bands\nmeet", _meet),
     )
+
+
+def joints_table(tree: xr.DataTree) -> Table:
+    """What each of several joints does to every mode, a row a joint and mode; no rows of one."""
+    group, rows = node(tree, "joints"), []
+    if group is not None:
+        joints = group.to_dataset()
+        for joint, mode in product(joints["joint"].values, joints["mode"].values):
+            own = joints.sel(joint=joint, mode=mode)
+            rows.append(
+                {
+                    "joint": str(joint),
+                    "mode": f"{mode}, {float(own['frequency_hz']):.4g} Hz",
+                    "energy": float(own["energy_share"]),
+                    "losses": own["loss_share"].values,
+                    "softening": own["softening_share"].values,
+                    "verdict": "identified" if bool(own["identified"]) else "unidentified",
+                }
+            )
+    return table(
+        notes.JOINTS,
+        rows,
+        words("joint", "joint", "left"),
+        words("mode", "mode", "left"),
+        Column("strain energy,\nall joints stuck", lambda row: percent(row["energy"], digits=2)),
+        Column("losses of\nall joints", lambda row: _share(row["losses"])),
+        Column("softening of\nall joints", lambda row: _share(row["softening"])),
+        words("by itself", "verdict", "left"),
+    )
+
+
+def _share(ends: np.ndarray) -> str:
+    """Median and 99 % interval of a share."""
+    if not np.all(np.isfinite(ends)):
+        return NOTHING
+    low, middle, high = (f"{100 * end:.3g}" for end in ends)
+    return f"{middle} % ({low} to {high})"
 
 
 def _measured_area(row: Summary) -> str:

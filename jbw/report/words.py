@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
 from jbw.inference.thresholds import KNOWN, LEARNT, ROUGHLY
-from jbw.quantities import RESIDUAL_TERMS, STUCK
+from jbw.quantities import RESIDUAL_TERMS, STUCK, split
 from jbw.report.messages import opening
 from jbw.report.text import NOTHING, Names, number, percent, quantity, raised, symbol
 
@@ -135,11 +135,14 @@ def identified_words(summary: Mapping[str, Any], quantities: Names) -> list[str]
     return [f"{opening.GRADES[grade]}: {'; '.join(groups[grade])}." for grade in sorted(groups)]
 
 
+def _law_words(law: str) -> str:
+    """What one law is called, a family without its number, with the joints that have it."""
+    plain, joints = split(law)
+    called = LAWS.get(plain) or LAWS.get(plain.rstrip("0123456789_")) or plain.replace("_", " ")
+    return f"{called} at {', '.join(joints)}" if joints else called
+
+
 def law_words(laws: Sequence[str]) -> str:
     """What the laws of a joint are called together; a structure without any is linear."""
-    # A family is called without its number.
-    called = [
-        LAWS.get(law) or LAWS.get(law.rstrip("0123456789_")) or law.replace("_", " ")
-        for law in laws
-    ]
+    called = [_law_words(law) for law in laws]
     return " and ".join(called) or "a linear structure"

@@ -49,9 +49,27 @@ def doubtful(doubt: str) -> str:
     return f"Doubtful: {doubt}"
 
 
-def effect(least: float, most: float, unit: str, changes: str) -> str:
-    """What the joint does between two amplitudes."""
+def effect(least: float, most: float, unit: str, changes: str, *, several: bool = False) -> str:
+    """What the joint does between two amplitudes; of several all do it to the first mode."""
+    if several:
+        return (
+            f"From {least:.2g} to {most:.2g} {unit} of motion in the first mode the sum of all "
+            f"joints {changes}."
+        )
     return f"From {least:.2g} to {most:.2g} {unit} of motion the joint {changes}."
+
+
+def damped_by(mode: int, joint: str, percent: str) -> str:
+    """The joint that takes most of what all joints lose in a mode."""
+    return f"mode {mode} is damped by {joint} ({percent} % of the joints' losses)"
+
+
+def joints_unidentified(names: Sequence[str]) -> str:
+    """Joints of which the tests do not tell what each does by itself."""
+    return (
+        f"Unidentified by themselves: {listed(names)}; what all joints do together to each mode "
+        "is told."
+    )
 
 
 def keeps_stiffness(percent: float, low: float, high: float) -> str:

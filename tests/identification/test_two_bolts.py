@@ -1,0 +1,189 @@
+"""Two bolts of two lapped beams, from sweeps of one mode or two: what is known, fitted and told."""
+
+import json
+from dataclasses import replace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import two_bolts
+from scipy import stats
+
+import jbw
+from jbw.campaign.load import load_campaign
+from jbw.campaign.settings import Identify
+from jbw.cli import run
+from jbw.errors import ConfigError
+from jbw.identification.assemble import assemble, measured_in
+from jbw.identification.coordinates import box_of
+from jbw.identification.joint_answers import joints_finding, joints_group
+from jbw.identification.laplace import fit_alone
+from jbw.inference.space.box import bounds_by_name
+from jbw.observables.drives import told_by
+from jbw.oscillator.modes.parameters import structure_of
+from jbw.oscillator.oscillator import oscillator_of
+
+RARE = 1e-4  # probability that a test of a right fit fails
+
+
+def quietly(_):
+    pass
+
+
+@pytest.fixture(scope="module")
+def stuck():
+    """Sweeps of bolts in full stick, which cost nothing."""
+    return two_bolts.campaign(bolts=None)
+
+
+@pytest.fixture(scope="module")
+def data(stuck):
+    return assemble(measured_in(stuck, quietly))
+
+
+def test_the_parameters_have_the_joints_names_and_the_model_holds_the_rest(stuck, data):
+    known = told_by(data.parts, data.held)
+    prior = box_of(stuck.settings, data, known)
+    assert set(prior.names) == set(two_bolts.truth())
+    model = two_bolts.reduced()
+    # A measured force pushes the first mode by b_1, and the tip sees it by c_1.
+    assert data.held["gain"] == pytest.approx(model.b[0] * model.c[0, 0])
+    for name, value in two_bolts.truth().items():
+        low, high = bounds_by_name(prior)[name]
+        assert low < value < high, name
+    # Lines are 1 Hz apart and noise is 1 % of the motion.
+    assert known["omega_n"] == pytest.approx(model.omega[0], rel=1e-3)
+    assert known["omega_2"] == pytest.approx(model.omega[1], rel=1e-3)
+
+
+def test_a_structure_by_names_is_the_reduced_model_with_its_laws(data):
+    theta = {**data.held, **two_bolts.truth()}
+    named = structure_of(theta, two_bolts.LAWS)
+    stated = two_bolts.reduced(two_bolts.BOLTS).structure()
+    np.testing.assert_allclose(named.omega_n, stated.omega_n, rtol=1e-12)
+    np.testing.assert_array_equal(named.h, stated.h)
+    np.testing.assert_array_equal(named.c, stated.c)
+    np.testing.assert_allclose(float(theta["gain"]) * named.b, stated.b, rtol=1e-12)
+    assert [len(laws) for laws in named.laws] == [1, 1]
+    assert named.laws[1][0].parameters() == dict(
+        zip(("alpha", "delta", "gamma"), two_bolts.BOLTS[1], strict=True)
+    )
+
+
+def test_the_first_mode_feels_the_sum_of_all_joints(data):
+    theta = {**data.held, **two_bolts.truth()}
+    model, y = two_bolts.reduced(two_bolts.BOLTS), jnp.array([1e-5, 1e-3])
+    found = oscillator_of(theta, two_bolts.LAWS).loop(y)
+    stiffness, damping = 0.0, 0.0
+    for joint, row in zip(model.joints, model.H, strict=True):
+        h, reach = row[0], abs(row[0] / model.c[0, 0])
+        loop = joint.laws[0].loop(reach * y)
+        stiffness, damping = stiffness + h**2 * loop.stiffness, damping + h**2 * loop.damping
+    np.testing.assert_allclose(found.stiffness, stiffness, rtol=1e-12)
+    np.testing.assert_allclose(found.damping, damping, rtol=1e-12)
+
+
+def test_joints_of_a_tie_share_one_set_of_parameters():
+    tied = two_bolts.campaign(("first",), laws=("bouc_wen@bolt_1=bolt_2",), bolts=None)
+    data = assemble(measured_in(tied, quietly))
+    prior = box_of(tied.settings, data, told_by(data.parts, data.held))
+    assert [name for name in prior.names if "@" in name] == [
+        f"{name}@bolt_1" for name in ("alpha", "delta", "gamma")
+    ]
+    theta = {**data.held, **{name: 1.0 for name in prior.names}}
+    named = structure_of(theta, data.laws)
+    assert named.laws[0] == named.laws[1]
+
+
+def test_prior_bounds_reach_no_further_than_the_joint_in_full_stick():
+    stated = {"prior": {"alpha@bolt_1": (1e6, 2e7)}}
+    campaign = two_bolts.campaign(("first",), settings=stated, bolts=None)
+    data = assemble(measured_in(campaign, quietly))
+    with pytest.raises(ConfigError, match="`alpha@bolt_1` must end below 1.5e"):
+        box_of(campaign.settings, data, told_by(data.parts, data.held))
+
+
+def test_too_few_steps_for_the_residual_modes_are_refused_and_the_remedy_cures():
+    campaign = two_bolts.campaign(("first",), settings={"substeps": 1}, bolts=None)
+    with pytest.raises(ConfigError, match="the residual mode at 600 Hz") as caught:
+        assemble(measured_in(campaign, quietly))
+    assert "`substeps = 8`" in caught.value.remedy
+    cured = two_bolts.campaign(("first",), settings={"substeps": 8}, bolts=None)
+    assert assemble(measured_in(cured, quietly)).parts[0].substeps == 8
+
+
+def test_other_kinds_of_tests_and_laws_are_refused(stuck):
+    decay = replace(stuck, tests=(replace(stuck.tests[0], kind="decay"),))
+    with pytest.raises(ConfigError, match="must be a sweep or a multisine") as caught:
+        measured_in(decay, quietly)
+    assert "Leave the test out" in caught.value.remedy
+    damped = ("quadratic_damping@bolt_1", "bouc_wen@bolt_2")
+    joints = replace(stuck.joints, laws=damped)
+    with pytest.raises(ConfigError, match="is a damper"):
+        measured_in(replace(stuck, laws=damped, joints=joints), quietly)
+    with pytest.raises(ConfigError, match="compare_with must be linear"):
+        settings = Identify.of({"compare_with": ["linear", "cubic"]})
+        measured_in(replace(stuck, settings=settings), quietly)
+
+
+def standardised(fit):
+    """Squared distance of the truth from a fit, in its covariance."""
+    away = np.array([fit.theta[name] - x for name, x in two_bolts.truth().items()])
+    order = [list(fit.theta).index(name) for name in two_bolts.truth()]
+    covariance = fit.covariance[np.ix_(order, order)]
+    return float(away @ np.linalg.solve(covariance, away))
+
+
+@pytest.mark.slow
+def test_a_fit_of_two_modes_finds_the_truth_of_both_bolts():
+    seen = measured_in(two_bolts.campaign(), quietly)
+    found = fit_alone(seen, seed=0, report=quietly)
+    fit = found.main.fit
+    # Of ten parameters, chi-square by chance.
+    assert standardised(fit) < stats.chi2.isf(RARE, len(fit.theta))
+    group = joints_group(found.main.posterior["posterior"].to_dataset(), found.data)
+    assert group is not None
+    assert group["identified"].values.all()
+    assert joints_finding(group).status == "ok"
+    # Energy shares are those of the model; mode 2 hardly moves the first bolt.
+    assert float(group["energy_share"].sel(joint="bolt_1", mode=2)) < 0.001
+    assert float(group["loss_share"].sel(joint="bolt_2", mode=2, quantile=0.5)) > 0.98
+
+
+@pytest.mark.slow
+def test_weak_sweeps_of_one_mode_tell_the_sum_of_the_bolts_alone():
+    bolts = (two_bolts.BOLTS[0],) * 2
+    weak = two_bolts.campaign(("first",), bolts=bolts, weaker=8.0)
+    found = fit_alone(measured_in(weak, quietly), seed=0, report=quietly)
+    group = joints_group(found.main.posterior["posterior"].to_dataset(), found.data)
+    assert group is not None
+    assert not group["identified"].values.any()
+    finding = joints_finding(group)
+    assert finding is not None
+    assert finding.status == "usable"
+    assert "bolt_1, bolt_2" in finding.reason
+    model, a = two_bolts.reduced(bolts), float(group["amplitude"].values[0])
+    lost = damping = 0.0
+    for joint, row in zip(model.joints, model.H, strict=True):
+        loop = joint.laws[0].loop(abs(row[0]) * a)
+        lost += float(row[0] ** 2 * (joint.laws[0].alpha - loop.stiffness))
+        damping += float(row[0] ** 2 * loop.damping)
+    omega2 = model.omega[0] ** 2 - lost
+    # The sum of both bolts within 2 %.
+    change = float(group["frequency_change"].sel(mode=1, quantile=0.5))
+    assert change == pytest.approx(np.sqrt(omega2) / model.omega[0] - 1, rel=0.02)
+    added = float(group["damping_added"].sel(mode=1, quantile=0.5))
+    assert added == pytest.approx(damping / (2 * omega2), rel=0.02)
+
+
+@pytest.mark.slow
+def test_a_campaign_file_is_identified_from_end_to_end(tmp_path, capsys):
+    path, out = two_bolts.written(tmp_path), tmp_path / "run"
+    run(["identify", str(path), "--quick", "--out", str(out)])
+    printed = capsys.readouterr().out
+    assert "mode 2 is damped by bolt_2" in printed.replace("\n", " ")
+    summary = json.loads((out / "summary.json").read_text())
+    assert [row["verdict"] for row in summary["joints"]["joints"]] == ["identified"] * 2
+    assert "Shares of the joints in every mode" in (out / "report.html").read_text()
+    assert jbw.load(out).posterior["alpha@bolt_1"].attrs["units"] == "N/m"
+    assert load_campaign(path).laws == two_bolts.LAWS
