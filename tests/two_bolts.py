@@ -1,4 +1,4 @@
-"""Two lapped beams with two bolts, swept through modes: a campaign with matrices, short enough to fit.
+"""Two lapped beams with two bolts, swept through two modes: a short campaign with matrices.
 
 The truth is a structure of the same reduced model under the same input, on a grid of twice as many
 steps; noise is white. What reduction itself costs is shown in tests/assembly.

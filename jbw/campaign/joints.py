@@ -291,7 +291,7 @@ def joints_of(
     if spec.assembled is None:
         return None
     _refuse_stated_twice(spec)
-    checked, faults = check_joints(spec, folder, allow_outside=allow_outside)
+    _, faults = check_joints(spec, folder, allow_outside=allow_outside)
     for fault in faults:
         if fault.severity == "error":
             raise ConfigError(fault.what, why=fault.why, remedy=fault.remedy)

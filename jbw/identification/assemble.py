@@ -78,7 +78,8 @@ def measured(
 
     `laws` are those of a campaign that names none when None, `structure` its modes where several
     meet in the joint, `gain` is what the campaign states [N/kg per unit of the input], by drive
-    where there are several, `joints` those of a structure with several, and `report` is called with one sentence at every stage.
+    where there are several, `joints` those of a structure with several,
+    and `report` is called with one sentence at every stage.
 
     Raises:
         ConfigError: If `hold_out` names no test, settings do not fit the tests, or tests of one

@@ -1,4 +1,4 @@
-"""Several joints of a reduced model: which of its modes the tests drive, and what a prior begins with."""
+"""Several joints of a reduced model: which modes the tests drive, and bounds of the laws."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -26,9 +26,7 @@ ASSEMBLED = "assembled"
 FEWEST = 3  # loud lines within 7 % of a mode: by fewer a source does not drive it
 
 
-def assembled_modes(
-    joints: SeveralJoints, tests: Sequence[Test], settings: Identify
-) -> Modes:
+def assembled_modes(joints: SeveralJoints, tests: Sequence[Test], settings: Identify) -> Modes:
     """Modes of a reduced model as a campaign's tests see them: those that are driven come first.
 
     Raises:
@@ -110,7 +108,7 @@ def _require_sources(tests: Sequence[Test]) -> None:
 
 
 def _driven_modes(reduced: Any, tests: Sequence[Test]) -> list[int]:
-    """Elastic kept modes that the sources of the tests pass through, one that is seen well first."""
+    """Elastic kept modes that the tests' sources pass through, one that is seen well first."""
     frequencies = reduced.frequencies_hz
     elastic = [i for i, hz in enumerate(frequencies) if hz > 0]
     windows = Modes(tuple(float(frequencies[i]) for i in elastic)).windows_hz
@@ -152,7 +150,7 @@ def _passes(test: Test, window_hz: tuple[float, float]) -> bool:
 
 
 def known_gain(modes: Modes | None, tests: Sequence[Test]) -> float | None:
-    """Gain of the first mode under a measured force [1/kg], which the model tells; None of others."""
+    """Gain of the first mode under a measured force [1/kg], by the model; None of others."""
     if modes is None or modes.meet != ASSEMBLED or drive_of(tests[0]) in FED:
         return None
     numbers = dict(modes.numbers)
@@ -193,7 +191,7 @@ def joint_bounds(
     numbers = dict(modes.numbers)
     bounds: Bounds = {}
     for name in data.laws:
-        plain, joints = split(name)
+        joints = split(name)[1]
         stiffness = min(numbers[name_at(STIFFNESS, joint)] for joint in joints)
         peak = max(_largest_motion(modes, data, joint) for joint in joints)
         own = law_named(name).prior(Scales(sqrt(stiffness), zeta, peak))

@@ -38,8 +38,8 @@ def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box
     scales = Scales(omega_n, known.get("zeta", 0.01), y_peak, forced)
     gain = None if "gain" in data.held else (known["gain"], min(p.gain_std() for p in parts))
     linear = any(part.is_linear for part in parts)
-    is_assembled = data.modes is not None and data.modes.meet == ASSEMBLED
-    of_one_joint = () if is_assembled else data.laws
+    several = data.modes if data.modes is not None and data.modes.meet == ASSEMBLED else None
+    of_one_joint = data.laws if several is None else ()
     prior = joint_box(settings, scales, gain, of_one_joint, linear=linear)
     own = {name: pair for name, pair in bounds_by_name(prior).items() if name not in data.held}
     if "gain" in own and not any("gain" in part.first_values() for part in parts):
@@ -47,8 +47,8 @@ def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box
     for drive in attached(data.parts):
         own |= _bounds_of(drive, settings, data, known)
     own |= _bounds_beside(settings, data, known)
-    if is_assembled and data.laws:
-        own |= joint_bounds(data.modes, data, settings.prior, scales.zeta)
+    if several is not None and data.laws:
+        own |= joint_bounds(several, data, settings.prior, scales.zeta)
     if data.modes is not None and "omega_n" in own and "omega_n" not in settings.prior:
         low, high = (2 * np.pi * hz for hz in data.modes.windows_hz[0])
         own["omega_n"] = max(own["omega_n"][0], low), min(own["omega_n"][1], high)

@@ -20,7 +20,7 @@ from jbw.inference.posterior.summary import QUANTILES, evenly_spaced
 from jbw.inference.posterior.verdict import bands_finding
 from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.oscillator import oscillator_of
-from jbw.quantities import DEFAULT_LAWS, OSCILLATOR
+from jbw.quantities import DEFAULT_LAWS, OSCILLATOR, are_at_joints
 
 NUM_DRAWS = 200
 DAMPING = "quadratic_damping"  # the law of damping that stands for none of hysteresis
@@ -123,6 +123,8 @@ def _joint_draws(
     theta = {**held, **sampled}
     if not set(names) <= set(theta):
         return None
+    if are_at_joints(laws):  # the model of their structure is held
+        names += [name for name in held if name not in names]
     return dict(zip(names, np.broadcast_arrays(*(theta[name] for name in names)), strict=True))
 
 

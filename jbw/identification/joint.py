@@ -391,9 +391,7 @@ def posterior_checks(
     if runs is not None:
         groups["runs"] = runs
         words.append(runs_sentence(runs))
-    joints = attempts.make(
-        "The shares of the joints", lambda: joints_group(posterior, data), None
-    )
+    joints = attempts.make("The shares of the joints", lambda: joints_group(posterior, data), None)
     if joints is not None:
         groups[JOINTS] = joints
         words += joints_words(joints)

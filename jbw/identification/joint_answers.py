@@ -6,8 +6,8 @@ the joint's steady loop takes from the mode's stiffness and adds to its losses
 $$K_{ji} = H_{ji}^2\,\big(k_j - \mathrm{Re}\,\kappa_j(|H_{ji}|a)\big), \qquad
   L_{ji} = H_{ji}^2\,\mathrm{Im}\,\kappa_j(|H_{ji}|a)$$
 
-with $\kappa_j$ the complex stiffness of its laws and $k_j$ theirs at rest. Sums over joints are what
-a mode tells; a joint by itself is identified where its own K and L are.
+with $\kappa_j$ the complex stiffness of its laws and $k_j$ theirs at rest. Sums over joints are
+what a mode tells; a joint by itself is identified where its own K and L are.
 """
 
 from collections.abc import Mapping, Sequence

@@ -188,7 +188,7 @@ def oscillator_of(theta: Mapping[str, Any], laws: Iterable[str | Kind]) -> Oscil
     """The oscillator of a dictionary of parameters; of several joints, as the first mode has it."""
     laws = tuple(laws)
     if are_at_joints(laws):
-        forces = first_mode_laws(theta, laws)
+        forces = first_mode_laws(theta, laws)  # pyright: ignore[reportArgumentType]
     else:
         forces = tuple(law.of(theta) for law in laws_named(laws))
     return Oscillator(theta["omega_n"], theta["zeta"], forces)

@@ -99,7 +99,7 @@ def test_prior_bounds_reach_no_further_than_the_joint_in_full_stick():
     stated = {"prior": {"alpha@bolt_1": (1e6, 2e7)}}
     campaign = two_bolts.campaign(("first",), settings=stated, bolts=None)
     data = assemble(measured_in(campaign, quietly))
-    with pytest.raises(ConfigError, match="`alpha@bolt_1` must end below 1.5e"):
+    with pytest.raises(ConfigError, match=r"`alpha@bolt_1` must end below 1\.5e"):
         box_of(campaign.settings, data, told_by(data.parts, data.held))
 
 
@@ -121,8 +121,8 @@ def test_other_kinds_of_tests_and_laws_are_refused(stuck):
     joints = replace(stuck.joints, laws=damped)
     with pytest.raises(ConfigError, match="is a damper"):
         measured_in(replace(stuck, laws=damped, joints=joints), quietly)
+    settings = Identify.of({"compare_with": ["linear", "cubic"]})
     with pytest.raises(ConfigError, match="compare_with must be linear"):
-        settings = Identify.of({"compare_with": ["linear", "cubic"]})
         measured_in(replace(stuck, settings=settings), quietly)
 
 

@@ -8,10 +8,11 @@ together, `bouc_wen@bolt_1=bolt_2`; its parameters bear the first one's name.
 from collections.abc import Callable, Mapping
 from dataclasses import fields
 from functools import cache
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
-from jbw.oscillator.law import Bounds, Law, Monomial, Scales, Threshold
+from jbw.oscillator.law import Bounds, Coordinates, Law, Monomial, Scales, Threshold
 from jbw.quantities import Quantity, law_name, name_at, split
+
 
 @cache
 def law_at(kind: type[Law], joints: tuple[str, ...]) -> type[Law]:
@@ -37,7 +38,7 @@ def law_at(kind: type[Law], joints: tuple[str, ...]) -> type[Law]:
         name = law_name(kind.name, joints)
         table = tuple(named(quantity) for quantity in kind.table)
         products = tuple(monomial(product) for product in kind.products)
-        coordinates = {}
+        coordinates: ClassVar[Mapping[str, Coordinates]] = {}
 
         @classmethod
         def build(cls, theta: Mapping[str, Any]) -> Self:

@@ -1,4 +1,4 @@
-r"""A structure with several joints by the names of its parameters, as a campaign's posterior has them.
+r"""A structure with several joints by the names of its parameters, as a posterior has them.
 
 Frequencies and damping ratios of the modes that tests drive come first, under their usual names;
 everything else is of the reduced model, and held:
@@ -8,8 +8,9 @@ $$\ddot q_i + 2\zeta_i\omega_i\dot q_i + \omega_i^2q_i + \sum_jH_{ji}r_j = \frac
 
 `push_i` is b_i, `seen_i` is c_i of the first point, `seen_i@tip` that of another one, and
 `motion_i@bolt_1` is H_ji. `model_omega_i` and `model_zeta_i` are of the reduced model, and hold for
-modes after those that are driven, residual ones among them. The `gain` g is that of the first mode, as in a structure of
-one joint: g = b_1 c_1 where the source is a force. `stiffness@bolt_1` is k_j in full stick.
+modes after those that are driven, residual ones among them. The `gain` g is that of the first mode,
+as in a structure of one joint: g = b_1 c_1 where the source is a force. `stiffness@bolt_1` is k_j
+in full stick.
 """
 
 from collections.abc import Mapping, Sequence
