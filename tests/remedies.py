@@ -39,6 +39,7 @@ LONG = CHECKS + "test_a_pasted_span_of_a_long_record_cures"
 OF_A_RUN = "test_remedies.py::test_a_line_of_a_finding_is_taken"
 PAGES = "test_remedies.py::test_a_line_of_a_page_is_taken"
 JOINTS = "campaign/test_joint_tables.py::"
+BOLTS = "identification/test_two_bolts.py::"
 PASTED = {
     ("assembly/reduce.py", "damping"): JOINTS
     + "test_damping_that_nothing_states_is_refused_and_the_remedy_cures",
@@ -47,6 +48,12 @@ PASTED = {
     ("campaign/check.py", "delay"): DRIVEN,
     ("campaign/joints.py", "same_as"): JOINTS
     + "test_label_switching_is_refused_and_the_remedy_cures",
+    ("campaign/joints.py", "shapes"): JOINTS
+    + "test_what_matrices_tell_is_refused_beside_them_and_the_remedy_cures",
+    ("identification/assembled.py", "compare_with"): BOLTS
+    + "test_springs_of_one_joint_are_no_reference_and_the_remedy_is_taken",
+    ("identification/assembled.py", "substeps"): BOLTS
+    + "test_too_few_steps_for_the_residual_modes_are_refused_and_the_remedy_cures",
     ("campaign/settings.py", "laws"): "oscillator/test_bwbn.py::"
     "test_the_remedy_of_steady_motion_is_taken",
     ("identification/accuracy.py", "laws"): OF_A_RUN,

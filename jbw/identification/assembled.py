@@ -74,7 +74,7 @@ def _require_laws(laws: Sequence[str]) -> None:
             raise ConfigError(
                 f"[[joint]] `{joints[0]}` laws: must be springs or hysteresis that no cycle "
                 f"changes, but `{plain}` {what}, which several joints do not identify yet.",
-                remedy='Put under that [[joint]]: `laws = ["bouc_wen"]`.',
+                remedy="Give the joint hysteresis such as bouc_wen, or a spring.",
             )
 
 
@@ -173,7 +173,7 @@ def with_steps(parts: Sequence, modes: Modes | None, settings: Identify) -> list
             raise ConfigError(
                 f"[identify] substeps must be {needed} at least, so that steps follow the residual "
                 f"mode at {highest / (2 * np.pi):.4g} Hz, but is {settings.substeps}.",
-                remedy=f"Put under [identify]: `substeps = {needed}`, or no `substeps` at all.",
+                remedy=f"Put under [identify]: `substeps = {needed}`, or no `substeps`.",
             )
         least = settings.substeps or max(needed, part.substeps)
         stepped.append(replace(part, substeps=least))

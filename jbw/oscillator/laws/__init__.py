@@ -11,7 +11,7 @@ from typing import Any
 
 from jbw.errors import ConfigError
 from jbw.oscillator.law import Law
-from jbw.oscillator.laws.at_joints import resolved
+from jbw.oscillator.laws.at_joints import resolved as _resolved
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
 from jbw.oscillator.laws.bouc_wen_nu import BoucWenNu
 from jbw.oscillator.laws.bwbn import BWBN as BWBN
@@ -89,7 +89,7 @@ def law_named(name: str | Kind) -> Kind:
     if name in LAWS:
         return LAWS[str(name)]
     if AT in str(name):
-        return resolved(str(name), law_named)
+        return _resolved(str(name), law_named)
     member = re.fullmatch(r"(\w+)_([1-9]\d?)", str(name))
     if member and member[1] in FAMILIES:
         return FAMILIES[member[1]](int(member[2]))
