@@ -40,6 +40,10 @@ LEFT_OUT = (
     "which no record shows: state them under [campaign] by `fs_std` and `gain_std`, and they are "
     "included."
 )
+BESIDE_MATRICES = (
+    "Intervals leave out the errors of the recorder's clock and of its sensors' calibration, "
+    "which no record shows, and those of the model's shapes."
+)
 
 
 class Factors(NamedTuple):

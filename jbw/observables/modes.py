@@ -94,6 +94,19 @@ class Modes(NamedTuple):
             found.append((low, min([(1 + WITHIN) * own, *(x for x in middles if x > own)])))
         return found
 
+    @property
+    def regions_hz(self) -> list[tuple[float, float]]:
+        """Where a motion is each mode's: nearer to its frequency than to others', from half of it.
+
+        Wider than its window, for a sweep that passes quickly has much of its motion beside it.
+        """
+        found = []
+        for own in self.hz:
+            below = [0.5 * (own + other) for other in self.hz if other < own]
+            above = [0.5 * (own + other) for other in self.hz if other > own]
+            found.append((max([0.5 * own, *below]), min([1.5 * own, *above])))
+        return found
+
 
 def with_ratios(found: Mapping[str, float]) -> dict[str, float]:
     """First values with gains of further modes over the first's, of further points likewise."""

@@ -458,7 +458,9 @@ class Records(Repeated):
         if self.modes is None or not len(own):
             return ()
         order = derivative_order(self.response)
-        return tuple(band_peak(own, self.fs, order, edges) for edges in self.modes.windows_hz)
+        is_assembled = self.modes.meet == "assembled"
+        bands = self.modes.regions_hz if is_assembled else self.modes.windows_hz
+        return tuple(band_peak(own, self.fs, order, edges) for edges in bands)
 
     def halved(self) -> Self | None:
         """The records with twice as many steps of the solver; None without a law, exact by any."""

@@ -8,7 +8,12 @@ from typing import Any
 import xarray as xr
 
 from jbw.identification.assemble import entered
-from jbw.identification.instruments import as_recorded, instruments_sentence, sensors_of
+from jbw.identification.instruments import (
+    BESIDE_MATRICES,
+    as_recorded,
+    instruments_sentence,
+    sensors_of,
+)
 from jbw.identification.procedure import Identification
 from jbw.inference.posterior.finding import Verdict
 from jbw.report.opening import opening
