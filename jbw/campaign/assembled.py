@@ -11,7 +11,7 @@ from jbw.assembly.units import SYSTEMS
 from jbw.campaign import values
 from jbw.campaign.document import Table, key, unlike
 from jbw.errors import ConfigError, did_you_mean
-from jbw.quantities import DEFAULT_LAWS
+from jbw.quantities import DEFAULT_LAWS, label, law_name
 
 FILES = ("mass", "stiffness", "damping", "dofs")
 
@@ -221,3 +221,23 @@ def groups_of(joints: Sequence[JointTable]) -> list[int]:
 def laws_of_joint(joint: JointTable, joints: Sequence[JointTable]) -> tuple[str, ...]:
     """Names of the laws of a joint, those of another where it shares them."""
     return (leader_of(joint, {other.name: other for other in joints}) or joint).laws
+
+
+def laws_by_joint(joints: Sequence[JointTable]) -> tuple[str, ...]:
+    """Names of all laws with the joints that have them: those of a tie together."""
+    groups = groups_of(joints)
+    shared = [
+        (joints[leader], [t.name for t, g in zip(joints, groups, strict=True) if g == leader])
+        for leader in dict.fromkeys(groups)
+    ]
+    labels = [label(table.name) for table in joints]
+    if len(set(labels)) < len(labels):
+        twice = next(table.name for table in joints if labels.count(label(table.name)) > 1)
+        raise ConfigError(
+            f"[[joint]] `{twice}` name: must differ from other joints' by letters or numbers.",
+            why="Its parameters bear its name with _ for what is neither.",
+            remedy="Rename one of them.",
+        )
+    return tuple(
+        law_name(law, map(label, names)) for leader, names in shared for law in leader.laws
+    )

@@ -19,13 +19,18 @@ from jbw.assembly.separability import (
     joint_separability,
     moving_modes,
 )
-from jbw.campaign.assembled import AssembledStructure, JointTable, groups_of, laws_of_joint
+from jbw.campaign.assembled import (
+    AssembledStructure,
+    JointTable,
+    groups_of,
+    laws_by_joint,
+    laws_of_joint,
+)
 from jbw.campaign.document import toml
 from jbw.campaign.files import found_files
 from jbw.campaign.schema import CampaignSpec
 from jbw.errors import ConfigError
 from jbw.measurement.checks import Fault, doubt, refusal
-from jbw.quantities import label, law_name
 
 STRUCTURE = "[structure]"
 _UNMOVED = 1e-2  # of the joint that moves most: B is a millionth
@@ -299,26 +304,6 @@ def joints_of(
     return SeveralJoints(model, laws_by_joint(spec.joints))
 
 
-def laws_by_joint(joints: Sequence[JointTable]) -> tuple[str, ...]:
-    """Names of all laws with the joints that have them: those of a tie together."""
-    groups = groups_of(joints)
-    shared = [
-        (joints[leader], [t.name for t, g in zip(joints, groups, strict=True) if g == leader])
-        for leader in dict.fromkeys(groups)
-    ]
-    labels = [label(table.name) for table in joints]
-    if len(set(labels)) < len(labels):
-        twice = next(table.name for table in joints if labels.count(label(table.name)) > 1)
-        raise ConfigError(
-            f"[[joint]] `{twice}` name: must differ from other joints' by letters or numbers.",
-            why="Its parameters bear its name with _ for what is neither.",
-            remedy="Rename one of them.",
-        )
-    return tuple(
-        law_name(law, map(label, names)) for leader, names in shared for law in leader.laws
-    )
-
-
 def _refuse_stated_twice(spec: CampaignSpec) -> None:
     """Refuse what is not read beside matrices, rather than to pass over it."""
     stated = {
@@ -362,3 +347,17 @@ def refuse_unknown_shapes(spec: CampaignSpec) -> None:
         remedy="Read with `jbw check` which joints the tests tell apart, state `matrices` under "
         "[structure], or one joint under [joint] and its modes in place of them.",
     )
+
+
+def require_one_joint(joints: SeveralJoints | None, what: str) -> None:
+    """Raise where a structure has several joints, of which something knows nothing yet.
+
+    Raises:
+        ConfigError: There are several.
+    """
+    if joints is not None:
+        raise ConfigError(
+            f"{what} must be of a structure with one joint, but the campaign has `matrices` and "
+            f"{len(joints.model.joints)} [[joint]] tables.",
+            remedy="Identify several joints by `jbw identify`; `posterior.nc` has their draws.",
+        )

@@ -7,10 +7,17 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field
 
-from jbw.campaign.assembled import AssembledStructure, JointTable, joint_errors, laws_of_joint
+from jbw.campaign.assembled import (
+    AssembledStructure,
+    JointTable,
+    joint_errors,
+    laws_by_joint,
+    laws_of_joint,
+)
 from jbw.campaign.document import Table, checked, document_of, key, refuse, text_of, unknown_tables
 from jbw.campaign.gains import differ
 from jbw.campaign.settings import (
+    MOST_MODES,
     Identify,
     JointLaws,
     Structured,
@@ -101,7 +108,13 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
     stated = "laws" in joint.model_fields_set
     laws = joint.laws if stated else laws_of(joint.laws, settings.prior)
     num_modes = 1 if structure is None else len(structure.modes)
-    errors += law_errors(laws, settings.prior, num_modes, [test.kind for test in tests])
+    of_joints = assembled is not None and joints and settings.prior
+    errors += law_errors(
+        laws_by_joint(joints) if of_joints else laws,
+        settings.prior,
+        MOST_MODES if of_joints else num_modes,
+        [test.kind for test in tests],
+    )
     if assembled is not None and not joints:
         errors.append(
             "[structure] matrices: need a [[joint]] table for every joint, but there is none."

@@ -13,7 +13,16 @@ from jbw.errors import ConfigError
 from jbw.inference.density import Density
 from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement.kinds import KINDS, Kind
-from jbw.quantities import DEFAULT_LAWS, LINEAR, MODES, POINTS, RESIDUAL_TERMS, Quantity, must_be
+from jbw.quantities import (
+    AT,
+    DEFAULT_LAWS,
+    LINEAR,
+    MODES,
+    POINTS,
+    RESIDUAL_TERMS,
+    Quantity,
+    must_be,
+)
 
 MOST_MODES = 1 + len(MODES)  # of a structure
 MOST_POINTS = len(POINTS)  # beside the first
@@ -341,7 +350,11 @@ def _out_of_bounds(prior: Prior, known: Mapping[str, Quantity]) -> Iterator[str]
 def _too_stiff(prior: Prior, known: Mapping[str, Quantity]) -> Iterator[str]:
     """Stiffnesses of the joint that reach beyond the whole, where nothing holds the structure."""
     least = prior["omega_n"][0] ** 2 if "omega_n" in prior else inf
-    shares = {name: highest for name, (_, highest) in prior.items() if known[name].is_share}
+    shares = {
+        name: highest
+        for name, (_, highest) in prior.items()
+        if known[name].is_share and AT not in name  # of several joints each has a stiffness
+    }
     stiff = [(name, highest) for name, highest in shares.items() if highest >= least]
     if not stiff and sum(shares.values()) >= least:
         stiff = [(" + ".join(shares), sum(shares.values()))]

@@ -411,7 +411,7 @@ def posterior_checks(
         "The effect of the joint", lambda: effects(posterior, data.held, y_peak, data.laws), None
     )
     if added is not None:
-        words.append(effects_sentence(added, y_peak))
+        words += [effects_sentence(added, y_peak)] if joints is None else []
         findings.append(hysteresis_finding(added, y_peak, data.laws, misses=misses))
         if findings[-1] is None:
             findings += checked(

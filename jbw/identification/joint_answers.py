@@ -10,7 +10,8 @@ with $\kappa_j$ the complex stiffness of its laws and $k_j$ theirs at rest. Sums
 what a mode tells; a joint by itself is identified where its own K and L are.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any
 
 import equinox as eqx
@@ -24,6 +25,7 @@ from jbw.identification.assembled import ASSEMBLED, largest_amplitudes
 from jbw.inference.posterior.finding import Finding
 from jbw.inference.posterior.summary import QUANTILES
 from jbw.observables.dataset import Dataset
+from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.modes.assembled import STIFFNESS, laws_at, motion_name
 from jbw.oscillator.modes.parameters import DRIVEN
 from jbw.quantities import joints_of, name_at, split
@@ -32,16 +34,22 @@ GROUP = "joints"
 SPREAD = 2.0  # of the ends of a 99 % interval: a joint that is known better is identified
 NO_LOSS = 1e-9  # of what a mode's joints take from its stiffness: losses of a spring
 MAIN = 0.5  # of a mode's losses: a joint that takes more is said to damp it
+STEP = 1e-4  # of a parameter, relative, in a difference quotient
 NUM_PHASES = 64  # of a loop that is kept
 
 
-def joints_group(posterior: xr.Dataset, data: Dataset) -> xr.Dataset | None:
+def joints_group(
+    posterior: xr.Dataset, data: Dataset, about: Mapping[str, float] | None = None
+) -> xr.Dataset | None:
     """Shares of every joint in every driven mode, and what all do together; None of one joint.
 
     Variables over `joint` and `mode`: `energy_share` in full stick, `loss_share` and
     `softening_share` of what the joints do together, at the largest motion measured of the mode,
     with quantiles; over `mode`: `frequency_hz`, `amplitude`, `frequency_change` and `damping_added`
     of all joints together; over `joint`: `identified`, `motion` and `loop` at its largest motion.
+
+    Draws of a Gaussian `about` a fit are propagated by first order: where the tests tell a sum of
+    joints alone, they leave the narrow curved valley along which it stays the same.
     """
     modes = data.modes
     if modes is None or modes.meet != ASSEMBLED or not joints_of(data.laws):
@@ -51,19 +59,20 @@ def joints_group(posterior: xr.Dataset, data: Dataset) -> xr.Dataset | None:
     driven = range(len(modes.hz))
     motion = np.array([[known[motion_name(i + 1, joint)] for i in driven] for joint in names])
     amplitude = largest_amplitudes(modes, data)
-    theta = {str(n): jnp.asarray(v.values.ravel()) for n, v in posterior.data_vars.items()
-             if v.ndim == 2}  # fmt: skip
-    softening, losses = (np.asarray(x) for x in _of_modes(
-        theta, data.laws, names, jnp.asarray(motion), jnp.asarray(amplitude)
-    ))  # fmt: skip
+    own = {quantity.name for quantity in quantities_of(data.laws)}
+    theta = {str(n): x.values.ravel() for n, x in posterior.data_vars.items() if n in own}
+    of_modes = partial(_of_modes, laws=data.laws, names=names, motion=motion, amplitude=amplitude)
+    softening, losses = (
+        of_modes(theta) if about is None else _by_first_order(of_modes, theta, about)
+    )
     omega = np.array([_values(posterior, data, DRIVEN[i][0]) for i in driven])
     lowered = np.sqrt(np.maximum(1 - softening.sum(axis=0) / omega**2, 0.0))
     added = losses.sum(axis=0) / (2 * (omega * lowered) ** 2)
     k = np.array([known[name_at(STIFFNESS, joint)] for joint in names])
     shares = k[:, None] * motion**2 / (2 * np.pi * np.array(modes.hz)) ** 2
     largest = np.nanmax(np.abs(motion) * amplitude, axis=1)
-    at_rest = {name: float(np.median(np.asarray(x))) for name, x in theta.items()}
-    x, force = _loops(at_rest, data.laws, names, largest)
+    medians = {name: float(np.median(x)) for name, x in theta.items()}
+    x, force = _loops(medians, data.laws, names, largest)
     return xr.Dataset(
         {
             "energy_share": (("joint", "mode"), shares, _words("1", "share in strain energy")),
@@ -94,17 +103,53 @@ def _values(posterior: xr.Dataset, data: Dataset, name: str) -> np.ndarray:
     return np.atleast_1d(np.asarray(data.held[name]))
 
 
-@eqx.filter_jit
 def _of_modes(
+    theta: Mapping[str, np.ndarray],
+    laws: tuple[str, ...],
+    names: tuple[str, ...],
+    motion: Float[np.ndarray, "joint mode"],
+    amplitude: Float[np.ndarray, " mode"],
+) -> Float[np.ndarray, "two joint mode draw"]:
+    """K and L of every joint, mode and draw."""
+    arrays = jax.device_put((dict(theta), motion, amplitude))
+    return np.asarray(_each_draw(arrays[0], laws, names, *arrays[1:]))
+
+
+def _by_first_order(
+    of_modes: Callable[[Mapping[str, np.ndarray]], Float[np.ndarray, "two joint mode draw"]],
+    theta: Mapping[str, np.ndarray],
+    about: Mapping[str, float],
+) -> Float[np.ndarray, "two joint mode draw"]:
+    r"""The same of draws about a fit, $f(\hat\theta) + \sum_i f_i\,\delta_i$, by differences f_i.
+
+    Steps delta are of logarithms, times the fit, where nothing is zero or changes sign.
+    """
+    fit = {name: float(about[name]) for name in theta}
+    steps = {name: STEP * (abs(value) or 1.0) for name, value in fit.items()}
+    sides = {name: np.full(2 * len(fit) + 1, value) for name, value in fit.items()}
+    for i, name in enumerate(fit):
+        sides[name][2 * i + 1] += steps[name]
+        sides[name][2 * i + 2] -= steps[name]
+    found = of_modes(sides)
+    total = np.repeat(found[..., :1], len(next(iter(theta.values()))), axis=-1)
+    for i, (name, draws) in enumerate(theta.items()):
+        slope = (found[..., 2 * i + 1] - found[..., 2 * i + 2]) / (2 * steps[name])
+        is_log = fit[name] > 0 and np.all(draws > 0)
+        moved = fit[name] * np.log(draws / fit[name]) if is_log else draws - fit[name]
+        total = total + slope[..., None] * moved
+    return total
+
+
+@eqx.filter_jit
+def _each_draw(
     theta: Mapping[str, Array],
     laws: tuple[str, ...],
     names: tuple[str, ...],
     motion: Float[Array, "joint mode"],
     amplitude: Float[Array, " mode"],
-) -> tuple[Float[Array, "joint mode draw"], Float[Array, "joint mode draw"]]:
-    """K and L of every joint, mode and draw."""
+) -> Float[Array, "two joint mode draw"]:
 
-    def at(draw: Mapping[str, Array]) -> tuple[Array, Array]:
+    def at(draw: Mapping[str, Array]) -> Array:
         rows = []
         for joint, h in zip(names, motion, strict=True):
             own = laws_at(draw, laws, joint)
@@ -112,8 +157,7 @@ def _of_modes(
             at_rest = sum(law.stiffness() for law in own)
             stiffness = sum(loop.stiffness for loop in loops)
             rows.append((h**2 * (at_rest - stiffness), h**2 * sum(x.damping for x in loops)))
-        softening, losses = zip(*rows, strict=True)
-        return jnp.stack(softening), jnp.stack(losses)
+        return jnp.stack([jnp.stack(each) for each in zip(*rows, strict=True)])
 
     return jax.vmap(at, out_axes=-1)(dict(theta))
 
@@ -208,12 +252,12 @@ def joints_words(group: xr.Dataset | None) -> list[str]:
 
 
 def _who_damps(mode: int, own: xr.Dataset) -> list[str]:
-    """The joint that takes most of a mode's losses, where its interval says so."""
+    """The identified joint that takes most of a mode's losses, where its interval says so."""
     low, middle, high = (own["loss_share"].isel(quantile=i).values for i in range(3))
     if np.all(np.isnan(middle)):
         return []
     first = int(np.nanargmax(middle))
-    if low[first] < MAIN:
+    if low[first] < MAIN or not bool(own["identified"].values[first]):
         return []
     joint = str(own["joint"].values[first])
     return [

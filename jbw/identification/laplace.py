@@ -99,7 +99,7 @@ def laplace_step(key: Key[Array, ""], ready: Fitted, started: float) -> Step:
         }
     )
     tree.attrs |= {"sampler": LAPLACE, "num_chains": NUM_CHAINS, "num_samples": NUM_DRAWS}
-    joints = joints_group(tree["posterior"].to_dataset(), ready.data)
+    joints = joints_group(tree["posterior"].to_dataset(), ready.data, ready.fit.theta)
     if joints is not None:
         tree[JOINTS] = xr.DataTree(joints)
     finding = joints_finding(joints)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from jbw.errors import DataError
 from jbw.observables.observable import OFFSETS
 from jbw.oscillator.laws import laws_named, quantities_of
-from jbw.quantities import OSCILLATOR, RESIDUAL_TERMS, Quantity
+from jbw.quantities import OSCILLATOR, RESIDUAL_TERMS, Quantity, are_at_joints
 from jbw.report.result import laws_of, read_result, unit_of
 from jbw.study.study import Study
 from jbw.verification.predicted import noise_by_label
@@ -115,6 +115,12 @@ def _unit(name: str, folder: Path | None, record: Mapping[str, Any], tree: xr.Da
             f"The run {name} has no posterior.", remedy="Identify its campaign again: jbw identify."
         )
     posterior, laws = tree["posterior"].to_dataset(), laws_of(tree)
+    if are_at_joints(laws):
+        raise DataError(
+            f"The run {name} must be of one joint, but has several.",
+            why="A population compares units by what their one joint does.",
+            remedy="Leave the run out.",
+        )
     draws, quantities = _quantities(posterior, laws)
     for quantity, values in draws.items():
         if not np.all(np.isfinite(values)):

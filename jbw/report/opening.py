@@ -20,6 +20,7 @@ from jbw.report.words import grades, unseen_hysteresis
 Summary = Mapping[str, Any]
 LOW = 0.1  # of the largest displacement fitted: where the joint hardly slips
 MOST_SHOWN = 8
+JOINT_EFFECTS = ("frequency_change", "damping_added")
 # Pictures that may stand first, and where the tree has no readings of the records; of a joint whose
 # motion is prescribed its loops.
 LEADS, UNREAD = ("backbone", "amplitude", "loops"), ("amplitude", "backbone", "loops")
@@ -35,8 +36,8 @@ def opening(summary: Summary, tree: xr.DataTree) -> list[str]:
     met = [fit_sentence(summary)] if "quick" in summary else _misfits(summary)
     doubts = [messages.doubtful(doubt) for doubt in summary.get("doubts") or ()]
     units = [messages.TORSION] if _unit_of_motion(summary) == "rad" else []
-    effect, joints = effect_sentence(summary, tree), joint_sentences(summary)
-    return [effect, *units, *joints, *met, _unknown(summary), *doubts, _following(summary)]
+    effects = joint_sentences(summary) or [effect_sentence(summary, tree)]
+    return [*effects, *units, *met, _unknown(summary), *doubts, _following(summary)]
 
 
 def lead(summary: Summary, drawn: Sequence[str]) -> str | None:
@@ -111,25 +112,39 @@ def effect_sentence(summary: Summary, tree: xr.DataTree) -> str:
             f"{_change('natural frequency', frequency, 'Hz')} and "
             f"{_change('damping ratio', 100 * damping, '%')}"
         )
-    several = bool(summary.get("joints"))
-    return messages.effect(LOW * y_peak * factor, y_peak * factor, unit, changes, several=several)
+    return messages.effect(LOW * y_peak * factor, y_peak * factor, unit, changes)
 
 
 def joint_sentences(summary: Summary) -> list[str]:
-    """Which of several joints damps each mode, and which are not identified; nothing of one."""
+    """What several joints do to each mode, which one damps it, and which are not identified.
+
+    Nothing of one joint.
+    """
     found = summary.get("joints")
     if not found:
         return []
+    effects = [
+        messages.joints_effect(mode["mode"], *(_per_cents(mode[name]) for name in JOINT_EFFECTS))
+        for mode in found["modes"]
+        if mode[JOINT_EFFECTS[0]]["0.5"] is not None
+    ]
+    unknown = [row["joint"] for row in found["joints"] if row["verdict"] != "identified"]
     damped = []
     for i, mode in enumerate(found["modes"]):
         shares = {row["joint"]: (row["loss_share"][i] or {}).get("0.5") for row in found["joints"]}
         known = {joint: share for joint, share in shares.items() if share is not None}
-        if known:
+        if known and max(known, key=lambda joint: known[joint]) not in unknown:
             most = max(known, key=lambda joint: known[joint])
             damped.append(messages.damped_by(mode["mode"], most, f"{100 * known[most]:.3g}"))
-    unknown = [row["joint"] for row in found["joints"] if row["verdict"] != "identified"]
     unidentified = [messages.joints_unidentified(unknown)] if unknown else []
-    return [f"{', '.join(damped)}.".capitalize(), *unidentified] if damped else unidentified
+    said = [messages.sentence(damped)] if damped else []
+    return [messages.at_largest_motion(effects), *said, *unidentified]
+
+
+def _per_cents(ends: Mapping[str, float]) -> str:
+    """Median and 99 % interval in per cent."""
+    low, middle, high = (f"{100 * ends[quantile]:.3g}" for quantile in ("0.005", "0.5", "0.995"))
+    return f"{middle} % [{low}, {high}]"
 
 
 def _change(what: str, values: np.ndarray, unit: str) -> str:

@@ -9,6 +9,7 @@ from typing import Any
 import jax
 import xarray as xr
 
+from jbw.campaign.joints import require_one_joint
 from jbw.campaign.load import Campaign
 from jbw.errors import ConfigError
 from jbw.identification.procedure import Report
@@ -100,6 +101,8 @@ def sbc(
         Talts et al. (2018), arXiv:1804.06788; Modrak et al. (2023), Bayesian Analysis 20, 461.
     """
     require_float64()
+    if campaign is not None:
+        require_one_joint(campaign.joints, "A calibration")
     own = _own_step(campaign, simulate, log_likelihood, prior)
     if own is not None:
         step = OWN

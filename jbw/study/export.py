@@ -15,7 +15,7 @@ from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.modes.parameters import has_further_modes
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.parameters import Material
-from jbw.quantities import OSCILLATOR, Quantity
+from jbw.quantities import OSCILLATOR, Quantity, are_at_joints, joints_of
 from jbw.report.messages import study as messages
 from jbw.study.exported_draw import (
     backbone_within,
@@ -91,6 +91,13 @@ def export(
     laws, posterior = basis.laws, basis.posterior
     draws = basis.thinned(max(2, posterior.sizes["chain"] * posterior.sizes["draw"]))
     draws.pop("gain", None)
+    if are_at_joints(laws):
+        raise DataError(
+            "A run must be of one joint to be exported, but this has joints "
+            f"{', '.join(joints_of(laws))}.",
+            remedy="Take their parameters from `summary.json`, in newtons and metres, or draws "
+            "from `posterior.nc`.",
+        )
     if has_further_modes(posterior):
         warnings.warn(
             "The run has several modes; exported are the joint and the first of them, in whose "

@@ -68,6 +68,8 @@ def with_main(
 
 def about_instruments(order: Order, read: ReadCampaign) -> str:
     """What the intervals include of the errors of sensors and clock."""
+    if order.campaign.joints is not None:
+        return BESIDE_MATRICES
     return instruments_sentence(order.campaign.instruments, sensors_of(read.measured.chosen))
 
 

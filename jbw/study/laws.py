@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
+from jbw.campaign.joints import require_one_joint
 from jbw.campaign.load import Campaign
 from jbw.identification import evidence
 from jbw.identification.assemble import Report, entered, measured_in
@@ -93,6 +94,7 @@ def compare_laws(
         DataError: A campaign with nothing to fit.
     """
     require_float64()
+    require_one_joint(campaign.joints, "A comparison of laws")
     sets = _usual(campaign) if laws is None else _chosen(laws)
     settings = campaign.settings
     seen = measured_in(campaign, report)

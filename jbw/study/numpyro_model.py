@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 
 from jbw.campaign.document import refuse
+from jbw.campaign.joints import require_one_joint
 from jbw.campaign.load import Campaign
 from jbw.campaign.settings import Identify, law_errors
 from jbw.identification.assemble import measured_in
@@ -59,6 +60,7 @@ def numpyro_model(
         DataError: Tests that the joint cannot be fitted to.
     """
     require_float64()
+    require_one_joint(campaign.joints, "A NumPyro model")
     if prior:
         campaign = _with_prior(campaign, prior)
     key = jax.random.key(campaign.settings.seed if seed is None else seed)

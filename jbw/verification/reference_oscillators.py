@@ -23,6 +23,7 @@ from jbw.observables.drives import of_drive, used_by
 from jbw.observables.loops import Loops
 from jbw.observables.observable import OFFSETS, Observable
 from jbw.observables.residual_terms import bounds, neighbours_of
+from jbw.oscillator.modes.assembled import is_assembled
 
 LAWS: dict[str, tuple[str, ...]] = {"linear": (), "cubic": ("cubic",)}
 FREELY = 1e3  # times the scatter of the joint's runs: errors here are relative and weigh little
@@ -80,7 +81,8 @@ def references(
     parts = parts or [part for part in data.parts if part.own_shifts]
     if not parts:
         return {}
-    held = {name: float(value) for name, value in data.held.items() if name in REACH}
+    of_model = is_assembled(data.held)
+    held = {name: float(value) for name, value in data.held.items() if of_model or name in REACH}
     forced = [part for part in parts if isinstance(part, Loops)]
     found: dict[str, Reference] = {}
     for kind in kinds:

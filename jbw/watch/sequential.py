@@ -14,6 +14,7 @@ import xarray as xr
 from jaxtyping import Float
 
 from jbw.campaign.gains import force_per_unit
+from jbw.campaign.joints import require_one_joint
 from jbw.campaign.load import Campaign
 from jbw.errors import ConfigError, DataError
 from jbw.identification.assemble import assemble, measured
@@ -94,6 +95,7 @@ def updated(
 
 def _fitted(study: Study, campaign: Campaign) -> tuple[Dataset, Decays, Test]:
     """What a run was fitted to, its only part, weighed as it was, and the test of its records."""
+    require_one_joint(campaign.joints, "A run that is carried from record to record")
     gain = force_per_unit(campaign)
     tests, _ = usable(campaign.tests, campaign.settings, gain)
     seen = measured(tests, campaign.settings, laws=campaign.laws, gain=gain)

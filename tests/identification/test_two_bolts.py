@@ -147,7 +147,7 @@ def test_a_fit_of_two_modes_finds_the_truth_of_both_bolts():
     fit = found.main.fit
     # Of ten parameters, chi-square by chance.
     assert standardised(fit) < stats.chi2.isf(RARE, len(fit.theta))
-    group = joints_group(found.main.posterior["posterior"].to_dataset(), found.data)
+    group = joints_group(found.main.posterior["posterior"].to_dataset(), found.data, fit.theta)
     assert group is not None
     assert group["identified"].values.all()
     assert joints_finding(group).status == "ok"
@@ -161,7 +161,8 @@ def test_weak_sweeps_of_one_mode_tell_the_sum_of_the_bolts_alone():
     bolts = (two_bolts.BOLTS[0],) * 2
     weak = two_bolts.campaign(("first",), bolts=bolts, weaker=8.0)
     found = fit_alone(measured_in(weak, quietly), seed=0, report=quietly)
-    group = joints_group(found.main.posterior["posterior"].to_dataset(), found.data)
+    posterior = found.main.posterior["posterior"].to_dataset()
+    group = joints_group(posterior, found.data, found.main.fit.theta)
     assert group is not None
     assert not group["identified"].values.any()
     finding = joints_finding(group)
@@ -178,8 +179,11 @@ def test_weak_sweeps_of_one_mode_tell_the_sum_of_the_bolts_alone():
     # The sum of both bolts within 2 %.
     change = float(group["frequency_change"].sel(mode=1, quantile=0.5))
     assert change == pytest.approx(np.sqrt(omega2) / model.omega[0] - 1, rel=0.02)
-    added = float(group["damping_added"].sel(mode=1, quantile=0.5))
-    assert added == pytest.approx(damping / (2 * omega2), rel=0.02)
+    # Damping trades with that of the structure: within four standard errors.
+    low, added, high = group["damping_added"].sel(mode=1).values
+    std = (high - low) / (2 * stats.norm.ppf(0.995))
+    assert std < 0.05 * added
+    assert added == pytest.approx(damping / (2 * omega2), abs=4 * std)
 
 
 @pytest.mark.slow
@@ -190,6 +194,10 @@ def test_a_campaign_file_is_identified_from_end_to_end(tmp_path, capsys):
     assert "mode 2 is damped by bolt_2" in printed.replace("\n", " ")
     summary = json.loads((out / "summary.json").read_text())
     assert [row["verdict"] for row in summary["joints"]["joints"]] == ["identified"] * 2
+    run(["report", str(out)])
     assert "Shares of the joints in every mode" in (out / "report.html").read_text()
+    with pytest.raises(SystemExit):
+        run(["export", str(out), "--to", "opensees"])
+    assert "must be of one joint to be exported" in capsys.readouterr().err
     assert jbw.load(out).posterior["alpha@bolt_1"].attrs["units"] == "N/m"
     assert load_campaign(path).laws == two_bolts.LAWS

@@ -77,7 +77,7 @@ def motion_name(mode: int, joint: str) -> str:
 
 
 def is_assembled(names: Any) -> bool:
-    """Whether names of parameters are those of a structure with several joints."""
+    """Whether names of parameters have the numbers of a reduced model beside them."""
     return FIRST_PUSH in names
 
 

@@ -18,7 +18,7 @@ Reference:
     Segalman (2010), SAND2010-4763, for modes with laws of their own.
 """
 
-from collections.abc import Container, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -29,7 +29,7 @@ from jbw.oscillator.laws import laws_named, quantities_of
 from jbw.oscillator.modes.assembled import assembled_structure, is_assembled, seen_by
 from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
-from jbw.quantities import MODES, POINTS, Quantity
+from jbw.quantities import AT, MODES, POINTS, Quantity
 
 
 class Names(NamedTuple):
@@ -55,9 +55,10 @@ def model_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Oscillator | St
     return structure_of(theta, laws) if has_further_modes(theta) else oscillator_of(theta, laws)
 
 
-def has_further_modes(names: Container[str]) -> bool:
+def has_further_modes(names: Any) -> bool:
     """Whether names of parameters include those of a second mode, or of several joints."""
-    return NAMES[0].omega in names or is_assembled(names)
+    at_joints = any(AT in str(name) for name in names)  # draws lack what is held
+    return NAMES[0].omega in names or is_assembled(names) or at_joints
 
 
 def structure_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Structure:

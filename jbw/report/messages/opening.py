@@ -49,14 +49,25 @@ def doubtful(doubt: str) -> str:
     return f"Doubtful: {doubt}"
 
 
-def effect(least: float, most: float, unit: str, changes: str, *, several: bool = False) -> str:
-    """What the joint does between two amplitudes; of several all do it to the first mode."""
-    if several:
-        return (
-            f"From {least:.2g} to {most:.2g} {unit} of motion in the first mode the sum of all "
-            f"joints {changes}."
-        )
+def effect(least: float, most: float, unit: str, changes: str) -> str:
+    """What the joint does between two amplitudes."""
     return f"From {least:.2g} to {most:.2g} {unit} of motion the joint {changes}."
+
+
+def joints_effect(mode: int, frequency: str, damping: str) -> str:
+    """What all joints together do to a mode at its largest motion."""
+    return f"the frequency of mode {mode} changes by {frequency} and its damping ratio by {damping}"
+
+
+def at_largest_motion(effects: Sequence[str]) -> str:
+    """The same of all modes."""
+    return f"By all joints together, at each mode's largest motion: {'; '.join(effects)}."
+
+
+def sentence(clauses: Sequence[str]) -> str:
+    """Clauses as one sentence."""
+    whole = ", ".join(clauses)
+    return f"{whole[0].upper()}{whole[1:]}."
 
 
 def damped_by(mode: int, joint: str, percent: str) -> str:
