@@ -70,8 +70,8 @@ def test_a_fleet_holds_the_logarithms_of_every_draw(tmp_path):
         assert np.allclose(held.sel(parameter="softening"), softening, rtol=1e-13)
         # NumPy's own mean and covariance of what the file holds.
         assert np.allclose(fleet["mean"].sel(unit=folder.name), held.values.mean(0), rtol=1e-14)
-        found = fleet["covariance"].sel(unit=folder.name)
-        assert np.allclose(found, np.cov(held.values.T), rtol=1e-12)
+        covariance = fleet["covariance"].sel(unit=folder.name)
+        assert np.allclose(covariance, np.cov(held.values.T), rtol=1e-12)
     assert json.loads(fleet.attrs["units"])["alpha_delta"] == "1/(m s^2)"
     assert fleet["ess"].values.tolist() == [90.0, 90.0, 90.0]
     assert fleet["verdict"].values.tolist() == ["usable"] * 3
@@ -83,10 +83,10 @@ def test_a_fleet_is_read_as_it_was_written(tmp_path):
     runs = two(tmp_path, assembly={**stated, "torque": 4.0})
     fleet = fleet_of(runs, covariates={"A": stated})
     write_fleet(tmp_path / "fleet.nc", fleet)
-    again = read_fleet(tmp_path / "fleet.nc")
-    assert again.identical(fleet)
-    assert again["torque"].values.tolist() == [8.0, 4.0]
-    assert again["assembly"].values.tolist() == ["beam 3"] * 2
+    reread = read_fleet(tmp_path / "fleet.nc")
+    assert reread.identical(fleet)
+    assert reread["torque"].values.tolist() == [8.0, 4.0]
+    assert reread["assembly"].values.tolist() == ["beam 3"] * 2
     assert not list(tmp_path.glob(".part-*"))
 
 
@@ -176,17 +176,17 @@ def test_the_command_collects_a_folder_of_runs(tmp_path, capsys):
     (tmp_path / "runs" / "C" / ".run").mkdir(parents=True)
     (tmp_path / "units.csv").write_text("run,torque,assembly\nA,8,beam\nB,4,beam\n")
     out = tmp_path / "fleet.nc"
-    asked = ["collect", tmp_path / "runs", "--out", out, "--covariates", tmp_path / "units.csv"]
-    assert run([*map(str, asked), "--json"]) == 0
+    arguments = ["collect", tmp_path / "runs", "--out", out, "--covariates", tmp_path / "units.csv"]
+    assert run([*map(str, arguments), "--json"]) == 0
     printed = capsys.readouterr()
     assert "is not finished and is omitted" in " ".join(printed.err.split())
-    found = json.loads(printed.out)
-    assert [unit["torque"] for unit in found["units"]] == [8.0, 4.0]
+    answer = json.loads(printed.out)
+    assert [unit["torque"] for unit in answer["units"]] == [8.0, 4.0]
     assert read_fleet(out)["torque"].values.tolist() == [8.0, 4.0]
 
 
 def test_the_command_says_what_is_wrong_with_a_table_of_covariates(tmp_path, capsys):
-    runs = [str(one) for one in two(tmp_path / "runs")]
+    runs = [str(folder) for folder in two(tmp_path / "runs")]
     table = tmp_path / "units.csv"
     table.write_text("unit,torque\nA,8\n")
     assert run(["collect", *runs, "--covariates", str(table)]) == 2

@@ -18,20 +18,20 @@ TABLE = {
 
 
 def test_the_table_of_designs():
-    for one in fleet_designs((2.0, 12.0)):
-        slope_sd, slope, new = TABLE[one.levels, one.assemblies]
+    for design in fleet_designs((2.0, 12.0)):
+        slope_sd, slope, new = TABLE[design.levels, design.assemblies]
         # As the table rounds.
-        assert one.slope_sd == pytest.approx(slope_sd, abs=0.006)
-        assert one.slope == pytest.approx(slope, rel=0.03)
-        assert one.new_unit == pytest.approx(new, rel=0.02)
+        assert design.slope_sd == pytest.approx(slope_sd, abs=0.006)
+        assert design.slope == pytest.approx(slope, rel=0.03)
+        assert design.new_unit == pytest.approx(new, rel=0.02)
 
 
 def test_the_slopes_interval_is_that_of_regressions():
-    (one,) = fleet_designs((2.0, 12.0), [(3, 2)])
+    (design,) = fleet_designs((2.0, 12.0), [(3, 2)])
     rng = np.random.default_rng(0)
     t = np.repeat(np.linspace(np.log(2.0), np.log(12.0), 3), 2)
     slopes = [linregress(t, rng.standard_normal(6)).slope for _ in range(2000)]
-    assert np.std(slopes) == pytest.approx(one.slope_sd, rel=0.06)  # 1.6 % counting error
+    assert np.std(slopes) == pytest.approx(design.slope_sd, rel=0.06)  # 1.6 % counting error
 
 
 @pytest.mark.parametrize("torques", [(0.0, 12.0), (12.0, 2.0), (2.0, np.inf)])

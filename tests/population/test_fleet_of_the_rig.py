@@ -41,39 +41,39 @@ def test_a_fleet_is_measured_identified_pooled_and_the_next_torque_predicted(tmp
     monkeypatch.setattr(store, "write_page", lambda summary, tree, path: path.write_text("page"))
     conditions = {"how": LAW, "fs": 256.0, "noise_ratio": 0.05}
     fleet = rig.measure_fleet(PRESET, torques=TORQUES, assemblies=2, seed=1, **conditions)
-    files = [rig.write(one, tmp_path / f"unit_{i}") for i, one in enumerate(fleet)]
+    files = [rig.write(unit, tmp_path / f"unit_{i}") for i, unit in enumerate(fleet)]
     with ThreadPoolExecutor(1) as pool:  # one process compiles but once
         outcomes = jbw.identify_many(files, tmp_path / "runs", executor=pool)
-    assert [(one.status, one.verdict) for one in outcomes] == [("done", "ok")] * 6
+    assert [(outcome.status, outcome.verdict) for outcome in outcomes] == [("done", "ok")] * 6
 
-    units = jbw.fleet_of(one.folder for one in outcomes)
+    units = jbw.fleet_of(outcome.folder for outcome in outcomes)
     assert sorted(units["torque"].values) == sorted(2 * TORQUES)
-    found = jbw.population_of(units)
-    names = found.pooled.names
-    built = np.array([coordinates(names, one) for one in fleet])
-    sd = np.sqrt(np.diagonal(found.pooled.cov, axis1=1, axis2=2))
+    population = jbw.population_of(units)
+    names = population.pooled.names
+    built = np.array([coordinates(names, unit) for unit in fleet])
+    sd = np.sqrt(np.diagonal(population.pooled.cov, axis1=1, axis2=2))
     # 30 standardised errors: one beyond 3.5 is expected in seventy fleets.
-    assert np.max(np.abs(found.pooled.mean - built) / sd) < 3.5
+    assert np.max(np.abs(population.pooled.mean - built) / sd) < 3.5
     assert list(names) == [*SLOPES]  # every unit knows alpha/omega_n^2 too
-    assert found.record["status"] == "ok"
-    assert abs(found.record["correlation"]) < 0.5
-    ratio = found.record["ratios"]["gamma/delta"]
+    assert population.record["status"] == "ok"
+    assert abs(population.record["correlation"]) < 0.5
+    ratio = population.record["ratios"]["gamma/delta"]
     assert ratio["q005"] < 0.0 < ratio["q995"]
     for name in names:
-        row = found.record["parameters"][name]["slope_torque"]
+        row = population.record["parameters"][name]["slope_torque"]
         assert row["q005"] < SLOPES[name] < row["q995"]
 
     (new,) = rig.measure_fleet(PRESET, torques=[NEW], assemblies=1, seed=7, **conditions)
-    ahead = new_coordinates(found, NEW, np.random.default_rng(0), 4000)
+    ahead = new_coordinates(population, NEW, np.random.default_rng(0), 4000)
     low, high = np.quantile(ahead, (0.005, 0.995), axis=0)
     true = coordinates(names, new)
     assert np.all((low < true) & (true < high))
-    backbone = jbw.new_backbone(found, units, NEW)
+    backbone = jbw.new_backbone(population, units, NEW)
     curve = jbw.backbone(jbw.BoucWen(**new.truth["joint"]), backbone.amplitude.values)
     for name, values in (("frequency", curve.omega / (2 * np.pi)), ("damping", curve.zeta)):
         band = backbone[name].values
         assert np.all((band[0] < values) & (values < band[-1]))
     # The band is of scatter between units, far wider than noise: it holds a unit's sweep, or not.
     strong = next(test for test in new.tests if test.name == "strong")
-    bands = jbw.new_prediction(found, units, strong, NEW)
+    bands = jbw.new_prediction(population, units, strong, NEW)
     assert bands.attrs["coverage"] > 0.97

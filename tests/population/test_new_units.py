@@ -42,30 +42,35 @@ def parameters(joint):
 
 def population(fleet, scatter, line=None):
     """Of a fleet without NUTS: its regression on ln torque, and a scatter that is given."""
-    found, root = pooled(fleet), fleet.to_dataset()
+    pooling, root = pooled(fleet), fleet.to_dataset()
     design = design_of(root["torque"].values.tolist(), root["sequence"].values.tolist())
     if line is None:
-        line = np.linalg.lstsq(design.x, found.mean, rcond=None)[0].T
-    d = len(found.names)
+        line = np.linalg.lstsq(design.x, pooling.mean, rcond=None)[0].T
+    d = len(pooling.names)
     draws = {
         "line": np.broadcast_to(line, (1, 50, *line.shape)),
         "tau": np.full((1, 50, d), scatter),
         "scatter": np.broadcast_to(scatter**2 * np.eye(d), (1, 50, d, d)),
     }
-    torque = [None if np.isnan(one) else one for one in root["torque"].values.tolist()]
+    torque = [
+        None if np.isnan(torque_of_unit) else torque_of_unit
+        for torque_of_unit in root["torque"].values.tolist()
+    ]
     record = {
         "torque": torque,
         "reference_torque": None if np.isnan(design.reference) else design.reference,
     }
-    return Population(found, design, prior_of(found.names, {}, found.mean, design), draws, record)
+    return Population(
+        pooling, design, prior_of(pooling.names, {}, pooling.mean, design), draws, record
+    )
 
 
-def series(path, own):
-    """Units of the rig's joint in series at several torques, each known to `own` of a parameter."""
+def series(path, sds):
+    """Units of the rig's joint in series at several torques, known to `sds` of a parameter."""
     rng, folders = np.random.default_rng(0), []
     for torque in TORQUES:
         true = parameters(tightened(rig.TRUTH, torque, Tightening(**QUIET)))
-        off = {name: own.get(name, 1e-4) * rng.standard_normal((2, 200)) for name in true}
+        off = {name: sds.get(name, 1e-4) * rng.standard_normal((2, 200)) for name in true}
         off["delta"] = off["delta"] - off["alpha"]  # a ridge: alpha delta, alpha gamma are known
         off["gamma"] = off["gamma"] - off["alpha"]
         draws = {name: value * np.exp(off[name]) for name, value in true.items()}
@@ -79,14 +84,14 @@ def series(path, own):
 def test_a_torque_far_away_follows_the_rig_s_law_of_a_joint_in_series(tmp_path):
     """alpha ~ T^-p by itself: no product tells it, and at full amplitude the frequency does."""
     fleet, far = series(tmp_path, {}), 40.0
-    found = population(fleet, 1e-3)
-    assert "share" in found.pooled.names
+    fleet_population = population(fleet, 1e-3)
+    assert "share" in fleet_population.pooled.names
     true = tightened(rig.TRUTH, far, Tightening(**QUIET))
-    drawn = new_units(found, fleet, far)
+    drawn = new_units(fleet_population, fleet, far)
     for name, value in parameters(true).items():
         # Scatter of 1e-3 a coordinate over 400 draws, a line that is known to 1e-4: 2e-3 at most.
         assert np.median(drawn[name]) == pytest.approx(value, rel=3e-3), name
-    band = new_backbone(found, fleet, far)
+    band = new_backbone(fleet_population, fleet, far)
     curve = jbw.backbone(true, band.amplitude.values)
     for name, values in (("frequency", curve.omega / (2 * np.pi)), ("damping", curve.zeta)):
         np.testing.assert_allclose(band[name].values[1], values, rtol=5e-3)
@@ -94,17 +99,19 @@ def test_a_torque_far_away_follows_the_rig_s_law_of_a_joint_in_series(tmp_path):
 
 def test_a_share_that_no_unit_knows_is_common_to_all_torques(tmp_path):
     fleet, far = series(tmp_path, {"alpha": 0.5}), 40.0
-    found = population(fleet, 1e-3)
-    assert "share" not in found.pooled.names
-    drawn = new_units(found, fleet, far, num=4000)
+    fleet_population = population(fleet, 1e-3)
+    assert "share" not in fleet_population.pooled.names
+    drawn = new_units(fleet_population, fleet, far, num=4000)
     true = parameters(tightened(rig.TRUTH, far, Tightening(**QUIET)))
     for name in ("delta", "gamma"):
         product = np.median(drawn["alpha"] * drawn[name])
         assert product == pytest.approx(true["alpha"] * true[name], rel=3e-3)
-    own = [fleet[f"at_{torque:g}"]["draws"].sel(parameter="share").values for torque in TORQUES]
+    shares_by_unit = [
+        fleet[f"at_{torque:g}"]["draws"].sel(parameter="share").values for torque in TORQUES
+    ]
     share = np.log(drawn["alpha"] / drawn["omega_n"] ** 2)
     # Medians of 4,000 draws of sd 0.55: four of their errors.
-    assert np.median(share) == pytest.approx(np.median(own), abs=0.05)
+    assert np.median(share) == pytest.approx(np.median(shares_by_unit), abs=0.05)
 
 
 def driven(path, gains=(15.0, 15.0), terms=({}, {}), **facts):
@@ -121,13 +128,13 @@ def driven(path, gains=(15.0, 15.0), terms=({}, {}), **facts):
 def test_units_that_do_not_scatter_predict_as_the_one_that_was_measured(tmp_path):
     folders = driven(tmp_path, terms=({"residual_upper": -2e-4},) * 2)
     fleet = fleet_of(folders)
-    own = basis_of(read_result(folders[0])[1])
-    test = planned_tones(own, (17.0, 18.5), 0.3)
-    expected = predict(own, test, Request(20))
-    found = jbw.new_prediction(population(fleet, 1e-12), fleet, test, num_draws=20)
-    assert found.attrs["y_peak_fitted"] == expected.attrs["y_peak_fitted"]
+    measured_basis = basis_of(read_result(folders[0])[1])
+    test = planned_tones(measured_basis, (17.0, 18.5), 0.3)
+    expected = predict(measured_basis, test, Request(20))
+    prediction = jbw.new_prediction(population(fleet, 1e-12), fleet, test, num_draws=20)
+    assert prediction.attrs["y_peak_fitted"] == expected.attrs["y_peak_fitted"]
     for name in ("model_magnitude", "model_magnitude_3"):
-        np.testing.assert_allclose(found[name].values, expected[name].values, rtol=1e-8)
+        np.testing.assert_allclose(prediction[name].values, expected[name].values, rtol=1e-8)
     # What scatters between units widens the band of one of them.
     wide = jbw.new_prediction(population(fleet, 0.05), fleet, test, num_draws=20)
     assert np.all(
@@ -144,11 +151,11 @@ def test_gains_are_those_of_the_measured_units(tmp_path):
     fleet = fleet_of(held)
     assert set(new_units(population(fleet, 1e-3), fleet)["gain"]) == {15.0}
     lacking = fleet_of([held[0], a_run(tmp_path / "C", inputs={"a": "C"})[0]])
-    found = population(lacking, 1e-3)
-    assert "gain" not in new_units(found, lacking)
-    test = planned_tones(basis_of(new_unit(found, lacking)), (18.0,), 0.1)
+    fleet_population = population(lacking, 1e-3)
+    assert "gain" not in new_units(fleet_population, lacking)
+    test = planned_tones(basis_of(new_unit(fleet_population, lacking)), (18.0,), 0.1)
     with pytest.raises(DataError, match="lacks gain") as caught:
-        jbw.new_prediction(found, lacking, test)
+        jbw.new_prediction(fleet_population, lacking, test)
     assert "State `gain`" in caught.value.remedy
 
 
@@ -181,10 +188,10 @@ def test_noise_and_run_scatter_of_the_units_go_with_a_new_one(tmp_path):
     basis = basis_of(new_unit(population(fleet, 1e-3), fleet))
     assert basis.scatter == (0.3, 2e-4)
     test = planned_tones(basis, (17.0, 18.5), 0.05)
-    found = predict(basis, test, Request(20))
+    prediction = predict(basis, test, Request(20))
     # The mean of both units' tests alike, 1 and 2 mm/s; none of them is this one.
-    assert found.attrs["noise_std"] == pytest.approx(1.5e-3, rel=1e-12)
-    assert found.attrs["noise"] == "mean of the fitted tests of its kind"
+    assert prediction.attrs["noise_std"] == pytest.approx(1.5e-3, rel=1e-12)
+    assert prediction.attrs["noise"] == "mean of the fitted tests of its kind"
 
 
 def test_residual_constants_scatter_as_student_s_t_says(tmp_path):
@@ -193,8 +200,8 @@ def test_residual_constants_scatter_as_student_s_t_says(tmp_path):
     terms = [{"residual_upper": u, "residual_lower": 1.0 - 2e4 * u} for u in upper]
     fleet = fleet_of(driven(tmp_path, gains=(15.0,) * 5, terms=terms))
     drawn = new_terms(fleet, np.random.default_rng(0), 4000)
-    wanted = student(4, upper.mean(), upper.std(ddof=1) * np.sqrt(1.2))
-    assert kstest(drawn["residual_upper"], wanted.cdf).pvalue > 1e-3
+    expected = student(4, upper.mean(), upper.std(ddof=1) * np.sqrt(1.2))
+    assert kstest(drawn["residual_upper"], expected.cdf).pvalue > 1e-3
     np.testing.assert_allclose(drawn["residual_lower"], 1.0 - 2e4 * drawn["residual_upper"])
 
 
@@ -209,9 +216,9 @@ def test_terms_that_not_every_unit_has_are_left_out_and_said(tmp_path):
     basis = basis_of(new_unit(population(fleet, 1e-3), fleet))
     assert "residual_upper" in basis.posterior
     assert not {*mode, "residual_lower"} & set(basis.posterior)
-    found = predict(basis, planned_tones(basis, (17.0, 18.5), 0.3), Request(20))
-    assert found.attrs["lacking"] == ", ".join(["residual_lower", *mode])
-    assert "is predicted without residual_lower" in " ".join(warnings_of(found))
+    prediction = predict(basis, planned_tones(basis, (17.0, 18.5), 0.3), Request(20))
+    assert prediction.attrs["lacking"] == ", ".join(["residual_lower", *mode])
+    assert "is predicted without residual_lower" in " ".join(warnings_of(prediction))
 
 
 CAMPAIGN = """
@@ -248,19 +255,19 @@ def test_the_tests_of_a_campaign_are_predicted_from_the_folder_of_a_population(t
     new_unit(population(fleet, 0.01), fleet).to_netcdf(folder / "population.nc", engine="h5netcdf")
     (folder / "population.json").write_text(json.dumps({"new_unit": {"torque": 8.0}}))
     file = campaign_of(tmp_path / "new")
-    asked = ["predict", str(folder), "--draws", "20", "--json", "--campaign", str(file)]
-    assert run(asked) == 0
+    arguments = ["predict", str(folder), "--draws", "20", "--json", "--campaign", str(file)]
+    assert run(arguments) == 0
     (row,) = json.loads(capsys.readouterr().out)["predictions"]
     # Units scatter by a part in a hundred about the one that was measured, bands are of that.
     assert row["test"] == "weak"
     assert row["coverage"] > 0.9
     assert row["half_width"] > 0.02
-    made = {one.name for one in (folder / "predictions").iterdir()}
-    assert made == {"predictions.nc", "predictions.json", "figures"}
+    file_names = {path.name for path in (folder / "predictions").iterdir()}
+    assert file_names == {"predictions.nc", "predictions.json", "figures"}
     assert row["y_peak"]["0.005"] < row["y_peak"]["0.995"]
     # Another torque than that of the population is refused, whatever the tests.
     file.write_text(CAMPAIGN + "[assembly]\ntorque = 12\n")
-    assert run([*asked, "--out", str(tmp_path / "again")]) == 3
+    assert run([*arguments, "--out", str(tmp_path / "again")]) == 3
     assert "tightened to 12 N m" in " ".join("".join(capsys.readouterr()).split())
 
 
@@ -271,7 +278,7 @@ def test_what_the_folder_of_a_population_cannot_predict_is_said(tmp_path, capsys
     tree = new_unit(population(fleet, 0.01), fleet)
     tree.to_netcdf(folder / "population.nc", engine="h5netcdf")
     (folder / "population.json").write_text(json.dumps({"new_unit": {"torque": 8.0}}))
-    asked = ["predict", str(folder), "--tone", "18", "--level", "0.05", "--json"]
+    arguments = ["predict", str(folder), "--tone", "18", "--level", "0.05", "--json"]
     assert run(["predict", str(folder)]) == 2
     assert "that of the unit to predict" in " ".join(capsys.readouterr().err.split())
     assert require_same_torque(folder, 8.0) == 8.0
@@ -280,5 +287,5 @@ def test_what_the_folder_of_a_population_cannot_predict_is_said(tmp_path, capsys
         require_same_torque(folder, 12.0)
     assert "jbw population FLEET --torque 12" in caught.value.remedy
     (folder / "population.nc").write_text("cut by a crash")
-    assert run([*asked, "--out", str(tmp_path / "again")]) == 3
+    assert run([*arguments, "--out", str(tmp_path / "again")]) == 3
     assert "cannot be read" in capsys.readouterr().out

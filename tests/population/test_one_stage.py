@@ -53,8 +53,8 @@ def units(monkeypatch):
 
 
 def test_its_density_is_that_of_the_records_times_the_population_s(units):
-    studies, found = units
-    wholes = measured_units(studies, found)
+    studies, population = units
+    wholes = measured_units(studies, population)
     rng = np.random.default_rng(1)
 
     def point():
@@ -62,15 +62,15 @@ def test_its_density_is_that_of_the_records_times_the_population_s(units):
         return {**z, "offset": np.array([[rng.normal()]]), "tau": np.array([rng.uniform(0.1, 0.4)])}
 
     def ours(at):
-        return float(log_density(joint_model, (wholes, found), {}, at)[0])
+        return float(log_density(joint_model, (wholes, population), {}, at)[0])
 
     def theirs(at):
         """In z, whose logit of the place of ln zeta in its box is flat in ln zeta."""
         line, tau = Y.mean() + SCALE * at["offset"][0, 0], at["tau"][0]
         total = norm(0.0, ANYWHERE / SCALE).logpdf(at["offset"][0, 0])
         total += halfnorm(scale=SCALE).logpdf(tau)
-        for k, one in enumerate(wholes):
-            x = one.mean[0] + one.root[0, 0] * at[f"z_{k}"][0]
+        for k, study in enumerate(wholes):
+            x = study.mean[0] + study.root[0, 0] * at[f"z_{k}"][0]
             place = 1.0 / (1.0 + np.exp(-x))
             log = np.log(LOWER) + np.log(UPPER / LOWER) * place
             total += np.log(place * (1.0 - place)) + norm(Y[k], S[k]).logpdf(log)
@@ -78,15 +78,17 @@ def test_its_density_is_that_of_the_records_times_the_population_s(units):
         return total
 
     points = [point() for _ in range(4)]
-    found_, wanted = ([each(at) for at in points] for each in (ours, theirs))
-    np.testing.assert_allclose(np.diff(found_), np.diff(wanted), rtol=1e-10, atol=1e-10)
+    densities, expected = ([density(at) for at in points] for density in (ours, theirs))
+    np.testing.assert_allclose(np.diff(densities), np.diff(expected), rtol=1e-10, atol=1e-10)
 
 
 @pytest.mark.slow  # compiles NUTS
 def test_its_population_is_that_of_the_quadrature(units):
-    studies, found = units
-    drawn = one_stage(studies, found)
-    exact = scattered(Y, S, np.ones((5, 1)), found.prior.mean[0], np.array([[ANYWHERE**2]]), SCALE)
+    studies, population = units
+    drawn = one_stage(studies, population)
+    exact = scattered(
+        Y, S, np.ones((5, 1)), population.prior.mean[0], np.array([[ANYWHERE**2]]), SCALE
+    )
     mean, sd = moments(exact)
     # 1,000 draws, some 200 of which count: four of their standard errors.
     assert abs(drawn["tau"].mean() - mean) < 4 * sd / np.sqrt(200)
@@ -97,12 +99,12 @@ def test_its_population_is_that_of_the_quadrature(units):
 
 
 def test_units_that_it_cannot_take_are_named(units):
-    studies, found = units
+    studies, population = units
     with pytest.raises(ConfigError, match=r"must hold the 5 units.*but holds 4"):
-        jbw.one_stage(studies[:4], found)
+        jbw.one_stage(studies[:4], population)
     saved = SimpleNamespace(identification=None, record={"campaign": "beam"})
     with pytest.raises(DataError, match="beam has no joint posterior at hand"):
-        jbw.one_stage([saved, *studies[1:]], found)
-    more = found._replace(pooled=found.pooled._replace(powers=np.array([[1.0, 1.0]])))
+        jbw.one_stage([saved, *studies[1:]], population)
+    more = population._replace(pooled=population.pooled._replace(powers=np.array([[1.0, 1.0]])))
     with pytest.raises(DataError, match="does not tell all of zeta"):
         jbw.one_stage(studies, more)

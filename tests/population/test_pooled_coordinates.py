@@ -43,9 +43,9 @@ def test_a_product_is_whole_where_its_factors_trade_up_to_their_bounds(tmp_path)
 
 
 def test_what_a_product_leaves_open_is_pooled_where_every_unit_knows_it(tmp_path):
-    known = fleet_with(tmp_path / "known", {})
-    assert pooled(known).names == ("omega_n", "zeta", "alpha_delta", "alpha_gamma", "share")
-    assert not len(pooled(known).common)
+    identified = fleet_with(tmp_path / "known", {})
+    assert pooled(identified).names == ("omega_n", "zeta", "alpha_delta", "alpha_gamma", "share")
+    assert not len(pooled(identified).common)
     alpha = 3000.0 * np.exp(0.5 * np.random.default_rng(3).standard_normal((2, 500)))
     open_ = pooled(fleet_with(tmp_path / "open", {"alpha": alpha}))
     assert open_.names == ("omega_n", "zeta", "alpha_delta", "alpha_gamma")
@@ -65,15 +65,15 @@ def test_a_summary_is_rid_of_its_run_s_prior_as_by_quadrature(tmp_path):
     alpha, delta = np.exp(mean + raw).T.reshape(2, 2, 500)
     still = {name: np.full((2, 500), value) for name, value in ONE.items()}
     fleet = fleet_with(tmp_path, {**still, "alpha": alpha, "delta": delta})
-    found = units_of_fleet(fleet, pooled(fleet, ["alpha", "alpha_delta"]))
+    units = units_of_fleet(fleet, pooled(fleet, ["alpha", "alpha_delta"]))
     # E over the posterior's normal density by the prior's delta, on a grid of 8 sd either way.
     a, b = (m + np.linspace(-8.0, 8.0, 401) * s for m, s in zip(mean, (0.2, 0.3), strict=True))
     grid = np.stack(np.meshgrid(a, b, indexing="ij"), axis=-1)
     density = multivariate_normal(mean, cov).pdf(grid) / np.exp(grid[..., 1])
     density /= density.sum()
     expected = [np.sum(density * grid[..., 0]), np.sum(density * grid.sum(-1))]
-    np.testing.assert_allclose(found.mean[1], expected, rtol=1e-10)
+    np.testing.assert_allclose(units.mean[1], expected, rtol=1e-10)
     # Some draws' own: the prior over the logarithms of what was sampled, up to a constant.
-    kept = np.linspace(0, 999, 400).astype(int)
-    log_prior = np.log(delta.ravel()[kept])
-    np.testing.assert_allclose(np.ptp(found.log_prior[1] - log_prior), 0.0, atol=1e-10)
+    thinned = np.linspace(0, 999, 400).astype(int)
+    log_prior = np.log(delta.ravel()[thinned])
+    np.testing.assert_allclose(np.ptp(units.log_prior[1] - log_prior), 0.0, atol=1e-10)

@@ -97,22 +97,22 @@ def test_slopes_and_scatters_hold_the_truth(found):
     for name, tau in spread.items():
         row = record["parameters"][name]
         assert row["scatter"]["q005"] < tau < row["scatter"]["q995"]
-    assert any("alpha_delta falls with torque" in one for one in record["statements"])
+    assert any("alpha_delta falls with torque" in statement for statement in record["statements"])
 
 
 @pytest.mark.slow  # each samples a population of its own
 def test_one_coordinate_alone_is_that_of_the_quadrature(found):
     fleet, _ = found
-    alone = jbw.population_of(fleet, parameters=["zeta"])
+    of_zeta = jbw.population_of(fleet, parameters=["zeta"])
     exact = scattered(
-        alone.pooled.mean[:, 0], np.sqrt(alone.pooled.cov[:, 0, 0]), alone.design.x,
-        alone.prior.mean[0], np.diag(alone.prior.sd[0] ** 2), float(alone.prior.tau[0]),
+        of_zeta.pooled.mean[:, 0], np.sqrt(of_zeta.pooled.cov[:, 0, 0]), of_zeta.design.x,
+        of_zeta.prior.mean[0], np.diag(of_zeta.prior.sd[0] ** 2), float(of_zeta.prior.tau[0]),
     )  # fmt: skip
     mean, sd = moments(exact)
-    tau = alone.draws["tau"].ravel()
+    tau = of_zeta.draws["tau"].ravel()
     # Monte Carlo of 2,000 draws, a few hundred of which count: five of their standard errors.
     assert abs(tau.mean() - mean) < 5 * sd / np.sqrt(300)
-    slope = alone.draws["line"][..., 0, 1].ravel()
+    slope = of_zeta.draws["line"][..., 0, 1].ravel()
     expected = np.sum(exact.weight * exact.mean[:, 1])
     assert abs(slope.mean() - expected) < 5 * slope.std() / np.sqrt(300)
 
@@ -187,28 +187,28 @@ def test_units_weighed_anew_are_rid_of_what_their_runs_took_for_a_prior(tmp_path
         draws["zeta"] = np.exp(y[k] + s**2 + s * rng.standard_normal((2, 200)))
         folders.append(a_run(tmp_path / f"unit_{k}", draws=draws, inputs={"a": f"{k}"})[0])
     fleet = fleet_of(folders)
-    found = jbw.population_of(fleet, parameters=["zeta"])
+    weighed = jbw.population_of(fleet, parameters=["zeta"])
     plain = jbw.population_of(fleet, parameters=["zeta"], summaries=True)
     exact = scattered(
-        y, np.full(num, s), found.design.x, found.prior.mean[0],
-        np.diag(found.prior.sd[0] ** 2), float(found.prior.tau[0]),
+        y, np.full(num, s), weighed.design.x, weighed.prior.mean[0],
+        np.diag(weighed.prior.sd[0] ** 2), float(weighed.prior.tau[0]),
     )  # fmt: skip
     mean = np.sum(exact.weight * exact.mean[:, 0])
     # Draws of the units move their mean by s / sqrt(16 x 400) = 0.004, those of the population, sd
     # 0.17, by some 0.006 of their mean: four of them together. The prior moved it by s^2 = 0.09.
-    for one in (found, plain):
-        assert abs(one.draws["line"][..., 0, 0].mean() - mean) < 0.03
-    assert found.draws["tau"].mean() == pytest.approx(moments(exact)[0], rel=0.1)
+    for population in (weighed, plain):
+        assert abs(population.draws["line"][..., 0, 0].mean() - mean) < 0.03
+    assert weighed.draws["tau"].mean() == pytest.approx(moments(exact)[0], rel=0.1)
     # Kish share of a unit by hand: its draws under the median population, over zeta, the prior's
     # density over ln zeta.
     logs = fleet["unit_3"]["draws"].sel(parameter="zeta").values
-    middle = np.median(found.draws["line"])
-    spread = np.sqrt(np.median(found.draws["scatter"]))
+    middle = np.median(weighed.draws["line"])
+    spread = np.sqrt(np.median(weighed.draws["scatter"]))
     w = norm.pdf(logs, middle, spread) / np.exp(logs)
     share = w.sum() ** 2 / (len(w) * np.sum(w**2))
-    assert found.record["weighed"]["unit_3"] == pytest.approx(share, rel=1e-9)
+    assert weighed.record["weighed"]["unit_3"] == pytest.approx(share, rel=1e-9)
     assert not plain.record["weighed"]
-    assert "16 of 16 units enter by reweighted draws" in " ".join(found.record["statements"])
+    assert "16 of 16 units enter by reweighted draws" in " ".join(weighed.record["statements"])
 
 
 def test_a_saturating_curve_is_an_exponential_of_slope_one():
@@ -216,9 +216,9 @@ def test_a_saturating_curve_is_an_exponential_of_slope_one():
     reference, scale, d = 5.0, 3.0, 0.02
     torque = np.array([2.0, 5.0, 12.0, 40.0])
     slope = d * reference / scale * np.exp(-reference / scale)
-    found = slope * np.asarray(saturating(torque / reference, scale / reference))
-    wanted = d * (np.exp(-reference / scale) - np.exp(-torque / scale))
-    np.testing.assert_allclose(found, wanted, rtol=1e-12, atol=1e-18)
+    curve = slope * np.asarray(saturating(torque / reference, scale / reference))
+    expected = d * (np.exp(-reference / scale) - np.exp(-torque / scale))
+    np.testing.assert_allclose(curve, expected, rtol=1e-12, atol=1e-18)
 
 
 @pytest.mark.slow  # each samples a population of its own
@@ -244,16 +244,16 @@ def test_a_frequency_that_saturates_is_predicted_beyond_the_torques(tmp_path):
     )
     far = 40.0
     drawn = {
-        name: new_coordinates(one, far, np.random.default_rng(0), 4000)[:, 0]
-        for name, one in (("bent", bent), ("power", power))
+        name: new_coordinates(population, far, np.random.default_rng(0), 4000)[:, 0]
+        for name, population in (("bent", bent), ("power", power))
     }
     low, high = np.quantile(drawn["bent"], [0.005, 0.995])
     assert low < curve(far) < high
     # The power's line overshoots: it is past the curve by several of its own scatters.
     assert np.median(drawn["power"]) - curve(far) > 3 * abs(np.median(drawn["bent"]) - curve(far))
-    told = bent.record["saturation_torque"]
-    assert told["q005"] < 2.5 < told["q995"]
-    assert saturates(["omega_n"], told) in bent.record["statements"]
+    saturation = bent.record["saturation_torque"]
+    assert saturation["q005"] < 2.5 < saturation["q995"]
+    assert saturates(["omega_n"], saturation) in bent.record["statements"]
 
 
 @pytest.mark.slow  # each samples a population of its own
@@ -274,22 +274,26 @@ def test_a_unit_is_judged_by_the_others_alone(tmp_path):
     mean = fleet.to_dataset()["mean"].copy(deep=True)
     mean[3, 1] += 1.0  # ten times the scatter, which that unit makes four times as large itself
     fleet.dataset = fleet.to_dataset().assign(mean=mean)
-    found = jbw.population_of(fleet, parameters=["zeta"], summaries=True)
-    y, s = found.pooled.mean[:, 0], np.sqrt(found.pooled.cov[:, 0, 0])
+    population = jbw.population_of(fleet, parameters=["zeta"], summaries=True)
+    y, s = population.pooled.mean[:, 0], np.sqrt(population.pooled.cov[:, 0, 0])
     # Their own prior is uniform in zeta: N(m, s^2) / e^x is N(m - s^2, s^2).
     y = y - s**2
-    prior = found.prior.mean[0], np.diag(found.prior.sd[0] ** 2), float(found.prior.tau[0])
-    for k, unit in enumerate(found.record["units"]):
+    prior = (
+        population.prior.mean[0],
+        np.diag(population.prior.sd[0] ** 2),
+        float(population.prior.tau[0]),
+    )
+    for k, unit in enumerate(population.record["units"]):
         rest = np.arange(7) != k
-        exact = scattered(y[rest], s[rest], found.design.x[rest], *prior)
+        exact = scattered(y[rest], s[rest], population.design.x[rest], *prior)
         spread = exact.tau**2 + exact.cov[:, 0, 0] + s[k] ** 2
         far = chi2.sf((y[k] - exact.mean[:, 0]) ** 2 / spread, 1)
         expected = np.sum(exact.weight * far)
         if unit != "unit_3":
-            assert found.record["belongs"][unit] == pytest.approx(expected, rel=0.2)
+            assert population.record["belongs"][unit] == pytest.approx(expected, rel=0.2)
         else:  # 1.3e-4 is the average over few of the draws; in its own scatter it has 2.8e-2
-            assert expected / 5 < found.record["belongs"][unit] < 5 * expected
-    assert outliers(["unit_3"]) in found.record["statements"]
+            assert expected / 5 < population.record["belongs"][unit] < 5 * expected
+    assert outliers(["unit_3"]) in population.record["statements"]
 
 
 def test_two_units_are_not_assessed(tmp_path, without_nuts):
@@ -309,14 +313,16 @@ def test_what_cannot_be_pooled_is_named(tmp_path, plain, without_nuts):
     same = made(tmp_path / "same", torques=(5.0, 5.0, 5.0))
     with pytest.raises(DataError, match="nothing can saturate"):
         jbw.population_of(same, saturating=["omega_n"])
-    alone = jbw.population_of(same, parameters=["zeta"])
+    of_zeta = jbw.population_of(same, parameters=["zeta"])
     with pytest.raises(DataError, match="no trend"):
-        new_units(alone, same, 8.0)
+        new_units(of_zeta, same, 8.0)
     few = fleet.copy(deep=True)
     verdict = np.array(["ok"] * 4 + ["failed"] * 2, object)
     few.dataset = fleet.to_dataset().assign(verdict=("unit", verdict))
-    said = " ".join(jbw.population_of(few).record["statements"])
-    assert "The population includes 2 of 6 units whose runs failed: unit_4 and unit_5." in said
+    statements = " ".join(jbw.population_of(few).record["statements"])
+    assert (
+        "The population includes 2 of 6 units whose runs failed: unit_4 and unit_5." in statements
+    )
     failed = made(tmp_path / "failed", torques=(2.0, 5.0, 8.0), verdict={"status": "failed"})
     with pytest.raises(DataError, match="3 of 3 runs failed") as caught:
         jbw.population_of(failed)
@@ -334,10 +340,10 @@ def test_what_cannot_be_pooled_is_named(tmp_path, plain, without_nuts):
 def test_covariates_and_units_that_are_too_few_are_refused(plain, tmp_path, capsys, without_nuts):
     """One unit in a file, a number of the tightening for some, a slope asked at one torque."""
     fleet, _ = plain
-    alone = fleet.copy(deep=True)
-    alone.dataset = fleet.to_dataset().isel(unit=[0])
+    without_covariates = fleet.copy(deep=True)
+    without_covariates.dataset = fleet.to_dataset().isel(unit=[0])
     with pytest.raises(DataError, match="One unit makes no population"):
-        jbw.population_of(alone)
+        jbw.population_of(without_covariates)
     some = fleet.copy(deep=True)
     sequence = ("unit", [1.0, 2.0, np.nan, 1.0, 2.0, 3.0])
     some.dataset = fleet.to_dataset().assign(sequence=sequence)

@@ -68,9 +68,9 @@ def test_a_wrench_that_sets_and_one_that_reads_are_told_apart():
 
 def test_ratios_runs_and_what_has_no_logarithm_are_told():
     level, rising = interval(-0.2, 0.1, 0.4), interval(0.2, 0.4, 0.6)
-    said = stated(ratios={"gamma/delta": level, "a/b": rising})
-    assert population.ratio_trend("gamma/delta", level, depends=False) in said
-    assert population.ratio_trend("a/b", rising, depends=True) in said
+    statements = stated(ratios={"gamma/delta": level, "a/b": rising})
+    assert population.ratio_trend("gamma/delta", level, depends=False) in statements
+    assert population.ratio_trend("a/b", rising, depends=True) in statements
     row = {**a_record()["parameters"]["stiffness"], "run_scatter": 0.031}
     assert population.scatter([("stiffness", 0.031, 0.2)]) in stated(parameters={"stiffness": row})
     lacking = {"gamma": ["unit_2"]}

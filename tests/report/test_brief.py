@@ -20,14 +20,17 @@ LONG = '$x_{ & </b> "quoted" 試験 \u202e' + 40 * "bolt" + " " + 30 * "a word "
 
 def texts(figure):
     """All texts that are seen, of the page, its axes and its legends."""
-    found = [*figure.texts, *(text for legend in figure.legends for text in legend.get_texts())]
+    drawn_texts = [
+        *figure.texts,
+        *(text for legend in figure.legends for text in legend.get_texts()),
+    ]
     for ax in figure.axes:
-        found += [ax.title, ax._left_title, ax.xaxis.label, ax.yaxis.label]
+        drawn_texts += [ax.title, ax._left_title, ax.xaxis.label, ax.yaxis.label]
         low, high = sorted(ax.get_xlim())
-        found += [t.label1 for t in ax.xaxis.get_major_ticks() if low <= t.get_loc() <= high]
+        drawn_texts += [t.label1 for t in ax.xaxis.get_major_ticks() if low <= t.get_loc() <= high]
         low, high = sorted(ax.get_ylim())
-        found += [t.label1 for t in ax.yaxis.get_major_ticks() if low <= t.get_loc() <= high]
-    return [text for text in found if text.get_text() and text.get_visible()]
+        drawn_texts += [t.label1 for t in ax.yaxis.get_major_ticks() if low <= t.get_loc() <= high]
+    return [text for text in drawn_texts if text.get_text() and text.get_visible()]
 
 
 def require_order(figure):
@@ -105,9 +108,9 @@ def test_long_names_and_many_tests_stay_on_the_page(tree, summary):
 
 
 def test_a_failed_verdict_is_said_before_any_number(tree, summary):
-    said = words(draw_brief(failed(summary), tree, DAY))
-    assert said.index(USE["failed"]) < said.index("The law fails. Try another.")
-    assert said.index("The law fails.") < said.index("RMS error")
+    page_words = words(draw_brief(failed(summary), tree, DAY))
+    assert page_words.index(USE["failed"]) < page_words.index("The law fails. Try another.")
+    assert page_words.index("The law fails.") < page_words.index("RMS error")
     fine = {"status": "ok", "findings": []}
     assert USE["ok"] in words(draw_brief({**summary, "verdict": fine}, tree, DAY))
     doubt = {"status": "not assessed", "findings": []}
@@ -119,27 +122,27 @@ def test_numbers_are_those_of_the_backbone(tree, summary):
     group = tree["verification/backbone"].to_dataset()
     y_peak = group.attrs["y_fitted"]
     at = group.interp(amplitude=y_peak)
-    said = words(draw_brief(summary, tree, DAY))
-    assert f"{1e3 * y_peak:.3g} mm" in said
+    page_words = words(draw_brief(summary, tree, DAY))
+    assert f"{1e3 * y_peak:.3g} mm" in page_words
     hertz = float(at["frequency"].values[1])
-    shown = [float(x) for x in re.findall(r"(\d+\.\d+) \[", said)]
+    shown = [float(x) for x in re.findall(r"(\d+\.\d+) \[", page_words)]
     assert np.min(np.abs(np.array(shown) - hertz)) < 1e-3 * hertz
     quality = 0.5 / np.asarray(at["damping"].values, float)[::-1]
-    rows = re.findall(r"([\d.]+) \[([\d.]+), ([\d.]+)\]", said)
+    rows = re.findall(r"([\d.]+) \[([\d.]+), ([\d.]+)\]", page_words)
     ends = np.array(rows, float)[:, [1, 0, 2]]
     assert np.min(np.abs(ends / quality - 1).max(axis=1)) < 2e-2  # as it is rounded
-    assert "2026-11-26" in said
+    assert "2026-11-26" in page_words
 
 
 def test_several_modes_have_a_table_of_their_own(tree, summary):
     both = several_modes(tree)
     figure = draw_brief(summary, both, DAY)
     require_order(figure)
-    said = words(figure)
-    assert "of the first mode" in said
-    assert "mode 2" in said
+    page_words = words(figure)
+    assert "of the first mode" in page_words
+    assert "mode 2" in page_words
     second = 2.5 * float(tree["posterior"]["omega_n"].median()) / (2 * np.pi)
-    assert f"{second:.1f}" in said
+    assert f"{second:.1f}" in page_words
     assert "mode 2" not in words(draw_brief(summary, tree, DAY))
 
 

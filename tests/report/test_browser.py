@@ -69,9 +69,9 @@ def measured(page):
     around = page.with_name("frames.html")
     around.write_text(FRAMES.format(frames=frames), encoding="utf-8")
     for _ in range(TRIES):
-        found = re.search("RESULT(.*)END</body>", browse(around), flags=re.DOTALL)
-        if found is not None:
-            return json.loads(html.unescape(found[1]))
+        match = re.search("RESULT(.*)END</body>", browse(around), flags=re.DOTALL)
+        if match is not None:
+            return json.loads(html.unescape(match[1]))
     raise AssertionError(f"The frames did not load within the browser's time, {TRIES} times.")
 
 
@@ -80,18 +80,18 @@ def measured(page):
 def test_the_page_fits_every_window(tree, summary, tmp_path):
     path = tmp_path / "report.html"
     write_page(summary, tree, path)
-    for (_, theme), each in zip(WINDOWS, measured(path), strict=True):
-        assert each["wide"] <= each["width"]
-        assert each["pictures"] > 0
-        assert each["broken"] == 0
-        assert each["figures"] > 20
-        assert each["flat"] == 0
-        assert each["paper"] == PAPER[theme]
+    for (_, theme), measures in zip(WINDOWS, measured(path), strict=True):
+        assert measures["wide"] <= measures["width"]
+        assert measures["pictures"] > 0
+        assert measures["broken"] == 0
+        assert measures["figures"] > 20
+        assert measures["flat"] == 0
+        assert measures["paper"] == PAPER[theme]
         # In a wide window nothing has to be scrolled; in a narrow one the boxes do, not the page.
-        assert (each["scrolling"] == 0) == (each["width"] > 1200)
-        assert each["table"] <= 1100
+        assert (measures["scrolling"] == 0) == (measures["width"] > 1200)
+        assert measures["table"] <= 1100
         # Verdict, picture and sentences are seen at once in a window of 900 pixels.
-        assert each["opening"] < 900 or each["width"] < 700
+        assert measures["opening"] < 900 or measures["width"] < 700
 
 
 @pytest.mark.slow

@@ -39,7 +39,7 @@ def test_few_tests_are_all_drawn_and_leave_no_rest():
 def test_chosen_and_rest_are_all_in_their_order():
     chosen, rest = selected(DAYS, "chosen"), selected(DAYS, "rest")
     assert len(chosen) == 3
-    assert sorted([*chosen, *rest], key=lambda one: one[0]) == selected(DAYS, "all")
+    assert sorted([*chosen, *rest], key=lambda pair: pair[0]) == selected(DAYS, "all")
     assert [name for name, _ in rest] == [name for name, _ in DAYS if name not in dict(chosen)]
 
 
@@ -55,8 +55,8 @@ def test_another_part_is_refused():
 
 
 def test_figures_of_many_tests_draw_three_and_the_rest_apart(tree):
-    own = tree["verification/frf"].children
-    (name, first), *_ = own.items()
+    frf_tests = tree["verification/frf"].children
+    (name, first), *_ = frf_tests.items()
     groups = {f"/verification/frf/{name}_{i}": first.to_dataset() for i in range(5)}
     many = xr.DataTree.from_dict(groups)
     assert FIGURES["figure_11"](many).size == 3 * 3
@@ -71,8 +71,8 @@ def test_one_curve_a_level_is_the_mean_of_its_tests_and_their_range(tree):
     test = first.to_dataset()
     pair = {}
     for i, factor in enumerate((0.5, 1.5)):
-        own = test.assign(measured_magnitude=factor * test["measured_magnitude"])
-        pair[f"/verification/frf/{name}_{i}"] = own
+        scaled = test.assign(measured_magnitude=factor * test["measured_magnitude"])
+        pair[f"/verification/frf/{name}_{i}"] = scaled
     ax = softening(xr.DataTree.from_dict(pair))
     curve, peak = ax.lines
     assert "2 tests, peak at" in curve.get_label()

@@ -52,7 +52,7 @@ def test_texts_stay_on_the_figure_and_apart(drawn, name):
     texts = [ax.title for ax in figure.axes] + [ax._left_title for ax in figure.axes]
     texts += [axis.label for ax in figure.axes for axis in (ax.xaxis, ax.yaxis)]
     texts += [text for legend in figure.legends for text in legend.get_texts()]
-    boxes = [each.get_window_extent() for each in texts if each.get_text() and each.get_visible()]
+    boxes = [text.get_window_extent() for text in texts if text.get_text() and text.get_visible()]
     for box in boxes:
         assert canvas.x0 <= box.x0
         assert box.x1 <= canvas.x1
@@ -69,8 +69,8 @@ def test_no_display_and_no_heavy_library_is_touched(drawn):
 
 
 def test_the_ridge_has_no_panel_without_draws(tree):
-    alone = xr.DataTree.from_dict({"/posterior": tree["posterior"].to_dataset()})
-    (only,) = FIGURES["ridge"](alone).flat
+    posterior_alone = xr.DataTree.from_dict({"/posterior": tree["posterior"].to_dataset()})
+    (only,) = FIGURES["ridge"](posterior_alone).flat
     assert only.get_title(loc="left") == "Step 4, all parameters, enlarged"
     draws = [line for line in only.lines if line.get_marker() == "."]
     np.testing.assert_array_equal(draws[0].get_ydata(), tree["posterior"]["alpha"].values.ravel())
@@ -82,15 +82,15 @@ def test_a_level_has_one_colour_in_every_panel(drawn):
         if not line.get_label().startswith("_"):
             colours.setdefault(line.get_label().partition(",")[0], set()).add(line.get_color())
     assert len(colours) > 2
-    assert all(len(each) == 1 for each in colours.values())
-    assert len({next(iter(each)) for each in colours.values()}) == len(colours)
+    assert all(len(of_level) == 1 for of_level in colours.values())
+    assert len({next(iter(of_level)) for of_level in colours.values()}) == len(colours)
 
 
 def test_measured_phases_stay_with_the_model(drawn):
     for ax in (ax for ax in drawn["curves"].axes if ax.get_ylabel() == "phase [°]"):
         measured = [line.get_ydata() for line in ax.lines if line.get_marker() in "o^"]
         # The toy's measured phases follow the model's to some degrees: no jump of half a turn.
-        assert all(np.abs(np.diff(each)).max() < 90 for each in measured if len(each) > 1)
+        assert all(np.abs(np.diff(phase)).max() < 90 for phase in measured if len(phase) > 1)
 
 
 def test_the_callers_axes_are_used_and_returned(tree):

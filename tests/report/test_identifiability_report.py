@@ -22,11 +22,11 @@ def known():
 
 
 def test_bars_end_at_the_ratio_of_every_direction(known):
-    left, right = information_spectrum(known).flat
-    ends = [bar.get_x() + bar.get_width() for bar in left.patches]
+    directions, right = information_spectrum(known).flat
+    ends = [bar.get_x() + bar.get_width() for bar in directions.patches]
     np.testing.assert_allclose(ends, np.sort(RATIO), rtol=1e-12)
-    assert [each.get_text() for each in left.get_yticklabels()][3] == "α·δ"
-    assert [each.get_text() for each in right.get_yticklabels()][-2:] == ["α δ", "α γ"]
+    assert [label.get_text() for label in directions.get_yticklabels()][3] == "α·δ"
+    assert [label.get_text() for label in right.get_yticklabels()][-2:] == ["α δ", "α γ"]
     before, after = right.lines[:2]
     np.testing.assert_allclose(before.get_xdata()[:6], RATIO)
     np.testing.assert_allclose(after.get_xdata()[:6], np.sqrt(0.9) * RATIO, rtol=1e-9)

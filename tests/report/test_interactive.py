@@ -48,7 +48,7 @@ def test_every_kind_of_response_has_a_chart(tree):
 
 
 def test_the_numbers_are_the_trees(tree):
-    (sweep,) = [each for each in charts_of(tree) if each.heading.startswith("Sweep sweep_0p10")]
+    (sweep,) = [chart for chart in charts_of(tree) if chart.heading.startswith("Sweep sweep_0p10")]
     test = tree["verification/sweep/sweep_0p10"]
     shown = {trace["name"]: trace for trace in sweep.lines}
     time = np.asarray(shown["measured"]["x"])
@@ -115,8 +115,8 @@ def test_the_library_and_the_numbers_come_whole_out_of_the_page(few):
 def test_a_page_of_many_long_records_stays_below_five_megabytes(tree):
     """Twelve records of 40,000 samples, of which 12,000 are shown."""
     pytest.importorskip("plotly")
-    (name, one), *_ = tree["verification/sweep"].children.items()
-    test = one.to_dataset()
+    (name, sweep), *_ = tree["verification/sweep"].children.items()
+    test = sweep.to_dataset()
     copies = -(-40_000 // test.sizes["time"])
     long = xr.concat([test.drop_vars("time")] * copies, "time", data_vars="minimal")
     long = long.assign_coords(time=np.arange(long.sizes["time"]) / 1024.0)
@@ -129,19 +129,21 @@ def test_extremes_stay_and_gaps_stay_gaps():
     rng = np.random.default_rng(3)
     y = rng.normal(size=10_000)
     y[4000:4003] = np.nan
-    kept = decimated(CurvePoints(np.arange(10_000.0), y), 1000)
-    assert len(kept.x) <= 1000 + 8
-    assert np.all(np.diff(kept.x) > 0)
+    thinned = decimated(CurvePoints(np.arange(10_000.0), y), 1000)
+    assert len(thinned.x) <= 1000 + 8
+    assert np.all(np.diff(thinned.x) > 0)
     for part in (slice(0, 4000), slice(4003, None)):
-        inside = (kept.x >= np.arange(10_000)[part][0]) & (kept.x <= np.arange(10_000)[part][-1])
-        assert np.nanmax(kept.y[inside]) == y[part].max()
-        assert np.nanmin(kept.y[inside]) == y[part].min()
+        inside = (thinned.x >= np.arange(10_000)[part][0]) & (
+            thinned.x <= np.arange(10_000)[part][-1]
+        )
+        assert np.nanmax(thinned.y[inside]) == y[part].max()
+        assert np.nanmin(thinned.y[inside]) == y[part].min()
         # No stretch of twenty samples loses its largest value.
     stretch = y[:4000].reshape(-1, 20)
-    places = (np.arange(200) * 20 + stretch.argmax(axis=1)).astype(float)
-    assert np.isin(places, kept.x).all()
-    assert np.isnan(kept.y).sum() == 3
-    assert decimated(CurvePoints(kept.x, kept.y), 2000).x is kept.x
+    peaks = (np.arange(200) * 20 + stretch.argmax(axis=1)).astype(float)
+    assert np.isin(peaks, thinned.x).all()
+    assert np.isnan(thinned.y).sum() == 3
+    assert decimated(CurvePoints(thinned.x, thinned.y), 2000).x is thinned.x
 
 
 def test_a_limit_is_shared_so_that_short_curves_keep_their_points():
@@ -157,17 +159,17 @@ def test_nothing_to_draw_is_one_sentence():
 
 
 def test_without_plotly_there_is_a_remedy(few, monkeypatch):
-    known = builtins.__import__
+    real_import = builtins.__import__
 
     def absent(name, *rest):
         if name.startswith("plotly"):
             raise ImportError(name)
-        return known(name, *rest)
+        return real_import(name, *rest)
 
     monkeypatch.setattr(builtins, "__import__", absent)
-    with pytest.raises(ConfigError, match="plotly") as told:
+    with pytest.raises(ConfigError, match="plotly") as caught:
         render_interactive(few)
-    assert 'pip install "jbw[interactive]"' in str(told.value)
+    assert 'pip install "jbw[interactive]"' in str(caught.value)
 
 
 def test_a_failed_page_leaves_the_old_one(few, tmp_path, monkeypatch):

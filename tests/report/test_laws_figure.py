@@ -24,10 +24,10 @@ NAMED = {"linear": candidate(), "masing_power + cubic": candidate("masing_power"
 
 
 def test_loops_have_the_area_of_the_energy_that_is_lost():
-    found = loops(NAMED, Y)
-    y = found["displacement"].values
-    assert not found["force"].sel(law="linear").values.any()
-    force = found["force"].sel(law="masing_power + cubic").values
+    loop_data = loops(NAMED, Y)
+    y = loop_data["displacement"].values
+    assert not loop_data["force"].sel(law="linear").values.any()
+    force = loop_data["force"].sel(law="masing_power + cubic").values
     area = np.sum(0.5 * (force + np.roll(force, -1)) * (np.roll(y, -1) - y))
     lost = float(law_named("masing_power").of(THETA).loop(Y).energy(Y))
     # The trapezium rule on two hundred points.
@@ -39,10 +39,10 @@ def test_residuals_are_of_the_highest_level_and_of_the_size_of_the_error(monkeyp
     monkeypatch.setattr(law_shapes.dataset, "left_by_label", lambda *of: left)
     sizes = {"low": 10 * np.sqrt(300), "high": np.sqrt(300)}
     monkeypatch.setattr(law_shapes.dataset, "size_by_label", lambda of: sizes)
-    found = residuals(NAMED, "b")
-    assert found.attrs["group"] == "high"
-    assert found.sizes["part"] == 100
-    np.testing.assert_allclose(found["left"].values, 0.2)
+    residual_data = residuals(NAMED, "b")
+    assert residual_data.attrs["group"] == "high"
+    assert residual_data.sizes["part"] == 100
+    np.testing.assert_allclose(residual_data["left"].values, 0.2)
     assert residuals(NAMED, None).attrs["group"] == "low"  # the largest response
 
 

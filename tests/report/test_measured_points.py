@@ -23,12 +23,12 @@ CURVE = xr.Dataset(
 def readings(kind, y, frequency_hz, **attrs):
     y = np.atleast_1d(y)
     values = {"y": y, "frequency_hz": frequency_hz + 0 * y, "damping": 0.01 + y}
-    found = {name: ("reading", each) for name, each in values.items()}
-    return xr.Dataset(found, attrs={"test": kind, "kind": kind, "fitted": 1, **attrs})
+    variables = {name: ("reading", reading) for name, reading in values.items()}
+    return xr.Dataset(variables, attrs={"test": kind, "kind": kind, "fitted": 1, **attrs})
 
 
 def tree_of(**tests):
-    groups = {f"/look/{name}": one for name, one in tests.items()}
+    groups = {f"/look/{name}": dataset for name, dataset in tests.items()}
     return xr.DataTree.from_dict({"/": xr.Dataset(), "/verification/backbone": CURVE, **groups})
 
 
@@ -36,12 +36,12 @@ def test_repeats_are_their_mean_with_their_scatter_and_a_decay_is_its_pieces():
     y = 1e-3 * np.array([0.99, 1.0, 1.01])
     sweep = readings("sweep", y, 19.0 + 1e3 * (y - 1e-3))
     decay = readings("decay", [2e-3, 1e-3, 2e-4, 5e-5], 19.5, fitted=0)
-    one, pieces = measured_points(tree_of(sweep=sweep, decay=decay), CURVE)
-    assert one.y == pytest.approx([1e-3])
-    assert one.values["frequency"] == pytest.approx([19.0])
+    repeats, pieces = measured_points(tree_of(sweep=sweep, decay=decay), CURVE)
+    assert repeats.y == pytest.approx([1e-3])
+    assert repeats.values["frequency"] == pytest.approx([19.0])
     # Of -0.01, 0 and 0.01 Hz, by hand.
-    assert one.std["frequency"] == pytest.approx([0.01])
-    assert (one.is_fitted, pieces.is_fitted) == (True, False)
+    assert repeats.std["frequency"] == pytest.approx([0.01])
+    assert (repeats.is_fitted, pieces.is_fitted) == (True, False)
     # The last lies below the curve's first amplitude.
     np.testing.assert_allclose(pieces.y, [2e-3, 1e-3, 2e-4])
     assert np.isnan(pieces.std["damping"]).all()
@@ -56,7 +56,7 @@ def test_other_modes_other_drives_and_larger_motion_are_left_out():
         large=readings("sweep", 5e-3, 19.0),
     )
     tree["posterior"] = xr.DataTree(posterior)
-    assert [one.kind for one in measured_points(tree, CURVE)] == ["noise"]
+    assert [reading.kind for reading in measured_points(tree, CURVE)] == ["noise"]
     assert measured_points(tree_of(), CURVE) == []
 
 
@@ -66,14 +66,14 @@ def test_every_kind_has_an_open_symbol_and_a_legend_entry():
         b=readings("sweep", 1e-3, 19.5),
         c=readings("sweep", 2e-3, 19.0, fitted=0),
     )
-    left, right = backbone(tree).flat
-    labels = [text.get_text() for text in left.figure.legends[0].get_texts()]
+    frequency, right = backbone(tree).flat
+    labels = [text.get_text() for text in frequency.figure.legends[0].get_texts()]
     assert labels[2:] == ["noise", "sweep", "sweep, held out", "beyond what was fitted"]
-    points = left.lines[1:]
-    found = [one.get_xdata().tolist() for one in points]
-    assert found == [pytest.approx([0.2]), pytest.approx([1.0]), pytest.approx([2.0])]
-    assert {one.get_markerfacecolor() for one in points} == {"none"}
-    assert [one.get_marker() for one in points] == ["o", "s", "s"]
+    points = frequency.lines[1:]
+    abscissae = [line.get_xdata().tolist() for line in points]
+    assert abscissae == [pytest.approx([0.2]), pytest.approx([1.0]), pytest.approx([2.0])]
+    assert {line.get_markerfacecolor() for line in points} == {"none"}
+    assert [line.get_marker() for line in points] == ["o", "s", "s"]
     assert right.lines[1].get_ydata() == pytest.approx([1.02])  # per cent
     # Bars of one standard deviation to either side, 0.01 Hz, where there are repeats; in the
     # interactive page as well.

@@ -17,15 +17,15 @@ GOLDEN = json.loads((Path(__file__).parents[1] / "golden_modes.json").read_text(
 def test_a_harmonic_meets_a_mode_where_the_frequencies_say():
     """omega_1 = 100 (1 - 10 X): three times it is 297 at 1 mm; five times it never nears 297."""
     x = np.linspace(0.0, 2e-3, 9)
-    own = np.array([100.0, 297.0, 470.0])
-    (found,) = interactions(own, 0, x, 100.0 * (1 - 10.0 * x))
-    assert (found.order, found.mode) == (3, 1)
+    omega_n = np.array([100.0, 297.0, 470.0])
+    (interaction,) = interactions(omega_n, 0, x, 100.0 * (1 - 10.0 * x))
+    assert (interaction.order, interaction.mode) == (3, 1)
     # The detuning is a hyperbola, of which the two amplitudes beside are 1e-5 from its chord.
-    assert found.x_peak == pytest.approx(1e-3, rel=1e-3)
+    assert interaction.x_peak == pytest.approx(1e-3, rel=1e-3)
     # A mode that is neared within 1 % and not met is marked where it is nearest; before an end.
     omega = np.where(x < 1.2e-3, 100.0 * (1 - 5.0 * x), np.nan)
-    assert interactions(own, 0, x, omega) == [Interaction(3, 1, 1e-3)]
-    assert interactions(own, 0, x, np.full(9, np.nan)) == []
+    assert interactions(omega_n, 0, x, omega) == [Interaction(3, 1, 1e-3)]
+    assert interactions(omega_n, 0, x, np.full(9, np.nan)) == []
 
 
 class Linear:
@@ -52,7 +52,7 @@ def test_every_mode_has_a_column(monkeypatch):
     assert axes.shape == (3, 2)
     (frequency,) = axes[0, 0].lines[:1]
     np.testing.assert_allclose(frequency.get_ydata(), 100 / (2 * np.pi))
-    assert [one.get_text() for one in axes[0, 0].texts] == ["1:3 with mode 2\nat 0.00 mm"]
+    assert [text.get_text() for text in axes[0, 0].texts] == ["1:3 with mode 2\nat 0.00 mm"]
     assert "folds over, or turns\ntoo often, at 0.500 mm" in axes[0, 1].get_title(loc="left")
     assert axes[2, 0].get_xlabel() == "amplitude at the joint [mm]"
 
@@ -66,7 +66,11 @@ def test_amplitudes_must_rise():
 @pytest.mark.slow
 def test_it_is_the_backbone_of_a_golden_structure():
     """A golden amplitude lies on the curve that is drawn, and its 1:3 resonance is marked."""
-    case = next(one for one in GOLDEN["backbone"]["cases"] if one["system"]["w"][0] > 500)
+    case = next(
+        golden_case
+        for golden_case in GOLDEN["backbone"]["cases"]
+        if golden_case["system"]["w"][0] > 500
+    )
     system, x = case["system"], case["x_joint_first_harmonic"]
     law = jbw.laws.LAWS["bouc_wen"].build(
         {name: system[key] for name, key in (("alpha", "al"), ("delta", "de"), ("gamma", "ga"))}

@@ -26,7 +26,7 @@ def facts(mean, cv, kl=2.0, unit="1"):
 def summary_of(parameters=None, findings=(), predictions=None):
     """A run's summary of what the sentences are made of."""
     rows = parameters or {"omega_n": facts(118.0, 1e-3, unit="rad/s"), "zeta": facts(0.01, 0.02)}
-    status = "ok" if all(one["status"] == "ok" for one in findings) else "failed"
+    status = "ok" if all(row["status"] == "ok" for row in findings) else "failed"
     answers = {"sampling": {"status": "ok", "question": "Did it?"}}
     return {
         "campaign": "toy",
@@ -59,23 +59,23 @@ def tree_of(rise=-0.02, laws='["bouc_wen"]', damping=0.5):
 
 def test_what_the_joint_does_is_told_at_a_tenth_of_the_motion_and_at_its_end():
     """20 Hz less 2 % at 4 mm is 19.6 Hz, at 0.4 mm 19.96; 1 % times 1.5 and 1.05 of damping."""
-    told = opening(summary_of(), tree_of())[0]
+    sentence = opening(summary_of(), tree_of())[0]
     lowers = messages.change("natural frequency", "19.96", "19.6 Hz [19.59, 19.61]", lowers=True)
     raises = messages.change("damping ratio", "1.05", "1.5 % [1.485, 1.515]", lowers=False)
-    assert told == messages.effect(0.4, 4.0, "mm", f"{lowers} and {raises}")
+    assert sentence == messages.effect(0.4, 4.0, "mm", f"{lowers} and {raises}")
 
 
 def test_a_joint_that_hardens_and_damps_less_is_told_so():
-    told = opening(summary_of(), tree_of(0.02, damping=-0.5))[0]
+    sentence = opening(summary_of(), tree_of(0.02, damping=-0.5))[0]
     raised = messages.change("natural frequency", "20.04", "20.4 Hz", lowers=False)
-    assert raised in told
-    assert messages.change("damping ratio", "0.95", "0.5 %", lowers=True) in told
+    assert raised in sentence
+    assert messages.change("damping ratio", "0.95", "0.5 %", lowers=True) in sentence
 
 
 def test_a_change_within_its_band_is_no_change():
-    told = opening(summary_of(), tree_of(-0.0001))[0]
+    sentence = opening(summary_of(), tree_of(-0.0001))[0]
     interval = "19.998 Hz [19.988, 20.008]"
-    assert messages.no_change("natural frequency", interval) in told
+    assert messages.no_change("natural frequency", interval) in sentence
 
 
 def test_no_joint_is_said_in_the_words_of_its_finding_and_only_when_it_is_against():
@@ -101,9 +101,9 @@ def test_bounds_of_a_joint_that_is_not_seen_are_no_next_step():
 def test_a_prescribed_motion_tells_stiffness_and_no_frequency():
     """Stiffness goes by the frequency squared: (19.6 / 19.96)^2 = 0.9642."""
     forced = summary_of({"alpha": facts(500.0, 0.02)})
-    told = opening(forced, tree_of())[0]
-    assert "keeps 96.4 %" in told
-    assert "Hz" not in told
+    sentence = opening(forced, tree_of())[0]
+    assert "keeps 96.4 %" in sentence
+    assert "Hz" not in sentence
     assert lead(forced, ["backbone", "loops"]) == "loops"
     assert lead(summary_of(), ["backbone", "loops"]) == "backbone"
     assert lead(summary_of(), ["backbone", "amplitude"]) == "amplitude"
@@ -143,24 +143,24 @@ def test_what_is_not_known_is_named_with_the_products_that_are():
         "delta": facts(340.0, 0.7),
         "alpha_delta": facts(1.7e5, 0.02, kl=None, unit="1/(m s^2)"),
     }
-    told = opening(summary_of(ridge), tree_of())[3]
-    assert told == messages.not_identified(["alpha", "delta"], "60", ["alpha_delta"], "2")
-    assert [one.split()[0] for one in known_parameters(summary_of(ridge))] == [
+    sentence = opening(summary_of(ridge), tree_of())[3]
+    assert sentence == messages.not_identified(["alpha", "delta"], "60", ["alpha_delta"], "2")
+    assert [parameter.split()[0] for parameter in known_parameters(summary_of(ridge))] == [
         "omega_n",
         "alpha_delta",
     ]
 
 
 def test_where_all_is_known_the_least_known_is_named_and_no_product():
-    known = {
+    parameters = {
         "omega_n": facts(118.0, 1e-3, unit="rad/s"),
         "alpha": facts(500.0, 0.04),
         "alpha_delta": facts(1.7e5, 0.02, kl=None),
     }
     all_of_them = messages.all_identified("alpha", "4", roughly=False)
-    assert opening(summary_of(known), tree_of())[3] == all_of_them
+    assert opening(summary_of(parameters), tree_of())[3] == all_of_them
     # 118 +- 2.576 * 0.118: two digits of a width of 0.61.
-    assert known_parameters(summary_of(known)) == [
+    assert known_parameters(summary_of(parameters)) == [
         "omega_n 118 [117.7, 118.3] rad/s",
         "alpha 500 [448, 552]",
     ]
@@ -191,29 +191,29 @@ def test_the_terminal_has_at_most_ten_lines_and_its_report(tree, summary, monkey
     lines = list(short_lines(summary, tree))
     assert len(lines) <= 9
     show(*lines)
-    told = screen.file.getvalue()
-    assert told.startswith("cantilever: Bouc-Wen oscillator")
-    assert "Verdict: not assessed" in told
-    assert "omega_n 118.17" in told
+    printed = screen.file.getvalue()
+    assert printed.startswith("cantilever: Bouc-Wen oscillator")
+    assert "Verdict: not assessed" in printed
+    assert "omega_n 118.17" in printed
     # What the paper's own steps say is left for --verbose.
-    assert "third_order" not in told
-    assert len(told.splitlines()) <= 20
+    assert "third_order" not in printed
+    assert len(printed.splitlines()) <= 20
 
 
 def test_the_command_prints_ten_lines_and_with_verbose_the_rest(tmp_path, monkeypatch, capsys):
-    found = summary_of(findings=[finding("coloured_residual", "ok")]) | {"comparison": {}}
-    found["steps"]["joint"] |= {"statements": ["Drawn at once."], "verdict": {"status": "ok"}}
-    monkeypatch.setattr(resumable, "identified", lambda *_: (tree_of(), found))
+    summary = summary_of(findings=[finding("coloured_residual", "ok")]) | {"comparison": {}}
+    summary["steps"]["joint"] |= {"statements": ["Drawn at once."], "verdict": {"status": "ok"}}
+    monkeypatch.setattr(resumable, "identified", lambda *_: (tree_of(), summary))
     monkeypatch.setattr(store, "write_page", lambda summary, tree, path: path.write_text("page"))
     monkeypatch.setattr(store, "save_figures", lambda *_: None)
     out, campaign = tmp_path / "short", tmp_path / "toy.toml"
     campaign.touch()
     assert run(["identify", str(campaign), "--out", str(out)]) == 0
-    told = capsys.readouterr().out.splitlines()
-    assert len(told) <= 10
-    assert told[-1] == f"Report: {out / 'report.html'}"
-    assert told[1] == "Verdict: ok (sampling ok)"
-    assert "Drawn at once" not in "".join(told)
+    printed = capsys.readouterr().out.splitlines()
+    assert len(printed) <= 10
+    assert printed[-1] == f"Report: {out / 'report.html'}"
+    assert printed[1] == "Verdict: ok (sampling ok)"
+    assert "Drawn at once" not in "".join(printed)
     assert run(["identify", str(campaign), "--out", str(tmp_path / "long"), "--verbose"]) == 0
     assert "joint: Drawn at once." in capsys.readouterr().out
 

@@ -22,18 +22,18 @@ def without(tree, *groups):
 
 
 def test_the_backbone_is_the_trees(tree):
-    left, right = backbone(without(tree, "/look")).flat
+    frequency, right = backbone(without(tree, "/look")).flat
     group = tree["verification/backbone"]
-    for ax, name, scale in ((left, "frequency", 1.0), (right, "damping", 100.0)):
+    for ax, name, scale in ((frequency, "frequency", 1.0), (right, "damping", 100.0)):
         (line,) = ax.lines
         np.testing.assert_allclose(line.get_xdata(), 1e3 * group["amplitude"].values)
         np.testing.assert_allclose(line.get_ydata(), scale * group[name].values[1])
         # Where what was fitted ends, 6.4 mm, the shading begins.
         assert ax.patches[0].get_x() == pytest.approx(6.4)
-    assert left.get_ylabel() == "natural frequency [Hz]"
+    assert frequency.get_ylabel() == "natural frequency [Hz]"
     assert right.get_ylabel() == "equivalent damping ratio [%]"
-    assert left.get_xlabel() == "amplitude of displacement [mm]"
-    labels = [text.get_text() for text in left.figure.legends[0].get_texts()]
+    assert frequency.get_xlabel() == "amplitude of displacement [mm]"
+    labels = [text.get_text() for text in frequency.figure.legends[0].get_texts()]
     assert labels == [
         "99 % band: parameters alone",
         "median of the model",
@@ -128,13 +128,13 @@ def test_a_predicted_phase_does_not_jump_either():
     exact = np.radians(np.linspace(89.9, -89.9, 41)) + np.where(np.arange(41) % 3, 0, 2 * np.pi)
     dims = ("quantile", "freq")
     wide = np.array([-0.3, 0.0, 0.3])[:, None]
-    found = {
+    variables = {
         "model_magnitude": (dims, np.ones((3, 41)), {"units": "m/s", "long_name": "velocity"}),
         "model_phase": (dims, exact + 0.1 * wide),
         "predictive_magnitude": (dims, np.ones((3, 41))),
         "predictive_phase": (dims, exact + wide - 2 * np.pi),
     }
-    dataset = xr.Dataset(found, {"freq": freq, "quantile": [0.005, 0.5, 0.995]}, {"level": 1.0})
+    dataset = xr.Dataset(variables, {"freq": freq, "quantile": [0.005, 0.5, 0.995]}, {"level": 1.0})
     phase = prediction("planned", dataset)[1, 0]
     for line in phase.lines:
         np.testing.assert_allclose(line.get_ydata(), np.linspace(89.9, -89.9, 41), atol=1e-9)

@@ -103,7 +103,7 @@ def test_all_of_it_is_printed_and_every_section_is_in_the_side_bar(whole):
     text = whole.read_text(encoding="utf-8")
     paper = text[text.index("@media print") : text.index("</style>")]
     hidden = re.findall(r"([^{}]+)\{[^{}]*display: none", paper)
-    assert [each.strip() for each in hidden] == ["nav"]
+    assert [selector.strip() for selector in hidden] == ["nav"]
     assert "details::details-content { content-visibility: visible" in paper
     bar = text[text.index("<nav") : text.index("</nav>")]
     linked = re.findall(r'href="#([^"]+)"', bar)
@@ -169,9 +169,9 @@ def test_the_verdict_comes_first_then_what_is_known(small, summary):
         "jbw identify campaign.toml --out run --seed 7",
         "ab" * 32,
     ]
-    places = [text.find(each) for each in order]
-    assert -1 not in places
-    assert places == sorted(places)
+    positions = [text.find(heading) for heading in order]
+    assert -1 not in positions
+    assert positions == sorted(positions)
 
 
 def test_no_red_mark_stands_above_the_papers_route_when_the_main_answer_is_good(small, summary):
@@ -238,10 +238,12 @@ def test_the_loops_areas_stand_beside_each_other(tree, summary):
     # Out of the band and without a band of their own.
     areas = {"measured_area": 9.0, "model_area": ("quantile", [1.0, 2.0, 3.0])}
     shown = loops_table(xr.DataTree.from_dict({"/validation/loops/other": xr.Dataset(areas)}))
-    told = {column.heading: column.cell(row).text for row in shown.rows for column in shown.columns}
-    assert told["test"] == "other"
-    assert told["measured [mJ/kg]"] == "9000"
-    assert told["bands\nmeet"] == "no"
+    cells = {
+        column.heading: column.cell(row).text for row in shown.rows for column in shown.columns
+    }
+    assert cells["test"] == "other"
+    assert cells["measured [mJ/kg]"] == "9000"
+    assert cells["bands\nmeet"] == "no"
 
 
 @pytest.mark.parametrize("status", ["ok", "failed", "not assessed", "unheard of"])

@@ -66,10 +66,10 @@ def test_neighbouring_modes_share_no_band():
 
 
 def test_what_is_shown_keeps_every_peak():
-    whole = spectrum_of(a_test("decay", "only"))
-    fewer = shown(whole)
-    assert len(fewer.size) <= NUM_SHOWN < len(whole.size)
-    assert fewer.size.max() == whole.size.max()
+    spectrum = spectrum_of(a_test("decay", "only"))
+    fewer = shown(spectrum)
+    assert len(fewer.size) <= NUM_SHOWN < len(spectrum.size)
+    assert fewer.size.max() == spectrum.size.max()
 
 
 def test_the_page_needs_nothing_else_and_trusts_no_name():
@@ -144,12 +144,12 @@ def test_a_band_is_dragged_and_modes_are_chosen_in_a_browser(tmp_path):
     (tmp_path / "page.html").write_text(page, encoding="utf-8")
     (tmp_path / "around.html").write_text(DRIVE)
     text = re.search("RESULT(.*)END</body>", browse(tmp_path / "around.html"), re.DOTALL)
-    found = json.loads(html.unescape(text[1]))
-    assert "band = [18, 22]" in found["first"]
-    assert found["curves"] == 2
-    low, high = map(float, re.search(r"band = \[([\d.]+), ([\d.]+)\]", found["dragged"]).groups())
+    choice = json.loads(html.unescape(text[1]))
+    assert "band = [18, 22]" in choice["first"]
+    assert choice["curves"] == 2
+    low, high = map(float, re.search(r"band = \[([\d.]+), ([\d.]+)\]", choice["dragged"]).groups())
     assert (low, high) == pytest.approx((45.0, 60.0), rel=1e-3)  # as it is rounded
-    assert "2 peaks lie in this band" in found["doubt"]
-    modes = re.search(r"\[structure\]\nmodes = \[([\d.]+), ([\d.]+)\]", found["both"])
+    assert "2 peaks lie in this band" in choice["doubt"]
+    modes = re.search(r"\[structure\]\nmodes = \[([\d.]+), ([\d.]+)\]", choice["both"])
     np.testing.assert_allclose([float(x) for x in modes.groups()], MODES_HZ, atol=4.5 / 16)
-    assert found["wide"]
+    assert choice["wide"]

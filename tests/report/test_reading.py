@@ -96,11 +96,13 @@ def test_strokes_walk_down_and_up_the_loop():
 
 
 def test_parameters_of_an_array_carry_their_level(tree):
-    found = {each.name: each for each in parameters(tree["posterior"].to_dataset())}
-    assert {"noise_std[0.05]", "noise_std[0.2]"} <= set(found)
-    assert found["alpha"].box == (425.0, 575.0)
-    assert found["alpha"].truth == 497.40
-    assert found["noise_std[0.2]"].truth is None
+    by_name = {
+        parameter.name: parameter for parameter in parameters(tree["posterior"].to_dataset())
+    }
+    assert {"noise_std[0.05]", "noise_std[0.2]"} <= set(by_name)
+    assert by_name["alpha"].box == (425.0, 575.0)
+    assert by_name["alpha"].truth == 497.40
+    assert by_name["noise_std[0.2]"].truth is None
 
 
 @pytest.mark.parametrize(
@@ -166,5 +168,5 @@ def test_a_twentieth_beyond_the_fitted_displacement_is_as_good_as_within(reach, 
     assert [section.heading for section in shown.sections] == ["Held out (1 test)"]
     assert ("times" in used) == (reach > 1.05)
     attrs = {"test": "strong", "extrapolation": reach, "y_peak": [0.9, 1.0, reach]}
-    found = warnings_of(xr.Dataset(attrs={**attrs, "y_peak_fitted": 1.0}))
-    assert bool(found) == (reach > 1.05)
+    warnings = warnings_of(xr.Dataset(attrs={**attrs, "y_peak_fitted": 1.0}))
+    assert bool(warnings) == (reach > 1.05)

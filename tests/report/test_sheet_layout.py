@@ -58,7 +58,10 @@ def width_of(text):
 @pytest.mark.parametrize("which", [0, 1, 2])
 def test_the_tables_of_a_fleet_are_no_wider_than_the_page(fleet, which):
     record, mean, sd = fleet
-    tables = [population_table(record), *(each for _, each in units_tables(record, mean, sd))]
+    tables = [
+        population_table(record),
+        *(unit_table for _, unit_table in units_tables(record, mean, sd)),
+    ]
     assert len(tables) == 3
     shown = tables[which]
     widths = []

@@ -48,10 +48,10 @@ def test_columns_that_say_nothing_go_with_their_meaning():
 @pytest.mark.parametrize(("width", "has_x"), [(60, True), (22, False)])
 def test_a_narrow_screen_spares_columns_and_names_steer_nothing(capsys, width, has_x):
     print_table(Console(width=width, highlight=False), table("Beams", ROWS, *COLUMNS))
-    told = capsys.readouterr().out
-    assert ("-3.2e-06" in told) == has_x
-    assert "[red]arm[/red]" in told
-    assert "\x1b" not in told
+    printed = capsys.readouterr().out
+    assert ("-3.2e-06" in printed) == has_x
+    assert "[red]arm[/red]" in printed
+    assert "\x1b" not in printed
 
 
 def test_a_narrow_terminal_folds_long_cells_alone():
@@ -60,9 +60,9 @@ def test_a_narrow_terminal_folds_long_cells_alone():
         "Campaign", rows, words("test", "test"), words("role", "role"),
         words("repeats", "repeats", "right"),
     )  # fmt: skip
-    said = StringIO()
-    print_table(Console(file=said, width=30, force_terminal=True, no_color=True), shown)
-    lines = re.sub(r"\x1b\[[0-9;]*m", "", said.getvalue()).splitlines()
+    printed = StringIO()
+    print_table(Console(file=printed, width=30, force_terminal=True, no_color=True), shown)
+    lines = re.sub(r"\x1b\[[0-9;]*m", "", printed.getvalue()).splitlines()
     assert max(map(len, lines)) <= 30
     assert any("repeats" in line for line in lines)
     (first,) = [line for line in lines if "velocity" in line]

@@ -41,7 +41,7 @@ def test_parameters_are_graded_by_what_is_known_of_them():
     words = identified_words(
         {"main": "joint", "steps": {"joint": {"parameters": parameters}}}, KNOWN
     )
-    assert tuple(each.partition(":")[0] for each in words) == GRADES
+    assert tuple(sentence.partition(":")[0] for sentence in words) == GRADES
     assert "natural frequency" in words[0]
     assert "noise" not in "".join(words)
     assert identified_words({}, KNOWN) == []

@@ -22,7 +22,7 @@ def identifiability_group():
     values = CENTRE[:, None] + SD[:, None] * z
     loadings = np.eye(6)
     loadings[3, 2:4] = loadings[5, 2:4] = np.sqrt(0.5)
-    found = {
+    variables = {
         "direction_text": variable("direction", list(TEXTS)),
         "direction_information": variable("direction", np.sort(RATIO) ** -2.0 - 1),
         "direction_ratio": variable("direction", np.sort(RATIO)),
@@ -32,11 +32,11 @@ def identifiability_group():
         "profile_chi_square": variable(("parameter", "point"), rise),
     }
     for dim, ratio in (("parameter", RATIO), ("combination", np.array([0.01, 0.02]))):
-        found[f"{dim}_relative"] = variable(dim, 0.3 * ratio)
-        found[f"{dim}_ratio"] = variable(dim, ratio)
-        found[f"{dim}_contraction"] = variable(dim, 1 - 0.9 * ratio**2)
-        found[f"{dim}_shift"] = variable(dim, 0.17 * ratio)
-    return xr.Dataset(found, {"parameter": list(NAMES), "combination": list(PRODUCTS)})
+        variables[f"{dim}_relative"] = variable(dim, 0.3 * ratio)
+        variables[f"{dim}_ratio"] = variable(dim, ratio)
+        variables[f"{dim}_contraction"] = variable(dim, 1 - 0.9 * ratio**2)
+        variables[f"{dim}_shift"] = variable(dim, 0.17 * ratio)
+    return xr.Dataset(variables, {"parameter": list(NAMES), "combination": list(PRODUCTS)})
 
 
 def known(text, ratio):

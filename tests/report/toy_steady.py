@@ -19,19 +19,21 @@ def curve(rng, level, fitted, force):
     dims = ("quantile", "freq")
     magnitude = np.abs(values) * (1 + 0.02 * SPREAD[:, None])
     phase = np.angle(values) + 0.02 * SPREAD[:, None]
-    found = {
+    variables = {
         "measured_magnitude": ("freq", np.abs(measured), attrs),
         "measured_phase": ("freq", np.angle(measured), {"units": "rad"}),
         "model_magnitude": (dims, magnitude, attrs),
         "model_phase": (dims, phase, {"units": "rad"}),
     }
     if not force:
-        found |= {f"{name}_3": (d, 0.01 * np.asarray(x), a) for name, (d, x, a) in found.items()}
+        variables |= {
+            f"{name}_3": (d, 0.01 * np.asarray(x), a) for name, (d, x, a) in variables.items()
+        }
     held = ("force", "displacement")
     quantity, other = held if force else held[::-1]
     facts = {"level": level, "level_unit": "m" if force else "N", "kind": "frf"}
     facts |= {"quantity": quantity, "held": other, "fitted": int(fitted), "nrmse": 0.003}
-    return xr.Dataset(found, {"freq": freq, "quantile": QUANTILE}, facts)
+    return xr.Dataset(variables, {"freq": freq, "quantile": QUANTILE}, facts)
 
 
 def loop(rng, level):
@@ -42,7 +44,7 @@ def loop(rng, level):
     band = force + 20.0 * level * SPREAD[:, None]
     lost = 2 * np.pi * 2e3 * 0.3 * level**2
     newton, joule = {"units": "N"}, {"units": "J"}
-    found = {
+    variables = {
         "displacement": ("point", y, {"units": "m"}),
         "measured_force": ("point", force + 10 * level * rng.standard_normal(400), newton),
         "model_force": (("quantile", "point"), band, newton),
@@ -51,7 +53,7 @@ def loop(rng, level):
         "model_work": ("quantile", lost * (1 + 0.01 * SPREAD), joule),
     }
     attrs = {"level": level, "level_unit": "m", "fitted": int(level < 0.02), "nrmse": 0.01}
-    return xr.Dataset(found, {"quantile": QUANTILE}, attrs)
+    return xr.Dataset(variables, {"quantile": QUANTILE}, attrs)
 
 
 def multisine(rng):
@@ -67,7 +69,7 @@ def multisine(rng):
     def lines_of(part):
         return ("freq", 2 * np.abs(np.fft.rfft(part))[keep] / 1024, unit)
 
-    found = {
+    variables = {
         "measured": ("time", x + noise[0], unit),
         "model_band": (("quantile", "time"), x * (1 + 1e-3 * SPREAD[:, None]), unit),
         "measured_spectrum": lines_of(x),
@@ -76,7 +78,7 @@ def multisine(rng):
     }
     coords = {"time": np.arange(1024) / 256, "freq": freq[keep], "quantile": QUANTILE}
     attrs = {"level": 2.0, "level_unit": "N", "response": "velocity", "fitted": 1}
-    return xr.Dataset(found, coords, attrs | {"nrmse": 1e-3, "nrmse_linear": 0.03})
+    return xr.Dataset(variables, coords, attrs | {"nrmse": 1e-3, "nrmse_linear": 0.03})
 
 
 def further(rng):

@@ -29,15 +29,15 @@ def variable(dims, values, units="", long_name="", **attrs):
 
 
 def posterior(rng, sds, chains=4, draws=500, offset=0.0):
-    found = {}
+    variables = {}
     for name, sd in sds.items():
         shift = offset * rng.standard_normal((chains, 1))
         values = TRUTH.get(name, 15.0) + sd * (rng.standard_normal((chains, draws)) + shift)
         low, high = BOX[name]
         facts = {"lower": low, "upper": high, "truth": TRUTH.get(name, 15.0)}
         values = np.clip(values, low, high)
-        found[name] = variable(("chain", "draw"), values, UNITS[name], name, **facts)
-    return xr.Dataset(found)
+        variables[name] = variable(("chain", "draw"), values, UNITS[name], name, **facts)
+    return xr.Dataset(variables)
 
 
 def ridge_posterior(rng, chains=4, draws=500, mix=True):
@@ -84,7 +84,7 @@ def linear(rng):
     noisy = h * (1 + 0.02 * (rng.standard_normal(freq.size) + 1j * rng.standard_normal(freq.size)))
     near = np.abs(freq - 18.8) < 4
     dims = ("freq",)
-    found = {
+    variables = {
         "h_magnitude": variable(dims, np.abs(noisy), "m/(N/kg)"),
         "h_phase": variable(dims, np.angle(noisy), "rad"),
         "coherence": variable(dims, 1 - 0.3 * np.exp(-(((freq - 18.8) / 0.05) ** 2)), ""),
@@ -93,7 +93,7 @@ def linear(rng):
         "omega_n": variable(("repeat",), 118.12 + 0.01 * rng.standard_normal(8), "rad/s"),
     }
     attrs = {"pooled_omega_n": 118.12, "cv_omega_n": 1.8e-5, "cv_zeta": 0.004, "cv_gain": 0.002}
-    return xr.Dataset(found, {"freq": freq}, attrs)
+    return xr.Dataset(variables, {"freq": freq}, attrs)
 
 
 def kernel(rng):
@@ -102,7 +102,7 @@ def kernel(rng):
     h3 = 7.0e6 * h1**3 * h1_3
     noise = rng.standard_normal((8, 5)) + 1j * rng.standard_normal((8, 5))
     measured = h3 * np.exp(0.12j) * (1 + 0.05 * noise)
-    found = {
+    variables = {
         "measured_magnitude": variable(("repeat", "freq_hz"), np.abs(measured), "s^6/m^2"),
         "measured_phase": variable(("repeat", "freq_hz"), np.angle(measured), "rad"),
         "correction": variable(("freq_hz",), np.linspace(0.02, 0.3, 5)),
@@ -112,9 +112,9 @@ def kernel(rng):
         scale = 1 + width * SPREAD[:, None]
         dims = ("quantile", "freq_hz")
         phase = np.angle(h3) + width * SPREAD[:, None]
-        found[f"{name}_magnitude"] = variable(dims, np.abs(h3) * scale, "s^6/m^2")
-        found[f"{name}_phase"] = variable(dims, phase, "rad")
-    return xr.Dataset(found, {"freq_hz": freq, "quantile": QUANTILE})
+        variables[f"{name}_magnitude"] = variable(dims, np.abs(h3) * scale, "s^6/m^2")
+        variables[f"{name}_phase"] = variable(dims, phase, "rad")
+    return xr.Dataset(variables, {"freq_hz": freq, "quantile": QUANTILE})
 
 
 def spectrum(rng):
@@ -133,14 +133,14 @@ def verification_frf(rng, level):
     measured = h * (1 + 0.04 * noise)
     band = np.abs(h) * (1 + 0.015 * SPREAD[:, None])
     phase = np.angle(h) + 0.02 * SPREAD[:, None]
-    found = {
+    variables = {
         "measured_magnitude": variable(("repeat", "freq"), np.abs(measured), "m/(N/kg)"),
         "measured_phase": variable(("repeat", "freq"), np.angle(measured), "rad"),
         "model_magnitude": variable(("quantile", "freq"), band, "m/(N/kg)"),
         "model_phase": variable(("quantile", "freq"), phase, "rad"),
     }
     attrs = {"level": level, "level_unit": "V", "fitted": int(level != 0.10), "kind": "sweep"}
-    return xr.Dataset(found, {"freq": freq, "quantile": QUANTILE}, attrs)
+    return xr.Dataset(variables, {"freq": freq, "quantile": QUANTILE}, attrs)
 
 
 def verification_sweep(rng, level, size=16384):
@@ -152,7 +152,7 @@ def verification_sweep(rng, level, size=16384):
     width = np.abs(clean)[None] * 0.02 * SPREAD[:, None]
     spread = 0.03 * level * SPREAD[:, None]
     dims = ("quantile", "time")
-    found = {
+    variables = {
         "measured": variable(("time",), clean + noise, "m/s", "mean measured velocity"),
         "measured_band": variable(dims, clean + spread, "m/s"),
         "model_band": variable(dims, clean + width, "m/s"),
@@ -160,7 +160,7 @@ def verification_sweep(rng, level, size=16384):
     }
     attrs = {"level": level, "level_unit": "V", "fitted": int(level != 0.10)}
     attrs |= {"coverage": 0.9893, "nrmse": 0.0312, "response": "velocity"}
-    return xr.Dataset(found, {"time": time, "quantile": QUANTILE}, attrs)
+    return xr.Dataset(variables, {"time": time, "quantile": QUANTILE}, attrs)
 
 
 def validation_loop(rng, level):
@@ -172,20 +172,20 @@ def validation_loop(rng, level):
     width = 0.0003 * np.max(np.abs(force)) * SPREAD[:, None] * (0.2 + np.abs(np.sin(phase)))
     dims = ("quantile", "phase")
     area = np.pi * 0.12 * peak * 500 * peak
-    found = {
+    variables = {
         "measured_y": variable(("phase",), y, "m"),
         "measured_force": variable(("phase",), force + noise, "N/kg"),
         "measured_force_viscous": variable(("phase",), force + noise - 124 * lag, "N/kg"),
         "model_y": variable(dims, y + 0.002 * peak * SPREAD[:, None] * np.cos(phase), "m"),
         "model_force": variable(dims, force + width, "N/kg"),
     }
-    found["measured_force_band"] = variable(dims, force + 0.3 * width, "N/kg")
+    variables["measured_force_band"] = variable(dims, force + 0.3 * width, "N/kg")
     attrs = {"level": level, "level_unit": "V", "tone_hz": 18.0}
     for ending, scale in (("", 1.0), ("_viscous", 1.8)):
-        measured, model = (scale * area * np.array(each) for each in (MEASURED_BAND, MODEL_BAND))
-        found[f"measured_area{ending}"] = variable(("quantile",), measured, "J/kg")
-        found[f"model_area{ending}"] = variable(("quantile",), model, "J/kg")
-    return xr.Dataset(found, {"phase": phase, "quantile": QUANTILE}, attrs)
+        measured, model = (scale * area * np.array(band) for band in (MEASURED_BAND, MODEL_BAND))
+        variables[f"measured_area{ending}"] = variable(("quantile",), measured, "J/kg")
+        variables[f"model_area{ending}"] = variable(("quantile",), model, "J/kg")
+    return xr.Dataset(variables, {"phase": phase, "quantile": QUANTILE}, attrs)
 
 
 def backbone():
@@ -198,7 +198,7 @@ def backbone():
     angle = np.linspace(0, 2 * np.pi, 128, endpoint=False)
     y = np.array([1.6e-3, 3.2e-3, 6.4e-3])[:, None] * np.cos(angle)
     z = 300 * y - 60 * y.max(axis=1, keepdims=True) * np.sin(angle)
-    found = {
+    variables = {
         "frequency": variable(dims, frequency, "Hz"),
         "damping": variable(dims, damping, "1"),
         "loop_y": variable(("loop", "phase"), y, "m"),
@@ -206,7 +206,9 @@ def backbone():
         "loop_slip": variable(("quantile", "loop", "phase"), np.stack(3 * [z - 497.4 * y]), "N/kg"),
         "stuck": variable(("quantile",), 497.4 + SPREAD, "1/s^2"),
     }
-    return xr.Dataset(found, {"amplitude": amplitude, "quantile": QUANTILE}, {"y_fitted": 6.4e-3})
+    return xr.Dataset(
+        variables, {"amplitude": amplitude, "quantile": QUANTILE}, {"y_fitted": 6.4e-3}
+    )
 
 
 def procedure():
@@ -221,12 +223,12 @@ def procedure():
         "joint": ("ok", 1404.0, 1.003),
     }
     verdict, ess, r_hat = zip(*rows.values(), strict=True)
-    found = {
+    variables = {
         "verdict": ("step", np.asarray(verdict, object)),
         "ess": variable(("step",), np.array(ess), "1"),
         "r_hat": variable(("step",), np.array(r_hat), "1"),
     }
-    return xr.Dataset(found, {"step": np.asarray(list(rows), object)}, {"main": "joint"})
+    return xr.Dataset(variables, {"step": np.asarray(list(rows), object)}, {"main": "joint"})
 
 
 def look(level):
