@@ -74,9 +74,9 @@ def test_after_a_full_disk_the_same_command_comes_again(monkeypatch, capsys):
 
     monkeypatch.setattr("jbw.cli.cli.main", full)
     assert run(["identify", "my beam.toml", "--out", "run"]) == RunError.exit_code
-    told = capsys.readouterr().err
-    assert "Next: jbw identify 'my beam.toml' --out run, after the change" in told
-    assert "jbw check" not in told
+    stderr = capsys.readouterr().err
+    assert "Next: jbw identify 'my beam.toml' --out run, after the change" in stderr
+    assert "jbw check" not in stderr
 
 
 @pytest.mark.parametrize(
@@ -119,9 +119,9 @@ def test_data_errors_end_with_3_and_json_says_where(folder, capsys):
     write_hdf5(folder / "noise_2.h5", Record(1024.0, samples, UNITS))
     capsys.readouterr()
     assert run(["check", str(folder / "campaign.toml"), "--json"]) == 3
-    found = json.loads(capsys.readouterr().out)
-    assert found["status"] == "error"
-    for channel, word in zip(found["channels"], ("constant", "2000 of 2000"), strict=True):
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["status"] == "error"
+    for channel, word in zip(answer["channels"], ("constant", "2000 of 2000"), strict=True):
         assert channel["status"] == "error"
         assert word in channel["findings"][0]["what"]
         assert "noise_2.h5" in channel["findings"][0]["what"]
@@ -187,18 +187,18 @@ def test_with_json_an_error_is_json_too(capsys, tmp_path):
     path.write_text("[campaign]\nname = 3\n", encoding="utf-8")
     assert run(["identify", str(path), "--json", "--out", str(tmp_path / "run")]) == 2
     streams = capsys.readouterr()
-    found = json.loads(streams.out)["error"]
-    assert found["kind"] == "ConfigError"
-    assert "name" in found["what"]
-    assert found["exit_code"] == 2
-    assert found["next"] == f"jbw check {path}"
+    failure = json.loads(streams.out)["error"]
+    assert failure["kind"] == "ConfigError"
+    assert "name" in failure["what"]
+    assert failure["exit_code"] == 2
+    assert failure["next"] == f"jbw check {path}"
     assert f"Next: jbw check {path}" in streams.err
 
 
 def test_every_command_that_answers_takes_json():
     for name in jbw.cli.COMMANDS:
         command = jbw.cli.cli.get_command(None, name)
-        options = {option for one in command.params for option in one.opts}
+        options = {option for parameter in command.params for option in parameter.opts}
         assert name in ("completion", "schema") or "--json" in options, name
 
 
@@ -235,12 +235,12 @@ def test_table_1_loses_columns_on_a_narrow_screen_but_no_digits(monkeypatch, cap
             "jbw.cli.printing.console", lambda width=width: Console(width=width, highlight=False)
         )
         show(*summary_lines(summary))
-        told = capsys.readouterr().out
-        assert "…" not in told
-        assert max(map(len, told.splitlines())) <= width
-        head = next(line for line in told.splitlines() if "parameter" in line).split()
+        printed = capsys.readouterr().out
+        assert "…" not in printed
+        assert max(map(len, printed.splitlines())) <= width
+        head = next(line for line in printed.splitlines() if "parameter" in line).split()
         assert head == ["step", "parameter", *columns, "verdict"]
-        assert "0.0044709" in told
+        assert "0.0044709" in printed
 
 
 def test_a_warning_of_several_tests_is_told_once(capsys):
@@ -267,10 +267,10 @@ def test_a_warning_of_several_tests_is_told_once(capsys):
 
 def test_help_stands_in_groups_with_the_rare_commands_last(capsys):
     assert run(["--help"]) == 0
-    told = capsys.readouterr().out
-    places = [told.index(f"{heading}:\n") for heading in ("Begin", "Identify", "Use", "More")]
-    assert places == sorted(places)
-    last = told[places[-1] :]
+    printed = capsys.readouterr().out
+    positions = [printed.index(f"{heading}:\n") for heading in ("Begin", "Identify", "Use", "More")]
+    assert positions == sorted(positions)
+    last = printed[positions[-1] :]
     assert all(f"  {name} " in last for name in ("sbc", "compare", "schema", "completion"))
 
 

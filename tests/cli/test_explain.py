@@ -24,17 +24,19 @@ JUDGES = (
 
 def codes():
     """First argument of every finding in the source, where it is written out."""
-    found = set()
+    in_source = set()
     for path in (p for part in JUDGES for p in (PACKAGE / part).rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             name = getattr(getattr(node, "func", None), "id", "")
             if name in ("Finding", "checked") and node.args:
                 if isinstance(node.args[0], ast.Constant):
-                    found.add(node.args[0].value)
+                    in_source.add(node.args[0].value)
             if name == "replace":
-                given = [word.value for word in node.keywords if word.arg == "code"]
-                found |= {one.value for one in given if isinstance(one, ast.Constant)}
-    return found | {"ess_bulk", "ess_tail"}  # made in a loop
+                new_codes = [word.value for word in node.keywords if word.arg == "code"]
+                in_source |= {
+                    constant.value for constant in new_codes if isinstance(constant, ast.Constant)
+                }
+    return in_source | {"ess_bulk", "ess_tail"}  # made in a loop
 
 
 def test_every_finding_has_a_page_and_every_page_a_finding():
@@ -44,10 +46,10 @@ def test_every_finding_has_a_page_and_every_page_a_finding():
 @pytest.mark.parametrize("code", sorted(explanations()))
 def test_a_page_says_what_was_looked_at_and_what_to_do(code, capsys):
     assert run(["explain", code]) == 0
-    told = capsys.readouterr().out
-    assert told.startswith(code)
-    assert "Check: " in told
-    assert "Remedy: " in told
+    printed = capsys.readouterr().out
+    assert printed.startswith(code)
+    assert "Check: " in printed
+    assert "Remedy: " in printed
 
 
 def test_an_unknown_code_is_answered_with_the_nearest(capsys):
@@ -99,12 +101,12 @@ def test_every_column_of_a_table_is_explained():
 def test_every_parameter_of_every_law_is_explained():
     names = {*vocabulary(), *BY_NAME}
     for name in names:
-        told = explained(name)
-        assert told, name
-    for name, one in vocabulary().items():
+        explanation = explained(name)
+        assert explanation, name
+    for name, parameter in vocabulary().items():
         if name not in words():  # a word of its own is explained as that
-            assert one.symbol in explained(name)
-            assert one.unit == "1" or one.unit in explained(name)
+            assert parameter.symbol in explained(name)
+            assert parameter.unit == "1" or parameter.unit in explained(name)
 
 
 @pytest.mark.parametrize(
@@ -113,9 +115,9 @@ def test_every_parameter_of_every_law_is_explained():
 )
 def test_words_that_nobody_understood_are_explained(word, capsys):
     assert run(["explain", word]) == 0
-    told = capsys.readouterr().out
-    assert told.startswith(word)
-    assert len(told.split()) > 10
+    printed = capsys.readouterr().out
+    assert printed.startswith(word)
+    assert len(printed.split()) > 10
 
 
 @pytest.mark.parametrize(

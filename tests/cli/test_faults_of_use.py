@@ -48,8 +48,8 @@ except RunError as error:
 @pytest.mark.fault(42)
 @pytest.mark.skipif(sys.platform == "win32", reason="limits of file sizes are for Unix")
 def test_a_file_that_does_not_fit_leaves_the_old_one_whole(tmp_path):
-    code, printed, said = called(tmp_path / "a.checkpoint", program=TOO_LITTLE_SPACE)
-    assert code == 0, said
+    code, printed, stderr = called(tmp_path / "a.checkpoint", program=TOO_LITTLE_SPACE)
+    assert code == 0, stderr
     message = printed.decode()
     assert f"{tmp_path / 'a.checkpoint'} cannot be written" in message
     assert "What was saved before is whole" in message
@@ -103,17 +103,17 @@ LOCALES = {
 @pytest.mark.parametrize("locale", LOCALES)
 def test_other_scripts_spaces_and_locales(campaign, locale):
     environment = {"PYTHONIOENCODING": "", **LOCALES[locale]}
-    code, printed, said = called("check", campaign, **environment)
-    assert code == 0, said
+    code, printed, stderr = called("check", campaign, **environment)
+    assert code == 0, stderr
     assert b"Rauschen" in printed
-    code, printed, said = called("check", "--json", campaign, **environment)
-    assert code == 0, said
+    code, printed, stderr = called("check", "--json", campaign, **environment)
+    assert code == 0, stderr
     assert b'"repeats": 1' in printed
-    code, _, said = called("check", campaign.parent / "nix ü.toml", **environment)
+    code, _, stderr = called("check", campaign.parent / "nix ü.toml", **environment)
     assert code == 2
-    assert "nix" in said
-    assert "does not exist" in said
-    assert "Internal error" not in said
+    assert "nix" in stderr
+    assert "does not exist" in stderr
+    assert "Internal error" not in stderr
 
 
 @pytest.mark.fault(52)
@@ -123,14 +123,14 @@ def test_other_scripts_spaces_and_locales(campaign, locale):
 def test_names_steer_neither_table_nor_terminal(campaign, capsys, name):
     campaign.write_text(CAMPAIGN.replace('"Prüfstand 振动"', name), encoding="utf-8")
     code = run(["check", str(campaign)])
-    told = capsys.readouterr()
+    streams = capsys.readouterr()
     if "\\" in name:
         assert code == 2
-        assert "[campaign] name: must be printable, on one line" in told.err
+        assert "[campaign] name: must be printable, on one line" in streams.err
     else:
         assert code == 0
-        assert f"Campaign {json.loads(name)}" in told.out
-    assert "\x1b" not in told.out + told.err
+        assert f"Campaign {json.loads(name)}" in streams.out
+    assert "\x1b" not in streams.out + streams.err
 
 
 # --- row 57 ---
@@ -150,27 +150,27 @@ def test_no_figure_opens_a_window():
 @pytest.mark.fault(55)
 def test_a_run_records_what_its_draws_depend_on(tmp_path):
     begin(tmp_path, Manifest("jbw identify beam.toml --seed 7", "/data/beam.toml", seed=7)).close()
-    known = json.loads((tmp_path / ".run" / "manifest.json").read_text())
-    assert known["seed"] == 7
-    assert {"jbw", "jax", "jaxlib", "numpyro", "blackjax", "numpy"} <= set(known["versions"])
-    assert set(known["machine"]) == {"name", "processors"}
+    manifest = json.loads((tmp_path / ".run" / "manifest.json").read_text())
+    assert manifest["seed"] == 7
+    assert {"jbw", "jax", "jaxlib", "numpyro", "blackjax", "numpy"} <= set(manifest["versions"])
+    assert set(manifest["machine"]) == {"name", "processors"}
 
 
 def refused(capsys, *arguments):
     """Exit code and the one message of a command that refuses, without a traceback."""
-    code = run([str(one) for one in arguments])
-    told = capsys.readouterr().err
-    assert "Traceback" not in told
-    assert "Internal error" not in told
-    return code, told
+    code = run([str(argument) for argument in arguments])
+    stderr = capsys.readouterr().err
+    assert "Traceback" not in stderr
+    assert "Internal error" not in stderr
+    return code, stderr
 
 
 def test_a_folder_without_records_is_said_with_the_suffixes(tmp_path, capsys):
     (tmp_path / "notes.docx").write_bytes(b"none")
-    code, told = refused(capsys, "init", tmp_path)
+    code, stderr = refused(capsys, "init", tmp_path)
     assert code == 3
-    assert "has no measurement file that can be read" in told
-    assert ".mat" in told
+    assert "has no measurement file that can be read" in stderr
+    assert ".mat" in stderr
 
 
 def test_a_folder_that_may_not_be_read_is_said(tmp_path, capsys, monkeypatch):
@@ -180,26 +180,26 @@ def test_a_folder_that_may_not_be_read_is_said(tmp_path, capsys, monkeypatch):
         raise PermissionError(13, "Permission denied", str(self))
 
     monkeypatch.setattr(Path, "iterdir", forbidden)
-    code, told = refused(capsys, "init", tmp_path)
+    code, stderr = refused(capsys, "init", tmp_path)
     assert code == 3
-    assert f"Folder `{tmp_path}` cannot be read: Permission denied." in told
-    assert "copy the records" in told
+    assert f"Folder `{tmp_path}` cannot be read: Permission denied." in stderr
+    assert "copy the records" in stderr
 
 
 def test_a_folder_that_may_not_be_written_names_the_way_round(tmp_path, capsys, monkeypatch):
     t = np.arange(512) / 256.0
     np.savez(tmp_path / "sweep_1.npz", time=t, input=np.sin(t), velocity=np.cos(t))
-    whole = Path.open
+    open_of_path = Path.open
 
     def forbidden(self, mode="r", *rest, **more):
         if mode == "xb":
             raise PermissionError(13, "Permission denied", str(self))
-        return whole(self, mode, *rest, **more)
+        return open_of_path(self, mode, *rest, **more)
 
     monkeypatch.setattr(Path, "open", forbidden)
-    code, told = refused(capsys, "init", tmp_path)
+    code, stderr = refused(capsys, "init", tmp_path)
     assert code == 1  # nothing that was typed is wrong
-    assert f"jbw init --print {tmp_path}" in told
+    assert f"jbw init --print {tmp_path}" in stderr
     assert run(["init", "--print", str(tmp_path)]) == 0
 
 
@@ -207,10 +207,10 @@ def test_ten_thousand_files_are_refused_without_reading_them(tmp_path, capsys, m
     for i in range(10_000):
         (tmp_path / f"take_{i}_left.npz").touch()
     monkeypatch.setattr("jbw.campaign.draft.opened", lambda path: pytest.fail("was read"))
-    code, told = refused(capsys, "init", tmp_path)
+    code, stderr = refused(capsys, "init", tmp_path)
     assert code == 3
-    assert "10000 measurement files of 10000 names" in told
-    assert "folder of its own" in told
+    assert "10000 measurement files of 10000 names" in stderr
+    assert "folder of its own" in stderr
 
 
 def test_ten_thousand_repeats_are_one_test(tmp_path, capsys):
@@ -219,21 +219,21 @@ def test_ten_thousand_repeats_are_one_test(tmp_path, capsys):
         (tmp_path / f"sweep_{i}.npz").touch()
     np.savez(tmp_path / "sweep_0.npz", time=t, input=np.sin(t), velocity=np.cos(t))
     assert run(["init", "--print", str(tmp_path)]) == 0
-    told = capsys.readouterr().out
-    assert told.count("[[test]]\n") == 1
-    assert "10000 file(s)" in told
+    printed = capsys.readouterr().out
+    assert printed.count("[[test]]\n") == 1
+    assert "10000 file(s)" in printed
 
 
 def test_a_report_of_a_run_that_failed_names_what_finishes_it(tmp_path, capsys):
     folder = tmp_path / "my run"
     begin(folder, Manifest("jbw identify c.toml", "c.toml")).close()
-    code, told = refused(capsys, "report", folder)
+    code, stderr = refused(capsys, "report", folder)
     assert code == 3
-    assert f"jbw resume '{folder}'" in told
+    assert f"jbw resume '{folder}'" in stderr
     (tmp_path / "empty").mkdir()
-    code, told = refused(capsys, "report", tmp_path / "empty")
+    code, stderr = refused(capsys, "report", tmp_path / "empty")
     assert code == 3
-    assert "jbw identify CAMPAIGN.toml --out DIR" in told
+    assert "jbw identify CAMPAIGN.toml --out DIR" in stderr
 
 
 def test_a_terminal_of_sixty_columns_and_none_at_all(monkeypatch):
@@ -272,10 +272,10 @@ def test_a_folder_for_a_campaign_file_is_refused_at_once_with_the_command_to_typ
     folder = tmp_path / "my records"
     folder.mkdir()
     assert run([command, str(folder)]) == 2
-    said = capsys.readouterr().err
-    assert "must be a file, but it is a folder" in said
-    assert f"jbw init '{folder}'" in said
-    assert "Loading" not in said
+    stderr = capsys.readouterr().err
+    assert "must be a file, but it is a folder" in stderr
+    assert f"jbw init '{folder}'" in stderr
+    assert "Loading" not in stderr
     np.savetxt(folder / "noise.csv", np.ones((64, 3)), delimiter=",", header="t,u,v", comments="")
     assert run(["init", str(folder)]) == 0  # the remedy, as it is typed
     capsys.readouterr()

@@ -46,9 +46,9 @@ def test_a_draft_that_cannot_be_written_is_said_and_leaves_nothing(folder, capsy
     with no_room():
         code = run(["init", str(folder)])
     assert code == 1
-    said = capsys.readouterr().err
-    assert "campaign.toml` cannot be written: File too large." in said
-    assert f"jbw init --print {folder}" in said
+    stderr = capsys.readouterr().err
+    assert "campaign.toml` cannot be written: File too large." in stderr
+    assert f"jbw init --print {folder}" in stderr
     assert [path.name for path in folder.iterdir()] == ["decay.npz"]
     assert run(["init", str(folder)]) == 0
 
@@ -65,9 +65,9 @@ def test_a_figure_that_cannot_be_written_is_said_and_leaves_nothing(
     with no_room():
         code = run(words)
     assert code == 1
-    said = capsys.readouterr().err
-    assert "cannot be written" in said
-    assert "File too large." in said
+    stderr = capsys.readouterr().err
+    assert "cannot be written" in stderr
+    assert "File too large." in stderr
     # The place is at fault and not the campaign.
-    assert f"Next: jbw {' '.join(words)}, after the change" in said
+    assert f"Next: jbw {' '.join(words)}, after the change" in stderr
     assert not list(folder.rglob("*.p*ng*"))

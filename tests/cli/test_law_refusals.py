@@ -40,6 +40,6 @@ def test_what_no_law_can_mean_is_refused(tmp_path, capsys, command, laws, prior,
     path.write_text(CAMPAIGN.format(laws=laws, prior=prior), encoding="utf-8")
     out = ["--out", str(tmp_path / "run")] if command == "identify" else []
     assert run([command, str(path), *out]) == 2
-    told = " ".join(capsys.readouterr().err.split())
-    assert told.count(says) == 1
-    assert "campaign.toml has an error:" in told
+    stderr = " ".join(capsys.readouterr().err.split())
+    assert stderr.count(says) == 1
+    assert "campaign.toml has an error:" in stderr

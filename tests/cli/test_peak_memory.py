@@ -57,9 +57,9 @@ settle = {settle}
 def test_a_pathological_decay_takes_no_more_memory_than_others(tmp_path, zeta, settle):
     file = campaign(tmp_path / "campaign", zeta, settle)
     command = [sys.executable, "-c", RUN, "identify", str(file), "--out", str(tmp_path / "run")]
-    known = {"JAX_CAPTURED_CONSTANTS_WARN_BYTES": "1000000"}
+    environment = {"JAX_CAPTURED_CONSTANTS_WARN_BYTES": "1000000"}
     ended = subprocess.run(
-        command, env=os.environ | known, capture_output=True, text=True, timeout=1800
+        command, env=os.environ | environment, capture_output=True, text=True, timeout=1800
     )
     assert ended.returncode == 0, ended.stderr  # of this script: the command's is printed
     words = ended.stdout.split()

@@ -69,13 +69,13 @@ def test_a_table_goes_to_stdout_and_progress_to_stderr(capsys, plan_file):
 
 def test_json_holds_the_rows_and_the_combination(capsys, plan_file):
     assert run(["plan", str(plan_file), "--json"]) == 0
-    found = json.loads(capsys.readouterr().out)
-    assert found["wish"]["wanted"] == ["alpha", "delta", "gamma"]
-    assert found["wish"]["max_input"] is None  # no limit: JSON has no infinity
-    (only,) = found["rows"]
+    answer = json.loads(capsys.readouterr().out)
+    assert answer["wish"]["wanted"] == ["alpha", "delta", "gamma"]
+    assert answer["wish"]["max_input"] is None  # no limit: JSON has no infinity
+    (only,) = answer["rows"]
     assert only["level"] == 0.02
     assert only["seconds"] == pytest.approx(120.0 * only["repeats"])
-    assert found["combination"]["tests"] == [
+    assert answer["combination"]["tests"] == [
         {"test": only["test"], "level": 0.02, "repeats": only["repeats"]}
     ]
     assert set(only["cv"]["alpha"]) == {"median", "worst_decile"}

@@ -99,13 +99,13 @@ def test_a_campaign_never_seen_is_predicted(finished, capsys):
     assert {p.name for p in out.iterdir()} == {"figures", "predictions.json", "predictions.nc"}
     assert len(list((out / "figures").glob("*.png"))) == 2
     with xr.open_datatree(out / "predictions.nc", engine="h5netcdf") as tree:
-        found = tree["strong"].to_dataset().load()
-    assert found["predictive_band"].attrs["units"] == "m/s"
+        prediction = tree["strong"].to_dataset().load()
+    assert prediction["predictive_band"].attrs["units"] == "m/s"
     v = motion(0.2)[2]
     # Straight lines of the reference's input at 455 points a period: (2 pi / 455)^2 / 12 = 2e-5.
-    np.testing.assert_allclose(found["model_band"][1], v, atol=2e-5 * np.abs(v).max())
-    assert found.attrs["extrapolation"] == pytest.approx(2.0, rel=1e-3)
-    assert abs(found.attrs["coverage"] - 0.99) < 4 * np.sqrt(0.99 * 0.01 / 2048)
+    np.testing.assert_allclose(prediction["model_band"][1], v, atol=2e-5 * np.abs(v).max())
+    assert prediction.attrs["extrapolation"] == pytest.approx(2.0, rel=1e-3)
+    assert abs(prediction.attrs["coverage"] - 0.99) < 4 * np.sqrt(0.99 * 0.01 / 2048)
     rows = json.loads((out / "predictions.json").read_text())
     assert [row["test"] for row in rows] == ["weak", "strong"]
     assert rows[1]["warnings"]
@@ -146,8 +146,8 @@ def test_the_tests_are_those_of_the_runs_own_campaign_where_no_other_is_given(fi
 def test_what_cannot_be_meant_is_said(finished, capsys, arguments, code, says):
     folder, data = finished
     path = str(write_campaign(data))
-    given = [path if one == "CAMPAIGN" else one for one in arguments]
-    assert run(["predict", str(folder), *given]) == code
+    command = [path if argument == "CAMPAIGN" else argument for argument in arguments]
+    assert run(["predict", str(folder), *command]) == code
     streams = capsys.readouterr()
     assert says in streams.err
     assert "Traceback" not in streams.err
@@ -157,9 +157,9 @@ def test_a_source_in_newtons_needs_a_mass(finished, capsys):
     folder, data = finished
     path = write_campaign(data, "force", "N")
     assert run(["predict", str(folder), "--campaign", str(path), "--test", "weak"]) == 3
-    said = capsys.readouterr().err
-    assert "source in N, but the run's gain is per V" in said
-    assert "modal_mass" in said
+    stderr = capsys.readouterr().err
+    assert "source in N, but the run's gain is per V" in stderr
+    assert "modal_mass" in stderr
     path = write_campaign(data, "force", "N", gain=f"modal_mass = {1 / GAIN}")
     assert run(["predict", str(folder), "--campaign", str(path), "--test", "weak"]) == 0
 

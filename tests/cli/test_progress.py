@@ -38,39 +38,39 @@ def told_on(terminal, clock, events):
     """What a teller writes for (seconds later, what is known) one after the other."""
     stream = io.StringIO()
     say = Teller(Console(file=stream, force_terminal=terminal, width=110, highlight=False))
-    for seconds, known in events:
+    for seconds, so_far_known in events:
         clock[0] += seconds
-        say.chains("joint", known)
+        say.chains("joint", so_far_known)
     say("Done")
     return stream.getvalue()
 
 
 def test_where_there_is_no_terminal_a_line_now_and_then(clock):
-    told = told_on(
+    printed = told_on(
         False, clock, [(PLAIN_S + 1, so_far(10, 425, 0)), (1, so_far()), (PLAIN_S, so_far())]
     )
-    lines = told.splitlines()
+    lines = printed.splitlines()
     assert len(lines) == 3
     assert lines[0].endswith("joint posterior: 10 of 425 steps, warming up, 100 s left")
     assert "joint posterior: 300 of 425 steps, " in lines[1]
     assert "2 divergences" in lines[1]
-    assert "\x1b" not in told
+    assert "\x1b" not in printed
 
 
 def test_a_quick_posterior_says_nothing(clock):
-    told = told_on(False, clock, [(0.1, so_far(100)), (0.1, so_far(425, 425))])
-    assert told.splitlines() == ["[  0.2 s] Done"]
+    printed = told_on(False, clock, [(0.1, so_far(100)), (0.1, so_far(425, 425))])
+    assert printed.splitlines() == ["[  0.2 s] Done"]
 
 
 def test_on_a_terminal_every_chain_has_its_line(clock):
-    told = told_on(True, clock, [(LOOK_S + 1, so_far())])
-    assert "joint posterior" in told
+    printed = told_on(True, clock, [(LOOK_S + 1, so_far())])
+    assert "joint posterior" in printed
     for chain in range(1, 5):
-        assert f"chain {chain}" in told
-    assert told.count("300/425") >= 4  # drawn again when the live lines end
-    assert "2 divergences" in told
-    assert told.count("left") >= 4
-    assert told.rstrip().endswith("Done")
+        assert f"chain {chain}" in printed
+    assert printed.count("300/425") >= 4  # drawn again when the live lines end
+    assert "2 divergences" in printed
+    assert printed.count("left") >= 4
+    assert printed.rstrip().endswith("Done")
 
 
 def test_five_seconds_of_silence_are_broken_by_what_is_under_way(clock):
@@ -121,14 +121,16 @@ def test_what_is_under_way_is_named_in_plain_words(name, words):
 
 
 def test_rounds_of_points_are_no_steps():
-    told = chain_sentence("joint_amis", so_far(3, 64, left_s=None, in_rounds=True))
-    assert told.startswith("joint posterior, weighed points: round 3 of 64 at most, ")
+    sentence = chain_sentence("joint_amis", so_far(3, 64, left_s=None, in_rounds=True))
+    assert sentence.startswith("joint posterior, weighed points: round 3 of 64 at most, ")
     # Four groups of 275 independent draws: together worth about as many, within a tenth.
     worth = float(
-        re.search(r"at most, ([\d,]+) effective draws of at least 400", told)[1].replace(",", "")
+        re.search(r"at most, ([\d,]+) effective draws of at least 400", sentence)[1].replace(
+            ",", ""
+        )
     )
     assert 0.9 * 1100 < worth < 1.1 * 1100
-    assert "steps" not in told
+    assert "steps" not in sentence
 
 
 def test_what_is_under_way_within_a_stage_is_told_of_that_stage_alone(clock):
@@ -204,8 +206,8 @@ def test_on_a_terminal_one_line_is_written_over(clock, monkeypatch):
     with open(slave, "w", encoding="utf-8") as stream:
         say = Teller(Console(file=stream, width=80, highlight=False))
 
-        def after(event, *told):
-            event(*told)
+        def after(event, *printed):
+            event(*printed)
             written.append(os.read(master, 4096).decode())  # or the terminal would be full
 
         def shown():
@@ -224,9 +226,9 @@ def test_on_a_terminal_one_line_is_written_over(clock, monkeypatch):
         assert len(shown()) == 3
         assert shown()[-1] == "[ 90.0 s] ... Joint posterior, for 90 s so far"
         after(say, "Done")
-        told = shown()
+        printed = shown()
     os.close(master)
-    assert [line[10:] for line in told] == ["Reading", "Joint posterior", "Done"]
+    assert [line[10:] for line in printed] == ["Reading", "Joint posterior", "Done"]
 
 
 def test_a_terminal_that_rewrites_nothing_gets_lines(clock, monkeypatch):
@@ -286,10 +288,10 @@ def test_no_color_is_heeded(tmp_path):
         "from rich.text import Text\nfrom jbw.cli.printing import console\n"
         "console().print(Text('failed', 'bold red'))"
     )
-    for given, coloured in (({}, True), ({"NO_COLOR": "1"}, False)):
+    for environment, coloured in (({}, True), ({"NO_COLOR": "1"}, False)):
         ended = subprocess.run(
             [sys.executable, "-c", code], capture_output=True, text=True, check=True,
-            env={"PATH": "", "FORCE_COLOR": "1", "TERM": "xterm-256color", **given},
+            env={"PATH": "", "FORCE_COLOR": "1", "TERM": "xterm-256color", **environment},
         )  # fmt: skip
         assert ("\x1b[1;31m" in ended.stdout) == coloured
         assert "failed" in ended.stdout

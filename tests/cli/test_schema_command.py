@@ -24,12 +24,14 @@ def schemas():
 
     from jbw.cli.about import schema
 
-    found = {
+    schema_by_file = {
         name: json.loads(CliRunner().invoke(schema, [name]).stdout) for name in ("campaign", "plan")
     }
-    for one in found.values():
-        jsonschema.Draft202012Validator.check_schema(one)
-    return {name: jsonschema.Draft202012Validator(one) for name, one in found.items()}
+    for document in schema_by_file.values():
+        jsonschema.Draft202012Validator.check_schema(document)
+    return {
+        name: jsonschema.Draft202012Validator(document) for name, document in schema_by_file.items()
+    }
 
 
 def test_it_is_the_campaign_file_by_default_and_knows_two_files(capsys):
@@ -79,5 +81,5 @@ def test_every_key_says_what_it_means(schemas):
     tables = schemas["campaign"].schema["$defs"]
     for table, model in (("TestSpec", TestSpec), ("Identify", Identify)):
         assert set(tables[table]["properties"]) == set(model.model_fields)
-        assert all(one["description"] for one in tables[table]["properties"].values())
+        assert all(key["description"] for key in tables[table]["properties"].values())
     assert tables["TestSpec"]["properties"]["kind"]["enum"] == list(KINDS)
