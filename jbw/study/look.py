@@ -107,7 +107,15 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
         "unread": unread,
         "seen": [sentence for test in campaign.tests for sentence in _seen(test)],
     }
-    return Look(record | {"statements": statements(record, readings_of)}, readings_of, responses)
+    told = statements(record, readings_of, _modes_hz(campaign))
+    return Look(record | {"statements": told}, readings_of, responses)
+
+
+def _modes_hz(campaign: Campaign) -> tuple[float, ...]:
+    """Frequencies of the elastic modes that a campaign states, or its matrices tell [Hz]."""
+    if campaign.joints is not None:
+        return tuple(float(hz) for hz in campaign.joints.model.frequencies_hz if hz > 0)
+    return () if campaign.structure is None else campaign.structure.modes
 
 
 def _of_first_mode(campaign: Campaign) -> Iterator[Test]:

@@ -21,13 +21,20 @@ WORN = 0.02  # of the secant stiffness of equal cycles: less is how a rig repeat
 CLEAR = 0.2  # of half width and of damping: no noise that leaves a resonance to be read does it
 
 
-def statements(record: Mapping[str, Any], found: Mapping[str, list[Reading]]) -> list[str]:
-    """Whether the structure is linear over the levels, and how frequency and damping change."""
+def statements(
+    record: Mapping[str, Any], found: Mapping[str, list[Reading]], modes_hz: Sequence[float] = ()
+) -> list[str]:
+    """Whether the structure is linear over the levels, and how frequency and damping change.
+
+    Of several modes each is told by itself, by the readings that are nearest to its frequency.
+    """
     readings = sorted((one for test in found.values() for one in test), key=lambda one: one.y)
-    answer = nonlinear(readings) if readings else None
-    sentences = [] if answer is None else [answer.sentence]
-    if answer is not None and answer.is_seen:
-        sentences += onset(record["tests"], readings)
+    sentences = []
+    for hz, of_mode in _by_mode(readings, modes_hz).items():
+        rows = [row for row in record["tests"] if _nearest(row["frequency_hz"], modes_hz) == hz]
+        answer = nonlinear(of_mode)
+        told = [answer.sentence, *(onset(rows, of_mode) if answer.is_seen else [])]
+        sentences += told if hz is None else [look.of_mode(hz, sentence) for sentence in told]
     sentences += days(record["tests"])
     coherent = [row for row in record["tests"] if row["coherence"] is not None]
     if len(coherent) > 1:
@@ -44,6 +51,23 @@ def statements(record: Mapping[str, Any], found: Mapping[str, list[Reading]]) ->
     for name, why in record["unread"].items():
         reasons.setdefault(why, []).append(name)
     return [*sentences, *(look.not_read(names, why) for why, names in reasons.items())]
+
+
+def _by_mode(
+    readings: Sequence[Reading], modes_hz: Sequence[float]
+) -> dict[float | None, list[Reading]]:
+    """Readings by the frequency of the mode that they are nearest to, in the order of these."""
+    groups = {hz: [] for hz in (_nearest(each, modes_hz) for each in modes_hz or (1.0,))}
+    for reading in readings:
+        groups[_nearest(reading.frequency_hz, modes_hz)].append(reading)
+    return {hz: group for hz, group in groups.items() if group}
+
+
+def _nearest(frequency_hz: float, modes_hz: Sequence[float]) -> float | None:
+    """The nearest of several modes [Hz]; None where there is one alone."""
+    if len(modes_hz) < 2:
+        return None
+    return min(modes_hz, key=lambda hz: abs(np.log(frequency_hz / hz)))
 
 
 class Nonlinear(NamedTuple):

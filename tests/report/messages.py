@@ -183,7 +183,7 @@ OF_TOPICS = {
     "look": [
         look.NO_OSCILLATOR,
         look.coherence((0.97, "weak"), (0.99, "strong")),
-        look.secant(1e-4, 1e-3, -0.12),
+        look.secant(1e-4, 1e-3, -0.12), look.of_mode(30.5, "Nonlinear: no."),
         look.not_read(["gap", "hole"], "A record has samples missing."),
         look.nonlinear(True, [1e-4, 1e-3], [
             look.change("frequency", (0.4, 0.5, 0.6), (0.9, 1.0, 1.1), falls=True, unit=""),

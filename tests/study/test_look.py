@@ -18,7 +18,7 @@ from jbw.report.looking import look_figure
 from jbw.report.messages import look as texts
 from jbw.study.identify import identify
 from jbw.study.look import look, look_groups
-from jbw.study.look_words import SURE, days, nonlinear, onset
+from jbw.study.look_words import SURE, days, nonlinear, onset, statements
 
 HERTZ = OMEGA_N / (2 * np.pi)
 
@@ -383,3 +383,19 @@ def test_scatter_within_a_day_stands_against_that_between_days():
     assert days([row(1e-3, 18.8), row(2e-3, 18.7)]) == []
     # Levels are not compared with one another.
     assert days([row(1e-3, 18.8, run="a"), row(2e-3, 18.7, run="b", level=2.0)]) == []
+
+
+def test_each_of_several_modes_is_told_by_itself():
+    """The first mode falls by 2 %, the second keeps its frequency at motions between."""
+    softening = [Reading(1e-3 * a, 30.0 * (1 - 0.005 * a), 0.01) for a in (1.0, 2.0, 3.0, 4.0)]
+    linear = [Reading(1e-3 * a, 90.0, 0.01) for a in (1.5, 2.5, 3.5)]
+    readings = {"first": softening, "second": linear}
+    record = {"tests": [], "loops": [], "unread": {}}
+    told = statements(record, readings, (30.5, 91.0))
+    *first, second = told
+    assert first[0].startswith("Mode near 30.5 Hz: Nonlinear: yes")
+    assert second.startswith("Mode near 91 Hz: Nonlinear: no")
+    # A mode that no test reads says nothing; one mode alone is not named.
+    assert statements(record, {"first": softening}, (30.5, 91.0)) == first
+    alone = statements(record, {"first": softening})
+    assert [texts.of_mode(30.5, sentence) for sentence in alone] == first

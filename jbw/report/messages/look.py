@@ -44,6 +44,11 @@ def not_read(tests: Sequence[str], why: str) -> str:
     return f"Not read: {', '.join(tests)}. {why}"
 
 
+def of_mode(hz: float, sentence: str) -> str:
+    """A sentence about one of several modes."""
+    return f"Mode near {hz:.4g} Hz: {sentence}"
+
+
 def reach(y: Sequence[float]) -> str:
     """Between which amplitudes [m] there are readings."""
     return f"{1e3 * y[0]:.2g} to {1e3 * y[-1]:.2g} mm"
