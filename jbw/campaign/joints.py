@@ -19,6 +19,8 @@ from jbw.assembly.separability import (
     joint_separability,
     moving_modes,
 )
+from jbw.assembly.starts import JointStarts as Starts
+from jbw.assembly.starts import joint_starts
 from jbw.campaign.assembled import (
     AssembledStructure,
     JointTable,
@@ -31,6 +33,7 @@ from jbw.campaign.files import found_files
 from jbw.campaign.schema import CampaignSpec
 from jbw.errors import ConfigError
 from jbw.measurement.checks import Fault, doubt, refusal
+from jbw.quantities import label, split
 
 STRUCTURE = "[structure]"
 _UNMOVED = 1e-2  # of the joint that moves most: B is a millionth
@@ -347,6 +350,34 @@ def refuse_unknown_shapes(spec: CampaignSpec) -> None:
         remedy="Read with `jbw check` which joints the tests tell apart, state `matrices` under "
         "[structure], or one joint under [joint] and its modes in place of them.",
     )
+
+
+def starts_of(
+    joints: SeveralJoints,
+    modes_hz: Sequence[float],
+    readings: Float[np.ndarray, " mode"],
+    std: Float[np.ndarray, " mode"],
+) -> Starts:
+    """What readings of single modes tell of every law, in the order of the laws.
+
+    Args:
+        joints: The joints and their laws, one law a joint.
+        modes_hz: Natural frequencies of the modes that were read, as the model has them [Hz].
+        readings: Of each of them, of unit modal mass.
+        std: Their standard errors.
+
+    Raises:
+        ConfigError: There are fewer modes than laws.
+    """
+    model = joints.model
+    modes = [int(np.argmin(np.abs(model.frequencies_hz - hz))) for hz in modes_hz]
+    owner = {joint: k for k, law in enumerate(joints.laws) for joint in split(law)[1]}
+    rows = [j for j, joint in enumerate(model.joints) if label(joint.name) in owner]
+    groups = [owner[label(model.joints[j].name)] for j in rows]
+    order = np.argsort(groups, kind="stable")
+    motion = model.H[[rows[k] for k in order], : model.num_kept]
+    separability = joint_separability(motion, modes, groups=[groups[k] for k in order])
+    return joint_starts(separability, readings, np.diag(np.square(std)))
 
 
 def require_one_joint(joints: SeveralJoints | None, what: str) -> None:

@@ -47,6 +47,7 @@ class Measured:
     sweeps: Sweeps | None  # when there were any
     decays: DecaySplit | None  # when any may be fitted
     modes: Modes | None = None  # that meet in the joint; None of one mode
+    joints: SeveralJoints | None = None  # of a structure with several
 
     @property
     def probing(self) -> tuple[Test, ...]:
@@ -101,7 +102,7 @@ def measured(
     sweeps = selection.sweep_tests(tests, settings, every=modes is not None)
     decays = selection.decay_tests(tests, settings, chosen)
     facts = (settings, laws, gain, linear, sweeps, decays, modes)
-    return Measured(tuple(tests), tuple(chosen), *facts)
+    return Measured(tuple(tests), tuple(chosen), *facts, joints=joints)
 
 
 def measured_in(

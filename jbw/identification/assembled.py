@@ -113,7 +113,7 @@ def _driven_modes(reduced: Any, tests: Sequence[Test]) -> list[int]:
     elastic = [i for i, hz in enumerate(frequencies) if hz > 0]
     windows = Modes(tuple(float(frequencies[i]) for i in elastic)).windows_hz
     passed = {i for test in tests for i, window in zip(elastic, windows, strict=True)
-              if _passes(test, window)}  # fmt: skip
+              if passes(test, window)}  # fmt: skip
     gains = np.abs(reduced.b * reduced.c[0])
     driven = sorted(passed)
     if not driven:
@@ -138,7 +138,7 @@ def _driven_modes(reduced: Any, tests: Sequence[Test]) -> list[int]:
     return [seen[0], *(i for i in driven if i != seen[0])]
 
 
-def _passes(test: Test, window_hz: tuple[float, float]) -> bool:
+def passes(test: Test, window_hz: tuple[float, float]) -> bool:
     """Whether a test's source has loud lines within a window, in the test's band."""
     record = test.records[0]
     hz = np.fft.rfftfreq(record.num_samples, 1 / record.fs)

@@ -45,6 +45,7 @@ from jbw.identification.model_discrepancy import (
     model_discrepancy,
 )
 from jbw.identification.no_joint import joint_finding, likely, may_be_absent, without_joint
+from jbw.identification.one_mode_readings import NOTHING, Readings, with_readings
 from jbw.identification.only_drag import drag_finding, may_be_drag, with_drag
 from jbw.identification.own_joints import own_joint_sentences
 from jbw.identification.prepare import Fitted, completed, weighed
@@ -88,6 +89,7 @@ def joint_step(
     name: str = "joint",
     keep: Keep = no_checkpoint,
     at_fit: Callable[[Fitted], None] = lambda ready: None,
+    readings: Readings = NOTHING,
 ) -> tuple[Step, Dataset]:
     """Joint posterior of all parameters of the joint, the gain and the noise, and its dataset.
 
@@ -104,7 +106,7 @@ def joint_step(
     for step in ("third_order_nuts", "opening_nuts"):
         if step in earlier:
             known |= _of_reading(means_of(earlier[step].posterior), data)
-    ready = weighed(keys[:2], data, settings, known)
+    ready = with_readings(weighed(keys[:2], data, settings, known | readings.known), readings)
     ready = completed(keys[1], without_absent_joint(keys[0], ready) or ready, settings)
     at_fit(ready)
     chains = sample_joint(keys[2], ready, settings, keep, name)

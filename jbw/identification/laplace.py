@@ -28,6 +28,7 @@ from jbw.identification.equivalent import effects, hysteresis_finding
 from jbw.identification.joint import law_variables, seen_drag
 from jbw.identification.joint_answers import GROUP as JOINTS
 from jbw.identification.joint_answers import joints_finding, joints_group, joints_words
+from jbw.identification.one_mode_readings import joint_readings, with_readings
 from jbw.identification.prepare import Fitted, prepare
 from jbw.identification.procedure import Identification, decays_in
 from jbw.identification.step import Step, attrs
@@ -59,8 +60,9 @@ def fit_alone(seen: Measured, *, seed: int, report: Report) -> Identification:
     started, key = perf_counter(), jax.random.key(seed)
     data = assemble(seen)
     report(f"Least squares: all parameters from {len(data.labels)} groups of data")
-    ready = prepare(parts_of(key, 2), data, seen.settings, quick=True)
-    return about_fit(key, seen, ready, started)
+    readings = joint_readings(key, seen)
+    ready = prepare(parts_of(key, 2), data, seen.settings, readings.known, quick=True)
+    return about_fit(key, seen, with_readings(ready, readings), started)
 
 
 def about_fit(key: Key[Array, ""], seen: Measured, ready: Fitted, started: float) -> Identification:

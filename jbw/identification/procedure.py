@@ -16,6 +16,7 @@ from jbw.identification.assemble import Measured, Report, assemble
 from jbw.identification.joint import joint_step
 from jbw.identification.linear import PooledFit
 from jbw.identification.linear_step import LinearStep
+from jbw.identification.one_mode_readings import joint_readings
 from jbw.identification.paper import kernel, step3, step4
 from jbw.identification.prepare import Fitted, fit_joint, refit
 from jbw.identification.selection import DecaySplit, Sweeps
@@ -36,6 +37,7 @@ from jbw.quantities import DEFAULT_LAWS
 logger = logging.getLogger("jbw")
 STEPS = ("joint", "third_order", "opening")
 PAPER_LAW = "bouc_wen"  # of Steps 3 and 4
+READINGS_KEY = 200  # of the seed: of single modes, where there are several joints
 DECAY_KEY = 100  # of the seed: the paper's steps draw the same with decays and without
 
 
@@ -103,7 +105,10 @@ def run_procedure(
             found = replace(found, kernel=kernel_fit, steps=_told(said, steps))
     data = assemble(seen)
     report(f"Joint posterior: all parameters from {len(data.labels)} groups of data")
-    step, data = joint_step(next(keys), data, found.steps, seen.settings, keep=keep, at_fit=at_fit)
+    readings = joint_readings(jax.random.fold_in(jax.random.key(seed), READINGS_KEY), seen)
+    step, data = joint_step(
+        next(keys), data, found.steps, seen.settings, keep=keep, at_fit=at_fit, readings=readings
+    )
     found = replace(found, data=data, steps=found.steps | _told(said, {"joint": step}))
     if seen.decays is None:
         return found

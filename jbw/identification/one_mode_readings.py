@@ -1,0 +1,168 @@
+r"""Starts for several joints: each mode alone, then non-negative least squares over all joints.
+
+Weak motion of mode i alone reads, as an oscillator with one Bouc-Wen law across it, two numbers
+
+$$s_i = \alpha\delta\,|c_i| = \sum_j B_{ij}S_j, \qquad o_i = \alpha\gamma\,|c_i| = \sum_jB_{ij}O_j$$
+
+of a mode of unit modal mass, with alpha, delta and gamma by the displacement of the first point.
+The chi-square of the least squares tests whether these joints explain these modes, where more modes
+were read than there are laws, and all of them in weak motion.
+"""
+
+import logging
+import warnings
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jaxtyping import Array, Float, Key
+
+from jbw.campaign.joints import Starts, starts_of
+from jbw.errors import JbwError
+from jbw.identification.assemble import Measured, assemble, measured
+from jbw.identification.assembled import passes
+from jbw.identification.prepare import Fitted, prepare
+from jbw.inference.generator import parts_of
+from jbw.measurement.records import Test, drive_of
+from jbw.observables.modes import HARDLY_SEEN, Modes, gain_shares
+from jbw.oscillator.laws.bouc_wen import BoucWenLaw
+from jbw.oscillator.modes.assembled import PUSH, STIFFNESS, numbered, seen_name
+from jbw.quantities import FED, name_at, split
+
+LAW = BoucWenLaw.name
+PRODUCTS = ("delta", "gamma")  # that alpha multiplies: softening and opening
+HALF = 0.5  # of a joint's stiffness in full stick: where alpha begins
+WEAK = 0.3  # of delta y: beyond, modes do not read sums of the joints, and nothing is tested
+STEP = 1e-4  # relative, of a fitted parameter in a difference quotient
+
+under_way = logging.getLogger("jbw.progress")
+
+
+class Readings(NamedTuple):
+    """First values of the joints' laws, and what the least squares say of the joints."""
+
+    known: dict[str, float]
+    statements: tuple[str, ...]
+
+
+class _Reading(NamedTuple):
+    """s and o of one mode, their standard errors, and delta times the largest displacement."""
+
+    value: Float[np.ndarray, " product"]
+    std: Float[np.ndarray, " product"]
+    slip: float
+
+
+NOTHING = Readings({}, ())
+
+
+def joint_readings(key: Key[Array, ""], seen: Measured) -> Readings:
+    """Starts of all joints from the weakest sweep of each mode alone.
+
+    Nothing of one joint, of other laws than Bouc-Wen's, or of fewer modes that a sweep passes
+    through alone than laws.
+    """
+    modes, joints = seen.modes, seen.joints
+    if modes is None or joints is None or any(split(law)[0] != LAW for law in seen.laws):
+        return NOTHING
+    weakest = _weakest(modes, seen.swept)
+    if len(weakest) < len(seen.laws):
+        return NOTHING
+    read: dict[int, _Reading] = {}
+    for i, test in weakest.items():
+        under_way.info("mode %d alone", i + 1)
+        try:
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                read[i] = _reading(jax.random.fold_in(key, i), i, test, seen, modes)
+        except JbwError:  # a mode that cannot be read alone starts nothing
+            continue
+    if len(read) < len(seen.laws):
+        return NOTHING
+    hz = [modes.hz[i] for i in read]
+    values, stds = (np.array([getattr(one, name) for one in read.values()]) for name in
+                    ("value", "std"))  # fmt: skip
+    starts = [starts_of(joints, hz, values[:, k], stds[:, k]) for k in range(len(PRODUCTS))]
+    is_weak = max(one.slip for one in read.values()) <= WEAK
+    said = _statements(starts, len(read)) if is_weak else ()
+    return Readings(_known(starts, seen.laws, modes), said)
+
+
+def with_readings(ready: Fitted, readings: Readings) -> Fitted:
+    """A fit that also says what the readings do."""
+    return replace(ready, statements=(*readings.statements, *ready.statements))
+
+
+def _weakest(modes: Modes, tests: Sequence[Test]) -> dict[int, Test]:
+    """The weakest sweep at the first point that passes through a mode alone, by the mode."""
+    shares, found = np.abs(gain_shares(modes)), {}
+    for test in sorted(tests, key=lambda test: float(np.mean(_source(test) ** 2))):
+        passed = [i for i, window in enumerate(modes.windows_hz) if passes(test, window)]
+        is_seen = len(passed) == 1 and shares[passed[0]] > HARDLY_SEEN * shares.max()
+        if is_seen and not test.point:
+            found.setdefault(passed[0], test)
+    return dict(sorted(found.items()))
+
+
+def _source(test: Test) -> np.ndarray:
+    record = test.records[0]
+    return np.asarray(record.channels[record.source])
+
+
+def _reading(key: Key[Array, ""], mode: int, test: Test, seen: Measured, modes: Modes) -> _Reading:
+    """S and o of one mode, by an oscillator with one law through one sweep."""
+    numbers = dict(modes.numbers)
+    c = numbers[seen_name(mode + 1)]
+    gain = None if drive_of(test) in FED else numbers[numbered(PUSH, mode + 1)] * c
+    settings = seen.settings.model_copy(
+        update={"prior": {}, "hold_out": (), "fit": None, "fit_levels": None, "fit_repeats": "all"}
+    )
+    alone = replace(test, residuals="upper")
+    one = measured([alone], settings, laws=(LAW,), gain=gain, report=lambda _: None)
+    ready = prepare(parts_of(key, 2), assemble(one), settings, quick=True)
+    fit = ready.fit
+    here = _products(fit.theta)
+    slopes = []
+    for name, value in fit.theta.items():
+        step = STEP * (abs(value) or 1.0)
+        ahead, behind = (_products({**fit.theta, name: value + side}) for side in (step, -step))
+        slopes.append((ahead - behind) / (2 * step))
+    variance = np.einsum("ik,ij,jk->k", slopes, fit.covariance, slopes)
+    slip = abs(float(BoucWenLaw.of(fit.theta).delta)) * ready.y_peak
+    return _Reading(abs(c) * here, abs(c) * np.sqrt(variance), slip)
+
+
+def _products(theta: Mapping[str, float]) -> Float[np.ndarray, " product"]:
+    """Alpha delta and alpha gamma of parameters, whatever coordinates they are in."""
+    law = BoucWenLaw.of(theta)
+    return np.array([float(law.alpha * getattr(law, name)) for name in PRODUCTS])
+
+
+def _known(starts: Sequence[Starts], laws: Sequence[str], modes: Modes) -> dict[str, float]:
+    """First values of every law, alpha at half of the joint's stiffness."""
+    numbers, known = dict(modes.numbers), {}
+    for k, law in enumerate(laws):
+        joints = split(law)[1]
+        alpha = HALF * min(numbers[name_at(STIFFNESS, joint)] for joint in joints)
+        known[name_at("alpha", joints[0])] = alpha
+        for name, one in zip(PRODUCTS, starts, strict=True):
+            known[name_at(name, joints[0])] = float(one.estimate[k]) / alpha
+    return known
+
+
+def _statements(starts: Sequence[Starts], num_modes: int) -> tuple[str, ...]:
+    """Whether these joints explain these modes; nothing where nothing is left to test."""
+    if starts[0].explains is None:
+        return ()
+    tests = "; ".join(
+        f"{what} chi-square {one.chi_square:.3g} with {one.degrees_of_freedom} degrees of freedom, "
+        f"p = {one.p:.2g}"
+        for what, one in zip(("softening", "losses"), starts, strict=True)
+    )
+    does = "explain" if all(one.explains for one in starts) else "do not explain"
+    return (
+        f"In weak motion these joints {does} the {num_modes} modes that were read one by one: "
+        f"{tests}.",
+    )
