@@ -9,7 +9,7 @@ import scipy.io
 from pasted import lines_of
 
 from jbw.campaign.check import check_campaign
-from jbw.campaign.joints import reduced_model
+from jbw.campaign.joints import SeveralJoints, reduced_model, starts_of
 from jbw.campaign.load import load_campaign
 from jbw.campaign.schema import parse, read_spec
 from jbw.cli import run
@@ -393,3 +393,27 @@ def test_matrices_need_joints_and_joints_of_modes_need_shapes_of_them():
     text = MEASURED + SHAPES.replace("[1.0, 0.2, 3.0]", "[1.0, 0.2]") + TESTS
     assert "must hold a number for each of 3 modes" in refused(text)
     assert "beside `matrices` under [structure] alone" in refused(MEASURED + BOLTS + TESTS)
+
+
+def test_bounds_are_stated_by_the_names_of_the_joints(folder):
+    prior = '[identify]\nprior = { "alpha@bolt_1" = [1e6, 1e7] }\n'
+    campaign = load_campaign(written(folder, STRUCTURE + BOLTS + TESTS + prior))
+    assert campaign.settings.prior["alpha@bolt_1"] == (1e6, 1e7)
+    says = refused(STRUCTURE + BOLTS + TESTS + prior.replace("bolt_1", "bolt_7"))
+    assert "alpha@bolt_7: unknown parameter" in says
+
+
+@pytest.mark.parametrize("tie", [False, True], ids=["own laws", "tied"])
+def test_readings_of_single_modes_are_sums_over_the_joints_of_a_law(tie):
+    model = lapped_beams().reduced()
+    laws = ("bouc_wen@bolt_1=bolt_2",) if tie else ("bouc_wen@bolt_1", "bouc_wen@bolt_2")
+    joints = SeveralJoints(model, laws)
+    S = np.array([2.0, 2.0 if tie else 5.0])
+    readings = np.abs(model.H[:, :3].T) ** 3 @ S
+    found = starts_of(joints, model.frequencies_hz[:3], readings, 0.01 * readings)
+    np.testing.assert_allclose(found.estimate, S[: len(laws)], rtol=1e-9)
+    assert found.degrees_of_freedom == 3 - len(laws)
+    assert found.explains
+    # One mode that reads ten standard errors more is explained by no sum of both.
+    off = starts_of(joints, model.frequencies_hz[:3], readings * [1.0, 1.0, 1.1], 0.01 * readings)
+    assert not off.explains
