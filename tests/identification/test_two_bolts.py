@@ -23,6 +23,9 @@ from jbw.inference.space.box import bounds_by_name
 from jbw.observables.drives import told_by
 from jbw.oscillator.modes.parameters import structure_of
 from jbw.oscillator.oscillator import oscillator_of
+from jbw.study.calibration import sbc
+from jbw.study.laws import compare_laws
+from jbw.study.numpyro_model import numpyro_model
 
 RARE = 1e-4  # probability that a test of a right fit fails
 
@@ -200,3 +203,11 @@ def test_a_campaign_file_is_identified_from_end_to_end(tmp_path, capsys):
     assert "must be of one joint to be exported" in capsys.readouterr().err
     assert jbw.load(out).posterior["alpha@bolt_1"].attrs["units"] == "N/m"
     assert load_campaign(path).laws == two_bolts.LAWS
+
+
+def test_what_knows_one_joint_refuses_several(stuck):
+    for asked in (compare_laws, sbc, numpyro_model):
+        with pytest.raises(
+            ConfigError, match=r"one joint, but the campaign has .* 2 \[\["
+        ):
+            asked(stuck)

@@ -11,7 +11,7 @@ from jbw.cli import run
 from jbw.cli.identify import short_lines
 from jbw.cli.printing import show
 from jbw.report.messages import opening as messages
-from jbw.report.opening import known_parameters, lead, opening
+from jbw.report.opening import joint_sentences, known_parameters, lead, opening
 from jbw.study import resumable, store
 
 QUANTILE = [0.005, 0.5, 0.995]
@@ -223,3 +223,36 @@ def test_what_is_doubtful_in_the_records_stands_before_what_to_do_next():
     *_, doubt, following = opening(doubted, tree_of())
     assert doubt == messages.doubtful("decay_1: at 2.21 s the motion jumps.")
     assert following == opening(summary_of(), tree_of())[-1]
+
+
+def shares(*medians):
+    return [{"0.005": x - 0.01, "0.5": x, "0.995": x + 0.01} for x in medians]
+
+
+def test_several_joints_are_told_by_mode_and_an_unidentified_one_damps_nothing():
+    joint = {"energy_share": [0.2, 0.1], "softening_share": shares(0.5, 0.5)}
+    summary = {
+        "joints": {
+            "modes": [
+                {
+                    "mode": mode,
+                    "frequency_hz": hz,
+                    "frequency_change": {"0.005": -0.041, "0.5": -0.04, "0.995": -0.039},
+                    "damping_added": {"0.005": 0.009, "0.5": 0.01, "0.995": 0.011},
+                }
+                for mode, hz in ((1, 32.0), (2, 90.0))
+            ],
+            "joints": [
+                {"joint": "bolt_1", "verdict": "unidentified", "loss_share": shares(0.7, 0.02)}
+                | joint,
+                {"joint": "bolt_2", "verdict": "identified", "loss_share": shares(0.3, 0.98)}
+                | joint,
+            ],
+        }
+    }
+    effect, damped, unknown = joint_sentences(summary)
+    assert "frequency of mode 1 changes by -4 % [-4.1, -3.9]" in effect
+    assert "damping ratio by 1 % [0.9, 1.1]" in effect
+    assert damped == "Mode 2 is damped by bolt_2 (98 % of the joints' losses)."
+    assert unknown.startswith("Unidentified by themselves: bolt_1;")
+    assert joint_sentences({}) == []
