@@ -201,7 +201,7 @@ def test_a_campaign_file_is_identified_from_end_to_end(tmp_path, capsys):
     assert "Shares of the joints in every mode" in (out / "report.html").read_text()
     run(["export", str(out), "--to", "opensees"])
     assert "must be of one joint to be exported" in capsys.readouterr().err
-    assert jbw.load(out).posterior["alpha@bolt_1"].attrs["units"] == "N/m"
+    assert jbw.load_study(out).posterior["alpha@bolt_1"].attrs["units"] == "N/m"
     assert load_campaign(path).laws == two_bolts.LAWS
 
 
