@@ -328,6 +328,15 @@ def coefficients_of(slopes: Float[np.ndarray, "value own"]) -> Float[np.ndarray,
     return along
 
 
+def root_of(
+    covariance: Float[np.ndarray, "parameter parameter"],
+) -> Float[np.ndarray, "parameter parameter"]:
+    """A root R of a covariance R R^T, of one that rounding has left indefinite too."""
+    std = np.sqrt(np.diag(covariance))
+    values, vectors = np.linalg.eigh(covariance / np.outer(std, std))
+    return std[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+
+
 class Slopes(NamedTuple):
     """A fit's derivatives where runs have no offsets, and what these scatter by."""
 
@@ -362,7 +371,7 @@ def left_out_run(run: str, fit: Fit, known: Slopes, prior: Box, noise: NoiseOf) 
     _, noise_std = shift_of(of_run, slopes, jacobian, np.zeros_like(fit.covariance))
     left = left_by_label(rows - by_own @ shift, data)
     explained = by_own @ (coefficients_of(slopes) @ jacobian)
-    by_errors = (known.jacobian - explained) @ np.linalg.cholesky(fit.covariance)
+    by_errors = (known.jacobian - explained) @ root_of(fit.covariance)
     moves = [left_by_label(column, data) for column in by_errors.T]
     uncertain = {label: np.stack([move[label] for move in moves], axis=1) for label in labels}
     rests = _rests({label: left[label] for label in labels}, noise, data, uncertain)

@@ -22,6 +22,7 @@ from jbw.identification.model_discrepancy import (
     discrepancy_sentences,
     growth,
     model_discrepancy,
+    root_of,
     scatter_about_zero,
     scatter_by_amplitude,
     shift_of,
@@ -133,6 +134,15 @@ def test_the_shift_of_a_linear_residual_is_exact():
     assert shift[0] == pytest.approx(1.0)
     assert shift[1] == 0.0
     assert np.isinf(std[1])
+
+
+def test_a_covariance_is_its_root_squared():
+    std = np.array([1e-6, 1.0, 1e6])
+    correlation = np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 0.3], [0.0, 0.3, 1.0]])  # indefinite
+    positive = np.array([[1.0, 0.5, 0.0], [0.5, 1.0, 0.3], [0.0, 0.3, 1.0]])
+    root = root_of(positive * np.outer(std, std)) / std[:, None]
+    np.testing.assert_allclose(root @ root.T, positive, atol=1e-14)
+    assert np.all(np.isfinite(root_of(correlation * np.outer(std, std))))
 
 
 def test_a_drift_is_read_off_the_ratio_of_two_envelopes():
