@@ -25,6 +25,7 @@ JOINT_EFFECTS = ("frequency_change", "damping_added")
 # motion is prescribed its loops.
 LEADS, UNREAD = ("backbone", "amplitude", "loops"), ("amplitude", "backbone", "loops")
 UNMEASURED = "zeta"  # what a campaign without a free or driven mode cannot know
+CAUSE = "cause"  # finding that names what was done to the data
 LEANING, ABSENT = "at_bound", "no_joint"  # findings that say something first
 
 
@@ -234,11 +235,12 @@ def _per_cent(cv: float) -> str:
 def _following(summary: Summary) -> str:
     """The remedy of the first finding that fails, else of the first that is not ok.
 
-    Of a joint that is not seen no parameter can be identified: its bounds are no remedy.
+    A cause that explains what the fit leaves comes before what follows from it. Of a joint
+    that is not seen no parameter can be identified: its bounds are no remedy.
     """
     against = [row for row in summary["verdict"]["findings"] if row["status"] != "ok"]
     if any(row["code"] == ABSENT for row in against):
         follows = set(ASKED["knowledge"]) - {ABSENT}
         against = [row for row in against if row["code"] not in follows]
-    against.sort(key=lambda row: row["status"] != "failed")
+    against.sort(key=lambda row: (row["status"] != "failed", row["code"] != CAUSE))
     return messages.next_step(next((row["action"] for row in against if row["action"]), ""))

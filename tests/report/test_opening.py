@@ -11,7 +11,7 @@ from jbw.cli import run
 from jbw.cli.identify import short_lines
 from jbw.cli.printing import show
 from jbw.report.messages import opening as messages
-from jbw.report.opening import joint_sentences, known_parameters, lead, opening
+from jbw.report.opening import _following, joint_sentences, known_parameters, lead, opening
 from jbw.study import resumable, store
 
 QUANTILE = [0.005, 0.5, 0.995]
@@ -256,3 +256,13 @@ def test_several_joints_are_told_by_mode_and_an_unidentified_one_damps_nothing()
     assert damped == "Mode 2 is damped by bolt_2 (98 % of the joints' losses)."
     assert unknown.startswith("Unidentified by themselves: bolt_1;")
     assert joint_sentences({}) == []
+
+
+def test_a_cause_is_told_before_what_follows_from_it():
+    """Two modes of the posterior, say, where the response has another clock."""
+    rows = [
+        {"code": code, "status": "failed", "reason": "Found.", "action": action}
+        for code, action in (("modes", "Report each mode."), ("cause", "Correct the clock."))
+    ]
+    assert _following({"verdict": {"findings": rows}}).endswith("Correct the clock.")
+    assert _following({"verdict": {"findings": rows[:1]}}).endswith("Report each mode.")
