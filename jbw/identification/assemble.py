@@ -90,7 +90,7 @@ def measured(
     if joints is None:
         modes = modes_of(structure, tests, settings)
     else:
-        modes = assembled_modes(joints, tests, settings)
+        laws, modes = joints.laws, assembled_modes(joints, tests, settings)
         gain = known_gain(modes, tests)
     tests = with_own_constants(modes, tests)
     chosen = selection.fitted(tests, settings)

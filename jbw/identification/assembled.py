@@ -43,6 +43,14 @@ def assembled_modes(joints: SeveralJoints, tests: Sequence[Test], settings: Iden
             "names cubic, a spring of one joint.",
             remedy='Put under [identify]: `compare_with = ["linear"]`, or leave it out.',
         )
+    if settings.coordinates not in ("auto", "paper"):
+        raise ConfigError(
+            "[identify] coordinates must be auto or paper where a structure has several joints, "
+            f"but is {settings.coordinates}.",
+            why="The laws of several joints are sampled in their own parameters.",
+            remedy="Leave it out.",
+        )
+    _require_first_point(reduced.outputs[0], tests)
     driven = _driven_modes(reduced, tests)
     order = [*driven, *(i for i in range(reduced.omega.size) if i not in driven)]
     points = tuple(dict.fromkeys(test.point for test in tests if test.point))
@@ -63,6 +71,16 @@ def assembled_modes(joints: SeveralJoints, tests: Sequence[Test], settings: Iden
     )
     hz = tuple(float(reduced.frequencies_hz[i]) for i in driven)
     return Modes(hz, points=points, meet=ASSEMBLED, numbers=tuple(numbers.items()))
+
+
+def _require_first_point(first: str, tests: Sequence[Test]) -> None:
+    """Refuse tests that all state a point: at the first one a gain is read."""
+    if all(test.point for test in tests):
+        raise ConfigError(
+            f"[structure] points: a test must be measured at `{first}`, the first one, but all "
+            f"state `point`, such as `{tests[0].point}`.",
+            remedy=f"Leave `point` out of tests at `{first}`, or name another point first.",
+        )
 
 
 def _require_laws(laws: Sequence[str]) -> None:

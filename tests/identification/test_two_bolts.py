@@ -121,6 +121,12 @@ def test_other_kinds_of_tests_and_laws_are_refused(stuck):
     with pytest.raises(ConfigError, match="must be a sweep or a multisine") as caught:
         measured_in(decay, quietly)
     assert "Leave the test out" in caught.value.remedy
+    slips = tuple(replace(test, point="tip") for test in stuck.tests)
+    with pytest.raises(ConfigError, match="must be measured at `tip`, the first one"):
+        measured_in(replace(stuck, tests=slips), quietly)
+    products = Identify.of({"coordinates": "products"})
+    with pytest.raises(ConfigError, match="coordinates must be auto or paper"):
+        measured_in(replace(stuck, settings=products), quietly)
     damped = ("quadratic_damping@bolt_1", "bouc_wen@bolt_2")
     joints = replace(stuck.joints, laws=damped)
     with pytest.raises(ConfigError, match="is a damper"):
@@ -201,13 +207,14 @@ def test_a_campaign_file_is_identified_from_end_to_end(tmp_path, capsys):
     assert "Shares of the joints in every mode" in (out / "report.html").read_text()
     run(["export", str(out), "--to", "opensees"])
     assert "must be of one joint to be exported" in capsys.readouterr().err
-    assert jbw.load_study(out).posterior["alpha@bolt_1"].attrs["units"] == "N/m"
+    study = jbw.load_study(out)
+    assert study.tree["posterior"]["alpha@bolt_1"].attrs["units"] == "N/m"
+    # What the model leaves of a record is its noise, 1 % of the motion.
+    assert study.predict("first at 0.3 N").attrs["nrmse"] == pytest.approx(0.01, rel=0.2)
     assert load_campaign(path).laws == two_bolts.LAWS
 
 
 def test_what_knows_one_joint_refuses_several(stuck):
     for asked in (compare_laws, sbc, numpyro_model):
-        with pytest.raises(
-            ConfigError, match=r"one joint, but the campaign has .* 2 \[\["
-        ):
+        with pytest.raises(ConfigError, match=r"one joint, but the campaign has .* 2 \[\["):
             asked(stuck)
