@@ -74,7 +74,9 @@ def joints_table(calls: int) -> tuple[Table, list[Target]]:
         for kind, function in (("forward", value), ("gradient", jax.value_and_grad(value))):
             run, compile_s[joints, kind] = ahead(function, model)
             runs[joints, kind] = partial(run, model)
-    times = {key: x.least for key, x in take_turns(runs, calls, clock=time.process_time).items()}  # pyright: ignore
+    times: dict[Any, float] = {
+        key: x.least for key, x in take_turns(runs, calls, clock=time.process_time).items()
+    }  # pyright: ignore
     rows = []
     for joints in (1, 2, 3):
         forward, both = times[joints, "forward"], times[joints, "gradient"]

@@ -174,6 +174,24 @@ def test_one_row_is_one_joint():
 
 
 @pytest.mark.slow
+def test_gradients_of_one_row_are_those_of_one_joint():
+    """By every number of modes and law; the same sums, whose order may differ."""
+
+    def half_square(h, p, laws):
+        moved = jbw.simulate(replace(two_modes(), h=h, p=p, laws=laws), chirped(), FS)
+        return 0.5 * jnp.sum(moved.v**2)
+
+    slopes = jax.jit(jax.grad(half_square, (0, 1, 2)))
+    one = jax.tree.map(jnp.asarray, two_modes())
+    h, p, (law,) = slopes(one.h, one.p, one.laws)
+    h_row, p_row, ((law_row,),) = slopes(one.h[None], one.p[:, None], (one.laws,))
+    alike(h_row[0], h, 1e-13)
+    alike(p_row[:, 0], p, 1e-13)
+    for found, expected in zip(jax.tree.leaves(law_row), jax.tree.leaves(law), strict=True):
+        alike(found, expected, 1e-13)
+
+
+@pytest.mark.slow
 def test_two_joints_that_share_one_law_are_one_joint():
     one = two_modes()
     whole = jbw.laws.BoucWenLaw(**BOUC_WEN)
