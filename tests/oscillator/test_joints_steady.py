@@ -11,6 +11,7 @@ from test_structure import two_modes
 
 import jbw
 from jbw.errors import ConfigError
+from jbw.oscillator.laws.iwan import Iwan4
 
 PERIODIC, BACKBONES = (GOLDEN[group]["cases"] for group in ("periodic", "backbone"))
 
@@ -130,3 +131,46 @@ def test_a_mode_that_does_not_vibrate_has_no_backbone():
     rigid = replace(pair(), omega_n=np.array([118.0, 0.0]), h=np.array([[1.0, 0.0], [0.7, 0.0]]))
     with pytest.raises(ConfigError, match="`mode` must be a mode that vibrates"):
         jbw.backbone(rigid, 1e-3, mode=1)
+
+
+def force_of_sliders(x, stiffness, limit, chi, num=4000):
+    """Force less stiffness x along the second of two periods, of an Iwan joint's sliders (beta 0).
+
+    Stiffness of the sliders that slip up to phi is K (phi / phi_max)^(1 + chi), which is all of it
+    at phi_max = F_S (2 + chi) / (K (1 + chi)); each of so many cells slips at its middle.
+    """
+    phi_max = limit * (2.0 + chi) / (stiffness * (1.0 + chi))
+    edges = phi_max * np.linspace(0.0, 1.0, num + 1)
+    springs = stiffness * np.diff((edges / phi_max) ** (1.0 + chi))
+    slips, before = 0.5 * (edges[:-1] + edges[1:]), np.concatenate([[0.0], x, x])
+    slid, forces = np.zeros(num), []
+    for rise in np.diff(before):
+        slid = np.clip(slid + rise, -slips, slips)
+        forces.append(springs @ slid)
+    return np.array(forces)[x.size :] - stiffness * x
+
+
+@pytest.mark.slow
+def test_three_masses_of_tmdsimpy_balance_with_four_thousand_sliders():
+    """Its example `vprnm_rom_iwan`, whose third harmonic meets the second mode.
+
+    The harmonics must balance with the force of sliders along the path found; their cells leave
+    1e-5 of it, by the smallest of three loops.
+    """
+    omega_n, num = np.array([1.12237817, 3.20004176, 7.5]), 2048
+    h, b = np.array([-0.86383265, -2.06247258, 0.0]), np.array([1.13167848, -1.92854967, -2.0])
+    law = Iwan4.of_segalman(0.6, 10.0, -0.5, 0.0)
+    structure = jbw.Structure(omega_n, 0.005 / omega_n, h[None], b=b, c=np.ones(3), laws=((law,),))
+    tones = np.array([0.7, 0.9, 0.93])
+    steady = jbw.steady_state(structure, tones, 20.0, 16)
+    third = []
+    for tone, x, q in zip(tones, np.asarray(steady.x)[:, 0], np.asarray(steady.q), strict=True):
+        orders = np.arange(1, 2 * x.size, 2)
+        path = np.real(np.exp(2j * np.pi * np.outer(np.arange(num) / num, orders)) @ x)
+        force = np.fft.fft(force_of_sliders(path, 0.6, 10.0, -0.5))[orders] * 2.0 / num
+        inertia = omega_n[:, None] ** 2 - (orders * tone) ** 2 + 0.01j * orders * tone
+        drive = 20.0 * np.outer(b, orders == 1)
+        assert np.max(np.abs(inertia * q + h[:, None] * force - drive)) < 1e-5 * np.abs(force[0])
+        third.append(np.abs(q[1, 1]))
+    # A third of the freed second frequency, 2.80 rad/s, is 0.934 rad/s.
+    assert third[2] > third[1] > 10 * third[0]
