@@ -170,7 +170,8 @@ def within_unseen(
         unseen: Errors of tests as predicted by a fit without them; nothing changes where there are
             none.
         which: What these tests are, for the sentence: "held-out tests".
-        missed: Those of the unseen ones that the bands do not hold; all when None.
+        missed: Those of the unseen ones that the bands do not hold, or hold by the model
+            discrepancy alone; all when None.
     """
     if not len(fitted) or not len(unseen):
         return found

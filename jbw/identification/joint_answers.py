@@ -272,20 +272,8 @@ def joints_finding(group: xr.Dataset | None) -> Finding | None:
         return None
     identified = dict(zip(group["joint"].values, group["identified"].values, strict=True))
     unknown = [str(joint) for joint, known in identified.items() if not known]
-    if not unknown:
-        return Finding(CODE, "ok", "Every joint is identified by itself.", 0.0)
-    one = len(unknown) == 1
-    reason = (
-        f"{'Joint' if one else 'Joints'} {', '.join(unknown)} {'is' if one else 'are'} "
-        "unidentified: the tests do not tell what "
-        f"{'it does' if one else 'each does'} within a factor of two. That is no sign of a small "
-        "effect; what all joints do together to each mode is told."
-    )
-    action = "Sweep a further mode that moves it, or tie it to another joint by `same_as`."
-    return Finding(CODE, "usable", reason, float(len(unknown)), action)
-
-
-CODE = "unidentified_joints"
+    status = "usable" if unknown else "ok"
+    return Finding("unidentified_joints", status, {"joints": unknown}, float(len(unknown)))
 
 
 def joints_record(group: xr.Dataset | None) -> dict[str, Any] | None:

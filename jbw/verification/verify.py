@@ -271,7 +271,8 @@ def with_predictions(found: Verdict, tree: xr.DataTree) -> Verdict:
     """A verdict with what the predictions of tests say, which its statements of use quote.
 
     Held-out tests of motions up to a little more than those that were fitted are quoted; further
-    ones are an extrapolation. Those that the bands do not hold decide on the use.
+    ones are an extrapolation. Those that the bands do not hold without a model discrepancy decide
+    on the use.
     """
     found = judge([*found.findings, *prediction_findings(tree)])
     tests = _predicted(tree).values()
@@ -282,7 +283,11 @@ def with_predictions(found: Verdict, tree: xr.DataTree) -> Verdict:
         for one in known
         if not one.get("fitted") and one.get("extrapolation", 1.0) <= CARRIED_ON
     ]
-    missed = [one["nrmse"] for one in unseen if one.get("coverage", 1.0) < LEAST_COVERAGE]
+    missed = [
+        one["nrmse"]
+        for one in unseen
+        if one.get("discrepancy") or one.get("coverage", 1.0) < LEAST_COVERAGE
+    ]
     errors = [one["nrmse"] for one in unseen]
     return within_unseen(found, fitted, errors, "held-out tests", missed=missed)
 

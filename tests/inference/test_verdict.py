@@ -339,21 +339,34 @@ def test_a_statement_of_use_quotes_what_no_fit_saw(fitted, unseen, status):
 
 
 @pytest.mark.parametrize(
-    ("error", "coverage", "extrapolation", "status", "says"),
+    ("error", "coverage", "extrapolation", "discrepancy", "status", "says"),
     [
-        (0.024, 0.992, 1.0, "usable", "held-out tests: 0.024 of the rms, against 0.018 of the"),
-        (0.069, 0.992, 1.0, "usable", "of the fitted ones, and the 99 % bands hold them."),
-        (0.069, 0.8, 1.0, "failed", "0.069 of the rms, against 0.018 of the fitted ones, more"),
-        (0.069, 0.8, 2.0, "usable", "within this the law may be used"),  # twice the motion
+        (0.024, 0.992, 1.0, 0, "usable", "held-out tests: 0.024 of the rms, against 0.018 of the"),
+        (0.024, 0.992, 1.0, 1, "usable", "held-out tests: 0.024 of the rms, against 0.018 of the"),
+        # Noise and the errors of the parameters make it: a weak test, say.
+        (0.069, 0.992, 1.0, 0, "usable", "of the fitted ones, and the 99 % bands hold them."),
+        (
+            0.069,
+            0.992,
+            1.0,
+            1,
+            "failed",
+            "0.069 of the rms, against 0.018 of the fitted ones, more",
+        ),
+        (0.069, 0.8, 1.0, 0, "failed", "0.069 of the rms, against 0.018 of the fitted ones, more"),
+        (0.069, 0.8, 2.0, 0, "usable", "within this the law may be used"),  # twice the motion
     ],
 )
-def test_a_statement_of_use_quotes_held_out_tests(error, coverage, extrapolation, status, says):
+def test_a_statement_of_use_quotes_held_out_tests(
+    error, coverage, extrapolation, discrepancy, status, says
+):
     found = judge([checked("coloured_residual", False, "Coloured.", 0.4, "Another law.")])
     usable = within_misfit(found, {"sweep": 0.018})
     attrs = {
         "strong": {"fitted": 1, "nrmse": 0.018, "coverage": 0.99},
         "weak": {
             "fitted": 0, "nrmse": error, "coverage": coverage, "extrapolation": extrapolation,
+            "discrepancy": discrepancy,
         },
     }  # fmt: skip
     groups = {f"/verification/sweeps/{n}": xr.Dataset(attrs=a) for n, a in attrs.items()}

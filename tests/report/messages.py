@@ -70,6 +70,7 @@ OF_FINDINGS = {
     "no_hysteresis.drag": (DRAG, {"law": "quadratic_damping"}),
     "at_bound": (BOUND, {"line": "Put under [identify.prior]: `alpha = [1.0, 3.0]`."}),
     "at_bound.ends": (BOUND, {"name": "alpha"}),
+    "unidentified_joints": ({"joints": ["bolt_1", "bolt_2"]}, {}),
     "unidentified": (
         {"names": ("alpha", "delta"), "ratio": 0.97,
          "text": "only the product alpha*delta is determined"},

@@ -47,6 +47,27 @@ MESSAGES = (
         remedy="The stiffness itself limits {name}: report its products, which are identified.",
     ),
     Message(
+        "unidentified_joints",
+        lambda joints: (
+            f"{'Joint' if len(joints) == 1 else 'Joints'} {', '.join(joints)} "
+            f"{'is' if len(joints) == 1 else 'are'} unidentified: the tests do not tell what "
+            f"{'it does' if len(joints) == 1 else 'each does'} within a factor of two. That is no "
+            "sign of a small effect; what all joints do together to each mode is told."
+        ),
+        """
+        Check: of each of several joints, the change of frequency and the damping that it alone
+        makes, in the mode that shows it best; each must be known within a factor of two.
+
+        Weak motion of one mode tells the sum of what its joints do. Joints are told apart by
+        modes that they move by different amounts: see the matrix B of `jbw check`.
+
+        Remedy: sweep a further mode that moves the joint, or let it share the law of another by
+        `same_as`.
+        """,
+        remedy="Sweep a further mode that moves it, or tie it to another joint by `same_as`.",
+        passed="Every joint is identified by itself.",
+    ),
+    Message(
         "unidentified",
         lambda names, text, ratio: (
             f"{capital(text)}: along one direction of {', '.join(names)} the posterior has "

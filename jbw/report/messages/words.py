@@ -37,6 +37,22 @@ WORDS: dict[tuple[str, ...], str] = {
         "Whether the data narrow a parameter. Where they do not, its interval is that of the "
         "prior, and no result of the test."
     ),
+    ("strain energy, all joints stuck",): (
+        "Energy share of a joint in a mode, k_j h_ji^2 / omega_i^2: the part of the mode's strain "
+        "energy that the joint holds in full stick. It bounds what the joint can do to the mode."
+    ),
+    ("losses of all joints", "loss share"): (
+        "The part of the energy that all joints lose in a cycle of a mode, at its largest motion, "
+        "which one joint takes: median and 99 % interval."
+    ),
+    ("softening of all joints", "softening share"): (
+        "The part of the change of a mode's squared frequency by all joints, at its largest "
+        "motion, which one joint makes: median and 99 % interval."
+    ),
+    ("by itself",): (
+        "Whether what one of several joints does is known within a factor of two, in the mode "
+        "that shows it best; else the tests tell only what it does together with others."
+    ),
     ("product", "products"): (
         "alpha*delta sets how fast the frequency falls with amplitude at small amplitude, and "
         "alpha*gamma how fast the damping rises. Weak motion identifies the products where it "
