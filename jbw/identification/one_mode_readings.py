@@ -30,11 +30,11 @@ from jbw.observables.modes import HARDLY_SEEN, Modes, gain_shares
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
 from jbw.oscillator.modes.assembled import PUSH, STIFFNESS, numbered, seen_name
 from jbw.quantities import FED, name_at, split
+from jbw.report.messages import joint as messages
 
 LAW = BoucWenLaw.name
-PRODUCTS = ("delta", "gamma")  # that alpha multiplies: softening and opening
-HALF = 0.5  # of a joint's stiffness in full stick: where alpha begins
-WEAK = 0.3  # of delta y: beyond, modes do not read sums of the joints, and nothing is tested
+HALF = 0.5  # of a joint's stiffness in full stick: where that of its law begins
+WEAK = 0.3  # slip: beyond, modes do not read sums of the joints, and nothing is tested
 STEP = 1e-4  # relative, of a fitted parameter in a difference quotient
 
 under_way = logging.getLogger("jbw.progress")
@@ -48,7 +48,7 @@ class Readings(NamedTuple):
 
 
 class _Reading(NamedTuple):
-    """s and o of one mode, their standard errors, and delta times the largest displacement."""
+    """s and o of one mode, their standard errors, and the slip at the largest displacement."""
 
     value: Float[np.ndarray, " product"]
     std: Float[np.ndarray, " product"]
@@ -84,7 +84,7 @@ def joint_readings(key: Key[Array, ""], seen: Measured) -> Readings:
     hz = [modes.hz[i] for i in read]
     values, stds = (np.array([getattr(one, name) for one in read.values()]) for name in
                     ("value", "std"))  # fmt: skip
-    starts = [starts_of(joints, hz, values[:, k], stds[:, k]) for k in range(len(PRODUCTS))]
+    starts = [starts_of(joints, hz, values[:, k], stds[:, k]) for k in range(2)]
     is_weak = max(one.slip for one in read.values()) <= WEAK
     said = _statements(starts, len(read)) if is_weak else ()
     return Readings(_known(starts, seen.laws, modes), said)
@@ -130,25 +130,24 @@ def _reading(key: Key[Array, ""], mode: int, test: Test, seen: Measured, modes: 
         ahead, behind = (_products({**fit.theta, name: value + side}) for side in (step, -step))
         slopes.append((ahead - behind) / (2 * step))
     variance = np.einsum("ik,ij,jk->k", slopes, fit.covariance, slopes)
-    slip = abs(float(BoucWenLaw.of(fit.theta).delta)) * ready.y_peak
+    slip = float(BoucWenLaw.of(fit.theta).slip(ready.y_peak))
     return _Reading(abs(c) * here, abs(c) * np.sqrt(variance), slip)
 
 
 def _products(theta: Mapping[str, float]) -> Float[np.ndarray, " product"]:
-    """Alpha delta and alpha gamma of parameters, whatever coordinates they are in."""
-    law = BoucWenLaw.of(theta)
-    return np.array([float(law.alpha * getattr(law, name)) for name in PRODUCTS])
+    """What weak motion tells of parameters, whatever coordinates they are in."""
+    return np.array([float(product) for product in BoucWenLaw.of(theta).weak_motion()])
 
 
 def _known(starts: Sequence[Starts], laws: Sequence[str], modes: Modes) -> dict[str, float]:
-    """First values of every law, alpha at half of the joint's stiffness."""
+    """First values of every law, its stiffness at half of the joint's."""
     numbers, known = dict(modes.numbers), {}
-    for k, law in enumerate(laws):
-        joints = split(law)[1]
-        alpha = HALF * min(numbers[name_at(STIFFNESS, joint)] for joint in joints)
-        known[name_at("alpha", joints[0])] = alpha
-        for name, one in zip(PRODUCTS, starts, strict=True):
-            known[name_at(name, joints[0])] = float(one.estimate[k]) / alpha
+    for k, name in enumerate(laws):
+        joints = split(name)[1]
+        stiffness = HALF * min(numbers[name_at(STIFFNESS, joint)] for joint in joints)
+        softening, opening = (float(start.estimate[k]) for start in starts)
+        law = BoucWenLaw.of_weak_motion(softening, opening, stiffness)
+        known |= {name_at(name, joints[0]): value for name, value in law.parameters().items()}
     return known
 
 
@@ -156,13 +155,5 @@ def _statements(starts: Sequence[Starts], num_modes: int) -> tuple[str, ...]:
     """Whether these joints explain these modes; nothing where nothing is left to test."""
     if starts[0].explains is None:
         return ()
-    tests = "; ".join(
-        f"{what} chi-square {one.chi_square:.3g} with {one.degrees_of_freedom} degrees of freedom, "
-        f"p = {one.p:.2g}"
-        for what, one in zip(("softening", "losses"), starts, strict=True)
-    )
-    does = "explain" if all(one.explains for one in starts) else "do not explain"
-    return (
-        f"In weak motion these joints {does} the {num_modes} modes that were read one by one: "
-        f"{tests}.",
-    )
+    tests = [(start.chi_square, start.degrees_of_freedom, start.p) for start in starts]
+    return (messages.modes_explained(num_modes, tests, all(start.explains for start in starts)),)

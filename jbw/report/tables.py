@@ -295,7 +295,7 @@ def joints_table(tree: xr.DataTree) -> Table:
                     "mode": f"{mode}, {float(own['frequency_hz']):.4g} Hz",
                     "energy": float(own["energy_share"]),
                     "losses": own["loss_share"].values,
-                    "softening": own["softening_share"].values,
+                    "frequency": own["softening_share"].values,
                     "verdict": "identified" if bool(own["identified"]) else "unidentified",
                 }
             )
@@ -306,7 +306,7 @@ def joints_table(tree: xr.DataTree) -> Table:
         words("mode", "mode", "left"),
         Column("strain energy,\nall joints stuck", lambda row: percent(row["energy"], digits=2)),
         Column("losses of\nall joints", lambda row: _share(row["losses"])),
-        Column("softening of\nall joints", lambda row: _share(row["softening"])),
+        Column("softening of\nall joints", lambda row: _share(row["frequency"])),
         words("by itself", "verdict", "left"),
     )
 

@@ -264,6 +264,7 @@ OF_TOPICS = {
         joint.may_diverge(("alpha > 0", "gamma >= 0"), ("gamma >= 0",), PARAMETERS),
         joint.prior_unbounded(-30.0), joint.prior_beyond_motion("gap", 2e-4, 1e-3, 1e-4),
         joint.prior_beyond_motion("gap", 1e-5, 1e-3, 1e-4),
+        joint.modes_explained(3, ((1.2, 1, 0.27), (0.4, 1, 0.53)), True),
         joint.no_known_force("chi", "iwan4", "above -1", -1.5),
         joint.indistinguishable(("iwan4", "jenkins_3"), joint.SAME_CURVES),
     ],

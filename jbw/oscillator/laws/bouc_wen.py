@@ -2,7 +2,7 @@ r"""The Bouc-Wen law, $dZ/dt = \alpha v - \gamma |v| |Z|^{\nu-1} Z - \delta v |Z
 
 from collections.abc import Mapping
 from types import SimpleNamespace
-from typing import ClassVar
+from typing import ClassVar, Self
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -100,6 +100,19 @@ class BoucWenLaw(Law):
     delta: Scalar
     gamma: Scalar
     nu: float = eqx.field(default=1.0, static=True)
+
+    @classmethod
+    def of_weak_motion(cls, softening: float, opening: float, alpha: float) -> Self:
+        """The law of a stated alpha by what weak motion tells: alpha delta and alpha gamma."""
+        return cls(alpha, softening / alpha, opening / alpha)
+
+    def weak_motion(self) -> tuple[Scalar, Scalar]:
+        """What weak motion tells: alpha delta, its softening, and alpha gamma, its losses."""
+        return self.alpha * self.delta, self.alpha * self.gamma
+
+    def slip(self, y: Scalar) -> Scalar:
+        """How far the joint slips at a displacement y [m], delta y; motion is weak far below 1."""
+        return jnp.abs(self.delta) * y
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:

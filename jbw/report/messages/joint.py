@@ -74,6 +74,21 @@ def no_known_force(parameter: str, law: str, must: str, value: float) -> str:
     )
 
 
+def modes_explained(
+    num_modes: int, tests: Sequence[tuple[float, int, float]], is_explained: bool
+) -> str:
+    """Whether joints explain the softening and the losses of modes: chi-square, its dof and p."""
+    rows = "; ".join(
+        f"{what} chi-square {chi_square:.3g} with {degrees} degrees of freedom, p = {p:.2g}"
+        for what, (chi_square, degrees, p) in zip(("softening", "losses"), tests, strict=True)
+    )
+    does = "explain" if is_explained else "do not explain"
+    return (
+        f"In weak motion these joints {does} the {num_modes} modes that were read one by one: "
+        f"{rows}."
+    )
+
+
 def indistinguishable(laws: Sequence[str], why: str) -> str:
     """That no motion tells two laws apart."""
     return (
