@@ -75,7 +75,7 @@ def causes(best: Fit, data: Dataset) -> list[Cause]:
     missed = _missed(spectra, data)
     if not missed:
         return []
-    about = _linearised(best, data, spectra, missed)
+    linearised = _linearised(best, data, spectra, missed)
     columns = zip(best.theta, best.jacobian.T, strict=True)
     # Of drives side by side a row knows one of them.
     of_offset: dict[str, Any] = {}
@@ -83,14 +83,17 @@ def causes(best: Fit, data: Dataset) -> list[Cause]:
         of_offset[plain(name)] = of_offset.get(plain(name), 0.0) + x
     slopes = {n: left_by_label(x, data) for n, x in of_offset.items() if n in OFFSETS}
     theta = {name: float(x) for name, x in {**data.held, **best.theta}.items()}
-    tried = [(one.kind, _tried(one, about)) for one in suspects(spectra, slopes, theta["omega_n"])]
+    tried = [
+        (suspect.kind, _tried(suspect, linearised))
+        for suspect in suspects(spectra, slopes, theta["omega_n"])
+    ]
     if apart := _apart(spectra, missed):  # which a step from a fit near none would only guess
-        tried = [(kind, one) for kind, one in tried if not kind.startswith(FACTOR)]
-    tried += [(one.text, one) for one in [*apart, *_swapped(spectra, missed, theta)]]
+        tried = [(kind, cause) for kind, cause in tried if not kind.startswith(FACTOR)]
+    tried += [(cause.text, cause) for cause in [*apart, *_swapped(spectra, missed, theta)]]
     # Of a kind the best: of another mode's frequencies, for one.
     tried.sort(key=lambda pair: pair[1].explained)
-    found = {kind: one for kind, one in tried if one.explained > WORTH_SAYING}
-    return sorted(found.values(), key=lambda one: -one.explained)
+    best_of_kind = {kind: cause for kind, cause in tried if cause.explained > WORTH_SAYING}
+    return sorted(best_of_kind.values(), key=lambda cause: -cause.explained)
 
 
 def other_mode(best: Fit, data: Dataset, places: Iterable[float] = ()) -> Cause | None:
@@ -102,20 +105,20 @@ def other_mode(best: Fit, data: Dataset, places: Iterable[float] = ()) -> Cause 
     missed = _missed(spectra, data)
     if not missed:
         return None
-    about = _linearised(best, data, spectra, missed)
+    linearised = _linearised(best, data, spectra, missed)
     omega_n = float({**data.held, **best.theta}["omega_n"])
     tried = [*modes_at(spectra, places)] or [*modes_anywhere(spectra, omega_n)]
-    found = [_tried(one, about) for one in tried]
-    return max(found, key=lambda one: one.explained, default=None)
+    tried_causes = [_tried(suspect, linearised) for suspect in tried]
+    return max(tried_causes, key=lambda cause: cause.explained, default=None)
 
 
 def _spectra(best: Fit, data: Dataset) -> dict[str, Spectrum]:
     """Spectra of every group whose misfit can be tried, by label."""
-    left = left_by_label(best.residual, data)
+    residuals = left_by_label(best.residual, data)
     return {
-        label: one._replace(source_role="force" if part.drive == "force" else "input")
+        label: spectrum._replace(source_role="force" if part.drive == "force" else "input")
         for part in data.parts
-        for label, one in part.spectra(left).items()
+        for label, spectrum in part.spectra(residuals).items()
     }
 
 
@@ -133,94 +136,111 @@ def cause_finding(found: Sequence[Cause]) -> Finding | None:
 
 def causes_sentence(found: Sequence[Cause]) -> str:
     """What would explain the misfit, in words."""
-    each = [f"{one.explained:.0%} {one.text}" for one in found[:MOST_SAID]]
-    return f"Of what the fit leaves would explain, each alone: {'; '.join(each)}."
+    shares = [f"{cause.explained:.0%} {cause.text}" for cause in found[:MOST_SAID]]
+    return f"Of what the fit leaves would explain, each alone: {'; '.join(shares)}."
 
 
 def _missed(spectra: Spectra, data: Dataset) -> list[str]:
     """Groups of which more is left than noise: a coloured residual, of few values a large one."""
     scatter = {label: x for part in data.parts for label, x in part.repeatability().items()}
-    found = []
-    for label, one in spectra.items():
-        error = np.linalg.norm(one.left) / np.linalg.norm(one.values)
-        is_short = len(one.left) < 2 * LEAST_VALUES
-        if error > BY_CHANCE * scatter.get(label, np.inf) if is_short else is_coloured(one.left):
-            found.append(label)
-    return found
+    labels = []
+    for label, spectrum in spectra.items():
+        error = np.linalg.norm(spectrum.left) / np.linalg.norm(spectrum.values)
+        is_short = len(spectrum.left) < 2 * LEAST_VALUES
+        if (
+            error > BY_CHANCE * scatter.get(label, np.inf)
+            if is_short
+            else is_coloured(spectrum.left)
+        ):
+            labels.append(label)
+    return labels
 
 
 def _linearised(best: Fit, data: Dataset, spectra: Spectra, missed: Sequence[str]) -> Linearised:
     """All groups about the optimum: those that are tried first, then the others as fitted."""
     slopes = [left_by_label(column, data) for column in best.jacobian.T]
     fitted, slope = by_label(best.residual, data), by_label(best.jacobian, data)
-    places, weight, rows, columns, counted, end = {}, {}, [], [], [], 0
-    for label, one in spectra.items():
-        left = as_columns(one.left)[:, 0]
-        weight[label] = 1 / np.sqrt(np.mean(left**2))
-        rows.append(weight[label] * left)
-        columns.append(weight[label] * as_columns(*(each[label] for each in slopes)))
-        size = np.linalg.norm(one.values) if label in missed else np.inf
-        counted.append(np.full(len(left), 1 / (weight[label] * size)))
-        places[label] = slice(end, end + len(left))
-        end += len(left)
-    for label in (each for each in data.layout if each not in spectra):
+    slices, weight, rows, columns, counted, end = {}, {}, [], [], [], 0
+    for label, spectrum in spectra.items():
+        group_residual = as_columns(spectrum.left)[:, 0]
+        weight[label] = 1 / np.sqrt(np.mean(group_residual**2))
+        rows.append(weight[label] * group_residual)
+        columns.append(weight[label] * as_columns(*(derivative[label] for derivative in slopes)))
+        size = np.linalg.norm(spectrum.values) if label in missed else np.inf
+        counted.append(np.full(len(group_residual), 1 / (weight[label] * size)))
+        slices[label] = slice(end, end + len(group_residual))
+        end += len(group_residual)
+    for label in (other for other in data.layout if other not in spectra):
         rows.append(fitted[label])
         columns.append(slope[label])
         counted.append(np.zeros(len(fitted[label])))
     basis, residual = np.linalg.qr(np.concatenate(columns))[0], np.concatenate(rows)
     residual -= basis @ (basis.T @ residual)
-    return Linearised(places, weight, residual, basis, np.concatenate(counted))
+    return Linearised(slices, weight, residual, basis, np.concatenate(counted))
 
 
-def _tried(suspect: Suspect, about: Linearised) -> Cause:
+def _tried(suspect: Suspect, linearised: Linearised) -> Cause:
     """One step along a suspect's columns, and what it explains."""
     wide = next(iter(suspect.columns.values())).shape[1]
-    columns = np.zeros((len(about.left), wide))
-    for label, own in suspect.columns.items():
-        columns[about.places[label]] = about.weight[label] * own
-    columns -= about.basis @ (about.basis.T @ columns)
+    columns = np.zeros((len(linearised.left), wide))
+    for label, group_columns in suspect.columns.items():
+        columns[linearised.places[label]] = linearised.weight[label] * group_columns
+    columns -= linearised.basis @ (linearised.basis.T @ columns)
     scale = np.linalg.norm(columns, axis=0)
     scale[scale == 0] = 1.0
-    found = np.linalg.lstsq(columns / scale, about.left)[0] / scale
+    coefficients = np.linalg.lstsq(columns / scale, linearised.left)[0] / scale
     before, after = (
-        np.sum((about.counted * left) ** 2) for left in (about.left, about.left - columns @ found)
+        np.sum((linearised.counted * residual) ** 2)
+        for residual in (linearised.left, linearised.left - columns @ coefficients)
     )
-    text, action = suspect.words(found)
-    mode = None if suspect.mode is None else (*suspect.mode, float(found[0]))
+    text, action = suspect.words(coefficients)
+    mode = None if suspect.mode is None else (*suspect.mode, float(coefficients[0]))
     return Cause(text, float(1 - after / before), action, mode)
 
 
 def _apart(spectra: Spectra, missed: Sequence[str]) -> list[Cause]:
     """A group whose own gain has another sign or size: then no fit of all need be near any."""
-    found = {label: _alone(one) for label, one in spectra.items()}
-    alone = {label: one for label, one in found.items() if one is not None}
-    missed = [label for label in missed if label in alone]
-    if len(alone) < 2 or not missed:
+    fits = {label: _alone(spectrum) for label, spectrum in spectra.items()}
+    single_fits = {label: pair for label, pair in fits.items() if pair is not None}
+    missed = [label for label in missed if label in single_fits]
+    if len(single_fits) < 2 or not missed:
         return []
     # Beside the median of the others, by sign and size; of two, which is wrong cannot be told.
     ratios = {
-        label: gain / np.median([other for n, (other, _) in alone.items() if n != label])
-        for label, (gain, _) in alone.items()
+        label: gain / np.median([other for n, (other, _) in single_fits.items() if n != label])
+        for label, (gain, _) in single_fits.items()
     }
     label = max(ratios, key=lambda n: abs(np.log(abs(ratios[n]))) + FAR_OFF * (ratios[n] < 0))
     if 1 / FAR_OFF < ratios[label] < FAR_OFF:
         return []
     now = {n: np.linalg.norm(spectra[n].left) / np.linalg.norm(spectra[n].values) for n in missed}
-    explained = 1 - sum(alone[n][1] ** 2 for n in missed) / sum(x**2 for x in now.values())
+    explained = 1 - sum(single_fits[n][1] ** 2 for n in missed) / sum(x**2 for x in now.values())
     text, action = factor_words(label, ratios[label], spectra[label].source_role)
     return [Cause(text, float(explained), action)]
 
 
-def _alone(one: Spectrum) -> tuple[float, float] | None:
+def _alone(spectrum: Spectrum) -> tuple[float, float] | None:
     """Gain of the linear oscillator of one group alone, and what that leaves, relative."""
-    x = np.divide(one.measured, one.factor, out=np.zeros_like(one.factor), where=one.factor != 0)
-    driven = np.abs(one.source) > DRIVEN * np.abs(one.source).max()
+    x = np.divide(
+        spectrum.measured,
+        spectrum.factor,
+        out=np.zeros_like(spectrum.factor),
+        where=spectrum.factor != 0,
+    )
+    driven = np.abs(spectrum.source) > DRIVEN * np.abs(spectrum.source).max()
     near = driven & (np.abs(x) > NEAR_PEAK * np.abs(x[driven]).max(initial=0.0))
     if near.sum() < LEAST_LINES:
         return None
-    own = oscillator_through(one.omega[near], one.source[near], x[near])
-    made = own["gain"] * one.factor * one.source / stiffness(own, one.omega)
-    return own["gain"], float(np.linalg.norm(one.measured - made) / np.linalg.norm(one.measured))
+    oscillator = oscillator_through(spectrum.omega[near], spectrum.source[near], x[near])
+    modelled = (
+        oscillator["gain"]
+        * spectrum.factor
+        * spectrum.source
+        / stiffness(oscillator, spectrum.omega)
+    )
+    return oscillator["gain"], float(
+        np.linalg.norm(spectrum.measured - modelled) / np.linalg.norm(spectrum.measured)
+    )
 
 
 def stiffness(mode: Mapping[str, float], omega: NDArray[np.float64]) -> NDArray[np.complex128]:
@@ -230,16 +250,18 @@ def stiffness(mode: Mapping[str, float], omega: NDArray[np.float64]) -> NDArray[
 
 def _swapped(spectra: Spectra, missed: Sequence[str], theta: Mapping[str, float]) -> list[Cause]:
     """Groups whose input is what the mode makes of their response."""
-    found = []
+    swaps = []
     for label in missed:
-        one = spectra[label]
-        made = one.factor * one.measured / stiffness(theta, one.omega)
-        along = np.vdot(made, one.source).real / np.vdot(made, made).real
-        left = np.linalg.norm(one.source - along * made) / np.linalg.norm(one.source)
-        now = np.linalg.norm(one.left) / np.linalg.norm(one.values)
+        spectrum = spectra[label]
+        modelled = spectrum.factor * spectrum.measured / stiffness(theta, spectrum.omega)
+        along = np.vdot(modelled, spectrum.source).real / np.vdot(modelled, modelled).real
+        residual = np.linalg.norm(spectrum.source - along * modelled) / np.linalg.norm(
+            spectrum.source
+        )
+        now = np.linalg.norm(spectrum.left) / np.linalg.norm(spectrum.values)
         if along != 0:
             text = f"{label} with input and response swapped"
-            found.append(
-                Cause(text, float(1 - (left / now) ** 2), f"Swap the channels of {label}.")
+            swaps.append(
+                Cause(text, float(1 - (residual / now) ** 2), f"Swap the channels of {label}.")
             )
-    return found
+    return swaps

@@ -41,41 +41,43 @@ def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box
     several = data.modes if data.modes is not None and data.modes.meet == ASSEMBLED else None
     of_one_joint = data.laws if several is None else ()
     prior = joint_box(settings, scales, gain, of_one_joint, linear=linear)
-    own = {name: pair for name, pair in bounds_by_name(prior).items() if name not in data.held}
-    if "gain" in own and not any("gain" in part.first_values() for part in parts):
-        own["gain"] = settings.prior.get("gain", weighed_bounds(known["gain"]))
+    bounds = {name: pair for name, pair in bounds_by_name(prior).items() if name not in data.held}
+    if "gain" in bounds and not any("gain" in part.first_values() for part in parts):
+        bounds["gain"] = settings.prior.get("gain", weighed_bounds(known["gain"]))
     for drive in attached(data.parts):
-        own |= _bounds_of(drive, settings, data, known)
-    own |= _bounds_beside(settings, data, known)
+        bounds |= _bounds_of(drive, settings, data, known)
+    bounds |= _bounds_beside(settings, data, known)
     if several is not None and data.laws:
-        own |= joint_bounds(several, data, settings.prior, scales.zeta)
-    if data.modes is not None and "omega_n" in own and "omega_n" not in settings.prior:
+        bounds |= joint_bounds(several, data, settings.prior, scales.zeta)
+    if data.modes is not None and "omega_n" in bounds and "omega_n" not in settings.prior:
         low, high = (2 * np.pi * hz for hz in data.modes.windows_hz[0])
-        own["omega_n"] = max(own["omega_n"][0], low), min(own["omega_n"][1], high)
+        bounds["omega_n"] = max(bounds["omega_n"][0], low), min(bounds["omega_n"][1], high)
     stated = term_bounds(stated_terms(data), omega_n, settings.prior)
     _require_drives(settings.prior, data)
-    _require_sampled(data.stated.names, own | stated)
-    return box(own | stated)
+    _require_sampled(data.stated.names, bounds | stated)
+    return box(bounds | stated)
 
 
 def _stiffest(data: Dataset) -> float:
     """Force over displacement of the stiffest loop, peak to peak, per unit mass [1/s^2]."""
-    each = (part.stiffness(float(data.held.get("gain", 1.0))) for part in data.parts)
-    known = [value for value in each if value is not None]
-    if not known:
+    stiffnesses = (part.stiffness(float(data.held.get("gain", 1.0))) for part in data.parts)
+    measured = [value for value in stiffnesses if value is not None]
+    if not measured:
         raise DataError(
             "The campaign must hold a test that tells the natural frequency, but one frequency of "
             f"steady motion is all that is fitted ({', '.join(data.labels)}).",
             remedy="Add a free decay, noise, a sweep, or tones at other frequencies.",
         )
-    return max(known)
+    return max(measured)
 
 
-def _bounds_of(drive: str, settings: Identify, data: Dataset, known: Mapping[str, float]) -> Bounds:
+def _bounds_of(
+    drive: str, settings: Identify, data: Dataset, estimates: Mapping[str, float]
+) -> Bounds:
     """Bounds of omega_n, zeta and gain of a drive that has its own, unless they are held."""
     parts = parts_of(drive, data.parts)
-    omega_n, zeta = known[named("omega_n", drive)], known.get(named("zeta", drive), 0.01)
-    gain = known.get(named("gain", drive))
+    omega_n, zeta = estimates[named("omega_n", drive)], estimates.get(named("zeta", drive), 0.01)
+    gain = estimates.get(named("gain", drive))
     std = None if gain is None else (gain, min(part.gain_std() for part in parts))
     linear = any(part.is_linear for part in parts)
     wide = linear_bounds(Scales(omega_n, zeta, 0.0), std, linear=linear)
@@ -83,24 +85,24 @@ def _bounds_of(drive: str, settings: Identify, data: Dataset, known: Mapping[str
     return {n: settings.prior.get(n, pair) for n, pair in bounds.items() if n not in data.held}
 
 
-def _bounds_beside(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Bounds:
+def _bounds_beside(settings: Identify, data: Dataset, estimates: Mapping[str, float]) -> Bounds:
     """Bounds of modes beside the first."""
     if data.modes is None:
         return {}
-    wide = bounds_of(data.modes, known, with_joint=bool(data.laws))
+    wide = bounds_of(data.modes, estimates, with_joint=bool(data.laws))
     if data.modes.meet == "apart":
-        wide |= _bounds_of_own_laws(data.modes, data, known)
+        wide |= _bounds_of_own_laws(data.modes, data, estimates)
     return {name: settings.prior.get(name, pair) for name, pair in wide.items()}
 
 
-def _bounds_of_own_laws(modes: Modes, data: Dataset, known: Mapping[str, float]) -> Bounds:
+def _bounds_of_own_laws(modes: Modes, data: Dataset, estimates: Mapping[str, float]) -> Bounds:
     """Bounds of the laws of every mode but the first, as those of an oscillator of its own."""
-    peaks = np.max([one for p in data.parts if (one := p.peaks_of_modes())], axis=0)
+    peaks = np.max([largest for p in data.parts if (largest := p.peaks_of_modes())], axis=0)
     bounds: Bounds = {}
     for mode, (names, peak) in enumerate(zip(modes.names, peaks[1:], strict=True), 2):
-        scales = Scales(known[names.omega], known[names.zeta], float(peak))
-        own = prior_of(data.laws, scales)
-        bounds |= {own_name(name, mode): pair for name, pair in own.items()}
+        scales = Scales(estimates[names.omega], estimates[names.zeta], float(peak))
+        law_bounds = prior_of(data.laws, scales)
+        bounds |= {own_name(name, mode): pair for name, pair in law_bounds.items()}
     return bounds
 
 
@@ -140,22 +142,25 @@ def joint_box(
     The gain comes with its standard deviation. Unless `linear`, omega_n and zeta of the scales were
     read at a level that holds the joint's softening and its losses: roughly the oscillator's own.
     """
-    given, omega_n = settings.prior, scales.omega_n
-    own = linear_bounds(scales, gain, linear=linear)
+    stated_prior, omega_n = settings.prior, scales.omega_n
+    structure_bounds = linear_bounds(scales, gain, linear=linear)
     # The gain, which is the source's, comes last.
-    last = {name: own.pop(name) for name in ("gain",) if name in own}
-    bounds = own | prior_of(laws, scales) | last
-    bounds = {name: given.get(name, pair) for name, pair in bounds.items()}
-    if (alike := same_by_construction(laws)) is not None:
-        warnings.warn(alike, stacklevel=2)
+    last = {name: structure_bounds.pop(name) for name in ("gain",) if name in structure_bounds}
+    bounds = structure_bounds | prior_of(laws, scales) | last
+    bounds = {name: stated_prior.get(name, pair) for name, pair in bounds.items()}
+    if (redundancy := same_by_construction(laws)) is not None:
+        warnings.warn(redundancy, stacklevel=2)
     kinds = laws_named(laws)
     for law in kinds:
-        _require_stiffness(law, {name: bounds[name] for name in law.names()}, given, omega_n)
-    bounds |= _shared(kinds, bounds, given, omega_n)
+        _require_stiffness(law, {name: bounds[name] for name in law.names()}, stated_prior, omega_n)
+    bounds |= _shared(kinds, bounds, stated_prior, omega_n)
     for law in kinds:
-        own = {name: bounds[name] for name in law.names()}
+        law_bounds = {name: bounds[name] for name in law.names()}
         # Of bounds that the campaign states: those by default are as wide as loops stay bounded.
-        stated = {name: given.get(name, (max(pair[0], 0.0), pair[1])) for name, pair in own.items()}
+        stated = {
+            name: stated_prior.get(name, (max(pair[0], 0.0), pair[1]))
+            for name, pair in law_bounds.items()
+        }
         if (caution := law.caution(stated, scales.y_peak)) is not None:
             warnings.warn(caution, stacklevel=2)
     return box(bounds)
@@ -182,37 +187,39 @@ def weighed_bounds(gain: float) -> tuple[float, float]:
     return low, high
 
 
-def _require_stiffness(law: type[Law], own: Bounds, given: Collection[str], omega_n: float) -> None:
+def _require_stiffness(
+    law: type[Law], bounds: Bounds, stated: Collection[str], omega_n: float
+) -> None:
     """Refuse a prior within which the joint alone is stiffer than omega_n^2: nothing else holds."""
-    least = {name: pair[0] for name, pair in own.items()}
-    for name in own.keys() & set(given):
-        stiffness = float(law.build({**least, name: own[name][1]}).stiffness())
+    least = {name: pair[0] for name, pair in bounds.items()}
+    for name in bounds.keys() & set(stated):
+        stiffness = float(law.build({**least, name: bounds[name][1]}).stiffness())
         if stiffness >= omega_n**2:
             raise ConfigError(
                 f"Prior of `{name}`: {name} < omega_n^2 must hold, but {name} reaches "
-                f"{own[name][1]:g} and omega_n^2 is {omega_n**2:g} by Step 2.",
+                f"{bounds[name][1]:g} and omega_n^2 is {omega_n**2:g} by Step 2.",
                 why="The joint's stiffness is a part of the whole, omega_n^2.",
                 remedy=f"Lower {name}'s upper bound in [identify.prior].",
             )
 
 
 def _shared(
-    laws: Collection[type[Law]], bounds: Bounds, given: Collection[str], omega_n: float
+    laws: Collection[type[Law]], bounds: Bounds, prior_names: Collection[str], omega_n: float
 ) -> Bounds:
     """Bounds of the laws' parts of omega_n^2 that together are no more than the stiffest alone.
 
     Upper bounds that nobody states are lowered alike; those that are stated must leave room.
     """
     parts = [[q.name for q in law.table if q.is_share] for law in laws]
-    names = [name for own in parts for name in own]
-    stated = [name for name in names if name in given]
-    free = [name for name in names if name not in given]
+    names = [name for shares in parts for name in shares]
+    stated = [name for name in names if name in prior_names]
+    free = [name for name in names if name not in prior_names]
     held = sum(bounds[name][1] for name in stated)
-    alone = max((sum(bounds[name][1] for name in own) for own in parts), default=0.0)
-    whole = omega_n**2 if stated else max(omega_n**2, alone)
-    if held < omega_n**2 and sum(bounds[name][1] for name in names) <= whole:
+    stiffest = max((sum(bounds[name][1] for name in shares) for shares in parts), default=0.0)
+    total = omega_n**2 if stated else max(omega_n**2, stiffest)
+    if held < omega_n**2 and sum(bounds[name][1] for name in names) <= total:
         return {}
-    room = max(omega_n**2 - held, 0.0) if stated else alone
+    room = max(omega_n**2 - held, 0.0) if stated else stiffest
     scale = room / sum(bounds[name][1] for name in free) if free else 0.0
     lowered = {name: (bounds[name][0], scale * bounds[name][1]) for name in free}
     if held >= omega_n**2 or any(low >= high for low, high in lowered.values()):
@@ -235,16 +242,16 @@ def chosen_coordinates(
     itself and the fit leaves one of them open.
     """
     for law in laws_named(laws):
-        own, asked = set(law.names()), settings.coordinates
-        if not own <= best.theta.keys():
+        law_names, choice = set(law.names()), settings.coordinates
+        if not law_names <= best.theta.keys():
             continue
-        weak = set() if best.weak is None else own & set(best.weak.names)
-        is_open = bool(weak) and not own & set(settings.prior)
+        weak = set() if best.weak is None else law_names & set(best.weak.names)
+        is_open = bool(weak) and not law_names & set(settings.prior)
         for name, coordinates in law.coordinates.items():
-            if asked == name:
-                densities = {n for n in own if isinstance(settings.prior.get(n), Density)}
+            if choice == name:
+                densities = {n for n in law_names if isinstance(settings.prior.get(n), Density)}
                 _require_sampled(sorted(densities), coordinates.names)
-            if asked == name or (asked == "auto" and is_open):
+            if choice == name or (choice == "auto" and is_open):
                 yield law, coordinates
                 break
 
@@ -281,13 +288,16 @@ def combinations(names: Iterable[str], laws: tuple[str, ...] = DEFAULT_LAWS) -> 
     Of these those whose parameters are all in the box of these `names`.
     """
     present = set(names)
-    found = []
+    products = []
     for law in laws_named(laws):
         other = next((c for c in law.coordinates.values() if set(c.names) & present), None)
         if other is not None:
-            found += [Product(own.name, own.name, own.powers) for own in other.forward]
+            products += [
+                Product(coordinate.name, coordinate.name, coordinate.powers)
+                for coordinate in other.forward
+            ]
         for product in law.products:
             factors = tuple(product.powers)
             powers = product.powers if other is None else other.powers(product.powers)
-            found.append(Product(product.name, "*".join(factors), powers, factors))
-    return tuple(product for product in found if product.powers.keys() <= present)
+            products.append(Product(product.name, "*".join(factors), powers, factors))
+    return tuple(product for product in products if product.powers.keys() <= present)

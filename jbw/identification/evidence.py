@@ -80,7 +80,11 @@ class Candidate:
     def at_bound(self) -> tuple[str, ...]:
         """Parameters whose optimum lies at a bound of their prior."""
         names, x = self.fitted.box.names, np.asarray(self.fitted.fit.x)
-        return tuple(n for n, one in zip(names, x, strict=True) if min(one, 1.0 - one) < AT_BOUND)
+        return tuple(
+            n
+            for n, coordinate in zip(names, x, strict=True)
+            if min(coordinate, 1.0 - coordinate) < AT_BOUND
+        )
 
 
 def candidates(
@@ -93,33 +97,33 @@ def candidates(
     itself, and in the first mode alone. What cannot be fitted is returned by name with the reason.
     """
     data, settings = assemble(seen), alike(seen.settings)
-    found: list[Candidate] = []
+    fits: list[Candidate] = []
     refused: dict[str, str] = {}
     for laws, meet in trials(sets, seen):
         report(f"Fitting {name_of(laws, meet)}")
         forget_when_many()
         try:
-            prior, first, own = first_fit(key, under(laws, data, meet), settings)
+            prior, first, weighed_data = first_fit(key, under(laws, data, meet), settings)
         except JbwError as error:
             refused[name_of(laws, meet)] = str(error)
         else:
-            found.append(Candidate(laws, Fitted(first, prior, own), meet))
-    if not found:
+            fits.append(Candidate(laws, Fitted(first, prior, weighed_data), meet))
+    if not fits:
         raise ConfigError(f"None of the laws can be fitted: {next(iter(refused.values()))}")
     weighing: Candidate | None = None
     for _ in range(MOST_TURNS):
-        best = min(found, key=lambda one: one.error)
+        best = min(fits, key=lambda candidate: candidate.error)
         if weighing is not None and best.name == weighing.name:
             break
         report(f"Fitting all as {best.name} weighs the data, which leaves least")
-        own = best.fitted
+        best_fitted = best.fitted
         # With the signs of modes.
-        unweighed = replace(under(best.laws, data, best.meet), held=own.data.held)
-        ready = reweight(key, unweighed, own.box, own.fit, settings)
+        unweighed = replace(under(best.laws, data, best.meet), held=best_fitted.data.held)
+        ready = reweight(key, unweighed, best_fitted.box, best_fitted.fit, settings)
         weighing = replace(best, fitted=ready)
-        keys = jax.random.split(key, len(found))
-        found = [again(k, one, ready) for k, one in zip(keys, found, strict=True)]
-    return found, refused
+        keys = jax.random.split(key, len(fits))
+        fits = [again(k, candidate, ready) for k, candidate in zip(keys, fits, strict=True)]
+    return fits, refused
 
 
 def alike(settings: Identify) -> Identify:
@@ -174,8 +178,8 @@ def under(laws: Laws, data: Dataset, meet: str = "") -> Dataset:
 def with_modes_of(one: Candidate, data: Dataset) -> Dataset:
     """The data with what a candidate holds of modes at the joint: signs, and shapes if measured."""
     apart = {n: x for n, x in data.held.items() if n not in OF_JOINT}
-    own = {n: x for n, x in one.fitted.data.held.items() if n in OF_JOINT}
-    return replace(data, held=apart | own)
+    of_joint = {n: x for n, x in one.fitted.data.held.items() if n in OF_JOINT}
+    return replace(data, held=apart | of_joint)
 
 
 def name_of(laws: Laws, meet: str = "") -> str:
@@ -185,8 +189,8 @@ def name_of(laws: Laws, meet: str = "") -> str:
 
 def errors_of(best: Fit, data: Dataset) -> dict[str, float]:
     """Error of every group over its response, at a fit."""
-    left = dataset.left_by_label(best.residual, data)
-    return {n: e for n, e in dataset.error_by_label(left, data).items() if np.isfinite(e)}
+    residuals = dataset.left_by_label(best.residual, data)
+    return {n: e for n, e in dataset.error_by_label(residuals, data).items() if np.isfinite(e)}
 
 
 def posterior(key: Key[Array, ""], one: Candidate) -> tuple[xr.DataTree, Reparametrisation]:
@@ -195,15 +199,15 @@ def posterior(key: Key[Array, ""], one: Candidate) -> tuple[xr.DataTree, Reparam
     By so many points at most; where their weights cannot be trusted, in the other coordinates too.
     """
     best, prior, data = one.fitted.fit, one.fitted.box, one.fitted.data
-    places = {
+    parametrisations = {
         "straight": lambda: place_of(best, one),
         "valley": cache(lambda: about_valley(dataset.stacked, prior, data, best)),
     }
-    own, log_likelihood = jax.random.fold_in(key, 2), dataset.log_likelihood
-    chosen, _, evaluations = choose(own, log_likelihood, prior, data, places)
+    choice_key, log_likelihood = jax.random.fold_in(key, 2), dataset.log_likelihood
+    chosen, _, evaluations = choose(choice_key, log_likelihood, prior, data, parametrisations)
     tried: list[tuple[xr.DataTree, Reparametrisation]] = []
-    for name in sorted(places, key=lambda name: name != chosen):
-        if (place := places[name]()) is None:
+    for name in sorted(parametrisations, key=lambda name: name != chosen):
+        if (place := parametrisations[name]()) is None:
             continue
         tree = sample(
             key, log_likelihood, prior, data, sampler="amis", coordinates=place,
@@ -215,10 +219,10 @@ def posterior(key: Key[Array, ""], one: Candidate) -> tuple[xr.DataTree, Reparam
         tried.append((tree, place))
         if tree.attrs["khat"] < GOOD_KHAT:
             break
-    found, place = min(tried, key=lambda each: each[0].attrs["khat"])
-    found.attrs["num_evaluations"] = evaluations
-    about = about_draws(found, prior, place)
-    return with_derived(jax.random.fold_in(key, 1), found, data), about
+    draws, place = min(tried, key=lambda pair: pair[0].attrs["khat"])
+    draws.attrs["num_evaluations"] = evaluations
+    parametrisation = about_draws(draws, prior, place)
+    return with_derived(jax.random.fold_in(key, 1), draws, data), parametrisation
 
 
 def likelihood_at(best: Fit, data: Dataset) -> float:
@@ -236,9 +240,13 @@ def hopeless(found: Sequence[Candidate], likelihoods: Mapping[str, float]) -> se
     times as large, points about the fit say no more: they are rough where a law misses the data
     most, and take longest there.
     """
-    least = min(found, key=lambda one: one.error)
+    least = min(found, key=lambda candidate: candidate.error)
     below, off = likelihoods[least.name] - FAR_BELOW, FAR_OFF * least.error
-    return {one.name for one in found if likelihoods[one.name] < below and one.error > off}
+    return {
+        candidate.name
+        for candidate in found
+        if likelihoods[candidate.name] < below and candidate.error > off
+    }
 
 
 def about_fit(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
@@ -264,7 +272,7 @@ def about_fit(key: Key[Array, ""], one: Candidate) -> xr.DataTree:
 
 def place_of(best: Fit, one: Candidate) -> Reparametrisation:
     """Coordinates about a fit: along its ridge where one is open or ends at a wall."""
-    prior, about = one.fitted.box, (best.theta, best.covariance)
+    prior, optimum = one.fitted.box, (best.theta, best.covariance)
     if best.weak is not None or best.at_bound:
-        return along_ridge(*about, prior)
-    return along_logarithms(*about, prior, never_zero(*about, prior))
+        return along_ridge(*optimum, prior)
+    return along_logarithms(*optimum, prior, never_zero(*optimum, prior))

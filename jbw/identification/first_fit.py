@@ -39,7 +39,7 @@ CLOSE = (
     0.15  # of the rms of every group: what a first answer takes for met, before days have offsets
 )
 # Of the fit to frequency and damping against amplitude, which costs nothing.
-BESIDE_CURVE = {"gain", *(each.name for each in MODAL)}  # it is of the first mode, driven or not
+BESIDE_CURVE = {"gain", *(quantity.name for quantity in MODAL)}  # of the first mode, driven or not
 CURVE_STARTS, MOST_CURVE_POINTS, FREQUENCY_STD, DAMPING_STD = 8, 200, 1e-4, 0.03  # std: relative
 
 
@@ -86,15 +86,15 @@ def from_amplitude_curve(
     some = np.unique(np.linspace(0, len(curve.y) - 1, MOST_CURVE_POINTS).astype(int))
     thin = AmplitudeCurve(*(values[some] for values in curve))
 
-    def left(theta: Mapping[str, Array], seen: AmplitudeCurve) -> Float[Array, " value"]:
+    def residual(theta: Mapping[str, Array], seen: AmplitudeCurve) -> Float[Array, " value"]:
         model = backbone(oscillator_of(theta, data.laws), seen.y)
         frequency = (model.omega / seen.omega - 1) / FREQUENCY_STD
         damping = (model.zeta - seen.zeta) / (DAMPING_STD * jnp.max(seen.zeta))
         return jnp.concatenate([frequency, damping])
 
-    own = of_part(bounds_by_name(prior), part)
-    bounds = {n: x for n, x in own.items() if n not in BESIDE_CURVE and n == plain(n)}
-    best = fit(left, box(bounds), thin, starts=CURVE_STARTS, key=key)
+    part_bounds = of_part(bounds_by_name(prior), part)
+    bounds = {n: x for n, x in part_bounds.items() if n not in BESIDE_CURVE and n == plain(n)}
+    best = fit(residual, box(bounds), thin, starts=CURVE_STARTS, key=key)
     return {name: value for name, value in best.theta.items() if name not in known}
 
 
@@ -131,7 +131,7 @@ def fit_from(
     ends.append(rough(begun[0], prior, data))
     if not (alone or is_met(ends[-1])):
         ends += by_rounds(begun[1:], prior, data)
-    return with_waterfall(min(ends, key=lambda one: one.cost), ends)
+    return with_waterfall(min(ends, key=lambda end: end.cost), ends)
 
 
 def across_thresholds(best: Fit, prior: Box, data: Dataset) -> Fit:
@@ -142,7 +142,7 @@ def across_thresholds(best: Fit, prior: Box, data: Dataset) -> Fit:
 
 def with_waterfall(chosen: Fit, ends: Sequence[Fit]) -> Fit:
     """The chosen one of several ends, with the costs of all."""
-    return replace(chosen, waterfall=np.sort(np.concatenate([one.waterfall for one in ends])))
+    return replace(chosen, waterfall=np.sort(np.concatenate([end.waterfall for end in ends])))
 
 
 def by_rounds(begun: Sequence[Mapping[str, float]], prior: Box, data: Dataset) -> list[Fit]:
@@ -159,8 +159,8 @@ def by_rounds(begun: Sequence[Mapping[str, float]], prior: Box, data: Dataset) -
         for place, theta in enumerate(going[:number], start=1):
             under_way.info("start %d of %d", place, min(number, len(going)))
             fits.append(rough(theta, prior, data, evaluations))
-        ends = sorted([*fits, *ends[number:]], key=lambda one: one.cost)
-        going = [one.theta for one in ends]
+        ends = sorted([*fits, *ends[number:]], key=lambda end: end.cost)
+        going = [end.theta for end in ends]
         if explains(ends[0]):
             return [rough(going[0], prior, data), *ends[1:]]
     return further(ends, prior, data) if ends[0].at_bound else ends
@@ -175,7 +175,7 @@ def further(ends: Sequence[Fit], prior: Box, data: Dataset) -> list[Fit]:
         stopped[place] = rough(end.theta, prior, data)
         if explains(stopped[place]):
             break
-    return sorted([*finished, *stopped], key=lambda one: one.cost)
+    return sorted([*finished, *stopped], key=lambda fitted: fitted.cost)
 
 
 def rough(
@@ -205,7 +205,7 @@ def screened(
 ) -> dict[str, np.ndarray]:
     """Points to look at: a start, and others evenly over the search, where it is not known."""
     s = jax.random.uniform(key, (NUM_SCREENED, len(prior.names)))
-    x = jax.vmap(lambda one: from_search(one, prior)[0])(s)
+    x = jax.vmap(lambda point: from_search(point, prior)[0])(s)
     points = {name: np.asarray(values) for name, values in from_unit(np.asarray(x), prior).items()}
     points |= {n: np.full(NUM_SCREENED, known[n]) for n in points.keys() & known.keys()}
     return inside({name: np.append(start[name], points[name]) for name in prior.names}, prior)

@@ -102,11 +102,11 @@ def joint_step(
     """
     started = perf_counter()
     keys = parts_of(key, 5)
-    known: dict[str, float] = {}
+    estimates: dict[str, float] = {}
     for step in ("third_order_nuts", "opening_nuts"):
         if step in earlier:
-            known |= _of_reading(means_of(earlier[step].posterior), data)
-    ready = with_readings(weighed(keys[:2], data, settings, known | readings.known), readings)
+            estimates |= _of_reading(means_of(earlier[step].posterior), data)
+    ready = with_readings(weighed(keys[:2], data, settings, estimates | readings.known), readings)
     ready = completed(keys[1], without_absent_joint(keys[0], ready) or ready, settings)
     at_fit(ready)
     chains = sample_joint(keys[2], ready, settings, keep, name)
@@ -125,8 +125,8 @@ def joint_step(
         held=ready.data.held, chi_square=ready.chi_square,
         ending=ending(ready.box, ready.data.laws),
     )  # fmt: skip
-    left = dataset.left_by_label(ready.fit.residual, ready.data)
-    judged = accuracy.within_misfit(step.verdict, dataset.error_by_label(left, ready.data))
+    residuals = dataset.left_by_label(ready.fit.residual, ready.data)
+    judged = accuracy.within_misfit(step.verdict, dataset.error_by_label(residuals, ready.data))
     if (left_out := groups.get("leave_one_out")) is not None:
         errors = left_out["fitted"].values.tolist(), left_out["error"].values.tolist()
         judged = accuracy.within_unseen(judged, *errors, "each test predicted from the others")
@@ -158,16 +158,18 @@ def without_absent_joint(key: Key[Array, ""], ready: Fitted) -> Fitted | None:
     finding = joint_finding(nested, added, ready.y_peak)
     if finding.status == "ok":
         return None
-    said = f"{effects_sentence(added, ready.y_peak)} The posterior is of the structure without it."
+    statement = (
+        f"{effects_sentence(added, ready.y_peak)} The posterior is of the structure without it."
+    )
     bare = replace(data, parts=tuple(replace(part, laws=()) for part in data.parts))
     bare = replace(bare, held={k: v for k, v in data.held.items() if k not in names_of_laws(data)})
-    alone = box(nested.bounds)
+    structure_box = box(nested.bounds)
     return replace(
         ready,
         fit=nested.fit,
-        box=alone,
+        box=structure_box,
         data=bare,
-        statements=(*ready.statements, said),
+        statements=(*ready.statements, statement),
         findings=(*ready.findings, finding),
     )
 
@@ -186,15 +188,17 @@ def seen_drag(added: Effects, ready: Fitted, *, misses: bool) -> Finding | None:
 def names_of_laws(data: Dataset) -> set[str]:
     """Names of the parameters of the laws and their products."""
     laws = laws_named(data.laws)
-    own = {quantity.name for law in laws for quantity in law.table}
-    return own | {product.quantity.name for law in laws for product in law.products}
+    names = {quantity.name for law in laws for quantity in law.table}
+    return names | {product.quantity.name for law in laws for product in law.products}
 
 
 def _of_reading(means: Mapping[str, float], data: Dataset) -> dict[str, float]:
     """What the paper's steps know, under the names of the drive of the noise that they read."""
     drive = next((part.drive for part in data.parts if part.is_linear), "")
-    own = drive in attached(data.parts)
-    return {named(n, drive) if own and n in NAMES else n: value for n, value in means.items()}
+    is_attached = drive in attached(data.parts)
+    return {
+        named(n, drive) if is_attached and n in NAMES else n: value for n, value in means.items()
+    }
 
 
 def sample_joint(
@@ -209,13 +213,15 @@ def sample_joint(
     logarithms; slices whose chains disagree are drawn again about their own moments.
     """
     prior, best, data = ready.box, ready.fit, ready.data
-    about = best.theta, best.covariance
-    places: Places = {
-        "logarithms": lambda: along_logarithms(*about, prior, never_zero(*about, prior)),
-        "box": lambda: in_box(prior, *about, settings.num_chains),
-        "ridge": lambda: along_ridge(*about, prior),
+    optimum = best.theta, best.covariance
+    parametrisations: Places = {
+        "logarithms": lambda: along_logarithms(*optimum, prior, never_zero(*optimum, prior)),
+        "box": lambda: in_box(prior, *optimum, settings.num_chains),
+        "ridge": lambda: along_ridge(*optimum, prior),
     }
-    further: Places = {"valley": lambda: about_valley(dataset.stacked, prior, data, best)}
+    costly_parametrisations: Places = {
+        "valley": lambda: about_valley(dataset.stacked, prior, data, best)
+    }
     enough = partial(are_enough, data=data, y_peak=ready.y_peak)
     shared: dict[str, Any] = {
         "num_chains": settings.num_chains, "attrs": attrs(data.laws), "budget_s": settings.budget_s
@@ -223,7 +229,8 @@ def sample_joint(
     if settings.sampler == "auto":
         return climb(
             key, dataset.log_likelihood, prior, data,
-            parametrisations=places, costly_parametrisations=further, is_costly=data.stepped,
+            parametrisations=parametrisations, costly_parametrisations=costly_parametrisations,
+            is_costly=data.stepped,
             num_samples=settings.num_samples, num_warmup=settings.num_warmup,
             enough=None if settings.num_samples is not None else enough,
             keep=lambda rung: keep(f"{name}_{rung}"), **shared,
@@ -232,12 +239,12 @@ def sample_joint(
     num_warmup, num_samples = settings.draws(sampler.draws)
     slices = sampler.name == "elliptical_slice"
     ridge = best.weak is not None or best.at_bound
-    place = places[("ridge" if ridge else "logarithms") if slices else "box"]()
-    told = settings.num_samples is not None or sampler.is_fixed
+    place = parametrisations[("ridge" if ridge else "logarithms") if slices else "box"]()
+    is_fixed = settings.num_samples is not None or sampler.is_fixed
     return sample_until(
         key, dataset.log_likelihood, prior, data, sampler=sampler.name, coordinates=place,
         num_warmup=num_warmup, num_samples=num_samples, rounds=ROUNDS if slices else 0,
-        enough=None if told else enough, keep=lambda i: keep(f"{name}_{i}" if i else name),
+        enough=None if is_fixed else enough, keep=lambda i: keep(f"{name}_{i}" if i else name),
         chain_method="parallel" if jax.device_count() > 1 else "sequential",
         options={"adapt_mass": True}, **shared,
     )  # fmt: skip
@@ -247,14 +254,14 @@ def drawn(facts: Mapping[Any, Any]) -> list[str]:
     """How the ladder drew: coordinates, evaluations and evidence, in words."""
     if "coordinates" not in facts:
         return []
-    said = (
+    sentence = (
         f"Sampler: {facts['sampler']}, {facts['num_evaluations']} evaluations, parametrisation: "
         f"{facts['coordinates']}, the best of those that were tried."
     )
     if "log_evidence" in facts:
         error = facts["log_evidence_error"]
-        said += f" The log evidence is {facts['log_evidence']:.2f} +- {error:.2g}."
-    return [said]
+        sentence += f" The log evidence is {facts['log_evidence']:.2f} +- {error:.2g}."
+    return [sentence]
 
 
 def are_enough(
@@ -302,9 +309,11 @@ def law_variables(posterior: xr.Dataset, data: Dataset) -> dict[str, Any]:
     """The laws' own parameters and their products, where they were not sampled."""
     theta, derived = every_parameter(posterior, data), {}
     for law in laws_named(data.laws):
-        own = {name: np.asarray(v) for name, v in law.of(theta).parameters().items()}
-        named = [(quantity, own[quantity.name]) for quantity in law.table]
-        named += [(product.quantity, product.of({**theta, **own})) for product in law.products]
+        parameters = {name: np.asarray(v) for name, v in law.of(theta).parameters().items()}
+        named = [(quantity, parameters[quantity.name]) for quantity in law.table]
+        named += [
+            (product.quantity, product.of({**theta, **parameters})) for product in law.products
+        ]
         for quantity, value in named:
             if quantity.name not in posterior:
                 derived[quantity.name] = (("chain", "draw"), value, quantity.attrs)
@@ -337,8 +346,12 @@ def _attrs(part: Observable, name: str) -> dict[str, Any]:
     attrs["symbol"] += name.removeprefix("noise_std").replace("_", ", ", 1)
     if not part.unit:  # a group is in volts, newtons or metres: no unit holds for all
         del attrs["units"]
-        known = {"group_units": list(part.units)} if all(part.units) else {}
-        return {**attrs, **known, "long_name": f"{attrs['long_name']}, in the unit of its group"}
+        group_units = {"group_units": list(part.units)} if all(part.units) else {}
+        return {
+            **attrs,
+            **group_units,
+            "long_name": f"{attrs['long_name']}, in the unit of its group",
+        }
     return {**attrs, "units": part.unit}
 
 
@@ -349,18 +362,18 @@ def posterior_checks(
     prior, best, data = ready.box, ready.fit, ready.data
     groups: dict[str, xr.Dataset] = {}
     words: list[str] = []
-    left = dataset.left_by_label(best.residual, data)
-    error = dataset.error_by_label(left, data)
+    residuals = dataset.left_by_label(best.residual, data)
+    error = dataset.error_by_label(residuals, data)
     y_peak = ready.y_peak
     theta = dataset.as_arrays(best.theta, data)
     attempts = Attempts()
 
     def checked(checks: Mapping[str, Callable[[], Finding | None]]) -> list[Finding | None]:
-        found = []
-        for what, one in checks.items():
+        outcomes = []
+        for what, check in checks.items():
             under_way.info("check of %s", what)
-            found.append(attempts.make(f"The check of {what}", one, None))
-        return found
+            outcomes.append(attempts.make(f"The check of {what}", check, None))
+        return outcomes
 
     def lack_of_fit() -> Finding | None:
         why = causes(best, data)
@@ -370,13 +383,13 @@ def posterior_checks(
     findings = checked(
         {
             "the residual of the fit": lambda: accuracy.residual_finding(
-                left, dataset.fractions_counted(data), error, data.laws
+                residuals, dataset.fractions_counted(data), error, data.laws
             ),
             "the shape of the residual": lambda: accuracy.shape_finding(error, data),
             "the scatter of repeats": lambda: accuracy.repeatability_finding(error, data),
         }
     )
-    misses = any(one is not None and one.status != "ok" for one in findings)
+    misses = any(finding is not None and finding.status != "ok" for finding in findings)
     findings += checked(
         {
             "the steps of the solver": lambda: accuracy.solver_finding(

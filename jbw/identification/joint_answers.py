@@ -55,12 +55,14 @@ def joints_group(
     if modes is None or modes.meet != ASSEMBLED or not joints_of(data.laws):
         return None
     names = joints_of(data.laws)
-    known = dict(modes.numbers)
+    numbers = dict(modes.numbers)
     driven = range(len(modes.hz))
-    motion = np.array([[known[motion_name(i + 1, joint)] for i in driven] for joint in names])
+    motion = np.array([[numbers[motion_name(i + 1, joint)] for i in driven] for joint in names])
     amplitude = largest_amplitudes(modes, data)
-    own = {quantity.name for quantity in quantities_of(data.laws)}
-    theta = {str(n): x.values.ravel() for n, x in posterior.data_vars.items() if n in own}
+    law_parameters = {quantity.name for quantity in quantities_of(data.laws)}
+    theta = {
+        str(n): x.values.ravel() for n, x in posterior.data_vars.items() if n in law_parameters
+    }
     of_modes = partial(_of_modes, laws=data.laws, names=names, motion=motion, amplitude=amplitude)
     softening, losses = (
         of_modes(theta) if about is None else _by_first_order(of_modes, theta, about)
@@ -68,7 +70,7 @@ def joints_group(
     omega = np.array([_values(posterior, data, DRIVEN[i][0]) for i in driven])
     lowered = np.sqrt(np.maximum(1 - softening.sum(axis=0) / omega**2, 0.0))
     added = losses.sum(axis=0) / (2 * (omega * lowered) ** 2)
-    k = np.array([known[name_at(STIFFNESS, joint)] for joint in names])
+    k = np.array([numbers[name_at(STIFFNESS, joint)] for joint in names])
     shares = k[:, None] * motion**2 / (2 * np.pi * np.array(modes.hz)) ** 2
     largest = np.nanmax(np.abs(motion) * amplitude, axis=1)
     medians = {name: float(np.median(x)) for name, x in theta.items()}
@@ -118,22 +120,22 @@ def _of_modes(
 def _by_first_order(
     of_modes: Callable[[Mapping[str, np.ndarray]], Float[np.ndarray, "two joint mode draw"]],
     theta: Mapping[str, np.ndarray],
-    about: Mapping[str, float],
+    best_theta: Mapping[str, float],
 ) -> Float[np.ndarray, "two joint mode draw"]:
     r"""The same of draws about a fit, $f(\hat\theta) + \sum_i f_i\,\delta_i$, by differences f_i.
 
     Steps delta are of logarithms, times the fit, where nothing is zero or changes sign.
     """
-    fit = {name: float(about[name]) for name in theta}
+    fit = {name: float(best_theta[name]) for name in theta}
     steps = {name: STEP * (abs(value) or 1.0) for name, value in fit.items()}
     sides = {name: np.full(2 * len(fit) + 1, value) for name, value in fit.items()}
     for i, name in enumerate(fit):
         sides[name][2 * i + 1] += steps[name]
         sides[name][2 * i + 2] -= steps[name]
-    found = of_modes(sides)
-    total = np.repeat(found[..., :1], len(next(iter(theta.values()))), axis=-1)
+    at_sides = of_modes(sides)
+    total = np.repeat(at_sides[..., :1], len(next(iter(theta.values()))), axis=-1)
     for i, (name, draws) in enumerate(theta.items()):
-        slope = (found[..., 2 * i + 1] - found[..., 2 * i + 2]) / (2 * steps[name])
+        slope = (at_sides[..., 2 * i + 1] - at_sides[..., 2 * i + 2]) / (2 * steps[name])
         is_log = fit[name] > 0 and np.all(draws > 0)
         moved = fit[name] * np.log(draws / fit[name]) if is_log else draws - fit[name]
         total = total + slope[..., None] * moved
@@ -152,12 +154,12 @@ def _each_draw(
     def at(draw: Mapping[str, Array]) -> Array:
         rows = []
         for joint, h in zip(names, motion, strict=True):
-            own = laws_at(draw, laws, joint)
-            loops = [law.loop(jnp.abs(h) * amplitude) for law in own]
-            at_rest = sum(law.stiffness() for law in own)
+            joint_laws = laws_at(draw, laws, joint)
+            loops = [law.loop(jnp.abs(h) * amplitude) for law in joint_laws]
+            at_rest = sum(law.stiffness() for law in joint_laws)
             stiffness = sum(loop.stiffness for loop in loops)
             rows.append((h**2 * (at_rest - stiffness), h**2 * sum(x.damping for x in loops)))
-        return jnp.stack([jnp.stack(each) for each in zip(*rows, strict=True)])
+        return jnp.stack([jnp.stack(by_joint) for by_joint in zip(*rows, strict=True)])
 
     return jax.vmap(at, out_axes=-1)(dict(theta))
 
@@ -188,8 +190,8 @@ def _words(unit: str, meaning: str) -> dict[str, str]:
 
 def _shares(parts: Float[np.ndarray, "joint mode draw"]) -> Float[np.ndarray, "joint mode draw"]:
     """Parts of every joint over their sum; NaN where nothing is."""
-    whole = parts.sum(axis=0)
-    return parts / np.where(whole != 0, whole, np.nan)
+    total = parts.sum(axis=0)
+    return parts / np.where(total != 0, total, np.nan)
 
 
 def _quantiles(draws: Float[np.ndarray, "... draw"]) -> Float[np.ndarray, "... quantile"]:
@@ -211,12 +213,14 @@ def _identified(
     Joints of a tie have one law, of which either mode and joint may tell.
     """
     size = np.abs(np.median(softening, axis=-1)).sum(axis=0)
-    known = np.zeros(softening.shape[:2], bool)
-    for j, i in np.ndindex(known.shape):
+    is_identified = np.zeros(softening.shape[:2], bool)
+    for j, i in np.ndindex(is_identified.shape):
         has_losses = np.median(losses[j, i]) > NO_LOSS * size[i]
-        known[j, i] = _is_known(softening[j, i]) and (not has_losses or _is_known(losses[j, i]))
+        is_identified[j, i] = _is_known(softening[j, i]) and (
+            not has_losses or _is_known(losses[j, i])
+        )
     tied = {joint: split(law)[1] for law in laws for joint in split(law)[1]}
-    rows = dict(zip(names, known.any(axis=1), strict=True))
+    rows = dict(zip(names, is_identified.any(axis=1), strict=True))
     return [any(rows[other] for other in tied[joint]) for joint in names]
 
 
@@ -230,36 +234,38 @@ def joints_words(group: xr.Dataset | None) -> list[str]:
     """What damps each mode, what all joints do together, and which are identified; sentences."""
     if group is None:
         return []
-    said = []
+    sentences = []
     for mode in group["mode"].values:
-        own = group.sel(mode=mode)
-        name = f"Mode {mode}, at {float(own['frequency_hz']):.4g} Hz,"
-        if not np.isfinite(float(own["amplitude"])):
-            said.append(f"{name} is hardly seen at the first point: shares in it are not told.")
+        of_mode = group.sel(mode=mode)
+        name = f"Mode {mode}, at {float(of_mode['frequency_hz']):.4g} Hz,"
+        if not np.isfinite(float(of_mode["amplitude"])):
+            sentences.append(
+                f"{name} is hardly seen at the first point: shares in it are not told."
+            )
             continue
-        change, damping = (100 * own[n].values for n in ("frequency_change", "damping_added"))
-        said.append(
+        change, damping = (100 * of_mode[n].values for n in ("frequency_change", "damping_added"))
+        sentences.append(
             f"{name} at its largest motion: all joints together change its frequency by "
             f"{change[1]:.3g} % [{change[0]:.3g}, {change[2]:.3g}] and add {damping[1]:.3g} % "
             f"[{damping[0]:.3g}, {damping[2]:.3g}] of damping."
         )
-        said += _who_damps(int(mode), own)
+        sentences += _who_damps(int(mode), of_mode)
     identified = dict(zip(group["joint"].values, group["identified"].values, strict=True))
-    named = ", ".join(str(joint) for joint, known in identified.items() if known)
+    named = ", ".join(str(joint) for joint, is_identified in identified.items() if is_identified)
     if named:
-        said.append(f"Identified by themselves: {named}.")
-    return said
+        sentences.append(f"Identified by themselves: {named}.")
+    return sentences
 
 
-def _who_damps(mode: int, own: xr.Dataset) -> list[str]:
+def _who_damps(mode: int, of_mode: xr.Dataset) -> list[str]:
     """The identified joint that takes most of a mode's losses, where its interval says so."""
-    low, middle, high = (own["loss_share"].isel(quantile=i).values for i in range(3))
+    low, middle, high = (of_mode["loss_share"].isel(quantile=i).values for i in range(3))
     if np.all(np.isnan(middle)):
         return []
     first = int(np.nanargmax(middle))
-    if low[first] < MAIN or not bool(own["identified"].values[first]):
+    if low[first] < MAIN or not bool(of_mode["identified"].values[first]):
         return []
-    joint = str(own["joint"].values[first])
+    joint = str(of_mode["joint"].values[first])
     return [
         f"Mode {mode} is damped by {joint} ({100 * middle[first]:.3g} % of the joints' losses, "
         f"{100 * low[first]:.3g} to {100 * high[first]:.3g} %)."
@@ -271,7 +277,7 @@ def joints_finding(group: xr.Dataset | None) -> Finding | None:
     if group is None:
         return None
     identified = dict(zip(group["joint"].values, group["identified"].values, strict=True))
-    unknown = [str(joint) for joint, known in identified.items() if not known]
+    unknown = [str(joint) for joint, is_identified in identified.items() if not is_identified]
     status = "usable" if unknown else "ok"
     return Finding("unidentified_joints", status, {"joints": unknown}, float(len(unknown)))
 
@@ -297,13 +303,13 @@ def joints_record(group: xr.Dataset | None) -> dict[str, Any] | None:
     joints = [
         {
             "joint": str(joint),
-            "verdict": "identified" if bool(own["identified"]) else "unidentified",
-            "energy_share": [_plain(x) for x in own["energy_share"].values],
-            **{name: [bands(own[name].sel(mode=mode)) for mode in group["mode"].values]
+            "verdict": "identified" if bool(of_joint["identified"]) else "unidentified",
+            "energy_share": [_plain(x) for x in of_joint["energy_share"].values],
+            **{name: [bands(of_joint[name].sel(mode=mode)) for mode in group["mode"].values]
                for name in ("loss_share", "softening_share")},
         }
-        for joint, own in group.groupby("joint", squeeze=False)
-        for own in [own.squeeze("joint")]
+        for joint, of_joint in group.groupby("joint", squeeze=False)
+        for of_joint in [of_joint.squeeze("joint")]
     ]  # fmt: skip
     return {"modes": modes, "joints": joints}
 

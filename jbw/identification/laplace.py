@@ -105,8 +105,8 @@ def laplace_step(key: Key[Array, ""], ready: Fitted, started: float) -> Step:
     if joints is not None:
         tree[JOINTS] = xr.DataTree(joints)
     finding = joints_finding(joints)
-    said = [] if ready.fit.weak is None else [f"By the fit, {ready.fit.weak.text}."]
-    said += [
+    sentences = [] if ready.fit.weak is None else [f"By the fit, {ready.fit.weak.text}."]
+    sentences += [
         f"The best fit of {parameter} lies at the {side} bound of its prior."
         for parameter, side in ready.fit.at_bound.items()
     ]
@@ -122,7 +122,7 @@ def laplace_step(key: Key[Array, ""], ready: Fitted, started: float) -> Step:
         ),
         ready.fit,
         ready.box,
-        (*ready.statements, *said, *joints_words(joints)),
+        (*ready.statements, *sentences, *joints_words(joints)),
         {name: float(value) for name, value in ready.data.held.items()},
         perf_counter() - started,
     )
@@ -131,17 +131,17 @@ def laplace_step(key: Key[Array, ""], ready: Fitted, started: float) -> Step:
 def doubts_of_fit(drawn: xr.Dataset, ready: Fitted) -> list[Finding]:
     """What a fit by itself tells against its laws and its bounds: no hysteresis, truncation."""
     data = ready.data
-    found = []
+    findings = []
     if (added := effects(drawn, data.held, ready.y_peak, data.laws)) is not None:
-        left = dataset.left_by_label(ready.fit.residual, data)
-        error = dataset.error_by_label(left, data)
-        shown = residual_finding(left, dataset.fractions_counted(data), error, data.laws)
+        residuals = dataset.left_by_label(ready.fit.residual, data)
+        error = dataset.error_by_label(residuals, data)
+        shown = residual_finding(residuals, dataset.fractions_counted(data), error, data.laws)
         misses = shown is not None and shown.status != "ok"
-        one = hysteresis_finding(added, ready.y_peak, data.laws, misses=misses)
-        found.append(one or seen_drag(added, ready, misses=misses))
+        hysteresis = hysteresis_finding(added, ready.y_peak, data.laws, misses=misses)
+        findings.append(hysteresis or seen_drag(added, ready, misses=misses))
     draws = {name: drawn[name].values for name in ready.box.names}
-    found += bounds_findings(draws, ready.box, ending(ready.box, data.laws))
-    return [finding for finding in found if finding is not None and finding.status != "ok"]
+    findings += bounds_findings(draws, ready.box, ending(ready.box, data.laws))
+    return [finding for finding in findings if finding is not None and finding.status != "ok"]
 
 
 class Gaussian(NamedTuple):
@@ -162,14 +162,14 @@ def laplace_draws(
     best, prior, rng = ready.fit, ready.box, generator(key)
     count = NUM_CHAINS * NUM_DRAWS
     gaussians = gaussians_about(ready)
-    member = rng.choice(len(gaussians), SPARE * count, p=[each.share for each in gaussians])
+    member = rng.choice(len(gaussians), SPARE * count, p=[gaussian.share for gaussian in gaussians])
     white = rng.standard_normal((SPARE * count, len(prior.names)))
     white[0] = 0.0
     apart = np.empty_like(white)
     for number in np.unique(member):
         _, mean, covariance = gaussians[number]
-        own = member == number
-        apart[own] = mean + white[own] @ np.linalg.cholesky(covariance).T
+        is_member = member == number
+        apart[is_member] = mean + white[is_member] @ np.linalg.cholesky(covariance).T
     apart[0] = 0.0
     names = never_zero(best.theta, best.covariance, prior)
     place = in_logarithms(best.theta, best.covariance, prior, names)
@@ -208,52 +208,59 @@ def gaussians_about(ready: Fitted) -> list[Gaussian]:
     slope = np.asarray(from_search(jax.device_put(s), prior)[1])
     rows, jacobian = by_label(part(s, 0), bare), by_label(part(s, 1) / slope / width, bare)
     groups = [
-        (label, data.shared_runs.index(run) if not each.own_shifts else -1)
-        for each in data.parts
-        for label, run in zip(each.labels, each.runs, strict=True)
+        (label, data.shared_runs.index(run) if not observable.own_shifts else -1)
+        for observable in data.parts
+        for label, run in zip(observable.labels, observable.runs, strict=True)
     ]
-    size, own = len(prior.names), len(OFFSETS)
+    size, num_offsets = len(prior.names), len(OFFSETS)
     num_runs = len(data.shared_runs)
     precision, pull = np.diag(LEAST / width**2), np.zeros(size)
-    of_runs, pull_of_runs = np.zeros((num_runs, own, own)), np.zeros((num_runs, own))
-    between = np.zeros((num_runs, size, own))
+    of_runs, pull_of_runs = (
+        np.zeros((num_runs, num_offsets, num_offsets)),
+        np.zeros((num_runs, num_offsets)),
+    )
+    between = np.zeros((num_runs, size, num_offsets))
     for label, run in groups:
-        slopes, left = jacobian[label], rows[label]
+        slopes, residual = jacobian[label], rows[label]
         precision += slopes.T @ slopes
-        pull -= slopes.T @ left
+        pull -= slopes.T @ residual
         if run >= 0:
-            along = np.stack([slopes[:, each].sum(axis=1) for each in columns], axis=1)
+            along = np.stack([slopes[:, indices].sum(axis=1) for indices in columns], axis=1)
             of_runs[run] += along.T @ along
-            pull_of_runs[run] -= along.T @ left
+            pull_of_runs[run] -= along.T @ residual
             between[run] += slopes.T @ along
     w = block_diag(*of_runs)
     b, h = np.concatenate([*between], axis=1), pull_of_runs.ravel()
-    found = []
+    components = []
     for scatter in np.asarray(data.scatters):
         c = _covariance_of_offsets(scatter, data)
         inside = np.eye(len(c)) + w @ c
         gained = c @ np.linalg.inv(inside)
-        known, towards = precision - b @ gained @ b.T, pull - b @ gained @ h
-        covariance = np.linalg.inv(0.5 * (known + known.T))
+        marginal_precision, towards = precision - b @ gained @ b.T, pull - b @ gained @ h
+        covariance = np.linalg.inv(0.5 * (marginal_precision + marginal_precision.T))
         mean = covariance @ towards
         log_share = 0.5 * (towards @ mean + h @ gained @ h)
-        log_share -= 0.5 * (np.linalg.slogdet(inside)[1] + np.linalg.slogdet(known)[1])
-        found.append((log_share, mean, covariance))
-    shares = softmax([share for share, *_ in found])
-    return [Gaussian(float(p), *each[1:]) for p, each in zip(shares, found, strict=True)]
+        log_share -= 0.5 * (np.linalg.slogdet(inside)[1] + np.linalg.slogdet(marginal_precision)[1])
+        components.append((log_share, mean, covariance))
+    shares = softmax([share for share, *_ in components])
+    return [
+        Gaussian(float(p), *component[1:]) for p, component in zip(shares, components, strict=True)
+    ]
 
 
 def _covariance_of_offsets(
     scatter: Float[np.ndarray, " level_own"], data: Dataset
 ) -> Float[np.ndarray, "run_own run_own"]:
     """Prior covariance of the offsets of all runs; those of one assembly share a part."""
-    own, num_runs = len(OFFSETS), len(data.shared_runs)
-    alone = np.kron(np.eye(num_runs), np.diag(scatter[:own] ** 2))
-    if len(scatter) == own:
-        return alone
+    num_offsets, num_runs = len(OFFSETS), len(data.shared_runs)
+    run_covariance = np.kron(np.eye(num_runs), np.diag(scatter[:num_offsets] ** 2))
+    if len(scatter) == num_offsets:
+        return run_covariance
     of_run = dict(zip(dict.fromkeys(data.runs), data.levels[1], strict=True))
     numbers = np.array([of_run[run] for run in data.shared_runs])
-    return alone + np.kron(numbers[:, None] == numbers, np.diag(scatter[own:] ** 2))
+    return run_covariance + np.kron(
+        numbers[:, None] == numbers, np.diag(scatter[num_offsets:] ** 2)
+    )
 
 
 def not_sampled() -> Finding:

@@ -240,15 +240,15 @@ def scatter_by_amplitude(
       v_r = \sigma_r^2 + \tau^2 g_r (y_r / y_{max})^{2p}, \quad p = 0, 1, 2$$
     """
     relative = np.where(np.isfinite(amplitude), amplitude, 1.0)
-    found: list[tuple[float, Scatter]] = []
+    candidates: list[tuple[float, Scatter]] = []
     for power in POWERS:
         factor = grown * relative**power
         scatter = scatter_about_zero(shift, std, factor, num_fits)
         variance = std**2 + scatter**2 / widened(num_fits) * factor**2
-        known = np.isfinite(variance)
-        terms = np.log(variance[known]) + shift[known] ** 2 / variance[known]
-        found.append((float(np.sum(terms)), Scatter(scatter, power)))
-    likeliest = min(found, key=lambda pair: pair[0])[1]
+        finite = np.isfinite(variance)
+        terms = np.log(variance[finite]) + shift[finite] ** 2 / variance[finite]
+        candidates.append((float(np.sum(terms)), Scatter(scatter, power)))
+    likeliest = min(candidates, key=lambda pair: pair[0])[1]
     return likeliest if likeliest.std > 0 else NO_SCATTER
 
 
@@ -262,10 +262,10 @@ def missed_in_all(
 
     $$\tau_0^2 = \frac{m}{m - 2}\,\mathrm{mean}\,\frac{b_r^2 - \sigma_r^2}{g_r}$$
     """
-    known = np.isfinite(noise_std)
-    if not np.any(known):
+    finite = np.isfinite(noise_std)
+    if not np.any(finite):
         return 0.0
-    beyond = (shift[known] ** 2 - noise_std[known] ** 2) / grown[known] ** 2
+    beyond = (shift[finite] ** 2 - noise_std[finite] ** 2) / grown[finite] ** 2
     return float(np.sqrt(max(np.mean(beyond), 0.0) * widened(num_fits)))
 
 
@@ -281,18 +281,18 @@ def scatter_about_zero(
 
     for m fits, each without one of the runs, or without several of n.
     """
-    known = np.isfinite(std)
-    b, variance, g = shift[known] ** 2, std[known] ** 2, grown[known] ** 2
+    finite = np.isfinite(std)
+    b, variance, g = shift[finite] ** 2, std[finite] ** 2, grown[finite] ** 2
     count = len(b)
     if not count or stats.chi2.sf(np.sum(b / variance), count) > BY_CHANCE:
         return 0.0
     most = float(np.sum(b / g))  # of which the sum is n at most
-    found = root_scalar(
+    solution = root_scalar(
         lambda square: float(np.sum(b / (variance + square * g))) - count,
         bracket=(0.0, most),
         rtol=1e-12,
     )
-    return float(np.sqrt(found.root * widened(num_fits)))
+    return float(np.sqrt(solution.root * widened(num_fits)))
 
 
 def widened(num_runs: int) -> float:
@@ -315,16 +315,16 @@ def shift_of(
     along = coefficients_of(slopes)
     by_parameters = along @ jacobian
     spread = along @ along.T + by_parameters @ covariance @ by_parameters.T
-    known = np.any(along != 0.0, axis=1)
-    return along @ residual, np.where(known, np.sqrt(np.diag(spread)), np.inf)
+    informed = np.any(along != 0.0, axis=1)
+    return along @ residual, np.where(informed, np.sqrt(np.diag(spread)), np.inf)
 
 
 def coefficients_of(slopes: Float[np.ndarray, "value own"]) -> Float[np.ndarray, "own value"]:
     """What gives least-squares coefficients of the slopes, $(S^T S)^{-1} S^T$; else zeros."""
-    along, known = np.zeros(slopes.shape[::-1]), np.any(slopes != 0.0, axis=0)
-    precision = slopes[:, known].T @ slopes[:, known]
-    if np.any(known) and tells_apart(precision):
-        along[known] = np.linalg.solve(precision, slopes[:, known].T)
+    along, informed = np.zeros(slopes.shape[::-1]), np.any(slopes != 0.0, axis=0)
+    precision = slopes[:, informed].T @ slopes[:, informed]
+    if np.any(informed) and tells_apart(precision):
+        along[informed] = np.linalg.solve(precision, slopes[:, informed].T)
     return along
 
 
@@ -364,17 +364,19 @@ def left_out_run(run: str, fit: Fit, known: Slopes, prior: Box, noise: NoiseOf) 
     rows = residual_at(stacked, fit.x, prior, data)
     labels = [label for label in _labels_of(run, data) if label in size_by_label(data)]
     columns = [[i for i, n in enumerate(names) if plain(n) == name] for name in OFFSETS]
-    by_own = np.stack([known.jacobian[:, own].sum(axis=1) for own in columns], axis=1)
-    jacobian, slopes = (_end_to_end(each, labels, data) for each in (known.jacobian, by_own))
+    by_own = np.stack([known.jacobian[:, indices].sum(axis=1) for indices in columns], axis=1)
+    jacobian, slopes = (
+        _end_to_end(derivatives, labels, data) for derivatives in (known.jacobian, by_own)
+    )
     of_run = _end_to_end(rows, labels, data)
     shift, std = shift_of(of_run, slopes, jacobian, fit.covariance)
     _, noise_std = shift_of(of_run, slopes, jacobian, np.zeros_like(fit.covariance))
-    left = left_by_label(rows - by_own @ shift, data)
+    residuals = left_by_label(rows - by_own @ shift, data)
     explained = by_own @ (coefficients_of(slopes) @ jacobian)
     by_errors = (known.jacobian - explained) @ root_of(fit.covariance)
     moves = [left_by_label(column, data) for column in by_errors.T]
     uncertain = {label: np.stack([move[label] for move in moves], axis=1) for label in labels}
-    rests = _rests({label: left[label] for label in labels}, noise, data, uncertain)
+    rests = _rests({label: residuals[label] for label in labels}, noise, data, uncertain)
     by_runs = np.hypot(std, known.scatter), np.hypot(noise_std, known.scatter)
     return LeftOutRun(shift, by_runs[0], rests, noise_std=by_runs[1])
 
@@ -409,14 +411,14 @@ def model_discrepancy(
     """
     natural = {plain(n): value for n, value in reversed(best.theta.items())}.get("omega_n", 1.0)
     amplitudes, noise = _amplitudes(data, natural, y_peak), _noise_alike(best, data)
-    y_high, known = max(amplitudes.values(), default=0.0), slopes_of(best, prior, data)
+    y_high, slopes = max(amplitudes.values(), default=0.0), slopes_of(best, prior, data)
     shown: dict[str, LeftOutRun] = {}
     stay_in = _decays(data) - {run for group in fits for run in group}
-    beside = {tuple(sorted(stay_in)): best} if stay_in else {}  # decays among other tests
-    for group, fit in {**beside, **fits}.items():
+    fits_with_decays = {tuple(sorted(stay_in)): best} if stay_in else {}  # decays among other tests
+    for group, fit in {**fits_with_decays, **fits}.items():
         others = [y for run, y in amplitudes.items() if run not in group]
         for run in group:
-            of_run = left_out_run(run, fit, known, prior, noise)
+            of_run = left_out_run(run, fit, slopes, prior, noise)
             if (decay := _drift(run, fit, data)) is not None:
                 of_run = by_drift(of_run, decay, natural)
             grown = growth(amplitudes.get(run), min(others, default=0.0), max(others, default=0.0))
@@ -436,10 +438,10 @@ def model_discrepancy(
         missed = missed_by_decays = None
         shares = {}
     shares = {kind: share for kind, share in shares.items() if share.std or share.whole}
-    own, dims = (len(shown), len(OFFSETS)), ("run", "quantity")
-    shift = np.reshape([run.shift for run in shown.values()], own)
-    std = np.reshape([run.std for run in shown.values()], own)
-    noise_std = np.reshape([run.noise_std for run in shown.values()], own)
+    shape, dims = (len(shown), len(OFFSETS)), ("run", "quantity")
+    shift = np.reshape([run.shift for run in shown.values()], shape)
+    std = np.reshape([run.std for run in shown.values()], shape)
+    noise_std = np.reshape([run.noise_std for run in shown.values()], shape)
     amplitude = [run.amplitude * y_high for run in shown.values()]
     grown_by, units = [run.grown for run in shown.values()], {"group_units": ["rad/s", "1"]}
     of_rest = {"units": "1", "long_name": "sd over rms"}
@@ -472,8 +474,10 @@ def model_discrepancy(
 def discrepancy_in(found: xr.Dataset) -> Discrepancy:
     """The discrepancy as predictions take it; of old runs without what grows outward."""
     names, rests = map(str, found["kind"].values), found["rest"].values.tolist()
-    whole = found["rest_beyond"].values.tolist() if "rest_beyond" in found else [0.0] * len(rests)
-    pairs = zip(names, rests, whole, strict=True)
+    rests_beyond = (
+        found["rest_beyond"].values.tolist() if "rest_beyond" in found else [0.0] * len(rests)
+    )
+    pairs = zip(names, rests, rests_beyond, strict=True)
     shares = {kind: Scatter(rest, 0, beyond) for kind, rest, beyond in pairs}
     forced, decays = (_missed_in(found.attrs[name]) for name in ("forced", "decays"))
     return Discrepancy(
@@ -483,7 +487,7 @@ def discrepancy_in(found: xr.Dataset) -> Discrepancy:
 
 def _missed_in(numbers: Float[np.ndarray, " number"]) -> Missed:
     rows = np.reshape(numbers, (len(OFFSETS), -1)).tolist()
-    return Missed(*(Scatter(std, int(power), *whole) for std, power, *whole in rows))
+    return Missed(*(Scatter(std, int(power), *total) for std, power, *total in rows))
 
 
 def _missed(shown: Sequence[LeftOutRun], num_fits: int, natural: float) -> Missed | None:
@@ -495,12 +499,12 @@ def _missed(shown: Sequence[LeftOutRun], num_fits: int, natural: float) -> Misse
     )
     grown = np.array([run.grown for run in shown])
     amplitude = np.array([run.amplitude for run in shown])
-    found = []
+    scatters = []
     for b, error, of_noise in zip(shift.T, std.T, noise_std.T, strict=True):
         scatter = scatter_by_amplitude(b, error, amplitude, grown, num_fits)
-        whole = max(scatter.std, missed_in_all(b, of_noise, grown, num_fits))
-        found.append(scatter._replace(whole=whole))
-    omega_n, zeta = found
+        total = max(scatter.std, missed_in_all(b, of_noise, grown, num_fits))
+        scatters.append(scatter._replace(whole=total))
+    omega_n, zeta = scatters
     relative = Scatter(omega_n.std / natural, omega_n.power, omega_n.whole / natural)
     return Missed(relative, zeta)
 
@@ -581,8 +585,8 @@ def _noise_of_repeats(data: Dataset) -> dict[str, Noise]:
     """What noise leaves of the mean of each group that was repeated."""
     sizes = size_by_label(data)
     known_by = {label: x for part in data.parts for label, x in part.noise_known().items()}
-    known = {label: x for part in data.parts for label, x in part.mean_repeatability().items()}
-    return {label: Noise((x * sizes[label]) ** 2, known_by[label]) for label, x in known.items()}
+    scatter = {label: x for part in data.parts for label, x in part.mean_repeatability().items()}
+    return {label: Noise((x * sizes[label]) ** 2, known_by[label]) for label, x in scatter.items()}
 
 
 def _noise_alike(best: Fit, data: Dataset) -> dict[str, Noise]:
@@ -591,20 +595,22 @@ def _noise_alike(best: Fit, data: Dataset) -> dict[str, Noise]:
     By the scatter of its repeats, else as much a value as the fit leaves of other groups of its
     kind, or of itself where there are no others: bands take that for noise.
     """
-    left, kinds = left_by_label(best.residual, data), _kinds(data)
+    residuals, kinds = left_by_label(best.residual, data), _kinds(data)
     fractions = fractions_counted(data)
-    square = {label: _square(row) / _count(row) for label, row in left.items()}
+    square = {label: _square(row) / _count(row) for label, row in residuals.items()}
     noise = {}
-    for label, row in left.items():
-        others = [other for other in left if other != label and kinds[other] == kinds[label]]
-        alike = others or [label]
-        known_by = sum(fractions[x] * _count(left[x]) for x in alike)
-        noise[label] = Noise(_count(row) * float(np.mean([square[x] for x in alike])), known_by)
+    for label, row in residuals.items():
+        others = [other for other in residuals if other != label and kinds[other] == kinds[label]]
+        comparable = others or [label]
+        known_by = sum(fractions[x] * _count(residuals[x]) for x in comparable)
+        noise[label] = Noise(
+            _count(row) * float(np.mean([square[x] for x in comparable])), known_by
+        )
     return noise | _noise_of_repeats(data)
 
 
 def _rests(
-    left: Mapping[str, Row],
+    residuals: Mapping[str, Row],
     noise: NoiseOf,
     data: Dataset,
     uncertain: Mapping[str, Inexact[np.ndarray, "_value parameter"]] | None = None,
@@ -612,7 +618,7 @@ def _rests(
     """What is left of groups over their response, by the kinds of test that they are of."""
     kinds, sizes, fractions = _kinds(data), size_by_label(data), fractions_counted(data)
     squares: dict[str, list[tuple[Rest, float]]] = {}
-    for label, row in left.items():
+    for label, row in residuals.items():
         moved = None if uncertain is None else uncertain[label]
         rest = _rest(row, noise[label], fractions[label], moved)
         for kind in kinds[label]:
@@ -652,8 +658,8 @@ def _sum_of(rests: Sequence[Rest]) -> Rest:
 
 def _shares_as_fitted(best: Fit, data: Dataset) -> dict[str, float]:
     """What the fit leaves of groups beyond the scatter of their repeats, by kind."""
-    noise, left = _noise_of_repeats(data), left_by_label(best.residual, data)
-    rests = _rests({label: left[label] for label in noise}, noise, data)
+    noise, residuals = _noise_of_repeats(data), left_by_label(best.residual, data)
+    rests = _rests({label: residuals[label] for label in noise}, noise, data)
     return {kind: share for kind, rest in rests.items() if (share := _share_of([rest], [1.0])) > 0}
 
 
@@ -663,16 +669,16 @@ def _pooled(shown: Sequence[LeftOutRun]) -> dict[str, Scatter]:
     for run in shown:
         for kind in run.rests:
             runs.setdefault(kind, []).append(run)
-    return {kind: _share_of_runs(those, kind) for kind, those in runs.items()}
+    return {kind: _share_of_runs(runs_of_kind, kind) for kind, runs_of_kind in runs.items()}
 
 
 def _share_of_runs(runs: Sequence[LeftOutRun], kind: str) -> Scatter:
     rests, grown = [run.rests[kind] for run in runs], [run.grown for run in runs]
     widths = widened(len(runs)) ** 0.5
     size, of_noise = np.sqrt([[rest.square, rest.noise] for rest in rests]).T
-    whole = missed_in_all(size, of_noise, np.array(grown), len(runs))
+    total = missed_in_all(size, of_noise, np.array(grown), len(runs))
     share = _share_of(rests, grown) * widths
-    return Scatter(share, 0, max(share, whole))
+    return Scatter(share, 0, max(share, total))
 
 
 def _share_of(rests: Sequence[Rest], grown: Sequence[float]) -> float:

@@ -90,10 +90,10 @@ def run_procedure(
         DataError: If there is nothing that the joint can be fitted to.
     """
     keys = iter(parts_of(jax.random.key(seed), 16))
-    found = Identification(linear=seen.linear, sweeps=seen.sweeps, decays=seen.decays)
-    said = paper_words(seen)
-    if said:
-        report(said[0])
+    identification = Identification(linear=seen.linear, sweeps=seen.sweeps, decays=seen.decays)
+    words = paper_words(seen)
+    if words:
+        report(words[0])
     if seen.linear is not None and seen.probing and PAPER_LAW in seen.laws:
         try:
             kernel_fit, steps = _paper_steps(seen, seen.linear.pooled, keys, report, keep)
@@ -102,33 +102,45 @@ def run_procedure(
                 raise
             report(f"Steps 3 and 4 are left out: {' '.join(str(error).split())}")
         else:
-            found = replace(found, kernel=kernel_fit, steps=_told(said, steps))
+            identification = replace(identification, kernel=kernel_fit, steps=_told(words, steps))
     data = assemble(seen)
     report(f"Joint posterior: all parameters from {len(data.labels)} groups of data")
     readings = joint_readings(jax.random.fold_in(jax.random.key(seed), READINGS_KEY), seen)
     step, data = joint_step(
-        next(keys), data, found.steps, seen.settings, keep=keep, at_fit=at_fit, readings=readings
+        next(keys),
+        data,
+        identification.steps,
+        seen.settings,
+        keep=keep,
+        at_fit=at_fit,
+        readings=readings,
     )
-    found = replace(found, data=data, steps=found.steps | _told(said, {"joint": step}))
+    identification = replace(
+        identification, data=data, steps=identification.steps | _told(words, {"joint": step})
+    )
     if seen.decays is None:
-        return found
-    unseen = any(one.code == "no_joint" and one.status != "ok" for one in step.verdict.findings)
+        return identification
+    unseen = any(
+        finding.code == "no_joint" and finding.status != "ok" for finding in step.verdict.findings
+    )
     if not unseen and not all(test.traits.is_free for test in seen.tests):
         report("Free decays: the joint from them alone")
         key = jax.random.fold_in(jax.random.key(seed), DECAY_KEY)
         free = replace(seen, chosen=tuple(test for test in seen.chosen if test.traits.is_free))
         attempts = Attempts(report)
-        alone = attempts.make(
+        free_posterior = attempts.make(
             "The posterior of the free decays alone",
             lambda: joint_step(key, assemble(free), {}, seen.settings, name="decay", keep=keep),
             None,
         )
-        if alone is None:
-            found = replace(found, steps=_compared_with_nothing(found.steps, attempts.said))
+        if free_posterior is None:
+            identification = replace(
+                identification, steps=_compared_with_nothing(identification.steps, attempts.said)
+            )
         else:
-            step, data = alone
-            found = replace(found, steps={**found.steps, "decay": step})
-    return replace(found, decay_data=decays_in(data))
+            step, data = free_posterior
+            identification = replace(identification, steps={**identification.steps, "decay": step})
+    return replace(identification, decay_data=decays_in(data))
 
 
 def decays_in(data: Dataset) -> Decays | None:
@@ -136,9 +148,9 @@ def decays_in(data: Dataset) -> Decays | None:
     return next((part for part in data.parts if isinstance(part, Decays)), None)
 
 
-def _compared_with_nothing(steps: Mapping[str, Step], said: Sequence[str]) -> dict[str, Step]:
+def _compared_with_nothing(steps: Mapping[str, Step], sentences: Sequence[str]) -> dict[str, Step]:
     """Steps whose joint posterior says that there is no second one to compare it with."""
-    joint, reason = steps["joint"], " ".join(said)
+    joint, reason = steps["joint"], " ".join(sentences)
     missing = Finding(
         "second_posterior", "usable", f"{reason} The joint posterior does not depend on it.",
         float("nan"), "Identify the free decays in a campaign of their own to see why.",
@@ -148,7 +160,9 @@ def _compared_with_nothing(steps: Mapping[str, Step], said: Sequence[str]) -> di
 
 def _told(words: tuple[str, ...], steps: Mapping[str, Step]) -> dict[str, Step]:
     """Steps that begin with some words."""
-    return {name: replace(one, statements=(*words, *one.statements)) for name, one in steps.items()}
+    return {
+        name: replace(step, statements=(*words, *step.statements)) for name, step in steps.items()
+    }
 
 
 def paper_words(seen: Measured) -> tuple[str, ...]:
@@ -157,8 +171,10 @@ def paper_words(seen: Measured) -> tuple[str, ...]:
         return ()
     others = " and ".join(name for name in seen.laws if name != PAPER_LAW)
     if PAPER_LAW not in seen.laws:
-        own = f"whose law is {others}" if others else "that has none"
-        return (f"The paper's Steps 3 and 4 know Bouc-Wen's law: left out, of a joint {own}.",)
+        joint_clause = f"whose law is {others}" if others else "that has none"
+        return (
+            f"The paper's Steps 3 and 4 know Bouc-Wen's law: left out, of a joint {joint_clause}.",
+        )
     if not others:
         return ()
     return (
@@ -235,25 +251,27 @@ def posterior_of(
     if step == "opening":
         return _opening(key, seen, linear.pooled, known, report)
     report(f"Step 3: third-order kernel at {len(seen.probing)} frequencies")
-    found = step3.fit_kernel(key, seen.probing, linear.pooled, seen.settings)
-    best = step3.as_noise(found.fit)
-    return Posterior(step, kernel.log_likelihood, found.box, found.data, best, stepped=False)
+    third_order = step3.fit_kernel(key, seen.probing, linear.pooled, seen.settings)
+    best = step3.as_noise(third_order.fit)
+    return Posterior(
+        step, kernel.log_likelihood, third_order.box, third_order.data, best, stepped=False
+    )
 
 
 def _opening(
-    key: Key[Array, ""], seen: Measured, linear: PooledFit, known: Known, report: Report
+    key: Key[Array, ""], seen: Measured, linear: PooledFit, run_knowledge: Known, report: Report
 ) -> Posterior:
     if seen.sweeps is None:
         raise DataError(
             "Step `opening` needs sweeps, which the campaign lacks.",
             remedy='Compare on step "third_order" or "joint".',
         )
-    keys, means = jax.random.split(key, 3), known.means
+    keys, means = jax.random.split(key, 3), run_knowledge.means
     if not means:
         report("Step 3: means of zeta, alpha and delta, by NUTS")
-        found = step3.fit_kernel(keys[0], seen.probing, linear, seen.settings)
+        third_order = step3.fit_kernel(keys[0], seen.probing, linear, seen.settings)
         options = step3.SAMPLERS["third_order_nuts"]
-        means = means_of(step3.draw(keys[1], found, chain_method="vectorized", **options))
+        means = means_of(step3.draw(keys[1], third_order, chain_method="vectorized", **options))
     report("Step 4: gamma alone, the earlier steps held")
     records = Records.of(seen.sweeps.fitted, substeps=seen.settings.substeps)
     start = step4.fit_opening(keys[2], records, linear, means, seen.settings)
@@ -262,19 +280,19 @@ def _opening(
     )
 
 
-def _joint(key: Key[Array, ""], seen: Measured, known: Known, report: Report) -> Posterior:
+def _joint(key: Key[Array, ""], seen: Measured, run_knowledge: Known, report: Report) -> Posterior:
     """The joint posterior, in the prior of the run where that is known: it may lie elsewhere."""
     ready = fit_joint(key, seen, report)
     prior, best, data = ready.box, ready.fit, ready.data
-    if known.bounds:
-        if set(known.bounds) != set(prior.names):
+    if run_knowledge.bounds:
+        if set(run_knowledge.bounds) != set(prior.names):
             raise ConfigError(
-                f"The run sampled {', '.join(known.bounds)}, but the campaign leads to "
+                f"The run sampled {', '.join(run_knowledge.bounds)}, but the campaign leads to "
                 f"{', '.join(prior.names)}.",
                 why="The campaign is not the run's, or was changed since.",
                 remedy="Give the run's campaign with --campaign, or compare on the campaign alone.",
             )
-        lower, upper = zip(*(known.bounds[name] for name in prior.names), strict=True)
+        lower, upper = zip(*(run_knowledge.bounds[name] for name in prior.names), strict=True)
         prior = Box(prior.names, jnp.asarray(lower), jnp.asarray(upper))
         best = refit(best, prior, data)
     return Posterior("joint", log_likelihood, prior, data, best, data.stepped, data.laws)

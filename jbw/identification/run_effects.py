@@ -68,8 +68,8 @@ def shifts_of(best: Fit, names: tuple[str, ...], data: Dataset) -> Shifts | None
     columns = [[i for i, n in enumerate(names) if plain(n) == name] for name in OFFSETS]
     if not all(columns):
         return None
-    left = by_label(best.residual, data)
-    slope_of_all = np.stack([best.jacobian[:, own].sum(axis=1) for own in columns], axis=1)
+    residuals = by_label(best.residual, data)
+    slope_of_all = np.stack([best.jacobian[:, indices].sum(axis=1) for indices in columns], axis=1)
     slopes = by_label(-slope_of_all, data)
     labels, size = data.shared_runs, len(OFFSETS)
     precision, pull = np.zeros((len(labels), size, size)), np.zeros((len(labels), size))
@@ -78,20 +78,20 @@ def shifts_of(best: Fit, names: tuple[str, ...], data: Dataset) -> Shifts | None
             if not part.own_shifts:
                 slope, number = slopes[label], labels.index(run)
                 precision[number] += slope.T @ slope
-                pull[number] += slope.T @ left[label]
-    known = np.array([tells_apart(one) for one in precision])
-    if known.sum() < 2:
+                pull[number] += slope.T @ residuals[label]
+    is_informed = np.array([tells_apart(matrix) for matrix in precision])
+    if is_informed.sum() < 2:
         return None
-    precision, pull = precision[known], pull[known]
+    precision, pull = precision[is_informed], pull[is_informed]
     offset = np.linalg.solve(precision, pull[..., None])[..., 0]
     common = np.linalg.solve(precision.sum(axis=0), pull.sum(axis=0))
     apart = offset - common
     chi_square = float(np.einsum("ri,rij,rj->", apart, precision, apart))
     covariance = np.linalg.inv(precision)
     std = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    dof = len(OFFSETS) * (int(known.sum()) - 1)
+    dof = len(OFFSETS) * (int(is_informed.sum()) - 1)
     return Shifts(
-        runs=tuple(name for name, one in zip(labels, known, strict=True) if one),
+        runs=tuple(name for name, informed in zip(labels, is_informed, strict=True) if informed),
         offset=offset,
         std=std,
         p=float(stats.chi2.sf(chi_square, dof)),
@@ -173,7 +173,9 @@ def sizes_of(data: Dataset) -> dict[str, float]:
             sizes: dict[str, list[float]] = {}
             for label, size in part.sizes().items():
                 sizes.setdefault(runs[label], []).append(size)
-            sizes_of_parts.append({run: float(np.mean(each)) for run, each in sizes.items()})
+            sizes_of_parts.append(
+                {run: float(np.mean(run_sizes)) for run, run_sizes in sizes.items()}
+            )
     return max(sizes_of_parts, key=len, default={})
 
 
@@ -203,13 +205,13 @@ def with_offsets(best: Fit, shifts: Shifts, data: Dataset, median: float | None 
     of_levels = damping_scatter(best, shifts, data)
     ranges = (LEAST, MOST) if of_levels is None else ((end[0], of_levels) for end in (LEAST, MOST))
     least, most = (tuple(np.array(end) * centre) for end in ranges)
-    own = dict(zip(shifts.runs, shifts.offset, strict=True))
-    about = None if median is None else median * float(centre[0])
+    offsets = dict(zip(shifts.runs, shifts.offset, strict=True))
+    median_scatter = None if median is None else median * float(centre[0])
     nested = bool(assemblies_of(tuple(dict.fromkeys(data.runs))))
     return replace(
-        with_directions(best.theta, data, own),
+        with_directions(best.theta, data, offsets),
         scatters=jax.device_put(
-            scatter_grid(least, most, assemblies=nested, medians=(about, None))
+            scatter_grid(least, most, assemblies=nested, medians=(median_scatter, None))
         ),
         scatter=jax.device_put(np.array(most)),
     )
@@ -241,29 +243,29 @@ def with_scatter(key: Key[Array, ""], best: Fit, data: Dataset) -> Dataset:
     Its root mean square: the likelihood integrates over it, and the mean of runs scatters by that.
     """
     theta = {name: np.array([value]) for name, value in best.theta.items()}
-    found = estimates_at(theta, data)  # by the program of the draws
-    every = jax.tree.map(lambda x: np.repeat(x, NUM_DRAWS, axis=0), found)
+    estimate = estimates_at(theta, data)  # by the program of the draws
+    every = jax.tree.map(lambda x: np.repeat(x, NUM_DRAWS, axis=0), estimate)
     drawn = np.asarray(_drawn(jax.random.split(key, NUM_DRAWS), every, data).scatter)
     scatter = np.sqrt(np.mean(drawn[:, : len(OFFSETS)] ** 2, axis=0))
     return replace(data, scatter=jax.device_put(scatter))
 
 
-def _drawn(keys: Key[Array, " draw"], found: Estimate, data: Dataset) -> Spread:
+def _drawn(keys: Key[Array, " draw"], estimate: Estimate, data: Dataset) -> Spread:
     """A scatter and offsets of the runs for every key, by what groups say of them."""
-    return _spreads(keys, jax.device_put(found), data.levels, data.scatters)
+    return _spreads(keys, jax.device_put(estimate), data.levels, data.scatters)
 
 
 @eqx.filter_jit
 def _spreads(
     keys: Key[Array, " draw"],
-    found: Estimate,
+    estimate: Estimate,
     levels: Levels,
     scatters: Float[Array, "node level_own"],
 ) -> Spread:
-    def one(pair: tuple[Array, Estimate]) -> Spread:
+    def spread_of(pair: tuple[Array, Estimate]) -> Spread:
         return draw_offsets(*pair, levels, scatters)
 
-    return jax.lax.map(one, (keys, found))
+    return jax.lax.map(spread_of, (keys, estimate))
 
 
 def sentence_of(shifts: Shifts, of_levels: float | None = None) -> str:
@@ -310,27 +312,31 @@ def runs_dataset(
     drawn = jax.tree.map(np.asarray, drawn)
     runs = list(dict.fromkeys(data.runs))
     centre = {**data.held, **theta}
-    found = {}
+    variables = {}
     for i, name in enumerate(OFFSETS):
-        for each in (one for one in centre if plain(one) == name):
-            own = np.asarray(drawn.offset[:, :, i]) + np.reshape(centre[each], (-1, 1))
-            attrs = {**BY_NAME[each].attrs, "long_name": f"{each} of each run"}
-            found[each] = (("draw", "run"), own, attrs)
+        for offset_name in (parameter for parameter in centre if plain(parameter) == name):
+            values_by_run = np.asarray(drawn.offset[:, :, i]) + np.reshape(
+                centre[offset_name], (-1, 1)
+            )
+            attrs = {**BY_NAME[offset_name].attrs, "long_name": f"{offset_name} of each run"}
+            variables[offset_name] = (("draw", "run"), values_by_run, attrs)
         unit = BY_NAME[name].unit
         for level, over in enumerate(list(PLURAL)[: drawn.scatter.shape[1] // len(OFFSETS)]):
             suffix = "" if over == "run" else f"_{over}"
             spread = np.asarray(drawn.scatter[:, len(OFFSETS) * level + i])
             attrs = {"units": unit, "long_name": f"sd of {name} over {PLURAL[over]}"}
-            found[f"spread_{name}{suffix}"] = ("draw", spread, attrs)
-    return xr.Dataset(found, {"run": runs, "draw": np.arange(num_draws)})
+            variables[f"spread_{name}{suffix}"] = ("draw", spread, attrs)
+    return xr.Dataset(variables, {"run": runs, "draw": np.arange(num_draws)})
 
 
 def runs_summary(runs: xr.Dataset) -> dict[str, dict[str, dict[str, float]]]:
     """Mean, sd and 99 % interval of every run's values, and of the spreads, plain values only."""
     rows = {}
     for name, values in runs.data_vars.items():
-        each = {"": values} if values.ndim == 1 else {r: values.sel(run=r) for r in runs.run.values}
-        rows[str(name)] = {str(key): _row(draws.values) for key, draws in each.items()}
+        by_run = (
+            {"": values} if values.ndim == 1 else {r: values.sel(run=r) for r in runs.run.values}
+        )
+        rows[str(name)] = {str(key): _row(draws.values) for key, draws in by_run.items()}
     return rows
 
 

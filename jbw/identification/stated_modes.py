@@ -43,8 +43,8 @@ def modes_of(
         raise ConfigError(errors[0])
     if structure is None or len(structure.modes) < 2:
         return None
-    known = structure.driving_point, structure.joint_shape, structure.points
-    modes = Modes(structure.modes, *known, meet="apart" if structure.modal else "common")
+    stated = structure.driving_point, structure.joint_shape, structure.points
+    modes = Modes(structure.modes, *stated, meet="apart" if structure.modal else "common")
     _require_own_constants(modes, tests)
     # A measured force moves the structure alone, as it moves where nothing drives it.
     drives = sorted({"force" if drive_of(t) in BARE else drive_of(t) for t in tests})
@@ -92,27 +92,27 @@ def with_own_constants(modes: Modes | None, tests: Collection[Test]) -> tuple[Te
 
 def _require_unknown(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> None:
     """Refuse stated bounds of what the [structure] table says is known."""
-    known = {names.shape: "joint_shape" for names in modes.names if modes.joint_shape}
-    known |= {names.coupling: "driving_point" for names in modes.names if modes.driving_point}
-    own = {name for names in modes.names for name in (names.shape, names.coupling)}
+    settled_by = {names.shape: "joint_shape" for names in modes.names if modes.joint_shape}
+    settled_by |= {names.coupling: "driving_point" for names in modes.names if modes.driving_point}
+    joint_names = {name for names in modes.names for name in (names.shape, names.coupling)}
     for name in prior:
-        told = re.search(r"_mode_\d$", name)
-        if (told and modes.meet != "apart") or (name in own and modes.meet == "apart"):
+        suffix = re.search(r"_mode_\d$", name)
+        if (suffix and modes.meet != "apart") or (name in joint_names and modes.meet == "apart"):
             raise ConfigError(
                 f"[identify.prior] `{name}` must be a parameter of modes that "
-                f"{'have laws of their own' if told else 'meet in one joint'}, but these do not.",
+                f"{'have laws of their own' if suffix else 'meet in one joint'}, but these do not.",
                 remedy="Leave it out, or say otherwise by `modal` in [structure].",
             )
-        if name in known:
+        if name in settled_by:
             raise ConfigError(
-                f"[identify.prior] `{name}` must be unknown, but `{known[name]}` tells it.",
-                remedy=f"Leave it out, or `{known[name]}` in [structure].",
+                f"[identify.prior] `{name}` must be unknown, but `{settled_by[name]}` tells it.",
+                remedy=f"Leave it out, or `{settled_by[name]}` in [structure].",
             )
 
 
 def _require_apart(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> None:
     """Refuse stated bounds within which frequencies could change places."""
-    names = ("omega_n", *(own.omega for own in modes.names))
+    names = ("omega_n", *(mode_names.omega for mode_names in modes.names))
     wide = {
         n: (2 * np.pi * low, 2 * np.pi * high)
         for n, (low, high) in zip(names, modes.windows_hz, strict=True)
@@ -130,22 +130,22 @@ def _require_apart(modes: Modes, prior: Mapping[str, tuple[float, float]]) -> No
 
 def require_driven(modes: Modes, parts: Sequence[Observable]) -> None:
     """Refuse modes of which no test tells a frequency, damping and gain to begin with."""
-    told = told_by(parts)
+    first_values = told_by(parts)
     for hz, names in zip(modes.hz, (None, *modes.names), strict=True):
-        if (names.omega if names else "omega_n") not in told:
+        if (names.omega if names else "omega_n") not in first_values:
             raise DataError(
                 f"[structure] modes: a test must drive the mode at {hz:g} Hz within 7 %, but none "
                 "that is fitted does.",
                 remedy="Sweep through it, or leave it out of `modes`.",
             )
         for point, seen in modes.seen.items() if modes.meet != "assembled" else ():
-            if seen[0 if names is None else modes.names.index(names) + 1] not in told:
+            if seen[0 if names is None else modes.names.index(names) + 1] not in first_values:
                 raise DataError(
                     f"[structure] points: a test that is fitted must drive the mode at {hz:g} Hz "
                     f"within 7 % and be measured at `{point}` too, but none is.",
                     remedy="Measure it there, or leave the point out.",
                 )
-        ratio = told.get(names.ratio) if names else 1.0
+        ratio = first_values.get(names.ratio) if names else 1.0
         if modes.driving_point and ratio is None:
             raise DataError(
                 "[structure] driving_point needs tests that something drives, but free decays "
@@ -174,14 +174,14 @@ def with_signs(best: Fit, prior: Box, data: Dataset) -> tuple[Fit, Dataset]:
     growth = []
     for sign in unknown_signs(prior, data):
         other = replace(data, held={**data.held, sign: -data.held[sign]})
-        found = costly_fit(stacked, prior, other, starts=best.theta, tolerance=ROUGH)
-        growth.append(2 * abs(found.cost - best.cost))
-        if found.cost < best.cost:
-            best, data = found, other
+        flipped = costly_fit(stacked, prior, other, starts=best.theta, tolerance=ROUGH)
+        growth.append(2 * abs(flipped.cost - best.cost))
+        if flipped.cost < best.cost:
+            best, data = flipped, other
     if growth:
-        told = (replace(p, growth=jnp.asarray(growth)) if isinstance(p, ModesAtJoint) else p
+        parts = (replace(p, growth=jnp.asarray(growth)) if isinstance(p, ModesAtJoint) else p
                 for p in data.parts)  # fmt: skip
-        data = replace(data, parts=tuple(told))
+        data = replace(data, parts=tuple(parts))
     return best, data
 
 
@@ -197,15 +197,17 @@ def one_joint_sentences(best: Fit, prior: Box, data: Dataset) -> list[str]:
     bounds = bounds_by_name(prior)
     linear = {n: pair for n, pair in bounds.items() if n not in data.modes.free}
     start = {name: best.theta[name] for name in linear}
-    found = costly_fit(stacked, box(linear), data, starts=start, tolerance=ROUGH)
-    growth, num = 2 * (found.cost - best.cost), len(bounds) - len(linear)
+    linear_fit = costly_fit(stacked, box(linear), data, starts=start, tolerance=ROUGH)
+    growth, num = 2 * (linear_fit.cost - best.cost), len(bounds) - len(linear)
     least = float(stats.chi2.isf(BY_CHANCE, num))
-    said = f"chi-square grows by {growth:.3g} where modes beside the first are linear neighbours"
+    evidence = (
+        f"chi-square grows by {growth:.3g} where modes beside the first are linear neighbours"
+    )
     if growth > least:
-        return [f"One joint across the modes: {said}, by chance {least:.3g}."]
+        return [f"One joint across the modes: {evidence}, by chance {least:.3g}."]
     return [
-        f"Nothing shows that modes beside the first move the joint: {said}; drive harder, or leave "
-        "them out of `modes`."
+        f"Nothing shows that modes beside the first move the joint: {evidence}; drive harder, or "
+        "leave them out of `modes`."
     ]
 
 
@@ -218,58 +220,58 @@ def same_joint_sentences(posterior: xr.Dataset, data: Dataset) -> list[str]:
     """
     if data.modes is None or data.modes.meet != "apart":
         return []
-    said = []
+    sentences = []
     for name, pair in _invariants(data.laws).items():
-        first = _log_of(posterior, pair, lambda one: one)
+        first = _log_of(posterior, pair, lambda parameter: parameter)
         for mode, hz in enumerate(data.modes.hz[1:], 2):
-            other = _log_of(posterior, pair, lambda one, mode=mode: own_name(one, mode))
+            other = _log_of(posterior, pair, lambda parameter, mode=mode: own_name(parameter, mode))
             if first is None or other is None:
                 continue
             low, _, high = np.quantile(other - first, QUANTILES)
             mean = np.exp([np.median(first), np.median(other)])
-            told = (
+            conclusion = (
                 "one common joint is rejected, as far as the modes' own laws follow the data"
                 if low > 0 or high < 0 else "they may meet in one joint"
             )  # fmt: skip
-            said.append(
+            sentences.append(
                 f"{name} is {mean[0]:.3g} in the first mode and {mean[1]:.3g} in that at {hz:g} "
-                f"Hz, their ratio {np.exp(low):.3g} to {np.exp(high):.3g}: {told}."
+                f"Hz, their ratio {np.exp(low):.3g} to {np.exp(high):.3g}: {conclusion}."
             )
-    return said
+    return sentences
 
 
 def _invariants(laws: Sequence[str]) -> dict[str, tuple[str, ...]]:
     """What units of length and force do not change: a parameter, or two whose ratio it is."""
-    found: dict[str, tuple[str, ...]] = {}
+    invariants: dict[str, tuple[str, ...]] = {}
     by_unit: dict[str, str] = {}
-    for one in quantities_of(laws):
-        if one.unit == "1":
-            found[one.name] = (one.name,)
-        elif (other := by_unit.setdefault(one.unit, one.name)) != one.name:
-            found[f"{other}/{one.name}"] = (other, one.name)
-    return found
+    for quantity in quantities_of(laws):
+        if quantity.unit == "1":
+            invariants[quantity.name] = (quantity.name,)
+        elif (other := by_unit.setdefault(quantity.unit, quantity.name)) != quantity.name:
+            invariants[f"{other}/{quantity.name}"] = (other, quantity.name)
+    return invariants
 
 
 def _log_of(
     posterior: xr.Dataset, pair: Sequence[str], name_of: Callable[[str], str]
 ) -> NDArray[np.float64] | None:
     """Logarithms of the draws of a parameter or a ratio; None where it is not positive in all."""
-    draws = [posterior[name_of(one)].values.ravel() for one in pair if name_of(one) in posterior]
+    draws = [posterior[name_of(name)].values.ravel() for name in pair if name_of(name) in posterior]
     ratio = draws[0] if len(draws) == 1 else draws[0] / draws[1] if draws else np.zeros(1)
     return np.log(ratio) if len(draws) == len(pair) and np.all(ratio > 0) else None
 
 
 def participation_sentences(posterior: xr.Dataset, modes: Modes | None) -> list[str]:
     """Modes whose gain may be zero by the posterior, a sentence each."""
-    said = []
+    sentences = []
     for hz, names in zip(modes.hz[1:] if modes else (), modes.names if modes else (), strict=True):
         if names.ratio not in posterior:  # free decays tell none
             continue
         low, _, high = np.quantile(posterior[names.ratio].values, QUANTILES)
         if low <= 0.0 <= high:
-            said.append(
+            sentences.append(
                 f"The mode at {hz:g} Hz does not take part: {names.ratio} lies within {low:.2g} "
                 f"and {high:.2g}. The source or the sensor stands in its node; leave it out of "
                 "`modes`, or measure elsewhere."
             )
-    return said
+    return sentences

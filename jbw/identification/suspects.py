@@ -60,7 +60,7 @@ def suspects(spectra: Spectra, slopes: Slopes, omega_n: float) -> Iterator[Suspe
     """All that is tried of groups."""
     yield _delay(spectra)
     yield from _clock(spectra)
-    yield from (_factor(label, one) for label, one in spectra.items())
+    yield from (_factor(label, spectrum) for label, spectrum in spectra.items())
     yield from _in_time(spectra)
     yield _residual_term(spectra)
     if len(spectra) > 1 and len(slopes) > 0:
@@ -71,8 +71,8 @@ def suspects(spectra: Spectra, slopes: Slopes, omega_n: float) -> Iterator[Suspe
 def _delay(spectra: Spectra) -> Suspect:
     r"""All responses late by tau: $-j\omega X$."""
 
-    def words(found: NDArray[np.float64]) -> Words:
-        (tau,) = found
+    def words(coefficients: NDArray[np.float64]) -> Words:
+        (tau,) = coefficients
         way = "behind" if tau > 0 else "before"
         return (
             f"a response that is {abs(tau):.3g} s {way} the input",
@@ -87,8 +87,8 @@ def _clock(spectra: Spectra) -> Iterator[Suspect]:
     r"""All responses by a clock that is fast by a part: $-t\,\dot x$ for each unit of it."""
     columns = {n: as_columns(-s.stretched) for n, s in spectra.items() if s.stretched is not None}
 
-    def words(found: NDArray[np.float64]) -> Words:
-        (fast,) = 1e6 * found
+    def words(coefficients: NDArray[np.float64]) -> Words:
+        (fast,) = 1e6 * coefficients
         way = "fast" if fast > 0 else "slow"
         return (
             f"a clock of the response that runs {abs(fast):.3g} ppm {way} against the drive's",
@@ -100,13 +100,13 @@ def _clock(spectra: Spectra) -> Iterator[Suspect]:
         yield Suspect("clock", columns, words)
 
 
-def _factor(label: str, one: Spectrum) -> Suspect:
+def _factor(label: str, spectrum: Spectrum) -> Suspect:
     """One group's response times a factor: its sign, its unit, another gain."""
-    columns = {label: as_columns(one.values - one.left)}
+    columns = {label: as_columns(spectrum.values - spectrum.left)}
     return Suspect(
         f"{FACTOR} of {label}",
         columns,
-        lambda found: factor_words(label, 1 + found[0], one.source_role),
+        lambda coefficients: factor_words(label, 1 + coefficients[0], spectrum.source_role),
     )
 
 
@@ -128,31 +128,36 @@ def factor_words(label: str, factor: float, source: str = "input") -> Words:
 
 def _in_time(spectra: Spectra) -> Iterator[Suspect]:
     """Samples with a constant offset each record, or cut off at the largest one."""
-    sampled = {label: one for label, one in spectra.items() if not np.iscomplexobj(one.values)}
+    sampled = {
+        label: spectrum
+        for label, spectrum in spectra.items()
+        if not np.iscomplexobj(spectrum.values)
+    }
     if not sampled:
         return
     constants = {
-        label: np.tile(unit, (len(one.values), 1))
-        for (label, one), unit in zip(sampled.items(), np.eye(len(sampled)), strict=True)
+        label: np.tile(unit, (len(spectrum.values), 1))
+        for (label, spectrum), unit in zip(sampled.items(), np.eye(len(sampled)), strict=True)
     }
     yield Suspect(
         "offset",
         constants,
-        lambda found: (
-            f"a constant offset of the response, {found[np.argmax(np.abs(found))]:.3g} at most",
+        lambda coefficients: (
+            "a constant offset of the response, "
+            f"{coefficients[np.argmax(np.abs(coefficients))]:.3g} at most",
             f"Measure AC coupled, or take the mean off. {put(TEST, 'remove_mean', True)}",
         ),
     )
     cut = {}
-    for label, one in sampled.items():
-        model, most = one.values - one.left, np.max(np.abs(one.values))
+    for label, spectrum in sampled.items():
+        model, most = spectrum.values - spectrum.left, np.max(np.abs(spectrum.values))
         if np.max(np.abs(model)) > most:
             cut[label] = as_columns(np.clip(model, -most, most) - model)
     if cut:
         yield Suspect(
             "clipping",
             cut,
-            lambda found: (
+            lambda coefficients: (
                 f"{', '.join(cut)} cut off at its largest value",
                 "Measure again with a wider range, or leave out what is cut off.",
             ),
@@ -162,16 +167,19 @@ def _in_time(spectra: Spectra) -> Iterator[Suspect]:
 def _residual_term(spectra: Spectra) -> Suspect:
     r"""Modes below and above the band: $X = (R - M / \omega^2)\,U$, as a displacement."""
     columns = {}
-    for label, one in spectra.items():
-        stiff = one.factor * one.source
-        mass = np.divide(-stiff, one.omega**2, out=np.zeros_like(stiff), where=one.omega > 0)
-        columns[label] = as_columns(one.row(stiff), one.row(mass))
+    for label, spectrum in spectra.items():
+        stiff = spectrum.factor * spectrum.source
+        mass = np.divide(
+            -stiff, spectrum.omega**2, out=np.zeros_like(stiff), where=spectrum.omega > 0
+        )
+        columns[label] = as_columns(spectrum.row(stiff), spectrum.row(mass))
 
     return Suspect(
         "residual term",
         columns,
-        lambda found: (
-            f"a residual term of the modes beyond the band, {found[0]:.3g} m per unit of the input",
+        lambda coefficients: (
+            f"a residual term of the modes beyond the band, {coefficients[0]:.3g} m per unit of "
+            "the input",
             f"Let the tests take it, or restrict the band. {put(TEST, 'residuals', 'both')}",
         ),
     )
@@ -181,13 +189,13 @@ def _own_frequency(spectra: Spectra, slopes: Slopes, omega_n: float) -> Suspect:
     """Every group with changes of its own of what runs may differ in."""
     columns, wide = {}, len(spectra) * len(slopes)
     for place, label in enumerate(spectra):
-        own = as_columns(*(-slope[label] for slope in slopes.values()))
-        columns[label] = np.zeros((len(own), wide))
-        columns[label][:, place * len(slopes) : (place + 1) * len(slopes)] = own
+        group_columns = as_columns(*(-slope[label] for slope in slopes.values()))
+        columns[label] = np.zeros((len(group_columns), wide))
+        columns[label][:, place * len(slopes) : (place + 1) * len(slopes)] = group_columns
     first = next(iter(slopes))
 
-    def words(found: NDArray[np.float64]) -> Words:
-        spread = np.std(found[:: len(slopes)]) / (omega_n if first == "omega_n" else 1.0)
+    def words(coefficients: NDArray[np.float64]) -> Words:
+        spread = np.std(coefficients[:: len(slopes)]) / (omega_n if first == "omega_n" else 1.0)
         return (
             f"a natural frequency and damping of each test's own, scattering by {spread:.2%}",
             "Name the run of every test, and measure a noise record in each. "
@@ -203,8 +211,8 @@ def modes_anywhere(spectra: Spectra, omega_n: float) -> Iterator[Suspect]:
     driven = np.concatenate([line[line > 0] for line in lines])
     if not len(driven):
         return
-    places = np.geomspace(driven.min(), driven.max(), NUM_MODES)
-    for omega in places[np.abs(places / omega_n - 1) > APART]:
+    frequencies = np.geomspace(driven.min(), driven.max(), NUM_MODES)
+    for omega in frequencies[np.abs(frequencies / omega_n - 1) > APART]:
         # The band as far as between both, which leaves the joint's own.
         middle = np.sqrt(omega * omega_n)
         ends = (driven.min(), middle) if omega > omega_n else (middle, driven.max())
@@ -221,14 +229,14 @@ def modes_at(spectra: Spectra, places: Iterable[float], remedy: str = "") -> Ite
 def _mode(spectra: Spectra, omega: float, zeta: float, remedy: str) -> Suspect:
     r"""$X = a\,U / (\omega_2^2 - \omega^2 + 2j\zeta_2\omega_2\omega)$."""
     columns = {}
-    for label, one in spectra.items():
-        below = omega**2 - one.omega**2 + 2j * zeta * omega * one.omega
-        columns[label] = as_columns(one.row(one.factor * one.source / below))
+    for label, spectrum in spectra.items():
+        below = omega**2 - spectrum.omega**2 + 2j * zeta * omega * spectrum.omega
+        columns[label] = as_columns(spectrum.row(spectrum.factor * spectrum.source / below))
     hz = omega / (2 * np.pi)
     return Suspect(
         "mode",
         columns,
-        lambda found: (
+        lambda coefficients: (
             f"one more mode about {hz:.3g} Hz",
             "State it by `modes` in [identify], restrict the `band` to one mode, or measure where "
             f"the other is still.{remedy}",

@@ -18,17 +18,19 @@ PLACE = "controlled"  # of such tests among others, whatever their kind
 
 def predict_controlled(source: Source, test: Test) -> Predicted:
     """Every group of a controlled test, end to end, each in its `unit` and beside its bands."""
-    each = [one for _, one in predict_apart(source, test)]
-    together = xr.concat([one.dataset for one in each], "value", combine_attrs="drop")
-    sizes = np.array([one.dataset.sizes["value"] for one in each], float)
-    attrs = dict(each[-1].dataset.attrs)  # of the force, the last
+    predictions = [prediction for _, prediction in predict_apart(source, test)]
+    together = xr.concat(
+        [prediction.dataset for prediction in predictions], "value", combine_attrs="drop"
+    )
+    sizes = np.array([prediction.dataset.sizes["value"] for prediction in predictions], float)
+    attrs = dict(predictions[-1].dataset.attrs)  # of the force, the last
     for name in [str(name) for name in attrs if str(name).startswith("nrmse")]:
-        squares = np.array([one.dataset.attrs[name] ** 2 for one in each])
+        squares = np.array([prediction.dataset.attrs[name] ** 2 for prediction in predictions])
         attrs[name] = float(np.sqrt(np.average(squares, weights=sizes)))
-    if all("coverage" in one.dataset.attrs for one in each):
-        inside = [one.dataset.attrs["coverage"] for one in each]
+    if all("coverage" in prediction.dataset.attrs for prediction in predictions):
+        inside = [prediction.dataset.attrs["coverage"] for prediction in predictions]
         attrs |= {"coverage": float(np.average(inside, weights=sizes)), "num_values": sizes.sum()}
-    return Predicted(together.assign_attrs(attrs), each[-1].peak, each[-1].noise)
+    return Predicted(together.assign_attrs(attrs), predictions[-1].peak, predictions[-1].noise)
 
 
 def predict_apart(source: Source, test: Test) -> Iterator[tuple[str, Predicted]]:
@@ -39,26 +41,27 @@ def predict_apart(source: Source, test: Test) -> Iterator[tuple[str, Predicted]]
     """
     basis = source.basis
     for part in ControlledPoints.reduce([test], laws=basis.laws, substeps=basis.substeps):
-        reached = np.full(count_of(source.draws), part.y_peak(0.0))
+        peaks = np.full(count_of(source.draws), part.y_peak(0.0))
         groups = zip(part.labels, groups_of(source, test, part), strict=True)
         for number, (label, group) in enumerate(groups):
             dataset = _dataset(test, part, number, group)
-            yield label, Predicted(dataset, reached, group.noise)
+            yield label, Predicted(dataset, peaks, group.noise)
 
 
 def _dataset(test: Test, part: ControlledPoints, number: int, group: Group) -> xr.Dataset:
     std = None if group.std is None else group.std * part.spread(number)
-    axis, unit_of_axis, places = part.coordinate(number)
+    axis, unit_of_axis, positions = part.coordinate(number)
     unit = part.units[number]
     attributes = {"units": unit, "long_name": part.rows[number].quantity}
     variables = beside("value", group.measured, group.model, std, attributes)
     variables |= {
-        f"{name}_response": ("value", one, attributes) for name, one in group.others.items()
+        f"{name}_response": ("value", reference, attributes)
+        for name, reference in group.others.items()
     }
     coords = {
-        axis: ("value", places, {"units": unit_of_axis}),
-        "group": ("value", np.array([part.labels[number]] * len(places), object)),
-        "unit": ("value", np.array([unit] * len(places), object)),
+        axis: ("value", positions, {"units": unit_of_axis}),
+        "group": ("value", np.array([part.labels[number]] * len(positions), object)),
+        "unit": ("value", np.array([unit] * len(positions), object)),
         "quantile": QUANTILE_AXIS,
     }
     attrs: dict[str, Any] = {"kind": test.kind, "axis": axis, "quantity": attributes["long_name"]}
@@ -71,5 +74,5 @@ def _dataset(test: Test, part: ControlledPoints, number: int, group: Group) -> x
 
     others = {name: relative(values) for name, values in group.others.items()}
     noise = None if std is None else std / part.relative_to(number)
-    attrs |= errors(np.ones(len(places)), relative(group.model), others, noise)
+    attrs |= errors(np.ones(len(positions)), relative(group.model), others, noise)
     return xr.Dataset(variables, coords, attrs)

@@ -44,38 +44,38 @@ class Curve(NamedTuple):
 
 def curves_of(tests: Sequence[Test], of_tones: str = "") -> dict[str, Curve]:
     """Curves by name: one a test, but one for all tones of a level; other kinds are passed over."""
-    found: dict[str, Curve] = {}
+    curves: dict[str, Curve] = {}
     tones: dict[float, list[Test]] = {}
     for test in tests:
         if test.traits.is_controlled:
             continue
         if test.traits.is_curve:
-            found[test.name] = Curve([curve_group(test)], test)
+            curves[test.name] = Curve([curve_group(test)], test)
         elif test.traits.is_stepped:
-            found[test.name] = Curve(stepped_groups(test), test)
+            curves[test.name] = Curve(stepped_groups(test), test)
         elif test.is_single_tone:
             tones.setdefault(test.level, []).append(test)
     for family in tones.values():
         for i, groups in enumerate(batched(tone_groups(family), len(ORDERS))):
             name = family_of(family[0]) + of_tones + (f" {i + 1}" if i else "")
-            found[name] = Curve(groups, family[0])
-    return found
+            curves[name] = Curve(groups, family[0])
+    return curves
 
 
 def predict_curve(source: Source, test: Test) -> Predicted:
     """Harmonics of a tone, a stepped sine or a response curve."""
-    (found,) = predict_curves(source, list(curves_of([test]).values()))
-    return found
+    (predicted,) = predict_curves(source, list(curves_of([test]).values()))
+    return predicted
 
 
 def predict_curves(source: Source, curves: Sequence[Curve]) -> list[Predicted]:
     """Harmonics of all curves at once: the force's where a response was held, else its own."""
-    found: dict[int, Predicted] = {}
+    predictions: dict[int, Predicted] = {}
     for residuals in dict.fromkeys(curve.test.residuals for curve in curves):
-        own = [i for i, curve in enumerate(curves) if curve.test.residuals == residuals]
-        predicted = _predict_alike(source, [curves[i] for i in own], residuals)
-        found |= zip(own, predicted, strict=True)
-    return [found[i] for i in range(len(curves))]
+        indices = [i for i, curve in enumerate(curves) if curve.test.residuals == residuals]
+        predicted = _predict_alike(source, [curves[i] for i in indices], residuals)
+        predictions |= zip(indices, predicted, strict=True)
+    return [predictions[i] for i in range(len(curves))]
 
 
 def _predict_alike(source: Source, curves: Sequence[Curve], residuals: str) -> list[Predicted]:
@@ -90,7 +90,7 @@ def _predict_alike(source: Source, curves: Sequence[Curve], residuals: str) -> l
     (model, peaks), others = source.carried(
         lambda draws, laws: _carried(replace(nameless, laws=laws), draws)
     )
-    found, row = [], 0
+    predictions, row = [], 0
     for curve in curves:
         first, test, fundamental = row, curve.test, curve.groups[0]
         row += len(curve.groups)
@@ -110,16 +110,18 @@ def _predict_alike(source: Source, curves: Sequence[Curve], residuals: str) -> l
             }
             values = model[:, i, :size]
             std = source.std(noise, values, float(data.repeats.num_repeats[i]))
-            drawn, said = _compared(group, test, values, of_others, order, std)
+            drawn, error_values = _compared(group, test, values, of_others, order, std)
             suffix = "" if group.order == 1 else f"_{group.order}"
             variables |= {name + suffix: variable for name, variable in drawn.items()}
-            attrs |= {name + suffix: value for name, value in said.items()}
+            attrs |= {name + suffix: value for name, value in error_values.items()}
         freq = ("freq", fundamental.omega[order] / (2 * np.pi), {"units": "Hz"})
         dataset = xr.Dataset(variables, {"freq": freq, "quantile": QUANTILE_AXIS}, attrs)
         # A ratio was measured at an amplitude that it does not tell.
-        known = "ratio" not in test.records[0].provenance
-        found.append(Predicted(dataset, peaks[:, first] if known else None, noises[0]))
-    return found
+        has_amplitude = "ratio" not in test.records[0].provenance
+        predictions.append(
+            Predicted(dataset, peaks[:, first] if has_amplitude else None, noises[0])
+        )
+    return predictions
 
 
 def _carried(
@@ -127,7 +129,7 @@ def _carried(
 ) -> tuple[Complex[np.ndarray, "draw group value"], NDArray[np.float64]]:
     """Values of every group by every draw, and the peak displacement of its points [m]."""
     point, column = np.asarray(data.point), np.asarray(data.position)[:, None]
-    there = np.asarray(data.factor) != 0  # not behind a group's last point
+    is_point = np.asarray(data.factor) != 0  # not behind a group's last point
     held = np.array(data.of_force)
     size = count_of(draws)
     values = np.zeros((size, *point.shape), complex)
@@ -138,9 +140,9 @@ def _carried(
         values = np.asarray(data.factor) * response[:, point, column]
     if held.any():
         values[:, held] = carry(_forces, draws, data)[:, held]
-        of_held = np.isin(np.arange(len(data.omega)), point[held][there[held]])
+        of_held = np.isin(np.arange(len(data.omega)), point[held][is_point[held]])
         moved = np.where(of_held[:, None], np.asarray(data.motion), moved)
-    return values, np.max(np.abs(moved[..., 0])[:, point], axis=-1, where=there, initial=0.0)
+    return values, np.max(np.abs(moved[..., 0])[:, point], axis=-1, where=is_point, initial=0.0)
 
 
 def _forces(theta: Mapping[str, Array], data: Points) -> Complex[Array, "group value"]:
@@ -189,7 +191,7 @@ def _compared(
     everything = {"measured": group.values, "model": model, **others}
     # Real and imaginary parts, as they enter the likelihood.
     parts = {n: np.concatenate([np.real(x), np.imag(x)], axis=-1) for n, x in everything.items()}
-    said = errors(parts.pop("measured"), parts.pop("model"), parts, noise_std)
+    error_values = errors(parts.pop("measured"), parts.pop("model"), parts, noise_std)
     record = test.records[0]
     turn = np.ones(len(order))
     magnitude = {"units": group.unit, "long_name": record.response}
@@ -201,14 +203,14 @@ def _compared(
     measured, model = turn * group.values[order], turn * model[:, order]
     reference = np.angle(measured)
     how = reference, magnitude, {"units": "rad", "long_name": what}
-    found = polar("measured", measured, *how, "freq") | polar("model", model, *how)
+    variables = polar("measured", measured, *how, "freq") | polar("model", model, *how)
     if noise_std is not None:
         size, turned = np.abs(model), phase_near(model, reference)
         # Across the phasor a noise turns it by its share of the length.
         angle = noise_std / np.abs(np.median(size, axis=0))
         dims = ("quantile", "freq")
-        found["predictive_magnitude"] = (dims, gaussian_band(size, noise_std), magnitude)
-        found["predictive_phase"] = (dims, gaussian_band(turned, angle), how[-1])
+        variables["predictive_magnitude"] = (dims, gaussian_band(size, noise_std), magnitude)
+        variables["predictive_phase"] = (dims, gaussian_band(turned, angle), how[-1])
     for name, values in others.items():
-        found |= polar(name, turn * values[order], *how, "freq")
-    return found, said
+        variables |= polar(name, turn * values[order], *how, "freq")
+    return variables, error_values

@@ -46,23 +46,32 @@ def predict_decay(source: Source, test: Test) -> Predicted:
         if in_dialect(stored.attrs.get("units", "")) == UNIT_OF[data.response]:
             noise = Noise(float(stored.mean()), ALIKE)
     std = noise.std or SILENT * float(np.sqrt(np.mean(np.abs(data.envelope) ** 2)))
-    found = _compared(source, test, data, np.full(len(test.records), std))
+    compared = _compared(source, test, data, np.full(len(test.records), std))
     # The strongest record begins with this displacement, at the natural frequency.
-    strongest = max(one.attrs["level"] for one in found)
+    strongest = max(comparison.attrs["level"] for comparison in compared)
     peak = strongest / source.draws["omega_n"] ** derivative_order(data.response)
-    wanted = "predictive_band" if source.noise else "model_band"
-    late = [one.isel(time=one["time"] >= one["time"][0] + one.attrs["seen_s"]) for one in found]
-    measured = np.concatenate([one["measured"].values for one in late])
-    median = np.concatenate([one["model_band"].values[1] for one in late])
-    edges = np.concatenate([one[wanted].values for one in late], axis=1)
-    counts = [one.attrs["num_values"] for one in found]
-    far = xr.DataArray([one.attrs["nrmse"] for one in found], dims="record", attrs={"units": "1"})
-    joined = xr.concat(found, "record", join="outer", combine_attrs="drop_conflicts")
+    band_name = "predictive_band" if source.noise else "model_band"
+    late = [
+        comparison.isel(
+            time=comparison["time"] >= comparison["time"][0] + comparison.attrs["seen_s"]
+        )
+        for comparison in compared
+    ]
+    measured = np.concatenate([comparison["measured"].values for comparison in late])
+    median = np.concatenate([comparison["model_band"].values[1] for comparison in late])
+    edges = np.concatenate([comparison[band_name].values for comparison in late], axis=1)
+    counts = [comparison.attrs["num_values"] for comparison in compared]
+    far = xr.DataArray(
+        [comparison.attrs["nrmse"] for comparison in compared], dims="record", attrs={"units": "1"}
+    )
+    joined = xr.concat(compared, "record", join="outer", combine_attrs="drop_conflicts")
     dataset = joined.assign(nrmse_of_record=far).assign_coords(record=repeats_named(test.records))
     dataset = dataset.assign_attrs(
         level=strongest,
         level_unit=UNIT_OF[data.response],
-        coverage=float(np.average([one.attrs["coverage"] for one in found], weights=counts)),
+        coverage=float(
+            np.average([comparison.attrs["coverage"] for comparison in compared], weights=counts)
+        ),
         num_values=sum(counts),
         nrmse=error(measured, median),
         half_width=half_width(edges, measured),
@@ -75,8 +84,8 @@ def verify_decays(source: Source, test: Test, num_fitted: int) -> list[xr.Datase
     # The initial state of a fitted record comes from the whole of it, that of a held-out record
     # from its beginning alone: the rest is predicted, and its errors are of what comes after.
     data = _reduced(source, test)
-    known = noise_by_label(source.basis.decay)
-    noise_std = np.array([known[label] for label in data.labels[:num_fitted]])
+    noise_of_label = noise_by_label(source.basis.decay)
+    noise_std = np.array([noise_of_label[label] for label in data.labels[:num_fitted]])
     every = np.append(noise_std, np.full(len(test.records) - num_fitted, noise_std.mean()))
     return _compared(source, test, data, every, num_fitted)
 
@@ -102,26 +111,26 @@ def _compared(
     num_fitted: int = 0,
 ) -> list[xr.Dataset]:
     """Filtered motion of every record beside the model's, entered at the record's initial state."""
-    chosen, key, found = filter_of(test), jax.random.key(source.seed), []
+    chosen, key, comparisons = filter_of(test), jax.random.key(source.seed), []
     several = bool(data.several)
     entered, stride = (followed(source), chosen.stride) if several else (_along(source, data), 1)
     unit, dims = {"units": UNIT_OF[data.response]}, ("quantile", "time")
     for i, (every, noise) in enumerate(zip(envelopes(test), noise_std, strict=True)):
-        whole = every[::stride]
+        measured_envelope = every[::stride]
         held_out = i >= num_fitted
         size = num_begun(source.draws, data) if held_out else data.envelope.shape[1]
         seen_s = float(size * data.step_s) if held_out else 0.0
         # Names are compiled in: one for every record, so that all run through one program.
         only = replace(data.only(i, size), names=("record",))
         seen = replace(only, noise_std=jnp.asarray([noise]), counted=jnp.ones(1))
-        time = np.arange(len(whole)) * stride / chosen.fs
+        time = np.arange(len(measured_envelope)) * stride / chosen.fs
         key_entry, key_noise = jax.random.split(jax.random.fold_in(key, i))
         carrier = np.exp(2j * np.pi * chosen.centre_hz * time)
         envelope, others = entered(key_entry, seen, time)
         scatter = noise
         if held_out and (missed := source.basis.discrepancy) is not None and not missed.is_nothing:
             omega_n = float(np.mean(source.draws["omega_n"]))
-            begin = float(np.abs(whole[0])) / omega_n ** derivative_order(data.response)
+            begin = float(np.abs(measured_envelope[0])) / omega_n ** derivative_order(data.response)
             at = missed.at(begin, of_decay=True)
             rates = omega_n * np.array([at.damping, at.frequency])
             key_missed = jax.random.fold_in(key_noise, MISSED_KEY)
@@ -129,7 +138,7 @@ def _compared(
             size = np.abs(np.median(envelope, axis=0)) / np.sqrt(2)
             scatter = np.hypot(noise, missed.share_of(test.kind, at) * size)
         model = np.real(envelope * carrier)
-        measured, later = np.real(whole * carrier), time >= seen_s
+        measured, later = np.real(measured_envelope * carrier), time >= seen_s
         model_band = band(model)
         predictive = band(model + scatter * generator(key_noise).standard_normal(model.shape))
         edges = (predictive if source.noise else model_band)[:, later]
@@ -142,7 +151,7 @@ def _compared(
         start = test.settle + chosen.half / chosen.fs
         coords = {"time": ("time", start + time, {"units": "s"}), "quantile": QUANTILE_AXIS}
         attrs = {
-            "level": float(np.abs(whole[0])),
+            "level": float(np.abs(measured_envelope[0])),
             "level_unit": UNIT_OF[data.response],
             "response": data.response,
             "fitted": int(not held_out),
@@ -154,8 +163,8 @@ def _compared(
         }
         for name, other in others.items():
             attrs[f"nrmse_{name}"] = error(measured[later], np.real(other * carrier)[later])
-        found.append(xr.Dataset(variables, coords, attrs))
-    return found
+        comparisons.append(xr.Dataset(variables, coords, attrs))
+    return comparisons
 
 
 def drifted(
@@ -180,8 +189,10 @@ def _along(source: Source, data: Decays) -> Entered:
 
     def entered(key: Key[Array, ""], seen: Decays, time: np.ndarray) -> tuple[Envelope, Envelopes]:
         steps = jnp.asarray(time / seen.step_s)
-        alone = {n: np.asarray(_entered(key, x[None], seen, steps))[0] for n, x in others.items()}
-        return np.asarray(_entered(key, decays, seen, steps)), alone
+        of_others = {
+            n: np.asarray(_entered(key, x[None], seen, steps))[0] for n, x in others.items()
+        }
+        return np.asarray(_entered(key, decays, seen, steps)), of_others
 
     return entered
 
@@ -195,10 +206,10 @@ def _entered(
 ) -> Complex[Array, "draw time"]:
     """Envelope of one record for every draw, from one draw of its initial state and shift."""
 
-    def one(pair: tuple[Array, Array]) -> Array:
+    def entered_by(pair: tuple[Array, Array]) -> Array:
         key, decay = pair
-        own = begun(decay, seen.envelope[0], seen.noise_std[0], seen)
-        change = jnp.linalg.cholesky(own.covariance) @ jax.random.normal(key, (3,))
-        return follow(decay, own.moved(change), steps, seen.step_s)[0]
+        initial = begun(decay, seen.envelope[0], seen.noise_std[0], seen)
+        change = jnp.linalg.cholesky(initial.covariance) @ jax.random.normal(key, (3,))
+        return follow(decay, initial.moved(change), steps, seen.step_s)[0]
 
-    return jax.lax.map(one, (jax.random.split(key, len(decays)), jnp.asarray(decays)))
+    return jax.lax.map(entered_by, (jax.random.split(key, len(decays)), jnp.asarray(decays)))

@@ -119,30 +119,34 @@ def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Mot
             point=("", *source.basis.points).index(test.point),
         )
     )
-    alone = {name: response for name, (response, _) in others.items()}
+    reference_responses = {name: response for name, (response, _) in others.items()}
     start = round(_settling(test, source.draws) * record.fs)
     if not is_measured(test):
         stand_in = {**record.channels, record.response: np.median(model, axis=0)}
         test = replace(test, records=(replace(record, channels=stand_in),))
         measured = stand_in[record.response][None]
         noise = noise_of(source.basis, test)
-        return Motion(test, measured, model, peak, alone, noise, settled=start)
+        return Motion(test, measured, model, peak, reference_responses, noise, settled=start)
     # Repeats of the first record's input; noise of the input channel is far below a tenth of it.
     u = record.channels[record.source]
     repeated = {
-        name: one.channels[one.response]
-        for name, one in zip(repeats_named(test.records), test.records, strict=True)
-        if one.num_samples == record.num_samples
-        and np.linalg.norm(one.channels[one.source] - u) <= 0.1 * np.linalg.norm(u)
+        name: repeat.channels[repeat.response]
+        for name, repeat in zip(repeats_named(test.records), test.records, strict=True)
+        if repeat.num_samples == record.num_samples
+        and np.linalg.norm(repeat.channels[repeat.source] - u) <= 0.1 * np.linalg.norm(u)
     }
     measured = np.stack(list(repeated.values()))
     lines = lines_of(test.band_hz or (), measured.shape[1], record.fs)
     size = measured.shape[1] if lines is None else 2 * (lines[1] - lines[0])
-    model, alone = completed(source.basis, test, measured.mean(axis=0), model, alone, start)
+    model, reference_responses = completed(
+        source.basis, test, measured.mean(axis=0), model, reference_responses, start
+    )
     compared = in_band(measured, lines)
     within = float(np.sum((compared - compared.mean(axis=0)) ** 2))
     noise = noise_of(source.basis, test, of_scatter(within, size, len(measured)))
-    return Motion(test, measured, model, peak, alone, noise, start, tuple(repeated), start)
+    return Motion(
+        test, measured, model, peak, reference_responses, noise, start, tuple(repeated), start
+    )
 
 
 def predict_records(source: Source, test: Test) -> Predicted:
@@ -171,13 +175,13 @@ def compare_records(source: Source, motion: Motion) -> xr.Dataset:
         return in_band(samples[..., motion.start :], lines)
 
     measured, model = compared(motion.measured), compared(motion.model)
-    others = {name: compared(one) for name, one in motion.others.items()}
+    others = {name: compared(values) for name, values in motion.others.items()}
     noise_std = source.std(motion.noise, model, share=noise_share(lines, size)) or 0.0
     mean, unit = measured.mean(axis=0), {"units": record.units[response]}
     variables = beside("time", mean, model, noise_std, unit)
     variables["measured"] = ("time", mean, {**unit, "long_name": f"mean measured {response}"})
-    each = [error(one, np.median(model, axis=0)) for one in measured]
-    variables["nrmse_of_repeat"] = ("repeat", each, {"units": "1", "long_name": "error over rms"})
+    nrmse = [error(repeat, np.median(model, axis=0)) for repeat in measured]
+    variables["nrmse_of_repeat"] = ("repeat", nrmse, {"units": "1", "long_name": "error over rms"})
     return xr.Dataset(
         {**variables, "measured_band": (("quantile", "time"), band(measured), unit)},
         {
@@ -210,8 +214,8 @@ def compare_frfs(motion: Motion, band_hz: tuple[float, float]) -> xr.Dataset:
     estimate = partial(_frf, band_hz=band_hz, skip=None if from_rest else motion.settled)
     unit = record.units[record.source]
     measured = [estimate(r, r.channels[r.response]) for r in test.records]
-    h = np.stack([one for _, one in measured])
-    simulated = np.stack([estimate(record, one)[1] for one in motion.model])
+    h = np.stack([receptance for _, receptance in measured])
+    simulated = np.stack([estimate(record, response)[1] for response in motion.model])
     how = np.angle(h.mean(axis=0)), {"units": per("m", unit), "long_name": "receptance"}
     phase = {"units": "rad"}
     return xr.Dataset(
@@ -239,8 +243,8 @@ def _frf(
     if skip is not None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the window does the same to both sides
-            found = frf(u[skip:], y[skip:], record.fs, response=record.response, band=band_hz)
-        return found.freq, found.h
+            estimate = frf(u[skip:], y[skip:], record.fs, response=record.response, band=band_hz)
+        return estimate.freq, estimate.h
     freq = np.fft.rfftfreq(len(u), 1 / record.fs)
     keep = lines_within(freq, band_hz)
     ratio = np.fft.rfft(y)[keep] / np.fft.rfft(u)[keep]

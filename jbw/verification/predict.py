@@ -68,18 +68,18 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
         DataError: A source that the run's gain is not for, a posterior without the joint, or a
             steady or free motion of several modes.
     """
-    asked = request or Request()
+    options = request or Request()
     _require_modes_known(basis, test)
     _require_point_known(basis, test)
-    source = _source(basis, test, asked)
-    dataset, peak, noise = found = route_of(test)(source, test)
+    source = _source(basis, test, options)
+    dataset, peak, noise = predicted = route_of(test)(source, test)
     facts = {"test": test.name, "kind": test.kind, "num_draws": source.num_draws}
     facts["scatter"] = int(basis.scatters(test) and not test.traits.is_free)
-    facts["noise"] = noise.says if asked.noise else LEFT_OUT
+    facts["noise"] = noise.says if options.noise else LEFT_OUT
     has_noise = noise.std is not None or source.model_error > 0
-    if asked.noise and noise.std is None and has_noise:
+    if options.noise and noise.std is None and has_noise:
         facts["noise"] = ERROR_ALONE
-    withheld = asked.noise and _is_withheld(basis, test, found)
+    withheld = options.noise and _is_withheld(basis, test, predicted)
     if withheld:
         facts["noise"] = WITHHELD
     lacking = [name for name in basis.lacking if name in TAKEN[test.residuals]]
@@ -89,35 +89,37 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
     if np.isfinite(test.level) and not test.traits.is_free:
         unit = str(dataset.attrs.get("level_unit", seen_of(test).source))
         facts |= {"level": test.level, "level_unit": unit}
-    if asked.noise and noise.std is not None and not withheld:
+    if options.noise and noise.std is not None and not withheld:
         facts["noise_std"] = noise.std
     if peak is not None:
         facts["y_peak"] = band(peak)
-    if (extrapolation := found.extrapolation(basis)) is not None:
+    if (extrapolation := predicted.extrapolation(basis)) is not None:
         facts |= {"y_peak_fitted": basis.y_peak, "extrapolation": extrapolation}
-    kept, dropped = dataset.attrs | facts, []
+    attrs, dropped = dataset.attrs | facts, []
     if withheld:
-        kept = {name: value for name, value in kept.items() if name not in OF_BAND}
-    if not asked.noise or not has_noise or withheld:
+        attrs = {name: value for name, value in attrs.items() if name not in OF_BAND}
+    if not options.noise or not has_noise or withheld:
         dropped += [name for name in dataset.data_vars if "predictive" in str(name)]
     if not is_measured(test):
         of_measured = ("measured", "nrmse", "repeat")
         dropped += [n for n in dataset.variables if any(word in str(n) for word in of_measured)]
-        kept = {name: value for name, value in kept.items() if name not in (*ERRORS, "num_repeats")}
+        attrs = {
+            name: value for name, value in attrs.items() if name not in (*ERRORS, "num_repeats")
+        }
     dataset = dataset.drop_vars(dropped)
     if peak is not None:
-        about = {"units": "m", "long_name": "largest displacement"}
-        dataset = dataset.assign(peak_displacement=("quantile", band(peak), about))
-    dataset.attrs = kept
+        peak_attrs = {"units": "m", "long_name": "largest displacement"}
+        dataset = dataset.assign(peak_displacement=("quantile", band(peak), peak_attrs))
+    dataset.attrs = attrs
     return dataset
 
 
-def _is_withheld(basis: Basis, test: Test, found: Predicted) -> bool:
+def _is_withheld(basis: Basis, test: Test, predicted: Predicted) -> bool:
     """Whether no band of a measurement can be stated at the amplitude of a test."""
     discrepancy = basis.discrepancy
-    if discrepancy is None or found.peak is None or basis.has_fitted(test):
+    if discrepancy is None or predicted.peak is None or basis.has_fitted(test):
         return False
-    return not discrepancy.is_stated(float(np.median(found.peak)))
+    return not discrepancy.is_stated(float(np.median(predicted.peak)))
 
 
 def route_of(test: Test) -> Callable[[Source, Test], Predicted]:
@@ -158,23 +160,25 @@ def _require_point_known(basis: Basis, test: Test) -> None:
         )
 
 
-def _source(basis: Basis, test: Test, asked: Request) -> Source:
+def _source(basis: Basis, test: Test, request: Request) -> Source:
     """The draws that a test is predicted with: fewer of them through long records."""
-    most, route = asked.num_draws, route_of(test)
+    most, route = request.num_draws, route_of(test)
     drive = "force" if test.traits.is_prescribed else drive_of(test)
-    gain = _gain(basis, test, gain_of(asked.gain, drive))
+    gain = _gain(basis, test, gain_of(request.gain, drive))
     if route in (predict_records, predict_periods, predict_groups):
         most = min(most, max(FEWEST, MOST_SAMPLES // test.records[0].num_samples))
-    missed = NOTHING if basis.has_fitted(test) else missed_in(basis, test, gain, asked.seed)
+    missed = NOTHING if basis.has_fitted(test) else missed_in(basis, test, gain, request.seed)
 
-    def drawn(count: int, one: Basis) -> Draws:
+    def drawn(count: int, law_basis: Basis) -> Draws:
         if route is predict_decay:
-            return dict(of_drive(one.thinned(count, one.decay), drive_of(test)))
-        return one.draws_for(test, count, gain, asked.seed, missed=missed)
+            return dict(of_drive(law_basis.thinned(count, law_basis.decay), drive_of(test)))
+        return law_basis.draws_for(test, count, gain, request.seed, missed=missed)
 
-    own, *others = ((drawn(count, one), one.laws) for count, one in basis.shared(most))
+    first, *others = (
+        (drawn(count, law_basis), law_basis.laws) for count, law_basis in basis.shared(most)
+    )
     return Source(
-        basis, own[0], noise=asked.noise, bare=0.0, seed=asked.seed, beside=tuple(others),
+        basis, first[0], noise=request.noise, bare=0.0, seed=request.seed, beside=tuple(others),
         model_error=basis.model_error(test, missed),
     )  # fmt: skip
 
@@ -187,8 +191,8 @@ def missed_in(basis: Basis, test: Test, gain: float | None = None, seed: int = 0
     discrepancy, route = basis.discrepancy, route_of(test)
     if discrepancy is None or discrepancy.is_nothing or route is predict_decay:
         return NOTHING  # of decays every record has an amplitude of its own
-    found = route(Source(basis, basis.draws_for(test, LANES, gain, seed), seed=seed), test)
-    return discrepancy.at(None if found.peak is None else float(np.median(found.peak)))
+    predicted = route(Source(basis, basis.draws_for(test, LANES, gain, seed), seed=seed), test)
+    return discrepancy.at(None if predicted.peak is None else float(np.median(predicted.peak)))
 
 
 def _gain(basis: Basis, test: Test, stated: float | None) -> float | None:
@@ -196,11 +200,11 @@ def _gain(basis: Basis, test: Test, stated: float | None) -> float | None:
     if stated is not None:
         return stated
     unit = seen_of(test).source
-    known = {one.source for one in basis.seen.values()} - {""}
-    if unit and known and unit not in known:
+    sources = {fitted_test.source for fitted_test in basis.seen.values()} - {""}
+    if unit and sources and unit not in sources:
         raise DataError(
             f"Test `{test.name}` has its source in {unit}, but the run's gain is per "
-            f"{' or '.join(sorted(known))}.",
+            f"{' or '.join(sorted(sources))}.",
             remedy="State `modal_mass` or `gain` in the campaign of the test.",
         )
     return None
@@ -208,9 +212,9 @@ def _gain(basis: Basis, test: Test, stated: float | None) -> float | None:
 
 def warnings_of(dataset: xr.Dataset) -> list[str]:
     """What must be known before a prediction of `predict` is trusted, one sentence each."""
-    attrs, found = dataset.attrs, []
+    attrs, sentences = dataset.attrs, []
     if attrs.get("extrapolation", 0.0) > BEYOND:
-        found.append(
+        sentences.append(
             f"Test `{attrs['test']}` is predicted to reach {attrs['y_peak'][-1]:.3g} m, "
             f"{attrs['extrapolation']:.2g} times the largest displacement that was fitted "
             f"({attrs['y_peak_fitted']:.3g} m), where nothing shows that the joint follows the "
@@ -218,25 +222,25 @@ def warnings_of(dataset: xr.Dataset) -> list[str]:
             "identify again."
         )
     if attrs.get("input_near_mode", 1.0) < HARDLY:
-        found.append(
+        sentences.append(
             f"Test `{attrs['test']}` has {attrs['input_near_mode']:.2g} of its input's power "
             "within 25 % of the natural frequency, so it hardly moves the mode that was "
             "identified: other modes may rule its response; choose a test around the mode."
         )
     if attrs.get("lacking"):
-        found.append(
+        sentences.append(
             f"Test `{attrs['test']}` is predicted without {attrs['lacking']}, which some units of "
             "the population have and others do not, or in places of their own: what other modes "
             "add to the response is left out of its bands."
         )
-    return found
+    return sentences
 
 
 def row_of(dataset: xr.Dataset) -> dict[str, Any]:
     """A prediction of `predict` in plain numbers, None where one is not known."""
     attrs = dataset.attrs
-    known = ("test", "kind", "level", "level_unit", "noise", *ERRORS, "num_draws")
-    row = {name: attrs.get(name) for name in known}
+    columns = ("test", "kind", "level", "level_unit", "noise", *ERRORS, "num_draws")
+    row = {name: attrs.get(name) for name in columns}
     peak = attrs.get("y_peak")
     marks = map(str, QUANTILES)
     row["y_peak"] = None if peak is None else dict(zip(marks, map(float, peak), strict=True))
@@ -248,11 +252,11 @@ def row_of(dataset: xr.Dataset) -> dict[str, Any]:
 
 def chosen(tests: tuple[Test, ...], names: tuple[str, ...], argument: str) -> tuple[Test, ...]:
     """Tests by their names, which were given as `argument`; all of them when none is named."""
-    known = {test.name: test for test in tests}
-    missing = [name for name in names if name not in known]
+    by_name = {test.name: test for test in tests}
+    missing = [name for name in names if name not in by_name]
     if missing:
         raise ConfigError(
             f"{argument} must name a test of the campaign, but is {missing[0]!r}.",
-            remedy=f"The tests are {', '.join(known)}.",
+            remedy=f"The tests are {', '.join(by_name)}.",
         )
-    return tuple(known[name] for name in names) or tests
+    return tuple(by_name[name] for name in names) or tests

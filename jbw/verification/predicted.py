@@ -100,8 +100,8 @@ class Source:
         """What every draw predicts along a first axis, and what each reference does by name."""
         others = {}
         for name, (parameters, laws) in self.references.items():
-            alone = {key: np.array([value]) for key, value in parameters.items()}
-            others[name] = jax.tree.map(lambda rows: rows[0], predict(alone, laws))
+            single = {key: np.array([value]) for key, value in parameters.items()}
+            others[name] = jax.tree.map(lambda rows: rows[0], predict(single, laws))
         every = ((self.draws, self.basis.laws), *self.beside)
         rows = [predict(draws, laws) for draws, laws in every]
         return jax.tree.map(lambda *parts: np.concatenate(parts), *rows), others
@@ -144,38 +144,40 @@ def noise_of(
 
     `behind` is what stands behind the test's name in the label of its group, where it has several.
     """
-    known, wanted = noise_by_label(basis.posterior), seen_of(test)
+    fitted_noise, traits = noise_by_label(basis.posterior), seen_of(test)
     # Kind, source and response of a test that was called so before may be others.
-    if (label or test.name) in known and basis.seen.get(test.name, wanted)[:3] == wanted[:3]:
-        return Noise(known[label or test.name], OWN)
+    if (label or test.name) in fitted_noise and basis.seen.get(test.name, traits)[:3] == traits[:3]:
+        return Noise(fitted_noise[label or test.name], OWN)
     if repeated.std is not None:
         return repeated
     if not basis.seen:  # a run that does not say what its tests were knows of sweeps alone
-        alike = {name: (None, std) for name, std in known.items() if test.traits.is_transient}
-    else:
-        alike = {
-            name: (one.level, known[name])
-            for test_name, one in {**basis.seen, test.name: wanted}.items()
-            if (one.kind, one.response) == (wanted.kind, wanted.response)
-            for name in _labels(test_name + behind, one, order)
-            if name in known
+        comparable = {
+            name: (None, std) for name, std in fitted_noise.items() if test.traits.is_transient
         }
-    near = [std for level, std in alike.values() if level == test.level]
-    chosen = near or [std for _, std in alike.values()]
+    else:
+        comparable = {
+            name: (other.level, fitted_noise[name])
+            for test_name, other in {**basis.seen, test.name: traits}.items()
+            if (other.kind, other.response) == (traits.kind, traits.response)
+            for name in _labels(test_name + behind, other, order)
+            if name in fitted_noise
+        }
+    near = [std for level, std in comparable.values() if level == test.level]
+    chosen = near or [std for _, std in comparable.values()]
     return Noise(float(np.mean(chosen)), ALIKE) if chosen else NOT_KNOWN
 
 
 def _labels(name: str, seen: Seen, order: int) -> list[str]:
     """What the groups of data of a test may be called that hold its harmonic of this order."""
     names = [name, seen.family] if seen.family else [name]
-    harmonics = [harmonic_label(one, order) for one in names] if order else []
+    harmonics = [harmonic_label(group_name, order) for group_name in names] if order else []
     return harmonics + (names if order < 2 else [])
 
 
 def of_repeats(repeats: Repeats, group: int = 0) -> Noise:
     """What the scatter of a group's repeats tells."""
     scatter = repeats.within, repeats.size, repeats.num_repeats
-    return of_scatter(*(float(each[group]) for each in scatter))
+    return of_scatter(*(float(by_group[group]) for by_group in scatter))
 
 
 def of_scatter(within: float, size: float, count: float) -> Noise:

@@ -78,10 +78,10 @@ class Basis:
 
     def shared(self, num_draws: int) -> tuple[tuple[int, "Basis"], ...]:
         """Number of draws of each law, this one's first; a law of less than two has none."""
-        counts = [(round(share * num_draws), one) for share, one in self.beside]
-        counts = [(count, one) for count, one in counts if count >= 2]
-        own = num_draws - sum(count for count, _ in counts)
-        return ((max(own, 2) if counts else own, replace(self, beside=())), *counts)
+        counts = [(round(share * num_draws), basis) for share, basis in self.beside]
+        counts = [(count, basis) for count, basis in counts if count >= 2]
+        num_first = num_draws - sum(count for count, _ in counts)
+        return ((max(num_first, 2) if counts else num_first, replace(self, beside=())), *counts)
 
     def thinned(self, num_draws: int, posterior: xr.Dataset | None = None) -> Draws:
         """Evenly spaced draws of the main posterior, or of another, beside what was held."""
@@ -109,8 +109,8 @@ class Basis:
         is the model discrepancy in them.
         """
         key = jax.random.fold_in(jax.random.key(seed), SCATTER_KEY)
-        known = self._complete(dict(of_drive(self.thinned(num_draws), drive)), gain)
-        return scattered(key, known, self._scatter(known, missed))
+        theta = self._complete(dict(of_drive(self.thinned(num_draws), drive)), gain)
+        return scattered(key, theta, self._scatter(theta, missed))
 
     def _scatter(self, draws: Draws, missed: AtAmplitude) -> tuple[float, ...]:
         """Standard deviation of omega_n and zeta over runs and by the model discrepancy."""
@@ -133,16 +133,16 @@ class Basis:
         if self.runs is None or name is None:
             return self.draws(num_draws, gain, seed, drive, missed=missed)
         run = self.runs.sel(run=name)
-        known = self.thinned(run.sizes["draw"])
-        known |= {str(n): v.values for n, v in run.data_vars.items() if plain(str(n)) in OFFSETS}
-        known = of_drive(known, drive)
+        theta = self.thinned(run.sizes["draw"])
+        theta |= {str(n): v.values for n, v in run.data_vars.items() if plain(str(n)) in OFFSETS}
+        theta = of_drive(theta, drive)
         some = np.unique(np.linspace(0, run.sizes["draw"] - 1, num_draws).round().astype(int))
-        return self._complete({name: values[some] for name, values in known.items()}, gain)
+        return self._complete({name: values[some] for name, values in theta.items()}, gain)
 
     def run_of(self, test: Test) -> str | None:
         """Name of a test's run among those that were fitted; None of a further run."""
-        known = () if self.runs is None else self.runs["run"].values.tolist()
-        names = (name for name in (run_of(test), family_of(test)) if name in known)
+        fitted_runs = () if self.runs is None else self.runs["run"].values.tolist()
+        names = (name for name in (run_of(test), family_of(test)) if name in fitted_runs)
         return next(names, None) if test.name in self.seen else None
 
     @property
@@ -153,8 +153,8 @@ class Basis:
     def has_fitted(self, test: Test) -> bool:
         """Whether anything of a test was fitted: a group of data has its name, or that and more."""
         fitted = noise_by_label(self.posterior)
-        alike = (label == test.name or label.startswith(f"{test.name} ") for label in fitted)
-        return any(alike) and self.seen.get(test.name, seen_of(test))[:3] == seen_of(test)[:3]
+        matches = (label == test.name or label.startswith(f"{test.name} ") for label in fitted)
+        return any(matches) and self.seen.get(test.name, seen_of(test))[:3] == seen_of(test)[:3]
 
     def model_error(self, test: Test, missed: AtAmplitude) -> float:
         """What the law misses of a test beside omega_n and zeta, over the response."""
@@ -164,11 +164,11 @@ class Basis:
         """Whether bands of a test hold the scatter of runs: it is of none that was fitted."""
         return len(self.scatter) > 0 and (self.runs is None or self.run_of(test) is None)
 
-    def _complete(self, known: Draws, gain: float | None) -> Draws:
+    def _complete(self, draws: Draws, gain: float | None) -> Draws:
         """Draws with a gain that is given, if they have all that a response depends on."""
         if gain is not None:
-            known["gain"] = np.full(count_of(known) if known else 0, gain)
-        missing = [name for name in parameter_names(self.laws) if name not in known]
+            draws["gain"] = np.full(count_of(draws) if draws else 0, gain)
+        missing = [name for name in parameter_names(self.laws) if name not in draws]
         if missing:
             raise DataError(
                 f"The run's main posterior lacks {', '.join(missing)}, which a prediction needs.",
@@ -176,7 +176,7 @@ class Basis:
                 if missing == ["gain"]
                 else "Identify from tests that move the mass, such as noise, sweeps or tones.",
             )
-        return known
+        return draws
 
 
 def natural_hz(draws: Draws) -> list[float]:
@@ -201,7 +201,7 @@ def thin(
     """At most `num_draws` evenly spaced draws of all that a response depends on, by name."""
     keep = evenly_spaced(posterior, num_draws)
     fixed = {name: np.full(len(keep), float(value)) for name, value in (held or {}).items()}
-    terms = (one.name for one in (*RESIDUAL_TERMS, *MODAL, *own_quantities(laws)))
+    terms = (term.name for term in (*RESIDUAL_TERMS, *MODAL, *own_quantities(laws)))
     others = (quantity.name for quantity in ATTACHED)
     names = [name for name in (*parameter_names(laws), *terms, *others) if name in posterior]
     return {**fixed, **{name: posterior[name].values.ravel()[keep] for name in names}}
@@ -251,8 +251,8 @@ def basis_attrs(
 
 def decay_attrs(data: Decays) -> dict[str, str]:
     """The same of free decays that were fitted apart from all else."""
-    known = {"worth": data.fraction, "shift_std": data.shift_std, "substeps": data.substeps}
-    return {"decay": json.dumps({name: float(value) for name, value in known.items()})}
+    constants = {"worth": data.fraction, "shift_std": data.shift_std, "substeps": data.substeps}
+    return {"decay": json.dumps({name: float(value) for name, value in constants.items()})}
 
 
 def basis_of(tree: xr.DataTree) -> Basis:
@@ -284,13 +284,13 @@ def basis_of(tree: xr.DataTree) -> Basis:
 
 def noise_by_label(posterior: xr.Dataset) -> dict[str, float]:
     """Mean noise of every group of data of a posterior, by the group's label."""
-    found = {}
+    noise = {}
     for name, values in posterior.data_vars.items():
         dims = [dim for dim in values.dims if dim not in ("chain", "draw")]
         if str(name).startswith("noise_std") and len(dims) == 1 and dims[0] in values.coords:
             means = values.mean(("chain", "draw")).values
-            found |= dict(zip(map(str, values[dims[0]].values), map(float, means), strict=True))
-    return found
+            noise |= dict(zip(map(str, values[dims[0]].values), map(float, means), strict=True))
+    return noise
 
 
 def seen_of(test: Test) -> Seen:

@@ -51,13 +51,14 @@ def of_run(
 
     Those of a drive that has its own, under their plain names.
     """
-    found = {}
-    for name, one in references.items():
-        offset = zip(OFFSETS, one.runs.get(run or "", ()), strict=False)  # none of a further run
-        known = of_drive(one.parameters, drive)
-        own = {key: known[key] + float(b) for key, b in offset}
-        found[name] = {**known, **own}, one.laws
-    return found
+    oscillators = {}
+    for name, reference in references.items():
+        # None of a further run.
+        offset = zip(OFFSETS, reference.runs.get(run or "", ()), strict=False)
+        theta = of_drive(reference.parameters, drive)
+        shifted = {key: theta[key] + float(b) for key, b in offset}
+        oscillators[name] = {**theta, **shifted}, reference.laws
+    return oscillators
 
 
 def references(
@@ -84,40 +85,40 @@ def references(
     of_model = is_assembled(data.held)
     held = {name: float(value) for name, value in data.held.items() if of_model or name in REACH}
     forced = [part for part in parts if isinstance(part, Loops)]
-    found: dict[str, Reference] = {}
+    by_kind: dict[str, Reference] = {}
     for kind in kinds:
         if len(forced) == len(parts):
-            found[kind] = _spring(forced, known | held, kind)
+            by_kind[kind] = _spring(forced, known | held, kind)
         else:
-            start = found["linear"].parameters if "linear" in found else known
-            found[kind] = _fitted(parts, held, start, y_peak, kind, data)
-    return found
+            start = by_kind["linear"].parameters if "linear" in by_kind else known
+            by_kind[kind] = _fitted(parts, held, start, y_peak, kind, data)
+    return by_kind
 
 
 def _fitted(
     parts: Sequence[Observable],
     held: Mapping[str, float],
-    known: Mapping[str, float],
+    estimates: Mapping[str, float],
     y_peak: float,
     kind: str,
     joint: Dataset,
 ) -> Reference:
     """The oscillator of one kind with the least relative error, by run where the joint is so."""
-    free = [name for name in used_by(parts, known) if name not in held]
-    within = {name: bounds_about(known[name], *REACH[name]) for name in free}
-    terms = bounds(known["omega_n"], neighbours_of(known))
-    within |= {name: terms[name] for name in terms if name in known}
-    start = {name: known[name] for name in within}
+    free = [name for name in used_by(parts, estimates) if name not in held]
+    within = {name: bounds_about(estimates[name], *REACH[name]) for name in free}
+    terms = bounds(estimates["omega_n"], neighbours_of(estimates))
+    within |= {name: terms[name] for name in terms if name in estimates}
+    start = {name: estimates[name] for name in within}
     if kind == "cubic":
-        most = STIFFEST * known["omega_n"] ** 2 / y_peak**2
+        most = STIFFEST * estimates["omega_n"] ** 2 / y_peak**2
         within["cubic"], start["cubic"] = (-most, most), 0.0
     data = Dataset.of([replace(part, laws=LAWS[kind]) for part in parts], held)
     # An error quoted to two digits needs no closer optimum.
     close = {"max_evaluations": 40, "tolerance": 1e-6}
     best = costly_fit(stacked, box(within), data, starts=start, **close)
-    known = {name: known[name] for name in REACH if name in known}
+    estimates = {name: estimates[name] for name in REACH if name in estimates}
     if not joint.has_offsets:
-        return Reference({**known, **held, **best.theta}, LAWS[kind])
+        return Reference({**estimates, **held, **best.theta}, LAWS[kind])
     data = replace(
         data, scatters=joint.scatters, scatter=jax.device_put(FREELY * np.asarray(joint.scatter))
     )
@@ -126,20 +127,20 @@ def _fitted(
         data = with_directions(best.theta, data, offsets)
         best = costly_fit(stacked, box(within), data, starts=best.theta, **close)
         offsets = best_offsets(best.theta, data)
-    return Reference({**known, **held, **best.theta}, LAWS[kind], offsets)
+    return Reference({**estimates, **held, **best.theta}, LAWS[kind], offsets)
 
 
-def _spring(forced: Sequence[Loops], known: Mapping[str, float], kind: str) -> Reference:
+def _spring(forced: Sequence[Loops], estimates: Mapping[str, float], kind: str) -> Reference:
     """Least sum_i |g F_i - omega_n^2 y_i - lambda_3 y_i^3|^2 / |g F_i|^2 over prescribed loops."""
     y = np.concatenate([np.asarray(part.counted * part.displacement) for part in forced])
     measured = np.concatenate([np.asarray(part.counted * part.mean) for part in forced])
-    force = known["gain"] * measured
+    force = estimates["gain"] * measured
     scale = np.linalg.norm(force, axis=1, keepdims=True)
     reach = np.abs(y).max()
     columns = [y, reach * (y / reach) ** 3][: 2 if kind == "cubic" else 1]
     design = np.stack([(column / scale).ravel() for column in columns], axis=1)
     stiffness = np.linalg.lstsq(design, (force / scale).ravel())[0]
-    found = {**known, "omega_n": float(np.sqrt(max(stiffness[0], 0.0)))}
+    parameters = {**estimates, "omega_n": float(np.sqrt(max(stiffness[0], 0.0)))}
     if kind == "cubic":
-        found["cubic"] = float(stiffness[1] / reach**2)
-    return Reference(found, LAWS[kind])
+        parameters["cubic"] = float(stiffness[1] / reach**2)
+    return Reference(parameters, LAWS[kind])

@@ -117,17 +117,17 @@ def _verify_free(
         return verify_decays(free, together, num_fitted)
 
     def against_amplitude() -> xr.Dataset:
-        alone = first_mode_alone(together, modes_of_draws(draws))
-        return amplitude_verification(alone, num_fitted, draws, basis.laws)
+        first_mode = first_mode_alone(together, modes_of_draws(draws))
+        return amplitude_verification(first_mode, num_fitted, draws, basis.laws)
 
     order = derivative_order(together.records[0].response)
     unit = float(np.mean(draws["omega_n"])) ** order * basis.y_peak
     every = attempts.make("The comparison of the free decays with the model", compared, ())
-    for name, one in zip(decays.names, every, strict=False):
-        if not one.attrs["fitted"] and unit > 0:
-            one.attrs["extrapolation"] = one.attrs["level"] / unit
-        one.attrs["discrepancy"] = int(not one.attrs["fitted"] and basis.misses)
-        groups[place("verification/decay", name)] = one
+    for name, comparison in zip(decays.names, every, strict=False):
+        if not comparison.attrs["fitted"] and unit > 0:
+            comparison.attrs["extrapolation"] = comparison.attrs["level"] / unit
+        comparison.attrs["discrepancy"] = int(not comparison.attrs["fitted"] and basis.misses)
+        groups[place("verification/decay", name)] = comparison
     curves = attempts.make(
         "The frequency and damping of the free decays against amplitude", against_amplitude, None
     )
@@ -137,7 +137,7 @@ def _verify_free(
 def _freely(draws: Draws, decays: Decays) -> tuple[Any, ...]:
     """Decays as a dataset, and the names of what moves freely in them, of every mode."""
     held = {ratio.name: 1.0 for _, _, ratio, *_ in MODES if ratio.name in draws}
-    names = [each.name for mode in MODES for each in mode[:2] if each.name in draws]
+    names = [quantity.name for mode in MODES for quantity in mode[:2] if quantity.name in draws]
     return Dataset.of([decays], held), "omega_n", "zeta", *names
 
 
@@ -146,17 +146,17 @@ def _verify_forced(
     simpler: Mapping[str, Reference],
     tests: Sequence[Test],
     names: set[str],
-    found: Identification,
+    identification: Identification,
     attempts: Attempts,
 ) -> Groups:
     """Verification and validation on every test but free decays; `names` are those fitted."""
     natural_hz = float(np.mean(source.draws["omega_n"])) / (2 * np.pi)
     loops: tuple[Test, ...] = ()
-    if found.linear is not None:
-        natural_hz = found.linear.natural_hz
+    if identification.linear is not None:
+        natural_hz = identification.linear.natural_hz
         loops = loop_tests(tests, natural_hz)
-    names, sweeps = _compared_sweeps(names, found.sweeps)
-    unseen = () if found.sweeps is None else found.sweeps.held_out
+    names, sweeps = _compared_sweeps(names, identification.sweeps)
+    unseen = () if identification.sweeps is None else identification.sweeps.held_out
     # Of the first mode as Step 2 has it, then of those beside it.
     bands = [(NEAR[0] * natural_hz, NEAR[1] * natural_hz), *bands_of_modes(source.draws)[1:]]
     basis = source.basis
@@ -170,20 +170,20 @@ def _verify_forced(
         test: Test, num_draws: int = NUM_DRAWS, discrepancy: AtAmplitude | None = None
     ) -> Source:
         """What a test is compared with: all of its own run, where that was fitted."""
-        known = missed(test) if discrepancy is None else discrepancy
+        model_discrepancy = missed(test) if discrepancy is None else discrepancy
         return replace(
             source,
-            draws=basis.draws_for(test, num_draws, seed=source.seed, missed=known),
+            draws=basis.draws_for(test, num_draws, seed=source.seed, missed=model_discrepancy),
             references=of_run(simpler, basis.run_of(test), drive_of(test)),
-            model_error=basis.model_error(test, known),
+            model_error=basis.model_error(test, model_discrepancy),
         )
 
-    def add(kind: str, name: str, test: Test, one: Predicted) -> None:
-        attrs = {"noise": one.noise.says, **marks(test)}
-        extrapolation = one.extrapolation(basis)
+    def add(kind: str, name: str, test: Test, predicted: Predicted) -> None:
+        attrs = {"noise": predicted.noise.says, **marks(test)}
+        extrapolation = predicted.extrapolation(basis)
         if extrapolation is not None and not attrs["fitted"]:
             attrs["extrapolation"] = extrapolation
-        groups[place(f"verification/{kind}", name)] = one.dataset.assign_attrs(attrs)
+        groups[place(f"verification/{kind}", name)] = predicted.dataset.assign_attrs(attrs)
 
     def add_frf(motion: Motion) -> None:
         name = motion.test.name
@@ -192,17 +192,17 @@ def _verify_forced(
         groups[place("verification/frf", name)] = frf
 
     def marks(test: Test) -> dict[str, Any]:
-        known = {"fitted": int(test.name in names), "offsets": int(len(basis.scatter) > 0)}
-        missed = not known["fitted"] and basis.misses
-        return {**known, "scatter": int(basis.scatters(test)), "discrepancy": int(missed)}
+        flags = {"fitted": int(test.name in names), "offsets": int(len(basis.scatter) > 0)}
+        missed = not flags["fitted"] and basis.misses
+        return {**flags, "scatter": int(basis.scatters(test)), "discrepancy": int(missed)}
 
     def add_sweep(test: Test) -> None:
-        own = beside(test)
-        motion = motion_of(own, test)
+        test_source = beside(test)
+        motion = motion_of(test_source, test)
         attempt(test, partial(add_frf, motion), "frequency response of ")
-        one = Predicted(compare_records(own, motion), motion.peak, motion.noise)
-        shown = one.dataset.assign_attrs(seen=int(all(test is not each for each in unseen)))
-        add("sweep", test.name, test, one._replace(dataset=shown))
+        predicted = Predicted(compare_records(test_source, motion), motion.peak, motion.noise)
+        shown = predicted.dataset.assign_attrs(seen=int(all(test is not other for other in unseen)))
+        add("sweep", test.name, test, predicted._replace(dataset=shown))
 
     def add_response(test: Test) -> None:
         draws = beside(test, NUM_FEW, NOTHING)
@@ -211,16 +211,16 @@ def _verify_forced(
     def add_curves(same: Sequence[str], discrepancy: AtAmplitude) -> None:
         together = [curves[name] for name in same]
         compared = predict_curves(beside(together[0].test, discrepancy=discrepancy), together)
-        for name, curve, one in zip(same, together, compared, strict=True):
-            add("curve", name, curve.test, one)
+        for name, curve, predicted in zip(same, together, compared, strict=True):
+            add("curve", name, curve.test, predicted)
 
     def add_test(test: Test) -> None:
-        one = route_of(test)(beside(test, NUM_FEW if test.is_cyclic else NUM_DRAWS), test)
-        add(test.kind, test.name, test, one)
+        predicted = route_of(test)(beside(test, NUM_FEW if test.is_cyclic else NUM_DRAWS), test)
+        add(test.kind, test.name, test, predicted)
 
     def add_points(test: Test) -> None:
-        for name, one in predict_apart(beside(test), test):
-            add(PLACE, name, test, one)
+        for name, predicted in predict_apart(beside(test), test):
+            add(PLACE, name, test, predicted)
 
     def add_validation(test: Test) -> None:
         validated = loop_validation(test, beside(test, discrepancy=NOTHING).draws, basis.laws)
@@ -241,11 +241,11 @@ def _verify_forced(
     rest = [test for test in tests if test.name not in validating]
     curves = curves_of([test for test in rest if test.name in names])
     curves |= curves_of([test for test in rest if test.name not in names], " (held out)")
-    alike: dict[tuple[str | None, str, AtAmplitude], list[str]] = {}
+    names_by_conditions: dict[tuple[str | None, str, AtAmplitude], list[str]] = {}
     for name, curve in curves.items():
         place_of = basis.run_of(curve.test), drive_of(curve.test), missed(curve.test)
-        alike.setdefault(place_of, []).append(name)
-    for (_, _, discrepancy), same in alike.items():
+        names_by_conditions.setdefault(place_of, []).append(name)
+    for (_, _, discrepancy), same in names_by_conditions.items():
         attempt(curves[same[0]].test, partial(add_curves, same, discrepancy), "curve of ")
     for test in tests:
         if test.traits.is_prescribed or test.is_cyclic or has_groups_alone(test):
@@ -276,19 +276,19 @@ def with_predictions(found: Verdict, tree: xr.DataTree) -> Verdict:
     """
     found = judge([*found.findings, *prediction_findings(tree)])
     tests = _predicted(tree).values()
-    known = [one for one in tests if np.isfinite(one["nrmse"])]
-    fitted = [one["nrmse"] for one in known if one.get("fitted")]
+    compared = [attrs for attrs in tests if np.isfinite(attrs["nrmse"])]
+    fitted = [attrs["nrmse"] for attrs in compared if attrs.get("fitted")]
     unseen = [
-        one
-        for one in known
-        if not one.get("fitted") and one.get("extrapolation", 1.0) <= CARRIED_ON
+        attrs
+        for attrs in compared
+        if not attrs.get("fitted") and attrs.get("extrapolation", 1.0) <= CARRIED_ON
     ]
     missed = [
-        one["nrmse"]
-        for one in unseen
-        if one.get("discrepancy") or one.get("coverage", 1.0) < LEAST_COVERAGE
+        attrs["nrmse"]
+        for attrs in unseen
+        if attrs.get("discrepancy") or attrs.get("coverage", 1.0) < LEAST_COVERAGE
     ]
-    errors = [one["nrmse"] for one in unseen]
+    errors = [attrs["nrmse"] for attrs in unseen]
     return within_unseen(found, fitted, errors, "held-out tests", missed=missed)
 
 
@@ -296,10 +296,10 @@ def _predicted(tree: xr.DataTree) -> Mapping[str, Mapping[str, Any]]:
     """Attributes of every test beside its prediction, by name."""
     parents = tree["verification"].children if "verification" in tree.children else {}
     return {
-        name: {"group": group, **{str(key): value for key, value in one.attrs.items()}}
+        name: {"group": group, **{str(key): value for key, value in node.attrs.items()}}
         for group, parent in parents.items()
-        for name, one in parent.children.items()
-        if "nrmse" in one.attrs
+        for name, node in parent.children.items()
+        if "nrmse" in node.attrs
     }
 
 
@@ -383,9 +383,9 @@ def _coverage(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
         f"runs differ. {put('identify', 'offsets', 'runs')}"
     )
     ok = shares[worst] >= LEAST_COVERAGE
-    found = checked("held_out_coverage", ok, reason, shares[worst], action)
+    finding = checked("held_out_coverage", ok, reason, shares[worst], action)
     far = max(float(tests[name].get("nrmse", np.inf)) for name in shares)
     if not ok and far <= CLOSE:
-        said = f"Yet every such test is predicted to {far:.2g} of its rms or better."
-        found = amended(found, "usable", said)
-    return [found]
+        remark = f"Yet every such test is predicted to {far:.2g} of its rms or better."
+        finding = amended(finding, "usable", remark)
+    return [finding]
