@@ -63,8 +63,8 @@ def solver_change(
     finer = halved(data)
     if finer is None:
         return None
-    terms = (at_points(log_likelihood, theta, each) for each in (finer, data))
-    fine, coarse = (each.sum(axis=1) for each in terms)
+    terms = (at_points(log_likelihood, theta, discretised) for discretised in (finer, data))
+    fine, coarse = (term.sum(axis=1) for term in terms)
     return fine - coarse
 
 
@@ -144,11 +144,11 @@ def within_misfit(found: Verdict, error: Mapping[str, float]) -> Verdict:
     worst = max(error, key=lambda label: np.nan_to_num(error[label], nan=np.inf), default=None)
     if worst is None or not error[worst] <= CLOSE:
         return found
-    said = (
+    sentence = (
         f"The fit leaves {error[worst]:.2g} of {worst}, and less of every other test: within this "
         "the law may be used, for motions as large as those that were fitted."
     )
-    return qualified(found, OF_MISFIT, said)
+    return qualified(found, OF_MISFIT, sentence)
 
 
 def within_unseen(
@@ -176,23 +176,25 @@ def within_unseen(
     if not len(fitted) or not len(unseen):
         return found
     missed = unseen if missed is None else missed
-    known, beyond = rms(fitted), rms(unseen)
-    holds = not len(missed) or rms(missed) <= MOST_BEYOND * known
-    said = f"Error of {which}: {beyond:.2g} of the rms, against {known:.2g} of the fitted ones"
+    fitted_error, beyond = rms(fitted), rms(unseen)
+    holds = not len(missed) or rms(missed) <= MOST_BEYOND * fitted_error
+    sentence = (
+        f"Error of {which}: {beyond:.2g} of the rms, against {fitted_error:.2g} of the fitted ones"
+    )
     if not holds:
-        said += (
+        sentence += (
             f", more than {MOST_BEYOND:g} times as much: what was not fitted is not predicted to "
             "the error of what was"
         )
-    elif beyond > MOST_BEYOND * known:
-        said += ", and the 99 % bands hold them"
-    said += "."
+    elif beyond > MOST_BEYOND * fitted_error:
+        sentence += ", and the 99 % bands hold them"
+    sentence += "."
     action = "Fit the tests that are missed too, or look for what differs between them: jbw look."
     return judge(
-        amended(one, "usable" if holds else "failed", said, "" if holds else action)
-        if one.status == "usable" and one.code in OF_USE
-        else one
-        for one in found.findings
+        amended(finding, "usable" if holds else "failed", sentence, "" if holds else action)
+        if finding.status == "usable" and finding.code in OF_USE
+        else finding
+        for finding in found.findings
     )
 
 

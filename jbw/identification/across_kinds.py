@@ -112,8 +112,8 @@ def across_kinds_sentence(predicted: xr.Dataset) -> str:
         for kind, row in kinds.items()
         if row["rests_on"]
     ]
-    given = " and their own natural frequency" if predicted.attrs["own_frequency"] else ""
-    sentence = f"RMS error of each kind of test, predicted from the other kinds{given}: "
+    proviso = " and their own natural frequency" if predicted.attrs["own_frequency"] else ""
+    sentence = f"RMS error of each kind of test, predicted from the other kinds{proviso}: "
     known_by = f" Identified: {'; '.join(needed)}." if needed else ""
     return f"{sentence}{'; '.join(errors)}.{known_by}"
 

@@ -55,8 +55,8 @@ class Measured:
         linear = self.linear
         if linear is None:
             return ()
-        alike = [test for test in self.tests if drive_of(test) == drive_of(linear.test)]
-        return selection.probing_tests(alike, linear.natural_hz)
+        same_drive = [test for test in self.tests if drive_of(test) == drive_of(linear.test)]
+        return selection.probing_tests(same_drive, linear.natural_hz)
 
     @property
     def swept(self) -> list[Test]:
@@ -131,8 +131,8 @@ def assemble(seen: Measured) -> Dataset:
     parts: list[Observable] = []
     if linear is not None and linear.test.name in _names(seen.chosen):
         if not linear.test.traits.is_periodic:  # random motion enters by its line fit alone
-            own = gain_of(gain, drive_of(linear.test))
-            parts.append(reading_of(linear, own, seen.laws))
+            linear_gain = gain_of(gain, drive_of(linear.test))
+            parts.append(reading_of(linear, linear_gain, seen.laws))
     parts += _reduced(_reducible(seen), seen)
     if not parts:
         raise DataError(
@@ -157,18 +157,18 @@ def assemble(seen: Measured) -> Dataset:
 
 def _held(parts: Sequence[Observable], gain: Gain, tests: Sequence[Test]) -> dict[str, float]:
     """What is not inferred: gains that are stated, and what no part can tell."""
-    others, own = attached(parts), parts_of("", parts)
-    informed = informed_by(own)
-    first = next((part.drive for part in own if part.drive), "")
-    known = gain_of(gain, "force" if others and first not in FED else first)
-    held = {} if known is None else {"gain": known}
+    others, first_parts = attached(parts), parts_of("", parts)
+    informed = informed_by(first_parts)
+    first = next((part.drive for part in first_parts if part.drive), "")
+    stated_gain = gain_of(gain, "force" if others and first not in FED else first)
+    held = {} if stated_gain is None else {"gain": stated_gain}
     if "gain" not in informed:  # nothing tells the modal mass: per kilogram
-        held = {"gain": known or 1.0}
+        held = {"gain": stated_gain or 1.0}
     if "zeta" not in informed:  # nothing moves freely, and nothing is damped
         held["zeta"] = 0.0
     stated = {named("gain", drive): gain_of(gain, drive) for drive in others}
     loops = any(test.traits.is_prescribed for test in tests)
-    if loops and known is None and ((others and "gain" in held) or first in FED):
+    if loops and stated_gain is None and ((others and "gain" in held) or first in FED):
         raise DataError(
             "Loops beside tests driven by a shaker's feed need the modal mass; nothing tells it.",
             why="A measured force or a free decay would; a voltage or a current does not.",
@@ -202,11 +202,11 @@ def entered(seen: Measured) -> dict[str, bool]:
 def fitted_repeats(seen: Measured) -> dict[str, int]:
     """How many repeats of each sweep and free decay are fitted, by its name."""
     sweeps = () if seen.sweeps is None else seen.sweeps.fitted
-    found = {test.name: len(test.records) for test in sweeps}
+    counts = {test.name: len(test.records) for test in sweeps}
     if seen.decays is not None:
         first = seen.decays.names[: len(seen.decays.fitted.records)]
-        found |= Counter(name.rpartition(" ")[0] for name in first)
-    return found
+        counts |= Counter(name.rpartition(" ")[0] for name in first)
+    return counts
 
 
 def single_records(seen: Measured) -> list[list[Observable]]:
@@ -214,18 +214,18 @@ def single_records(seen: Measured) -> list[list[Observable]]:
 
     Tests without so many are left out, and so is a number of which no test can be reduced.
     """
-    usable, found = _reducible(seen), []
+    usable, by_record = _reducible(seen), []
     for i in range(max((len(test.records) for test in usable), default=0)):
-        kept = [
+        single = [
             replace(test, records=(test.records[i],)) for test in usable if len(test.records) > i
         ]
         try:
             with warnings.catch_warnings():  # of one repeat alone, and told of all together
                 warnings.simplefilter("ignore")
-                found.append(_reduced(kept, seen))
+                by_record.append(_reduced(single, seen))
         except JbwError:  # an average needs more, or a record is too short by itself
-            found.append([])
-    return found
+            by_record.append([])
+    return by_record
 
 
 def _reduced(tests: Sequence[Test], seen: Measured) -> list[Observable]:
@@ -234,14 +234,14 @@ def _reduced(tests: Sequence[Test], seen: Measured) -> list[Observable]:
     if worn := never_steady(seen.laws, {test.kind for test in tests}):
         raise ConfigError(f"Argument `laws`: {worn}")
     for observable in taking(several=seen.modes is not None):
-        own = [test for test in tests if test.kind in observable.kinds]
+        of_kind = [test for test in tests if test.kind in observable.kinds]
         stated: dict[str, Any] = {"laws": seen.laws, "substeps": seen.settings.substeps}
         if observable.several:
             stated["modes"] = seen.modes
-        for drive in dict.fromkeys(drive_of(test) for test in own):
-            alike = [test for test in own if drive_of(test) == drive]
-            found = with_steps(observable.reduce(alike, **stated), seen.modes, seen.settings)
-            parts += [replace(part, drive=drive, modes=seen.modes) for part in found]
+        for drive in dict.fromkeys(drive_of(test) for test in of_kind):
+            same_drive = [test for test in of_kind if drive_of(test) == drive]
+            reduced = with_steps(observable.reduce(same_drive, **stated), seen.modes, seen.settings)
+            parts += [replace(part, drive=drive, modes=seen.modes) for part in reduced]
     return parts
 
 

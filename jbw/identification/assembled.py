@@ -212,11 +212,11 @@ def joint_bounds(
         joints = split(name)[1]
         stiffness = min(numbers[name_at(STIFFNESS, joint)] for joint in joints)
         peak = max(_largest_motion(modes, data, joint) for joint in joints)
-        own = law_named(name).prior(Scales(sqrt(stiffness), zeta, peak))
-        beside = [law for law in data.laws if split(law)[1] == joints]
-        shares = {one.name for one in law_named(name).table if one.is_share}
-        for parameter, (low, high) in own.items():
-            high = high / len(beside) if parameter in shares else high
+        prior = law_named(name).prior(Scales(sqrt(stiffness), zeta, peak))
+        same_joints = [law for law in data.laws if split(law)[1] == joints]
+        shares = {quantity.name for quantity in law_named(name).table if quantity.is_share}
+        for parameter, (low, high) in prior.items():
+            high = high / len(same_joints) if parameter in shares else high
             bounds[parameter] = stated.get(parameter, (low, high))
             if parameter in shares and bounds[parameter][1] > stiffness:
                 raise ConfigError(
@@ -238,7 +238,9 @@ def _largest_motion(modes: Modes, data: Dataset, joint: str) -> float:
 def largest_amplitudes(modes: Modes, data: Dataset) -> Float[np.ndarray, " mode"]:
     """Largest amplitude of every driven mode; NaN of those that the first point hardly sees."""
     numbers, shares = dict(modes.numbers), np.abs(gain_shares(modes))
-    peaks = np.max([own for part in data.parts if (own := part.peaks_of_modes())], axis=0)
+    peaks = np.max(
+        [peaks_of_part for part in data.parts if (peaks_of_part := part.peaks_of_modes())], axis=0
+    )
     seen = np.array([numbers[seen_name(i)] for i in range(1, len(shares) + 1)])
     is_seen = shares > HARDLY_SEEN * shares.max()
     return np.where(is_seen, peaks / np.where(is_seen, np.abs(seen), 1.0), np.nan)

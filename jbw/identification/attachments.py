@@ -54,13 +54,15 @@ def foretold(tests: Sequence[Test], parts: Sequence[Observable]) -> list[Observa
 
     Beside a structure alone only, whose modes the force tells.
     """
-    found: list[Observable] = []
+    predictions: list[Observable] = []
     for drive in attached(parts):
-        beside = {part.drive for part in parts} - {"", *FED}
+        others = {part.drive for part in parts} - {"", *FED}
         readable = [test for test in tests if tells_shaker(test) and _feeds(test, drive)]
-        if not readable or not beside:
+        if not readable or not others:
             continue
-        test = min(readable, key=lambda one: rms(one.records[0].channels["input"]))
+        test = min(
+            readable, key=lambda readable_test: rms(readable_test.records[0].channels["input"])
+        )
         if (reading := _read(test)) is None:
             continue
         share = SHARE_OF_RESPONSE if _is_response(test.records[0]) else SHARE
@@ -69,19 +71,19 @@ def foretold(tests: Sequence[Test], parts: Sequence[Observable]) -> list[Observa
         mode = _nearest(reading, parts)
         mean, std = _change(reading, mode, share)
         words = _sentence(test, reading, mode, share)
-        found.append(Foretold.of(mean, std, drive, run, words, laws=parts[0].laws))
-    return found
+        predictions.append(Foretold.of(mean, std, drive, run, words, laws=parts[0].laws))
+    return predictions
 
 
 def _read(test: Test) -> ShakerReading | None:
     """The shaker, with as few modes in the band as it is read with; warns where with none."""
-    said = ""
+    reason = ""
     for modes in MOST_MODES:
         try:
             return read_shaker(test, modes)
         except JbwError as error:
-            said = said or " ".join(str(error).split())
-    warnings.warn(f"The shaker is not read. {said}", stacklevel=3)
+            reason = reason or " ".join(str(error).split())
+    warnings.warn(f"The shaker is not read. {reason}", stacklevel=3)
     return None
 
 
@@ -100,8 +102,8 @@ def _is_response(record: Record) -> bool:
 
 def _nearest(reading: ShakerReading, parts: Sequence[Observable]) -> int:
     """Number of the mode that is the joint's own: nearest to where the data have it."""
-    told = (part.first_values().get("omega_n") for part in parts)
-    omega = next(filter(None, told), reading.modes.omega[0])
+    frequencies = (part.first_values().get("omega_n") for part in parts)
+    omega = next(filter(None, frequencies), reading.modes.omega[0])
     return int(np.argmin(np.abs(reading.modes.omega - omega)))
 
 
@@ -121,15 +123,17 @@ def _sentence(test: Test, reading: ShakerReading, mode: int, share: float) -> st
         if share > SHARE
         else "with a standard deviation of "
     )
-    said = (
+    sentence = (
         f"The shaker was read on {test.name}: its attachment predicts omega_n and zeta, {how}"
         f"{share:.0%} of the change. It adds {added:+.2%} to the modal mass, by which the joint's "
         "share of the stiffness differs too; that is left out."
     )
     if abs(added) > HEAVY:
-        said += f" Beyond {HEAVY:.0%} that matters: fit the tests of either drive apart, or move "
-        said += "the shaker to where the mode moves less."
-    return said
+        sentence += (
+            f" Beyond {HEAVY:.0%} that matters: fit the tests of either drive apart, or move "
+        )
+        sentence += "the shaker to where the mode moves less."
+    return sentence
 
 
 def drive_sentences(theta: Mapping[str, Any], data: Dataset) -> list[str]:
@@ -141,14 +145,14 @@ def drive_sentences(theta: Mapping[str, Any], data: Dataset) -> list[str]:
             "structure with its shaker, whose armature moves along."
         ]
     everything = {**data.held, **theta}
-    said = []
+    sentences = []
     for drive in attached(data.parts):
         if label_of(drive) in data.labels:
             continue
         omega, zeta = (float(everything[named(name, drive)]) for name in ("omega_n", "zeta"))
-        own = mode_words(float(everything["omega_n"]), float(everything["zeta"]))
-        said.append(
+        unloaded = mode_words(float(everything["omega_n"]), float(everything["zeta"]))
+        sentences.append(
             f"Driven by {drive} the mode lies at {mode_words(omega, zeta)}, with its shaker; "
-            f"otherwise at {own}."
+            f"otherwise at {unloaded}."
         )
-    return said
+    return sentences

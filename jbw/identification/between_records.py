@@ -47,16 +47,16 @@ def between_records(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
     records.
     """
     records = data.runs
-    alone = all(part.own_shifts for part in data.parts)
-    if not (alone and data.laws and len(records) >= FEWEST):
+    decays_alone = all(part.own_shifts for part in data.parts)
+    if not (decays_alone and data.laws and len(records) >= FEWEST):
         return None
-    whole, error = _known(best, data)
+    together, error = _known(best, data)
     fits = {record: refit(best, prior, _only(record, data)) for record in records}
-    each = [_known(fitted, data) for fitted in fits.values()]
-    names = list(whole)
-    size = np.abs(np.array([whole[name] for name in names]))
-    estimate = np.array([[values[name] for name in names] for values, _ in each])
-    std = np.array([[errors[name] for name in names] for _, errors in each])
+    by_record = [_known(fitted, data) for fitted in fits.values()]
+    names = list(together)
+    size = np.abs(np.array([together[name] for name in names]))
+    estimate = np.array([[values[name] for name in names] for values, _ in by_record])
+    std = np.array([[errors[name] for name in names] for _, errors in by_record])
     std = std * _own_errors(fits, data)[:, None]
     scatter = [
         _scatter(*columns) for columns in zip((estimate / size).T, (std / size).T, strict=True)
@@ -80,16 +80,16 @@ def _own_errors(fits: Mapping[str, Fit], data: Dataset) -> NDArray[np.float64]:
     $\sqrt{(\sigma_i^2 / f) / (\sigma^2 / f_{all})}$: what one law leaves of all records is
     misfit, of which little is left of each, and a larger fraction f of that is independent.
     """
-    left = {record: left_by_label(fit.residual, data)[record] for record, fit in fits.items()}
-    fraction = correlated_fraction(np.stack(list(left.values())))
-    known = fractions_counted(data)
+    residuals = {record: left_by_label(fit.residual, data)[record] for record, fit in fits.items()}
+    fraction = correlated_fraction(np.stack(list(residuals.values())))
+    fraction_of_all = fractions_counted(data)
     noise = dict(zip(data.labels, np.concatenate([_noise(p) for p in data.parts]), strict=True))
     ratios = []
     for record, fitted in fits.items():
-        values = left[record]
+        values = residuals[record]
         degrees = max(2 * len(values) - NUM_OWN - len(fitted.theta), 1)
         variance = float(np.sum(np.abs(values) ** 2)) / degrees
-        ratios.append(variance / noise[record] ** 2 * known[record] / fraction)
+        ratios.append(variance / noise[record] ** 2 * fraction_of_all[record] / fraction)
     return np.sqrt(ratios)
 
 
@@ -112,12 +112,12 @@ def _known(fitted: Fit, data: Dataset) -> tuple[dict[str, float], dict[str, floa
 
     def quantities(x: Float[Array, " parameter"]) -> dict[str, Array]:
         theta = {**as_arrays(fitted.theta, data), **dict(zip(names, x, strict=True))}
-        found = {"zeta": theta["zeta"]} if "zeta" in names else {}
+        by_name = {"zeta": theta["zeta"]} if "zeta" in names else {}
         for law in laws_named(data.laws):
             parameters = law.of(theta).parameters()
             for product in law.products:
-                found[product.quantity.name] = product.of({**theta, **parameters})
-        return found
+                by_name[product.quantity.name] = product.of({**theta, **parameters})
+        return by_name
 
     x = jnp.asarray(list(fitted.theta.values()))
     values, slopes = quantities(x), jax.jacfwd(quantities)(x)
@@ -169,12 +169,12 @@ def between_finding(between: xr.Dataset) -> Finding:
         if tau > 0 and name != names[worst]
     ]
     also = f" ({', '.join(others)})" if others else ""
-    known, mean = 100 * REACH * error[worst], 100 * REACH * wide[worst]
+    half_width, mean = 100 * REACH * error[worst], 100 * REACH * wide[worst]
     reason = (
         f"Fitted each by itself, the {count} records scatter by {100 * scatter[worst]:.2g} % of "
         f"{names[worst]}{also} beyond their own errors. The 99 % interval of {names[worst]} is "
-        f"+-{known:.2g} % for a law that holds in all of them; for other records like these it is "
-        f"+-{mean:.2g} %."
+        f"+-{half_width:.2g} % for a law that holds in all of them; for other records like these "
+        f"it is +-{mean:.2g} %."
     )
     action = (
         "Quote the wider interval, and look for what differs between the records, as the size of "

@@ -72,10 +72,10 @@ class Diagnosis(NamedTuple):
 def readings_of(data: Dataset) -> AmplitudeCurve | None:
     """All readings of frequency and damping against amplitude, of decays and of held responses."""
     parts = parts_of("", data.parts)  # of one drive: another's begin at another damping
-    found = [one for part in parts if (one := part.amplitude_readings()) is not None]
-    if not found:
+    curves = [readings for part in parts if (readings := part.amplitude_readings()) is not None]
+    if not curves:
         return None
-    curve = AmplitudeCurve(*map(np.concatenate, zip(*found, strict=True)))
+    curve = AmplitudeCurve(*map(np.concatenate, zip(*curves, strict=True)))
     takes_in = curve.zeta > 0  # a joint cannot give energy out: such a reading is none
     return AmplitudeCurve(*(values[takes_in] for values in curve)) if takes_in.any() else None
 
@@ -148,14 +148,14 @@ def _read(curve: AmplitudeCurve, y_max: float) -> Sequence[float]:
         middle, centre = share @ power, share @ values
         across, along = power - middle, values - centre
         change = (share * across) @ along / ((share * across) @ across)
-        left = along - change * across
-        return np.array([centre - change * middle, change]), float(np.sum((x * left) ** 2))
+        residual = along - change * across
+        return np.array([centre - change * middle, change]), float(np.sum((x * residual) ** 2))
 
     def exponent(values: Float[np.ndarray, " point"]) -> float:
-        found: Any = minimize_scalar(
+        minimum: Any = minimize_scalar(
             lambda e: line(values, e)[1], bounds=EXPONENTS, method="bounded"
         )
-        return float(found.x)
+        return float(minimum.x)
 
     q, p = exponent(curve.omega), exponent(curve.zeta)
     (omega, lost), _ = line(curve.omega, q)
@@ -204,27 +204,27 @@ def diagnosis_sentences(found: Diagnosis) -> list[str]:
     (low, _, high), p = found.softening, found.damping_exponent
     if low <= 0.0 <= high:
         grows = found.damping[0] > 0.0
-        alike = "as by Dahl's law or a damper" if grows else "as of sliders that all stick"
-        return [first, f"No softening is seen that damping could be compared with, {alike}."]
+        likeness = "as by Dahl's law or a damper" if grows else "as of sliders that all stick"
+        return [first, f"No softening is seen that damping could be compared with, {likeness}."]
     if high < 0.0:
         return [first, "The joint hardens: an elastic stiffness grows with amplitude."]
-    said = (
+    sentence = (
         f"Damping over softening is {_number(found.ratio)}; Masing's laws have "
         f"{found.masing[1]:.2g}"
     )
     low, share, high = found.elastic
     if low > 0.0 and share > CLOSE:
-        said += f": {_percent(found.elastic)} of the softening is elastic, or of no Masing law."
+        sentence += f": {_percent(found.elastic)} of the softening is elastic, or of no Masing law."
     elif high < 0.0 and share < -CLOSE:
-        said += ": there is damping that does not soften."
+        sentence += ": there is damping that does not soften."
     else:
-        said += ": the data agree with sliders."
-    said += f" For a Bouc-Wen law gamma/delta is {_number(found.opening)}."
+        sentence += ": the data agree with sliders."
+    sentence += f" For a Bouc-Wen law gamma/delta is {_number(found.opening)}."
     if not all(low <= 1.0 <= high for low, _, high in (found.softening_exponent, p)):
-        return [first, said]
+        return [first, sentence]
     return [
         first,
-        said,
+        sentence,
         f"A smooth spring c y|y| of c = {_number(found.spring)} 1/(m s^2) and a damper c v|v| of "
         f"c = {_number(found.damper)} 1/m do as much: such readings alone prove no hysteresis.",
     ]

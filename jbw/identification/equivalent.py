@@ -161,12 +161,12 @@ def within_response(
         spans.append(float((high - low) / (2 * abs(middle))))
     if not all(span <= KNOWN for span in spans):
         return found
-    said = (
+    sentence = (
         f"What they do together is known: at {1e3 * y_peak:.2g} mm the change of frequency to "
         f"{spans[0]:.0%} and the damping to {spans[1]:.0%} (half of the 99 % intervals); use "
         "products and responses, no parameter alone, and no motion much larger."
     )
-    return qualified(found, ("unidentified",), said)
+    return qualified(found, ("unidentified",), sentence)
 
 
 def effects_sentence(found: Effects, y_peak: float) -> str:

@@ -19,8 +19,8 @@ from jbw.quantities import LINEAR, STUCK
 
 PLAIN = {"omega_n": (0.5, 1.5), "zeta": (1e-2, 1e2), "gain": (0.1, 10.0)}  # times the joint's
 APART = ((0.95, 1.05), *list(PLAIN.values())[1:])  # of further modes, which keep their places
-REACH = {one.name: PLAIN[plain(one.name)] for one in LINEAR}
-REACH |= {one.name: APART[i % 3] for i, one in enumerate(STUCK[len(LINEAR) :])}
+REACH = {quantity.name: PLAIN[plain(quantity.name)] for quantity in LINEAR}
+REACH |= {quantity.name: APART[i % 3] for i, quantity in enumerate(STUCK[len(LINEAR) :])}
 CLOSE = {"max_evaluations": 40, "tolerance": 1e-6}  # an error of two digits needs no more
 
 
@@ -29,8 +29,8 @@ def scatter_of_means(data: Dataset) -> float | None:
 
     The root mean square over the groups. What a fit leaves is of that mean.
     """
-    found = [x for part in data.parts for x in part.mean_repeatability().values()]
-    return rms(found) if found else None
+    scatters = [x for part in data.parts for x in part.mean_repeatability().values()]
+    return rms(scatters) if scatters else None
 
 
 def own_lines(data: Dataset, known: Mapping[str, float]) -> dict[str, float]:
@@ -55,17 +55,17 @@ def _own_line(
     runs: Sequence[str],
     data: Dataset,
     bounds: Mapping[str, tuple[float, float]],
-    known: Mapping[str, float],
+    estimates: Mapping[str, float],
 ) -> float:
     used = used_by([part for part in data.parts if run in part.runs], bounds)
     within = box({name: bounds[name] for name in bounds if name in used})
-    alone = data
+    single = data
     for other in runs:
-        alone = alone if other == run else dataset.without(other, alone)
-    start = {name: known[name] for name in within.names}
-    best = costly_fit(dataset.stacked, within, alone, starts=start, **CLOSE)
-    left = dataset.left_by_label(best.residual, alone)
-    error = dataset.error_by_label(left, alone)
+        single = single if other == run else dataset.without(other, single)
+    start = {name: estimates[name] for name in within.names}
+    best = costly_fit(dataset.stacked, within, single, starts=start, **CLOSE)
+    residuals = dataset.left_by_label(best.residual, single)
+    error = dataset.error_by_label(residuals, single)
     pairs = zip(data.labels, data.runs, strict=True)
     return rms([error[label] for label, name in pairs if name == run and label in error])
 

@@ -107,31 +107,31 @@ def factors_of(
 def powers(unit: str) -> tuple[int, int] | None:
     """Powers of length and time in a unit such as `1/(m s^2)`; None of one with others in it."""
     above, _, below = unit.partition("/")
-    found = np.zeros(2, int)
+    exponents = np.zeros(2, int)
     for part, sign in ((above, 1), (below.strip("()"), -1)):
         for factor in part.split():
             name, _, power = factor.partition("^")
             if name not in POWER or not re.fullmatch(r"\d*", power):
                 return None
-            found += sign * int(power or 1) * np.array(POWER[name])
-    return int(found[0]), int(found[1])
+            exponents += sign * int(power or 1) * np.array(POWER[name])
+    return int(exponents[0]), int(exponents[1])
 
 
 def with_factors(posterior: xr.Dataset, factors: Factors, laws: Sequence[str] = ()) -> xr.Dataset:
     """A posterior in which every draw is of the joint in its own true units."""
     theta = {str(name): values.values for name, values in posterior.data_vars.items()}
-    beside = [law.of(theta).powers_of_length() for law in laws_named(laws)]
-    lengths = {name: power for known in beside for name, power in known.items()}
+    law_powers = [law.of(theta).powers_of_length() for law in laws_named(laws)]
+    lengths = {name: power for powers_of_law in law_powers for name, power in powers_of_law.items()}
     scaled = {}
     for name, values in posterior.data_vars.items():
-        known = powers(str(values.attrs.get("units", "")))
+        exponents = powers(str(values.attrs.get("units", "")))
         if plain(str(name)) in GAINS:
             factor = factors.gain
-        elif known is None or (known == (0, 0) and name not in lengths):
+        elif exponents is None or (exponents == (0, 0) and name not in lengths):
             continue
         else:
-            power = known[0] + np.asarray(lengths.get(str(name), 0.0))
-            factor = factors.length**power * factors.time ** known[1]
+            power = exponents[0] + np.asarray(lengths.get(str(name), 0.0))
+            factor = factors.length**power * factors.time ** exponents[1]
         extra = (1,) * (values.ndim - factor.ndim)
         scaled[name] = (values.dims, values.values * factor.reshape(*factor.shape, *extra))
     return posterior.assign({name: (*pair, posterior[name].attrs) for name, pair in scaled.items()})
@@ -185,9 +185,11 @@ def with_instruments(
         for name, change in moved.items()
         if name in scaled
     }
-    own = scaled.assign({name: (*pair, posterior[name].attrs) for name, pair in changed.items()})
-    derived = law_variables(own[list(moved)], data)
-    return own.assign({name: values for name, values in derived.items() if name in scaled})
+    corrected = scaled.assign(
+        {name: (*pair, posterior[name].attrs) for name, pair in changed.items()}
+    )
+    derived = law_variables(corrected[list(moved)], data)
+    return corrected.assign({name: values for name, values in derived.items() if name in scaled})
 
 
 def instruments_sentence(stated: Instruments, sensors: Sensors | None) -> str:
@@ -200,14 +202,18 @@ def instruments_sentence(stated: Instruments, sensors: Sensors | None) -> str:
             "several kinds, whose calibrations scale no parameter alone. Identify tests of one "
             "kind each in campaigns of their own."
         )
-    taken = [f"the clock ({stated.fs_std:.2g})"] if _clocked(stated, sensors) else []
+    included = [f"the clock ({stated.fs_std:.2g})"] if _clocked(stated, sensors) else []
     roles = (sensors.response, sensors.source)
-    taken += [f"{role} ({stated.gain_std[role]:.2g})" for role in roles if role in stated.gain_std]
+    included += [
+        f"{role} ({stated.gain_std[role]:.2g})" for role in roles if role in stated.gain_std
+    ]
     lacking = [] if stated.fs_std or sensors.is_prescribed else ["`fs_std`"]
     lacking += [f"`gain_std` of {role}" for role in roles if role and role not in stated.gain_std]
-    said = f"Intervals include the stated errors of {', '.join(taken) or 'nothing that is read'}"
-    said += f"; not stated: {', '.join(lacking)}" if lacking else ""
-    return f"{said}. Bands of predictions are as the same instruments would read them."
+    sentence = (
+        f"Intervals include the stated errors of {', '.join(included) or 'nothing that is read'}"
+    )
+    sentence += f"; not stated: {', '.join(lacking)}" if lacking else ""
+    return f"{sentence}. Bands of predictions are as the same instruments would read them."
 
 
 def _clocked(stated: Instruments, sensors: Sensors) -> bool:

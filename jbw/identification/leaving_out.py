@@ -57,7 +57,7 @@ def fits_without_each_run(best: Fit, prior: Box, data: Dataset) -> FitsWithout:
     fits: dict[tuple[str, ...], Fit] = {}
     for place, group in enumerate(groups, start=1):
         under_way.info("fit without run %d of %d", place, len(groups))
-        rest = reduce(lambda known, run: excluded(run, known), group, data)
+        rest = reduce(lambda remaining, run: excluded(run, remaining), group, data)
         fits[group] = refit(best, prior, rest)
     return fits
 
@@ -86,15 +86,15 @@ def leave_one_out(
     others = [without(run, data) for run in runs]
     pairs = zip(fits, others, strict=True)
     growth = np.array([_gained(best, fit, prior, rest) for fit, rest in pairs])
-    estimate = np.array([list(one.theta.values()) for one in fits])
-    std = np.array([np.sqrt(np.diag(one.covariance)) for one in fits])
+    estimate = np.array([list(fit.theta.values()) for fit in fits])
+    std = np.array([np.sqrt(np.diag(fit.covariance)) for fit in fits])
     variance = np.diag(best.covariance)
     gained = std**2 - variance
-    known = gained > LEAST_GAIN * variance
+    is_gained = gained > LEAST_GAIN * variance
     change = estimate - np.array(list(best.theta.values()))
     most = np.sqrt(growth)[:, None] * std
-    z = np.clip(change, -most, most) / np.sqrt(np.where(known, gained, np.nan))
-    error = [_error(run, one, prior, data) for run, one in zip(runs, fits, strict=True)]
+    z = np.clip(change, -most, most) / np.sqrt(np.where(is_gained, gained, np.nan))
+    error = [_error(run, fit, prior, data) for run, fit in zip(runs, fits, strict=True)]
     fitted = [_error(run, best, prior, data) for run in runs]
     dims = ("run", "parameter")
     return xr.Dataset(
@@ -129,19 +129,19 @@ def _error(run: str, without_it: Fit, prior: Box, data: Dataset) -> float:
     Its damping ratio is not, which the law has to tell.
     """
     scored = own_frequency_alone(data)
-    left = left_by_label(residual_at(stacked, without_it.x, prior, scored), scored)
+    residuals = left_by_label(residual_at(stacked, without_it.x, prior, scored), scored)
     sizes = size_by_label(data)
-    own = [label for label, name in zip(data.labels, data.runs, strict=True) if name == run]
-    known = [label for label in own if label in sizes]  # a line fit of the run has no size
-    missed = np.linalg.norm(np.concatenate([left[label] for label in known]))
-    return float(missed / np.linalg.norm([sizes[label] for label in known]))
+    labels = [label for label, name in zip(data.labels, data.runs, strict=True) if name == run]
+    sized = [label for label in labels if label in sizes]  # a line fit of the run has no size
+    missed = np.linalg.norm(np.concatenate([residuals[label] for label in sized]))
+    return float(missed / np.linalg.norm([sizes[label] for label in sized]))
 
 
 def left_out_sentence(left_out: xr.Dataset) -> str:
     """How well each run is predicted by the others, in words."""
     errors = [f"{error.run.item()} {100 * error.item():.2g} %" for error in left_out["error"]]
-    given = ", with its own natural frequency" * left_out["error"].attrs.get("own_frequency", 0)
-    return f"RMS error of each session, predicted from the others{given}: {', '.join(errors)}."
+    proviso = ", with its own natural frequency" * left_out["error"].attrs.get("own_frequency", 0)
+    return f"RMS error of each session, predicted from the others{proviso}: {', '.join(errors)}."
 
 
 def consistency_finding(left_out: xr.Dataset, laws: Sequence[str] = ()) -> Finding:

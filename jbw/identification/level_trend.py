@@ -42,9 +42,9 @@ def slope_of(x: Values, offset: Values, std: Values) -> Slope:
     middle = np.average(x, weights=weight)
     spread = np.sum(weight * (x - middle) ** 2)
     value = float(np.sum(weight * (x - middle) * offset) / spread)
-    left = offset - np.average(offset, weights=weight) - value * (x - middle)
+    residual = offset - np.average(offset, weights=weight) - value * (x - middle)
     dof = len(x) - 2
-    error = float(np.sqrt(np.sum(weight * left**2) / dof / spread))
+    error = float(np.sqrt(np.sum(weight * residual**2) / dof / spread))
     return Slope(value, error, float(2 * stats.t.sf(abs(value) / error, dof)))
 
 
@@ -57,17 +57,17 @@ def _scatter(offset: Values, std: Values) -> float:
 def trend_finding(shifts: Shifts, data: Dataset) -> Finding | None:
     """Whether offsets of frequency or damping go with the motion; None of too few runs."""
     sizes = sizes_of(data)
-    places = [i for i, name in enumerate(shifts.runs) if name in sizes]
-    x = np.array([sizes[shifts.runs[i]] for i in places])
-    if len(places) < FEWEST or np.ptp(x) <= 0:
+    indices = [i for i, name in enumerate(shifts.runs) if name in sizes]
+    x = np.array([sizes[shifts.runs[i]] for i in indices])
+    if len(indices) < FEWEST or np.ptp(x) <= 0:
         return None
     x = (x - x.min()) / np.ptp(x)  # a slope is then the change from the smallest to the largest
-    found = {
-        name: slope_of(x, shifts.offset[places, i], shifts.std[places, i])
+    slopes = {
+        name: slope_of(x, shifts.offset[indices, i], shifts.std[indices, i])
         for i, name in enumerate(OFFSETS)
     }
-    worst = min(found, key=lambda name: found[name].p)
-    return _told(worst, found[worst], len(places), data)
+    worst = min(slopes, key=lambda name: slopes[name].p)
+    return _told(worst, slopes[worst], len(indices), data)
 
 
 def _told(name: str, slope: Slope, count: int, data: Dataset) -> Finding:

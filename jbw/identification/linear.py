@@ -86,13 +86,15 @@ def line_fit(
     start = line_fit_start(part)
     extra = np.zeros(NUM_RESIDUALS[residuals])
     typical = np.concatenate([start, extra + np.abs(part.h).max()])
-    found = fit_lines(Lines((part,), 1, len(extra), smear), np.concatenate([start, extra]), typical)
-    upper, lower = (*found.theta[3:], 0.0, 0.0)[:2]
-    omega_n, zeta, gain = map(float, found.theta[:3])
+    optimum = fit_lines(
+        Lines((part,), 1, len(extra), smear), np.concatenate([start, extra]), typical
+    )
+    upper, lower = (*optimum.theta[3:], 0.0, 0.0)[:2]
+    omega_n, zeta, gain = map(float, optimum.theta[:3])
     fit = LineFit(
-        omega_n, zeta, gain, covariance=found.covariance[:3, :3],
+        omega_n, zeta, gain, covariance=optimum.covariance[:3, :3],
         upper=float(upper), lower=float(lower * part.omega.mean() ** 2),
-        chi_square=found.chi_square, dof=2 * len(part.h) - len(found.theta),
+        chi_square=optimum.chi_square, dof=2 * len(part.h) - len(optimum.theta),
         num_lines=len(part.h), band_hz=(float(part.freq[0]), float(part.freq[-1])), smeared=smear,
     )  # fmt: skip
     _warn_when_doubtful(fit, frf)

@@ -64,16 +64,18 @@ def linear_step(
     u = np.stack([(gain or 1.0) * record.channels[record.source] for record in timely])
     y = np.stack([record.channels[response] for record in timely])
     with told_together(test.name, len(test.records)):
-        each = (frf(one_u, one_y, fs, **how) for one_u, one_y in zip(u, y, strict=True))
+        estimates = (frf(one_u, one_y, fs, **how) for one_u, one_y in zip(u, y, strict=True))
         modal = None
         if modes:
             together = frf(u, y, fs, **how)
             modal = _joint_first(_modes_of(test, together, modes), counted=isinstance(modes, int))
-            known = list(modal.omega / (2 * np.pi))
-            fits = tuple(line_of(_modes_of(test, one, known)) for one in each)
+            frequencies = list(modal.omega / (2 * np.pi))
+            fits = tuple(line_of(_modes_of(test, estimate, frequencies)) for estimate in estimates)
         else:
             terms: Residuals = _terms_of(test, "none")
-            fits = tuple(line_fit(one, test.band_hz, residuals=terms) for one in each)
+            fits = tuple(
+                line_fit(estimate, test.band_hz, residuals=terms) for estimate in estimates
+            )
             together = frf(u, y, fs, **how)
     pooled = pool(fits)
     rms = float(np.sqrt(np.mean(y**2)))
@@ -90,8 +92,8 @@ def _within(
     return [freq for freq in modes if band_hz[0] <= freq <= band_hz[1]]
 
 
-def _modes_of(test: Test, one: FRF, modes: int | Sequence[float]) -> ModalFit:
-    return fit_modes(one, modes, test.band_hz, residuals=_terms_of(test, "both"))
+def _modes_of(test: Test, estimate: FRF, modes: int | Sequence[float]) -> ModalFit:
+    return fit_modes(estimate, modes, test.band_hz, residuals=_terms_of(test, "both"))
 
 
 def _terms_of(test: Test, usual: Residuals) -> Residuals:

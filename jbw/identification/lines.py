@@ -81,11 +81,11 @@ def to_measured(part: FRF) -> Complex:
 
 def observed_variance(lines: Lines) -> Real:
     """Variance of the lines as their averages tell it, in the response that was measured."""
-    each = [
+    variances = [
         floored(part.variance * np.abs(to_measured(part)) ** 2, part.h * to_measured(part))
         for part in lines.outputs
     ]
-    return np.concatenate(each)
+    return np.concatenate(variances)
 
 
 def fit_lines(lines: Lines, start: Real, typical: Real) -> Fitted:
@@ -150,11 +150,11 @@ def model_of(lines: Lines) -> Callable[[Real], Complex]:
 
     def model(theta: Real) -> Complex:
         added = theta[modal:].reshape(len(extra), lines.num_residuals)
-        each = zip(lines.outputs, modes_by_output(lines, theta), added, extra, strict=True)
+        outputs = zip(lines.outputs, modes_by_output(lines, theta), added, extra, strict=True)
         return np.concatenate(
             [
-                sum(mode_lines(part, mode, lines.smear) for mode in modes) + own @ columns
-                for part, modes, own, columns in each
+                sum(mode_lines(part, mode, lines.smear) for mode in modes) + coefficients @ columns
+                for part, modes, coefficients, columns in outputs
             ]
         )
 
@@ -180,20 +180,20 @@ def _least_squares(
     # Widths of zeta's size matter in omega_n too, so its step is scaled down.
     size = np.ones(len(start))
     size[omegas] = typical[omegas + 1]
-    found = optimize.least_squares(
+    optimum = optimize.least_squares(
         misfit, x0, jac="3-point", x_scale=size, bounds=(low, high), xtol=1e-14, ftol=1e-14,
         gtol=1e-14,
     )  # fmt: skip
-    if not (np.all(np.isfinite(found.x)) and np.all(found.x[omegas + 1] > 2 * LEAST_ZETA)):
+    if not (np.all(np.isfinite(optimum.x)) and np.all(optimum.x[omegas + 1] > 2 * LEAST_ZETA)):
         raise DataError(
             "The fit of the oscillator to the FRF found no positive damping.",
             remedy="Check `delay`, `band` and which channel is the input.",
         )
     half = len(data)
-    jacobian = (found.jac[:half] + 1j * found.jac[half:]) / weight[:, None] / typical
-    left = (found.fun[:half] + 1j * found.fun[half:]) / weight
+    jacobian = (optimum.jac[:half] + 1j * optimum.jac[half:]) / weight[:, None] / typical
+    residual = (optimum.fun[:half] + 1j * optimum.fun[half:]) / weight
     none = np.full((len(start), len(start)), np.nan)
-    return Fitted(found.x * typical, jacobian, variance, none, float(2 * found.cost), left)
+    return Fitted(optimum.x * typical, jacobian, variance, none, float(2 * optimum.cost), residual)
 
 
 def _covariance_of(

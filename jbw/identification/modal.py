@@ -151,8 +151,8 @@ def in_order(fit: ModalFit, order: NDArray[np.int64]) -> ModalFit:
 
 def model_lines(fit: ModalFit, omega: Real) -> NDArray[np.complex128]:
     """Receptance of every output at frequencies [rad/s], shape (output, freq), unsmeared."""
-    each = [receptance(omega, *pole, 1.0) for pole in zip(fit.omega, fit.zeta, strict=True)]
-    return fit.residues.T @ np.array(each) + fit.upper[:, None] + fit.lower[:, None] / omega**2
+    modal = [receptance(omega, *pole, 1.0) for pole in zip(fit.omega, fit.zeta, strict=True)]
+    return fit.residues.T @ np.array(modal) + fit.upper[:, None] + fit.lower[:, None] / omega**2
 
 
 def _same_lines(outputs: list[FRF]) -> list[FRF]:
@@ -197,15 +197,18 @@ def _projected(lines: Lines, starts: Real) -> Real:
 
     def linear(poles: Real) -> tuple[list[Real], Real]:
         """Residues and terms of every output at their best, and what they leave."""
-        found, left = [], []
-        for part, weight, h, own in zip(lines.outputs, weights, data, extra, strict=True):
+        coefficients, residuals = [], []
+        for part, weight, h, term_columns in zip(lines.outputs, weights, data, extra, strict=True):
             modal = [mode_lines(part, (omega, zeta, 1.0), lines.smear) for omega, zeta in poles]
-            columns, target = _stacked(weight * np.array([*modal, *own])), _stacked(weight * h)
+            columns, target = (
+                _stacked(weight * np.array([*modal, *term_columns])),
+                _stacked(weight * h),
+            )
             scale = np.linalg.norm(columns, axis=1)
             best = np.linalg.lstsq((columns / scale[:, None]).T, target)[0] / scale
-            found.append(best)
-            left.append(target - best @ columns)
-        return found, np.concatenate(left)
+            coefficients.append(best)
+            residuals.append(target - best @ columns)
+        return coefficients, np.concatenate(residuals)
 
     first, last = lines.outputs[0].omega[[0, -1]]
     ends = np.array([first, last]) + OUTSIDE * (last - first) * np.array([-1, 1])
@@ -217,9 +220,9 @@ def _projected(lines: Lines, starts: Real) -> Real:
         xtol=1e-10, ftol=1e-10, gtol=1e-10, max_nfev=MOST_TRIALS,
     )  # fmt: skip
     poles = poles_of(best.x)
-    found = np.array(linear(poles)[0])  # (output, modes and terms)
-    modes = np.column_stack([poles, found[:, : len(poles)].T])
-    theta = np.concatenate([modes.ravel(), found[:, len(poles) :].ravel()])
+    coefficients = np.array(linear(poles)[0])  # (output, modes and terms)
+    modes = np.column_stack([poles, coefficients[:, : len(poles)].T])
+    theta = np.concatenate([modes.ravel(), coefficients[:, len(poles) :].ravel()])
     _apart(lines, theta)
     return theta
 
@@ -252,14 +255,14 @@ def _as_fit(
     added = np.zeros((num, 2))
     added[:, : lines.num_residuals] = fitted.theta[modal:].reshape(num, -1)
     # By their errors: of a swept record these are the lines of the response itself.
-    left, size = (
+    residual, size = (
         np.linalg.norm(np.split(x / np.sqrt(fitted.variance), num), axis=-1)
         for x in (fitted.residual, lines.data)
     )
     return ModalFit(
         omega=blocks[:, 0], zeta=blocks[:, 1], residues=blocks[:, 2:],
         covariance=fitted.covariance[np.ix_(read, read)], upper=added[:, 0],
-        lower=added[:, 1] * lines.outputs[0].omega.mean() ** 2, misfit=left / size,
+        lower=added[:, 1] * lines.outputs[0].omega.mean() ** 2, misfit=residual / size,
         chi_square=fitted.chi_square, dof=2 * len(lines.data) - len(fitted.theta),
         num_lines=len(lines.outputs[0].freq), band_hz=edges, smeared=lines.smear, diagram=diagram,
     )  # fmt: skip
@@ -300,13 +303,13 @@ def _within(fit: ModalFit) -> None:
     low, high = fit.band_hz
     for freq in fit.omega / (2 * np.pi):
         off = max(low - freq, freq - high)
-        said = f"A mode ended at {freq:.4g} Hz, outside the band {low:.4g} to {high:.4g} Hz"
+        sentence = f"A mode ended at {freq:.4g} Hz, outside the band {low:.4g} to {high:.4g} Hz"
         if off > OUTSIDE * (high - low):
             raise DataError(
-                f"{said}, which therefore does not tell it.",
+                f"{sentence}, which therefore does not tell it.",
                 remedy="Ask for fewer modes, or give frequencies nearer to the peaks.",
             )
         if off > 0:
             warnings.warn(
-                f"{said}: it stands for what the others leave, not for a peak.", stacklevel=3
+                f"{sentence}: it stands for what the others leave, not for a peak.", stacklevel=3
             )

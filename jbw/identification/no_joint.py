@@ -36,13 +36,13 @@ class Nested(NamedTuple):
 
 def without_joint(best: Fit, prior: Box, data: Dataset) -> Nested:
     """The fit of the oscillator alone, to the same data in the same weights."""
-    own = {quantity.name for quantity in (*STUCK, *RESIDUAL_TERMS)}
-    bounds = {name: pair for name, pair in bounds_by_name(prior).items() if name in own}
+    names = {quantity.name for quantity in (*STUCK, *RESIDUAL_TERMS)}
+    bounds = {name: pair for name, pair in bounds_by_name(prior).items() if name in names}
     bare = replace(data, parts=tuple(replace(part, laws=()) for part in data.parts))
     start = {name: best.theta[name] for name in bounds}
-    found = costly_fit(stacked, box(bounds), bare, starts=start)
-    growth = 2 * (found.cost - best.cost)
-    return Nested(growth, len(best.theta) - len(bounds), found, bounds)
+    nested_fit = costly_fit(stacked, box(bounds), bare, starts=start)
+    growth = 2 * (nested_fit.cost - best.cost)
+    return Nested(growth, len(best.theta) - len(bounds), nested_fit, bounds)
 
 
 def likely(
@@ -74,7 +74,7 @@ def joint_finding(nested: Nested, added: Effects, y_peak: float) -> Finding:
             f"Without the joint chi-square grows by {nested.growth:.3g}, by chance {least:.3g}."
         )
         return Finding("no_joint", "ok", reason, nested.growth)
-    shift, damping = (100 * np.quantile(np.abs(each), QUANTILES[-1]) for each in added)
+    shift, damping = (100 * np.quantile(np.abs(change), QUANTILES[-1]) for change in added)
     reason = (
         f"No joint is seen: at {y_peak:.2g} m, the largest motion fitted, it changes the natural "
         f"frequency by less than {shift:.2g} % and adds less than {damping:.2g} % of zeta to the "

@@ -82,12 +82,12 @@ def joint_readings(key: Key[Array, ""], seen: Measured) -> Readings:
     if len(read) < len(seen.laws):
         return NOTHING
     hz = [modes.hz[i] for i in read]
-    values, stds = (np.array([getattr(one, name) for one in read.values()]) for name in
+    values, stds = (np.array([getattr(reading, name) for reading in read.values()]) for name in
                     ("value", "std"))  # fmt: skip
     starts = [starts_of(joints, hz, values[:, k], stds[:, k]) for k in range(2)]
-    is_weak = max(one.slip for one in read.values()) <= WEAK
-    said = _statements(starts, len(read)) if is_weak else ()
-    return Readings(_known(starts, seen.laws, modes), said)
+    is_weak = max(reading.slip for reading in read.values()) <= WEAK
+    statements = _statements(starts, len(read)) if is_weak else ()
+    return Readings(_known(starts, seen.laws, modes), statements)
 
 
 def with_readings(ready: Fitted, readings: Readings) -> Fitted:
@@ -97,13 +97,13 @@ def with_readings(ready: Fitted, readings: Readings) -> Fitted:
 
 def _weakest(modes: Modes, tests: Sequence[Test]) -> dict[int, Test]:
     """The weakest sweep at the first point that passes through a mode alone, by the mode."""
-    shares, found = np.abs(gain_shares(modes)), {}
+    shares, weakest = np.abs(gain_shares(modes)), {}
     for test in sorted(tests, key=lambda test: float(np.mean(_source(test) ** 2))):
         passed = [i for i, window in enumerate(modes.windows_hz) if passes(test, window)]
         is_seen = len(passed) == 1 and shares[passed[0]] > HARDLY_SEEN * shares.max()
         if is_seen and not test.point:
-            found.setdefault(passed[0], test)
-    return dict(sorted(found.items()))
+            weakest.setdefault(passed[0], test)
+    return dict(sorted(weakest.items()))
 
 
 def _source(test: Test) -> np.ndarray:
@@ -119,9 +119,9 @@ def _reading(key: Key[Array, ""], mode: int, test: Test, seen: Measured, modes: 
     settings = seen.settings.model_copy(
         update={"prior": {}, "hold_out": (), "fit": None, "fit_levels": None, "fit_repeats": "all"}
     )
-    alone = replace(test, residuals="upper")
-    one = measured([alone], settings, laws=(LAW,), gain=gain, report=lambda _: None)
-    ready = prepare(parts_of(key, 2), assemble(one), settings, quick=True)
+    with_upper = replace(test, residuals="upper")
+    prepared = measured([with_upper], settings, laws=(LAW,), gain=gain, report=lambda _: None)
+    ready = prepare(parts_of(key, 2), assemble(prepared), settings, quick=True)
     fit = ready.fit
     here = _products(fit.theta)
     slopes = []
@@ -141,14 +141,14 @@ def _products(theta: Mapping[str, float]) -> Float[np.ndarray, " product"]:
 
 def _known(starts: Sequence[Starts], laws: Sequence[str], modes: Modes) -> dict[str, float]:
     """First values of every law, its stiffness at half of the joint's."""
-    numbers, known = dict(modes.numbers), {}
+    numbers, first = dict(modes.numbers), {}
     for k, name in enumerate(laws):
         joints = split(name)[1]
         stiffness = HALF * min(numbers[name_at(STIFFNESS, joint)] for joint in joints)
         softening, opening = (float(start.estimate[k]) for start in starts)
         law = BoucWenLaw.of_weak_motion(softening, opening, stiffness)
-        known |= {name_at(name, joints[0]): value for name, value in law.parameters().items()}
-    return known
+        first |= {name_at(name, joints[0]): value for name, value in law.parameters().items()}
+    return first
 
 
 def _statements(starts: Sequence[Starts], num_modes: int) -> tuple[str, ...]:

@@ -46,15 +46,15 @@ def with_drag(best: Fit, prior: Box, data: Dataset, damping: float, y_peak: floa
 
     It starts where drag adds the damping ratio that the laws add at y_peak [m].
     """
-    own = {quantity.name for quantity in (*STUCK, *RESIDUAL_TERMS)}
-    bounds = {name: pair for name, pair in bounds_by_name(prior).items() if name in own}
+    names = {quantity.name for quantity in (*STUCK, *RESIDUAL_TERMS)}
+    bounds = {name: pair for name, pair in bounds_by_name(prior).items() if name in names}
     first = 0.75 * np.pi * damping / y_peak
     start = {name: best.theta[name] for name in bounds} | {DAMPING: first}
     bounds[DAMPING] = (0.0, ROOM * first)
     other = replace(data, parts=tuple(replace(part, laws=(DAMPING,)) for part in data.parts))
-    found = costly_fit(stacked, box(bounds), other, starts=start)
-    growth = 2 * (found.cost - best.cost)
-    return Nested(growth, len(best.theta) - len(bounds), found, bounds)
+    nested_fit = costly_fit(stacked, box(bounds), other, starts=start)
+    growth = 2 * (nested_fit.cost - best.cost)
+    return Nested(growth, len(best.theta) - len(bounds), nested_fit, bounds)
 
 
 def drag_finding(drag: Nested, added: Effects, y_peak: float, *, misses: bool) -> Finding:
@@ -66,7 +66,7 @@ def drag_finding(drag: Nested, added: Effects, y_peak: float, *, misses: bool) -
     fits better by as much, else usable for the response alone.
     """
     least = float(stats.chi2.isf(BY_CHANCE, drag.num_parameters))
-    frequency, damping = (np.quantile(each, QUANTILES).tolist() for each in added)
+    frequency, damping = (np.quantile(change, QUANTILES).tolist() for change in added)
     values = {
         "growth": drag.growth, "least": least, "number": drag.num_parameters,
         "y": 1e3 * y_peak, "frequency": frequency, "damping": damping,

@@ -30,30 +30,30 @@ def own_joint_sentences(key: Key[Array, ""], best: Fit, data: Dataset) -> list[s
 def _sentence(key: Key[Array, ""], best: Fit, part: Any, data: Dataset) -> str:
     theta = of_part(as_arrays(best.theta, data), part)
     common = errors_by_mode(np.asarray(matched(theta, part).residual), part)
-    own = [error_alone(key, one) for one in part.alone]
-    rows = zip(part.modes.hz, common, own, strict=True)
-    rejected = [(hz, one, other) for hz, one, other in rows if one > CLEARLY * other]
+    own_errors = [error_alone(key, decays) for decays in part.alone]
+    rows = zip(part.modes.hz, common, own_errors, strict=True)
+    rejected = [(hz, shared, other) for hz, shared, other in rows if shared > CLEARLY * other]
     if not rejected:
         return (
             "One joint serves all modes in the free decays: of none it leaves "
             f"{CLEARLY:g} times as much as a joint of that mode's own."
         )
-    said = "; ".join(
-        f"about {hz:.4g} Hz it leaves {one:.2g} of the motion, a joint of that mode's own "
+    clauses = "; ".join(
+        f"about {hz:.4g} Hz it leaves {shared:.2g} of the motion, a joint of that mode's own "
         f"{other:.2g}"
-        for hz, one, other in rejected
+        for hz, shared, other in rejected
     )
     return (
-        f"One joint across the modes is rejected by the free decays: {said}. Identify the modes "
+        f"One joint across the modes is rejected by the free decays: {clauses}. Identify the modes "
         "one by one, each in a band of its own, or state other laws."
     )
 
 
 def error_alone(key: Key[Array, ""], decays: Decays) -> float:
     """What a joint of its own leaves of one mode's decays, over their size."""
-    data, known = Dataset.of([decays], {"gain": 1.0}), decays.first_values()
-    prior = box_of(Identify(), data, known)
-    known = {**known, **from_amplitude_curve(key, data, prior, {})}
-    best = rough(middle_but(known, prior), prior, data)
-    left = np.asarray(matched(as_arrays(best.theta, data), decays).residual)
-    return float(np.linalg.norm(left) / np.linalg.norm(np.asarray(decays.envelope)))
+    data, estimates = Dataset.of([decays], {"gain": 1.0}), decays.first_values()
+    prior = box_of(Identify(), data, estimates)
+    estimates = {**estimates, **from_amplitude_curve(key, data, prior, {})}
+    best = rough(middle_but(estimates, prior), prior, data)
+    residual = np.asarray(matched(as_arrays(best.theta, data), decays).residual)
+    return float(np.linalg.norm(residual) / np.linalg.norm(np.asarray(decays.envelope)))

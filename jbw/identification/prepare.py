@@ -194,14 +194,14 @@ def settled(
 
 def with_weights(best: Fit, data: Dataset, settings: Identify) -> Dataset:
     """The dataset with the noise and misfit that a fit leaves, and as many independent values."""
-    left = dataset.left_by_label(best.residual, data)
+    residuals = dataset.left_by_label(best.residual, data)
     if settings.model_error == "none":
-        return dataset.with_fitted_noise(best.theta, left, data)
-    expected = dataset.with_discrepancy(left, data)
+        return dataset.with_fitted_noise(best.theta, residuals, data)
+    expected = dataset.with_discrepancy(residuals, data)
     fractions = dataset.effective_fractions(
         best.residual, best.jacobian, best.covariance, data, expected
     )
-    noisy = dataset.with_fitted_noise(best.theta, left, expected)
+    noisy = dataset.with_fitted_noise(best.theta, residuals, expected)
     return dataset.with_effective_values(fractions, noisy)
 
 

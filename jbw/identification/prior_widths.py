@@ -47,7 +47,10 @@ def log_evidence_wide(key: Key[Array, ""], one: Candidate, draws: xr.DataTree) -
     )
     if log_evidence is None or bounds_by_name(wide) == bounds_by_name(prior):
         return log_evidence
-    about = place_of(best, replace(one, fitted=replace(one.fitted, box=wide)))
-    places = {"fit": lambda: about, "draws": lambda: about_draws(draws, wide, about)}
-    found = weighed_in(jax.random.fold_in(key, 2), wide, data, places)
-    return found.log_evidence if found.khat < GOOD_KHAT else None
+    about_fit = place_of(best, replace(one, fitted=replace(one.fitted, box=wide)))
+    parametrisations = {
+        "fit": lambda: about_fit,
+        "draws": lambda: about_draws(draws, wide, about_fit),
+    }
+    weighed = weighed_in(jax.random.fold_in(key, 2), wide, data, parametrisations)
+    return weighed.log_evidence if weighed.khat < GOOD_KHAT else None

@@ -19,22 +19,25 @@ def threshold_sentences(
     """
     if y_peak <= 0:
         return []
-    told = []
+    sentences = []
     for law in laws_named(laws):
-        known = law.of(theta).thresholds()
-        said = [f"{one.what} {_where(np.asarray(one.y), y_peak, one.rests)}" for one in known]
-        told += [f"{law.name}: {'; '.join(said)}."] if said else []
-    return told
+        thresholds = law.of(theta).thresholds()
+        clauses = [
+            f"{threshold.what} {_where(np.asarray(threshold.y), y_peak, threshold.rests)}"
+            for threshold in thresholds
+        ]
+        sentences += [f"{law.name}: {'; '.join(clauses)}."] if clauses else []
+    return sentences
 
 
 def _where(y: Float[np.ndarray, "..."], y_peak: float, rests: str) -> str:
     low, middle, high = np.quantile(y, QUANTILES)
-    said = (
+    clause = (
         f"at {1e3 * middle:.2g} mm [{1e3 * low:.2g}, {1e3 * high:.2g}], {middle / y_peak:.2g} "
         f"[{low / y_peak:.2g}, {high / y_peak:.2g}] of the largest motion: "
     )
     if high <= y_peak:
-        return f"{said}reached"
+        return f"{clause}reached"
     if low > y_peak:
-        return f"{said}not reached, the priors alone tell of {rests}"
-    return f"{said}perhaps reached, the priors tell of {rests} too"
+        return f"{clause}not reached, the priors alone tell of {rests}"
+    return f"{clause}perhaps reached, the priors tell of {rests} too"

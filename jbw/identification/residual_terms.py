@@ -53,8 +53,8 @@ class Taken(NamedTuple):
 
 def stated_terms(data: Dataset) -> tuple[str, ...]:
     """Constant terms that tests of a campaign ask for."""
-    asked = {name for p in data.parts if p.residuals != "auto" for name in TAKEN[p.residuals]}
-    return tuple(name for name in (UPPER, LOWER) if name in asked)
+    stated = {name for p in data.parts if p.residuals != "auto" for name in TAKEN[p.residuals]}
+    return tuple(name for name in (UPPER, LOWER) if name in stated)
 
 
 def term_bounds(
@@ -98,11 +98,11 @@ def _with_constants(now: Taken, data: Dataset, refit: Refit) -> Taken:
     chosen, before = now, now.fit
     for names in TRIED:
         wider = with_terms(now.box, term_bounds(names, omega_n, {}))
-        found = refit(now.fit, wider, data)
-        if not _falls(before, found):
+        wider_fit = refit(now.fit, wider, data)
+        if not _falls(before, wider_fit):
             break
-        said = _constants_sentence(names, found, 1 - found.cost / now.fit.cost)
-        chosen, before = Taken(wider, found, (*now.words, said)), found
+        sentence = _constants_sentence(names, wider_fit, 1 - wider_fit.cost / now.fit.cost)
+        chosen, before = Taken(wider, wider_fit, (*now.words, sentence)), wider_fit
     return chosen
 
 
@@ -110,33 +110,33 @@ def _with_neighbour(
     now: Taken, data: Dataset, settings: Identify, refit: Refit, omega: float | None = None
 ) -> Taken:
     """One neighbour more: where it is stated, or where it would explain most of what is left."""
-    known = neighbours_of(now.fit.theta)
+    neighbours = neighbours_of(now.fit.theta)
     takers = tuple(name for name, taken in TAKEN.items() if set(OF_MODES) & set(taken))
-    if len(known) == len(MODES) or not _misses(now.fit, data, takers):
+    if len(neighbours) == len(MODES) or not _misses(now.fit, data, takers):
         return now
     theta = {**data.held, **now.fit.theta}
     start = _start(now.fit, data, omega)
     if start is None:
         return now
-    names, wide = MODES[len(known)], bounds(float(theta["omega_n"]), (*known, start[0]))
-    every = [name for mode in MODES[: len(known) + 1] for name in mode]
+    names, wide = MODES[len(neighbours)], bounds(float(theta["omega_n"]), (*neighbours, start[0]))
+    every = [name for mode in MODES[: len(neighbours) + 1] for name in mode]
     wider = with_terms(now.box, {name: settings.prior.get(name, wide[name]) for name in every})
     begun = {**now.fit.theta, **dict(zip(names, start, strict=True))}
-    found = refit(now.fit, wider, data, theta=begun)
-    if not _falls(now.fit, found, GROWTH if omega is None else 0.0):
+    wider_fit = refit(now.fit, wider, data, theta=begun)
+    if not _falls(now.fit, wider_fit, GROWTH if omega is None else 0.0):
         return now
-    return Taken(wider, found, (*now.words, _neighbour_sentence(names, now.fit, found)))
+    return Taken(wider, wider_fit, (*now.words, _neighbour_sentence(names, now.fit, wider_fit)))
 
 
 def _start(best: Fit, data: Dataset, omega: float | None) -> tuple[float, float, float] | None:
     """Frequency, damping and share of a neighbour to begin with; None where none is suspected."""
-    found = other_mode(best, data, () if omega is None else omega * ABOUT)
-    if found is None or found.mode is None:
+    cause = other_mode(best, data, () if omega is None else omega * ABOUT)
+    if cause is None or cause.mode is None:
         return None if omega is None else (omega, USUAL_ZETA, 0.0)
-    if omega is None and found.explained < MOSTLY:
+    if omega is None and cause.explained < MOSTLY:
         return None
     gain = float({**data.held, **best.theta}.get("gain", 1.0))
-    place, zeta, residue = found.mode
+    place, zeta, residue = cause.mode
     return place, zeta, residue / gain
 
 
@@ -148,28 +148,28 @@ def _falls(before: Fit, after: Fit, growth: float = GROWTH) -> bool:
 
 def _misses(best: Fit, data: Dataset, takers: tuple[str, ...]) -> bool:
     """Whether a fit leaves more than noise of data that may take terms."""
-    left = left_by_label(best.residual, data)
-    own = (label for part in data.parts if part.residuals in takers for label in part.labels)
-    return any(label in left and is_coloured(left[label]) for label in own)
+    residuals = left_by_label(best.residual, data)
+    labels = (label for part in data.parts if part.residuals in takers for label in part.labels)
+    return any(label in residuals and is_coloured(residuals[label]) for label in labels)
 
 
-def _constants_sentence(names: tuple[str, ...], found: Fit, share: float) -> str:
-    told = " and ".join(
-        f"{BY_NAME[name].meaning} ({name} = {found.theta[name]:.3g} {BY_NAME[name].unit})".replace(
+def _constants_sentence(names: tuple[str, ...], fit: Fit, share: float) -> str:
+    terms = " and ".join(
+        f"{BY_NAME[name].meaning} ({name} = {fit.theta[name]:.3g} {BY_NAME[name].unit})".replace(
             " 1)", ")"
         )
         for name in names
     )
     return (
-        f"Modes outside the band are seen, and were taken in: {told}. It takes {share:.0%} off "
+        f"Modes outside the band are seen, and were taken in: {terms}. It takes {share:.0%} off "
         'what the fit left; `residuals = "none"` in a test goes without.'
     )
 
 
-def _neighbour_sentence(names: tuple[str, ...], before: Fit, found: Fit) -> str:
-    omega, zeta, share = (found.theta[name] for name in names)
+def _neighbour_sentence(names: tuple[str, ...], before: Fit, fit: Fit) -> str:
+    omega, zeta, share = (fit.theta[name] for name in names)
     return (
         f"One linear neighbour at {omega / (2 * np.pi):.4g} Hz, zeta {zeta:.2%}, with {share:.2g} "
         f"times the gain of the joint's own mode, was taken in: chi-square falls by "
-        f'{1 - found.cost / before.cost:.0%}; `residuals = "none"` in a test goes without.'
+        f'{1 - fit.cost / before.cost:.0%}; `residuals = "none"` in a test goes without.'
     )

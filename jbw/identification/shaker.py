@@ -99,8 +99,8 @@ def _modes(
         window = "hann" if size is None else "boxcar"
         how = {"response": "acceleration", "window": window, "nperseg": size}
         return fit_modes(frf(force, moved, record.fs, **how), modes, band)
-    one = record_frf(force, moved, record.fs, band, response="acceleration")
-    return fit_modes(one, modes, band)
+    estimate = record_frf(force, moved, record.fs, band, response="acceleration")
+    return fit_modes(estimate, modes, band)
 
 
 def _driven(
@@ -123,7 +123,7 @@ def _driven(
 
 def shaker_sentence(name: str, found: ShakerReading) -> str:
     """What was read of a test's shaker, in words."""
-    one, turn = found.shaker, 2 * np.pi
+    shaker, turn = found.shaker, 2 * np.pi
     moved = ", ".join(
         f"{w / turn:.4g} Hz ({z:.2%}) to {v / turn:.4g} Hz ({y:.2%})"
         for w, z, v, y in zip(
@@ -131,8 +131,8 @@ def shaker_sentence(name: str, found: ShakerReading) -> str:
         )
     )
     return (
-        f"{name}: the shaker gives {one.gain:.4g} N/V and is attached by {one.mass:.3g} kg, "
-        f"{one.damping:.3g} N s/m and {one.stiffness:.4g} N/m, which leaves {one.leftover:.1%} of "
-        f"the force ({one.leftover_gain:.1%} by its gain alone). Driven by voltage the structure's "
-        f"modes move from {moved}."
+        f"{name}: the shaker gives {shaker.gain:.4g} N/V and is attached by {shaker.mass:.3g} kg, "
+        f"{shaker.damping:.3g} N s/m and {shaker.stiffness:.4g} N/m, which leaves "
+        f"{shaker.leftover:.1%} of the force ({shaker.leftover_gain:.1%} by its gain alone). "
+        f"Driven by voltage the structure's modes move from {moved}."
     )

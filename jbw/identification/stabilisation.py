@@ -50,8 +50,8 @@ class Stabilisation:
     @property
     def modes(self) -> Real:
         """(omega, zeta) of what is stable in half of the orders or more, by rising frequency."""
-        kept = self.groups[self.share >= LEAST_SHARE]
-        return kept[np.argsort(kept[:, 0])]
+        stable = self.groups[self.share >= LEAST_SHARE]
+        return stable[np.argsort(stable[:, 0])]
 
 
 def stabilisation(outputs: Sequence[FRF], expected: int = 0) -> Stabilisation:
@@ -73,14 +73,14 @@ def stabilisation(outputs: Sequence[FRF], expected: int = 0) -> Stabilisation:
             remedy="Widen `band`, lengthen the windows, or ask for fewer modes.",
         )
     orders = range(lowest, highest + 1, max(1, (highest - lowest) // MOST_ORDERS))
-    found = [_poles(outputs, order) for order in orders]
-    stable = [np.zeros(len(found[0]), bool)]
-    for before, now in pairwise(found):
+    by_order = [_poles(outputs, order) for order in orders]
+    stable = [np.zeros(len(by_order[0]), bool)]
+    for before, now in pairwise(by_order):
         stable.append(np.array([_has(before, pole) for pole in now], bool))
-    poles, is_stable = np.concatenate(found), np.concatenate(stable)
-    order = np.repeat(orders, [len(one) for one in found])
+    poles, is_stable = np.concatenate(by_order), np.concatenate(stable)
+    order = np.repeat(orders, [len(poles_of_order) for poles_of_order in by_order])
     groups, votes = _staying(poles[is_stable])
-    share = votes / (len(found) - 1)
+    share = votes / (len(by_order) - 1)
     return Stabilisation(order, poles[:, 0], poles[:, 1], is_stable, groups, share)
 
 
@@ -96,8 +96,8 @@ def _poles(outputs: Sequence[FRF], order: int) -> Real:
         columns = powers * data[:, None]
         # Numerators at their best: what the powers of z alone explain of a H is taken off.
         basis = np.linalg.qr(powers)[0]
-        left = columns - basis @ (basis.conj().T @ columns)
-        normal += left.conj().T @ left / np.vdot(data, data).real
+        residual = columns - basis @ (basis.conj().T @ columns)
+        normal += residual.conj().T @ residual / np.vdot(data, data).real
     a = np.append(np.linalg.lstsq(normal[:-1, :-1], -normal[:-1, -1])[0], 1.0)
     with np.errstate(divide="ignore"):
         poles = np.log(np.roots(a[::-1])) / period + 1j * middle
@@ -116,13 +116,13 @@ def _has(poles: Real, pole: Real) -> bool:
 
 def _staying(poles: Real) -> tuple[Real, Real]:
     """Medians of groups of stable poles, and how many each has, the largest groups first."""
-    left, groups = poles, []
-    while len(left):
+    remaining, groups = poles, []
+    while len(remaining):
         # About the pole with the most others beside it.
-        near = np.abs(left[:, None, 0] / left[:, 0] - 1) <= SAME_OMEGA
+        near = np.abs(remaining[:, None, 0] / remaining[:, 0] - 1) <= SAME_OMEGA
         group = near[:, np.argmax(near.sum(axis=0))]
-        groups.append(left[group])
-        left = left[~group]
+        groups.append(remaining[group])
+        remaining = remaining[~group]
     groups.sort(key=len, reverse=True)
     medians = np.array([np.median(group, axis=0) for group in groups]).reshape(-1, 2)
     return medians, np.array([len(group) for group in groups], float)
@@ -144,24 +144,26 @@ def starts_of(
                 remedy="Give their frequencies, or ask for fewer.",
             )
         return diagram.groups[:modes][np.argsort(diagram.groups[:modes, 0])], diagram
-    asked = np.atleast_1d(np.asarray(modes, float))
+    frequencies = np.atleast_1d(np.asarray(modes, float))
     slack = BEYOND * (edges[1] - edges[0])
-    for freq in asked:
+    for freq in frequencies:
         if not edges[0] - slack <= freq <= edges[1] + slack:
             raise ConfigError(
                 f"Every mode must lie in the band, {edges[0]:.4g} to {edges[1]:.4g} Hz, but "
                 f"`modes` names {freq:.4g} Hz.",
                 remedy="Leave it to the residual terms, or widen `band`.",
             )
-    if len(np.unique(asked)) < len(asked):
-        raise ConfigError(f"Argument `modes` must not repeat a frequency, but is {asked.tolist()}.")
+    if len(np.unique(frequencies)) < len(frequencies):
+        raise ConfigError(
+            f"Argument `modes` must not repeat a frequency, but is {frequencies.tolist()}."
+        )
     try:
-        diagram = stabilisation(parts, len(asked))
+        diagram = stabilisation(parts, len(frequencies))
     except DataError:
-        if not len(asked):
+        if not len(frequencies):
             raise
         diagram = None
-    if not len(asked):
+    if not len(frequencies):
         if diagram is None or not len(diagram.modes):
             raise DataError(
                 f"The band {edges[0]:.4g} to {edges[1]:.4g} Hz must show a mode, but no pole stays "
@@ -169,13 +171,13 @@ def starts_of(
                 remedy="Say with `modes` where they lie, or look at `band` and the channels.",
             )
         return diagram.modes, diagram
-    known = np.zeros((0, 2)) if diagram is None else diagram.groups
-    return np.array([_start_near(2 * np.pi * freq, known) for freq in asked]), diagram
+    shown = np.zeros((0, 2)) if diagram is None else diagram.groups
+    return np.array([_start_near(2 * np.pi * freq, shown) for freq in frequencies]), diagram
 
 
-def _start_near(omega: float, known: Real) -> tuple[float, float]:
+def _start_near(omega: float, shown: Real) -> tuple[float, float]:
     """A frequency asked for, with the damping of what the diagram shows near it."""
-    near = known[np.abs(known[:, 0] / omega - 1) < NEAR]
+    near = shown[np.abs(shown[:, 0] / omega - 1) < NEAR]
     if not len(near):
         return omega, UNSAID_ZETA
     return omega, float(near[np.argmin(np.abs(near[:, 0] - omega)), 1])

@@ -69,10 +69,10 @@ def finished(
     upper bound is no choice.
     """
     judged = verdict(posterior, box, chi_square=chi_square, ending=ending)
-    said = [*statements]
+    sentences = [*statements]
     if fit.weak is not None:
-        said.append(f"By the initial fit, {fit.weak.text}.")
-    said += [
+        sentences.append(f"By the initial fit, {fit.weak.text}.")
+    sentences += [
         f"The best fit of {parameter} lies at the {side} bound of its prior."
         for parameter, side in fit.at_bound.items()
     ]
@@ -82,7 +82,7 @@ def finished(
         judge((*judged.findings, *findings)),
         fit,
         box,
-        tuple(said),
+        tuple(sentences),
         {name: float(value) for name, value in (held or {}).items()},
         perf_counter() - started,
     )

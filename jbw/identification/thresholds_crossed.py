@@ -30,27 +30,29 @@ SHARES = np.linspace(0.125, 1.0, 8)  # of the way from a fit to a bound, in the 
 def other_sides(best: Fit, prior: Box, data: Dataset) -> list[dict[str, float]]:
     """The likeliest point with each other set of thresholds reached, where one parameter moved."""
     here = reached(best.theta, best.theta, data)
-    own = {each.name for law in laws_named(data.laws) for each in law.table} & set(prior.names)
-    if not (here.size and own):
+    law_names = {quantity.name for law in laws_named(data.laws) for quantity in law.table} & set(
+        prior.names
+    )
+    if not (here.size and law_names):
         return []
-    points = _towards_bounds(own, best, prior)
+    points = _towards_bounds(law_names, best, prior)
     likelihood = at_points(dataset.log_likelihood, points, data).sum(axis=1)
     likelihood = np.nan_to_num(likelihood, nan=-np.inf)
     sides = reached(points, best.theta, data)
-    found: dict[tuple[bool, ...], int] = {}
+    likeliest: dict[tuple[bool, ...], int] = {}
     for row in np.argsort(-likelihood):
-        found.setdefault(tuple(sides[:, row].tolist()), int(row))
-    found.pop(tuple(here[:, 0].tolist()), None)
-    return [{name: float(x[row]) for name, x in points.items()} for row in found.values()]
+        likeliest.setdefault(tuple(sides[:, row].tolist()), int(row))
+    likeliest.pop(tuple(here[:, 0].tolist()), None)
+    return [{name: float(x[row]) for name, x in points.items()} for row in likeliest.values()]
 
 
 def reached(
     theta: Mapping[str, Any], fitted: Mapping[str, float], data: Dataset
 ) -> Bool[np.ndarray, "threshold point"]:
     """Whether the largest motion, of a fit, reaches the thresholds of the laws at points."""
-    y_peak, known = fitted_displacement(fitted, data), {**data.held, **theta}
-    laws = [law.of(known) for law in laws_named(data.laws)]
-    y = [np.atleast_1d(one.y) for law in laws for one in law.thresholds()]
+    y_peak, parameters = fitted_displacement(fitted, data), {**data.held, **theta}
+    laws = [law.of(parameters) for law in laws_named(data.laws)]
+    y = [np.atleast_1d(threshold.y) for law in laws for threshold in law.thresholds()]
     return np.stack(np.broadcast_arrays(*y)) < y_peak if y else np.zeros((0, 1), bool)
 
 
@@ -65,9 +67,9 @@ def log_evidence(found: Fit) -> float:
     return float(0.5 * np.linalg.slogdet(found.covariance)[1] - found.cost)
 
 
-def _towards_bounds(own: Set[str], best: Fit, prior: Box) -> dict[str, np.ndarray]:
+def _towards_bounds(law_names: Set[str], best: Fit, prior: Box) -> dict[str, np.ndarray]:
     """Points where one of a law's own lies on its way from the fit to a bound of its prior."""
     s = to_search(best.x, prior)
-    moved = [np.eye(len(s))[i] * (end - s[i]) for i, n in enumerate(prior.names) if n in own
+    moved = [np.eye(len(s))[i] * (end - s[i]) for i, n in enumerate(prior.names) if n in law_names
              for end in (0.0, 1.0)]  # fmt: skip
     return parameters_at((s + SHARES[:, None, None] * np.array(moved)).reshape(-1, len(s)), prior)

@@ -74,10 +74,10 @@ def left_out(
     for i, run in enumerate(runs_of(data)):
         rest = dataset.silenced(run, data)
         best = refit(one.fitted.fit, prior, rest)
-        found = _by_draws(draws, prior.names, data, rest)
-        if found is None:
-            found = _by_points(jax.random.fold_in(key, i), best, one, rest, about)
-        elpd[run], khat = found
+        score = _by_draws(draws, prior.names, data, rest)
+        if score is None:
+            score = _by_points(jax.random.fold_in(key, i), best, one, rest, about)
+        elpd[run], khat = score
         error[run] = _error_of(run, best, one)
         worst = max(worst, khat)
         if not khat < GOOD_KHAT:
@@ -113,8 +113,8 @@ def _told_by_terms(data: Dataset, rest: Dataset) -> Float[np.ndarray, " term"] |
     """
     if data.has_offsets or any(part.own_shifts for part in data.parts):
         return None
-    whole, silent = dataset.fractions_counted(data), dataset.fractions_counted(rest)
-    return np.array([whole[x] / silent[x] if x in whole else 1.0 for x in data.labels])
+    counted, silent = dataset.fractions_counted(data), dataset.fractions_counted(rest)
+    return np.array([counted[x] / silent[x] if x in counted else 1.0 for x in data.labels])
 
 
 def _by_draws(
@@ -131,22 +131,26 @@ def _by_draws(
         gained = terms.sum(axis=1) - without.sum(axis=1)
     else:
         gained = terms[:, : len(times)] @ (1 - 1 / times)
-    found = weights_of(-gained)
-    if not (found.khat < GOOD_KHAT and found.effective >= WORTH):
+    importance = weights_of(-gained)
+    if not (importance.khat < GOOD_KHAT and importance.effective >= WORTH):
         return None
-    return float(np.asarray(logsumexp(gained, b=found.weights))), found.khat
+    return float(np.asarray(logsumexp(gained, b=importance.weights))), importance.khat
 
 
 def _by_points(
-    key: Key[Array, ""], best: Fit, one: Candidate, rest: Dataset, about: Reparametrisation
+    key: Key[Array, ""],
+    best: Fit,
+    candidate: Candidate,
+    rest: Dataset,
+    about_all: Reparametrisation,
 ) -> tuple[float, float]:
     """The same by points about the fit without it, or about all draws if worth more."""
-    places = {"fit": lambda: place_of(best, one), "draws": lambda: about}
-    points = weighed_in(key, one.fitted.box, rest, places)
-    times = _told_by_terms(one.fitted.data, rest)
+    parametrisations = {"fit": lambda: place_of(best, candidate), "draws": lambda: about_all}
+    points = weighed_in(key, candidate.fitted.box, rest, parametrisations)
+    times = _told_by_terms(candidate.fitted.data, rest)
     if times is None:
-        whole = at_points(dataset.log_likelihood, points.theta, one.fitted.data)
-        gained = whole.reshape(len(points.weights), -1).sum(axis=1) - points.terms.sum(axis=1)
+        log_terms = at_points(dataset.log_likelihood, points.theta, candidate.fitted.data)
+        gained = log_terms.reshape(len(points.weights), -1).sum(axis=1) - points.terms.sum(axis=1)
     else:
         gained = points.terms[:, : len(times)] @ (times - 1)
     with np.errstate(divide="ignore"):
@@ -162,9 +166,9 @@ def weighed_in(key: Key[Array, ""], prior: Box, data: Dataset, places: Places) -
     return amis.points(drawing, problem, size=SIZE, least=WORTH, most_rounds=ROUNDS[data.stepped])
 
 
-def _error_of(run: str, best: Fit, one: Candidate) -> float:
+def _error_of(run: str, best: Fit, candidate: Candidate) -> float:
     """Error of a run over its response at a fit that does not know it, but for its frequency."""
-    data = one.fitted.data
-    every = errors_with_own_frequency(best, one.fitted.box, data)
+    data = candidate.fitted.data
+    every = errors_with_own_frequency(best, candidate.fitted.box, data)
     pairs = zip(data.labels, data.runs, strict=True)
     return rms([every[label] for label, name in pairs if name == run and label in every])

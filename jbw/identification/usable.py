@@ -34,9 +34,11 @@ def usable(
             break
     if len(refused) == len(tests):
         return tuple(tests), ()
-    kept = tuple(test for test in tests if test.name not in refused)
-    said = (f"Test {name} is left out: {' '.join(why.split())}" for name, why in refused.items())
-    return kept, tuple(said)
+    accepted = tuple(test for test in tests if test.name not in refused)
+    sentences = (
+        f"Test {name} is left out: {' '.join(why.split())}" for name, why in refused.items()
+    )
+    return accepted, tuple(sentences)
 
 
 def _linear(tests: Sequence[Test], refused: Container[str]) -> Test | None:

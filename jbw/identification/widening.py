@@ -21,7 +21,7 @@ Laws = tuple[str, ...]
 # A neighbour's frequency and damping, which would wander off to mend the joint's law.
 PLACES = frozenset(name for omega, zeta, _ in MODES for name in (omega, zeta))
 # Of further modes at the joint, which keep their places, and whose sizes have priors of their own.
-KEPT = PLACES | {one.name for mode in BESIDE for one in (mode[0], *mode[3:])}
+KEPT = PLACES | {quantity.name for mode in BESIDE for quantity in (mode[0], *mode[3:])}
 
 
 def ending(prior: Box, laws: Laws) -> tuple[str, ...]:
@@ -29,14 +29,14 @@ def ending(prior: Box, laws: Laws) -> tuple[str, ...]:
 
     A share ends where nothing but the joint holds: there it says that products alone are known.
     """
-    known = _known(laws)
-    return tuple(name for name in prior.names if name in known and known[name].is_share)
+    by_name = _known(laws)
+    return tuple(name for name in prior.names if name in by_name and by_name[name].is_share)
 
 
 def _known(laws: Laws) -> dict[str, Quantity]:
     """Quantities by name: the register's, those of laws that carry numbers in their name too."""
     table = (*LINEAR, *RESIDUAL_TERMS, *MODAL, *quantities_of(laws), *own_quantities(laws))
-    return vocabulary() | {one.name: one for one in table}
+    return vocabulary() | {quantity.name: quantity for quantity in table}
 
 
 def widened(tree: xr.DataTree, ready: Fitted, stated: Container[str]) -> Fitted | None:
@@ -45,18 +45,20 @@ def widened(tree: xr.DataTree, ready: Fitted, stated: Container[str]) -> Fitted 
     Bounds that the campaign states are kept.
     """
     bounds, sides = bounds_by_name(ready.box), {}
-    known, ends = _known(ready.data.laws), ending(ready.box, ready.data.laws)
+    by_name, ends = _known(ready.data.laws), ending(ready.box, ready.data.laws)
     for name, side, _ in leaning(scalars(tree), ready.box):
-        kept = name in stated or name in KEPT or (side == "upper" and name in ends)
-        if not kept:
+        stays = name in stated or name in KEPT or (side == "upper" and name in ends)
+        if not stays:
             sides.setdefault(name, []).append(side)
-    for name, each in sides.items():
-        bounds[name] = wider(bounds[name], each, known[name].least if name in known else None)
+    for name, leant_on in sides.items():
+        bounds[name] = wider(
+            bounds[name], leant_on, by_name[name].least if name in by_name else None
+        )
     moved = [f"{name} to [{bounds[name][0]:.3g}, {bounds[name][1]:.3g}]" for name in sides]
     if not moved:
         return None
     wide = box(bounds)
-    said = (
+    statement = (
         f"The posterior leant on a bound that the campaign does not state: {', '.join(moved)}, it "
         "was sampled again."
     )
@@ -64,5 +66,5 @@ def widened(tree: xr.DataTree, ready: Fitted, stated: Container[str]) -> Fitted 
         ready,
         box=wide,
         fit=refit(ready.fit, wide, ready.data),
-        statements=(*ready.statements, said),
+        statements=(*ready.statements, statement),
     )

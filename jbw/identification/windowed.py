@@ -80,19 +80,19 @@ class LineErrors:
     @property
     def variance(self) -> Real:
         """E|d_i|^2 of each line, output by output."""
-        own = range(len(self.hermitian))
+        outputs = range(len(self.hermitian))
         middle = self.hermitian.shape[2] // 2
-        return np.concatenate([np.abs(self.hermitian[o, o, middle]) for o in own])
+        return np.concatenate([np.abs(self.hermitian[o, o, middle]) for o in outputs])
 
     def of_sum(self, weights: Complex) -> Real:
         """Covariance of Re sum_i G_ai d_i by G (parameter, line by output), over parameters."""
         total = np.zeros((len(weights), len(weights)), complex)
         reach = self.hermitian.shape[2] // 2
         num_lines = self.hermitian.shape[-1]
-        each = np.split(weights, len(self.hermitian), axis=-1)
+        by_output = np.split(weights, len(self.hermitian), axis=-1)
         for q in range(-reach, reach + 1):
             i = np.arange(max(0, -q), min(num_lines, num_lines - q))
-            for (a, ours), (b, others) in product(enumerate(each), repeat=2):
+            for (a, ours), (b, others) in product(enumerate(by_output), repeat=2):
                 mine, theirs = ours[:, i], others[:, i + q]
                 total += (mine * self.hermitian[a, b, q + reach, i]) @ theirs.conj().T
                 total += (mine * self.symmetric[a, b, q + reach, i]) @ theirs.T
@@ -126,7 +126,8 @@ def line_errors(
     offset = np.arange(-HALF_WIDTH * per_bin, HALF_WIDTH * per_bin + 1) / per_bin
     near = frf.omega[:, None] + 2 * np.pi * offset / frf.window_s
     responses = [
-        _Response.of(one, each, near, leakage) for one, each in zip(outputs, modes, strict=True)
+        _Response.of(output, output_modes, near, leakage)
+        for output, output_modes in zip(outputs, modes, strict=True)
     ]
     step = 1 - frf.noverlap / frf.nperseg
     lags = np.arange(-int(np.ceil(1 / step)) + 1, int(np.ceil(1 / step)))
@@ -136,7 +137,7 @@ def line_errors(
     distance = np.arange(-NEIGHBOURS, NEIGHBOURS + 1)
     shape = _hann(offset) * _hann(offset - distance[:, None]) / per_bin
     kernels: Complex = phase * shape[..., None]
-    own = np.sum(_hann(offset) ** 2) / per_bin
+    power = np.sum(_hann(offset) ** 2) / per_bin
     white = kernels.sum(axis=1)[:, None, :]
     parts = {
         (a, b): _by_neighbour(mine, theirs, kernels)
@@ -145,7 +146,7 @@ def line_errors(
     levels = []
     for o, unexplained in enumerate(np.split(noise_ratio, len(outputs))):
         leak, through = (
-            part[NEIGHBOURS][:, lags == 0][:, 0].real / own for part in parts[o, o][:2]
+            part[NEIGHBOURS][:, lags == 0][:, 0].real / power for part in parts[o, o][:2]
         )
         levels.append(_noise_levels(unexplained - leak, through, unexplained))
     hermitian, symmetric = (
@@ -155,8 +156,8 @@ def line_errors(
     for (a, b), (leak, through, twice) in parts.items():
         force = levels[a][1] if a == b else np.sqrt(levels[a][1] * levels[b][1])
         residual = leak + force * through + (levels[a][0] if a == b else 0.0) * white
-        hermitian[a, b] = np.sum(residual * white.conj() * share, axis=-1) / own**2
-        symmetric[a, b] = np.sum(twice * share, axis=-1) / own**2
+        hermitian[a, b] = np.sum(residual * white.conj() * share, axis=-1) / power**2
+        symmetric[a, b] = np.sum(twice * share, axis=-1) / power**2
     return LineErrors(hermitian, symmetric)
 
 
@@ -193,11 +194,13 @@ def _by_neighbour(
     if mine.mean is None or theirs.mean is None:
         return np.zeros_like(through), through, np.zeros_like(through)
     shifted = [np.roll(theirs.mean, NEIGHBOURS - i) for i in range(len(kernels))]
-    here, there = mine.mean[:, None], np.array(shifted)[..., None]
+    here, neighbour = mine.mean[:, None], np.array(shifted)[..., None]
     white = kernels.sum(axis=1)[:, None, :]
     ahead, behind = along(mine.near, flat), along(theirs.near, flat.conj())
-    leak = through - there.conj() * ahead - here * behind.conj() + here * there.conj() * white
-    symmetric = (ahead - here * white) * (behind - there * white.conj())
+    leak = (
+        through - neighbour.conj() * ahead - here * behind.conj() + here * neighbour.conj() * white
+    )
+    symmetric = (ahead - here * white) * (behind - neighbour * white.conj())
     return leak, through, symmetric
 
 

@@ -21,18 +21,18 @@ def without_offsets(
     To the data as the best of them weighs these then.
     """
     settings = alike(seen.settings).model_copy(update={"offsets": "none"})
-    own = best.fitted
+    fitted = best.fitted
     data = under(best.laws, assemble(seen), best.meet)
-    data = replace(data, held=own.data.held)  # with the signs of modes
-    ready = reweight(key, data, own.box, own.fit, settings)
+    data = replace(data, held=fitted.data.held)  # with the signs of modes
+    ready = reweight(key, data, fitted.box, fitted.fit, settings)
     keys = jax.random.split(key, len(found))
-    return [again(k, one, ready) for k, one in zip(keys, found, strict=True)]
+    return [again(k, candidate, ready) for k, candidate in zip(keys, found, strict=True)]
 
 
 def compared(best: Candidate, shared: Candidate) -> dict[str, Any]:
     """Parameters and error of a law with offsets of the runs and without, plain values."""
     pair = best.fitted.fit, shared.fitted.fit
-    std = [np.sqrt(np.diag(one.covariance)) for one in pair]
+    std = [np.sqrt(np.diag(fit.covariance)) for fit in pair]
     rows = {
         name: {
             "with": float(pair[0].theta[name]),

@@ -63,8 +63,8 @@ def curves(
     theta: Mapping[str, Array], amplitude: Float[Array, " amplitude"], laws: Laws
 ) -> tuple[Float[Array, " amplitude"], ...]:
     """Frequency [Hz], damping and force [N/kg] at amplitudes of the displacement [m]."""
-    found = backbone(oscillator_of(theta, laws), amplitude)
-    return found.omega / (2 * jnp.pi), found.zeta, found.amplitude
+    curve = backbone(oscillator_of(theta, laws), amplitude)
+    return curve.omega / (2 * jnp.pi), curve.zeta, curve.amplitude
 
 
 def _unloading(
@@ -88,10 +88,10 @@ def amplitude_verification(test: Test, num_fitted: int, draws: Draws, laws: Laws
 
     with omega(Y) of the oscillator's backbone and p the order of the measured derivative.
     """
-    found = readings(test)
-    pieces = min(len(one.amplitude) for one in found)
+    decay_readings = readings(test)
+    pieces = min(len(reading.amplitude) for reading in decay_readings)
     sizes, frequencies, ratios = (
-        np.stack([getattr(one, name)[:pieces] for one in found])
+        np.stack([getattr(reading, name)[:pieces] for reading in decay_readings])
         for name in ("amplitude", "frequency_hz", "damping")
     )
     amplitude = np.linspace(0.0, 1.05 * sizes.max(), NUM_OF_DECAYS + 1)[1:]
@@ -108,7 +108,7 @@ def amplitude_verification(test: Test, num_fitted: int, draws: Draws, laws: Laws
             "measured_damping": (dims, ratios, RATIO),
             "model_frequency": (BANDS, band(frequency), HERTZ),
             "model_damping": (BANDS, band(damping), RATIO),
-            "fitted": ("record", (np.arange(len(found)) < num_fitted).astype(int)),
+            "fitted": ("record", (np.arange(len(decay_readings)) < num_fitted).astype(int)),
         },
         {"amplitude": ("amplitude", amplitude, unit), "quantile": QUANTILE_AXIS},
     )

@@ -37,13 +37,13 @@ def errors(
     # `coverage` is the share of `num_values` values, of the repeats or else their mean, that lie
     # inside the predictive band; `half_width` is of that band, or of the parameters' alone.
     edges = band(model) if noise_std is None else gaussian_band(model, noise_std)
-    found = {"nrmse": error(measured, np.median(model, axis=0))}
-    found |= {f"nrmse_{name}": error(measured, other) for name, other in others.items()}
-    found["half_width"] = half_width(edges, measured)
+    measures = {"nrmse": error(measured, np.median(model, axis=0))}
+    measures |= {f"nrmse_{name}": error(measured, other) for name, other in others.items()}
+    measures["half_width"] = half_width(edges, measured)
     if noise_std is not None:
         inside = within(measured if repeats is None else repeats, edges)
-        found |= {"coverage": float(np.mean(inside)), "num_values": inside.size}
-    return found
+        measures |= {"coverage": float(np.mean(inside)), "num_values": inside.size}
+    return measures
 
 
 def within(values: NDArray[np.float64], edges: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -74,10 +74,10 @@ def beside(
 ) -> dict[str, Any]:
     """Variables `measured`, `model_band` and, where the noise is known, `predictive_band`."""
     dims = ("quantile", dim)
-    found = {"measured": (dim, measured, unit), "model_band": (dims, band(model), unit)}
+    variables = {"measured": (dim, measured, unit), "model_band": (dims, band(model), unit)}
     if noise_std is not None:
-        found["predictive_band"] = (dims, gaussian_band(model, noise_std), unit)
-    return found
+        variables["predictive_band"] = (dims, gaussian_band(model, noise_std), unit)
+    return variables
 
 
 def phase_near(h: NDArray[Any], reference: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -27,7 +27,11 @@ class Group(NamedTuple):
 
 def _observable(test: Test) -> type[Repeated] | None:
     """What takes a test whose kind has no trait, if it measures repeatedly."""
-    taking = (one for one in OBSERVABLES if test.kind in one.kinds and issubclass(one, Repeated))
+    taking = (
+        observable
+        for observable in OBSERVABLES
+        if test.kind in observable.kinds and issubclass(observable, Repeated)
+    )
     return next(taking, None) if test.traits.is_plain else None
 
 
@@ -51,13 +55,19 @@ def predict_groups(source: Source, test: Test) -> Predicted:
         name: np.concatenate([group.others[name] for group in groups]) for name in source.references
     }
     sizes = [group.measured.size for group in groups]
-    known = [group.std for group in groups if group.std is not None]
-    noise_std = np.repeat(known, sizes) if len(known) == len(groups) else None
+    noise_stds = [group.std for group in groups if group.std is not None]
+    noise_std = np.repeat(noise_stds, sizes) if len(noise_stds) == len(groups) else None
     (axis, unit_of_axis, _), unit = axes[0], {"units": parts[0].unit}
     variables = beside("value", measured, model, noise_std, unit)
-    variables |= {f"{name}_response": ("value", one, unit) for name, one in others.items()}
+    variables |= {
+        f"{name}_response": ("value", response, unit) for name, response in others.items()
+    }
     coords = {
-        axis: ("value", np.concatenate([places for *_, places in axes]), {"units": unit_of_axis}),
+        axis: (
+            "value",
+            np.concatenate([positions for *_, positions in axes]),
+            {"units": unit_of_axis},
+        ),
         "group": ("value", np.repeat(np.array(labels, object), sizes)),
         "quantile": QUANTILE_AXIS,
     }
@@ -66,8 +76,8 @@ def predict_groups(source: Source, test: Test) -> Predicted:
         attrs |= {"level": test.level, "level_unit": seen_of(test).source}
     attrs |= errors(measured, model, others, noise_std)
     peak = max(part.y_peak(float(np.mean(source.draws["omega_n"]))) for part in parts)
-    reached = np.full(count_of(source.draws), peak) if peak > 0 else None
-    return Predicted(xr.Dataset(variables, coords, attrs), reached, groups[0].noise)
+    peaks = np.full(count_of(source.draws), peak) if peak > 0 else None
+    return Predicted(xr.Dataset(variables, coords, attrs), peaks, groups[0].noise)
 
 
 def groups_of(source: Source, test: Test, part: Repeated) -> Iterator[Group]:
@@ -75,13 +85,13 @@ def groups_of(source: Source, test: Test, part: Repeated) -> Iterator[Group]:
     every, others = source.observed(part)
     plain = np.abs if part.is_complex else np.asarray
     for i, label in enumerate(part.labels):
-        kept = part.compared(i)
-        known, behind = of_repeats(part.repeats, i), label.removeprefix(test.name)
-        noise = noise_of(source.basis, test, known, label=label, behind=behind)
+        compared = part.compared(i)
+        repeat_noise, behind = of_repeats(part.repeats, i), label.removeprefix(test.name)
+        noise = noise_of(source.basis, test, repeat_noise, label=label, behind=behind)
         yield Group(
-            plain(np.asarray(part.mean)[i][kept]),
-            plain(every[:, i][:, kept]),
-            {name: plain(other[i][kept]) for name, other in others.items()},
+            plain(np.asarray(part.mean)[i][compared]),
+            plain(every[:, i][:, compared]),
+            {name: plain(other[i][compared]) for name, other in others.items()},
             noise,
-            source.std(noise, plain(every[:, i][:, kept]), len(test.records)),
+            source.std(noise, plain(every[:, i][:, compared]), len(test.records)),
         )

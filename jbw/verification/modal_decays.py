@@ -44,8 +44,8 @@ def followed(source: Source) -> Entered:
         def along(draws: Draws, laws: Laws) -> Envelope:
             size = (count_of(draws), seen.num_own)
             off = np.asarray(jax.random.normal(key, size)) * (size[0] > 1)
-            own = {OWN.format(i): column for i, column in enumerate(off.T)}
-            return carry(_follow, {**draws, **own}, replace(seen, laws=laws), len(time))
+            white = {OWN.format(i): column for i, column in enumerate(off.T)}
+            return carry(_follow, {**draws, **white}, replace(seen, laws=laws), len(time))
 
         return source.carried(along)
 
@@ -56,15 +56,15 @@ def _follow(theta: Mapping[str, Array], seen: ModalDecays, length: int) -> Compl
     """Envelope of one record at the samples of the model, from a draw of its start and shift."""
     structure = structure_of(theta, seen.laws)
     record = Seen(seen.envelope[0], seen.begun[0], seen.amplitude[0])
-    found = match(structure, record, seen)
-    own = jnp.append(found.entry.state, found.entry.shift)
+    matched = match(structure, record, seen)
+    start = jnp.append(matched.entry.state, matched.entry.shift)
     # As of one mode: the noise of fitted records stands for that of a short beginning, and the
     # shift's own prior holds it.
-    precision = found.precision * seen.fraction / seen.noise_std[0] ** 2
+    precision = matched.precision * seen.fraction / seen.noise_std[0] ** 2
     both = jnp.linalg.inv(precision.at[-1, -1].add(1 / seen.shift_std**2))
-    centre = -both[:, -1] * found.entry.shift / seen.shift_std**2
+    centre = -both[:, -1] * matched.entry.shift / seen.shift_std**2
     off = jnp.stack([theta[OWN.format(i)] for i in range(seen.num_own)])
-    own = own + centre + jnp.linalg.cholesky(both) @ off
+    start = start + centre + jnp.linalg.cholesky(both) @ off
     every = replace(
         seen,
         stride=1,
@@ -72,4 +72,4 @@ def _follow(theta: Mapping[str, Array], seen: ModalDecays, length: int) -> Compl
         rotation=jnp.exp(-2j * jnp.pi * seen.centre_hz / seen.fs),
         num_samples=length + len(seen.taps) - 1,
     )
-    return modal_envelopes(structure, own, every).sum(axis=0)
+    return modal_envelopes(structure, start, every).sum(axis=0)

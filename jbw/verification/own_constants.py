@@ -33,14 +33,14 @@ def completed(
     force = record.channels[record.source][start : len(measured)]
     lines = lines_of(test.band_hz or (), len(force), record.fs)
     (columns,) = own_columns(force[None], record.fs, record.response, None)
-    kept = in_band(columns, lines)
-    size = np.linalg.norm(kept, axis=1)[:, None]
+    columns_in_band = in_band(columns, lines)
+    size = np.linalg.norm(columns_in_band, axis=1)[:, None]
 
     def added(response: Time) -> Time:
         """By the U and L that bring a response nearest to what was measured."""
-        left = in_band((measured - response)[start:], lines)
-        found = np.linalg.lstsq((kept / size).T, left)[0]
-        return np.pad(found @ (columns / size), (start, 0))
+        residual = in_band((measured - response)[start:], lines)
+        coefficients = np.linalg.lstsq((columns_in_band / size).T, residual)[0]
+        return np.pad(coefficients @ (columns / size), (start, 0))
 
     model = model + added(np.median(model, axis=0))
-    return model, {name: one + added(one) for name, one in others.items()}
+    return model, {name: response + added(response) for name, response in others.items()}

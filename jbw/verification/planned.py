@@ -90,10 +90,14 @@ def predict_planned(source: Source, test: Test) -> Predicted:
 
 def _record(basis: Basis, kind: str, source: np.ndarray, fs: float) -> Record:
     """A record of the source alone, its response unknown, in the units of the run."""
-    driven = [one for one in basis.seen.values() if one.source and one.response in UNIT_OF]
-    alike = [one for one in driven if one.kind == kind] or driven
-    unit = alike[0].source if alike else "unit of the run's source"
-    response = alike[0].response if alike else "displacement"
+    driven = [
+        fitted_test
+        for fitted_test in basis.seen.values()
+        if fitted_test.source and fitted_test.response in UNIT_OF
+    ]
+    same_kind = [fitted_test for fitted_test in driven if fitted_test.kind == kind] or driven
+    unit = same_kind[0].source if same_kind else "unit of the run's source"
+    response = same_kind[0].response if same_kind else "displacement"
     role = "force" if unit == "N" else "input"
     return Record(
         fs,

@@ -37,8 +37,8 @@ def predict_loop(source: Source, test: Test) -> Predicted:
     force = force._replace(
         model=beside_load_cell(data, force.measured, force.model),
         others={
-            name: beside_load_cell(data, force.measured, one[None])[0]
-            for name, one in force.others.items()
+            name: beside_load_cell(data, force.measured, reference[None])[0]
+            for name, reference in force.others.items()
         },
     )
     y = np.asarray(data.displacement[0])[data.compared(0)]
@@ -57,7 +57,9 @@ def predict_loop(source: Source, test: Test) -> Predicted:
     if force.std is not None:
         predictive = gaussian_band(force.model, force.std)
         variables["predictive_force"] = (dims, predictive[:, shown], newton)
-    variables |= {f"{n}_force": ("point", one[shown], newton) for n, one in force.others.items()}
+    variables |= {
+        f"{n}_force": ("point", reference[shown], newton) for n, reference in force.others.items()
+    }
     attrs = {"level": test.level, "level_unit": length["units"], "kind": test.kind}
     attrs |= errors(force.measured, force.model, force.others, force.std)
     peak = np.full(count_of(source.draws), float(np.abs(data.displacement).max()))
@@ -69,9 +71,9 @@ def beside_load_cell(
     data: Loops, measured: Float[np.ndarray, " time"], model: Float[np.ndarray, "draw time"]
 ) -> Float[np.ndarray, "draw time"]:
     """Forces of a model with the offset and drift of the load cell that the test says it has."""
-    own = np.asarray(data.repeats.spanned)[0][:, data.compared(0)]
+    columns = np.asarray(data.repeats.spanned)[0][:, data.compared(0)]
     residual = measured - np.median(model, axis=0)
-    return model + (residual @ own.T) @ own
+    return model + (residual @ columns.T) @ columns
 
 
 def predict_periods(source: Source, test: Test) -> Predicted:
@@ -82,7 +84,7 @@ def predict_periods(source: Source, test: Test) -> Predicted:
     responses, others = source.observed(data)
     noise = noise_of(basis, test, of_repeats(data.repeats))
     measured, model = np.asarray(data.mean[0]), in_band(responses[:, 0], data.lines)
-    others = {name: in_band(one[0], data.lines) for name, one in others.items()}
+    others = {name: in_band(reference[0], data.lines) for name, reference in others.items()}
     if is_measured(test):
         model, others = completed(basis, cut, measured, model, others)
     size, record = len(measured), cut.records[0]
@@ -93,7 +95,7 @@ def predict_periods(source: Source, test: Test) -> Predicted:
     keep = lines_within(freq, cut.band_hz or (freq[1], freq[-1]))
     median = np.median(model, axis=0)
     spectra = {"measured": measured, "model": median, "error": measured - median}
-    spectra |= {f"{name}_error": measured - one for name, one in others.items()}
+    spectra |= {f"{name}_error": measured - reference for name, reference in others.items()}
     for name, x in spectra.items():
         amplitudes = 2 * np.abs(np.fft.rfft(x)) / size
         variables[f"{name}_spectrum"] = ("freq", amplitudes[keep], unit)
@@ -127,7 +129,7 @@ def loop_validation(test: Test, draws: Draws, laws: Laws) -> xr.Dataset:
     """
     omega, record = 2 * np.pi * test.tones_hz[0], test.records[0]
     cycles = [_cycles(record, test, omega) for record in test.records]
-    cycle = {name: np.mean([one[name] for one in cycles], axis=0) for name in cycles[0]}
+    cycle = {name: np.mean([signals[name] for signals in cycles], axis=0) for name in cycles[0]}
     fs = NUM_POINTS * omega / (2 * np.pi)
     y, v, a = carry(_steady_cycle, draws, band_limited(cycle["u"], periodic=True), fs, laws)
     drive = draws["gain"][:, None] * cycle["u"]
@@ -184,12 +186,12 @@ def _kinematics(
 ) -> list[NDArray[np.float64]]:
     """Displacement, velocity and acceleration from the one that was measured."""
     order = derivative_order(response)
-    found = [x]
+    motions = [x]
     for _ in range(order):
-        found.insert(0, integrate(found[0], fs, band_hz))
+        motions.insert(0, integrate(motions[0], fs, band_hz))
     for _ in range(2 - order):
-        found.append(differentiate(found[-1], fs, band_hz))
-    return found
+        motions.append(differentiate(motions[-1], fs, band_hz))
+    return motions
 
 
 def _steady_cycle(

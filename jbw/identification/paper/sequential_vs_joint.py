@@ -40,20 +40,23 @@ def compare_routes(found: Identification) -> dict[str, Any]:
     }
 
 
-def _cut(found: Identification) -> Moments:
+def _cut(identification: Identification) -> Moments:
     """Mean and sd of every parameter by the step of the paper that identifies it."""
     moments: Moments = {}
-    if found.linear is not None:
-        mean, variance = found.linear.pooled.mean, np.diag(found.linear.pooled.covariance)
+    if identification.linear is not None:
+        mean, variance = (
+            identification.linear.pooled.mean,
+            np.diag(identification.linear.pooled.covariance),
+        )
         pairs = zip(mean.tolist(), np.sqrt(variance).tolist(), strict=True)
         moments = dict(zip(NAMES, pairs, strict=True))
-    for name, wanted in CUT.items():
-        if name not in found.steps:
+    for name, names in CUT.items():
+        if name not in identification.steps:
             continue
-        own = _draws_of(found.steps[name])
+        draws = _draws_of(identification.steps[name])
         # A step's own parameter also fixes its product with alpha, which it holds or draws.
-        wanted = {*wanted, *(p for p, factor in PRODUCTS.items() if factor in wanted)}
-        moments |= {one: own[one] for one in own if one in wanted}
+        names = {*names, *(p for p, factor in PRODUCTS.items() if factor in names)}
+        moments |= {parameter: draws[parameter] for parameter in draws if parameter in names}
     return moments
 
 
@@ -81,7 +84,7 @@ def _statements(
     rows: Mapping[str, Any], walls: Mapping[str, float], steps: Mapping[str, Step]
 ) -> list[str]:
     """What the cut costs, in words."""
-    said = []
+    sentences = []
     held = steps["opening_nuts"].held if "opening_nuts" in steps else {}
     gamma = rows.get("gamma")
     if gamma is not None and held:
@@ -90,19 +93,19 @@ def _statements(
         times = "unlike" if ratio is None else f"{ratio:.2g} times"
         away = abs(gamma["difference"] or 0.0)
         far = f"{away:.2g}" if away < FAR else f"more than {FAR:g}"
-        said.append(
+        sentences.append(
             f"The paper's Step 4 takes {names} for exactly known; gamma holds only if they are. "
             f"With all parameters free, gamma's standard deviation is {times} that of Step 4, and "
             f"the two means are {far} such deviations apart. Use the joint posterior."
         )
     apart = [name for name, row in rows.items() if abs(row["difference"] or 0.0) > 2.576]
     if apart:
-        said.append(
+        sentences.append(
             f"Of {', '.join(apart)} the paper's steps give a mean outside the 99 % interval of the "
             "joint posterior: trust the latter."
         )
-    said.append(
+    sentences.append(
         f"Wall time: {walls['cut']:.3g} s for the cut, {walls['joint']:.3g} s for the joint "
         "posterior, compiling included."
     )
-    return said
+    return sentences

@@ -68,25 +68,25 @@ def measured_kernels(tests: Sequence[Test], linear: PooledFit) -> tuple[ThirdOrd
         Eqs. (29), (30).
     """
     first = [_measured_kernel(test, linear, 0.0) for test in tests]
-    products = [_product(one, linear) for one in first if one.above_noise]
+    products = [_product(measured, linear) for measured in first if measured.above_noise]
     if not products:
         return tuple(first)
-    softer = [2 * np.median(products) * np.mean(np.abs(one.y_1)) / np.pi for one in first]
+    softer = [2 * np.median(products) * np.mean(np.abs(measured.y_1)) / np.pi for measured in first]
     return tuple(
         _measured_kernel(test, linear, float(less))
         for test, less in zip(tests, softer, strict=True)
     )
 
 
-def _product(found: ThirdOrder, linear: PooledFit) -> float:
+def _product(measured: ThirdOrder, linear: PooledFit) -> float:
     r"""alpha*delta by a measured kernel, from the leading term of (31) [1/(m s^2)].
 
     $$\lambda_3 \approx -\frac{35\,\alpha\delta}{96\,Y}, \qquad
       \lambda_3 = -\mathrm{Re}\frac{H_3}{H_1(\omega)^3 H_1(3\omega)}$$
     """
-    h_3 = np.mean(found.h3)
-    lambda_3 = cubic_stiffness(h_3, found.omega, linear.omega_n, linear.zeta)
-    return float(-96 * np.mean(found.y_peak) * lambda_3 / 35)
+    h_3 = np.mean(measured.h3)
+    lambda_3 = cubic_stiffness(h_3, measured.omega, linear.omega_n, linear.zeta)
+    return float(-96 * np.mean(measured.y_peak) * lambda_3 / 35)
 
 
 def _measured_kernel(test: Test, linear: PooledFit, softer: float) -> ThirdOrder:
@@ -146,14 +146,14 @@ def third_order_steps(
     how = {"num_chains": settings.num_chains, "chain_method": "vectorized", "attrs": attrs()}
     notes = tuple(note for measured in step.kernels for note in measured.notes)
     steps = {}
-    for one, (name, options) in zip(jax.random.split(key, 3), SAMPLERS.items(), strict=True):
+    for draw_key, (name, options) in zip(jax.random.split(key, 3), SAMPLERS.items(), strict=True):
         started = perf_counter()
         options = {**options, **how, "kept": keep(name)}
         if name == "third_order_paper":
             likelihood = kernel.known_noise_log_likelihood
-            tree = sample(one, likelihood, step.box, step.data, **options)
+            tree = sample(draw_key, likelihood, step.box, step.data, **options)
         else:
-            tree = draw(one, step, options={"adapt_mass": True}, **options)
+            tree = draw(draw_key, step, options={"adapt_mass": True}, **options)
         steps[name] = finished(
             name, tree, step.box, step.fit, started,
             statements=(_product_sentence(tree), *notes), chi_square=step.fit.chi_square,

@@ -80,10 +80,10 @@ def misfits(
 ) -> Float[Array, "node level"]:
     """Misfit of every level by solves, gamma [1/m] after gamma."""
 
-    def one(value: Float[Array, ""]) -> Float[Array, " level"]:
+    def misfit_at(value: Float[Array, ""]) -> Float[Array, " level"]:
         return records.squares({**held, "gamma": value}) - records.repeats.within
 
-    return jax.lax.map(one, gamma)
+    return jax.lax.map(misfit_at, gamma)
 
 
 def misfit(gamma: Float[Array, ""], curve: OpeningCurve) -> Float[Array, " level"]:
@@ -134,8 +134,8 @@ def fit_opening(
     held = {"omega_n": linear.omega_n, "gain": linear.gain, **means}
     prior = box({"gamma": settings.prior.get("gamma", (0.0, REACH * means["delta"]))})
     curve = opening_curve(records, held, prior)
-    found = fit(residual, prior, curve, starts=8, key=key)
-    return OpeningFit(curve, with_curvature(found, prior, curve), prior, held)
+    best = fit(residual, prior, curve, starts=8, key=key)
+    return OpeningFit(curve, with_curvature(best, prior, curve), prior, held)
 
 
 def with_curvature(found: Fit, prior: Box, curve: OpeningCurve) -> Fit:
@@ -183,21 +183,21 @@ def opening_steps(
     means = means_of(third_order.posterior)
     curve, best, prior, held = fit_opening(fit_key, records, linear, means, settings)
     chi_square = (2 * best.cost, records.mean.size)
-    said = (
+    statements = (
         "Gamma is conditional on the means of Steps 2 and 3: their errors are in it, "
         "not in its interval.",
     )
     steps = {}
-    for one, (name, options) in zip(keys, SAMPLERS.items(), strict=True):
+    for draw_key, (name, options) in zip(keys, SAMPLERS.items(), strict=True):
         tree = sample(
-            one, log_likelihood, prior, curve,
+            draw_key, log_likelihood, prior, curve,
             num_chains=settings.num_chains, chain_method="vectorized", attrs=attrs(),
             kept=keep(name), **options,
         )  # fmt: skip
         finding = _series_finding(tree["posterior"].to_dataset(), curve, held, records)
         steps[name] = finished(
             name, tree, prior, best, started,
-            findings=[finding], statements=said, held=held, chi_square=chi_square,
+            findings=[finding], statements=statements, held=held, chi_square=chi_square,
         )  # fmt: skip
         started = perf_counter()
     return steps
