@@ -88,10 +88,10 @@ def _require_laws(laws: Sequence[str]) -> None:
         plain, joints = split(name)
         kind = law_named(plain)
         if issubclass(kind, Damper) or kind.degrades:
-            what = "is a damper" if issubclass(kind, Damper) else "changes with every cycle"
+            behaviour = "is a damper" if issubclass(kind, Damper) else "changes with every cycle"
             raise ConfigError(
                 f"[[joint]] `{joints[0]}` laws: must be springs or hysteresis that no cycle "
-                f"changes, but `{plain}` {what}, which several joints do not identify yet.",
+                f"changes, but `{plain}` {behaviour}, which several joints do not identify yet.",
                 remedy="Give the joint hysteresis such as bouc_wen, or a spring.",
             )
 
@@ -146,14 +146,14 @@ def _driven_modes(reduced: Any, tests: Sequence[Test]) -> list[int]:
             f"{len(driven)}.",
             remedy="State `band` in the tests, so that they hold fewer modes.",
         )
-    seen = [i for i in driven if gains[i] > HARDLY_SEEN * gains[driven].max()]
-    if not seen:
+    observed = [i for i in driven if gains[i] > HARDLY_SEEN * gains[driven].max()]
+    if not observed:
         raise DataError(
             f"[structure] points: `{reduced.outputs[0]}`, the first one, must see a mode that the "
             "tests drive, but the model has it, or the input, in a node of all of them.",
             remedy="Name another point first, or correct the direction of `input`.",
         )
-    return [seen[0], *(i for i in driven if i != seen[0])]
+    return [observed[0], *(i for i in driven if i != observed[0])]
 
 
 def passes(test: Test, window_hz: tuple[float, float]) -> bool:
@@ -241,6 +241,6 @@ def largest_amplitudes(modes: Modes, data: Dataset) -> Float[np.ndarray, " mode"
     peaks = np.max(
         [peaks_of_part for part in data.parts if (peaks_of_part := part.peaks_of_modes())], axis=0
     )
-    seen = np.array([numbers[seen_name(i)] for i in range(1, len(shares) + 1)])
+    sensor_shapes = np.array([numbers[seen_name(i)] for i in range(1, len(shares) + 1)])
     is_seen = shares > HARDLY_SEEN * shares.max()
-    return np.where(is_seen, peaks / np.where(is_seen, np.abs(seen), 1.0), np.nan)
+    return np.where(is_seen, peaks / np.where(is_seen, np.abs(sensor_shapes), 1.0), np.nan)

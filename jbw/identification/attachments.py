@@ -31,14 +31,14 @@ HEAVY = 0.03  # of the modal mass: an armature that changes the joint's share of
 
 def require_one_unit(tests: Iterable[Test]) -> None:
     """Refuse tests of one drive with sources in different units: one gain cannot serve both."""
-    seen: dict[str, tuple[str, str]] = {}
+    first_units: dict[str, tuple[str, str]] = {}
     for test in tests:
         drive = drive_of(test)
         if drive in ("", "none") or test.traits.is_free:
             continue
         record = test.records[0]
         unit = record.units.get(record.source, "")
-        first, name = seen.setdefault(drive, (unit, test.name))
+        first, name = first_units.setdefault(drive, (unit, test.name))
         if unit != first:
             raise ConfigError(
                 f"Tests driven by {drive} must have their source in one unit, but `{name}` has it "

@@ -213,8 +213,10 @@ def _apart(spectra: Spectra, missed: Sequence[str]) -> list[Cause]:
     label = max(ratios, key=lambda n: abs(np.log(abs(ratios[n]))) + FAR_OFF * (ratios[n] < 0))
     if 1 / FAR_OFF < ratios[label] < FAR_OFF:
         return []
-    now = {n: np.linalg.norm(spectra[n].left) / np.linalg.norm(spectra[n].values) for n in missed}
-    explained = 1 - sum(single_fits[n][1] ** 2 for n in missed) / sum(x**2 for x in now.values())
+    errors = {
+        n: np.linalg.norm(spectra[n].left) / np.linalg.norm(spectra[n].values) for n in missed
+    }
+    explained = 1 - sum(single_fits[n][1] ** 2 for n in missed) / sum(x**2 for x in errors.values())
     text, action = factor_words(label, ratios[label], spectra[label].source_role)
     return [Cause(text, float(explained), action)]
 
@@ -258,10 +260,10 @@ def _swapped(spectra: Spectra, missed: Sequence[str], theta: Mapping[str, float]
         residual = np.linalg.norm(spectrum.source - along * modelled) / np.linalg.norm(
             spectrum.source
         )
-        now = np.linalg.norm(spectrum.left) / np.linalg.norm(spectrum.values)
+        error = np.linalg.norm(spectrum.left) / np.linalg.norm(spectrum.values)
         if along != 0:
             text = f"{label} with input and response swapped"
             swaps.append(
-                Cause(text, float(1 - (residual / now) ** 2), f"Swap the channels of {label}.")
+                Cause(text, float(1 - (residual / error) ** 2), f"Swap the channels of {label}.")
             )
     return swaps

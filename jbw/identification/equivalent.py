@@ -56,9 +56,9 @@ def effects(
     if theta is None or not (laws and y_peak > 0 and np.all(theta["zeta"])):
         return None
     keep = evenly_spaced(posterior, NUM_DRAWS)
-    some = {name: values[keep] for name, values in theta.items()}
-    shift, added = _effects(some, y_peak, laws)
-    return Effects(np.asarray(shift), np.asarray(added) / some["zeta"])
+    thinned = {name: values[keep] for name, values in theta.items()}
+    shift, added = _effects(thinned, y_peak, laws)
+    return Effects(np.asarray(shift), np.asarray(added) / thinned["zeta"])
 
 
 def only_damps(found: Effects) -> bool:
@@ -104,13 +104,13 @@ def response_finding(
     theta = _joint_draws(posterior, held, laws)
     if theta is None or y_peak <= 0:
         return None
-    seen = {}
+    responses = {}
     for y in (share * y_peak for share in SHARES):
         shift, added = map(np.asarray, _effects(theta, y, laws))
-        seen[f"the natural frequency at {y:.2g} m"] = (1 + shift) * theta["omega_n"]
-        seen[f"the damping at {y:.2g} m"] = theta["zeta"] + added
+        responses[f"the natural frequency at {y:.2g} m"] = (1 + shift) * theta["omega_n"]
+        responses[f"the damping at {y:.2g} m"] = theta["zeta"] + added
     shape = posterior.sizes["chain"], posterior.sizes["draw"]
-    return bands_finding({name: np.reshape(values, shape) for name, values in seen.items()})
+    return bands_finding({name: np.reshape(values, shape) for name, values in responses.items()})
 
 
 def _joint_draws(
@@ -179,12 +179,14 @@ def effects_sentence(found: Effects, y_peak: float) -> str:
     )
 
 
-def _change(what: str, quantiles: Float[np.ndarray, "3"]) -> str:
+def _change(quantity: str, quantiles: Float[np.ndarray, "3"]) -> str:
     """By how much a quantity falls or rises, with the interval; its signs where it holds zero."""
     low, _, high = quantiles
     is_known = low * high > 0.0
     verb = ("lowers" if high < 0.0 else "raises") if is_known else "changes"
-    return f"{verb} the {what} by {_share(np.sort(np.abs(quantiles)) if is_known else quantiles)}"
+    return (
+        f"{verb} the {quantity} by {_share(np.sort(np.abs(quantiles)) if is_known else quantiles)}"
+    )
 
 
 def _share(quantiles: Float[np.ndarray, "3"]) -> str:

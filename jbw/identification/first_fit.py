@@ -83,8 +83,8 @@ def from_amplitude_curve(
     part, curve = next(((p, c) for p, c in curves if c is not None), (None, None))
     if part is None or curve is None or "zeta" not in prior.names:
         return {}
-    some = np.unique(np.linspace(0, len(curve.y) - 1, MOST_CURVE_POINTS).astype(int))
-    thin = AmplitudeCurve(*(values[some] for values in curve))
+    indices = np.unique(np.linspace(0, len(curve.y) - 1, MOST_CURVE_POINTS).astype(int))
+    thin = AmplitudeCurve(*(values[indices] for values in curve))
 
     def residual(theta: Mapping[str, Array], seen: AmplitudeCurve) -> Float[Array, " value"]:
         model = backbone(oscillator_of(theta, data.laws), seen.y)

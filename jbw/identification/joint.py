@@ -150,8 +150,8 @@ def without_absent_joint(key: Key[Array, ""], ready: Fitted) -> Fitted | None:
         return None
     theta = likely(key, best, prior, data)
     draws = xr.Dataset({name: (("chain", "draw"), x[None]) for name, x in theta.items()})
-    every = draws.assign(law_variables(draws, data))
-    added = effects(every, data.held, ready.y_peak, data.laws)
+    all_variables = draws.assign(law_variables(draws, data))
+    added = effects(all_variables, data.held, ready.y_peak, data.laws)
     if added is None or not may_be_absent(added):
         return None
     nested = without_joint(best, prior, data)
@@ -269,10 +269,10 @@ def are_enough(
 ) -> bool:
     """Whether chains agree on every parameter, product and response band up to `y_peak` [m]."""
     sampled = xr.Dataset({name: (("chain", "draw"), x) for name, x in draws.items()})
-    every = sampled.assign(law_variables(sampled, data))
-    if not enough({str(name): x.values for name, x in every.data_vars.items()}):
+    all_variables = sampled.assign(law_variables(sampled, data))
+    if not enough({str(name): x.values for name, x in all_variables.data_vars.items()}):
         return False
-    bands = response_finding(every, data.held, y_peak, data.laws)
+    bands = response_finding(all_variables, data.held, y_peak, data.laws)
     return bands is None or bands.status != "failed"
 
 
@@ -329,8 +329,8 @@ def draw_noise_std(
     for part in data.parts:
         if not part.dimension:
             continue
-        key, now = parts_of(key, 2)
-        noise = part.draw_noise(now, of_part(theta, part), labelled, data.num_offsets)
+        key, part_key = parts_of(key, 2)
+        noise = part.draw_noise(part_key, of_part(theta, part), labelled, data.num_offsets)
         name, dim, number = f"noise_std{part.suffix}", part.dimension, 2
         while name in derived:
             name, dim = f"noise_std{part.suffix}_{number}", f"{part.dimension}_{number}"
@@ -370,9 +370,9 @@ def posterior_checks(
 
     def checked(checks: Mapping[str, Callable[[], Finding | None]]) -> list[Finding | None]:
         outcomes = []
-        for what, check in checks.items():
-            under_way.info("check of %s", what)
-            outcomes.append(attempts.make(f"The check of {what}", check, None))
+        for label, check in checks.items():
+            under_way.info("check of %s", label)
+            outcomes.append(attempts.make(f"The check of {label}", check, None))
         return outcomes
 
     def lack_of_fit() -> Finding | None:
@@ -419,8 +419,8 @@ def posterior_checks(
         "difference of the joints of the modes": lambda: same_joint_sentences(posterior, data),
         "joint of each mode": lambda: own_joint_sentences(key, best, data),
     }
-    for what, build in sentences.items():
-        words += attempts.make(f"The statement on the {what}", build, ())
+    for topic, build in sentences.items():
+        words += attempts.make(f"The statement on the {topic}", build, ())
 
     added = attempts.make(
         "The effect of the joint", lambda: effects(posterior, data.held, y_peak, data.laws), None

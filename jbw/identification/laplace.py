@@ -82,7 +82,7 @@ def laplace_step(key: Key[Array, ""], ready: Fitted, started: float) -> Step:
     lp, theta = laplace_draws(key, ready)
     low_high, meaning = bounds_by_name(ready.box), attrs(ready.data.laws)
     dims, shape = ("chain", "draw"), (NUM_CHAINS, NUM_DRAWS)
-    drawn = xr.Dataset(
+    posterior = xr.Dataset(
         {
             name: (
                 dims,
@@ -96,8 +96,8 @@ def laplace_step(key: Key[Array, ""], ready: Fitted, started: float) -> Step:
     words = {"units": "1", "long_name": "log density of the Gaussian, less that of the fit"}
     tree = xr.DataTree.from_dict(
         {
-            "/posterior": drawn.assign(law_variables(drawn, ready.data)),
-            "/sample_stats": xr.Dataset({"lp": (dims, lp.reshape(shape), words)}, drawn.coords),
+            "/posterior": posterior.assign(law_variables(posterior, ready.data)),
+            "/sample_stats": xr.Dataset({"lp": (dims, lp.reshape(shape), words)}, posterior.coords),
         }
     )
     tree.attrs |= {"sampler": LAPLACE, "num_chains": NUM_CHAINS, "num_samples": NUM_DRAWS}

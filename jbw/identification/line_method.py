@@ -60,8 +60,8 @@ def line_fit_start(frf: FRF) -> NDArray[np.float64]:
     zero = np.zeros_like(x)
     design = np.block([[np.ones_like(x), zero], [-(x**2), zero], [zero, x]]).T
     target = np.concatenate([(1 / h).real, (1 / h).imag])
-    both = np.tile(weight / weight.max(), 2)
-    a, b, c = np.linalg.lstsq(design * both[:, None], target * both)[0]
+    weights = np.tile(weight / weight.max(), 2)
+    a, b, c = np.linalg.lstsq(design * weights[:, None], target * weights)[0]
     if not (a / b > 0 and c / b > 0 and c**2 < 4 * a * b):
         peak = frf.freq[np.argmax(np.abs(h))]
         raise DataError(

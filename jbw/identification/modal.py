@@ -288,9 +288,9 @@ def _apart(lines: Lines, theta: Real) -> None:
 def _follows(fit: ModalFit) -> None:
     """Refuse a fit that misses most of an output's lines, by far more than their noise."""
     if fit.misfit.max() > MOST_MISFIT and fit.chi_square > BEYOND_NOISE * fit.dof:
-        seen = " and ".join(f"{freq:.4g}" for freq in fit.omega / (2 * np.pi))
+        modes_hz = " and ".join(f"{freq:.4g}" for freq in fit.omega / (2 * np.pi))
         raise DataError(
-            f"The modes must follow the lines, but those found at {seen} Hz leave "
+            f"The modes must follow the lines, but those found at {modes_hz} Hz leave "
             f"{100 * fit.misfit.max():.0f} % of an output.",
             why="The diagram shows no stable pole where the lines have a peak.",
             remedy="Give the frequencies of the peaks in place of their number, or estimate the "
@@ -302,14 +302,14 @@ def _within(fit: ModalFit) -> None:
     """Warn of a mode that ended outside the band, and refuse one that ended far from it."""
     low, high = fit.band_hz
     for freq in fit.omega / (2 * np.pi):
-        off = max(low - freq, freq - high)
+        excess = max(low - freq, freq - high)
         sentence = f"A mode ended at {freq:.4g} Hz, outside the band {low:.4g} to {high:.4g} Hz"
-        if off > OUTSIDE * (high - low):
+        if excess > OUTSIDE * (high - low):
             raise DataError(
                 f"{sentence}, which therefore does not tell it.",
                 remedy="Ask for fewer modes, or give frequencies nearer to the peaks.",
             )
-        if off > 0:
+        if excess > 0:
             warnings.warn(
                 f"{sentence}: it stands for what the others leave, not for a peak.", stacklevel=3
             )

@@ -68,8 +68,8 @@ def joint_finding(nested: Nested, added: Effects, y_peak: float) -> Finding:
     of k parameters more. Where it does not, the bounds on what it may do are the answer.
     """
     least = float(stats.chi2.isf(BY_CHANCE, nested.num_parameters))
-    seen = nested.growth > least
-    if seen:
+    is_seen = nested.growth > least
+    if is_seen:
         reason = (
             f"Without the joint chi-square grows by {nested.growth:.3g}, by chance {least:.3g}."
         )

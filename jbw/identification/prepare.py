@@ -244,7 +244,7 @@ def _about(
     than twice the half that a Gaussian's does a parameter. Close to the fit all is straight.
     """
     steps = steps_about(key, best, NUM_DRAWS)
-    drawn = points_at(steps, best, prior)
-    values = at_points(dataset.log_likelihood, drawn, data).sum(axis=1)
+    points = points_at(steps, best, prior)
+    values = at_points(dataset.log_likelihood, points, data).sum(axis=1)
     near = 1.0 if values[0] - np.median(values) <= len(best.theta) else NEAR
     return points_at(near * steps, best, prior), near

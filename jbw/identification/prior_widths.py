@@ -29,8 +29,10 @@ def twice_as_wide(prior: Box, laws: tuple[str, ...], stated: Collection[str] = (
     for quantity in quantities_of(laws):
         if quantity.name in bounds and not (quantity.is_share or quantity.name in stated):
             low, high = bounds[quantity.name]
-            both = quantity.least is None and low < 0.0 < high
-            bounds[quantity.name] = (2.0 * low, 2.0 * high) if both else (low, 2.0 * high - low)
+            has_both_signs = quantity.least is None and low < 0.0 < high
+            bounds[quantity.name] = (
+                (2.0 * low, 2.0 * high) if has_both_signs else (low, 2.0 * high - low)
+            )
     return box(bounds)
 
 

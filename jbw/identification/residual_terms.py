@@ -82,50 +82,54 @@ def shown_terms(
     several = data.modes is not None and data.modes.points  # to which no term belongs
     if several or "omega_n" not in data.held | best.theta:
         return None
-    now = Taken(prior, best)
+    accepted = Taken(prior, best)
     for hz in settings.modes[1:] if isinstance(settings.modes, tuple) else ():
-        now = _with_neighbour(now, data, settings, refit, 2 * np.pi * hz)
-    now = _with_constants(now, data, refit)
-    now = _with_neighbour(now, data, settings, refit)
-    return now if now.words else None
+        accepted = _with_neighbour(accepted, data, settings, refit, 2 * np.pi * hz)
+    accepted = _with_constants(accepted, data, refit)
+    accepted = _with_neighbour(accepted, data, settings, refit)
+    return accepted if accepted.words else None
 
 
-def _with_constants(now: Taken, data: Dataset, refit: Refit) -> Taken:
+def _with_constants(accepted: Taken, data: Dataset, refit: Refit) -> Taken:
     """The terms of modes outside the band, where none was stated."""
-    omega_n = float({**data.held, **now.fit.theta}["omega_n"])
-    if {UPPER, LOWER} & set(now.box.names) or not _misses(now.fit, data, ("auto",)):
-        return now
-    chosen, before = now, now.fit
+    omega_n = float({**data.held, **accepted.fit.theta}["omega_n"])
+    if {UPPER, LOWER} & set(accepted.box.names) or not _misses(accepted.fit, data, ("auto",)):
+        return accepted
+    chosen, before = accepted, accepted.fit
     for names in TRIED:
-        wider = with_terms(now.box, term_bounds(names, omega_n, {}))
-        wider_fit = refit(now.fit, wider, data)
+        wider = with_terms(accepted.box, term_bounds(names, omega_n, {}))
+        wider_fit = refit(accepted.fit, wider, data)
         if not _falls(before, wider_fit):
             break
-        sentence = _constants_sentence(names, wider_fit, 1 - wider_fit.cost / now.fit.cost)
-        chosen, before = Taken(wider, wider_fit, (*now.words, sentence)), wider_fit
+        sentence = _constants_sentence(names, wider_fit, 1 - wider_fit.cost / accepted.fit.cost)
+        chosen, before = Taken(wider, wider_fit, (*accepted.words, sentence)), wider_fit
     return chosen
 
 
 def _with_neighbour(
-    now: Taken, data: Dataset, settings: Identify, refit: Refit, omega: float | None = None
+    accepted: Taken, data: Dataset, settings: Identify, refit: Refit, omega: float | None = None
 ) -> Taken:
     """One neighbour more: where it is stated, or where it would explain most of what is left."""
-    neighbours = neighbours_of(now.fit.theta)
-    takers = tuple(name for name, taken in TAKEN.items() if set(OF_MODES) & set(taken))
-    if len(neighbours) == len(MODES) or not _misses(now.fit, data, takers):
-        return now
-    theta = {**data.held, **now.fit.theta}
-    start = _start(now.fit, data, omega)
+    neighbours = neighbours_of(accepted.fit.theta)
+    takers = tuple(name for name, terms in TAKEN.items() if set(OF_MODES) & set(terms))
+    if len(neighbours) == len(MODES) or not _misses(accepted.fit, data, takers):
+        return accepted
+    theta = {**data.held, **accepted.fit.theta}
+    start = _start(accepted.fit, data, omega)
     if start is None:
-        return now
+        return accepted
     names, wide = MODES[len(neighbours)], bounds(float(theta["omega_n"]), (*neighbours, start[0]))
-    every = [name for mode in MODES[: len(neighbours) + 1] for name in mode]
-    wider = with_terms(now.box, {name: settings.prior.get(name, wide[name]) for name in every})
-    begun = {**now.fit.theta, **dict(zip(names, start, strict=True))}
-    wider_fit = refit(now.fit, wider, data, theta=begun)
-    if not _falls(now.fit, wider_fit, GROWTH if omega is None else 0.0):
-        return now
-    return Taken(wider, wider_fit, (*now.words, _neighbour_sentence(names, now.fit, wider_fit)))
+    mode_terms = [name for mode in MODES[: len(neighbours) + 1] for name in mode]
+    wider = with_terms(
+        accepted.box, {name: settings.prior.get(name, wide[name]) for name in mode_terms}
+    )
+    begun = {**accepted.fit.theta, **dict(zip(names, start, strict=True))}
+    wider_fit = refit(accepted.fit, wider, data, theta=begun)
+    if not _falls(accepted.fit, wider_fit, GROWTH if omega is None else 0.0):
+        return accepted
+    return Taken(
+        wider, wider_fit, (*accepted.words, _neighbour_sentence(names, accepted.fit, wider_fit))
+    )
 
 
 def _start(best: Fit, data: Dataset, omega: float | None) -> tuple[float, float, float] | None:

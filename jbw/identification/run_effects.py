@@ -244,9 +244,9 @@ def with_scatter(key: Key[Array, ""], best: Fit, data: Dataset) -> Dataset:
     """
     theta = {name: np.array([value]) for name, value in best.theta.items()}
     estimate = estimates_at(theta, data)  # by the program of the draws
-    every = jax.tree.map(lambda x: np.repeat(x, NUM_DRAWS, axis=0), estimate)
-    drawn = np.asarray(_drawn(jax.random.split(key, NUM_DRAWS), every, data).scatter)
-    scatter = np.sqrt(np.mean(drawn[:, : len(OFFSETS)] ** 2, axis=0))
+    repeated = jax.tree.map(lambda x: np.repeat(x, NUM_DRAWS, axis=0), estimate)
+    scatters = np.asarray(_drawn(jax.random.split(key, NUM_DRAWS), repeated, data).scatter)
+    scatter = np.sqrt(np.mean(scatters[:, : len(OFFSETS)] ** 2, axis=0))
     return replace(data, scatter=jax.device_put(scatter))
 
 
@@ -271,12 +271,12 @@ def _spreads(
 def sentence_of(shifts: Shifts, of_levels: float | None = None) -> str:
     """What was seen of the runs, in words; `of_levels` is that of `damping_scatter`."""
     apart = shifts.offset[:, 0] - shifts.offset[:, 0].mean()
-    seen = ", ".join(
+    shifts_text = ", ".join(
         f"{name} {b / (2 * np.pi):+.3g} Hz" for name, b in zip(shifts.runs, apart, strict=True)
     )
     return (
         f"The natural frequency differs from run to run by more than chance (p = {shifts.p:.1g}): "
-        f"{seen}. {_has_offsets(of_levels)}"
+        f"{shifts_text}. {_has_offsets(of_levels)}"
     )
 
 
@@ -308,22 +308,22 @@ def runs_dataset(
         return None
     theta = thinned(posterior, names, NUM_DRAWS)
     num_draws = len(theta[names[0]])
-    drawn = _drawn(jax.random.split(key, num_draws), estimates_at(theta, data), data)
-    drawn = jax.tree.map(np.asarray, drawn)
+    spread_draws = _drawn(jax.random.split(key, num_draws), estimates_at(theta, data), data)
+    spread_draws = jax.tree.map(np.asarray, spread_draws)
     runs = list(dict.fromkeys(data.runs))
     centre = {**data.held, **theta}
     variables = {}
     for i, name in enumerate(OFFSETS):
         for offset_name in (parameter for parameter in centre if plain(parameter) == name):
-            values_by_run = np.asarray(drawn.offset[:, :, i]) + np.reshape(
+            values_by_run = np.asarray(spread_draws.offset[:, :, i]) + np.reshape(
                 centre[offset_name], (-1, 1)
             )
             attrs = {**BY_NAME[offset_name].attrs, "long_name": f"{offset_name} of each run"}
             variables[offset_name] = (("draw", "run"), values_by_run, attrs)
         unit = BY_NAME[name].unit
-        for level, over in enumerate(list(PLURAL)[: drawn.scatter.shape[1] // len(OFFSETS)]):
+        for level, over in enumerate(list(PLURAL)[: spread_draws.scatter.shape[1] // len(OFFSETS)]):
             suffix = "" if over == "run" else f"_{over}"
-            spread = np.asarray(drawn.scatter[:, len(OFFSETS) * level + i])
+            spread = np.asarray(spread_draws.scatter[:, len(OFFSETS) * level + i])
             attrs = {"units": unit, "long_name": f"sd of {name} over {PLURAL[over]}"}
             variables[f"spread_{name}{suffix}"] = ("draw", spread, attrs)
     return xr.Dataset(variables, {"run": runs, "draw": np.arange(num_draws)})

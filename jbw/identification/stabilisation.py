@@ -75,8 +75,8 @@ def stabilisation(outputs: Sequence[FRF], expected: int = 0) -> Stabilisation:
     orders = range(lowest, highest + 1, max(1, (highest - lowest) // MOST_ORDERS))
     by_order = [_poles(outputs, order) for order in orders]
     stable = [np.zeros(len(by_order[0]), bool)]
-    for before, now in pairwise(by_order):
-        stable.append(np.array([_has(before, pole) for pole in now], bool))
+    for before, after in pairwise(by_order):
+        stable.append(np.array([_has(before, pole) for pole in after], bool))
     poles, is_stable = np.concatenate(by_order), np.concatenate(stable)
     order = np.repeat(orders, [len(poles_of_order) for poles_of_order in by_order])
     groups, votes = _staying(poles[is_stable])
@@ -137,9 +137,9 @@ def starts_of(
             raise ConfigError(f"Argument `modes` must count one mode at least, not {modes!r}.")
         diagram = stabilisation(parts, modes)
         if len(diagram.groups) < modes:
-            seen = ", ".join(f"{x / (2 * np.pi):.4g}" for x in diagram.groups[:, 0]) or "none"
+            stable_hz = ", ".join(f"{x / (2 * np.pi):.4g}" for x in diagram.groups[:, 0]) or "none"
             raise DataError(
-                f"The band must show {modes} modes, as `modes` says, but only {seen} Hz stay "
+                f"The band must show {modes} modes, as `modes` says, but only {stable_hz} Hz stay "
                 "where the model's order rises.",
                 remedy="Give their frequencies, or ask for fewer.",
             )
@@ -171,13 +171,13 @@ def starts_of(
                 remedy="Say with `modes` where they lie, or look at `band` and the channels.",
             )
         return diagram.modes, diagram
-    shown = np.zeros((0, 2)) if diagram is None else diagram.groups
-    return np.array([_start_near(2 * np.pi * freq, shown) for freq in frequencies]), diagram
+    stable_poles = np.zeros((0, 2)) if diagram is None else diagram.groups
+    return np.array([_start_near(2 * np.pi * freq, stable_poles) for freq in frequencies]), diagram
 
 
-def _start_near(omega: float, shown: Real) -> tuple[float, float]:
+def _start_near(omega: float, stable_poles: Real) -> tuple[float, float]:
     """A frequency asked for, with the damping of what the diagram shows near it."""
-    near = shown[np.abs(shown[:, 0] / omega - 1) < NEAR]
+    near = stable_poles[np.abs(stable_poles[:, 0] / omega - 1) < NEAR]
     if not len(near):
         return omega, UNSAID_ZETA
     return omega, float(near[np.argmin(np.abs(near[:, 0] - omega)), 1])

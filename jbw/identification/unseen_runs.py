@@ -169,6 +169,6 @@ def weighed_in(key: Key[Array, ""], prior: Box, data: Dataset, places: Places) -
 def _error_of(run: str, best: Fit, candidate: Candidate) -> float:
     """Error of a run over its response at a fit that does not know it, but for its frequency."""
     data = candidate.fitted.data
-    every = errors_with_own_frequency(best, candidate.fitted.box, data)
+    errors = errors_with_own_frequency(best, candidate.fitted.box, data)
     pairs = zip(data.labels, data.runs, strict=True)
-    return rms([every[label] for label, name in pairs if name == run and label in every])
+    return rms([errors[label] for label, name in pairs if name == run and label in errors])

@@ -110,9 +110,9 @@ def _predict_alike(source: Source, curves: Sequence[Curve], residuals: str) -> l
             }
             values = model[:, i, :size]
             std = source.std(noise, values, float(data.repeats.num_repeats[i]))
-            drawn, error_values = _compared(group, test, values, of_others, order, std)
+            harmonic, error_values = _compared(group, test, values, of_others, order, std)
             suffix = "" if group.order == 1 else f"_{group.order}"
-            variables |= {name + suffix: variable for name, variable in drawn.items()}
+            variables |= {name + suffix: variable for name, variable in harmonic.items()}
             attrs |= {name + suffix: value for name, value in error_values.items()}
         freq = ("freq", fundamental.omega[order] / (2 * np.pi), {"units": "Hz"})
         dataset = xr.Dataset(variables, {"freq": freq, "quantile": QUANTILE_AXIS}, attrs)
@@ -157,8 +157,8 @@ def _motion(data: Points, draws: Draws) -> Complex[np.ndarray, "draw point harmo
     motion = np.asarray(carry(motion_of, draws, data), complex)
     for _ in range(ROUNDS - 1):
         median = np.median(np.real(motion), axis=0) + 1j * np.median(np.imag(motion), axis=0)
-        guess, off = data.motion, np.abs(median - np.asarray(data.motion))[:, 0]
-        if np.all(off < CLOSE * np.abs(median[:, 0])):  # never where something is not a number
+        guess, distance = data.motion, np.abs(median - np.asarray(data.motion))[:, 0]
+        if np.all(distance < CLOSE * np.abs(median[:, 0])):  # never where something is not a number
             break
         data = replace(data, motion=jnp.where(np.isfinite(median), median, guess))
         motion = np.asarray(carry(motion_of, draws, data), complex)
@@ -195,14 +195,14 @@ def _compared(
     record = test.records[0]
     turn = np.ones(len(order))
     magnitude = {"units": group.unit, "long_name": record.response}
-    what = "phase of the response"
+    phase_name = "phase of the response"
     if group.of_force:
         turn = np.exp(-1j * np.angle(group.motion[order, 0]))
         magnitude = {"units": group.unit, "long_name": record.source}
-        what = "phase of the force ahead of the displacement"
+        phase_name = "phase of the force ahead of the displacement"
     measured, model = turn * group.values[order], turn * model[:, order]
     reference = np.angle(measured)
-    how = reference, magnitude, {"units": "rad", "long_name": what}
+    how = reference, magnitude, {"units": "rad", "long_name": phase_name}
     variables = polar("measured", measured, *how, "freq") | polar("model", model, *how)
     if noise_std is not None:
         size, turned = np.abs(model), phase_near(model, reference)

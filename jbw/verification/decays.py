@@ -86,8 +86,8 @@ def verify_decays(source: Source, test: Test, num_fitted: int) -> list[xr.Datase
     data = _reduced(source, test)
     noise_of_label = noise_by_label(source.basis.decay)
     noise_std = np.array([noise_of_label[label] for label in data.labels[:num_fitted]])
-    every = np.append(noise_std, np.full(len(test.records) - num_fitted, noise_std.mean()))
-    return _compared(source, test, data, every, num_fitted)
+    record_stds = np.append(noise_std, np.full(len(test.records) - num_fitted, noise_std.mean()))
+    return _compared(source, test, data, record_stds, num_fitted)
 
 
 def _reduced(source: Source, test: Test) -> Decays:
@@ -115,8 +115,8 @@ def _compared(
     several = bool(data.several)
     entered, stride = (followed(source), chosen.stride) if several else (_along(source, data), 1)
     unit, dims = {"units": UNIT_OF[data.response]}, ("quantile", "time")
-    for i, (every, noise) in enumerate(zip(envelopes(test), noise_std, strict=True)):
-        measured_envelope = every[::stride]
+    for i, (sampled, noise) in enumerate(zip(envelopes(test), noise_std, strict=True)):
+        measured_envelope = sampled[::stride]
         held_out = i >= num_fitted
         size = num_begun(source.draws, data) if held_out else data.envelope.shape[1]
         seen_s = float(size * data.step_s) if held_out else 0.0
@@ -179,8 +179,8 @@ def drifted(
 
     Time counts from the middle of what gave the initial state.
     """
-    off = rates * generator(key).standard_normal((len(envelope), 2))
-    return envelope * np.exp(np.multiply.outer(-off[:, 0] + 1j * off[:, 1], time))
+    rate_draws = rates * generator(key).standard_normal((len(envelope), 2))
+    return envelope * np.exp(np.multiply.outer(-rate_draws[:, 0] + 1j * rate_draws[:, 1], time))
 
 
 def _along(source: Source, data: Decays) -> Entered:

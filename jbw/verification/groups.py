@@ -82,7 +82,7 @@ def predict_groups(source: Source, test: Test) -> Predicted:
 
 def groups_of(source: Source, test: Test, part: Repeated) -> Iterator[Group]:
     """The groups of a part of a test, each with its predictions where these are compared."""
-    every, others = source.observed(part)
+    predicted, others = source.observed(part)
     plain = np.abs if part.is_complex else np.asarray
     for i, label in enumerate(part.labels):
         compared = part.compared(i)
@@ -90,8 +90,8 @@ def groups_of(source: Source, test: Test, part: Repeated) -> Iterator[Group]:
         noise = noise_of(source.basis, test, repeat_noise, label=label, behind=behind)
         yield Group(
             plain(np.asarray(part.mean)[i][compared]),
-            plain(every[:, i][:, compared]),
+            plain(predicted[:, i][:, compared]),
             {name: plain(other[i][compared]) for name, other in others.items()},
             noise,
-            source.std(noise, plain(every[:, i][:, compared]), len(test.records)),
+            source.std(noise, plain(predicted[:, i][:, compared]), len(test.records)),
         )

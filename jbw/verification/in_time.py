@@ -99,10 +99,10 @@ def _response(
     point: int,
 ) -> tuple[Float[Array, " time"], Float[Array, ""]]:
     motion = motion_under(theta, source, fs, laws=laws, substeps=substeps, every_point=point > 0)
-    seen = response_of(motion, theta, source, fs, response=response, residuals=residuals)
+    responses = response_of(motion, theta, source, fs, response=response, residuals=residuals)
     if point:
-        return seen[point], jnp.max(jnp.abs(motion.y[0]))
-    return seen, jnp.max(jnp.abs(motion.y))
+        return responses[point], jnp.max(jnp.abs(motion.y[0]))
+    return responses, jnp.max(jnp.abs(motion.y))
 
 
 def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Motion:

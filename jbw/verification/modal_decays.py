@@ -43,8 +43,8 @@ def followed(source: Source) -> Entered:
     ) -> tuple[Envelope, Envelopes]:
         def along(draws: Draws, laws: Laws) -> Envelope:
             size = (count_of(draws), seen.num_own)
-            off = np.asarray(jax.random.normal(key, size)) * (size[0] > 1)
-            white = {OWN.format(i): column for i, column in enumerate(off.T)}
+            draws_of_start = np.asarray(jax.random.normal(key, size)) * (size[0] > 1)
+            white = {OWN.format(i): column for i, column in enumerate(draws_of_start.T)}
             return carry(_follow, {**draws, **white}, replace(seen, laws=laws), len(time))
 
         return source.carried(along)
@@ -61,15 +61,15 @@ def _follow(theta: Mapping[str, Array], seen: ModalDecays, length: int) -> Compl
     # As of one mode: the noise of fitted records stands for that of a short beginning, and the
     # shift's own prior holds it.
     precision = matched.precision * seen.fraction / seen.noise_std[0] ** 2
-    both = jnp.linalg.inv(precision.at[-1, -1].add(1 / seen.shift_std**2))
-    centre = -both[:, -1] * matched.entry.shift / seen.shift_std**2
+    covariance = jnp.linalg.inv(precision.at[-1, -1].add(1 / seen.shift_std**2))
+    centre = -covariance[:, -1] * matched.entry.shift / seen.shift_std**2
     off = jnp.stack([theta[OWN.format(i)] for i in range(seen.num_own)])
-    start = start + centre + jnp.linalg.cholesky(both) @ off
-    every = replace(
+    start = start + centre + jnp.linalg.cholesky(covariance) @ off
+    full_rate = replace(
         seen,
         stride=1,
         step_s=1 / seen.fs,
         rotation=jnp.exp(-2j * jnp.pi * seen.centre_hz / seen.fs),
         num_samples=length + len(seen.taps) - 1,
     )
-    return modal_envelopes(structure, start, every).sum(axis=0)
+    return modal_envelopes(structure, start, full_rate).sum(axis=0)

@@ -74,13 +74,13 @@ def predict_planned(source: Source, test: Test) -> Predicted:
         factor = (1j * order * omega) ** derivative_order(record.response)
         values = factor * motion[:, :, order // 2]
         middle = np.unwrap(np.angle(np.mean(values, axis=0))).astype(np.float64)
-        drawn = polar("model", values, middle, magnitude, phase)
+        harmonic = polar("model", values, middle, magnitude, phase)
         std = source.std(noise, values)
         if source.noise and std:
             predictive = gaussian_band(np.abs(values), std)
-            drawn["predictive_magnitude"] = (("quantile", "freq"), predictive, magnitude)
+            harmonic["predictive_magnitude"] = (("quantile", "freq"), predictive, magnitude)
         suffix = "" if order == 1 else f"_{order}"
-        variables |= {name + suffix: variable for name, variable in drawn.items()}
+        variables |= {name + suffix: variable for name, variable in harmonic.items()}
     freq = ("freq", omega / (2 * np.pi), {"units": "Hz"})
     attrs = {"held": record.source, "quantity": record.response}
     attrs["level_unit"] = record.units[record.source]

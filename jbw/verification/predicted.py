@@ -102,8 +102,8 @@ class Source:
         for name, (parameters, laws) in self.references.items():
             single = {key: np.array([value]) for key, value in parameters.items()}
             others[name] = jax.tree.map(lambda rows: rows[0], predict(single, laws))
-        every = ((self.draws, self.basis.laws), *self.beside)
-        rows = [predict(draws, laws) for draws, laws in every]
+        members = ((self.draws, self.basis.laws), *self.beside)
+        rows = [predict(draws, laws) for draws, laws in members]
         return jax.tree.map(lambda *parts: np.concatenate(parts), *rows), others
 
     def observed(

@@ -136,8 +136,8 @@ class Basis:
         theta = self.thinned(run.sizes["draw"])
         theta |= {str(n): v.values for n, v in run.data_vars.items() if plain(str(n)) in OFFSETS}
         theta = of_drive(theta, drive)
-        some = np.unique(np.linspace(0, run.sizes["draw"] - 1, num_draws).round().astype(int))
-        return self._complete({name: values[some] for name, values in theta.items()}, gain)
+        indices = np.unique(np.linspace(0, run.sizes["draw"] - 1, num_draws).round().astype(int))
+        return self._complete({name: values[indices] for name, values in theta.items()}, gain)
 
     def run_of(self, test: Test) -> str | None:
         """Name of a test's run among those that were fitted; None of a further run."""
@@ -262,11 +262,11 @@ def basis_of(tree: xr.DataTree) -> Basis:
     if AS_RECORDED in tree.children:  # a prediction is what the same instruments would read
         posterior = posterior.assign(tree[AS_RECORDED].to_dataset().data_vars)
     decay = "/steps/decay/posterior"
-    seen = json.loads(str(attrs.get("tests", "{}")))
+    tests = json.loads(str(attrs.get("tests", "{}")))
     return Basis(
         posterior,
         json.loads(str(attrs.get("held", "{}"))),
-        {name: Seen(**facts) for name, facts in seen.items()},
+        {name: Seen(**facts) for name, facts in tests.items()},
         float(attrs.get("y_peak", 0.0)),
         tuple(np.atleast_1d(attrs["scatter"]).tolist()) if "scatter" in attrs else (),
         int(attrs.get("substeps", SUBSTEPS)),

@@ -122,8 +122,8 @@ def _verify_free(
 
     order = derivative_order(together.records[0].response)
     unit = float(np.mean(draws["omega_n"])) ** order * basis.y_peak
-    every = attempts.make("The comparison of the free decays with the model", compared, ())
-    for name, comparison in zip(decays.names, every, strict=False):
+    comparisons = attempts.make("The comparison of the free decays with the model", compared, ())
+    for name, comparison in zip(decays.names, comparisons, strict=False):
         if not comparison.attrs["fitted"] and unit > 0:
             comparison.attrs["extrapolation"] = comparison.attrs["level"] / unit
         comparison.attrs["discrepancy"] = int(not comparison.attrs["fitted"] and basis.misses)
@@ -323,11 +323,11 @@ def _simpler(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> lis
         return []
     name, kind = worst = max(ratios, key=lambda pair: ratios[pair])
     attrs = tests[name]
-    seen = "fitted" if attrs.get("fitted") else "never fitted"
+    fit_status = "fitted" if attrs.get("fitted") else "never fitted"
     reason = (
-        f"On {name} ({seen}) the joint's error is {attrs['nrmse']:.2g} of the record, that of the "
-        f"best {kind} oscillator {attrs[f'nrmse_{kind}']:.2g}; it must be below {BETTER:g} times "
-        "that, here as on every other test."
+        f"On {name} ({fit_status}) the joint's error is {attrs['nrmse']:.2g} of the record, that of "
+        f"the best {kind} oscillator {attrs[f'nrmse_{kind}']:.2g}; it must be below {BETTER:g} "
+        "times that, here as on every other test."
     )
     action = (
         "The law of the joint does not hold there: fit fewer levels by `fit_levels`, or try "

@@ -220,10 +220,10 @@ def _series_finding(
     gamma = jnp.asarray(np.quantile(posterior["gamma"].values, np.linspace(0.05, 0.95, 8)))
     exact = misfits(gamma, dict(held), records)
     series = jax.vmap(lambda value: misfit(value, curve))(gamma)
-    both = [
+    likelihoods = [
         gaussian_log_likelihood(part + curve.within, curve.num_values) for part in (exact, series)
     ]
-    error = np.asarray(jnp.sum(both[0] - both[1], axis=-1))
+    error = np.asarray(jnp.sum(likelihoods[0] - likelihoods[1], axis=-1))
     worst = float(np.ptp(error))
     reason = (
         f"The Chebyshev series of the log likelihood is wrong by {worst:.2g} nats over the "
