@@ -325,8 +325,8 @@ def _simpler(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> lis
     attrs = tests[name]
     fit_status = "fitted" if attrs.get("fitted") else "never fitted"
     reason = (
-        f"On {name} ({fit_status}) the joint's error is {attrs['nrmse']:.2g} of the record, that of "
-        f"the best {kind} oscillator {attrs[f'nrmse_{kind}']:.2g}; it must be below {BETTER:g} "
+        f"On {name} ({fit_status}) the joint's error is {attrs['nrmse']:.2g} of the record, that "
+        f"of the best {kind} oscillator {attrs[f'nrmse_{kind}']:.2g}; it must be below {BETTER:g} "
         "times that, here as on every other test."
     )
     action = (
