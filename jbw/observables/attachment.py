@@ -88,8 +88,8 @@ class Foretold(Observable):
 
     def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
         """The log density of the changes; nothing of offsets."""
-        left, _ = self.weighted(theta)
-        return known_estimate(left, jnp.zeros((1, num_offsets, len(OFFSETS))))
+        residual, _ = self.weighted(theta)
+        return known_estimate(residual, jnp.zeros((1, num_offsets, len(OFFSETS))))
 
     def linearised(self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]) -> Self:
         """With directions of the offsets, which are zero."""

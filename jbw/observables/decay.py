@@ -85,7 +85,7 @@ class Decays(Envelopes):
     def matches(self, theta: Theta) -> Match:
         """Every record matched to the decay of the joint, fields with a leading axis of records."""
         decay = decay_of(theta, self)
-        return jax.vmap(lambda one: match(decay, one, self.step_s))(self.envelope)
+        return jax.vmap(lambda envelope: match(decay, envelope, self.step_s))(self.envelope)
 
     def predict(self, theta: Theta) -> Complex[Array, "record step"]:
         """Envelope of every record, at its best initial state and shift."""
@@ -93,11 +93,13 @@ class Decays(Envelopes):
 
     def weighted(self, theta: Theta) -> Weighted:
         """Residuals in standard deviations of the noise, and the shift in that of its scatter."""
-        found = self.matches(theta)
+        matches = self.matches(theta)
         weight = jnp.sqrt(self.fraction) / self.noise_std
-        left: Complex[Array, "record step"] = found.residual * weight[:, None]
-        shift = found.entry.shift[:, None] / self.shift_std
-        rows = jnp.concatenate([left.real, left.imag, shift], axis=1) * self.counted[:, None]
+        residual: Complex[Array, "record step"] = matches.residual * weight[:, None]
+        shift = matches.entry.shift[:, None] / self.shift_std
+        rows = (
+            jnp.concatenate([residual.real, residual.imag, shift], axis=1) * self.counted[:, None]
+        )
         return rows, jnp.zeros((len(rows), 0, rows.shape[1]))
 
     def left(self, theta: Theta) -> Weighted:
@@ -119,14 +121,14 @@ class Decays(Envelopes):
         noise integrated out under 1/sigma. Q is nearly quadratic in the three unknowns. A record
         that does not count says nothing.
         """
-        found = self.matches(theta)
-        _, log_det = jnp.linalg.slogdet(found.precision)
-        error = self.shift_errors(found)
+        matches = self.matches(theta)
+        _, log_det = jnp.linalg.slogdet(matches.precision)
+        error = self.shift_errors(matches)
         degrees = self._num_values - self.num_own
-        log_density = -degrees / 2 * jnp.log(found.misfit) - 0.5 * log_det - jnp.log(error)
+        log_density = -degrees / 2 * jnp.log(matches.misfit) - 0.5 * log_det - jnp.log(error)
         first = jnp.eye(max(num_offsets, 1))[0]
         precision = jnp.outer(first, first) * (self.counted / error**2)[:, None, None]
-        return Estimate(self.counted * log_density, found.entry.shift[:, None] * first, precision)
+        return Estimate(self.counted * log_density, matches.entry.shift[:, None] * first, precision)
 
     def scatter_terms(self, theta: Theta, found: Estimate) -> Float[Array, " term"]:
         r"""The scatter, $\log \int p(s) \prod_i e_i N(\hat\delta_i; 0, s^2 + e_i^2)\,ds$."""
@@ -146,11 +148,11 @@ class Decays(Envelopes):
     def in_units(self, rows: Mapping[str, Float[np.ndarray, " value"]]) -> dict[str, Row]:
         """What is left of every envelope."""
         weight = np.sqrt(np.asarray(self.fraction)) / np.asarray(self.noise_std)
-        found = {}
+        residuals = {}
         for i, label in enumerate(self.names):
             real, imaginary = np.split(np.asarray(rows[label])[:-1] / weight[i], 2)
-            found[label] = real + 1j * imaginary
-        return found
+            residuals[label] = real + 1j * imaginary
+        return residuals
 
     def sizes(self) -> dict[str, float]:
         """Root of the sum of squares of every envelope."""
@@ -159,10 +161,10 @@ class Decays(Envelopes):
 
     def with_fitted_noise(self, theta: Theta, left: Rows) -> Self:
         """The decays with the noise of every record, and the scatter of their frequencies."""
-        found = matched(theta, self)
-        noise = jnp.sqrt(found.misfit / (2 * self.envelope.shape[1] - self.num_own))
-        errors = float(jnp.sqrt(jnp.mean(self.shift_errors(found) ** 2)))
-        scatter = max(float(jnp.sqrt(jnp.mean(found.entry.shift**2))), errors)
+        matches = matched(theta, self)
+        noise = jnp.sqrt(matches.misfit / (2 * self.envelope.shape[1] - self.num_own))
+        errors = float(jnp.sqrt(jnp.mean(self.shift_errors(matches) ** 2)))
+        scatter = max(float(jnp.sqrt(jnp.mean(matches.entry.shift**2))), errors)
         return replace(self, noise_std=noise, shift_std=jnp.asarray(scatter))
 
     def effective_fractions(
@@ -207,11 +209,11 @@ class Decays(Envelopes):
         """Frequency and damping along every record."""
         rows = np.asarray(self.envelope)
         read = [read_decay(row, self.step_s, self.centre_hz) for row in rows]
-        found = some_readings(", ".join(self.names), read)
-        omega = 2 * np.pi * np.concatenate([one.frequency_hz for one in found])
-        size = np.concatenate([one.amplitude for one in found])
+        readings = some_readings(", ".join(self.names), read)
+        omega = 2 * np.pi * np.concatenate([reading.frequency_hz for reading in readings])
+        size = np.concatenate([reading.amplitude for reading in readings])
         y = size / omega ** derivative_order(self.response)
-        return AmplitudeCurve(y, omega, np.concatenate([one.damping for one in found]))
+        return AmplitudeCurve(y, omega, np.concatenate([reading.damping for reading in readings]))
 
     def y_peak(self, omega_n: float) -> float:
         """Displacement that the simulated decay begins from [m]."""
@@ -230,8 +232,10 @@ class Decays(Envelopes):
         As of a record that no fit has seen.
         """
         record, size = self.names.index(run), num_begun(theta, self)
-        alike = np.delete(np.asarray(self.noise_std), record)
-        noise_std = float(np.mean(alike)) if len(alike) else float(self.noise_std[record])
+        other_noise = np.delete(np.asarray(self.noise_std), record)
+        noise_std = (
+            float(np.mean(other_noise)) if len(other_noise) else float(self.noise_std[record])
+        )
         seen = replace(self, noise_std=jax.device_put(np.full(len(self.names), noise_std)))
         predicted, errors = predicted_from_beginnings(theta, seen, size)
         time = self.step_s * (np.arange(self.envelope.shape[1]) - 0.5 * size)
@@ -243,13 +247,13 @@ class Decays(Envelopes):
 
     def only(self, record: int, size: int) -> Self:
         """One record, the first values of it alone, with its own noise."""
-        kept = slice(record, record + 1)
+        record_slice = slice(record, record + 1)
         return replace(
             self,
-            envelope=self.envelope[kept, :size],
-            noise_std=self.noise_std[kept],
-            counted=self.counted[kept],
-            names=self.names[kept],
+            envelope=self.envelope[record_slice, :size],
+            noise_std=self.noise_std[record_slice],
+            counted=self.counted[record_slice],
+            names=self.names[record_slice],
         )
 
     def halved(self) -> Self | None:
@@ -353,21 +357,23 @@ def begun(
     data: Decays,
 ) -> Beginning:
     """Where the beginning of a record lies on a decay, by its noise and the scatter of shifts."""
-    found = match(decay, envelope, data.step_s)
+    best_match = match(decay, envelope, data.step_s)
     # A short beginning says little of its own noise; that of the fitted records stands for it.
-    precision = found.precision * data.fraction / noise_std**2
+    precision = best_match.precision * data.fraction / noise_std**2
     # The shift's own prior holds it where a short beginning would not.
     both = jnp.linalg.inv(precision.at[2, 2].add(1 / data.shift_std**2))
-    centre = -both[:, 2] * found.entry.shift / data.shift_std**2
-    return Beginning(Beginning(found.entry, both, found.rate).moved(centre), both, found.rate)
+    centre = -both[:, 2] * best_match.entry.shift / data.shift_std**2
+    return Beginning(
+        Beginning(best_match.entry, both, best_match.rate).moved(centre), both, best_match.rate
+    )
 
 
 def num_begun(theta: Mapping[str, Any], data: Decays) -> int:
     r"""Values of an envelope that tell its start: $0.3 / (\zeta \omega_n)$, half at most."""
     rate = float(np.mean(theta["zeta"] * theta["omega_n"]))
     half = data.envelope.shape[1] // 2
-    wanted = BEGINNING / (rate * data.step_s) if rate > 0 else half
-    return int(min(max(wanted, LEAST_BEGUN), half))
+    num_values = BEGINNING / (rate * data.step_s) if rate > 0 else half
+    return int(min(max(num_values, LEAST_BEGUN), half))
 
 
 @eqx.filter_jit
@@ -378,9 +384,9 @@ def predicted_from_beginnings(
     decay, steps = decay_of(theta, data), jnp.arange(data.envelope.shape[1], dtype=float)
 
     def one(pair: tuple[Array, Array]) -> tuple[Array, tuple[Array, Array]]:
-        own = begun(decay, pair[0][:size], pair[1], data)
-        errors = jnp.sqrt(jnp.diag(own.covariance))
-        return follow(decay, own.entry, steps, data.step_s)[0], (errors[0], errors[2])
+        beginning = begun(decay, pair[0][:size], pair[1], data)
+        errors = jnp.sqrt(jnp.diag(beginning.covariance))
+        return follow(decay, beginning.entry, steps, data.step_s)[0], (errors[0], errors[2])
 
     return jax.lax.map(one, (data.envelope, data.noise_std))
 

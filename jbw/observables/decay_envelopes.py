@@ -46,19 +46,19 @@ def envelopes(test: Test) -> list[np.ndarray]:
     """Envelope of every record of a test, at the full sampling rate, after `settle`."""
     chosen = filter_of(test)
     return [
-        demodulate(one.channels[one.response][round(test.settle * one.fs) :], chosen)[1]
-        for one in test.records
+        demodulate(record.channels[record.response][round(test.settle * record.fs) :], chosen)[1]
+        for record in test.records
     ]
 
 
 def readings(test: Test) -> list[Reading]:
     """Frequency and damping along every record of a test."""
     chosen = filter_of(test)
-    found = [
+    along_records = [
         read_decay(envelope[:: chosen.step], chosen.step_s, chosen.centre_hz)
         for envelope in envelopes(test)
     ]
-    return some_readings(test.name, found)
+    return some_readings(test.name, along_records)
 
 
 def some_readings(name: str, found: list[Reading]) -> list[Reading]:
@@ -120,15 +120,15 @@ class Envelopes(Observable):
     def of(cls, test: Test, *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None) -> Self:
         """Envelopes of a test's decays after `settle`, cut to the shortest; noise is guessed."""
         chosen = filter_of(test)
-        found = [one[:: chosen.step] for one in envelopes(test)]
-        length = min(map(len, found))
+        thinned = [record_envelope[:: chosen.step] for record_envelope in envelopes(test)]
+        length = min(map(len, thinned))
         if length < LEAST_VALUES:
             raise DataError(
                 f"Test `{test.name}` leaves {length} independent values of its shortest record; "
                 f"at least {LEAST_VALUES} are needed.",
                 remedy="Widen `band`, shorten `settle`, or drop short records with `exclude`.",
             )
-        envelope = np.stack([one[:length] for one in found])
+        envelope = np.stack([thinned_envelope[:length] for thinned_envelope in thinned])
         order = derivative_order(test.records[0].response)
         y_start, duration = _course(test.name, envelope, chosen, order)
         turn = 2 * np.pi * chosen.centre_hz / chosen.fs
@@ -140,7 +140,7 @@ class Envelopes(Observable):
             noise_std=jax.device_put(0.01 * np.sqrt(np.mean(np.abs(envelope) ** 2, axis=1))),
             shift_std=jax.device_put(1e-4 * 2 * np.pi * chosen.centre_hz),
             fraction=jax.device_put(1.0),
-            counted=jax.device_put(np.ones(len(found))),
+            counted=jax.device_put(np.ones(len(thinned))),
             y_start=jax.device_put(y_start),
             taps=jax.device_put(2 * taps / taps.sum() * np.exp(-1j * turn * n)),
             rotation=jax.device_put(np.exp(-1j * turn * chosen.step)),
@@ -178,10 +178,10 @@ def _course(name: str, envelope: np.ndarray, chosen: BandFilter, order: int) -> 
     lead = chosen.half / chosen.fs
     start = HEADROOM * np.exp(size[strongest, 0] + 2 * first * lead)
     weakest = size[:, 0].min()
-    reached = np.flatnonzero(size[strongest] <= weakest)
+    late_enough = np.flatnonzero(size[strongest] <= weakest)
     wait = (
-        reached[0] * chosen.step_s
-        if reached.size
+        late_enough[0] * chosen.step_s
+        if late_enough.size
         else duration + (size[strongest, -1] - weakest) / last
     )
     if wait > MOST_WAIT * duration:
@@ -225,15 +225,15 @@ def along(
     decay: Complex[Array, " step"], place: Float[Array, " time"]
 ) -> tuple[Complex[Array, " time"], Complex[Array, " time"]]:
     """Logarithm of a decay between its steps, by cubics, and its derivative by the place."""
-    whole = jax.lax.stop_gradient(jnp.floor(place))
-    f = place - whole
-    index = whole.astype(int)[:, None] + jnp.arange(-1, 3)
+    step = jax.lax.stop_gradient(jnp.floor(place))
+    f = place - step
+    index = step.astype(int)[:, None] + jnp.arange(-1, 3)
     inside = jnp.clip(index, 0, len(decay) - 1)
     ends = jnp.where(index < 0, decay[1] - decay[0], decay[-1] - decay[-2])
     values = decay[inside] + (index - inside) * ends
-    one = jnp.ones_like(f)
-    weights = jnp.stack([one, f, f**2, f**3], axis=-1) @ CUBICS
-    slopes = jnp.stack([0 * one, one, 2 * f, 3 * f**2], axis=-1) @ CUBICS
+    unit = jnp.ones_like(f)
+    weights = jnp.stack([unit, f, f**2, f**3], axis=-1) @ CUBICS
+    slopes = jnp.stack([0 * unit, unit, 2 * f, 3 * f**2], axis=-1) @ CUBICS
     return jnp.sum(weights * values, axis=-1), jnp.sum(slopes * values, axis=-1)
 
 
@@ -291,8 +291,8 @@ def _normal(
     model, slope = follow(decay, entry, steps, step_s)
     residual = envelope - model
     rate = slope[0].real
-    ones = jnp.ones_like(model)
-    columns = model * jnp.stack([slope / rate, 1j * ones, 1j * step_s * steps * ones])
+    units = jnp.ones_like(model)
+    columns = model * jnp.stack([slope / rate, 1j * units, 1j * step_s * steps * units])
     precision = (jnp.conj(columns) @ columns.T).real
     gradient = (jnp.conj(columns) @ residual).real
     return residual, precision, gradient, rate

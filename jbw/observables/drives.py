@@ -37,8 +37,8 @@ def plain(name: str) -> str:
 
 def of_drive[Value](theta: Mapping[str, Value], drive: str) -> Mapping[str, Value]:
     """Parameters with those of a drive under their plain names, where it has its own."""
-    own = {name: theta[named(name, drive)] for name in NAMES if named(name, drive) in theta}
-    return {**theta, **own} if own else theta
+    drive_theta = {name: theta[named(name, drive)] for name in NAMES if named(name, drive) in theta}
+    return {**theta, **drive_theta} if drive_theta else theta
 
 
 def of_part[Value](theta: Mapping[str, Value], part: Observable) -> Mapping[str, Value]:
@@ -48,9 +48,9 @@ def of_part[Value](theta: Mapping[str, Value], part: Observable) -> Mapping[str,
 
 def attached(parts: Sequence[Observable]) -> tuple[str, ...]:
     """Drives that have names of their own: beside the structure alone, else beside the first."""
-    known = {part.drive for part in parts if part.drive}
-    fed = tuple(drive for drive in FED if drive in known)
-    return fed if known - set(fed) else fed[1:]
+    drives = {part.drive for part in parts if part.drive}
+    fed = tuple(drive for drive in FED if drive in drives)
+    return fed if drives - set(fed) else fed[1:]
 
 
 def parts_of(drive: str, parts: Sequence[Observable]) -> list[Observable]:
@@ -64,11 +64,11 @@ def used_by(parts: Sequence[Observable], known: Collection[str]) -> list[str]:
 
     Where a drive has none of its own there, it takes the plain ones. Then those of further modes.
     """
-    used = {own if (own := named(name, part.drive)) in known else name
+    used = {drive_name if (drive_name := named(name, part.drive)) in known else name
             for name in NAMES for part in parts}  # fmt: skip
     if any(part.modes for part in parts):
-        used |= {one.name for one in STUCK[len(LINEAR) :]}
-    return [one.name for one in STUCK if one.name in used and one.name in known]
+        used |= {quantity.name for quantity in STUCK[len(LINEAR) :]}
+    return [quantity.name for quantity in STUCK if quantity.name in used and quantity.name in known]
 
 
 def informed_by(parts: Sequence[Observable]) -> frozenset[str]:
@@ -90,8 +90,8 @@ def by_secant(parts: Sequence[Observable]) -> frozenset[str]:
     """
     if not any(part.is_prescribed for part in parts):
         return frozenset()
-    told = frozenset[str]().union(*(part.first_values() for part in parts_of("", parts)))
-    return frozenset(NAMES) - told
+    by_loops = frozenset[str]().union(*(part.first_values() for part in parts_of("", parts)))
+    return frozenset(NAMES) - by_loops
 
 
 def told_by(parts: Sequence[Observable], held: Mapping[str, Any] | None = None) -> dict[str, float]:
@@ -101,10 +101,17 @@ def told_by(parts: Sequence[Observable], held: Mapping[str, Any] | None = None) 
     A gain that is `held` tells the damping where lines alone do.
     """
     by_drive = {drive: parts_of(drive, parts) for drive in ("", *attached(parts))}
-    found = {drive: _first(own, _gain_of(held, drive)) for drive, own in by_drive.items()}
-    known = next(filter(None, found.values()), {})
-    begun = {drive: found[drive] or _with_gain(known, own) for drive, own in by_drive.items()}
-    others = {named(n, drive): x for drive, own in begun.items() if drive for n, x in own.items()}
+    values_by_drive = {
+        drive: _first(drive_parts, _gain_of(held, drive)) for drive, drive_parts in by_drive.items()
+    }
+    first_known = next(filter(None, values_by_drive.values()), {})
+    begun = {
+        drive: values_by_drive[drive] or _with_gain(first_known, drive_parts)
+        for drive, drive_parts in by_drive.items()
+    }
+    others = {
+        named(n, drive): x for drive, values in begun.items() if drive for n, x in values.items()
+    }
     return begun[""] | others
 
 
@@ -115,25 +122,27 @@ def _gain_of(held: Mapping[str, Any] | None, drive: str) -> float | None:
 
 
 def _first(parts: Sequence[Observable], gain: float | None) -> dict[str, float]:
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     if any(part.modes for part in parts):
         for part in parts:  # of several modes each part may tell its own
-            found = part.first_values() | found
-        return with_ratios(found)
-    found = next((found for part in parts if (found := part.first_values())), {})
-    if "gain" in found:
-        return found
-    if "omega_n" in found and "zeta" not in found:
-        found = {**found, "zeta": _damping(found["omega_n"], gain, lines_of(parts))}
-    return _with_gain(found, parts) if found else _through(lines_of(parts))
+            values = part.first_values() | values
+        return with_ratios(values)
+    values = next((values for part in parts if (values := part.first_values())), {})
+    if "gain" in values:
+        return values
+    if "omega_n" in values and "zeta" not in values:
+        values = {**values, "zeta": _damping(values["omega_n"], gain, lines_of(parts))}
+    return _with_gain(values, parts) if values else _through(lines_of(parts))
 
 
 def lines_of(parts: Sequence[Observable]) -> SteadyLines | None:
     """Lines of steady motion of all parts, by a motion of 1 m; None without any."""
-    each = [one for part in parts if (one := part.steady_lines()) is not None]
-    if not each:
+    lines_by_part = [
+        part_lines for part in parts if (part_lines := part.steady_lines()) is not None
+    ]
+    if not lines_by_part:
         return None
-    omega, load, motion = (np.concatenate(one) for one in zip(*each, strict=True))
+    omega, load, motion = (np.concatenate(columns) for columns in zip(*lines_by_part, strict=True))
     return SteadyLines(omega, load / motion, np.ones_like(motion))
 
 
@@ -150,7 +159,7 @@ def _damping(omega_n: float, gain: float | None, lines: SteadyLines | None) -> f
     return float(np.clip(np.min(ratios), LEAST_DAMPED, 1.0))
 
 
-def _with_gain(known: Mapping[str, float], parts: Sequence[Observable]) -> dict[str, float]:
+def _with_gain(values: Mapping[str, float], parts: Sequence[Observable]) -> dict[str, float]:
     r"""Values with the gain by which lines U of the parts are those of omega_n and zeta.
 
     $$g = \frac{\mathrm{Re} \sum U^* r}{\sum |U|^2}, \qquad
@@ -160,12 +169,12 @@ def _with_gain(known: Mapping[str, float], parts: Sequence[Observable]) -> dict[
     slips is softer than the sticking one, by which its gain is too large.
     """
     lines = lines_of(parts)
-    if lines is None or not {"omega_n", "zeta"} <= known.keys():
-        return dict(known)
-    omega_n, load = known["omega_n"], lines.load
-    stiffness = omega_n**2 - lines.omega**2 + 2j * known["zeta"] * omega_n * lines.omega
+    if lines is None or not {"omega_n", "zeta"} <= values.keys():
+        return dict(values)
+    omega_n, load = values["omega_n"], lines.load
+    stiffness = omega_n**2 - lines.omega**2 + 2j * values["zeta"] * omega_n * lines.omega
     gain = np.vdot(load, stiffness).real / np.vdot(load, load).real
-    return {**known, "gain": float(gain)}
+    return {**values, "gain": float(gain)}
 
 
 def _through(lines: SteadyLines | None) -> dict[str, float]:

@@ -59,14 +59,14 @@ def groups_of(tests: Sequence[Test]) -> list[Group]:
             groups += stepped_groups(test)
         elif test.kind == "frf":
             groups.append(curve_group(test))
-    lone = [one.label for one in groups if one.num_repeats * len(one.omega) < 2]
+    lone = [group.label for group in groups if group.num_repeats * len(group.omega) < 2]
     if lone:
         warnings.warn(
             f"Not fitted, for one frequency and one repeat tell nothing of their noise: "
             f"{', '.join(lone)}. Measure repeats, or more tones at the same level.",
             stacklevel=2,
         )
-    return [one for one in groups if one.label not in lone]
+    return [group for group in groups if group.label not in lone]
 
 
 def tone_groups(tests: Sequence[Test]) -> list[Group]:
@@ -120,8 +120,8 @@ def _groups(
     label: str, run: str, omega: NDArray[np.float64], spans: list, delays: list[float]
 ) -> list[Group]:
     """One group an order, from the repeats of every frequency."""
-    found = [_points(*one) for one in zip(spans, omega, delays, strict=True)]
-    source, motion = np.moveaxis(np.array(found), 2, 0)
+    amplitudes = [_points(*span) for span in zip(spans, omega, delays, strict=True)]
+    source, motion = np.moveaxis(np.array(amplitudes), 2, 0)
     power = derivative_order(spans[0][0][0].response)
     groups = []
     for order in ORDERS:
@@ -148,17 +148,17 @@ def _groups(
 
 def _points(repeats: list, omega: float, delay: float) -> NDArray[np.complex128]:
     """Odd harmonics of source and displacement of every repeat, phases counted from the source."""
-    found = np.zeros((len(repeats), 2, NUM_HARMONICS), complex)
-    alike: dict[tuple[float, str, int], list[int]] = {}
+    amplitudes = np.zeros((len(repeats), 2, NUM_HARMONICS), complex)
+    by_layout: dict[tuple[float, str, int], list[int]] = {}
     for i, (record, (start, stop)) in enumerate(repeats):
         size = len(record.channels[record.source][_span(record.fs, start, stop)])
-        alike.setdefault((record.fs, record.response, size), []).append(i)
-    for (fs, response, _), own in alike.items():
+        by_layout.setdefault((record.fs, record.response, size), []).append(i)
+    for (fs, response, _), members in by_layout.items():
         count = int(min(HIGHEST, BELOW_NYQUIST * 2 * np.pi * fs / omega))
         # All at once: sines and cosines of so many samples are what a fit costs.
         rows = [
             record.channels[name][_span(fs, *span)]
-            for record, span in (repeats[i] for i in own)
+            for record, span in (repeats[i] for i in members)
             for name in (record.source, record.response)
         ]
         both = harmonics(np.stack(rows), fs, omega, count).amplitudes.reshape(-1, 2, count)
@@ -166,8 +166,8 @@ def _points(repeats: list, omega: float, delay: float) -> NDArray[np.complex128]
         power = derivative_order(response)
         both[:, 1] *= np.exp(1j * n * omega * delay) / (1j * n * omega) ** power
         turn = np.exp(-1j * n * np.angle(both[:, :1, :1]))
-        found[own, :, : (count + 1) // 2] = (turn * both)[..., ::2]
-    return found
+        amplitudes[members, :, : (count + 1) // 2] = (turn * both)[..., ::2]
+    return amplitudes
 
 
 def _span(fs: float, start: float, stop: float) -> slice:
@@ -178,7 +178,7 @@ def _span(fs: float, start: float, stop: float) -> slice:
 def curve_group(test: Test) -> Group:
     """The fundamental of a measured response curve; of the force where the response was held."""
     curves = [response_curve(record) for record in test.records]
-    if any(not np.array_equal(one.freq_hz, curves[0].freq_hz) for one in curves):
+    if any(not np.array_equal(curve.freq_hz, curves[0].freq_hz) for curve in curves):
         raise DataError(
             f"Repeats of test `{test.name}` must share their frequencies.",
             remedy="Make each a test of its own.",
@@ -186,8 +186,8 @@ def curve_group(test: Test) -> Group:
     omega = 2 * np.pi * curves[0].freq_hz
     # A ratio has no amplitude: it is compared where the joint sticks, at next to none.
     size = NO_AMPLITUDE if curves[0].is_ratio else 1.0
-    source = size * np.array([one.source for one in curves])
-    motion = size * np.array([displacement_of(one) for one in curves])
+    source = size * np.array([curve.source for curve in curves])
+    motion = size * np.array([displacement_of(curve) for curve in curves])
     held = response_held(curves[0]) and not curves[0].is_ratio
     if held:
         # Phases are counted from the motion, which is exact here: their noise is the force's.

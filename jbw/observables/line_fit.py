@@ -104,8 +104,8 @@ class LineReading(Observable):
         margin = jnp.diag((MARGIN * (predicted - linear)) ** 2)
         root = jnp.linalg.cholesky(self.covariance + margin)
         columns = jnp.column_stack([self.mean - predicted, self.directions.T])
-        left = jax.scipy.linalg.solve_triangular(root, columns, lower=True)
-        return left[None, :, 0], left[:, 1:].T[None], jnp.sum(jnp.log(jnp.diag(root)))
+        whitened = jax.scipy.linalg.solve_triangular(root, columns, lower=True)
+        return whitened[None, :, 0], whitened[:, 1:].T[None], jnp.sum(jnp.log(jnp.diag(root)))
 
     def weighted(self, theta: Theta) -> Weighted:
         """Read less predicted, and the offsets' directions, in standard deviations."""
@@ -113,9 +113,9 @@ class LineReading(Observable):
 
     def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
         """What the reading says, its covariance known."""
-        left, directions, log_std = self._whitened(theta)
-        found = known_estimate(left, directions)
-        return found._replace(log_density=found.log_density - log_std)
+        residual, directions, log_std = self._whitened(theta)
+        estimate = known_estimate(residual, directions)
+        return estimate._replace(log_density=estimate.log_density - log_std)
 
     def noise_known(self) -> dict[str, float]:
         """Three values whose covariance is known."""
@@ -158,12 +158,12 @@ def oscillator_through(
     scale = np.linalg.norm(columns, axis=0)
     target = omega**2 * y
     stacked = np.concatenate([(columns / scale).real, (columns / scale).imag])
-    found = np.linalg.lstsq(stacked, np.concatenate([target.real, target.imag]))[0] / scale
-    omega_n = float(np.sqrt(max(found[0], np.min(omega) ** 2)))
+    coefficients = np.linalg.lstsq(stacked, np.concatenate([target.real, target.imag]))[0] / scale
+    omega_n = float(np.sqrt(max(coefficients[0], np.min(omega) ** 2)))
     return {
         "omega_n": omega_n,
-        "zeta": float(max(found[1] / (2 * omega_n), 1e-4)),
-        "gain": float(found[2]),
+        "zeta": float(max(coefficients[1] / (2 * omega_n), 1e-4)),
+        "gain": float(coefficients[2]),
     }
 
 
@@ -186,7 +186,8 @@ def at_quadrature(
             continue
         part = ratio[i].real / (ratio[i].real - ratio[i + 1].real)
         w, size, moved = (
-            one[i] + part * (one[i + 1] - one[i]) for one in (omega, np.abs(u), -ratio.imag)
+            series[i] + part * (series[i + 1] - series[i])
+            for series in (omega, np.abs(u), -ratio.imag)
         )
         return float(size * moved), float(w), float(gain / (2 * w**2 * moved))
     return None

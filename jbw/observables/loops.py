@@ -52,21 +52,27 @@ class Loops(Repeated):
         Moves of the hysteresis are exact and take no steps, so that samples much closer together
         than the loop bends are averaged to one.
         """
-        found = [[forced_loop(record) for record in test.records] for test in tests]
-        for test, one in zip(tests, found, strict=True):
-            if len({len(loop.force) for loop in one}) > 1:
+        loops_by_test = [[forced_loop(record) for record in test.records] for test in tests]
+        for test, test_loops in zip(tests, loops_by_test, strict=True):
+            if len({len(loop.force) for loop in test_loops}) > 1:
                 raise DataError(
                     f"Repeats of test `{test.name}` must be of one length.",
                     remedy="Cut them with `span`, or make each a test of its own.",
                 )
-        displacement = [np.mean([loop.displacement for loop in one], axis=0) for one in found]
-        force = [np.stack([loop.force for loop in one]) for one in found]
+        displacement = [
+            np.mean([loop.displacement for loop in test_loops], axis=0)
+            for test_loops in loops_by_test
+        ]
+        force = [np.stack([loop.force for loop in test_loops]) for test_loops in loops_by_test]
         blocks = [together(y) for y in displacement]
         counted = [
             (
-                blocks_of(np.arange(float(rows.shape[1])), size) >= round(test.settle * one[0].fs)
+                blocks_of(np.arange(float(rows.shape[1])), size)
+                >= round(test.settle * test_loops[0].fs)
             ).astype(float)
-            for test, one, rows, size in zip(tests, found, force, blocks, strict=True)
+            for test, test_loops, rows, size in zip(
+                tests, loops_by_test, force, blocks, strict=True
+            )
         ]
         displacement = [blocks_of(y, size) for y, size in zip(displacement, blocks, strict=True)]
         force = [blocks_of(rows, size) for rows, size in zip(force, blocks, strict=True)]
@@ -82,7 +88,7 @@ class Loops(Repeated):
             mean=filled(mean),
             repeats=repeats(
                 within=np.array(within),
-                num_repeats=np.array([len(one) for one in found]),
+                num_repeats=np.array([len(test_loops) for test_loops in loops_by_test]),
                 sizes=np.array([keep.sum() for keep in counted]),
                 longest=max(map(len, mean)),
                 labels=[test.name for test in tests],
@@ -131,22 +137,22 @@ class Loops(Repeated):
         yields far is soft in its largest cycles.
         """
         displacement, mean = np.asarray(self.displacement), np.asarray(self.mean)
-        whole = float(np.max(np.ptp(mean, axis=1) / np.ptp(displacement, axis=1)))
+        peak_to_peak = float(np.max(np.ptp(mean, axis=1) / np.ptp(displacement, axis=1)))
         cycles = [
             secant
             for i, (y, force) in enumerate(zip(displacement, mean, strict=True))
             for secant in _secants(y[self.compared(i)], force[self.compared(i)])
         ]
-        stiffest = max(cycles, default=whole)
-        return gain * (stiffest if stiffest > SOFTER * whole else whole)
+        stiffest = max(cycles, default=peak_to_peak)
+        return gain * (stiffest if stiffest > SOFTER * peak_to_peak else peak_to_peak)
 
 
 def _secants(y: Float[np.ndarray, " time"], force: Float[np.ndarray, " time"]) -> list[float]:
     """Secant stiffness of every cycle of a loop whose force is well above its noise [N/m]."""
     cycles = readings_of_cycles(ForcedLoop(1.0, y, force))
-    strengths = [one.stiffness * one.amplitude for one in cycles]
+    strengths = [cycle.stiffness * cycle.amplitude for cycle in cycles]
     felt = SEEN * max(strengths, default=0.0)
-    return [one.stiffness for one, size in zip(cycles, strengths, strict=True) if size > felt]
+    return [cycle.stiffness for cycle, size in zip(cycles, strengths, strict=True) if size > felt]
 
 
 def zeros_of_load_cells(
@@ -182,5 +188,5 @@ def blocks_of(
 ) -> Float[np.ndarray, "*batch block"]:
     """Means of so many neighbours; what the last block lacks is left out."""
     count = rows.shape[-1] // size
-    whole = rows[..., : count * size]
-    return whole.reshape(*rows.shape[:-1], count, size).mean(axis=-1)
+    in_blocks = rows[..., : count * size]
+    return in_blocks.reshape(*rows.shape[:-1], count, size).mean(axis=-1)

@@ -110,25 +110,25 @@ class ModalDecays(Decays):
         """Envelopes of a test's decays after `settle`, cut to the shortest; noise is guessed."""
         if modes is None:
             raise ConfigError("Argument `modes` must name the modes of the structure, but is None.")
-        each = [replace(test, band_hz=band) for band in bands_of(modes, test)]
-        starts = np.stack([starts_of(one) for one in each], axis=1)
+        mode_tests = [replace(test, band_hz=band) for band in bands_of(modes, test)]
+        starts = np.stack([starts_of(mode_test) for mode_test in mode_tests], axis=1)
         state = np.concatenate(
             [np.real(starts), np.imag(starts), np.zeros((len(starts), 1))], axis=1
         )
-        alike = Decays.of(test, laws=laws, substeps=1)
-        known = {one.name: getattr(alike, one.name) for one in fields(alike)}
+        decays = Decays.of(test, laws=laws, substeps=1)
+        attributes = {field.name: getattr(decays, field.name) for field in fields(decays)}
         highest = max(modes.hz)
-        known |= {
+        attributes |= {
             "y_start": jnp.asarray(np.abs(starts).sum(axis=1).max()),
-            "num_samples": (alike.envelope.shape[1] - 1) * alike.stride + len(alike.taps),
-            "substeps": substeps or whole_up(STEPS_A_PERIOD * highest / alike.fs),
+            "num_samples": (decays.envelope.shape[1] - 1) * decays.stride + len(decays.taps),
+            "substeps": substeps or whole_up(STEPS_A_PERIOD * highest / decays.fs),
             "modes": modes,
         }
         return cls(
-            **known,
+            **attributes,
             begun=jnp.asarray(state),
             amplitude=jnp.asarray(np.abs(starts)),
-            alone=tuple(Decays.of(one, laws=laws) for one in each),
+            alone=tuple(Decays.of(mode_test, laws=laws) for mode_test in mode_tests),
             bands_hz=tuple(bands_of(modes, test)),
         )
 
@@ -145,24 +145,24 @@ class ModalDecays(Decays):
 
     def only(self, record: int, size: int) -> Self:
         """One record, the first values of it alone, and no longer a simulation than these take."""
-        kept, alike = slice(record, record + 1), super().only(record, size)
-        num_samples = (alike.envelope.shape[1] - 1) * self.stride + len(self.taps)
-        own = {"begun": self.begun[kept], "amplitude": self.amplitude[kept]}
-        return replace(alike, num_samples=num_samples, **own)
+        record_slice, shortened = slice(record, record + 1), super().only(record, size)
+        num_samples = (shortened.envelope.shape[1] - 1) * self.stride + len(self.taps)
+        beginnings = {"begun": self.begun[record_slice], "amplitude": self.amplitude[record_slice]}
+        return replace(shortened, num_samples=num_samples, **beginnings)
 
     def with_fitted_noise(self, theta: Theta, left: Rows) -> Self:
         """The decays with the noise of every record, looked for from their best starts on."""
-        found: Start = matched(theta, self).entry  # pyright: ignore[reportAssignmentType]
-        begun = jnp.concatenate([found.state, found.shift[:, None]], axis=1)
+        start: Start = matched(theta, self).entry  # pyright: ignore[reportAssignmentType]
+        begun = jnp.concatenate([start.state, start.shift[:, None]], axis=1)
         return replace(super().with_fitted_noise(theta, left), begun=begun)
 
     def first_values(self) -> dict[str, float]:
         """Straight lines through frequency and damping of every mode against amplitude, at none."""
-        found: dict[str, float] = {}
+        values: dict[str, float] = {}
         others = self.modes.names if self.modes is not None else ()
-        for alone, (omega, zeta, *_) in zip(self.alone, (FIRST, *others), strict=True):
-            found |= dict(zip((omega, zeta), alone.first_values().values(), strict=True))
-        return found
+        for mode_decays, (omega, zeta, *_) in zip(self.alone, (FIRST, *others), strict=True):
+            values |= dict(zip((omega, zeta), mode_decays.first_values().values(), strict=True))
+        return values
 
     def amplitude_curve(self) -> AmplitudeCurve:
         """Frequency and damping of the first mode along every record."""
@@ -170,13 +170,13 @@ class ModalDecays(Decays):
 
     def statements(self, theta: Theta) -> list[str]:
         """What is left of the motion about every mode, and what one mode's decays say."""
-        left = np.asarray(matched(theta, self).residual)
-        said = " and ".join(
+        residual = np.asarray(matched(theta, self).residual)
+        errors = " and ".join(
             f"{error:.2g} about {hz:.4g} Hz"
-            for hz, error in zip(self.modes.hz, errors_by_mode(left, self), strict=True)
+            for hz, error in zip(self.modes.hz, errors_by_mode(residual, self), strict=True)
         )
         return [
-            f"Of the motion in the free decays {said} is left at the optimum, over its rms.",
+            f"Of the motion in the free decays {errors} is left at the optimum, over its rms.",
             *super().statements(theta),
         ]
 
@@ -215,9 +215,9 @@ def modal_envelopes(
     q, over = jnp.split(own[:-1], 2)
     v = 2 * np.pi * jnp.asarray(data.modes.hz) * over
     start = (q, v, memory_at(structure, q, v))
-    each = replace(structure, c=jnp.eye(len(data.modes.hz)))
+    per_mode = replace(structure, c=jnp.eye(len(data.modes.hz)))
     silence = jnp.zeros(data.num_samples)
-    free = simulate(each, silence, data.fs, hold="zero", initial=start, substeps=data.substeps)
+    free = simulate(per_mode, silence, data.fs, hold="zero", initial=start, substeps=data.substeps)
     kernel = jnp.stack([data.taps.real, data.taps.imag])[:, None, :]
     x = getattr(free, LETTER_OF[data.response])[:, None, :]
     parts = jax.lax.conv_general_dilated(x, kernel, (data.stride,), "VALID")
@@ -237,34 +237,36 @@ def match(structure: Structure, seen: Seen, data: ModalDecays) -> Matched:
     still, scale = jax.tree.map(jax.lax.stop_gradient, structure), _units(seen, data)
     num, length = len(scale), len(seen.envelope)
     ahead = jnp.concatenate([jnp.zeros((1, num)), STEP * jnp.diag(scale)[:-1]])
-    each = jax.vmap(lambda own: modal_envelopes(still, own, data))(seen.begun + ahead)
-    here, *there = each.sum(axis=1)
-    by_shift = scale[-1] * jnp.sum(1j * _turns(length, data) * each[0], axis=0)
-    changes = jnp.concatenate([(jnp.stack(there) - here) / STEP, by_shift[None]])
+    perturbed_envelopes = jax.vmap(lambda start: modal_envelopes(still, start, data))(
+        seen.begun + ahead
+    )
+    here, *perturbed = perturbed_envelopes.sum(axis=1)
+    by_shift = scale[-1] * jnp.sum(1j * _turns(length, data) * perturbed_envelopes[0], axis=0)
+    changes = jnp.concatenate([(jnp.stack(perturbed) - here) / STEP, by_shift[None]])
     normal = (jnp.conj(changes) @ changes.T).real
 
-    def step(left: Complex[Array, " step"]) -> Float[Array, " own"]:
-        return jnp.linalg.solve(normal, (jnp.conj(changes) @ left).real)
+    def step(deviation: Complex[Array, " step"]) -> Float[Array, " own"]:
+        return jnp.linalg.solve(normal, (jnp.conj(changes) @ deviation).real)
 
     def onward(carry: tuple[Array, Array, Array], _: None) -> tuple[Any, None]:
-        own, least, move = carry
-        left = seen.envelope - modal_envelopes(still, own + scale * move, data).sum(axis=0)
-        better = _square(left) < least  # not where it is no number
-        own = jnp.where(better, own + scale * move, own)
-        move = jnp.where(better, step(left), SHORTER * move)
-        return (own, jnp.where(better, _square(left), least), move), None
+        start, least, move = carry
+        deviation = seen.envelope - modal_envelopes(still, start + scale * move, data).sum(axis=0)
+        better = _square(deviation) < least  # not where it is no number
+        start = jnp.where(better, start + scale * move, start)
+        move = jnp.where(better, step(deviation), SHORTER * move)
+        return (start, jnp.where(better, _square(deviation), least), move), None
 
-    left = seen.envelope - here
-    begun = (seen.begun, _square(left), step(left))
-    (own, _, move), _ = jax.lax.scan(onward, begun, None, length=NUM_STEPS)
-    own = jax.lax.stop_gradient(own + scale * move)
+    deviation = seen.envelope - here
+    begun = (seen.begun, _square(deviation), step(deviation))
+    (start, _, move), _ = jax.lax.scan(onward, begun, None, length=NUM_STEPS)
+    start = jax.lax.stop_gradient(start + scale * move)
     changes, normal = jax.lax.stop_gradient((changes, normal))
-    left = seen.envelope - modal_envelopes(structure, own, data).sum(axis=0)
-    last = step(left)
-    residual = left - last @ changes
-    own = own + scale * last
+    deviation = seen.envelope - modal_envelopes(structure, start, data).sum(axis=0)
+    last = step(deviation)
+    residual = deviation - last @ changes
+    start = start + scale * last
     precision = normal / jnp.outer(scale, scale)
-    return Matched(Start(own[:-1], own[-1]), _square(residual), residual, precision)
+    return Matched(Start(start[:-1], start[-1]), _square(residual), residual, precision)
 
 
 def _units(seen: Seen, data: ModalDecays) -> Float[Array, " own"]:
@@ -273,13 +275,16 @@ def _units(seen: Seen, data: ModalDecays) -> Float[Array, " own"]:
     return jnp.concatenate([seen.amplitude, seen.amplitude, radian])
 
 
-def _square(left: Complex[Array, " step"]) -> Float[Array, ""]:
-    return jnp.sum(jnp.square(left.real) + jnp.square(left.imag))
+def _square(residual: Complex[Array, " step"]) -> Float[Array, ""]:
+    return jnp.sum(jnp.square(residual.real) + jnp.square(residual.imag))
 
 
 def errors_by_mode(left: Complex[np.ndarray, "record step"], data: ModalDecays) -> list[float]:
     """What is left over what was measured, in the band of each mode, by lines of the envelopes."""
     hz = data.centre_hz + np.fft.fftfreq(left.shape[1], data.step_s)
-    lines, whole = (np.fft.fft(np.asarray(rows)) for rows in (left, data.envelope))
-    about = [lines_within(hz, band) for band in data.bands_hz]
-    return [float(np.linalg.norm(lines[:, k]) / np.linalg.norm(whole[:, k])) for k in about]
+    lines, measured_lines = (np.fft.fft(np.asarray(rows)) for rows in (left, data.envelope))
+    mode_lines = [lines_within(hz, band) for band in data.bands_hz]
+    return [
+        float(np.linalg.norm(lines[:, k]) / np.linalg.norm(measured_lines[:, k]))
+        for k in mode_lines
+    ]

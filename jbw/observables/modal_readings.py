@@ -32,37 +32,37 @@ def read_modes(modes: Modes, motions: Sequence[Lines]) -> dict[str, float]:
     no ratio yet. Modes that one motion drives are fitted together, for the flank of one is under
     the peak of its neighbour.
     """
-    found: dict[str, float] = {}
+    readings: dict[str, float] = {}
     every = (FIRST, *(names[:3] for names in modes.names))
     for spanned, motion in product((SPANNED, 0.0), motions):
         near = _near(motion, modes.windows_hz, spanned)
         pairs = [(i, point) for i in near for point in motion.seen]
         named = {(i, p): modes.seen[p][i] if p else every[i][2] for i, p in pairs}
-        if all(name in found for name in named.values()):
+        if all(name in readings for name in named.values()):
             continue
-        kept = np.any(list(near.values()), axis=0)
-        seen = {point: y[kept] for point, y in motion.seen.items()}
-        lines = Lines(motion.omega[kept], motion.source[kept], seen)
+        near_any = np.any(list(near.values()), axis=0)
+        seen = {point: y[near_any] for point, y in motion.seen.items()}
+        lines = Lines(motion.omega[near_any], motion.source[near_any], seen)
         poles, gains = _poles_and_gains(lines, [modes.windows_hz[i] for i in near])
         for i, pole, row in zip(near, poles, gains.T, strict=True):
-            if every[i][0] not in found:
-                found |= dict(zip(every[i], pole, strict=False))
+            if every[i][0] not in readings:
+                readings |= dict(zip(every[i], pole, strict=False))
             for point, gain in zip(seen, row, strict=True):
-                found.setdefault(named[i, point], float(gain))
-    return found
+                readings.setdefault(named[i, point], float(gain))
+    return readings
 
 
 def _near(
     motion: Lines, windows_hz: Sequence[tuple[float, float]], spanned: float
 ) -> dict[int, Bool[np.ndarray, " line"]]:
     """Lines that drive a mode, by its number, where they span such a part of its window."""
-    loud, found = np.abs(motion.source) > DRIVEN * np.abs(motion.source).max(), {}
+    loud, near_modes = np.abs(motion.source) > DRIVEN * np.abs(motion.source).max(), {}
     for i, window in enumerate(windows_hz):
-        own = loud & lines_within(motion.omega / (2 * np.pi), window)
+        near_mode = loud & lines_within(motion.omega / (2 * np.pi), window)
         width = 2 * np.pi * (window[1] - window[0])
-        if np.sum(own) >= FEWEST and np.ptp(motion.omega[own]) >= spanned * width:
-            found[i] = own
-    return found
+        if np.sum(near_mode) >= FEWEST and np.ptp(motion.omega[near_mode]) >= spanned * width:
+            near_modes[i] = near_mode
+    return near_modes
 
 
 def _poles_and_gains(
@@ -89,8 +89,8 @@ def _poles_and_gains(
         modal = 1 / (natural**2 - omega**2 + 2j * zeta * natural * omega)
         columns = _parts(np.array([*modal, np.ones_like(omega), 1 / omega**2]) * source)
         size = np.linalg.norm(columns, axis=1)[:, None]
-        found = np.linalg.lstsq((columns / size).T, target.T)[0]
-        return found / size, (target - found.T @ (columns / size)).ravel()
+        coefficients = np.linalg.lstsq((columns / size).T, target.T)[0]
+        return coefficients / size, (target - coefficients.T @ (columns / size)).ravel()
 
     count = len(windows_hz)
     start = np.repeat([0.5, np.log(USUAL_ZETA)], count)
@@ -109,8 +109,8 @@ def band_peak(
 ) -> float:
     """Largest displacement [m] in a band of responses of this order."""
     freq = np.fft.rfftfreq(x.shape[1], 1 / fs)
-    kept = (freq > 0) & lines_within(freq, band_hz)
-    factor = np.where(kept, (2j * np.pi * np.where(kept, freq, 1.0)) ** -order, 0.0)
+    in_band = (freq > 0) & lines_within(freq, band_hz)
+    factor = np.where(in_band, (2j * np.pi * np.where(in_band, freq, 1.0)) ** -order, 0.0)
     return float(np.max(np.abs(np.fft.irfft(factor * np.fft.rfft(x), x.shape[1]))))
 
 
@@ -126,10 +126,10 @@ def lines_of_motions(
     motions: dict[int, tuple[Reals, dict[str, Reals]]] = {}
     for number, point, source, x in sorted(levels, key=lambda level: np.mean(level[3] ** 2)):
         motions.setdefault(number, (source, {}))[1].setdefault(point, x)
-    found = []
+    motion_lines = []
     for source, seen in motions.values():
         omega = 2 * np.pi * np.fft.rfftfreq(len(source), 1 / fs)[1:]
         factor = (1j * omega) ** order
         rows = {point: np.fft.rfft(x)[1:] / factor for point, x in seen.items()}
-        found.append(Lines(omega, np.fft.rfft(source)[1:], rows))
-    return found
+        motion_lines.append(Lines(omega, np.fft.rfft(source)[1:], rows))
+    return motion_lines

@@ -19,19 +19,19 @@ def bands_of(modes: Modes, test: Test) -> list[tuple[float, float]]:
         DataError: A mode does not lie in the band of the test, which must state one.
     """
     low, high = filter_of(test).band_hz
-    found = []
-    for own in modes.hz:
-        if not low < own < high:
+    bands = []
+    for hz in modes.hz:
+        if not low < hz < high:
             raise DataError(
                 f"Test `{test.name}` must have all modes of [structure] in its `band`, {low:g} to "
-                f"{high:g} Hz, but {own:g} Hz is outside.",
+                f"{high:g} Hz, but {hz:g} Hz is outside.",
                 why="The modes of a free decay ring at once, and all move the joint.",
                 remedy="Widen `band`, or leave the mode out of `modes`.",
             )
-        room = [abs(own - other) / 2 for other in modes.hz if other != own]
-        half = min(*room, own - low, high - own)
-        found.append((own - half, own + half))
-    return found
+        room = [abs(hz - other) / 2 for other in modes.hz if other != hz]
+        half = min(*room, hz - low, high - hz)
+        bands.append((hz - half, hz + half))
+    return bands
 
 
 def starts_of(test: Test) -> Complex[np.ndarray, " record"]:
@@ -40,7 +40,7 @@ def starts_of(test: Test) -> Complex[np.ndarray, " record"]:
     Its logarithm is continued by a straight line to the first sample, which the filter does not
     reach.
     """
-    chosen, found = filter_of(test), []
+    chosen, starts = filter_of(test), []
     order, nominal = derivative_order(test.records[0].response), np.pi * sum(test.band_hz or ())
     for row in envelopes(test):
         few = row[: LEAST * chosen.step]
@@ -49,5 +49,5 @@ def starts_of(test: Test) -> Complex[np.ndarray, " record"]:
         slope, level = np.polyfit(t, log, 1)
         rate = slope + 2j * np.pi * chosen.centre_hz
         q = np.exp(level) / rate**order
-        found.append(q.real + 1j * (rate * q).real / nominal)
-    return np.array(found)
+        starts.append(q.real + 1j * (rate * q).real / nominal)
+    return np.array(starts)

@@ -75,9 +75,9 @@ class Modes(NamedTuple):
             return dict(self.numbers)
         signs = {names.sign: 1.0 for names in self.names}
         over_first = (h / self.joint_shape[0] for h in self.joint_shape[1:])
-        known = dict(zip(self.names, over_first, strict=False))
-        signs |= {names.sign: float(np.sign(h)) for names, h in known.items()}
-        return signs | {names.shape: abs(h) for names, h in known.items()}
+        shapes = dict(zip(self.names, over_first, strict=False))
+        signs |= {names.sign: float(np.sign(h)) for names, h in shapes.items()}
+        return signs | {names.shape: abs(h) for names, h in shapes.items()}
 
     @property
     def ratios(self) -> tuple[str, ...]:
@@ -87,12 +87,12 @@ class Modes(NamedTuple):
     @property
     def windows_hz(self) -> list[tuple[float, float]]:
         """Where each mode is looked for: about its frequency, and nearer to it than to others."""
-        found = []
-        for own in self.hz:
-            middles = [0.5 * (own + other) for other in self.hz if other != own]
-            low = max([(1 - WITHIN) * own, *(x for x in middles if x < own)])
-            found.append((low, min([(1 + WITHIN) * own, *(x for x in middles if x > own)])))
-        return found
+        windows = []
+        for centre in self.hz:
+            middles = [0.5 * (centre + other) for other in self.hz if other != centre]
+            low = max([(1 - WITHIN) * centre, *(x for x in middles if x < centre)])
+            windows.append((low, min([(1 + WITHIN) * centre, *(x for x in middles if x > centre)])))
+        return windows
 
     @property
     def regions_hz(self) -> list[tuple[float, float]]:
@@ -100,12 +100,12 @@ class Modes(NamedTuple):
 
         Wider than its window, for a sweep that passes quickly has much of its motion beside it.
         """
-        found = []
-        for own in self.hz:
-            below = [0.5 * (own + other) for other in self.hz if other < own]
-            above = [0.5 * (own + other) for other in self.hz if other > own]
-            found.append((max([0.5 * own, *below]), min([1.5 * own, *above])))
-        return found
+        regions = []
+        for centre in self.hz:
+            below = [0.5 * (centre + other) for other in self.hz if other < centre]
+            above = [0.5 * (centre + other) for other in self.hz if other > centre]
+            regions.append((max([0.5 * centre, *below]), min([1.5 * centre, *above])))
+        return regions
 
 
 def with_ratios(found: Mapping[str, float]) -> dict[str, float]:
@@ -134,8 +134,10 @@ def by_model(modes: Modes, readings: Mapping[str, float]) -> dict[str, float]:
 
     Frequencies and damping of modes that the points hardly see are those of the model.
     """
-    numbers, names = dict(modes.numbers), (FIRST, *(own[:3] for own in modes.names))
-    gains = {"": [own[2] for own in names]} | {p: list(own) for p, own in modes.seen.items()}
+    numbers, names = dict(modes.numbers), (FIRST, *(mode_names[:3] for mode_names in modes.names))
+    gains = {"": [mode_names[2] for mode_names in names]} | {
+        p: list(gain_names) for p, gain_names in modes.seen.items()
+    }
     shares = {point: gain_shares(modes, point) for point in gains}
     strongest = np.max([np.abs(row) for row in shares.values()], axis=0)
     first: dict[str, float] = {}
@@ -143,38 +145,38 @@ def by_model(modes: Modes, readings: Mapping[str, float]) -> dict[str, float]:
         is_seen = strongest[i] > HARDLY_SEEN * strongest.max() and omega in readings
         first[omega] = readings[omega] if is_seen else numbers[numbered(OMEGA, i + 1)]
         first[zeta] = readings[zeta] if is_seen else max(numbers[numbered(ZETA, i + 1)], LEAST_ZETA)
-    known = [
+    shares_and_gains = [
         (shares[point][i], readings[name])
-        for point, own in gains.items()
-        for i, name in enumerate(own)
+        for point, gain_names in gains.items()
+        for i, name in enumerate(gain_names)
         if name in readings
     ]
-    if known:
-        w, g = np.array(known).T
+    if shares_and_gains:
+        w, g = np.array(shares_and_gains).T
         first["gain"] = float(w @ g / (w @ w))
     return first
 
 
 def bounds_of(modes: Modes, known: Mapping[str, float], *, with_joint: bool) -> Bounds:
     """Bounds of the modes' parameters about first values; at the joint only where it has a law."""
-    found: Bounds = {}
+    bounds: Bounds = {}
     for names, (low, high) in zip(modes.names, modes.windows_hz[1:], strict=True):
-        found[names.omega] = 2 * np.pi * low, 2 * np.pi * high
-        found[names.zeta] = 0.005 * known[names.zeta], 3.0 * known[names.zeta]
+        bounds[names.omega] = 2 * np.pi * low, 2 * np.pi * high
+        bounds[names.zeta] = 0.005 * known[names.zeta], 3.0 * known[names.zeta]
         if names.ratio not in known:  # nothing drives the motion, or the model tells it
             continue
         ratio = known[names.ratio]
         reach = 2 * max(abs(ratio), 0.05)
         # Where the output is the drive point, gains are squares of shapes.
         least = 1e-3 * ratio if modes.driving_point else ratio - reach
-        found[names.ratio] = least, ratio + reach
+        bounds[names.ratio] = least, ratio + reach
     for name in (name for names in modes.seen.values() for name in names if name in known):
         reach = 2 * max(abs(known[name]), 0.05)
-        found[name] = known[name] - reach, known[name] + reach
+        bounds[name] = known[name] - reach, known[name] + reach
     for name in modes.free if with_joint else ():
         end = float(np.exp(REACH * _std(name)))
-        found[name] = 1 / end, end
-    return found
+        bounds[name] = 1 / end, end
+    return bounds
 
 
 def _std(name: str) -> float:
@@ -233,15 +235,15 @@ class ModesAtJoint(Observable):
 
     def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
         """The log density of the sizes over that of their box; nothing of offsets."""
-        left, _ = self.weighted(theta)
-        known = known_estimate(left, jnp.zeros((1, num_offsets, self.width)))
+        residual, _ = self.weighted(theta)
+        estimate = known_estimate(residual, jnp.zeros((1, num_offsets, self.width)))
         if not set(self.names) <= theta.keys():
-            return known
+            return estimate
         ends = np.array([REACH * _std(name) for name in self.names])
         std = np.array([_std(name) for name in self.names])
         box = np.sum(np.log(2 * np.sinh(ends)) - np.log(np.sqrt(2 * np.pi) * std))
-        density = known.log_density + box - jnp.sum(self.predict(theta))
-        return known._replace(log_density=density)
+        density = estimate.log_density + box - jnp.sum(self.predict(theta))
+        return estimate._replace(log_density=density)
 
     def linearised(self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]) -> Self:
         """With directions of the offsets, which are zero."""
@@ -255,11 +257,11 @@ class ModesAtJoint(Observable):
         """Every further mode at the optimum, and what tells the sign of its motion of the joint."""
         if self.modes is None or self.modes.meet != "common" or not self.laws:
             return []
-        found = structure_of(theta, self.laws)
-        h, p = (np.asarray(x)[1:] for x in (found.h, found.p))
+        structure = structure_of(theta, self.laws)
+        h, p = (np.asarray(x)[1:] for x in (structure.h, structure.p))
         growth = np.asarray(self.growth)
-        said = []
-        for i, hz in enumerate(np.asarray(found.omega_n)[1:] / (2 * np.pi)):
+        sentences = []
+        for i, hz in enumerate(np.asarray(structure.omega_n)[1:] / (2 * np.pi)):
             sign = (
                 "" if np.isnan(growth[i])
                 else f" The other sign of h fits worse, chi-square by {growth[i]:.3g}."
@@ -267,8 +269,8 @@ class ModesAtJoint(Observable):
                 else f" The other sign of h fits as well, chi-square differs by {growth[i]:.2g}: "
                 "it is not known."
             )  # fmt: skip
-            said.append(
+            sentences.append(
                 f"Mode {i + 2}, at {hz:.4g} Hz, moves the joint by h = {h[i]:.3g} and takes "
                 f"p = {p[i]:.3g} of its force, at the optimum, the first mode 1 and 1.{sign}"
             )
-        return said
+        return sentences

@@ -32,4 +32,4 @@ def register(observable: type[Observable]) -> type[Observable]:
 
 def taking(*, several: bool) -> list[type[Observable]]:
     """Those of the register that take tests of a structure of several modes, or of one."""
-    return [one for one in OBSERVABLES if one.several in (None, several)]
+    return [kind for kind in OBSERVABLES if kind.several in (None, several)]
