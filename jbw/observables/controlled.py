@@ -104,9 +104,9 @@ class ControlledPoints(Repeated):
             held = test.locked_phase if test.traits.is_locked else float("nan")
             curves = [controlled_curve(record, held) for record in test.records]
             _require_alike(test, curves)
-            own = _without_lost_points(curves)
-            form = test.traits.is_locked, own[0].force is not None, test.residuals
-            families.setdefault(form, []).append((test, own))
+            valid_curves = _without_lost_points(curves)
+            form = test.traits.is_locked, valid_curves[0].force is not None, test.residuals
+            families.setdefault(form, []).append((test, valid_curves))
         return tuple(
             (cls if forced else Frequencies).of(family, laws, residuals, is_locked=locked)
             for (locked, forced, residuals), family in families.items()
@@ -146,11 +146,11 @@ class ControlledPoints(Repeated):
         longest = int(max(lengths))
         source = family[0][0].records[0]
         data = cls(
-            omega=filled([one[0] for one in inputs], "edge"),
-            amplitude=filled([one[1] for one in inputs], "edge"),
-            phase=filled([one[2] for one in inputs], "edge"),
+            omega=filled([test_inputs[0] for test_inputs in inputs], "edge"),
+            amplitude=filled([test_inputs[1] for test_inputs in inputs], "edge"),
+            phase=filled([test_inputs[2] for test_inputs in inputs], "edge"),
             load=filled(forces, "edge"),
-            counted=filled([np.ones(len(one[0])) for one in inputs]),
+            counted=filled([np.ones(len(test_inputs[0])) for test_inputs in inputs]),
             mean=filled(means),
             scale=filled(scales, "edge"),
             mixed=jnp.zeros((len(means), longest)),
@@ -216,8 +216,8 @@ class ControlledPoints(Repeated):
     @property
     def units(self) -> tuple[str, ...]:
         """Hertz, radian, or the source's."""
-        known = {"frequency": "Hz", "phase": "rad", "force": self.unit_of_source}
-        return tuple(known[row.quantity] for row in self.rows)
+        unit_by_quantity = {"frequency": "Hz", "phase": "rad", "force": self.unit_of_source}
+        return tuple(unit_by_quantity[row.quantity] for row in self.rows)
 
     def predict(self, theta: Theta) -> Float[Array, "group point"]:
         """Frequency [Hz] or phase [rad], and force in the source's unit, of every group."""
@@ -232,13 +232,15 @@ class ControlledPoints(Repeated):
         if self.is_locked:
             tone = partial(tone_at_phase, joint)
             omega, force = jax.vmap(jax.vmap(tone))(y, phi)
-            beside = omega / (2 * np.pi)
+            frequency_or_phase = omega / (2 * np.pi)
         else:
             held = jax.vmap(jax.vmap(partial(force_at, joint)))(self.omega, y) / gain
             # The force's phase counts from the joint's own motion, which leads the measured one.
-            beside, force = -jnp.angle(held) - (phi - phase), jnp.abs(gain * held)
+            frequency_or_phase, force = -jnp.angle(held) - (phi - phase), jnp.abs(gain * held)
         by_quantity = {"force": force / jnp.abs(gain)}
-        return jnp.stack([by_quantity.get(row.quantity, beside)[row.test] for row in self.rows])
+        return jnp.stack(
+            [by_quantity.get(row.quantity, frequency_or_phase)[row.test] for row in self.rows]
+        )
 
     def _of_joint(
         self, theta: Theta, amplitude: Float[Array, "test point"], phase: Float[Array, "test point"]
@@ -247,14 +249,14 @@ class ControlledPoints(Repeated):
         terms = taken(theta, self.residuals)
         if not terms or self.unit_of_source == "":
             return amplitude, phase
-        known = phase
+        motion_phase = phase
         if not self.is_locked:  # a phase that was not measured is that of the motion without them
             hold = partial(force_at, oscillator_of(theta, self.laws))
             without = -jnp.angle(jax.vmap(jax.vmap(hold))(self.omega, amplitude) / theta["gain"])
-            known = jnp.where(jnp.isfinite(phase), phase, without)
-        moved = amplitude * jnp.exp(1j * known)
-        own = moved - receptance(terms, self.omega) * theta["gain"] * self.load
-        return jnp.abs(own), known + jnp.angle(own / moved)
+            motion_phase = jnp.where(jnp.isfinite(phase), phase, without)
+        moved = amplitude * jnp.exp(1j * motion_phase)
+        joint_motion = moved - receptance(terms, self.omega) * theta["gain"] * self.load
+        return jnp.abs(joint_motion), motion_phase + jnp.angle(joint_motion / moved)
 
     def misfit(self, theta: Theta) -> Float[Array, "group point"]:
         """Measured less predicted over the noise's course, without what goes with the force's."""
@@ -262,10 +264,10 @@ class ControlledPoints(Repeated):
 
     def _left_over(self, theta: Theta) -> Float[Array, "group point"]:
         """Measured less predicted, in the units of the groups; phases the short way round."""
-        left = self.mean - self.predict(theta)
+        residual = self.mean - self.predict(theta)
         turned = jnp.array([row.quantity == "phase" for row in self.rows])[:, None]
-        left = jnp.where(turned, jnp.angle(jnp.exp(1j * left)), left)
-        return self._counted * left
+        residual = jnp.where(turned, jnp.angle(jnp.exp(1j * residual)), residual)
+        return self._counted * residual
 
     def _together(self, rows: Float[Any, "group point"]) -> Float[Array, "group point"]:
         """Rows of groups as the misfit has them."""
@@ -292,11 +294,11 @@ class ControlledPoints(Repeated):
 
     def spread(self, group: int) -> Float[np.ndarray, " value"]:
         """Noise of every value by itself, over the noise of its group."""
-        kept, force = self.compared(group), self._force_of_test[group]
-        scale, mixed = (np.asarray(x)[group][kept] for x in (self.scale, self.mixed))
+        compared, force = self.compared(group), self._force_of_test[group]
+        scale, mixed = (np.asarray(x)[group][compared] for x in (self.scale, self.mixed))
         noise = np.asarray(self.repeats.noise_std)
-        beside = mixed * np.asarray(self.scale)[force][kept] * noise[force] / noise[group]
-        return np.hypot(scale, beside)
+        force_noise = mixed * np.asarray(self.scale)[force][compared] * noise[force] / noise[group]
+        return np.hypot(scale, force_noise)
 
     def relative_to(self, group: int) -> Float[np.ndarray, " value"]:
         """What the errors of every value are relative to, in its unit: of a force the force."""
@@ -318,10 +320,10 @@ class ControlledPoints(Repeated):
         raw += np.asarray(self.mixed) * raw[self._force_of_test]
         carried = self._carrying(theta, raw)
         together = np.asarray(carried._together(raw))
-        own = {label: together[i][self.compared(i)] for i, label in enumerate(self.labels)}
-        return super(ControlledPoints, carried).with_fitted_noise(theta, own)
+        residuals = {label: together[i][self.compared(i)] for i, label in enumerate(self.labels)}
+        return super(ControlledPoints, carried).with_fitted_noise(theta, residuals)
 
-    def _carrying(self, theta: Theta, left: Float[np.ndarray, "group point"]) -> Self:
+    def _carrying(self, theta: Theta, residual: Float[np.ndarray, "group point"]) -> Self:
         r"""The data with the noise of amplitude and phase carried through the model at a point.
 
         $$r_i = \epsilon_i + s_i\,\eta_i, \qquad s_i = \partial m_i / \partial \ln Y_i$$
@@ -337,20 +339,22 @@ class ControlledPoints(Repeated):
         within, force = np.asarray(self.repeats.within).copy(), self._force_of_test
         variances, noisy = np.ones(scale.shape), np.asarray(self.amplitude_std)
         for i in sorted(range(len(self.rows)), key=lambda i: i != force[i]):  # forces first
-            kept, test = self.compared(i), self.rows[i].test
-            by_amplitude = (noisy[test] * slopes[0][i][kept]) ** 2
+            compared, test = self.compared(i), self.rows[i].test
+            by_amplitude = (noisy[test] * slopes[0][i][compared]) ** 2
             count = float(self.repeats.num_repeats[i])
-            square = count * left[i][kept] ** 2
-            course = _course(self.rows[i], (np.asarray(self.mean)[i] - left[i])[kept])
+            square = count * residual[i][compared] ** 2
+            course = _course(self.rows[i], (np.asarray(self.mean)[i] - residual[i])[compared])
             noise = beside_known(square, course, by_amplitude)
-            variances[i][kept] = noise * course**2 + by_amplitude
-            own = variances[i][kept]
+            variances[i][compared] = noise * course**2 + by_amplitude
+            remaining_variance = variances[i][compared]
             if force[i] != i and noisy[test] > 0:
-                other = slopes[0][force[i]][kept]
-                common = noisy[test] ** 2 * slopes[0][i][kept] * other
-                mixed[i][kept] = common / variances[force[i]][kept]
-                own = own - mixed[i][kept] * common
-            scale[i][kept] = np.sqrt(own / np.exp(np.mean(np.log(own))))
+                other = slopes[0][force[i]][compared]
+                common = noisy[test] ** 2 * slopes[0][i][compared] * other
+                mixed[i][compared] = common / variances[force[i]][compared]
+                remaining_variance = remaining_variance - mixed[i][compared] * common
+            scale[i][compared] = np.sqrt(
+                remaining_variance / np.exp(np.mean(np.log(remaining_variance)))
+            )
             together = deviations[i] - mixed[i][:, None] * deviations[force[i]]
             within[i] = self._scatter(i, together, scale[i])
         changed = replace(
@@ -385,9 +389,10 @@ class ControlledPoints(Repeated):
         size, gain = np.asarray(self.size).copy(), abs(float(theta["gain"]))
         for i, row in enumerate(self.rows):
             if row.quantity == "frequency" and self.unit_of_source:
-                kept = self.compared(i)
+                compared = self.compared(i)
                 omega, y, load = (
-                    np.asarray(x)[row.test][kept] for x in (self.omega, self.amplitude, self.load)
+                    np.asarray(x)[row.test][compared]
+                    for x in (self.omega, self.amplitude, self.load)
                 )
                 size[i] = np.mean(gain * load / (4 * np.pi * omega * y))
         return jnp.asarray(size)
@@ -410,9 +415,9 @@ class ControlledPoints(Repeated):
             return None
         points = (self.omega, self.load, self.amplitude, self.phase)
         omega, load, y, phase = (np.asarray(x)[self._points] for x in points)
-        beside = np.where(omega < self.first_values()["omega_n"], 0.0, -np.pi)
-        known = np.where(np.isfinite(phase), phase, beside)
-        return SteadyLines(omega, load + 0j, y * np.exp(1j * known))
+        limit_phase = np.where(omega < self.first_values()["omega_n"], 0.0, -np.pi)
+        phase_or_limit = np.where(np.isfinite(phase), phase, limit_phase)
+        return SteadyLines(omega, load + 0j, y * np.exp(1j * phase_or_limit))
 
     @property
     def _points(self) -> Bool[np.ndarray, "test point"]:
@@ -441,10 +446,10 @@ def slopes_by_inputs(
 ) -> tuple[Float[Array, "group point"], Float[Array, "group point"]]:
     """Derivatives of the predictions by the logarithm of the amplitude and by the phase [1/rad]."""
     y, phase = data.amplitude, data.phase
-    none, one = jnp.zeros_like(y), jnp.ones_like(y)
+    none, unit = jnp.zeros_like(y), jnp.ones_like(y)
     return (
         jax.jvp(partial(data._at, theta), (y, phase), (y, none))[1],
-        jax.jvp(partial(data._at, theta), (y, phase), (none, one))[1],
+        jax.jvp(partial(data._at, theta), (y, phase), (none, unit))[1],
     )
 
 
@@ -458,17 +463,17 @@ def beside_known(
     $$\max_{\sigma^2} -\sum_i \left(\log v_i + \frac{r_i^2}{v_i}\right), \qquad
       v_i = \sigma^2 c_i^2 + \kappa_i^2$$
     """
-    alone = float(np.mean(square / course**2))
-    if alone == 0.0 or not np.any(known):
-        return alone or 1.0
+    total_variance = float(np.mean(square / course**2))
+    if total_variance == 0.0 or not np.any(known):
+        return total_variance or 1.0
 
     def cost(log_variance: float) -> float:
         variance = np.exp(log_variance) * course**2 + known
         return float(np.sum(np.log(variance) + square / variance))
 
-    bounds = np.log(alone) + np.array([2 * np.log(LEAST_NOISE), np.log(4.0)])
-    found: Any = minimize_scalar(cost, bounds=bounds, method="bounded")
-    return float(np.exp(found.x))
+    bounds = np.log(total_variance) + np.array([2 * np.log(LEAST_NOISE), np.log(4.0)])
+    minimum: Any = minimize_scalar(cost, bounds=bounds, method="bounded")
+    return float(np.exp(minimum.x))
 
 
 def _require_alike(test: Test, curves: Sequence[ControlledCurve]) -> None:
@@ -482,8 +487,8 @@ def _require_alike(test: Test, curves: Sequence[ControlledCurve]) -> None:
 
 def _without_lost_points(curves: Sequence[ControlledCurve]) -> list[ControlledCurve]:
     """Curves without points that one of them lacks, which are NaN."""
-    kept = np.logical_and.reduce([curve.valid for curve in curves])
-    return [curve.at(kept) for curve in curves]
+    valid = np.logical_and.reduce([curve.valid for curve in curves])
+    return [curve.at(valid) for curve in curves]
 
 
 def _compared(
@@ -528,10 +533,10 @@ def _moments(
 ) -> Float[np.ndarray, "point variable variable"]:
     """Products of the deviations of the repeats of every point, summed over them."""
     phase = np.stack([np.nan_to_num(_phase(curve, curves[0])) for curve in curves])
-    beside = np.stack([curve.freq_hz for curve in curves]) if is_locked else phase
+    frequency_or_phase = np.stack([curve.freq_hz for curve in curves]) if is_locked else phase
     force = np.nan_to_num(np.stack([_mean_force([curve]) for curve in curves]))
     log_y = np.log(np.stack([curve.amplitude for curve in curves]))
-    values = np.stack([beside, force, log_y, phase], axis=-1)
+    values = np.stack([frequency_or_phase, force, log_y, phase], axis=-1)
     deviation = values - values.mean(axis=0)
     return np.einsum("kpi,kpj->pij", deviation, deviation)
 

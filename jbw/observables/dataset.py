@@ -132,18 +132,18 @@ def solved(
     held = {name: np.full(size, float(value)) for name, value in data.held.items()}
     everything = {**held, **theta}
     parts = [part.solved(of_part(everything, part), threads, writes=writes) for part in data.parts]
-    known = [i for i, part in enumerate(parts) if part is not None]
-    if not known:
+    solved_parts = [i for i, part in enumerate(parts) if part is not None]
+    if not solved_parts:
         return None
     pairs = zip(parts, data.parts, strict=True)
-    whole = replace(data, parts=tuple(old if new is None else new for new, old in pairs))
+    complete = replace(data, parts=tuple(old if new is None else new for new, old in pairs))
     is_solved = eqx.tree_at(
-        lambda tree: [tree.parts[i].solution for i in known],
-        jax.tree.map(lambda _: False, whole),
+        lambda tree: [tree.parts[i].solution for i in solved_parts],
+        jax.tree.map(lambda _: False, complete),
         replace_fn=lambda solution: jax.tree.map(lambda _: True, solution),
     )
-    own, rest = eqx.partition(whole, is_solved)
-    return rest, own
+    solutions, rest = eqx.partition(complete, is_solved)
+    return rest, solutions
 
 
 @solved_first(partial(solved, writes=False))
@@ -156,19 +156,21 @@ def log_likelihood(theta: Theta, data: Dataset) -> Float[Array, " term"]:
     everything = {**data.held, **theta}
     stated = log_over_uniform(everything, data.stated)
     if data.has_offsets:
-        found = estimates(everything, data)
-        offsets = log_density_of_offsets(found, data.levels, data.scatters)
-        return jnp.concatenate([found.log_density, jnp.atleast_1d(offsets), stated])
-    own = [(part, of_part(everything, part)) for part in data.parts]
-    each = [(part, theta, part.estimate(theta, 0)) for part, theta in own]
-    scatter = [part.scatter_terms(theta, found) for part, theta, found in each]
-    return jnp.concatenate([*(found.log_density for *_, found in each), *scatter, stated])
+        offset_estimates = estimates(everything, data)
+        offsets = log_density_of_offsets(offset_estimates, data.levels, data.scatters)
+        return jnp.concatenate([offset_estimates.log_density, jnp.atleast_1d(offsets), stated])
+    points = [(part, of_part(everything, part)) for part in data.parts]
+    part_estimates = [(part, theta, part.estimate(theta, 0)) for part, theta in points]
+    scatter = [part.scatter_terms(theta, estimate) for part, theta, estimate in part_estimates]
+    return jnp.concatenate(
+        [*(estimate.log_density for *_, estimate in part_estimates), *scatter, stated]
+    )
 
 
 def estimates(theta: Theta, data: Dataset) -> Estimate:
     """What every group says of the offsets of its run, by all parameters."""
-    found = [part.estimate(of_part(theta, part), data.num_offsets) for part in data.parts]
-    return Estimate(*(jnp.concatenate(rows) for rows in zip(*found, strict=True)))
+    part_estimates = [part.estimate(of_part(theta, part), data.num_offsets) for part in data.parts]
+    return Estimate(*(jnp.concatenate(rows) for rows in zip(*part_estimates, strict=True)))
 
 
 def estimates_at(
@@ -217,10 +219,10 @@ def _offsets_taken_out(
     if not (data.has_offsets and shared):
         return rows, {}
     numbers = run_numbers(tuple(run for i in shared for run in data.parts[i].runs))
-    left, offsets = shrunk(
+    shrunk_rows, offsets = shrunk(
         [rows[i] for i in shared], [blocks[i][1] for i in shared], numbers, data.scatter
     )
-    for i, block in zip(shared, left, strict=True):
+    for i, block in zip(shared, shrunk_rows, strict=True):
         rows[i] = block
     return rows, dict(zip(data.shared_runs, offsets, strict=True))
 
@@ -304,8 +306,8 @@ def as_arrays(theta: Mapping[str, float], data: Dataset) -> dict[str, Array]:
 def left_by_label(rows: Float[np.ndarray, " values"], data: Dataset) -> dict[str, Row]:
     """What a fit's `stacked`, or a column of its Jacobian, leaves of each group, in its unit."""
     labelled = by_label(rows, data)
-    each = [part.in_units(labelled) for part in data.parts]
-    return {label: row for found in each for label, row in found.items()}
+    rows_by_part = [part.in_units(labelled) for part in data.parts]
+    return {label: row for part_rows in rows_by_part for label, row in part_rows.items()}
 
 
 def size_by_label(data: Dataset) -> dict[str, float]:
@@ -344,11 +346,15 @@ def effective_fractions(
 
     `rows` and the others are of a fit to `data`, `expected` has the misfit that is expected of it.
     """
-    left = left_by_label(rows, data)
+    residuals = left_by_label(rows, data)
     columns = [left_by_label(column, data) for column in np.asarray(jacobian).T]
     parts = (expected or data).parts
-    each = [part.effective_fractions(left, columns, covariance) for part in parts]
-    return {label: fraction for found in each for label, fraction in found.items()}
+    fractions_by_part = [part.effective_fractions(residuals, columns, covariance) for part in parts]
+    return {
+        label: fraction
+        for part_fractions in fractions_by_part
+        for label, fraction in part_fractions.items()
+    }
 
 
 def with_effective_values(fractions: Mapping[str, float], data: Dataset) -> Dataset:

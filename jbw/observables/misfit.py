@@ -32,7 +32,7 @@ class Left(NamedTuple):
 
 def left_of(groups: Repeats, left: Rows) -> list[Left]:
     """What a fit leaves of every group, its noise by the scatter of repeats where there are any."""
-    found, arrays = [], (groups.num_repeats, groups.size, groups.within)
+    misfits, arrays = [], (groups.num_repeats, groups.size, groups.within)
     numbers = zip(groups.labels, *(np.asarray(x, float).tolist() for x in arrays), strict=True)
     for label, count, size, within in numbers:
         row = left[label]
@@ -42,8 +42,8 @@ def left_of(groups: Repeats, left: Rows) -> list[Left]:
         else:
             noise = 0.0 if coloured else square
         misfit = max(square - noise / count, 0.0)
-        found.append(Left(noise, misfit, coloured or count * misfit > MISFIT * noise))
-    return found
+        misfits.append(Left(noise, misfit, coloured or count * misfit > MISFIT * noise))
+    return misfits
 
 
 def shared_misfit(
@@ -58,7 +58,7 @@ def shared_misfit(
     whose residual is noise adds nothing to rho.
     """
     square = sizes**2 / np.asarray(groups.size)
-    misfit = [one.misfit if one.is_misfit else 0.0 for one in left_of(groups, left)]
+    misfit = [group.misfit if group.is_misfit else 0.0 for group in left_of(groups, left)]
     return np.mean(misfit / np.where(square > 0, square, 1.0)) * square
 
 
@@ -75,24 +75,24 @@ def independent_fractions(
     second undoes what the likelihood, which has m, sigma and tau in its noise, takes for variance.
     w, for the colour, is the harmonic mean over the groups that are misfitted.
     """
-    found, colours = {}, []
-    told = left_of(groups, left)
-    for label, group in zip(groups.labels, told, strict=True):
+    fractions, colours = {}, []
+    group_misfits = left_of(groups, left)
+    for label, group in zip(groups.labels, group_misfits, strict=True):
         slopes = np.stack([column[label] for column in columns])
         fraction = effective_fraction(left[label], slopes, covariance)
         if group.is_misfit:
             colours.append(fraction)
         elif fraction <= BY_CHANCE:  # noise that is loud where the prediction moves
-            found[label] = fraction
+            fractions[label] = fraction
     if not colours:
-        return found
-    colour = len(colours) / sum(1 / each for each in colours)
-    for i, (label, group) in enumerate(zip(groups.labels, told, strict=True)):
+        return fractions
+    colour = len(colours) / sum(1 / coloured_fraction for coloured_fraction in colours)
+    for i, (label, group) in enumerate(zip(groups.labels, group_misfits, strict=True)):
         expected, noise = float(groups.discrepancy[i]), group.noise
         common = float(groups.num_repeats[i]) * expected
         both = noise + common
         independent = both**2 / (noise**2 + 2 * noise * common + common**2 / colour)
         fraction = independent * (group.misfit + noise + expected) / both
         if fraction < 1.0:
-            found[label] = max(fraction, min(1.0, LEAST_VALUES / float(groups.size[i])))
-    return found
+            fractions[label] = max(fraction, min(1.0, LEAST_VALUES / float(groups.size[i])))
+    return fractions

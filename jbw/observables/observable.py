@@ -316,8 +316,8 @@ def slope_by_offsets(predict: Callable[[Theta], Array], theta: Theta) -> Float[A
     """Derivative of a prediction by the offsets of omega_n and zeta, along a last axis."""
 
     def shifted(offset: Float[Array, " own"]) -> Array:
-        own = {name: theta[name] + b for name, b in zip(OFFSETS, offset, strict=True)}
-        return predict({**theta, **own})
+        shifted_theta = {name: theta[name] + b for name, b in zip(OFFSETS, offset, strict=True)}
+        return predict({**theta, **shifted_theta})
 
     return jax.jacfwd(shifted)(jnp.zeros(len(OFFSETS)))
 

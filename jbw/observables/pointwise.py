@@ -90,13 +90,17 @@ def records_of(
     count = len(next(iter(theta.values())))
     keys = parts_of(key, 2)
     sums = at_points(_sums, {**theta, SEED: np.arange(float(count))}, (keys[0], data, rows))
-    found, known = [], {}
-    for i, (part, split, own) in enumerate(zip(data.parts, splits, sums["parts"], strict=True)):
+    split_parts, densities = [], {}
+    for i, (part, split, part_sums) in enumerate(
+        zip(data.parts, splits, sums["parts"], strict=True)
+    ):
         if split is None:
-            known |= {label: own[:, g] for g, label in enumerate(part.labels)}
+            densities |= {label: part_sums[:, g] for g, label in enumerate(part.labels)}
         else:
-            found.append(_of_part(jax.random.fold_in(keys[1], i), part, split, own, noise))
-    return Records(tuple(found), known, sums.get("offsets"))
+            split_parts.append(
+                _of_part(jax.random.fold_in(keys[1], i), part, split, part_sums, noise)
+            )
+    return Records(tuple(split_parts), densities, sums.get("offsets"))
 
 
 def splits_of(
@@ -115,31 +119,33 @@ def _split(part: Any, theta: Theta, alone: Sequence[Sequence[Any]]) -> Split | N
     if measured is None:
         return None
     measured = np.asarray(measured)
-    own, count = getattr(part, "repeats", None), len(part.labels)
-    if own is None:  # every group is one record
+    repeats, count = getattr(part, "repeats", None), len(part.labels)
+    if repeats is None:  # every group is one record
         none = np.zeros(count)
         same = np.zeros_like(measured)
         return Split(np.arange(count), none.astype(int), same, none + 1, none, measured)
     part = _solved_at(theta, part)
     centre = np.asarray(_left(theta, part))
-    told: list[list[tuple[int, NDArray[np.float64], float, float]]] = [[] for _ in range(count)]
+    splits_by_group: list[list[tuple[int, NDArray[np.float64], float, float]]] = [
+        [] for _ in range(count)
+    ]
     for j, parts in enumerate(alone, start=1):
         mean, singles = np.array(part.mean), {}
         for g, label in enumerate(part.labels):
-            if (single := _single(label, float(own.size[g]), part, parts)) is not None:
+            if (single := _single(label, float(repeats.size[g]), part, parts)) is not None:
                 row, singles[g] = single
                 mean[g] = np.pad(row, (0, mean.shape[1] - len(row)))
         if singles:
             moved = np.asarray(_left(theta, replace(part, mean=jax.device_put(mean)))) - centre
             for g, numbers in singles.items():
-                told[g].append((j, moved[g], *numbers))
+                splits_by_group[g].append((j, moved[g], *numbers))
     rows = []
-    for g, each in enumerate(told):
-        total = float(own.num_repeats[g])
-        if len(each) > 1 and sum(one[2] for one in each) == total:
-            rows += [(g, *one) for one in each]
+    for g, group_splits in enumerate(splits_by_group):
+        total = float(repeats.num_repeats[g])
+        if len(group_splits) > 1 and sum(record_split[2] for record_split in group_splits) == total:
+            rows += [(g, *record_split) for record_split in group_splits]
         else:  # a single record, or one that cannot be split
-            rows.append((g, 0, np.zeros(measured.shape[1]), total, float(own.within[g])))
+            rows.append((g, 0, np.zeros(measured.shape[1]), total, float(repeats.within[g])))
     group, repeat, deviation, num_repeats, within = (
         np.asarray(column) for column in zip(*rows, strict=True)
     )
@@ -149,10 +155,11 @@ def _split(part: Any, theta: Theta, alone: Sequence[Sequence[Any]]) -> Split | N
 def _solved_at(theta: Theta, part: Any) -> Any:
     """A part with its responses at one point, whatever its means are; or as it is."""
     point = {name: np.array([float(x)]) for name, x in theta.items()}
-    if (found := part.solved(point, num_cores(), writes=True)) is None:
+    if (solved_part := part.solved(point, num_cores(), writes=True)) is None:
         return part
     return replace(
-        found, solution=jax.tree.map(lambda x: jax.device_put(np.asarray(x)[0]), found.solution)
+        solved_part,
+        solution=jax.tree.map(lambda x: jax.device_put(np.asarray(x)[0]), solved_part.solution),
     )
 
 
@@ -165,11 +172,11 @@ def _single(
     label: str, size: float, part: Any, parts: Sequence[Any]
 ) -> tuple[NDArray[Any], tuple[float, float]] | None:
     """Mean, repeats and scatter of a group's record alone; None where it has other values."""
-    for one in parts:
-        if type(one) is type(part) and label in one.labels:
-            i, row = one.labels.index(label), np.asarray(one.mean)
-            if row.shape[1] <= part.mean.shape[1] and float(one.repeats.size[i]) == size:
-                numbers = one.repeats.num_repeats[i], one.repeats.within[i]
+    for candidate in parts:
+        if type(candidate) is type(part) and label in candidate.labels:
+            i, row = candidate.labels.index(label), np.asarray(candidate.mean)
+            if row.shape[1] <= part.mean.shape[1] and float(candidate.repeats.size[i]) == size:
+                numbers = candidate.repeats.num_repeats[i], candidate.repeats.within[i]
                 return row[i], (float(numbers[0]), float(numbers[1]))
     return None
 
@@ -205,10 +212,10 @@ def _solved(
     """The responses of every part at draws, for all that is asked of them."""
     key, data, rows = given
     point = {name: values for name, values in theta.items() if name != SEED}
-    if (found := solved(point, data, threads, writes=True)) is None:
+    if (solution := solved(point, data, threads, writes=True)) is None:
         return None
     nothing = jax.tree.map(lambda _: None, rows)
-    return (key, found[0], rows), (None, found[1], nothing)
+    return (key, solution[0], rows), (None, solution[1], nothing)
 
 
 @solved_first(_solved)
@@ -216,25 +223,31 @@ def _sums(theta: Theta, given: tuple[Key[Array, ""], Dataset, tuple[Any, ...]]) 
     """What every part is asked at one draw, by one solve, each run's offsets drawn beside it."""
     key, data, rows = given
     everything = {**data.held, **{name: x for name, x in theta.items() if name != SEED}}
-    found: dict[str, Any] = {}
+    sums: dict[str, Any] = {}
     offset = None
     if data.has_offsets:
         own_key = jax.random.fold_in(key, theta[SEED].astype(int))
         spread = draw_offsets(own_key, estimates(everything, data), data.levels, data.scatters)
         offset = spread.offset
         std = spread.scatter[: offset.shape[1]]
-        found["offsets"] = jnp.sum(jax.scipy.stats.norm.logpdf(offset, 0.0, std), axis=1)
+        sums["offsets"] = jnp.sum(jax.scipy.stats.norm.logpdf(offset, 0.0, std), axis=1)
     order = list(dict.fromkeys(data.runs))
     parts = []
-    for part, own in zip(data.parts, rows, strict=True):
+    for part, part_rows in zip(data.parts, rows, strict=True):
         b = None if offset is None else offset[np.array([order.index(run) for run in part.runs])]
-        if own is None:
+        if part_rows is None:
             parts.append(_known(of_part(everything, part), part, b))
             continue
-        square, products = part.left_sums(of_part(everything, part), own.rows, b)
-        cross = products[own.group, own.place]
-        parts.append({"square": square[own.group], "cross": cross, "along": products[own.group, 0]})
-    return {**found, "parts": parts}
+        square, products = part.left_sums(of_part(everything, part), part_rows.rows, b)
+        cross = products[part_rows.group, part_rows.place]
+        parts.append(
+            {
+                "square": square[part_rows.group],
+                "cross": cross,
+                "along": products[part_rows.group, 0],
+            }
+        )
+    return {**sums, "parts": parts}
 
 
 def _known(theta: Theta, part: Observable, offset: Array | None) -> Float[Array, " group"]:
@@ -242,9 +255,9 @@ def _known(theta: Theta, part: Observable, offset: Array | None) -> Float[Array,
     free = part.estimate(theta, 0).log_density
     if offset is None:
         return free
-    left, directions = part.weighted(theta)
-    moved = left - jnp.einsum("gi,gin->gn", offset, directions)
-    return free + 0.5 * (jnp.sum(left**2, axis=1) - jnp.sum(moved**2, axis=1))
+    residual, directions = part.weighted(theta)
+    moved = residual - jnp.einsum("gi,gin->gn", offset, directions)
+    return free + 0.5 * (jnp.sum(residual**2, axis=1) - jnp.sum(moved**2, axis=1))
 
 
 def _of_part(
@@ -255,12 +268,12 @@ def _of_part(
     noise: Mapping[str, Float[np.ndarray, " draw"]],
 ) -> OfPart:
     """Records of a part from what it was asked at the draws."""
-    own, group = getattr(part, "repeats", None), split.group
+    repeats, group = getattr(part, "repeats", None), split.group
     count = split.num_repeats
     size = np.full(len(group), float(split.measured.shape[1]))
     discrepancy = np.zeros(len(group))
-    if own is not None:
-        size, discrepancy = np.asarray(own.size)[group], np.asarray(own.discrepancy)[group]
+    if repeats is not None:
+        size, discrepancy = np.asarray(repeats.size)[group], np.asarray(repeats.discrepancy)[group]
     counted = part.fractions_counted()
     fraction = np.array([counted.get(part.labels[g], 1.0) for g in group])
     std = np.stack([noise[part.labels[g]] for g in group], axis=-1)
@@ -274,14 +287,14 @@ def _of_part(
     # What no model knows, at the scatter of the repeats: a density has a unit, and a ratio none.
     # Alone, a record has no scatter: its size stands in.
     within, total = norm[group], np.ones(len(group))
-    if own is not None:
-        repeated = np.asarray(own.num_repeats)[group] > 1
-        within = np.where(repeated, np.asarray(own.within)[group], within)
-        total = np.where(repeated, np.asarray(own.num_repeats)[group] - 1, total)
+    if repeats is not None:
+        repeated = np.asarray(repeats.num_repeats)[group] > 1
+        within = np.where(repeated, np.asarray(repeats.within)[group], within)
+        total = np.where(repeated, np.asarray(repeats.num_repeats)[group] - 1, total)
     variance = within / (size * total)
-    about = count * spread + split.within
+    square_sum = count * spread + split.within
     reference = -fraction * (
-        size * count / 2 * np.log(2 * np.pi * variance) + about / (2 * variance)
+        size * count / 2 * np.log(2 * np.pi * variance) + square_sum / (2 * variance)
     )
     own_norm = np.sum((split.measured[group] + split.deviation) ** 2, axis=1)
     observed = np.sqrt(own_norm / norm[group])

@@ -148,7 +148,7 @@ class Records(Repeated):
         # In a band, the scatter over time is that over its lines.
         within = [np.sum((r - m) ** 2) for r, m in zip(responses, means, strict=True)]
         size = means.shape[1] if lines is None else 2 * (lines[1] - lines[0])
-        own = residuals == "own"
+        has_own_terms = residuals == "own"
         return cls(
             laws=laws,
             held=band_limited(inputs, periodic=periodic),
@@ -161,7 +161,9 @@ class Records(Repeated):
                 labels=[test.name for test in tests],
                 runs=[run_of(test) for test in tests],
                 scale=np.sqrt(np.sum(means**2, axis=1) / size),
-                spanned=own_columns(inputs[:, skipped:], fs, response, lines) if own else None,
+                spanned=own_columns(inputs[:, skipped:], fs, response, lines)
+                if has_own_terms
+                else None,
             ),
             origin=jax.device_put(np.zeros((len(tests), 0))),
             fs=fs,
@@ -207,9 +209,9 @@ class Records(Repeated):
 
         def one(level: tuple[HeldInput, Array]) -> Float[Array, "*point compared"]:
             source, origin = level
-            own = dict(zip(OFFSETS, origin, strict=False))  # none where runs have no offsets
+            offsets = dict(zip(OFFSETS, origin, strict=False))  # none where runs have no offsets
             motion = response_to(
-                {**theta, **own},
+                {**theta, **offsets},
                 source,
                 self.fs,
                 response=self.response,
@@ -234,12 +236,12 @@ class Records(Repeated):
         predicted = self.predict(theta)
         # Beside a motion that large rounding hides the data, and a band may not see it.
         hidden = self._hidden(jnp.max(jnp.abs(predicted), axis=1))
-        left = values_of(self.mean - predicted, self.lines)
-        left = jnp.where(hidden[:, None], jnp.nan, left)
+        residual = values_of(self.mean - predicted, self.lines)
+        residual = jnp.where(hidden[:, None], jnp.nan, residual)
         if not self.origin.shape[1]:
-            return left
+            return residual
         away = jnp.stack([theta[name] for name in OFFSETS]) - self.origin
-        return left - jnp.einsum("lo,lov->lv", away, self.repeats.directions)
+        return residual - jnp.einsum("lo,lov->lv", away, self.repeats.directions)
 
     def measured_rows(self) -> Float[Array, "level value"]:
         """Means, or their spectra in a band."""
@@ -260,11 +262,11 @@ class Records(Repeated):
             return jnp.where(hidden, jnp.nan, self.solution.square), self.solution.along
         if not self._summed(theta) or rows.shape[1] > MOST_ROWS:
             return super().left_sums(theta, rows, offset)
-        known = jnp.zeros((len(self.origin), self.repeats.directions.shape[1]))
+        offset_from_origin = jnp.zeros((len(self.origin), self.repeats.directions.shape[1]))
         if self.origin.shape[1]:
-            known = jnp.stack([theta[name] for name in OFFSETS]) - self.origin
-        if offset is not None and known.shape[1]:
-            known = known + offset
+            offset_from_origin = jnp.stack([theta[name] for name in OFFSETS]) - self.origin
+        if offset is not None and offset_from_origin.shape[1]:
+            offset_from_origin = offset_from_origin + offset
 
         def summed(level: tuple[HeldInput, Array, tuple[Array, ...]]) -> Sums:
             source, origin, rows = level
@@ -275,7 +277,7 @@ class Records(Repeated):
             source = source.times(theta["gain"])
             return residual_sums(joint, source, self.fs, self.substeps, compared)
 
-        arrays = self.mean, self.repeats.directions, known, rows
+        arrays = self.mean, self.repeats.directions, offset_from_origin, rows
         sums = jax.lax.map(summed, (self.held, self.origin, arrays))
         # Beside a motion that large rounding hides the data.
         return jnp.where(self._hidden(sums.peak), jnp.nan, sums.square), sums.along
@@ -301,11 +303,11 @@ class Records(Repeated):
 
         with ThreadPoolExecutor(threads) as pool:
             motions = list(pool.map(level, range(len(self.labels))))
-        own = self.repeats.directions.shape[1]
+        num_directions = self.repeats.directions.shape[1]
         solution = Solution(
             jax.device_put(self._from_first([x.response for x in motions])) if writes else None,
             jax.device_put(np.stack([x.square for x in motions], axis=1)),
-            jax.device_put(np.stack([x.along[:, :own] for x in motions], axis=1)),
+            jax.device_put(np.stack([x.along[:, :num_directions] for x in motions], axis=1)),
             jax.device_put(np.stack([x.peak for x in motions], axis=1)),
         )
         return replace(self, laws=(), substeps=SUBSTEPS, depth=SIZE, solution=solution)
@@ -389,10 +391,10 @@ class Records(Repeated):
         origin = np.asarray(self.origin)[:, None] + away  # of every level and point
         if self._joints_at(points, 0) is None:
             return None
-        rows, alone = [], replace(self, origin=jax.device_put(np.asarray(self.origin)[:, :0]))
+        rows, unmoved = [], replace(self, origin=jax.device_put(np.asarray(self.origin)[:, :0]))
         for number in range(len(self.labels)):
             place = dict(zip(OFFSETS, origin[number].T, strict=True))
-            rows.append(alone.marched({**points, **place}, number, writes=True).response)
+            rows.append(unmoved.marched({**points, **place}, number, writes=True).response)
         values = values_of(np.stack(rows)[..., self.skipped :], self.lines)
         sides = np.reshape(values, (len(rows), len(OFFSETS), 4, -1))
         ahead, behind, far, beyond = np.moveaxis(sides, 2, 0)
@@ -401,26 +403,26 @@ class Records(Repeated):
 
     def spectra(self, left: Rows) -> dict[str, Spectrum]:
         """Of every level: samples in time, or lines of a band."""
-        order, length, found = derivative_order(self.response), self.mean.shape[1], {}
+        order, length, spectra = derivative_order(self.response), self.mean.shape[1], {}
         omega = 2 * np.pi * np.fft.rfftfreq(length, 1 / self.fs)
         for i, label in enumerate(self.labels):
             mean, source = np.asarray(self.mean[i]), np.asarray(self.source[i, self.skipped :])
             if self.lines is None:
-                found[label] = of_samples(
+                spectra[label] = of_samples(
                     mean, left[label], source, self.fs, order, periodic=self.periodic
                 )
                 continue
-            kept = slice(*self.lines)
+            band = slice(*self.lines)
             # Of a band the samples in time are those measured, noise outside it with them.
             rate = np.fft.irfft(1j * omega * np.fft.rfft(mean), length)
             late = None if self.periodic else np.arange(length) / self.fs * rate
             rows = (mean, source, 0.0 * mean if late is None else late)
-            x, u, turned = (np.sqrt(2 / length) * np.fft.rfft(row)[kept] for row in rows)
-            found[label] = of_lines(
-                x, left[label], omega[kept], u, (1j * omega[kept]) ** order,
+            x, u, turned = (np.sqrt(2 / length) * np.fft.rfft(row)[band] for row in rows)
+            spectra[label] = of_lines(
+                x, left[label], omega[band], u, (1j * omega[band]) ** order,
                 None if late is None else turned,
             )  # fmt: skip
-        return found
+        return spectra
 
     def first_values(self) -> dict[str, float]:
         """Linear least squares over the lines near the peak of the lowest level's spectrum."""
@@ -447,20 +449,20 @@ class Records(Repeated):
         """Largest displacement [m]."""
         power = derivative_order(self.response)
         if self.modes is not None:
-            own = np.asarray(self.mean)[[not point for point in self.points]]
+            at_first_point = np.asarray(self.mean)[[not point for point in self.points]]
             above = 0.5 * min(self.modes.hz), np.inf
-            return band_peak(own, self.fs, power, above) if len(own) else 0.0
+            return band_peak(at_first_point, self.fs, power, above) if len(at_first_point) else 0.0
         return float(np.max(np.abs(self.mean))) / omega_n**power
 
     def peaks_of_modes(self) -> tuple[float, ...]:
         """Of responses at the first point, in each mode's window."""
-        own = np.asarray(self.mean)[[not point for point in self.points]]
-        if self.modes is None or not len(own):
+        at_first_point = np.asarray(self.mean)[[not point for point in self.points]]
+        if self.modes is None or not len(at_first_point):
             return ()
         order = derivative_order(self.response)
         is_assembled = self.modes.meet == "assembled"
         bands = self.modes.regions_hz if is_assembled else self.modes.windows_hz
-        return tuple(band_peak(own, self.fs, order, edges) for edges in bands)
+        return tuple(band_peak(at_first_point, self.fs, order, edges) for edges in bands)
 
     def halved(self) -> Self | None:
         """The records with twice as many steps of the solver; None without a law, exact by any."""

@@ -75,17 +75,17 @@ class Repeated(Observable):
     @property
     def weight(self) -> Float[Array, " group"]:
         r"""One over a mean's standard error, $\sqrt{n / N} / \sigma$; n is N K if independent."""
-        own = self.repeats
+        groups = self.repeats
         size, repeats, counted, noise_std = map(
-            concrete, (own.size, own.num_repeats, own.num_values, own.noise_std)
+            concrete, (groups.size, groups.num_repeats, groups.num_values, groups.noise_std)
         )
-        return (counted / (size - own.num_taken / repeats)) ** 0.5 / noise_std
+        return (counted / (size - groups.num_taken / repeats)) ** 0.5 / noise_std
 
     def weighted(self, theta: Theta) -> Weighted:
         """Residuals and directions in standard errors of a mean."""
         weight = self.weight
-        left, directions = self.left(theta)
-        return weight[:, None] * left, weight[:, None, None] * directions
+        residual, directions = self.left(theta)
+        return weight[:, None] * residual, weight[:, None, None] * directions
 
     def left(self, theta: Theta) -> Weighted:
         """Misfit and directions, in the unit of the values."""
@@ -95,11 +95,11 @@ class Repeated(Observable):
         self, rows: Float[Array, "group *own value"]
     ) -> Float[Array, "group *own value"]:
         """Rows of every group without what lies along its own constants, which nothing tells."""
-        own = self.repeats.spanned
-        if not own.shape[1]:
+        columns = self.repeats.spanned
+        if not columns.shape[1]:
             return rows
-        along = jnp.einsum("gcv,g...v->g...c", own, rows)
-        return rows - jnp.einsum("gcv,g...c->g...v", own, along)
+        along = jnp.einsum("gcv,g...v->g...c", columns, rows)
+        return rows - jnp.einsum("gcv,g...c->g...v", columns, along)
 
     def measured_rows(self) -> Float[Array, "group value"]:
         """Means, of complex values the real parts, then the imaginary parts."""
@@ -109,21 +109,23 @@ class Repeated(Observable):
 
     def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
         """What each group says of its offsets, its noise integrated out under 1/sigma."""
-        own = self.repeats
-        scatter = own.within + own.size * own.num_repeats * own.discrepancy
-        square, along = self.left_sums(theta, own.directions)
-        return estimate(square, along, scatter, own.num_repeats, own.num_values, own.directions)
+        repeats = self.repeats
+        scatter = repeats.within + repeats.size * repeats.num_repeats * repeats.discrepancy
+        square, along = self.left_sums(theta, repeats.directions)
+        return estimate(
+            square, along, scatter, repeats.num_repeats, repeats.num_values, repeats.directions
+        )
 
     def in_units(self, rows: Mapping[str, Float[np.ndarray, " value"]]) -> dict[str, Row]:
         """Rows of the residual in the unit of the values, complex where the values are."""
-        weight, found = np.asarray(self.weight), {}
+        weight, labelled = np.asarray(self.weight), {}
         for i, label in enumerate(self.labels):
             row: Row = np.asarray(rows[label]) / weight[i]
             if self.is_complex:
                 real, imaginary = np.split(row, 2)
                 row = real + 1j * imaginary
-            found[label] = row[self.compared(i)]
-        return found
+            labelled[label] = row[self.compared(i)]
+        return labelled
 
     def sizes(self) -> dict[str, float]:
         """Root of the sum of squares of the mean of each group, zero behind its last value."""
@@ -157,8 +159,8 @@ class Repeated(Observable):
 
     def with_repeats(self, **changes: Any) -> Self:
         """The data with some of the repeats' arrays changed; NumPy's are put on the device."""
-        own = {name: _on_device(values) for name, values in changes.items()}
-        return replace(self, repeats=replace(self.repeats, **own))
+        arrays = {name: _on_device(values) for name, values in changes.items()}
+        return replace(self, repeats=replace(self.repeats, **arrays))
 
     def evenly(self) -> Self:
         """Groups that count by their relative errors, whatever their noise and offsets."""
@@ -176,10 +178,10 @@ class Repeated(Observable):
 
     def with_fitted_noise(self, theta: Theta, left: Rows) -> Self:
         r"""The data with the noise that a fit leaves, $\sigma^2 = Q / (N K - q) + \tau^2$."""
-        own = self.repeats
-        squares = np.array([np.sum(np.abs(left[label]) ** 2) for label in own.labels])
-        total = np.asarray(own.num_repeats) * squares + np.asarray(own.within)
-        square = total / np.asarray(own.num_counted) + np.asarray(own.discrepancy)
+        repeats = self.repeats
+        squares = np.array([np.sum(np.abs(left[label]) ** 2) for label in repeats.labels])
+        total = np.asarray(repeats.num_repeats) * squares + np.asarray(repeats.within)
+        square = total / np.asarray(repeats.num_counted) + np.asarray(repeats.discrepancy)
         return self.with_repeats(noise_std=np.sqrt(square))
 
     def effective_fractions(
@@ -190,15 +192,15 @@ class Repeated(Observable):
 
     def with_effective_values(self, fractions: Mapping[str, float]) -> Self:
         """The data that count for as many values as are independent."""
-        own = self.repeats
-        fraction = np.array([fractions.get(label, 1.0) for label in own.labels])
-        return self.with_repeats(num_values=fraction * np.asarray(own.num_counted))
+        repeats = self.repeats
+        fraction = np.array([fractions.get(label, 1.0) for label in repeats.labels])
+        return self.with_repeats(num_values=fraction * np.asarray(repeats.num_counted))
 
     def fractions_counted(self) -> dict[str, float]:
         """Fraction of the values of each group that the likelihood counts."""
-        own = self.repeats
-        fraction = np.asarray(own.num_values) / np.asarray(own.num_counted)
-        return dict(zip(own.labels, fraction.tolist(), strict=True))
+        repeats = self.repeats
+        fraction = np.asarray(repeats.num_values) / np.asarray(repeats.num_counted)
+        return dict(zip(repeats.labels, fraction.tolist(), strict=True))
 
     def without(self, run: str) -> Self:
         """The data with one run's groups excluded, of the same shapes."""
@@ -208,8 +210,8 @@ class Repeated(Observable):
     def silenced(self, run: str) -> Self:
         """The data in which one run's groups have next to no values, of the same shapes."""
         pairs = zip(self.labels, self.runs, strict=True)
-        own = {label: SILENT for label, name in pairs if name == run}
-        return self.with_effective_values({**self.fractions_counted(), **own})
+        fractions = {label: SILENT for label, name in pairs if name == run}
+        return self.with_effective_values({**self.fractions_counted(), **fractions})
 
     def draw_noise(
         self, key: Key[Array, ""], theta: Drawn, terms: Mapping[str, Draws], num_offsets: int
@@ -221,11 +223,11 @@ class Repeated(Observable):
 
         Q, of all N K values, is read off the stored terms of the log likelihood: no other solve.
         """
-        own = self.repeats
+        repeats = self.repeats
         rows = np.stack([terms[label] for label in self.labels], axis=-1)
-        count = np.asarray(own.num_values)
+        count = np.asarray(repeats.num_values)
         chi_square = generator(key).chisquare(count - num_offsets, rows.shape)
-        fraction = count / np.asarray(own.num_counted)
+        fraction = count / np.asarray(repeats.num_counted)
         noise = np.sqrt(fraction * np.exp(-2 * rows / count) / chi_square)
         return {label: noise[..., i] for i, label in enumerate(self.labels)}
 

@@ -74,21 +74,25 @@ def repeats(
     that its misfit may hold besides, in any scale.
     """
     degrees = sizes * (num_repeats - 1)
-    known = degrees > 0
-    noise = np.sqrt(np.where(known, within / np.where(known, degrees, 1), (0.01 * scale) ** 2))
-    own = np.zeros((len(labels), 0, longest)) if spanned is None else _orthonormal(spanned)
+    repeated = degrees > 0
+    noise = np.sqrt(
+        np.where(repeated, within / np.where(repeated, degrees, 1), (0.01 * scale) ** 2)
+    )
+    own_directions = (
+        np.zeros((len(labels), 0, longest)) if spanned is None else _orthonormal(spanned)
+    )
     # Values that the directions of each group's own take, one each.
-    taken = np.round(np.sum(own**2, axis=(1, 2)))
+    num_taken = np.round(np.sum(own_directions**2, axis=(1, 2)))
     none = np.zeros(len(labels))
     arrays = {
         "within": np.asarray(within),
         "num_repeats": np.asarray(num_repeats, float),
         "size": np.asarray(sizes, float),
-        "num_values": np.asarray(sizes, float) * num_repeats - taken,
+        "num_values": np.asarray(sizes, float) * num_repeats - num_taken,
         "noise_std": noise,
         "discrepancy": none,
         "directions": np.zeros((len(labels), 0, longest)),
-        "spanned": own,
+        "spanned": own_directions,
     }
     return Repeats(
         **jax.device_put(arrays),

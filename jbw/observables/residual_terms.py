@@ -97,7 +97,7 @@ def own_columns(
     omega = 2 * np.pi * np.fft.rfftfreq(length, 1 / fs)
     spectrum = np.fft.rfft(force - force.mean(axis=1, keepdims=True))
     if lines is None:
-        spectrum *= np.stack([np.asarray(driven(jnp.asarray(np.abs(one)))) for one in spectrum])
+        spectrum *= np.stack([np.asarray(driven(jnp.asarray(np.abs(level)))) for level in spectrum])
     first = spectrum * (1j * omega) ** derivative_order(response)
     both = np.stack([first, first / np.where(omega > 0, omega, np.inf) ** 2], axis=1)
     if lines is None:
@@ -127,10 +127,12 @@ def bounds(omega_n: float, neighbours: Sequence[float] = ()) -> dict[str, tuple[
     times the mode's. A neighbour stays within 7 % of where it was seen, and nearer to that than to
     any other mode.
     """
-    found = {UPPER: (-LARGEST / omega_n**2, LARGEST / omega_n**2), LOWER: (-LARGEST, LARGEST)}
-    for (name, zeta, share), own in zip(MODES, neighbours, strict=False):
-        middles = [0.5 * (own + other) for other in (omega_n, *neighbours) if other != own]
-        low = max([(1 - NEAR) * own, *(x for x in middles if x < own)])
-        high = min([(1 + NEAR) * own, *(x for x in middles if x > own)])
-        found |= {name: (low, high), zeta: DAMPED, share: (-LARGEST, LARGEST)}
-    return found
+    limits = {UPPER: (-LARGEST / omega_n**2, LARGEST / omega_n**2), LOWER: (-LARGEST, LARGEST)}
+    for (name, zeta, share), neighbour in zip(MODES, neighbours, strict=False):
+        middles = [
+            0.5 * (neighbour + other) for other in (omega_n, *neighbours) if other != neighbour
+        ]
+        low = max([(1 - NEAR) * neighbour, *(x for x in middles if x < neighbour)])
+        high = min([(1 + NEAR) * neighbour, *(x for x in middles if x > neighbour)])
+        limits |= {name: (low, high), zeta: DAMPED, share: (-LARGEST, LARGEST)}
+    return limits

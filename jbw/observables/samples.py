@@ -53,16 +53,16 @@ def on_time(test: Test) -> Test:
     """
     if test.delay == 0.0:
         return test
-    kept = [_on_time(record, test.delay, cyclic=test.is_cyclic) for record in test.records]
-    records = tuple(record for record, _ in kept)
-    unknown = max(seconds for _, seconds in kept)
+    shifted = [_on_time(record, test.delay, cyclic=test.is_cyclic) for record in test.records]
+    records = tuple(record for record, _ in shifted)
+    unknown = max(seconds for _, seconds in shifted)
     return replace(test, records=records, delay=0.0, settle=max(test.settle, unknown))
 
 
 def _on_time(record: Record, delay: float, *, cyclic: bool) -> tuple[Record, float]:
     """A record without its delay, and the time at its start of which it has no response [s]."""
-    whole = 0 if cyclic else round(delay * record.fs)
-    size = record.num_samples - abs(whole)
+    whole_samples = 0 if cyclic else round(delay * record.fs)
+    size = record.num_samples - abs(whole_samples)
     if size < 2:
         raise DataError(
             f"Key `delay` must be shorter than record `{record.name}` of "
@@ -70,12 +70,15 @@ def _on_time(record: Record, delay: float, *, cyclic: bool) -> tuple[Record, flo
             remedy="Correct `delay`, or leave the record out with exclude.",
         )
     response = record.channels[record.response]
-    x = advance(response, delay - whole / record.fs, record.fs)
-    if whole < 0:  # it leads: its first samples are of later instants
-        channels = {**record.channels, record.response: np.append(np.zeros(-whole), x[:size])}
-        return replace(record, channels=channels), -whole / record.fs
+    x = advance(response, delay - whole_samples / record.fs, record.fs)
+    if whole_samples < 0:  # it leads: its first samples are of later instants
+        channels = {
+            **record.channels,
+            record.response: np.append(np.zeros(-whole_samples), x[:size]),
+        }
+        return replace(record, channels=channels), -whole_samples / record.fs
     channels = {role: values[:size] for role, values in record.channels.items()}
-    return replace(record, channels={**channels, record.response: x[whole:]}), 0.0
+    return replace(record, channels={**channels, record.response: x[whole_samples:]}), 0.0
 
 
 def lines_of(band_hz: Sequence[float], length: int, fs: float) -> Lines | None:
@@ -98,9 +101,9 @@ def in_band(samples: np.ndarray, lines: Lines | None) -> np.ndarray:
     if lines is None:
         return samples
     spectrum = np.fft.rfft(samples)
-    kept = np.zeros_like(spectrum)
-    kept[..., lines[0] : lines[1]] = spectrum[..., lines[0] : lines[1]]
-    return np.fft.irfft(kept, samples.shape[-1])
+    masked = np.zeros_like(spectrum)
+    masked[..., lines[0] : lines[1]] = spectrum[..., lines[0] : lines[1]]
+    return np.fft.irfft(masked, samples.shape[-1])
 
 
 def noise_share(lines: Lines | None, length: int) -> float:
@@ -126,8 +129,8 @@ def loudest_hz(means: Float[np.ndarray, "level time"], fs: float) -> float:
 
 def substeps_for(hz: float, fs: float, least: int) -> int:
     """Steps of the solver between samples, a power of two, for 50 in a period of a motion."""
-    wanted = max(STEPS_A_PERIOD * hz / fs, least)
-    return 2 ** whole_up(float(np.log2(wanted)))
+    steps = max(STEPS_A_PERIOD * hz / fs, least)
+    return 2 ** whole_up(float(np.log2(steps)))
 
 
 def band_limited(
@@ -182,15 +185,17 @@ def motions_at(
         joints_at({name: x[lot] for name, x in theta.items()}, laws, residuals=residuals)
         for lot in lots
     ]
-    known = [one for one in joints if one is not None and not any(x.stacks for x in one.laws)]
-    if len(known) < len(lots):
+    usable = [
+        joint for joint in joints if joint is not None and not any(x.stacks for x in joint.laws)
+    ]
+    if len(usable) < len(lots):
         return None
     gain, order = theta["gain"] * float(source.gain), derivative_order(response)
     with ThreadPoolExecutor(num_cores()) as threads:
         motions = list(
             threads.map(
                 lambda pair: march(pair[0], gain[pair[1]], record, fs, substeps, order),
-                zip(known, lots, strict=True),
+                zip(usable, lots, strict=True),
             )
         )
     rows = np.concatenate([motion.response for motion in motions])
@@ -218,7 +223,7 @@ def motion_under(
     """
     force = source.times(theta["gain"])
     if (apart := modes_apart(theta, laws)) is not None:
-        deep = [with_depth(one, depth) for one in apart]
+        deep = [with_depth(oscillator, depth) for oscillator in apart]
         seen = seen_by_points(theta, len(deep))
         c = seen if every_point else seen[0]
         return simulate_apart(deep, gain_ratios(theta), c, force, fs, substeps=substeps)
@@ -256,8 +261,8 @@ def response_of(
     residuals: str,
 ) -> Float[Array, "*point time"]:
     """What a sensor sees of a motion under an input, as `response_to` says."""
-    own = getattr(motion, LETTER_OF[response])
+    sensed = getattr(motion, LETTER_OF[response])
     if not (terms := taken(theta, residuals)):
-        return own
+        return sensed
     added = added_response(terms, source.samples, fs, response=response, periodic=source.periodic)
-    return own + theta["gain"] * added
+    return sensed + theta["gain"] * added

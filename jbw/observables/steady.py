@@ -137,8 +137,8 @@ class Points(Repeated):
         for order in ORDERS:
             factor = (1j * order * omega) ** derivative_order(response)
             values = factor * motion[:, order // 2]
-            known = harmonic_label("planned", order), "planned", omega, load, motion, order
-            groups.append(Group(*known, values, factor, 0.0, 1, unit=UNIT_OF[response]))
+            group_fields = harmonic_label("planned", order), "planned", omega, load, motion, order
+            groups.append(Group(*group_fields, values, factor, 0.0, 1, unit=UNIT_OF[response]))
         std = noise_std * np.sqrt(2 / num_samples)
         return cls.of(groups, laws=laws).with_repeats(noise_std=jnp.full(len(groups), std))
 
@@ -169,38 +169,38 @@ class Points(Repeated):
 
     def misfit(self, theta: Theta) -> Float[Array, "group part"]:
         """Measured less predicted values, real parts then imaginary parts."""
-        left = self.mean - self.predict(theta)
-        return jnp.concatenate([left.real, left.imag], axis=1)
+        residual = self.mean - self.predict(theta)
+        return jnp.concatenate([residual.real, residual.imag], axis=1)
 
     def spectra(self, left: Rows) -> dict[str, Spectrum]:
         """Of every measured response: its harmonic at the frequencies of its points."""
-        found = {}
+        spectra = {}
         for i, label in enumerate(self.labels):
             if self.of_force[i]:
                 continue
-            kept, order = self.compared(i), ORDERS[int(self.position[i])]
-            point, factor = (np.asarray(x[i])[kept] for x in (self.point, self.factor))
+            compared, order = self.compared(i), ORDERS[int(self.position[i])]
+            point, factor = (np.asarray(x[i])[compared] for x in (self.point, self.factor))
             omega, source = (np.asarray(x)[point] for x in (self.omega, self.load))
-            values = np.asarray(self.mean[i])[kept]
+            values = np.asarray(self.mean[i])[compared]
             driven = source[:, 0] * (order == 1)  # higher ones are the amplifier's distortion
-            found[label] = of_lines(values, left[label], order * omega, driven, factor)
-        return found
+            spectra[label] = of_lines(values, left[label], order * omega, driven, factor)
+        return spectra
 
     def first_values(self) -> dict[str, float]:
         """Linear least squares over the first harmonics of the smallest motion at its peak."""
         motion, load, omega = (np.asarray(x) for x in (self.motion, self.load, self.omega))
-        first = [one for one in self._first_points() if len(one) >= LEAST_LINES]
-        first = [one for one in first if len(one) > LEAST_LINES] or first
+        first = [points for points in self._first_points() if len(points) >= LEAST_LINES]
+        first = [points for points in first if len(points) > LEAST_LINES] or first
         if not first:
             return {}
-        chosen = min(first, key=lambda one: np.abs(motion[one, 0]).max())
+        chosen = min(first, key=lambda points: np.abs(motion[points, 0]).max())
         return oscillator_through(omega[chosen], load[chosen, 0], motion[chosen, 0])
 
     def steady_lines(self) -> SteadyLines:
         """Every point of a first harmonic."""
         every = np.unique(np.concatenate(self._first_points()))
-        found = self.omega[every], self.load[every, 0], self.motion[every, 0]
-        return SteadyLines(*(np.asarray(x) for x in found))
+        columns = self.omega[every], self.load[every, 0], self.motion[every, 0]
+        return SteadyLines(*(np.asarray(x) for x in columns))
 
     def _first_points(self) -> list[Int[np.ndarray, " point"]]:
         """Points of every group of first harmonics."""
@@ -209,7 +209,7 @@ class Points(Repeated):
 
     def amplitude_readings(self) -> AmplitudeCurve | None:
         """A point of every curve: where the response was held, or lags by a quarter turn."""
-        gain, found = self.first_values()["gain"], []
+        gain, readings = self.first_values()["gain"], []
         for i, row in enumerate(np.asarray(self.point)):
             points = row[self.compared(i)]
             if self.position[i] != 0 or len(points) < LEAST_POINTS:
@@ -218,10 +218,10 @@ class Points(Repeated):
                 np.asarray(x)[points] for x in (self.omega, self.load[:, 0], self.motion[:, 0])
             )
             if self.of_force[i]:
-                found.append(_held(omega, load, motion))
+                readings.append(_held(omega, load, motion))
             else:
-                found.append(at_quadrature(omega, load, motion, gain))
-        rows = [one for one in found if one is not None]
+                readings.append(at_quadrature(omega, load, motion, gain))
+        rows = [reading for reading in readings if reading is not None]
         return AmplitudeCurve(*np.array(rows).T) if rows else None
 
     def y_peak(self, omega_n: float) -> float:
