@@ -40,13 +40,13 @@ def channels_named_by(ask: Ask, tell: Tell) -> Named:
 
     Files with the same channels are asked about once. An empty answer leaves a channel out.
     """
-    known: dict[tuple[str, ...], dict[str, str]] = {}
+    roles_by_layout: dict[tuple[str, ...], dict[str, str]] = {}
 
     def named(path: Path, channels: Collection[str]) -> dict[str, str]:
         layout = tuple(channels)
-        if layout not in known:
-            known[layout] = _channels_of(path, channels, ask, tell)
-        return known[layout]
+        if layout not in roles_by_layout:
+            roles_by_layout[layout] = _channels_of(path, channels, ask, tell)
+        return roles_by_layout[layout]
 
     return named
 
@@ -101,28 +101,30 @@ def still_doubtful(text: str) -> Iterator[str]:
     for line in text.splitlines():
         if line.startswith("files = "):
             files = line.partition(" = ")[2].partition("  #")[0]
-        if found := LINE.match(line):
-            yield f"{files}: {found['key']} = {found['value']}, {found['why']}"
+        if match := LINE.match(line):
+            yield f"{files}: {match['key']} = {match['value']}, {match['why']}"
 
 
 def _questions(line: str) -> list[tuple[str, Callable[[str, str], str]]]:
     """Questions about a line, each with what makes the line of an answer."""
-    found = LINE.match(line)
-    if found is None:
+    match = LINE.match(line)
+    if match is None:
         return []
-    key, value = found["key"], found["value"]
+    key, value = match["key"], match["value"]
     try:
-        known = tomllib.loads(f"{key} = {value}")[key]
+        table = tomllib.loads(f"{key} = {value}")[key]
     except tomllib.TOMLDecodeError:
         return []
-    if not isinstance(known, dict):
-        kept = "leave it out" if found["off"] else _shown(known)
-        said = SAID.get(key, key)
-        return [(f"{said} ({found['why']}) [{kept}]", lambda old, text: _value(old, key, text))]
-    roles = [role for role in known if re.search(rf"\b{role}\b", found["why"])]
+    if not isinstance(table, dict):
+        default = "leave it out" if match["off"] else _shown(table)
+        question = SAID.get(key, key)
+        return [
+            (f"{question} ({match['why']}) [{default}]", lambda old, text: _value(old, key, text))
+        ]
+    roles = [role for role in table if re.search(rf"\b{role}\b", match["why"])]
     what = "unit" if key == "units" else "channel"
     return [
-        (f"{what} of {role} [{known[role]}]", lambda old, text, role=role: _of(old, role, text))
+        (f"{what} of {role} [{table[role]}]", lambda old, text, role=role: _of(old, role, text))
         for role in roles
     ]
 
@@ -143,19 +145,19 @@ def _value(line: str, key: str, answer: str) -> str:
 
 def _of(line: str, role: str, answer: str) -> str:
     """The line with another unit or channel of a role; the others stay as doubtful as they were."""
-    found = LINE.match(line)
-    body, why = (line, "") if found is None else (line.partition("  # CHECK: ")[0], found["why"])
+    match = LINE.match(line)
+    body, why = (line, "") if match is None else (line.partition("  # CHECK: ")[0], match["why"])
     key, _, value = body.partition(" = ")
-    known = tomllib.loads(f"{key} = {value}")[key] | {role: answer}
+    table = tomllib.loads(f"{key} = {value}")[key] | {role: answer}
     rest = re.sub(rf"(, )?\b{role}\b", "", why, count=1)
-    still = any(re.search(rf"\b{other}\b", rest) for other in known)
-    return f"{key} = {toml(known)}" + (f"  # CHECK: {rest}" if still else "")
+    still = any(re.search(rf"\b{other}\b", rest) for other in table)
+    return f"{key} = {toml(table)}" + (f"  # CHECK: {rest}" if still else "")
 
 
 def _taken(lines: list[str], i: int, line: str, tell: Tell) -> str:
     """A new line, or the old one where the campaign file cannot take it."""
     before, after = (
-        _error("\n".join([*lines[:i], one, *lines[i + 1 :]])) for one in (lines[i], line)
+        _error("\n".join([*lines[:i], new_line, *lines[i + 1 :]])) for new_line in (lines[i], line)
     )
     if after is not None and after != before:
         tell(f"{after} Kept: {lines[i].partition('  # CHECK')[0]}")

@@ -137,11 +137,13 @@ class JointTable(Table):
 
     @model_validator(mode="after")
     def _stated_once(self) -> Self:
-        places = [
+        stated_keys = [
             name for name in ("across", "weights", "shape") if getattr(self, name) is not None
         ]
-        if len(places) > 1:
-            raise ValueError(f"{places[1]}: says what `{places[0]}` says; leave out either.")
+        if len(stated_keys) > 1:
+            raise ValueError(
+                f"{stated_keys[1]}: says what `{stated_keys[0]}` says; leave out either."
+            )
         return self
 
 

@@ -104,7 +104,7 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
         named: list[tuple[str, Fault]] = []
         failures: dict[tuple[str, ...], JbwError] = {}
         first: list[Record] = []
-        kept: list[Record] = []
+        small_records: list[Record] = []
         repeats = held = 0
         for item in repeats_of(test, folder, allow_outside=allow_outside):
             if isinstance(item, Record):
@@ -119,7 +119,7 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
                 sources.append(source_of(item, test))
                 levels += [] if first else level_of(item, test)
                 held += item.num_samples * len(item.channels)
-                kept = [*kept, item] if held <= MOST_SAMPLES else []
+                small_records = [*small_records, item] if held <= MOST_SAMPLES else []
                 # Its head alone, so that a huge campaign is never held in memory.
                 proposed += [] if first or spoilt else long_records(test.name, test.traits, item)
                 empty = {role: x[:0].copy() for role, x in item.channels.items()}
@@ -128,18 +128,31 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
                 failures.setdefault(item.args, item)
             else:
                 raise item
-        found = gathered(named, repeats)
+        test_faults = gathered(named, repeats)
         codes |= {failure.exit_code for failure in failures.values()}
-        if kept and worst(found) != "error":
-            seen += seen_in(test, kept)
+        if small_records and worst(test_faults) != "error":
+            seen += seen_in(test, small_records)
         fs = first[0].fs if first and is_sampled(first[0]) else None
         # What could not be read is told once a test, in its first channel's row.
-        failed = [refusal("", each.what, each.why, each.remedy) for each in failures.values()]
+        failed = [
+            refusal("", failure.what, failure.why, failure.remedy) for failure in failures.values()
+        ]
         for role, channel in test.channels.items():
-            own = [fault for fault in found if fault.channel == role] + failed
-            own.sort(key=lambda fault: fault.severity)
+            row_faults = [fault for fault in test_faults if fault.channel == role] + failed
+            row_faults.sort(key=lambda fault: fault.severity)
             unit = test.units.get(role, "")
-            rows.append(Row(test.name, channel, role, unit, fs, repeats, worst(own), tuple(own)))
+            rows.append(
+                Row(
+                    test.name,
+                    channel,
+                    role,
+                    unit,
+                    fs,
+                    repeats,
+                    worst(row_faults),
+                    tuple(row_faults),
+                )
+            )
             failed = []
     compared = [*held_twice(sources), *against_levels(levels)]
     codes |= {DataError.exit_code} if worst(fault for _, fault in compared) == "error" else set()
@@ -151,8 +164,8 @@ def _with(rows: Sequence[Row], faults: Sequence[tuple[str, Fault]]) -> Iterator[
     """Rows with faults of whole tests, each in the row of its channel."""
     for row in rows:
         more = [fault for test, fault in faults if (test, fault.channel) == (row.test, row.role)]
-        found = (*more, *row.findings)
-        yield replace(row, findings=found, status=worst(found)) if more else row
+        row_faults = (*more, *row.findings)
+        yield replace(row, findings=row_faults, status=worst(row_faults)) if more else row
 
 
 def as_json(check: Check) -> dict[str, Any]:
@@ -218,36 +231,38 @@ def findings(
     the joint.
     """
     in_order = test.traits.is_curve and not test.traits.is_controlled
-    found = list(inspect(record, masked=test.gaps == "mask", is_curve=in_order))
+    faults = list(inspect(record, masked=test.gaps == "mask", is_curve=in_order))
     fits = _fits_curve if test.traits.is_curve else _fits_test
     contradictions = list(fits(record, test))
     for other in first:
         if record.fs != other.fs and not np.isnan(record.fs):
-            said = (
+            contradiction = (
                 f"Repeats of a test must have one sampling frequency, but this has {record.fs:g} "
                 f"Hz and {other.name} has {other.fs:g} Hz."
             )
-            contradictions.append((said, "Make two tests of them."))
+            contradictions.append((contradiction, "Make two tests of them."))
     for what, remedy, *why in contradictions:
-        found.append(refusal(record.response, what, *why, remedy=remedy))
+        faults.append(refusal(record.response, what, *why, remedy=remedy))
     if not first:
-        found += _of_two_sources(record, test)
-    found += _started_apart(record, test)
-    if worst(found) != "error":
-        found += _believable(record, test, per_unit, laws)
+        faults += _of_two_sources(record, test)
+    faults += _started_apart(record, test)
+    if worst(faults) != "error":
+        faults += _believable(record, test, per_unit, laws)
         if first and test.traits.is_transient and test.traits.is_driven:
-            found += noisy_drive(first[0], record)
-    return tuple(found)
+            faults += noisy_drive(first[0], record)
+    return tuple(faults)
 
 
 def _started_apart(record: Record, test: TestSpec) -> Iterator[Fault]:
     """The refusal of channels that the file says were started one after the other."""
     if not any(role in record.channels for role in INPUTS) or test.traits.is_curve:
         return
-    told = [record.provenance.get(f"start of {role}") for role in (record.source, record.response)]
-    if None in told:
+    starts = [
+        record.provenance.get(f"start of {role}") for role in (record.source, record.response)
+    ]
+    if None in starts:
         return
-    drive, response = (float(str(text).split()[0]) for text in told)
+    drive, response = (float(str(text).split()[0]) for text in starts)
     # Samples of a channel that was started later show what comes later: it leads.
     delay = drive - response
     if abs(delay - test.delay) > 0.5 / record.fs:
@@ -291,9 +306,9 @@ def _fits_test(record: Record, test: TestSpec) -> Iterator[tuple[str, ...]]:
     length = record.num_samples / record.fs
     needed = test.dwell * len(test.tones) if test.traits.is_stepped else test.settle
     if needed > length:
-        taken = "the steps take" if test.traits.is_stepped else "`settle` alone takes"
+        duration_source = "the steps take" if test.traits.is_stepped else "`settle` alone takes"
         yield (
-            f"The record lasts {length:.4g} s, but {taken} {needed:.4g} s.",
+            f"The record lasts {length:.4g} s, but {duration_source} {needed:.4g} s.",
             "Correct settle, dwell or tones, or give the whole record.",
         )
     if record.num_samples % test.periods:

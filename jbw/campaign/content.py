@@ -26,17 +26,17 @@ def course_of(x: Reals) -> Literal["tones", "noise", "sweep"] | None:
     power = np.abs(np.fft.rfft(parts * np.hanning(size), axis=1)) ** 2
     heard = power.sum(axis=1) > 1e-4 * power.sum(axis=1).max()
     peaks = power.argmax(axis=1)
-    about = [row[max(at - 2, 0) : at + 3].sum() for row, at in zip(power, peaks, strict=True)]
-    share = np.array(about)[heard] / power.sum(axis=1)[heard]
+    line_power = [row[max(at - 2, 0) : at + 3].sum() for row, at in zip(power, peaks, strict=True)]
+    share = np.array(line_power)[heard] / power.sum(axis=1)[heard]
     if np.median(share) < NO_LINE:
         return "noise"
-    places = peaks[heard]
+    line_bins = peaks[heard]
     rms = parts.std(axis=1)[PARTS // 4 :]
-    if np.all(share > ONE_LINE) and np.ptp(places) <= 1 and rms.max() < STEADY * rms.min():
+    if np.all(share > ONE_LINE) and np.ptp(line_bins) <= 1 and rms.max() < STEADY * rms.min():
         return "tones"
-    steps = np.diff(places)
+    steps = np.diff(line_bins)
     one_way = max(np.sum(steps >= 0), np.sum(steps <= 0)) >= 0.8 * len(steps)
-    return "sweep" if np.ptp(places) >= MOVES and one_way else None
+    return "sweep" if np.ptp(line_bins) >= MOVES and one_way else None
 
 
 def falls(x: Reals) -> bool:

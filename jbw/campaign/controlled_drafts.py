@@ -30,10 +30,10 @@ def controlled_kind(roles: Mapping[str, Channel], series: Mapping[str, Leaf]) ->
         return ""
     columns = {role: _column(roles[role], series) for role in roles}
     hz, y, force = columns["frequency"], columns[response], columns.get(source)
-    known = [x for x in (hz, y, force) if x is not None]
-    if hz is None or y is None or len({len(x) for x in known}) > 1 or len(hz) < FEWEST:
+    columns_read = [x for x in (hz, y, force) if x is not None]
+    if hz is None or y is None or len({len(x) for x in columns_read}) > 1 or len(hz) < FEWEST:
         return ""
-    if not all(np.all(x > 0) for x in known):
+    if not all(np.all(x > 0) for x in columns_read):
         return ""
     phase = columns.get("phase")
     steps = np.diff(hz)

@@ -46,15 +46,15 @@ class Table(BaseModel):
 
 def key(default: Any, says: str, example: Any = None) -> Any:
     """A key of a table: its default, a factory of one or `...`, its meaning with the unit."""
-    given: dict[str, Any] = {"default_factory" if callable(default) else "default": default}
-    return Field(**given, description=says, examples=None if example is None else [example])
+    default_field: dict[str, Any] = {"default_factory" if callable(default) else "default": default}
+    return Field(**default_field, description=says, examples=None if example is None else [example])
 
 
-def unlike(name: str, known: Iterable[str]) -> str:
+def unlike(name: str, names: Iterable[str]) -> str:
     """The end of a refusal of a name: the nearest known one, and all of them."""
-    known = list(known)
-    nearest = get_close_matches(str(name), known, n=1, cutoff=0.5)
-    return (f"; did you mean `{nearest[0]}`" if nearest else "") + f" (known: {', '.join(known)})"
+    names = list(names)
+    nearest = get_close_matches(str(name), names, n=1, cutoff=0.5)
+    return (f"; did you mean `{nearest[0]}`" if nearest else "") + f" (known: {', '.join(names)})"
 
 
 def text_of(path: Path, what: str, remedy: str) -> str:
@@ -97,8 +97,10 @@ def document_of(source: str, file: str) -> dict[str, Any]:
 def unknown_tables(document: Mapping[str, Any], tables: Collection[str]) -> list[str]:
     """What to say of tables that nobody knows."""
     unknown = [name for name in document if name not in tables]
-    told = [f"[{name}]: unknown table{unlike(name, tables)}." for name in unknown[:LISTED]]
-    return told + ([f"{len(unknown) - LISTED} more unknown tables."] if unknown[LISTED:] else [])
+    sentences = [f"[{name}]: unknown table{unlike(name, tables)}." for name in unknown[:LISTED]]
+    return sentences + (
+        [f"{len(unknown) - LISTED} more unknown tables."] if unknown[LISTED:] else []
+    )
 
 
 def checked[Found: Table](
@@ -119,8 +121,8 @@ def checked[Found: Table](
     try:
         return model.model_validate(table)
     except ValidationError as error:
-        for each in error.errors(include_url=False):
-            errors += [f"{where}{line}" for line in _lines(model, each)]
+        for detail in error.errors(include_url=False):
+            errors += [f"{where}{line}" for line in _lines(model, detail)]
     return None
 
 
@@ -158,9 +160,9 @@ def refuse(file: str, errors: Sequence[str]) -> None:
     """Raise a ConfigError of all errors of a file; nothing where there are none."""
     if errors:
         count = "an error" if len(errors) == 1 else f"{len(errors)} errors"
-        told = errors[: 5 * LISTED]
-        more = [f"and {len(errors) - len(told)} more."] if len(errors) > len(told) else []
-        raise ConfigError("\n  ".join([f"{file} has {count}:", *told, *more]))
+        shown = errors[: 5 * LISTED]
+        more = [f"and {len(errors) - len(shown)} more."] if len(errors) > len(shown) else []
+        raise ConfigError("\n  ".join([f"{file} has {count}:", *shown, *more]))
 
 
 def json_schema(model: type[Table]) -> dict[str, Any]:
@@ -174,17 +176,17 @@ def _plain(node: Any) -> Any:
         return [_plain(item) for item in node]
     if not isinstance(node, dict):
         return node
-    found = {key: _plain(item) for key, item in node.items()}
-    if isinstance(found.get("title"), str):
-        del found["title"]
-    default = found.get("default", 0)
+    plain = {key: _plain(item) for key, item in node.items()}
+    if isinstance(plain.get("title"), str):
+        del plain["title"]
+    default = plain.get("default", 0)
     if default in (None, {}, []) or default != default:  # NaN: nothing is stated
-        del found["default"]
+        del plain["default"]
     # TOML has no null: an optional key is one that is left out.
-    options = [one for one in found.pop("anyOf", []) if one != {"type": "null"}]
+    options = [option for option in plain.pop("anyOf", []) if option != {"type": "null"}]
     if len(options) == 1:
-        return found | options[0]
-    return found | {"anyOf": options} if options else found
+        return plain | options[0]
+    return plain | {"anyOf": options} if options else plain
 
 
 def toml(value: Any) -> str:

@@ -116,9 +116,9 @@ def start_campaign(folder: str | Path, named: Named = lambda path, channels: {})
         )
     curves = _frequencies_of_curves(groups)
     for repeats in groups:
-        own = _blocks(repeats, assumed, curves, named)
-        names += [_name_of(repeats[0], i, len(own)) for i in range(len(own))]
-        blocks += own
+        file_blocks = _blocks(repeats, assumed, curves, named)
+        names += [_name_of(repeats[0], i, len(file_blocks)) for i in range(len(file_blocks))]
+        blocks += file_blocks
     if curves is None:
         blocks = _bands_together(blocks, folder, assumed)
     blocks = _named(blocks, names)
@@ -130,8 +130,8 @@ def start_campaign(folder: str | Path, named: Named = lambda path, channels: {})
     name = f"name = {toml(folder.resolve().name or 'campaign')}"
     head = [HEAD, name, *commented(Head, ("modal_mass", "gain")), ""]
     drafted = any("\nband = " in block for block in blocks)
-    further = commented(TestSpec, [key for key in OPTIONAL if not (drafted and key == "band")])
-    foot = [FURTHER, *further, "", "# [identify]", *commented(Identify, Identify.model_fields), ""]
+    optional = commented(TestSpec, [key for key in OPTIONAL if not (drafted and key == "band")])
+    foot = [FURTHER, *optional, "", "# [identify]", *commented(Identify, Identify.model_fields), ""]
     return Draft("\n".join([*head, *blocks, *foot]), tuple(_once(assumed)))
 
 
@@ -143,7 +143,7 @@ def _bands_together(
     A blow may move the suspension more than the joint: its line is the largest of one test, the
     joint's stands out of every one.
     """
-    found: dict[int, tuple[Path, Record]] = {}
+    sampled: dict[int, tuple[Path, Record]] = {}
     bands: dict[int, Reach] = {}
     for i, block in enumerate(blocks):
         if BAND not in block:
@@ -153,18 +153,19 @@ def _bands_together(
         first = file if file.is_file() else sorted(folder.glob(file.name))[0]
         with suppress(JbwError, ValueError, IndexError):
             lines = block.splitlines()
-            found[i] = first, _first_record(first, test["channels"], lines)
+            sampled[i] = first, _first_record(first, test["channels"], lines)
             bands[i] = tuple(test["band"])
     centres = [sum(band) / 2 for band in bands.values()]
     if len(centres) < 2 or max(centres) < SAME_LINE * min(centres):
         return list(blocks)
     shared = max(
-        bands.values(), key=lambda band: min(height_within(one, band) for _, one in found.values())
+        bands.values(),
+        key=lambda band: min(height_within(record, band) for _, record in sampled.values()),
     )
-    if min(height_within(one, shared) for _, one in found.values()) < LEAST_HEIGHT:
+    if min(height_within(record, shared) for _, record in sampled.values()) < LEAST_HEIGHT:
         return list(blocks)
     changed = list(blocks)
-    for i, (path, record) in found.items():
+    for i, (path, record) in sampled.items():
         low, high = band_about_peak(record, within=shared)
         line = f"band = {toml([low, high])}  # CHECK: about the line that every decay shows"
         changed[i] = re.sub(r"^band = .*$", line, blocks[i], flags=re.MULTILINE)
@@ -188,17 +189,17 @@ def _named(blocks: Sequence[str], names: Sequence[str]) -> list[str]:
     is_test = [block.startswith("[[test]]\n") for block in blocks]
     if sum(is_test) < 2:
         return list(blocks)
-    found, taken = [], set()
+    renamed, used_names = [], set()
     for block, name, has_name in zip(blocks, names, is_test, strict=True):
         if not has_name:
-            found.append(block)
+            renamed.append(block)
             continue
         tries = (name if n == 1 else f"{name} ({n})" for n in range(1, len(blocks) + 2))
-        free = next(each for each in tries if each not in taken)
-        taken.add(free)
+        free = next(candidate for candidate in tries if candidate not in used_names)
+        used_names.add(free)
         head, kind, rest = block.split("\n", 2)
-        found.append(f"{head}\n{kind}\nname = {toml(free)}\n{rest}")
-    return found
+        renamed.append(f"{head}\n{kind}\nname = {toml(free)}\n{rest}")
+    return renamed
 
 
 def looked_at(contents: Contents) -> Looked:
@@ -264,7 +265,7 @@ def _stem(path: Path) -> tuple[str, str]:
 
 def _frequencies_of_curves(groups: Sequence[Sequence[Path]]) -> Reach | None:
     """Lowest and highest frequency of response curves [Hz], among which the joint's mode lies."""
-    found: list[float] = []
+    ends_hz: list[float] = []
     for files in groups:
         if not _may_hold_a_curve(files[0]):
             continue
@@ -275,8 +276,8 @@ def _frequencies_of_curves(groups: Sequence[Sequence[Path]]) -> Reach | None:
             leaf = select(contents.root, roles["frequency"].path)
             if isinstance(leaf, Leaf):
                 hz = load(leaf) * si_of("frequency", roles["frequency"].unit or "Hz")[0]
-                found += [float(np.nanmin(hz)), float(np.nanmax(hz))]
-    return (min(found), max(found)) if found else None
+                ends_hz += [float(np.nanmin(hz)), float(np.nanmax(hz))]
+    return (min(ends_hz), max(ends_hz)) if ends_hz else None
 
 
 def _may_hold_a_curve(path: Path) -> bool:
@@ -295,16 +296,16 @@ def _blocks(
     try:
         with opened(files[0]) as contents:
             looked = looked_at(contents)
-            found = _records_in(looked.series)
+            by_record = _records_in(looked.series)
             blocks = [
                 _block(files, replace(looked, series=series), assumed, curves, named)
-                for series in found[:MOST_BLOCKS]
+                for series in by_record[:MOST_BLOCKS]
             ]
     except JbwError as error:
         assumed.append(("", error.what))
         return ["".join(f"# {line}\n" for line in error.what.splitlines())]
-    if len(found) > MOST_BLOCKS:
-        blocks.append(f"# {len(found) - MOST_BLOCKS} more groups like these are in the file.\n")
+    if len(by_record) > MOST_BLOCKS:
+        blocks.append(f"# {len(by_record) - MOST_BLOCKS} more groups like these are in the file.\n")
     return blocks
 
 
@@ -323,27 +324,27 @@ def _block(
     series = looked.series
     channels = channels_by_role(series)
     if channels.keys().isdisjoint(RESPONSES):
-        taken = {channel.path for channel in channels.values()}
-        unknown = [path for path in series if path not in taken]
+        paths = {channel.path for channel in channels.values()}
+        unknown = [path for path in series if path not in paths]
         channels = with_roles(channels, named(files[0], unknown), series)
     if channels.keys().isdisjoint(RESPONSES):
         assume("no channel is named like a response.")
         return _skeleton(files, looked, channels)
-    kind, known = _kind_of(files[0], channels, series)
+    kind, is_sure = _kind_of(files[0], channels, series)
     traits = KINDS[kind]
     if traits.is_prescribed and "restoring_force" not in channels:
         channels = {"restoring_force" if r == "force" else r: c for r, c in channels.items()}
     clock = _clock(channels, looked, traits)
     channels = {role: c for role, c in channels.items() if role not in clock.unused}
     roles = {role: channel.path for role, channel in channels.items()}
-    if not known:
+    if not is_sure:
         assume(f"kind {kind!r} is a guess.")
     guessed = [r for r, c in channels.items() if c.guessed or "ampl" in last_name(c.path)]
     for role in guessed:
         assume(f"role {role} of {roles[role]} is a guess.")
     lines = [
         "[[test]]",
-        f"kind = {toml(kind)}" + ("" if known else "  # CHECK: a guess"),
+        f"kind = {toml(kind)}" + ("" if is_sure else "  # CHECK: a guess"),
         f"files = {toml(_pattern(files))}  # {len(files)} file(s), one repeat each",
         f"channels = {toml(roles)}"
         + (f"  # CHECK: {', '.join(guessed)} is a guess" if guessed else ""),
@@ -380,13 +381,13 @@ def _clock(channels: Mapping[str, Channel], looked: Looked, traits: Kind) -> Clo
     """How the channels of a test are sampled: together, at two rates, unevenly, from two starts."""
     if traits.is_curve:
         return Clock(True)
-    taken = {role: looked.series[c.path] for role, c in channels.items() if role != "time"}
-    rates = [leaf.fs for leaf in taken.values() if leaf.fs]
+    leaves = {role: looked.series[c.path] for role, c in channels.items() if role != "time"}
+    rates = [leaf.fs for leaf in leaves.values() if leaf.fs]
     lines: list[str] = []
     assumed: list[str] = []
-    if (delay := _delay(taken)) and abs(delay) > 0.5 / max(rates, default=1.0):
+    if (delay := _delay(leaves)) and abs(delay) > 0.5 / max(rates, default=1.0):
         lines.append(f"delay = {toml(delay)}  # by the start times in the file")
-    if len(rates) == len(taken):
+    if len(rates) == len(leaves):
         if min(rates) < (1 - 2e-5) * max(rates):
             lines.append(f"resample = {toml(_round(min(rates)))}  # [Hz], the slowest channel's")
         times = tuple(p for p, leaf in looked.series.items() if is_time(leaf.label or p))
@@ -403,10 +404,10 @@ def _clock(channels: Mapping[str, Channel], looked: Looked, traits: Kind) -> Clo
     return Clock(bool(rates) or looked.fs is not None, (), (), tuple(lines), ())
 
 
-def _delay(taken: Mapping[str, Leaf]) -> float:
+def _delay(leaves: Mapping[str, Leaf]) -> float:
     """Start of the drive after that of the response by the file [s]; 0 where it does not say."""
     starts = [
-        next((taken[role].start_s for role in roles if role in taken), None)
+        next((leaves[role].start_s for role in roles if role in leaves), None)
         for roles in (INPUTS, RESPONSES)
     ]
     drive, response = starts
@@ -469,8 +470,8 @@ def _band(
 def _first_record(path: Path, roles: Mapping[str, str], lines: Sequence[str]) -> Record:
     """The first record of a file, as the lines of its table have it so far."""
     stated = tomllib.loads("\n".join(lines[1:]))
-    wanted = Wanted(roles, stated["units"], stated.get("fs"), resample=stated.get("resample"))
-    return records(path, wanted)[0]
+    selection = Wanted(roles, stated["units"], stated.get("fs"), resample=stated.get("resample"))
+    return records(path, selection)[0]
 
 
 def _tones(path: Path, roles: Mapping[str, str], lines: Sequence[str], assume: Assume) -> str:
@@ -497,14 +498,14 @@ def _sampling(leaves: Leaves, assume: Assume) -> str:
 
 def _skeleton(files: Sequence[Path], looked: Looked, channels: Mapping[str, Channel]) -> str:
     """A [[test]] table to be filled in by hand, commented out, with the units of the file."""
-    found = looked.series or looked.leaves
-    known = {role: channel.path for role, channel in channels.items()}
+    leaves = looked.series or looked.leaves
+    paths = {role: channel.path for role, channel in channels.items()}
     # By the file's name alone: which of its channels drives is not known.
-    kind, said = _kind_of(files[0], {**channels, "force": NOBODY, "restoring_force": NOBODY}, {})
-    if "frequency" in known and "force" not in known and any(map(_is_complex, found.values())):
-        kind, said = "frf", True
-    traits = KINDS[kind] if said else None
-    roles = dict(known)
+    kind, is_sure = _kind_of(files[0], {**channels, "force": NOBODY, "restoring_force": NOBODY}, {})
+    if "frequency" in paths and "force" not in paths and any(map(_is_complex, leaves.values())):
+        kind, is_sure = "frf", True
+    traits = KINDS[kind] if is_sure else None
+    roles = dict(paths)
     if traits is not None and traits.is_prescribed:
         roles = {"displacement": "...", "restoring_force": "...", **roles}
     else:
@@ -513,20 +514,20 @@ def _skeleton(files: Sequence[Path], looked: Looked, channels: Mapping[str, Chan
         roles["acceleration"] = "..."
     units = {role: channels[role].unit if role in channels else "" for role in roles}
     units = {role: unit or "..." for role, unit in units.items() if role != "time"}
-    timed = "time" in known or any(leaf.fs for leaf in found.values()) or looked.fs is not None
+    timed = "time" in paths or any(leaf.fs for leaf in leaves.values()) or looked.fs is not None
     timed = timed or (traits is not None and traits.is_curve)
     lines = [
-        f"# CHECK: name the channels of {toml(files[0].name)} by hand, from {_listed(found)}.",
+        f"# CHECK: name the channels of {toml(files[0].name)} by hand, from {_listed(leaves)}.",
         "# [[test]]",
-        f"# kind = {toml(kind if said else '...')}  # one of {', '.join(KINDS)}",
+        f"# kind = {toml(kind if is_sure else '...')}  # one of {', '.join(KINDS)}",
         f"# files = {toml(_pattern(files))}",
         f"# channels = {toml(roles)}",
         f"# units = {toml(units)}",
         *([] if timed else ["# " + _sampling(looked.leaves, lambda _: None).lstrip("# ")]),
     ]
-    if sources := {role: _pattern(files) for role in known if role in INPUTS}:
-        own = toml({**sources, "velocity": "..."})
-        lines.append(f"# where the response lies in files of its own: files = {own}")
+    if sources := {role: _pattern(files) for role in paths if role in INPUTS}:
+        separate_files = toml({**sources, "velocity": "..."})
+        lines.append(f"# where the response lies in files of its own: files = {separate_files}")
     return "\n".join(lines) + "\n"
 
 
@@ -539,24 +540,24 @@ def _pattern(files: Sequence[Path]) -> str | list[str]:
     return pattern if also == set(files) else [path.name for path in files]
 
 
-def _listed(found: Collection[str]) -> str:
+def _listed(series_names: Collection[str]) -> str:
     # As TOML strings: a name from a file must not end the comment's line.
-    some = [toml(name) for name in list(found)[:LISTED]]
-    more = len(found) - len(some)
+    some = [toml(name) for name in list(series_names)[:LISTED]]
+    more = len(series_names) - len(some)
     return (", ".join(some) or "nothing") + (f" and {more} more" if more else "")
 
 
 def _series_in(leaves: Leaves) -> dict[str, Leaf]:
     """The arrays that are one series, and the rows or columns of narrow tables, by their paths."""
-    found: dict[str, Leaf] = {}
+    series: dict[str, Leaf] = {}
     for name, leaf in leaves.items():
         long = [length for length in leaf.shape if length > 1]
         if len(long) == 1:
-            found[name] = leaf
+            series[name] = leaf
         elif len(leaf.shape) == 2 and min(long, default=0) <= FEW_COLUMNS < max(long, default=0):
             before = "" if leaf.shape[0] < leaf.shape[1] else ":, "
-            found |= {f"{name}[{before}{i}]": leaf for i in range(min(long))}
-    return found
+            series |= {f"{name}[{before}{i}]": leaf for i in range(min(long))}
+    return series
 
 
 def _records_in(series: Leaves) -> list[dict[str, Leaf]]:
@@ -565,8 +566,8 @@ def _records_in(series: Leaves) -> list[dict[str, Leaf]]:
     for name, leaf in series.items():
         groups.setdefault(name.rpartition(".")[0], {})[name] = leaf
     named = {frozenset((last_name(n), x.label) for n, x in g.items()) for g in groups.values()}
-    alike = len(groups) > 1 and len(named) == 1
-    return list(groups.values()) if alike else [dict(series)]
+    same_names = len(groups) > 1 and len(named) == 1
+    return list(groups.values()) if same_names else [dict(series)]
 
 
 def _is_complex(leaf: Leaf) -> bool:
@@ -621,10 +622,10 @@ def _follows(roles: Mapping[str, Channel], series: Leaves) -> bool:
     if pair[0].shape != pair[1].shape or max(pair[0].shape) > MOST_SAMPLES:
         return False
     force, displacement = (np.asarray(load(leaf), np.float64) for leaf in pair)
-    there = np.isfinite(force) & np.isfinite(displacement)
-    if there.sum() < 3 or not (np.ptp(force[there]) and np.ptp(displacement[there])):
+    finite = np.isfinite(force) & np.isfinite(displacement)
+    if finite.sum() < 3 or not (np.ptp(force[finite]) and np.ptp(displacement[finite])):
         return False
-    return float(np.corrcoef(force[there], displacement[there])[0, 1]) > FOLLOWING
+    return float(np.corrcoef(force[finite], displacement[finite])[0, 1]) > FOLLOWING
 
 
 def _is_complex_in(series: Leaves, path: str) -> bool:

@@ -39,9 +39,9 @@ def source_of(record: Record, test: TestSpec) -> Source:
     if (
         test.traits.is_prescribed
     ):  # whose displacement may well be commanded twice, sample by sample
-        role = next((each for each in FORCES if each in record.channels), role)
+        role = next((name for name in FORCES if name in record.channels), role)
     roles = sorted(record.channels) if is_curve else [role]
-    samples = (np.ascontiguousarray(record.channels[each]).data for each in roles)
+    samples = (np.ascontiguousarray(record.channels[name]).data for name in roles)
     digest = hashlib.sha256()
     for part in samples:
         digest.update(part)
@@ -60,9 +60,9 @@ def held_twice(sources: Sequence[Source]) -> Iterator[tuple[str, Fault]]:
     by_digest: dict[str, list[Source]] = {}
     by_channel: dict[tuple[str, str, str], list[Source]] = {}
     for source in sources:
-        alike = by_digest.setdefault(source.digest, [])
+        same_samples = by_digest.setdefault(source.digest, [])
         same_channel = by_channel.setdefault(source.channel, []) if source.channel[0] else []
-        first = next((other for other in alike if _use_the_same(source, other)), None)
+        first = next((other for other in same_samples if _use_the_same(source, other)), None)
         shared = {other: _shared(source, other) for other in same_channel}
         other, share = max(shared.items(), key=lambda pair: pair[1], default=(source, 0.0))
         if first is not None:
@@ -70,15 +70,15 @@ def held_twice(sources: Sequence[Source]) -> Iterator[tuple[str, Fault]]:
         elif share > DOUBTED:
             severity = refusal if share > MOST_SHARED else doubt
             yield source.test, _fault(severity, source, other, f"shares {share:.0%} with")
-        alike.append(source)
+        same_samples.append(source)
         same_channel.append(source)
 
 
 def _fault(severity: Callable[..., Fault], source: Source, other: Source, what: str) -> Fault:
-    places = [f"`{each.record}` of test `{each.test}`" for each in (source, other)]
+    listed = [f"`{holder.record}` of test `{holder.test}`" for holder in (source, other)]
     return severity(
         source.role,
-        f"{places[0]} {what} {places[1]}.",
+        f"{listed[0]} {what} {listed[1]}.",
         "A record that counts twice makes intervals too narrow, and predicts itself.",
         "Leave one of them out of `files`, drop it with exclude, or state other spans.",
     )

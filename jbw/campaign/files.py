@@ -27,7 +27,7 @@ def repeats_of(
     What cannot be read comes as the error, in its place, so that the others can still be seen.
     """
     unused = set(test.exclude)
-    number = kept = 0
+    number = num_repeats = 0
     try:
         sets = _file_sets(test, folder, allow_outside)
     except JbwError as error:
@@ -42,7 +42,7 @@ def repeats_of(
             continue
         read: Sequence[Record | JbwError]
         try:
-            columns = [records(file, wanted) for file, wanted in parts]
+            columns = [records(file, selection) for file, selection in parts]
             read = columns[0] if len(columns) == 1 else joined(columns)
         except JbwError as error:
             read = [error]
@@ -50,7 +50,7 @@ def repeats_of(
             if number in unused:
                 unused.remove(number)
             else:
-                kept += 1
+                num_repeats += 1
                 yield _as_stated(item, test) if isinstance(item, Record) else item
             number += 1
     if unused:
@@ -59,7 +59,7 @@ def repeats_of(
             f"Test {test.name!r}: `exclude` names {listed}, which is none of its {number} repeats.",
             remedy="Repeats are counted from zero; file names may hold * and ?.",
         )
-    elif not kept:
+    elif not num_repeats:
         yield DataError(f"Test {test.name!r} has no repeats left.", remedy="Shorten `exclude`.")
 
 
@@ -70,18 +70,18 @@ def _as_stated(record: Record, test: TestSpec) -> Record:
 
 def _file_sets(test: TestSpec, folder: Path, allow_outside: bool) -> list[list[Part]]:
     """The files of each repeat; more than one where roles have files of their own."""
-    wanted = Wanted(**{field.name: getattr(test, field.name) for field in fields(Wanted)})
+    selection = Wanted(**{field.name: getattr(test, field.name) for field in fields(Wanted)})
     if not isinstance(test.files, Mapping):
         files = found_files(test.files, folder, allow_outside)
-        return [[(file, wanted)] for file in files]
+        return [[(file, selection)] for file in files]
     columns = []
     for patterns in dict.fromkeys(test.files.values()):
-        roles = [role for role, own in test.files.items() if own == patterns]
+        roles = [role for role, role_files in test.files.items() if role_files == patterns]
         channels, units, scale = (
             {role: table[role] for role in roles if role in table}
             for table in (test.channels, test.units, test.scale)
         )
-        some = replace(wanted, channels=channels, units=units, scale=scale)
+        some = replace(selection, channels=channels, units=units, scale=scale)
         columns.append([(file, some) for file in found_files(patterns, folder, allow_outside)])
     counts = {len(column) for column in columns}
     if len(counts) > 1:
@@ -99,7 +99,7 @@ def found_files(patterns: Iterable[str], folder: Path, allow_outside: bool = Fal
     A pattern is a file's name with * and ? relative to the campaign's folder; $JBW_DATA at its
     beginning is the folder of that environment variable.
     """
-    found: list[Path] = []
+    files: list[Path] = []
     for written in patterns:
         if re.match(r"[A-Za-z][A-Za-z0-9+.-]*://", written):
             raise ConfigError(
@@ -111,9 +111,9 @@ def found_files(patterns: Iterable[str], folder: Path, allow_outside: bool = Fal
         _stay_inside(folder / pattern, pattern, folder, allow_outside)
         for file in _matching(pattern, folder):
             _stay_inside(file, pattern, folder, allow_outside)
-            if file not in found:
-                found.append(file)
-    return found
+            if file not in files:
+                files.append(file)
+    return files
 
 
 def _stay_inside(path: Path, pattern: str, folder: Path, allow_outside: bool) -> None:
@@ -147,12 +147,12 @@ def _matching(pattern: str, folder: Path) -> list[Path]:
         matches = anchor.glob(str(literal.relative_to(anchor)))
     if files := sorted((path for path in matches if path.is_file()), key=_natural):
         return files
-    found = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
-    guess = did_you_mean(pattern, found)
-    more = f" and {len(found) - 10} more" if len(found) > 10 else ""
+    names = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
+    guess = did_you_mean(pattern, names)
+    more = f" and {len(names) - 10} more" if len(names) > 10 else ""
     raise DataError(
         f"`files` = {pattern!r} matches nothing in `{folder}`.",
-        remedy=f"{guess}Found: {', '.join(found[:10]) or 'nothing'}{more}.",
+        remedy=f"{guess}Found: {', '.join(names[:10]) or 'nothing'}{more}.",
     )
 
 

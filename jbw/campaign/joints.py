@@ -226,8 +226,8 @@ def _inseparable(separability: JointSeparability, joints: Sequence[JointTable]) 
     leaders = [joints[group] for group in dict.fromkeys(groups_of(joints))]
     for pair in separability.inseparable:
         first, second = leaders[pair.first], leaders[pair.second]
-        alike = laws_of_joint(first, joints) == laws_of_joint(second, joints)
-        make = refusal if alike and not is_sum else doubt
+        same_laws = laws_of_joint(first, joints) == laws_of_joint(second, joints)
+        make = refusal if same_laws and not is_sum else doubt
         yield make(
             "joint",
             separability.sentence(pair),

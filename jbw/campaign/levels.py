@@ -33,14 +33,14 @@ def level_of(record: Record, test: TestSpec) -> list[Level]:
         float(np.sqrt(np.nanmean(np.square(record.channels[role]))))
         for role in (record.source, record.response)
     )
-    alike = (test.kind, record.source, record.response, test.driven_by, test.point)
-    return [Level(test.name, alike, record.source, test.level, source, response)]
+    setup = (test.kind, record.source, record.response, test.driven_by, test.point)
+    return [Level(test.name, setup, record.source, test.level, source, response)]
 
 
 def against_levels(levels: Sequence[Level]) -> Iterator[tuple[str, Fault]]:
     """Tests of a larger level than another's, but of a smaller drive and a smaller response."""
     for first, second in combinations(levels, 2):
-        low, high = sorted((first, second), key=lambda each: each.level)
+        low, high = sorted((first, second), key=lambda level: level.level)
         apart = high.level > APART * low.level and low.alike == high.alike
         turned = low.source_rms > APART * high.source_rms
         if apart and turned and low.response_rms > high.response_rms:

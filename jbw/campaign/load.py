@@ -74,8 +74,8 @@ class Campaign:
         return f"Campaign {self.name}: {len(self.tests)} tests, {laws}"
 
     def _more(self) -> list[str]:
-        left = len(self.tests) - SHOWN
-        return [f"and {left} more"] if left > 0 else []
+        num_more = len(self.tests) - SHOWN
+        return [f"and {num_more} more"] if num_more > 0 else []
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "settings", Identify.of(self.settings))
@@ -122,8 +122,8 @@ def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
             raise DataError(fault.what, why=fault.why, remedy=fault.remedy)
         warnings.warn(f"Test {name}: {fault.what} {fault.remedy}", stacklevel=2)
     facts = (spec.gain, spec.modal_mass, spec.settings, path, laws, spec.assembly)
-    known = (spec.structure, spec.instruments, joints)
-    return Campaign(spec.name, folder, tuple(tests), *facts, *known)
+    structure_facts = (spec.structure, spec.instruments, joints)
+    return Campaign(spec.name, folder, tuple(tests), *facts, *structure_facts)
 
 
 def load_with_doubts(
@@ -153,20 +153,20 @@ def load_test(
         laws: Those of the joint.
         allow_outside: Let `files` point out of the folder.
     """
-    kept: list[Record] = []
+    loaded: list[Record] = []
     gain = gain_of(per_unit, test.driven_by)
     doubts: list[tuple[str, Fault]] = []
     for item in repeats_of(test, folder, allow_outside=allow_outside):
         if isinstance(item, JbwError):
             raise item
-        faults = findings(item, test, kept[:1], per_unit=gain, laws=laws)
-        report(item, [one for one in faults if one.severity == "error"])
-        doubts += [(item.name, one) for one in faults]
-        kept.append(item)
-    for one in gathered(doubts, len(kept)):
-        said = f"Test {test.name}, channel `{one.channel}`: {one.what} {one.remedy}"
-        warnings.warn(said.rstrip(), stacklevel=3)
+        faults = findings(item, test, loaded[:1], per_unit=gain, laws=laws)
+        report(item, [fault for fault in faults if fault.severity == "error"])
+        doubts += [(item.name, fault) for fault in faults]
+        loaded.append(item)
+    for fault in gathered(doubts, len(loaded)):
+        warning = f"Test {test.name}, channel `{fault.channel}`: {fault.what} {fault.remedy}"
+        warnings.warn(warning.rstrip(), stacklevel=3)
     facts = {name: getattr(test, name) for name in SAME}
     facts["drive"] = test.drive or ""
     facts["amplitude_std"] = test.amplitude_std or 0.0
-    return Test(test.kind, tuple(kept), tones_hz=test.tones, band_hz=test.band, **facts)
+    return Test(test.kind, tuple(loaded), tones_hz=test.tones, band_hz=test.band, **facts)

@@ -58,15 +58,15 @@ def channels_by_role(series: Leaves) -> dict[str, Channel]:
     for path, leaf in series.items():
         texts = [text for text in (last_name(path), leaf.label.lower()) if text]
         for text in texts:
-            if found := _by_text(path, text, leaf.unit):
-                role, channel = found
+            if role_channel := _by_text(path, text, leaf.unit):
+                role, channel = role_channel
                 named.setdefault(role, []).append(channel)
                 break
         else:
             rest.append((path, leaf))
     for path, leaf in rest:
         role = _by_unit(leaf)
-        others = [each for _, each in rest if _by_unit(each) == role]
+        others = [other_leaf for _, other_leaf in rest if _by_unit(other_leaf) == role]
         # Of several voltages none is known to be the source's.
         if role and role not in named and not (role == "input" and len(others) > 1):
             # A voltage may be anything; other units tell what is measured.
@@ -160,11 +160,11 @@ def _by_unit(leaf: Leaf) -> str:
 
 def _meant(channels: Sequence[Channel], series: Leaves) -> Channel:
     """Of several channels of a role the first, unless another is much stronger."""
-    exact = [each for each in channels if last_name(each.path) in ROLES]
+    exact = [channel for channel in channels if last_name(channel.path) in ROLES]
     channels = exact or channels
     if len(channels) == 1:
         return channels[0]
-    sizes = [strength(series[each.path]) for each in channels]
+    sizes = [strength(series[channel.path]) for channel in channels]
     strongest = int(np.argmax(sizes))
     return channels[strongest if sizes[strongest] > STRONGER * sizes[0] else 0]
 
@@ -188,14 +188,14 @@ def _of_a_curve(roles: dict[str, Channel], series: Leaves) -> dict[str, Channel]
     is_complex = [p for p, leaf in series.items() if _is_complex(leaf)]
     if not is_complex:
         return roles
-    taken = {role: c for role, c in roles.items() if role not in ("time", *INPUTS)}
-    if "frequency" not in taken:
+    known_roles = {role: c for role, c in roles.items() if role not in ("time", *INPUTS)}
+    if "frequency" not in known_roles:
         sizes = {series[p].shape for p in is_complex}
         for path, leaf in series.items():
             if path not in is_complex and leaf.shape in sizes and rises(leaf):
-                taken["frequency"] = Channel(path, leaf.unit, "Hz", not leaf.unit)
+                known_roles["frequency"] = Channel(path, leaf.unit, "Hz", not leaf.unit)
                 break
-    return taken
+    return known_roles
 
 
 def _is_complex(leaf: Leaf) -> bool:

@@ -87,10 +87,10 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
     if not isinstance(tables, list) or not tables:
         errors.append("[[test]]: at least one test is needed, each under its own [[test]].")
         tables = []
-    found = [
+    checked_tables = [
         checked(TestSpec, table, f"[[test]] {i + 1}", errors) for i, table in enumerate(tables)
     ]
-    tests = [test for test in found if test is not None]
+    tests = [test for test in checked_tables if test is not None]
     settings = checked(Identify, document.get("identify", {}), "[identify]", errors) or Identify()
     both = head.gain is not None and head.modal_mass is not None
     if both and not differ({test.driven_by for test in tests}):

@@ -149,9 +149,9 @@ class Identify(Table):
         if isinstance(stated, cls):
             return stated
         errors: list[str] = []
-        found = checked(cls, stated, "[identify]", errors)
+        settings = checked(cls, stated, "[identify]", errors)
         refuse("Argument `settings`", errors)
-        return found or cls()
+        return settings or cls()
 
     def draws(self, own: tuple[int, int]) -> tuple[int, int]:
         """Draws of warm-up and draws kept, a chain; the sampler's own where none are stated."""
@@ -201,9 +201,9 @@ class Structured(Table):
         if stated is None or isinstance(stated, cls):
             return stated
         errors: list[str] = []
-        found = checked(cls, stated, "[structure]", errors)
+        structure = checked(cls, stated, "[structure]", errors)
         refuse("Argument `structure`", errors)
-        return found
+        return structure
 
     @model_validator(mode="after")
     def _belongs_together(self) -> Self:
@@ -213,9 +213,9 @@ class Structured(Table):
                 f"points: must be {MOST_POINTS} different names at most, but are {self.points}."
             )
         if self.modal and (self.driving_point or shape):
-            known = "driving_point" if self.driving_point else "joint_shape"
+            named = "driving_point" if self.driving_point else "joint_shape"
             raise ValueError(
-                f"modal: modes with laws of their own meet in no joint, of which `{known}` speaks; "
+                f"modal: modes with laws of their own meet in no joint, of which `{named}` speaks; "
                 "leave out either."
             )
         if self.points and num == 1:
@@ -241,8 +241,8 @@ def structure_errors(
     """
     points = tuple(points) if structure is None else structure.points
     for test in tests:
-        own = (test.point, *getattr(test, "points", ()))
-        for point in (point for point in own if point and point not in points):
+        test_points = (test.point, *getattr(test, "points", ()))
+        for point in (point for point in test_points if point and point not in points):
             listed = ", ".join(points) or "of which there are none"
             yield (
                 f"[structure] points: must name `{point}`, where test `{test.name}` has a "
@@ -295,21 +295,25 @@ def law_errors(
     Laws may be wrong for the kinds of its tests, too. The register of laws loads JAX, so it is
     asked only where [joint] or a prior needs it.
     """
-    known = {quantity.name: quantity for quantity in (*LINEAR, *RESIDUAL_TERMS)}
-    known |= {quantity.name: quantity for mode in MODES[: num_modes - 1] for quantity in mode[:-1]}
-    known |= {quantity.name: quantity for point in POINTS for quantity in point[:num_modes]}
-    if tuple(laws) != DEFAULT_LAWS or set(prior) - set(known):
+    quantities = {quantity.name: quantity for quantity in (*LINEAR, *RESIDUAL_TERMS)}
+    quantities |= {
+        quantity.name: quantity for mode in MODES[: num_modes - 1] for quantity in mode[:-1]
+    }
+    quantities |= {quantity.name: quantity for point in POINTS for quantity in point[:num_modes]}
+    if tuple(laws) != DEFAULT_LAWS or set(prior) - set(quantities):
         from jbw.oscillator.laws import quantities_of
         from jbw.oscillator.modes.parameters import own_quantities
 
         try:
-            known |= {quantity.name: quantity for quantity in quantities_of(laws)}
-            known |= {one.name: one for one in own_quantities(tuple(laws), num_modes)}
+            quantities |= {quantity.name: quantity for quantity in quantities_of(laws)}
+            quantities |= {
+                quantity.name: quantity for quantity in own_quantities(tuple(laws), num_modes)
+            }
         except ConfigError as error:
             return [f"[joint] laws: {' '.join(filter(None, (error.what, error.remedy)))}"]
         if worn := never_steady(laws, kinds):
             return [f"[joint] laws: {worn}"]
-    errors = [*_out_of_bounds(prior, known)] or [*_too_stiff(prior, known)]
+    errors = [*_out_of_bounds(prior, quantities)] or [*_too_stiff(prior, quantities)]
     return [f"[identify] prior: {line}" for line in errors]
 
 
@@ -329,31 +333,31 @@ def never_steady(laws: Sequence[str], kinds: Iterable[str]) -> str | None:
     )
 
 
-def _out_of_bounds(prior: Prior, known: Mapping[str, Quantity]) -> Iterator[str]:
-    unknown = [name for name in prior if name not in known]
+def _out_of_bounds(prior: Prior, quantities: Mapping[str, Quantity]) -> Iterator[str]:
+    unknown = [name for name in prior if name not in quantities]
     if len(unknown) > LISTED:
         yield f"{len(unknown)} unknown parameters: {', '.join(unknown[:3])[:60]}, ..."
         return
     for name, (lower, _) in prior.items():
-        if name not in known:
+        if name not in quantities:
             from jbw.oscillator.laws import LAWS
 
             owners = [law.name for law in LAWS.values() if name in law.names()]
             owner = f" of the chosen laws; law `{owners[0]}` has it" if owners else ""
-            yield f"{name}: unknown parameter{owner}{unlike(name, known)}."
+            yield f"{name}: unknown parameter{owner}{unlike(name, quantities)}."
             continue
-        if (must := must_be(known[name], lower)) is not None:
+        if (must := must_be(quantities[name], lower)) is not None:
             cut = isinstance(prior[name], Density) and "; TruncatedNormal takes an end `low`"
             yield f"{name}: must be {must}, but its lower bound is {lower:g}{cut or ''}."
 
 
-def _too_stiff(prior: Prior, known: Mapping[str, Quantity]) -> Iterator[str]:
+def _too_stiff(prior: Prior, quantities: Mapping[str, Quantity]) -> Iterator[str]:
     """Stiffnesses of the joint that reach beyond the whole, where nothing holds the structure."""
     least = prior["omega_n"][0] ** 2 if "omega_n" in prior else inf
     shares = {
         name: highest
         for name, (_, highest) in prior.items()
-        if known[name].is_share and AT not in name  # of several joints each has a stiffness
+        if quantities[name].is_share and AT not in name  # of several joints each has a stiffness
     }
     stiff = [(name, highest) for name, highest in shares.items() if highest >= least]
     if not stiff and sum(shares.values()) >= least:

@@ -261,8 +261,8 @@ def _needs(test: TestSpec) -> Iterator[str]:
     if traits.is_prescribed and not forced:
         yield f"channels: kind `{test.kind}` needs `displacement` and `restoring_force`."
     if traits.is_curve and "frequency" not in roles:
-        beside = "" if traits.is_controlled else ", and `phase` beside real amplitudes"
-        needed = f"`frequency`{beside}"
+        phase_needed = "" if traits.is_controlled else ", and `phase` beside real amplitudes"
+        needed = f"`frequency`{phase_needed}"
         yield f"channels: kind `{test.kind}` needs {needed}."
     if traits.is_steady and not test.tones:
         yield f"tones: missing; kind `{test.kind}` needs the frequencies [Hz]."

@@ -11,12 +11,12 @@ from jbw.measurement.records import RESPONSES
 
 def named(tests: Sequence[TestSpec]) -> Iterator[TestSpec]:
     """Tests under their names: as given, else kind and level, numbered where not unique."""
-    taken = {test.name for test in tests}
+    names = {test.name for test in tests}
     for test in tests:
         base = test.kind if np.isnan(test.level) else f"{test.kind} {test.level:g}"
         candidates = (base if n == 1 else f"{base} ({n})" for n in range(1, len(tests) + 2))
-        name = test.name or next(name for name in candidates if name not in taken)
-        taken.add(name)
+        name = test.name or next(name for name in candidates if name not in names)
+        names.add(name)
         yield test.model_copy(update={"name": name})
 
 
@@ -31,8 +31,8 @@ def at_every_point(tests: Sequence[TestSpec]) -> Iterator[TestSpec]:
         (response, *_) = (role for role in RESPONSES if role in test.channels)
         for point, channel in test.points.items():
             name, channels = f"{test.name} at {point}", {**test.channels, response: channel}
-            own = {"name": name, "point": point, "channels": channels, "points": {}, "run": run}
-            yield test.model_copy(update=own)
+            changes = {"name": name, "point": point, "channels": channels, "points": {}, "run": run}
+            yield test.model_copy(update=changes)
 
 
 def of_others(tests: Sequence[TestSpec], assembly: Assembly) -> Iterator[str]:
@@ -47,9 +47,9 @@ def of_others(tests: Sequence[TestSpec], assembly: Assembly) -> Iterator[str]:
 
 def among(tests: Sequence[TestSpec], settings: Identify) -> Iterator[str]:
     """Names that several tests have, and levels to fit that none has."""
-    given = [test.name for test in tests if test.name]
-    for name in sorted({name for name in given if given.count(name) > 1}):
-        yield f"[[test]] name: {name!r} is given to {given.count(name)} tests."
+    names = [test.name for test in tests if test.name]
+    for name in sorted({name for name in names if names.count(name) > 1}):
+        yield f"[[test]] name: {name!r} is given to {names.count(name)} tests."
     bands = [test.band for test in tests if test.traits.is_driven and test.band]
     for freq in settings.modes if isinstance(settings.modes, tuple) and bands else ():
         if not any(low <= freq <= high for low, high in bands):
@@ -59,7 +59,7 @@ def among(tests: Sequence[TestSpec], settings: Identify) -> Iterator[str]:
                 "leave it to `residuals`."
             )
     levels = sorted({test.level for test in tests if test.level == test.level})
-    listed = ", ".join(f"{known:g}" for known in levels) or "none"
+    listed = ", ".join(f"{level:g}" for level in levels) or "none"
     for level in settings.fit_levels or ():
         if level not in levels:
             yield f"[identify] fit_levels: no test has level {level:g}; levels: {listed}."
