@@ -47,10 +47,10 @@ refusal, doubt = partial(Fault, "error"), partial(Fault, "warning")
 def inspect(record: Record, *, masked: bool = False, is_curve: bool = True) -> tuple[Fault, ...]:
     """All that the checks find, errors first; `masked` samples that are NaN are not refused."""
     # `is_curve` tells whether frequencies, where there are any, are the lines of a curve.
-    found, lengths = [], {role: len(x) for role, x in record.channels.items()}
+    faults, lengths = [], {role: len(x) for role, x in record.channels.items()}
     if len(set(lengths.values())) > 1:
         listed = ", ".join(f"`{role}` has {n}" for role, n in lengths.items())
-        found.append(
+        faults.append(
             refusal(
                 next(iter(lengths)),
                 f"Channels must have equal lengths, but {listed} samples.",
@@ -59,10 +59,10 @@ def inspect(record: Record, *, masked: bool = False, is_curve: bool = True) -> t
             )
         )
     if is_curve and "frequency" in record.channels:
-        found += _ordered(record.channels["frequency"])
+        faults += _ordered(record.channels["frequency"])
     for role, x in record.channels.items():
-        found += _channel(role, x, record.fs, masked)
-    return tuple(sorted(found, key=lambda fault: fault.severity))
+        faults += _channel(role, x, record.fs, masked)
+    return tuple(sorted(faults, key=lambda fault: fault.severity))
 
 
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
@@ -73,12 +73,12 @@ def gathered(found: Iterable[tuple[str, Fault]], count: int) -> list[Fault]:
 
     It says of how many records, and from where to where the numbers reach.
     """
-    alike: dict[tuple[str, ...], list[tuple[str, Fault]]] = {}
+    by_pattern: dict[tuple[str, ...], list[tuple[str, Fault]]] = {}
     for name, fault in found:
-        own = name if _of_one_record(fault) else ""
-        key = fault.severity, fault.channel, NUMBER.sub("#", fault.what), own
-        alike.setdefault(key, []).append((name, fault))
-    return [_together(each, count) for each in alike.values()]
+        record_name = name if _of_one_record(fault) else ""
+        key = fault.severity, fault.channel, NUMBER.sub("#", fault.what), record_name
+        by_pattern.setdefault(key, []).append((name, fault))
+    return [_together(pattern_faults, count) for pattern_faults in by_pattern.values()]
 
 
 def _of_one_record(fault: Fault) -> bool:
@@ -94,22 +94,22 @@ def told_together(test: str, count: int) -> Iterator[None]:
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         yield
-    doubts = [("", doubt("", str(each.message))) for each in caught]
-    for one in gathered(doubts, count):
-        warnings.warn(f"Test {test}: {one.what}", stacklevel=4)
+    doubts = [("", doubt("", str(warning.message))) for warning in caught]
+    for fault in gathered(doubts, count):
+        warnings.warn(f"Test {test}: {fault.what}", stacklevel=4)
 
 
-def _together(alike: Sequence[tuple[str, Fault]], count: int) -> Fault:
-    (name, first), *others = alike
+def _together(faults: Sequence[tuple[str, Fault]], count: int) -> Fault:
+    (name, first), *others = faults
     if not others:
         return replace(first, what=f"{name}: {first.what}") if name else first
-    columns = zip(*(NUMBER.findall(fault.what) for _, fault in alike), strict=True)
+    columns = zip(*(NUMBER.findall(fault.what) for _, fault in faults), strict=True)
     reach = iter([_reach(column) for column in columns])
-    told = NUMBER.sub(lambda _: next(reach), first.what)
-    what = f"{min(len(alike), count)} of {count} records: {told}"
+    first_with_reach = NUMBER.sub(lambda _: next(reach), first.what)
+    what = f"{min(len(faults), count)} of {count} records: {first_with_reach}"
     # Of a key that all records share the value is told that serves every one.
     strictest = min if "span = [" in first.remedy else max
-    remedy = strictest((fault.remedy for _, fault in alike), key=_numbers)
+    remedy = strictest((fault.remedy for _, fault in faults), key=_numbers)
     return replace(first, what=what, remedy=remedy)
 
 
@@ -284,8 +284,8 @@ def _filled(role: str, x: Reals, fs: float, step: float) -> Iterator[Fault]:
     changes = np.flatnonzero(np.diff(x)) + 1  # first samples of runs, but for the record's own
     starts, stops = changes, np.append(changes[1:], len(x))
     # Of n runs, chance makes n p^(length - 1) as long, p of which hold a second sample.
-    again = min(np.mean(stops - starts > 1), 1 - 1e-9)
-    by_chance = 1 + np.log(CHANCE / len(x)) / np.log(max(again, CHANCE))
+    chance_of_repeat = min(np.mean(stops - starts > 1), 1 - 1e-9)
+    by_chance = 1 + np.log(CHANCE / len(x)) / np.log(max(chance_of_repeat, CHANCE))
     long = stops - starts >= max(HELD_RUN, by_chance)
     gaps = []
     for start, stop in zip(starts[long].tolist(), stops[long].tolist(), strict=True):

@@ -137,11 +137,11 @@ def _cut_of(record: Record) -> _Cut | None:
     if not broken or breaks_of(u - np.mean(u), period):
         return None
     apart = np.flatnonzero(np.diff(np.sort(broken)) > ONE_PLACE * period) + 1
-    places = np.split(np.sort(broken), apart)
+    clusters = np.split(np.sort(broken), apart)
     # Parts that knock together break off every period, and hardly turn the phase.
-    if len(places) > MOST_PLACES or max(map(np.ptp, places)) > ONE_PLACE * period:
+    if len(clusters) > MOST_PLACES or max(map(np.ptp, clusters)) > ONE_PLACE * period:
         return None
-    (worst,) = (place for place in places if broken[0] in place)
+    (worst,) = (place for place in clusters if broken[0] in place)
     cuts = _turns_about(x, int(worst[0]), int(worst[-1]), period)
     at, turn, residual = min(cuts, key=lambda cut: cut[2], default=(0, 0.0, np.inf))
     if abs(turn) < CUT_TURNS or residual > ONE_TONE:
@@ -224,12 +224,12 @@ def _phase_of_sweep(record: Record) -> tuple[Reals, Reals, Reals, Reals] | None:
         return None
     receptance = np.sum(y * np.conj(source), axis=1) / np.sum(np.abs(source) ** 2, axis=1)
     omega = omega.mean(axis=1)
-    found = _away(omega, receptance)
-    if found is None:
+    away = _away(omega, receptance)
+    if away is None:
         return None
-    kept, phase, bend = found
-    order = np.argsort(time[kept])
-    return time[kept][order], omega[kept][order], np.unwrap(phase[order]), bend[order]
+    lines_away, phase, bend = away
+    order = np.argsort(time[lines_away])
+    return time[lines_away][order], omega[lines_away][order], np.unwrap(phase[order]), bend[order]
 
 
 def _away(
@@ -238,15 +238,15 @@ def _away(
     """Lines away from the one resonance, their phase, and its bend by damping; None of several."""
     natural = float(omega[np.argmax(np.abs(omega * receptance))])
     r = omega / natural
-    kept = np.flatnonzero(np.abs(1 - r**2) > AWAY)
-    if len(kept) < FEWEST:
+    lines_away = np.flatnonzero(np.abs(1 - r**2) > AWAY)
+    if len(lines_away) < FEWEST:
         return None
-    r = r[kept]
+    r = r[lines_away]
     # Of one mode the size falls off as 1 / (1 - r^2); of several the phase tells no lag.
-    if np.std(np.log(np.abs(receptance[kept] * (1 - r**2)))) > ONE_MODE:
+    if np.std(np.log(np.abs(receptance[lines_away] * (1 - r**2)))) > ONE_MODE:
         return None
-    phase = np.angle(receptance[kept] * np.where(r < 1, 1.0, -1.0))
-    return kept, phase, 2 * r / (1 - r**2)
+    phase = np.angle(receptance[lines_away] * np.where(r < 1, 1.0, -1.0))
+    return lines_away, phase, 2 * r / (1 - r**2)
 
 
 def _constant_of_noise(record: Record) -> Lag | None:
@@ -261,18 +261,18 @@ def _constant_of_noise(record: Record) -> Lag | None:
     lines &= swept(power)
     omega = 2 * np.pi * freq[lines]
     order = derivative_order(record.response)
-    found = (
+    away = (
         _away(omega, cross[lines] / power[lines] / (1j * omega) ** order) if lines.any() else None
     )
-    if found is None:
+    if away is None:
         return None
-    kept, phase, bend = found
-    phase, design = np.unwrap(phase), np.column_stack([-omega[kept], -bend])
+    lines_away, phase, bend = away
+    phase, design = np.unwrap(phase), np.column_stack([-omega[lines_away], -bend])
     # Half turns are the polarity of a channel: a lag turns the phase by as much as the frequency.
     nearest = np.round(np.median(phase) / np.pi)
     turns = np.pi * (nearest + np.arange(-MOST_TURNS, MOST_TURNS + 1))
     fitted = min((_squares(design, phase - turn) for turn in turns), key=lambda fit: fit.squares)
-    scatter = float(np.sqrt(fitted.squares / (len(kept) - 2)))
+    scatter = float(np.sqrt(fitted.squares / (len(lines_away) - 2)))
     if scatter > ROUGH:
         return None
     constant = (float(fitted.values[0]), float(fitted.errors[0]) * scatter)
@@ -348,14 +348,14 @@ def _squares(design: Float[np.ndarray, "value unknown"], target: Reals) -> _Fit:
     scale = np.linalg.norm(design, axis=0)
     inverse = np.linalg.pinv(design / scale)
     values = (inverse @ target) / scale
-    left = target - design @ values
-    return _Fit(values, np.linalg.norm(inverse, axis=1) / scale, float(left @ left))
+    residual = target - design @ values
+    return _Fit(values, np.linalg.norm(inverse, axis=1) / scale, float(residual @ residual))
 
 
-def _better(simple: _Fit, further: _Fit, count: int, unknowns: int) -> bool:
+def _better(simple: _Fit, extended: _Fit, count: int, unknowns: int) -> bool:
     """Whether a further unknown takes away more squares than noise would give it."""
     degrees = (count - unknowns) / 2  # neighbouring values overlap by half
-    ratio = (simple.squares - further.squares) / max(further.squares, 1e-300) * degrees
+    ratio = (simple.squares - extended.squares) / max(extended.squares, 1e-300) * degrees
     return bool(f_distribution.sf(ratio, 1, degrees) < ODDS)
 
 
@@ -409,11 +409,11 @@ def _jump_within(at: int, lags: Reals) -> _Fit:
 
 def _course(time: Reals, lags: Reals) -> Lag | None:
     """Which of slope and step lags of noise follow; of neither, a constant."""
-    ones = np.ones_like(time)
-    plain = _squares(ones[:, None], lags)
-    growing = _squares(np.column_stack([ones, time - time[0]]), lags)
+    constant = np.ones_like(time)
+    plain = _squares(constant[:, None], lags)
+    growing = _squares(np.column_stack([constant, time - time[0]]), lags)
     stepped = [
-        (at, _squares(np.column_stack([ones, np.arange(len(time)) >= at]), lags))
+        (at, _squares(np.column_stack([constant, np.arange(len(time)) >= at]), lags))
         for at in range(1, len(time))
     ]
     # A part in which it jumps has a lag of its own, between the two.
@@ -421,7 +421,7 @@ def _course(time: Reals, lags: Reals) -> Lag | None:
     unknowns, before, after, jump = min(
         *((3, at - 1, at, fit) for at, fit in stepped),
         *((4, at - 1, at + 1, fit) for at, fit in within if _better(plain, fit, 2 * len(time), 4)),
-        key=lambda each: each[-1].squares,
+        key=lambda candidate: candidate[-1].squares,
     )
     chosen = plain
     # Two or three of eight parts are left for the scatter: the odds say what that is worth.

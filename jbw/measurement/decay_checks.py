@@ -115,11 +115,11 @@ def not_free(record: Record, band: Sequence[float] | None, settle: float) -> Ite
         yield from undecaying(record, settle)
         return
     for finding in (late_blow, still_driven):
-        if found := list(finding(record, course)):
-            yield from found
+        if faults := list(finding(record, course)):
+            yield from faults
             return
-    if found := list(undecaying(record, settle)):
-        yield from found
+    if faults := list(undecaying(record, settle)):
+        yield from faults
         return
     yield from second_blow(record, course)
     yield from steady_line(record, course)
@@ -228,7 +228,7 @@ def interrupted(record: Record, course: Course) -> Iterator[Fault]:
 
 def _jumps(course: Course) -> list[tuple[float, complex]]:
     """Times at which log X jumps between two smooth sides [s], and by how much."""
-    gap, found = course.across, []
+    gap, jumps = course.across, []
     width = 2 * SIDE + gap
     x = np.arange(width) - (width - 1) / 2
     sides = np.abs(x) > gap / 2
@@ -246,8 +246,8 @@ def _jumps(course: Course) -> list[tuple[float, complex]]:
         jump = complex(fitted[-1].real, np.angle(np.exp(1j * fitted[-1].imag)))
         matters = np.real(values).max() > course.size.max() + np.log(MATTERS)
         if matters and std < CLEAN and abs(jump) > max(JUMP, SURE * error * std, SMOOTH * std):
-            found.append((float(course.time[first + width // 2]), jump))
-    return found
+            jumps.append((float(course.time[first + width // 2]), jump))
+    return jumps
 
 
 class Line(NamedTuple):
@@ -267,12 +267,12 @@ def steady_line(record: Record, course: Course) -> Iterator[Fault]:
     largest, middle = float(np.abs(envelope).max()), len(envelope) // 2
     # Two modes beat, and fall steeply at times: the fall to the middle of the record counts too.
     fallen = np.log(largest / np.median(np.abs(envelope[middle - 2 : middle + 3]))) / middle
-    own = min(_first_fall(course.size), float(fallen))
+    decay_rate = min(_first_fall(course.size), float(fallen))
     for values in (half, quarter):
         for line in _lines_of(values):
             share = line.amplitude / largest
-            steady = abs(line.rate) < STEADY * own + 3 * line.rate_error
-            slower = line.rate + 3 * line.rate_error < SLOWER * own
+            steady = abs(line.rate) < STEADY * decay_rate + 3 * line.rate_error
+            slower = line.rate + 3 * line.rate_error < SLOWER * decay_rate
             sure = line.amplitude > SURE * line.amplitude_error
             if not (steady and slower and sure and share > LINE):
                 continue
@@ -336,8 +336,8 @@ def _lines_of(values: Complex[np.ndarray, " value"]) -> list[Line]:
         k = np.arange(count)
         modes = poles[None, :] ** k[:, None]
         sizes = np.linalg.lstsq(modes, values)[0]
-        left = values - modes @ sizes
-        variance = float(np.sum(np.abs(left) ** 2)) / (count - 2 * number)
+        residual = values - modes @ sizes
+        variance = float(np.sum(np.abs(residual) ** 2)) / (count - 2 * number)
         # Of sizes and of logarithms of poles, complex and linear about the fit.
         slopes = np.concatenate([modes, k[:, None] * modes * sizes], axis=1)
         errors = np.sqrt(variance * np.abs(np.diag(np.linalg.pinv(slopes.conj().T @ slopes))) / 2)
@@ -362,10 +362,10 @@ def windowed(record: Record, course: Course) -> Iterator[Fault]:
 
     of the noise outside the band, alike at all frequencies and to the record's end.
     """
-    found = noise_time_constant(record, course)
-    if found is None:
+    constant_and_error = noise_time_constant(record, course)
+    if constant_and_error is None:
         return
-    tau, error = found
+    tau, error = constant_and_error
     yield doubt(
         record.response,
         f"The noise decays too, with a time constant of {tau:.3g} s (standard error {error:.1g}).",
@@ -384,8 +384,8 @@ def noise_time_constant(record: Record, course: Course) -> tuple[float, float] |
     window = blackmanharris(2 * size, sym=False)
     transform = ShortTimeFFT(window, size, record.fs)
     spectra = np.abs(transform.stft(x - np.mean(x))) ** 2
-    whole = slice(transform.lower_border_end[1], transform.upper_border_begin(len(x))[1])
-    spectra, time = spectra[:, whole], transform.t(len(x))[whole]
+    complete_frames = slice(transform.lower_border_end[1], transform.upper_border_begin(len(x))[1])
+    spectra, time = spectra[:, complete_frames], transform.t(len(x))[complete_frames]
     low, high = course.outside_hz
     outside = (transform.f < low) | (transform.f > high)
     spectra = spectra[outside][1:-1:APART]

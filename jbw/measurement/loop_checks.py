@@ -44,15 +44,15 @@ def degrading(loop: ForcedLoop, laws: Sequence[str] = ()) -> Iterator[Fault]:
         return
     cycles = cycles_of(loop)
     felt = SEEN * max((cycle.force for cycle in cycles), default=0.0)
-    for alike in of_one_amplitude([cycle for cycle in cycles if cycle.force > felt]):
-        _, second, *_, last = alike
+    for repeats in of_one_amplitude([cycle for cycle in cycles if cycle.force > felt]):
+        _, second, *_, last = repeats
         change = last.force / second.force - 1 if second.force > 0 else 0.0
-        if len(alike) < FEWEST or abs(change) < DEGRADES:
+        if len(repeats) < FEWEST or abs(change) < DEGRADES:
             continue
-        first, end = (alike[-2].samples.start / loop.fs, last.samples.stop / loop.fs)
+        first, end = (repeats[-2].samples.start / loop.fs, last.samples.stop / loop.fs)
         yield doubt(
             "restoring_force",
-            f"Cycles of {0.5 * last.stroke:.3g} m differ: from the second to number {len(alike)} "
+            f"Cycles of {0.5 * last.stroke:.3g} m differ: from the second to number {len(repeats)} "
             f"the force {'falls' if change < 0 else 'rises'} by {abs(change):.0%}.",
             "The joint changes as it is loaded; most laws give equal cycles the same loop.",
             f"Put under [[test]]: `span = [{first:.6g}, {end:.6g}]`, its last cycles, and give "
@@ -80,11 +80,11 @@ def off_centre(loop: ForcedLoop, load_cell: str) -> Iterator[Fault]:
         return
     if abs(drift) < OFF and load_cell == "offset":
         return
-    told = f"begins {start:.1%} of its half range away from zero" if abs(start) >= OFF else ""
+    offset = f"begins {start:.1%} of its half range away from zero" if abs(start) >= OFF else ""
     moves = f"moves by {drift:.1%} of it over equal cycles" if abs(drift) >= OFF else ""
     yield doubt(
         "restoring_force",
-        f"The force {' and '.join(filter(None, (told, moves)))}.",
+        f"The force {' and '.join(filter(None, (offset, moves)))}.",
         "The zero of the load cell is off, or drifts; a law takes it for a force of the joint.",
         'Put under [[test]]: `load_cell = "drift"`; "offset" where it cannot drift.',
     )
@@ -131,8 +131,8 @@ def _gap_of(y: Reals, force: Reals) -> float | None:
 
     smooth = min(fitted(x**power)[0] for power in (3, 5))
     contacts = [(*fitted(np.sign(x) * np.maximum(np.abs(x) - g, 0)), g) for g in GAPS]
-    left, (_, free, contact), gap = min(contacts, key=lambda one: one[0])
-    if left > BETTER * smooth or contact < STIFFER * abs(free):
+    residual, (_, free, contact), gap = min(contacts, key=lambda fit: fit[0])
+    if residual > BETTER * smooth or contact < STIFFER * abs(free):
         return None
     return float(gap * reach)
 

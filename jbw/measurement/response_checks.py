@@ -55,8 +55,8 @@ def unsteady(
             what = f"Tone {tone:.4g} Hz: {error.what}"
             refused.append(refusal(role, what, error.why, error.remedy))
     yield from refused[:1]
-    if drifting := [one for one in fitted if one.is_drifting]:
-        largest = max(float(one.drift) for one in drifting)
+    if drifting := [fit for fit in fitted if fit.is_drifting]:
+        largest = max(float(fit.drift) for fit in drifting)
         yield doubt(
             role,
             f"{_named(drifting)}: the amplitude changes by {largest:.1%} from one half of the "
@@ -65,7 +65,7 @@ def unsteady(
             "Raise settle, or correct tones.",
         )
     # Only a probing test, whose tones are all present at once, is read for its third harmonic.
-    third = [(abs(one.amplitudes[-1]), float(np.sqrt(one.variance[-1] / 2))) for one in fitted]
+    third = [(abs(fit.amplitudes[-1]), float(np.sqrt(fit.variance[-1] / 2))) for fit in fitted]
     buried = [i for i, (size, std) in enumerate(third) if size < NOISE_FLOOR * std]
     if buried and dwell is None:
         size, std = third[buried[0]]
@@ -79,7 +79,7 @@ def unsteady(
 
 
 def _named(fitted: Sequence[Harmonics]) -> str:
-    tones = ", ".join(f"{one.omega / (2 * np.pi):.4g}" for one in fitted[:LISTED])
+    tones = ", ".join(f"{fit.omega / (2 * np.pi):.4g}" for fit in fitted[:LISTED])
     more = f" and {len(fitted) - LISTED} more" if len(fitted) > LISTED else ""
     return f"Tone {tones} Hz{more}"
 
