@@ -71,7 +71,7 @@ def arviz_groups(seen: Measured, found: Identification, seed: int) -> Groups:
     coords = coordinates(records)
     predicted = _joined(records, "predicted").reshape(*shape, -1)
     likelihood = _joined(records, "log_likelihood") - _joined(records, "reference")
-    made = {
+    groups = {
         "log_prior": log_prior(posterior, step.box, records, data),
         "log_likelihood": _of_records(likelihood.reshape(*shape, -1), coords, LIKELIHOOD),
         "observed_data": _of_records(_joined(records, "observed"), coords, RESPONSE),
@@ -79,14 +79,14 @@ def arviz_groups(seen: Measured, found: Identification, seed: int) -> Groups:
         "prior": prior,
         "prior_predictive": _of_records(before[None], coords, RESPONSE),
     }
-    return {f"/{name}": created(one) for name, one in made.items()}
+    return {f"/{name}": created(group) for name, group in groups.items()}
 
 
 def at_large(data: Dataset) -> Dataset:
     """The data predicted at one joint for all runs: offsets are known about the fit alone."""
     evenly = (part.evenly() for part in data.parts)
     pairs = zip(data.parts, evenly, strict=True)
-    parts = tuple(part if one is None else one for part, one in pairs)
+    parts = tuple(part if even is None else even for part, even in pairs)
     none = np.asarray(data.scatters)[:1, :0], np.asarray(data.scatter)[:0]
     scatters, scatter = jax.device_put(none)
     return replace(data, parts=parts, scatters=scatters, scatter=scatter)
@@ -123,10 +123,13 @@ def coordinates(records: Records) -> dict[str, Any]:
     """Names of the records, and of the test, the run and the repeat of each."""
 
     def every(field: str) -> list[Any]:
-        return [one for part in records.parts for one in getattr(part, field)]
+        return [value for part in records.parts for value in getattr(part, field)]
 
-    beside = {"test": every("group"), "run": every("run"), "repeat": every("repeat")}
-    return {"record": every("name"), **{name: ("record", one) for name, one in beside.items()}}
+    record_coords = {"test": every("group"), "run": every("run"), "repeat": every("repeat")}
+    return {
+        "record": every("name"),
+        **{name: ("record", value) for name, value in record_coords.items()},
+    }
 
 
 def _joined(records: Records, field: str) -> Float[np.ndarray, "*draw record"]:
@@ -137,24 +140,24 @@ def log_prior(posterior: xr.Dataset, box: Box, records: Records, data: Dataset) 
     """Log density of the prior by variable: the box, 1/sigma, a line fit, the runs' offsets."""
     shape = posterior.sizes["chain"], posterior.sizes["draw"]
     coords: dict[Any, Any] = dict(posterior.coords)
-    one = {"units": "1", "long_name": "log prior density [nats]"}
-    found: dict[str, Any] = {
-        name: (SAMPLES, np.full(shape, -np.log(high - low)), one)
+    attrs = {"units": "1", "long_name": "log prior density [nats]"}
+    variables: dict[str, Any] = {
+        name: (SAMPLES, np.full(shape, -np.log(high - low)), attrs)
         for name, (low, high) in bounds_by_name(box).items()
     }
     for name, density in zip(data.stated.names, data.stated.distributions, strict=True):
-        found[name] = (SAMPLES, np.asarray(density.log_prob(posterior[name].values)), one)
+        variables[name] = (SAMPLES, np.asarray(density.log_prob(posterior[name].values)), attrs)
     for name, values in posterior.data_vars.items():
         if str(name).startswith("noise_std"):
-            found[str(name)] = (values.dims, -np.log(values.values), one)
+            variables[str(name)] = (values.dims, -np.log(values.values), attrs)
     for label, density in records.known.items():
-        found[safe(label)] = (SAMPLES, density.reshape(shape), one)
+        variables[safe(label)] = (SAMPLES, density.reshape(shape), attrs)
     if records.offsets is not None:
         runs = list(dict.fromkeys(data.runs))
         rows = records.offsets.reshape(*shape, len(runs))
-        found["offsets"] = ((*SAMPLES, "run"), rows, one)
+        variables["offsets"] = ((*SAMPLES, "run"), rows, attrs)
         coords["run"] = runs
-    return xr.Dataset(found, coords)
+    return xr.Dataset(variables, coords)
 
 
 def _of_records(
@@ -163,19 +166,19 @@ def _of_records(
     """One number a record, by chain and draw where it is drawn."""
     from arviz_base import dict_to_dataset  # it is needed only here
 
-    found = dict_to_dataset(
+    dataset = dict_to_dataset(
         {"response": rows},
         coords={"record": coords["record"]},
         dims={"response": ["record"]},
         sample_dims=list(SAMPLES) if rows.ndim > 1 else [],
     )
-    found["response"].attrs = dict(attrs)
-    return found.assign_coords(coords)
+    dataset["response"].attrs = dict(attrs)
+    return dataset.assign_coords(coords)
 
 
 def created(dataset: xr.Dataset) -> xr.Dataset:
     """A group with what ArviZ writes of a group's origin."""
     from arviz_base import make_attrs
 
-    made = {"inference_library": "jbw", "inference_library_version": version("jbw")}
-    return dataset.assign_attrs(make_attrs({**made, **dataset.attrs}))
+    origin = {"inference_library": "jbw", "inference_library_version": version("jbw")}
+    return dataset.assign_attrs(make_attrs({**origin, **dataset.attrs}))

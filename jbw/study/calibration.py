@@ -103,13 +103,13 @@ def sbc(
     require_float64()
     if campaign is not None:
         require_one_joint(campaign.joints, "A calibration")
-    own = _own_step(campaign, simulate, log_likelihood, prior)
-    if own is not None:
+    campaign_step = _own_step(campaign, simulate, log_likelihood, prior)
+    if campaign_step is not None:
         step = OWN
-    steps = (*REPLICATIONS,) if own is None else (OWN,)
-    for name, word, known in (("step", step, steps), ("noise", noise, NOISES)):
-        if word not in known:
-            raise ConfigError(f"Argument `{name}` must be one of {', '.join(known)}, not {word!r}.")
+    steps = (*REPLICATIONS,) if campaign_step is None else (OWN,)
+    for name, word, words in (("step", step, steps), ("noise", noise, NOISES)):
+        if word not in words:
+            raise ConfigError(f"Argument `{name}` must be one of {', '.join(words)}, not {word!r}.")
     if sampler is not None and (sampler not in SAMPLERS or step == "linear"):
         why = messages.STEP_2_DRAWS if step == "linear" else ""
         raise ConfigError(
@@ -123,13 +123,13 @@ def sbc(
 
     if step == "linear":
         sampler = "line_fit"
-        found = models.calibrate_linear(
+        calibration = models.calibrate_linear(
             key, *designs.lines(), num_replications=count, report=progress
         )
     else:
-        chosen = _step_of(step, campaign, noise, report) if own is None else own
+        chosen = _step_of(step, campaign, noise, report) if campaign_step is None else campaign_step
         sampler = sampler or chosen.sampler
-        found = calibrate(
+        calibration = calibrate(
             key, *suited(chosen, sampler), num_replications=count, batch=chosen.batch,
             report=progress,
         )  # fmt: skip
@@ -140,17 +140,17 @@ def sbc(
         "noise": noise if step == "third_order" else None,
         "seed": seed,
         "wall_time_s": round(perf_counter() - started, 2),
-        **_numbers_of(found),
+        **_numbers_of(calibration),
     }
-    return Sbc(found, _tree(found, record), record)
+    return Sbc(calibration, _tree(calibration, record), record)
 
 
 def _step_of(step: str, campaign: Campaign | None, noise: str, report: Report) -> models.Step:
     """A step of the procedure."""
     of_rig, of_campaign, posterior = DESIGNS[step]
     design = of_rig() if campaign is None else of_campaign(campaign, report)
-    told = {"known_noise": noise == "known"} if step == "third_order" else {}
-    return posterior(design, **told)
+    noise_options = {"known_noise": noise == "known"} if step == "third_order" else {}
+    return posterior(design, **noise_options)
 
 
 def _own_step(
@@ -170,26 +170,26 @@ def _own_step(
     return models.Step(own_model(simulate, log_likelihood, prior), 100, "nuts")
 
 
-def _numbers_of(found: Calibration) -> dict[str, Any]:
+def _numbers_of(calibration: Calibration) -> dict[str, Any]:
     quantities = {}
-    for name in found.names:
-        share, lower, upper = found.coverage[name]
+    for name in calibration.names:
+        share, lower, upper = calibration.coverage[name]
         quantities[name] = {
-            "p_chi_square": found.p_chi_square[name],
-            "p_ecdf": found.p_ecdf[name],
+            "p_chi_square": calibration.p_chi_square[name],
+            "p_ecdf": calibration.p_ecdf[name],
             "coverage_99": share,
             "coverage_99_lower": lower,
             "coverage_99_upper": upper,
         }
     return {
-        "replications": len(found.ranks),
-        "ranks": found.num_ranks,
-        "failures": {reason: int(each.sum()) for reason, each in found.failures.items()},
-        "failed": int(found.failed.sum()),
+        "replications": len(calibration.ranks),
+        "ranks": calibration.num_ranks,
+        "failures": {reason: int(failed.sum()) for reason, failed in calibration.failures.items()},
+        "failed": int(calibration.failed.sum()),
         "quantities": quantities,
         "verdict": {
-            "status": found.verdict.status,
-            "findings": [finding.record() for finding in found.verdict.findings],
+            "status": calibration.verdict.status,
+            "findings": [finding.record() for finding in calibration.verdict.findings],
         },
     }
 
@@ -209,26 +209,30 @@ def suited(step: models.Step, name: str) -> tuple[Model, Sampler, Any]:
             f"Sampler {name} takes at most {sampler.most_parameters} parameters, but the posterior "
             f"has {size}."
         )
-    found = sampler.needs_fit or (step.stepped and not sampler.ignores_fit)
-    known = COUNTS.get(name, SHORT if found else LONG)
-    counts = {**known, **(STEPPED.get(name, {}) if step.stepped else {})}
+    is_fitted = sampler.needs_fit or (step.stepped and not sampler.ignores_fit)
+    default_counts = COUNTS.get(name, SHORT if is_fitted else LONG)
+    counts = {**default_counts, **(STEPPED.get(name, {}) if step.stepped else {})}
     options = options_of(
         sampler, **{**counts, "chain_method": "vectorized", "adapt_mass": True, "max_tree_depth": 8}
     )
-    return (model if found else model._replace(search=None)), sampler, options
+    return (model if is_fitted else model._replace(search=None)), sampler, options
 
 
-def _tree(found: Calibration, record: dict[str, Any]) -> xr.DataTree:
-    known = {**attrs(), **attrs_of(BY_NAME.values())}
-    failed = found.failed.astype("int8")
+def _tree(calibration: Calibration, record: dict[str, Any]) -> xr.DataTree:
+    attrs_by_name = {**attrs(), **attrs_of(BY_NAME.values())}
+    failed = calibration.failed.astype("int8")
     variables: dict[str, Any] = {"failed": ("replication", failed, {"units": "1"})}
-    for i, name in enumerate(found.names):
+    for i, name in enumerate(calibration.names):
         stem = "h3" if name.startswith("h3_") else name  # `h3_18Hz` is the kernel there
-        unit = known.get(stem, {"units": "1"})["units"]
+        unit = attrs_by_name.get(stem, {"units": "1"})["units"]
         below = {"long_name": messages.rank_below(name), "units": "1", "quantity_units": unit}
         inside = {"long_name": messages.truth_inside(name), "units": "1"}
-        variables[f"rank_{name}"] = ("replication", found.ranks[:, i], below)
-        variables[f"inside_{name}"] = ("replication", found.inside[:, i].astype("int8"), inside)
+        variables[f"rank_{name}"] = ("replication", calibration.ranks[:, i], below)
+        variables[f"inside_{name}"] = (
+            "replication",
+            calibration.inside[:, i].astype("int8"),
+            inside,
+        )
     tree = xr.DataTree.from_dict({"ranks": xr.Dataset(variables)})
     facts = ("step", "sampler", "seed", "ranks")
     tree.attrs.update({name: record[name] for name in facts if record[name] is not None})

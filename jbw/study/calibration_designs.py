@@ -101,34 +101,34 @@ def lines() -> tuple[FRF, Box]:
     freq = np.arange(first, last, spacing)
     omega_n, zeta = truth()["omega_n"], truth()["zeta"]
     peak = GAIN / (2 * zeta * omega_n**2)
-    one, zero = np.ones_like(freq), np.zeros(len(freq), complex)
-    found = FRF(
-        freq=freq, h=zero, coherence=one, variance=(LINE_NOISE * peak) ** 2 * one,
-        input_spectrum=one, output_spectrum=one, num_averages=1.0, num_segments=1,
+    unit, zero = np.ones_like(freq), np.zeros(len(freq), complex)
+    frf = FRF(
+        freq=freq, h=zero, coherence=unit, variance=(LINE_NOISE * peak) ** 2 * unit,
+        input_spectrum=unit, output_spectrum=unit, num_averages=1.0, num_segments=1,
         num_repeats=1, nperseg=round(FS / spacing), noverlap=0, fs=FS, window="boxcar",
         estimator="h1", response="displacement",
     )  # fmt: skip
     bounds = {"omega_n": (0.98 * omega_n, 1.02 * omega_n), "zeta": PRIOR["zeta"]}
-    return found, box({**bounds, "gain": (0.9 * GAIN, 1.1 * GAIN)})
+    return frf, box({**bounds, "gain": (0.9 * GAIN, 1.1 * GAIN)})
 
 
 def truth() -> dict[str, float]:
     """Parameters of the rig, the paper's Table 1, with its gain."""
-    own = as_oscillator(TRUTH).parameters()
-    return {**{name: float(value) for name, value in own.items()}, "gain": GAIN}
+    parameters = as_oscillator(TRUTH).parameters()
+    return {**{name: float(value) for name, value in parameters.items()}, "gain": GAIN}
 
 
 def probing_of(campaign: Campaign, report: Report) -> Design[KernelData]:
     """Tones, displacements, noise and prior of a campaign's Step 3."""
     report(stages.design(3))
-    found = _kernel_fit(campaign, _linear(campaign))
-    counts = np.unique(np.asarray(found.data.num_repeats)).astype(int)
+    fitted = _kernel_fit(campaign, _linear(campaign))
+    counts = np.unique(np.asarray(fitted.data.num_repeats)).astype(int)
     if len(counts) > 1:
         raise DataError(
             f"Step 3 is calibrated with one number of repeats, but the tones have {counts}.",
             remedy="Exclude repeats until all tones have as many.",
         )
-    return Design(found.data, found.box)
+    return Design(fitted.data, fitted.box)
 
 
 def opening_of(campaign: Campaign, report: Report) -> Design[Records]:
@@ -140,8 +140,8 @@ def opening_of(campaign: Campaign, report: Report) -> Design[Records]:
     linear = _linear(campaign)
     means = _kernel_fit(campaign, linear).fit.theta
     records = Records.of(sweeps.fitted, substeps=campaign.settings.substeps)
-    found = step4.fit_opening(jax.random.key(0), records, linear.pooled, means, campaign.settings)
-    return Design(_timed(records), found.box, found.held)
+    fitted = step4.fit_opening(jax.random.key(0), records, linear.pooled, means, campaign.settings)
+    return Design(_timed(records), fitted.box, fitted.held)
 
 
 def joint_of(campaign: Campaign, report: Report) -> Design[Records]:
@@ -184,7 +184,7 @@ def _timed(records: Records) -> Records:
         "runs with offsets": records.origin.shape[1] > 0,
         "accelerations": records.response == "acceleration",
     }
-    named = [name for name, found in wrong.items() if found]
+    named = [name for name, is_wrong in wrong.items() if is_wrong]
     if named:
         raise DataError(f"Sweeps with {named[0]} cannot be simulated for a calibration.")
     return records

@@ -110,11 +110,11 @@ def _response(theta: Theta, data: Dataset) -> Float[Array, ""]:
 def _products(prior: Box) -> tuple[dict[str, Quantity], tuple[str, ...]]:
     """Products that are known better than their factors, and factors that cannot be zero."""
     every = combinations(prior.names)
-    found = [each for each in every if set(each.factors) == each.powers.keys()]
-    factors = {name for each in found for name in each.powers}
+    known_products = [product for product in every if set(product.factors) == product.powers.keys()]
+    factors = {name for product in known_products for name in product.powers}
     bounds = zip(prior.names, np.asarray(prior.lower), strict=True)
     logs = tuple(name for name, low in bounds if name in factors and low > 0)
-    return {each.name: Partial(_product, product=each) for each in found}, logs
+    return {product.name: Partial(_product, product=product) for product in known_products}, logs
 
 
 def _product(theta: Theta, data: Any, product: Product) -> Float[Array, ""]:
@@ -132,14 +132,14 @@ def calibrate_linear(
     """Rank omega_n, zeta and gain of Step 2 in N(theta, C), the line fits' (23), (38), (39)."""
     # A fit that finds no resonance is a failure.
     rows = []
-    for i, one in enumerate(jax.random.split(key, num_replications)):
-        rows.append(_line_replication(one, design, prior))
+    for i, replication_key in enumerate(jax.random.split(key, num_replications)):
+        rows.append(_line_replication(replication_key, design, prior))
         if (i + 1) % 100 == 0 or i + 1 == num_replications:
             report(i + 1)
     keys = jax.random.split(jax.random.fold_in(key, num_replications), num_replications)
     rank = jax.jit(jax.vmap(partial(ranked, num_ranks=NUM_RANKS)))
-    found = rank(keys, *(jnp.array(column) for column in zip(*rows, strict=True)))
-    return judged((*NAMES, LOG_LIKELIHOOD), found, NUM_RANKS)
+    ranks = rank(keys, *(jnp.array(column) for column in zip(*rows, strict=True)))
+    return judged((*NAMES, LOG_LIKELIHOOD), ranks, NUM_RANKS)
 
 
 def _line_replication(

@@ -115,21 +115,21 @@ def export(
         number = best_draw(draws, density_of(tree), amplitude, bands, laws)
     else:
         number = stated_draw(draws, draw)
-    one = picked(draws, [number])
-    theta = {name: float(values[0]) for name, values in one.items()}
-    inside = bool(backbone_within(one, amplitude, bands, laws)[0])
+    exported = picked(draws, [number])
+    theta = {name: float(values[0]) for name, values in exported.items()}
+    inside = bool(backbone_within(exported, amplitude, bands, laws)[0])
     return Export(
         (*_verdict(summary or {}), *_origin(draws, number, draw, inside, laws, mass)),
         theta,
         list(_parameters(draws, number, some, laws, mass)),
-        _backbone(one, amplitude, bands, laws, mass),
-        static_loops(one, y_max, laws, mass),
+        _backbone(exported, amplitude, bands, laws, mass),
+        static_loops(exported, y_max, laws, mass),
         {name: values for name, values in some.items() if name != "gain"},
         materials_of(theta, laws, mass, y_max),
         laws,
         linear_parts(theta, laws, mass),
-        skeletons(one, y_max, laws, mass)[0],
-        {product.name: float(product.values[0]) for product in products_of(one, laws)},
+        skeletons(exported, y_max, laws, mass)[0],
+        {product.name: float(product.values[0]) for product in products_of(exported, laws)},
         mass,
         y_max,
     )
@@ -164,9 +164,9 @@ def export_draws(tree: xr.DataTree, result: Export, count: int) -> tuple[tuple[i
     )
 
 
-def _of_draw(result: Export, one: Draws, number: int, skeleton: Table) -> Export:
+def _of_draw(result: Export, draw: Draws, number: int, skeleton: Table) -> Export:
     """What an export says of one draw alone, in place of the draw that it had."""
-    theta = {name: float(values[0]) for name, values in one.items()}
+    theta = {name: float(values[0]) for name, values in draw.items()}
     laws, mass = result.laws, result.mass
     return replace(
         result,
@@ -175,7 +175,7 @@ def _of_draw(result: Export, one: Draws, number: int, skeleton: Table) -> Export
         materials=materials_of(theta, laws, mass, result.y_max),
         linear=linear_parts(theta, laws, mass),
         skeleton=skeleton,
-        products={product.name: float(product.values[0]) for product in products_of(one, laws)},
+        products={product.name: float(product.values[0]) for product in products_of(draw, laws)},
     )
 
 
@@ -203,9 +203,9 @@ def _require_positive(**arguments: float) -> None:
 # -- what it is ------------------------------------------------------------------------------------
 def _verdict(summary: Mapping[str, Any]) -> Iterable[str]:
     """The run's verdict and the first reason for it."""
-    found = summary.get("verdict") or {}
-    status = found.get("status", "not assessed")
-    findings = [row for row in found.get("findings", ()) if row["status"] == status]
+    verdict = summary.get("verdict") or {}
+    status = verdict.get("status", "not assessed")
+    findings = [row for row in verdict.get("findings", ()) if row["status"] == status]
     if status == "ok":
         why = f"all {len(findings)} findings are ok"
     else:
@@ -216,10 +216,10 @@ def _verdict(summary: Mapping[str, Any]) -> Iterable[str]:
 
 
 def _origin(
-    draws: Draws, number: int, asked: int | None, inside: bool, laws: Laws, mass: float
+    draws: Draws, number: int, stated_draw_number: int | None, inside: bool, laws: Laws, mass: float
 ) -> Iterable[str]:
     """Which draw this is, and whether what the data know of it lies within the intervals of all."""
-    why = messages.HIGHEST_DENSITY if asked is None else "as asked for"
+    why = messages.HIGHEST_DENSITY if stated_draw_number is None else "as asked for"
     yield messages.exported_draw(number, count_of(draws), why, mass)
     for name, unit, values in products_of(draws, laws):
         low, _, high = band(values)
@@ -244,7 +244,7 @@ def _parameters(
     every = [_converted(dict(zip(names, map(float, row), strict=True)), laws, mass) for row in rows]
     for convention, exported in _converted(theta, laws, mass).items():
         for name, unit in exported.units.items():
-            values = np.array([one[convention].values[name] for one in every])
+            values = np.array([converted[convention].values[name] for converted in every])
             yield _row(convention, name, unit, exported.values[name], values)
 
 
@@ -265,7 +265,7 @@ def _converted(theta: Mapping[str, float], laws: Laws, mass: float) -> Mapping[s
 
 
 def _backbone(
-    one: Draws,
+    exported: Draws,
     amplitude: NDArray[np.float64],
     bands: Mapping[str, NDArray[np.float64]],
     laws: Laws,
@@ -273,9 +273,9 @@ def _backbone(
 ) -> Table:
     """Frequency, equivalent damping and force [N] in resonance, of one draw and of all."""
     table = {"amplitude_m": amplitude}
-    own = dict(zip(NAMES, carry(curves, one, amplitude, laws), strict=True))
+    curve_by_name = dict(zip(NAMES, carry(curves, exported, amplitude, laws), strict=True))
     for name, column in zip(NAMES, COLUMNS, strict=True):
         scale = mass if name == "force" else 1.0
-        table[column] = scale * own[name][0]
+        table[column] = scale * curve_by_name[name][0]
         table |= {f"{column}_{m}": scale * q for m, q in zip(MARKS, bands[name], strict=True)}
     return table

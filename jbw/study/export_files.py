@@ -58,21 +58,21 @@ def write_export(
         programs = chosen_programs((), result)
     parameters = result.parameters
     rows = [row.values() for row in parameters]
-    made = [_write_rows(folder / "parameters.csv", result.about, list(parameters[0]), rows)]
+    paths = [_write_rows(folder / "parameters.csv", result.about, list(parameters[0]), rows)]
     for name, what, table in (
         ("backbone.csv", BACKBONE, result.backbone),
         ("loop.csv", LOOP, result.loop),
     ):
-        made.append(_write_table(folder / name, (*result.about, what), table))
+        paths.append(_write_table(folder / name, (*result.about, what), table))
     matlab = {"about": np.array(result.about, object), "joint": result.joint}
     matlab |= {"draws": result.draws, "backbone": result.backbone, "loop": result.loop}
     savemat(folder / "jbw.mat", matlab, oned_as="column")
-    made.append(folder / "jbw.mat")
+    paths.append(folder / "jbw.mat")
     for program in programs:
-        made += [*program.code(folder, result), *program.card(folder, result)]
-    if draws := [Numbered(*one) for one in draws]:
-        made.append(_write_draws(folder, result, programs, draws))
-    return tuple(dict.fromkeys(made))
+        paths += [*program.code(folder, result), *program.card(folder, result)]
+    if draws := [Numbered(*draw) for draw in draws]:
+        paths.append(_write_draws(folder, result, programs, draws))
+    return tuple(dict.fromkeys(paths))
 
 
 def notes_on(programs: Iterable[Program]) -> tuple[str, ...]:
@@ -88,24 +88,28 @@ def _write_draws(
 ) -> Path:
     """A card of every program for each draw, and manifest.json, which says what each is."""
     rows = []
-    for i, one in enumerate(draws, start=1):
-        own = folder / "draws" / f"{i:04d}"
-        own.mkdir(parents=True)
-        cards = {path for program in programs for path in program.card(own, one.result)}
+    for i, numbered in enumerate(draws, start=1):
+        draw_folder = folder / "draws" / f"{i:04d}"
+        draw_folder.mkdir(parents=True)
+        cards = {
+            path for program in programs for path in program.card(draw_folder, numbered.result)
+        }
         rows.append(
             {
-                "folder": own.relative_to(folder).as_posix(),
-                "draw": one.number,
+                "folder": draw_folder.relative_to(folder).as_posix(),
+                "draw": numbered.number,
                 "weight": 1.0 / len(draws),
-                "parameters": {each.name: each.value for each in parameters_of(one.result)}
-                | {name: one.result.joint[name] for name in ("omega_n", "zeta")},
-                "products": one.result.products,
+                "parameters": {
+                    parameter.name: parameter.value for parameter in parameters_of(numbered.result)
+                }
+                | {name: numbered.result.joint[name] for name in ("omega_n", "zeta")},
+                "products": numbered.result.products,
                 "files": sorted(path.name for path in cards),
             }
         )
     units = {row["parameter"]: row["unit"] for row in result.parameters
              if row["convention"].startswith("jbw")}  # fmt: skip
-    units |= {each.name: each.unit for each in parameters_of(result)}
+    units |= {parameter.name: parameter.unit for parameter in parameters_of(result)}
     manifest = {
         "about": result.about,
         "laws": result.laws,
@@ -119,16 +123,16 @@ def _write_draws(
 
 
 def _write_table(
-    path: Path, about: Iterable[str], table: Mapping[str, NDArray[np.float64]]
+    path: Path, notes: Iterable[str], table: Mapping[str, NDArray[np.float64]]
 ) -> Path:
-    return _write_rows(path, about, list(table), zip(*table.values(), strict=True))
+    return _write_rows(path, notes, list(table), zip(*table.values(), strict=True))
 
 
 def _write_rows(
-    path: Path, about: Iterable[str], header: Sequence[str], rows: Iterable[Iterable[Any]]
+    path: Path, notes: Iterable[str], header: Sequence[str], rows: Iterable[Iterable[Any]]
 ) -> Path:
     with path.open("w", newline="", encoding="utf-8") as file:
-        file.writelines(f"{line}\r\n" for line in commented(about, "# ").split("\n"))
+        file.writelines(f"{line}\r\n" for line in commented(notes, "# ").split("\n"))
         writer = csv.writer(file)
         writer.writerow(header)
         writer.writerows(rows)

@@ -37,8 +37,11 @@ class Product(NamedTuple):
 
 def products_of(draws: Draws, laws: Laws) -> list[Product]:
     """The products of all laws at every draw."""
-    found = (product for law in laws_named(laws) for product in law.products)
-    return [Product(one.name, one.quantity.unit, np.asarray(one.of(draws))) for one in found]
+    products = (product for law in laws_named(laws) for product in law.products)
+    return [
+        Product(product.name, product.quantity.unit, np.asarray(product.of(draws)))
+        for product in products
+    ]
 
 
 def density_of(tree: xr.DataTree) -> NDArray[np.float64]:
@@ -78,11 +81,11 @@ def best_draw(
         bands: Its 99 % bands by name, `frequency` [Hz] and `damping`.
         laws: Of the joint.
     """
-    known = np.isfinite(density)
+    candidates = np.isfinite(density)
     for product in products_of(draws, laws):
-        known &= within(product.values, band(product.values))
-    ranked = np.argsort(-np.where(known, density, -np.inf), kind="stable")
-    tried = ranked[: min(NUM_TRIED, max(1, int(known.sum())))]
+        candidates &= within(product.values, band(product.values))
+    ranked = np.argsort(-np.where(candidates, density, -np.inf), kind="stable")
+    tried = ranked[: min(NUM_TRIED, max(1, int(candidates.sum())))]
     inside = backbone_within(picked(draws, tried), amplitude, bands, laws)
     return int(tried[int(np.argmax(inside))])
 

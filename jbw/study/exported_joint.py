@@ -44,24 +44,27 @@ def skeletons(draws: Draws, y_max: float, laws: Laws, mass: float) -> list[Table
     columns = carry(_skeleton, draws, jnp.asarray(y), laws)
     names = ("tip_force_n", "virgin_force_n", "stiffness_n_m", "damping_ns_m")
     return [
-        {"displacement_m": y, **dict(zip(names, (mass * np.asarray(x) for x in one), strict=True))}
-        for one in zip(*columns, strict=True)
+        {
+            "displacement_m": y,
+            **dict(zip(names, (mass * np.asarray(x) for x in forces), strict=True)),
+        }
+        for forces in zip(*columns, strict=True)
     ]
 
 
 def _skeleton(
     theta: Mapping[str, jax.Array], y: Float[Array, " point"], laws: Laws
 ) -> tuple[Float[Array, " point"], ...]:
-    whole = oscillator_of(theta, laws)
-    slow = whole.slow.undamaged
+    joint = oscillator_of(theta, laws)
+    slow = joint.slow.undamaged
 
     def forces(at: Array) -> tuple[Array, Array]:
         tip = slow.force(at, 0.0, slow.at_tip(at))
         virgin = slow.force(at, 0.0, slow.move(0.0 * at, slow.at_rest(), at))
         return slow.k * at + tip, slow.k * at + virgin  # pyright: ignore[reportReturnType]
 
-    found = backbone(whole, y)
-    return (*jax.vmap(forces)(y), found.omega**2, 2.0 * found.zeta * found.omega)
+    curve = backbone(joint, y)
+    return (*jax.vmap(forces)(y), curve.omega**2, 2.0 * curve.zeta * curve.omega)
 
 
 def static_loops(one: Draws, y_max: float, laws: Laws, mass: float) -> Table:
@@ -102,16 +105,18 @@ def materials_of(
     joint = oscillator_of(theta, laws)
     if not joint.laws:
         return ()
-    found = [Material("Elastic", (mass * float(joint.k),))]
+    materials = [Material("Elastic", (mass * float(joint.k),))]
     for law in joint.laws:
         conversions = law.convert(theta["omega_n"], theta["zeta"], mass).values()
-        own = next((each.materials for each in conversions if each.materials), ())
+        law_materials = next(
+            (conversion.materials for conversion in conversions if conversion.materials), ()
+        )
         if isinstance(law, Masing):
-            own = _in_parallel(sliders_of(law, REACH * y_max), mass)
-        if not own:
+            law_materials = _in_parallel(sliders_of(law, REACH * y_max), mass)
+        if not law_materials:
             return ()
-        found += own
-    return tuple(found)
+        materials += law_materials
+    return tuple(materials)
 
 
 def _in_parallel(sliders: Sliders, mass: float) -> tuple[Material, ...]:

@@ -60,20 +60,20 @@ def fit_errors(found: Identification) -> dict[str, float]:
     """Error of the fit by group of data, over the rms of the group."""
     if found.data is None:
         return {}
-    left = dataset.left_by_label(found.main.fit.residual, found.data)
-    errors = dataset.error_by_label(left, found.data)
+    residuals = dataset.left_by_label(found.main.fit.residual, found.data)
+    errors = dataset.error_by_label(residuals, found.data)
     return {label: float(error) for label, error in errors.items()}
 
 
 def fit_lines(seen: Measured, ready: Fitted, seed: int) -> list[str]:
     """What a fit says while the posterior is yet to be drawn: the lines of a first answer."""
-    found = about_fit(jax.random.key(seed), seen, ready, perf_counter())
-    tree = fit_tree(seen, found)
+    identification = about_fit(jax.random.key(seed), seen, ready, perf_counter())
+    tree = fit_tree(seen, identification)
     record: dict[str, Any] = {
         "main": "joint",
-        "steps": {"joint": step_record(found.main, {})},
-        "verdict": verdict_record(found.main.verdict),
-        "quick": fit_errors(found),
+        "steps": {"joint": step_record(identification.main, {})},
+        "verdict": verdict_record(identification.main.verdict),
+        "quick": fit_errors(identification),
     }
     return [
         by_the_fit(known_parameters(record)),

@@ -80,12 +80,16 @@ def save_predictions(
 ) -> None:
     """Write predictions.nc, predictions.json and figures/, a figure a test; whole as a result."""
     with writing(folder, "figures", "predictions.json", "predictions.nc") as part:
-        tree = xr.DataTree.from_dict({f"/{safe(test)}": one for test, one in found.items()})
+        tree = xr.DataTree.from_dict(
+            {f"/{safe(test)}": comparison for test, comparison in found.items()}
+        )
         tree.to_netcdf(part / "predictions.nc", engine="h5netcdf")
         (part / "figures").mkdir()
-        for number, (test, one) in enumerate(found.items(), start=1):
+        for number, (test, comparison) in enumerate(found.items(), start=1):
             slug = re.sub(r"[^\w.-]+", "_", test)
-            write_figure(part / "figures" / f"{number:02d}_{slug}.png", prediction(test, one))
+            write_figure(
+                part / "figures" / f"{number:02d}_{slug}.png", prediction(test, comparison)
+            )
         write_json(part / "predictions.json", list(rows))
 
 
@@ -94,8 +98,8 @@ def writing(folder: Path, *names: str) -> Iterator[Path]:
     """A hidden folder to write `names` into; in their order moved to their place when complete."""
     with tempfile.TemporaryDirectory(dir=folder, prefix=".part-") as name:
         yield Path(name)
-        for made in names:
-            part, target = Path(name, made), folder / made
+        for output in names:
+            part, target = Path(name, output), folder / output
             if target.is_dir():
                 shutil.rmtree(target)
             elif part.is_file():

@@ -70,7 +70,7 @@ def _code(version: int, folder: Path, result: Export) -> Paths:
         write_text(root / "sources/joint.c", f"fmu/fmi{version}.c", result, **facts)
         write_text(root / "sources/buildDescription.xml", "fmu/buildDescription.xml", result)
         compile_shared(root / "sources/joint.c", root / "binaries" / binary(version))
-        for file in sorted(each for each in root.rglob("*") if each.is_file()):
+        for file in sorted(packed for packed in root.rglob("*") if packed.is_file()):
             fmu.write(file, file.relative_to(root).as_posix())
     return (path,)
 
@@ -86,17 +86,17 @@ def _variables(parameters: Iterable[Parameter]) -> Iterable[Variable]:
     for name in ("displacement", "velocity"):
         unit = BY_NAME[name].unit
         yield Variable(name, 0.0, unit, f"{name} across the joint", "input", "continuous")
-    laws, whole = messages.FMU_FORCE, messages.FMU_TOTAL
-    for name, meaning in (("force", laws), ("total_force", whole)):
+    laws, total = messages.FMU_FORCE, messages.FMU_TOTAL
+    for name, meaning in (("force", laws), ("total_force", total)):
         yield Variable(name, 0.0, "N", meaning, "output", "continuous")
-    for one in parameters:
-        yield Variable(*one, "parameter", "fixed")
+    for parameter in parameters:
+        yield Variable(*parameter, "parameter", "fixed")
 
 
 # -- units -----------------------------------------------------------------------------------------
 def units_of(variables: Iterable[Variable | Parameter]) -> list[Mapping[str, Any]]:
     """Units of some variables and of time, as powers of the kilogram, the metre and the second."""
-    names = dict.fromkeys(("s", *(one.unit for one in variables)))
+    names = dict.fromkeys(("s", *(variable.unit for variable in variables)))
     return [{"name": name, **base_powers(name)} for name in names]
 
 
@@ -106,8 +106,8 @@ def base_powers(unit: str) -> dict[str, int]:
     above, _, below = unit.partition("/")
     for part, sign in ((above, 1), (below.strip("()"), -1)):
         for name, power in re.findall(r"([A-Za-z]+|1)(?:\^(\d+))?", part):
-            for base, own in BASE[name].items():
-                powers[base] += sign * own * int(power or 1)
+            for base, exponent in BASE[name].items():
+                powers[base] += sign * exponent * int(power or 1)
     return powers
 
 
@@ -138,8 +138,8 @@ def compile_shared(source: Path, target: Path) -> bool:
         return False
     target.parent.mkdir(parents=True)
     flags = ["-std=c99", "-O2", "-fPIC", "-shared", "-fvisibility=hidden"]
-    whole = [*command, *flags, "-o", str(target), str(source), "-lm"]
-    done = subprocess.run(whole, capture_output=True, text=True, check=False)
+    command_line = [*command, *flags, "-o", str(target), str(source), "-lm"]
+    done = subprocess.run(command_line, capture_output=True, text=True, check=False)
     if done.returncode:
         raise RunError(
             f"The compiler `{' '.join(command)}` must compile the FMU, but ends with "

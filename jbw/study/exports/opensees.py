@@ -32,12 +32,18 @@ def _notes(result: Export) -> Iterator[str]:
 def opensees_lines(materials: Sequence[Material]) -> tuple[str, ...]:
     """Commands that make materials and set them in parallel, as material 1."""
     tags = range(JOINT_TAG + 1, JOINT_TAG + 1 + len(materials))
-    lines = [_line(one.kind, tag, one.arguments) for tag, one in zip(tags, materials, strict=True)]
+    lines = [
+        _line(material.kind, tag, material.arguments)
+        for tag, material in zip(tags, materials, strict=True)
+    ]
     return (*lines, _line("Parallel", JOINT_TAG, tuple(map(str, tags))))
 
 
 def _line(kind: str, tag: int, arguments: Iterable[Scalar | str]) -> str:
-    words = (one if isinstance(one, str) else f"{float(one):.17g}" for one in arguments)
+    words = (
+        argument if isinstance(argument, str) else f"{float(argument):.17g}"
+        for argument in arguments
+    )
     return " ".join(("uniaxialMaterial", kind, str(tag), *words))
 
 

@@ -114,8 +114,8 @@ def forms_of(folder: str, result: Export) -> tuple[Form, ...]:
 
 def without_form(folder: str) -> Callable[[Export], tuple[str, ...]]:
     """What tells the laws that have no form in the language of a folder of templates."""
-    known = {Path(name).stem for name in ENVIRONMENT.list_templates() if name.startswith(folder)}
-    return lambda result: tuple(law for law in result.laws if family_of(law) not in known)
+    forms = {Path(name).stem for name in ENVIRONMENT.list_templates() if name.startswith(folder)}
+    return lambda result: tuple(law for law in result.laws if family_of(law) not in forms)
 
 
 def _form(folder: str, law: str, result: Export) -> Form:
