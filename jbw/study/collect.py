@@ -121,8 +121,8 @@ def _groups(step: Step, truth: Mapping[str, float]) -> Groups:
 
 def _with_units(left_out: xr.Dataset, posterior: xr.Dataset) -> xr.Dataset:
     """Fits without a run, whose parameters have the units of their draws."""
-    known = {"group_units": [posterior[n].attrs["units"] for n in left_out["parameter"].values]}
-    return left_out.assign({n: left_out[n].assign_attrs(known) for n in ("estimate", "std")})
+    units = {"group_units": [posterior[n].attrs["units"] for n in left_out["parameter"].values]}
+    return left_out.assign({n: left_out[n].assign_attrs(units) for n in ("estimate", "std")})
 
 
 def _kernel_groups(
@@ -140,10 +140,10 @@ def _kernel_groups(
     return groups
 
 
-def _kernel_verification(found: KernelFit, posteriors: Mapping[str, xr.Dataset]) -> xr.Dataset:
+def _kernel_verification(fitted: KernelFit, posteriors: Mapping[str, xr.Dataset]) -> xr.Dataset:
     """Measured kernel of every repeat, (repeat, freq), against the bands of Step 3's samplers."""
-    data, omega = found.data, np.asarray(found.data.omega)
-    shown = [k for k in found.kernels if np.any(np.isclose(k.omega, omega))]
+    data, omega = fitted.data, np.asarray(fitted.data.omega)
+    shown = [k for k in fitted.kernels if np.any(np.isclose(k.omega, omega))]
     repeats = min(len(k.h3) for k in shown)
     h = np.stack([k.h3[:repeats] for k in shown], axis=-1)
     unit = {"units": "s^6/m^2", "long_name": "third-order kernel"}

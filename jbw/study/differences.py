@@ -158,8 +158,8 @@ def _parameters(first: Run, second: Run) -> tuple[list[dict[str, Any]], list[str
 
 def _drawn(run: Run) -> dict[str, np.ndarray]:
     """As many evenly spaced draws of every scalar as are compared, for records like the run's."""
-    places = evenly_spaced(run.basis.posterior, NUM_DRAWS)
-    drawn = {name: draws.ravel()[places] for name, draws in scalars(run.tree).items()}
+    chosen = evenly_spaced(run.basis.posterior, NUM_DRAWS)
+    drawn = {name: draws.ravel()[chosen] for name, draws in scalars(run.tree).items()}
     rng = np.random.default_rng(0)
     for name, std in _std_between(run).items():
         if name in drawn:

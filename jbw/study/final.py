@@ -61,9 +61,9 @@ def adequate_as(held: Verdict, final: Verdict) -> Verdict:
     Findings of convergence and of identifiability are the final posterior's. Of each finding of
     model adequacy the worse one counts, and of equal ones that of the held-out answer.
     """
-    adequacy = {one.code: one for one in held.findings if one.code in ASKED["law"]}
-    kept = [_worse(adequacy.pop(finding.code, None), finding) for finding in final.findings]
-    return judge([*kept, *adequacy.values()])
+    adequacy = {finding.code: finding for finding in held.findings if finding.code in ASKED["law"]}
+    findings = [_worse(adequacy.pop(finding.code, None), finding) for finding in final.findings]
+    return judge([*findings, *adequacy.values()])
 
 
 def _worse(held: Finding | None, final: Finding) -> Finding:

@@ -223,8 +223,11 @@ def _meaning(column: str) -> str:
 def _rows(found: Identifiability, dim: str, names: Sequence[str]) -> dict[str, Column]:
     if not names:
         return {}
-    known = [found.information.known[name] for name in names]
-    rows = {"relative": [row.relative for row in known], "ratio": [row.ratio for row in known]}
+    knowledge = [found.information.known[name] for name in names]
+    rows = {
+        "relative": [row.relative for row in knowledge],
+        "ratio": [row.ratio for row in knowledge],
+    }
     if found.contraction:
         rows["contraction"] = [found.contraction[name] for name in names]
         rows["shift"] = [found.sensitivity[name].shift for name in names]

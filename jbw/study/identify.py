@@ -151,10 +151,10 @@ def name_gain_unit(tests: Sequence[Test], found: Identification) -> str:
     units = {drive_of(t): t.records[0].units[t.records[0].source] for t in reversed(driven)}
     for step in found.steps.values():
         draws = step.posterior["posterior"]
-        own = {drive: named("gain", drive) for drive in units if named("gain", drive) in draws}
-        rest = [drive for drive in map(drive_of, driven) if drive not in own]
+        gains = {drive: named("gain", drive) for drive in units if named("gain", drive) in draws}
+        rest = [drive for drive in map(drive_of, driven) if drive not in gains]
         if "gain" in draws:
             draws["gain"].attrs["units"] = gain_unit(units[rest[0]] if rest else "N")
-        for drive, name in own.items():
+        for drive, name in gains.items():
             draws[name].attrs["units"] = gain_unit(units[drive])
     return next(iter(units.values()), "")

@@ -57,20 +57,20 @@ def held_out(
     shape = len(laws), len(tests)
     error, reach = np.full(shape, np.nan), np.full(shape, np.nan)
     for i, law in enumerate(laws):
-        own = xr.DataTree.from_dict(
+        law_tree = xr.DataTree.from_dict(
             {"/": groups[f"/laws/{law}"], "/posterior": groups[f"/laws/{law}/posterior"]}
         )
         try:
-            basis = basis_of(own)
+            basis = basis_of(law_tree)
         except JbwError:
             continue
         for j, test in enumerate(tests):
             try:
-                found = predict(basis, test, Request(num_draws=NUM_DRAWS, seed=seed)).attrs
+                prediction = predict(basis, test, Request(num_draws=NUM_DRAWS, seed=seed)).attrs
             except JbwError:
                 continue
-            error[i, j] = found.get("nrmse", np.nan)
-            reach[i, j] = found.get("extrapolation", np.nan)
+            error[i, j] = prediction.get("nrmse", np.nan)
+            reach[i, j] = prediction.get("extrapolation", np.nan)
     dims = ("law", "test")
     return xr.Dataset(
         {
@@ -86,9 +86,9 @@ def errors_apart(found: xr.Dataset | None, law: str, best: str) -> dict[str, Any
     """Error of a law on tests within the motion fitted, and beyond it as the best law has it."""
     if found is None:
         return {"error_held_out": None, "error_beyond": None}
-    own = found["error"].sel(law=law).values
+    law_errors = found["error"].sel(law=law).values
     beyond = found["extrapolation"].sel(law=best).values > BEYOND
-    known = np.isfinite(own)
-    apart = (own[known & ~beyond], own[known & beyond])
-    each = [rms(part.tolist()) if len(part) else None for part in apart]
-    return dict(zip(("error_held_out", "error_beyond"), each, strict=True))
+    finite = np.isfinite(law_errors)
+    apart = (law_errors[finite & ~beyond], law_errors[finite & beyond])
+    error_by_reach = [rms(part.tolist()) if len(part) else None for part in apart]
+    return dict(zip(("error_held_out", "error_beyond"), error_by_reach, strict=True))

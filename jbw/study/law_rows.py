@@ -44,15 +44,18 @@ def weigh(
     weighed: dict[str, Weighed] = {}
     refused: dict[str, str] = {}
     runs = runs_of(found[0].fitted.data)
-    likelihoods = {one.name: likelihood_at(one.fitted.fit, one.fitted.data) for one in found}
+    likelihoods = {
+        candidate.name: likelihood_at(candidate.fitted.fit, candidate.fitted.data)
+        for candidate in found
+    }
     hopeless = evidence.hopeless(found, likelihoods)
-    for i, one in enumerate(found):
+    for i, candidate in enumerate(found):
         forget_when_many()
-        name, own = one.name, [jax.random.fold_in(key, i) for key in keys]
+        name, law_keys = candidate.name, [jax.random.fold_in(key, i) for key in keys]
         judged = _by_fit if name in hopeless else _by_draws
         report(stages.scoring(name, len(runs), by_fit=name in hopeless))
         try:
-            weighed[name] = judged(own, one, likelihoods[name], several=len(runs) > 1)
+            weighed[name] = judged(law_keys, candidate, likelihoods[name], several=len(runs) > 1)
         except JbwError as error:
             refused[name] = str(error)
     if not weighed:
@@ -60,44 +63,46 @@ def weigh(
     return weighed, refused
 
 
-def _by_draws(keys: Keys, one: Candidate, most: float, *, several: bool) -> Weighed:
+def _by_draws(keys: Keys, candidate: Candidate, most: float, *, several: bool) -> Weighed:
     """A law by its posterior, its runs left out where there are several."""
-    drawn, about = evidence.posterior(keys[0], one)
-    known = left_out(keys[1], one, drawn, about) if several else None
-    wide = log_evidence_wide(keys[0], one, drawn)
-    return Weighed(one, drawn, known, wide, most)
+    drawn, moments = evidence.posterior(keys[0], candidate)
+    held_out = left_out(keys[1], candidate, drawn, moments) if several else None
+    wide = log_evidence_wide(keys[0], candidate, drawn)
+    return Weighed(candidate, drawn, held_out, wide, most)
 
 
-def _by_fit(keys: Keys, one: Candidate, most: float, *, several: bool) -> Weighed:
+def _by_fit(keys: Keys, candidate: Candidate, most: float, *, several: bool) -> Weighed:
     """A hopeless law by its fits alone."""
-    known = left_out_of_fits(one) if several else None
-    return Weighed(one, evidence.about_fit(keys[0], one), known, None, most, hopeless=True)
+    held_out = left_out_of_fits(candidate) if several else None
+    return Weighed(
+        candidate, evidence.about_fit(keys[0], candidate), held_out, None, most, hopeless=True
+    )
 
 
 def row_of(weighed: Weighed) -> dict[str, Any]:
     """Numbers of one law, plain values."""
-    one, tree, left = weighed.candidate, weighed.draws, weighed.left_out
-    names, posterior = one.fitted.box.names, tree["posterior"].to_dataset()
-    every = every_parameter(posterior, one.fitted.data)
+    candidate, tree, held_out = weighed.candidate, weighed.draws, weighed.left_out
+    names, posterior = candidate.fitted.box.names, tree["posterior"].to_dataset()
+    every = every_parameter(posterior, candidate.fitted.data)
     return {
-        "laws": list(one.laws),
-        "meet": one.meet,
+        "laws": list(candidate.laws),
+        "meet": candidate.meet,
         "num_parameters": len(names),
-        "error": one.error,
-        "error_left_out": None if left is None else rms(list(left.error.values())),
+        "error": candidate.error,
+        "error_left_out": None if held_out is None else rms(list(held_out.error.values())),
         "error_highest": None,
         "error_across": None,
-        "elpd": None if left is None else float(sum(left.elpd.values())),
-        "khat": None if left is None else left.khat,
-        "elpd_doubt": None if left is None else left.doubt,
+        "elpd": None if held_out is None else float(sum(held_out.elpd.values())),
+        "khat": None if held_out is None else held_out.khat,
+        "elpd_doubt": None if held_out is None else held_out.doubt,
         "log_likelihood": weighed.log_likelihood,
         "hopeless": weighed.hopeless,
         "log_evidence": tree.attrs.get("log_evidence"),
         "log_evidence_error": tree.attrs.get("log_evidence_error"),
         "log_evidence_wide": weighed.wide,
         "khat_evidence": tree.attrs.get("khat"),
-        "at_bound": list(one.at_bound),
-        "reached": threshold_sentences(every, one.fitted.y_peak, one.laws),
+        "at_bound": list(candidate.at_bound),
+        "reached": threshold_sentences(every, candidate.fitted.y_peak, candidate.laws),
         "parameters": {
             str(name): {"mean": float(posterior[name].mean()), "sd": float(posterior[name].std())}
             for name in names

@@ -21,15 +21,15 @@ def loops(named: Mapping[str, Candidate], y_peak: float) -> xr.Dataset:
     """
     down = y_peak * np.cos(np.linspace(0.0, np.pi, NUM_POINTS))
     force = []
-    for one in named.values():
-        theta = dataset.as_arrays(one.fitted.fit.theta, one.fitted.data)
-        joint = oscillator_of(theta, one.laws).slow
+    for candidate in named.values():
+        theta = dataset.as_arrays(candidate.fitted.fit.theta, candidate.fitted.data)
+        joint = oscillator_of(theta, candidate.laws).slow
         stuck = sum(law.stiffness() for law in joint.laws)
         if not joint.laws:
             force.append(np.zeros(2 * NUM_POINTS))
             continue
-        own = np.asarray(joint.force_unloading(y_peak, jnp.asarray(down)) - stuck * down)
-        force.append(np.concatenate([own, -own]))
+        joint_force = np.asarray(joint.force_unloading(y_peak, jnp.asarray(down)) - stuck * down)
+        force.append(np.concatenate([joint_force, -joint_force]))
     return xr.Dataset(
         {
             "displacement": ("point", np.concatenate([down, -down]), {"units": "m"}),
@@ -47,14 +47,16 @@ def residuals(named: Mapping[str, Candidate], highest: str | None) -> xr.Dataset
     data = next(iter(named.values())).fitted.data
     sizes = dataset.size_by_label(data)
     pairs = zip(data.labels, data.runs, strict=True)
-    own = [label for label, run in pairs if run == highest and label in sizes] or list(sizes)
-    if not own:
+    labels = [label for label, run in pairs if run == highest and label in sizes] or list(sizes)
+    if not labels:
         return xr.Dataset()
-    label = max(own, key=lambda name: sizes[name])
+    label = max(labels, key=lambda name: sizes[name])
     rows = []
-    for one in named.values():
-        left = dataset.left_by_label(one.fitted.fit.residual, one.fitted.data)[label]
-        relative = np.abs(left) * np.sqrt(len(left)) / sizes[label]
+    for candidate in named.values():
+        residual = dataset.left_by_label(candidate.fitted.fit.residual, candidate.fitted.data)[
+            label
+        ]
+        relative = np.abs(residual) * np.sqrt(len(residual)) / sizes[label]
         parts = np.array_split(relative, min(MOST_PARTS, len(relative)))
         rows.append([np.sqrt(np.mean(part**2)) for part in parts])
     return xr.Dataset(

@@ -99,31 +99,31 @@ def compare_laws(
     settings = campaign.settings
     seen = measured_in(campaign, report)
     keys = jax.random.split(jax.random.key(settings.seed if seed is None else seed), 3)
-    found, refused = evidence.candidates(keys[0], seen, sets, report)
-    weighed, unweighed = weigh(keys[1:], found, report)
+    candidates, refused = evidence.candidates(keys[0], seen, sets, report)
+    weighed, unweighed = weigh(keys[1:], candidates, report)
     refused |= unweighed
     named = {name: law.candidate for name, law in weighed.items()}
     draws = {name: law.draws for name, law in weighed.items()}
-    left = {name: law.left_out for name, law in weighed.items() if law.left_out is not None}
-    runs = runs_of(found[0].fitted.data)
+    by_law = {name: law.left_out for name, law in weighed.items() if law.left_out is not None}
+    runs = runs_of(candidates[0].fitted.data)
     rows = {name: row_of(law) for name, law in weighed.items()}
-    scores = {name: np.array(list(law.elpd.values())) for name, law in left.items()}
+    scores = {name: np.array(list(law.elpd.values())) for name, law in by_law.items()}
     compare_rows(rows, scores)
     y_peak = max(law.fitted.y_peak for law in named.values())
     highest = _highest(campaign, runs)
-    for name, law in left.items():
+    for name, law in by_law.items():
         rows[name]["error_highest"] = law.error.get(highest) if highest else None
         rows[name]["error_across"] = errors_across_kinds(named[name])
-    first = found[0].fitted
+    first = candidates[0].fitted
     lines = own_lines(first.data, {**_held(first.data), **first.fit.theta})
-    readings = readings_of(found[0].fitted.data)
+    readings = readings_of(candidates[0].fitted.data)
     diagnosis = None if readings is None else diagnose(readings)
     record = {
         "campaign": campaign.name,
         "diagnosis": None if diagnosis is None else diagnosis._asdict(),
         "runs": list(runs),
         "highest": highest,
-        "floor": scatter_of_means(found[0].fitted.data),
+        "floor": scatter_of_means(candidates[0].fitted.data),
         "line": rms(list(lines.values())) if lines else None,
         "lines": lines,
         "laws": rows,
@@ -148,7 +148,7 @@ def compare_laws(
     record["statements"] = [*diagnosis_words, *statements(record), *scatter]
     tree = xr.DataTree.from_dict(
         {
-            "/scores": _scores(left, runs, lines),
+            "/scores": _scores(by_law, runs, lines),
             "/curves": _curves(named, draws, y_peak).assign(hopeless=_hopeless(rows)),
             "/loops": loops(named, y_peak),
             "/residuals": residuals(named, highest),

@@ -107,8 +107,8 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
         "unread": unread,
         "seen": [sentence for test in campaign.tests for sentence in _seen(test)],
     }
-    told = statements(record, readings_of, _modes_hz(campaign))
-    return Look(record | {"statements": told}, readings_of, responses)
+    sentences = statements(record, readings_of, _modes_hz(campaign))
+    return Look(record | {"statements": sentences}, readings_of, responses)
 
 
 def _modes_hz(campaign: Campaign) -> tuple[float, ...]:

@@ -28,13 +28,15 @@ def statements(
 
     Of several modes each is told by itself, by the readings that are nearest to its frequency.
     """
-    readings = sorted((one for test in found.values() for one in test), key=lambda one: one.y)
+    readings = sorted(
+        (reading for test in found.values() for reading in test), key=lambda reading: reading.y
+    )
     sentences = []
     for hz, of_mode in _by_mode(readings, modes_hz).items():
         rows = [row for row in record["tests"] if _nearest(row["frequency_hz"], modes_hz) == hz]
         answer = nonlinear(of_mode)
-        told = [answer.sentence, *(onset(rows, of_mode) if answer.is_seen else [])]
-        sentences += told if hz is None else [look.of_mode(hz, sentence) for sentence in told]
+        answers = [answer.sentence, *(onset(rows, of_mode) if answer.is_seen else [])]
+        sentences += answers if hz is None else [look.of_mode(hz, sentence) for sentence in answers]
     sentences += days(record["tests"])
     coherent = [row for row in record["tests"] if row["coherence"] is not None]
     if len(coherent) > 1:
@@ -57,7 +59,9 @@ def _by_mode(
     readings: Sequence[Reading], modes_hz: Sequence[float]
 ) -> dict[float | None, list[Reading]]:
     """Readings by the frequency of the mode that they are nearest to, in the order of these."""
-    groups = {hz: [] for hz in (_nearest(each, modes_hz) for each in modes_hz or (1.0,))}
+    groups = {
+        mode_hz: [] for mode_hz in (_nearest(mode_hz, modes_hz) for mode_hz in modes_hz or (1.0,))
+    }
     for reading in readings:
         groups[_nearest(reading.frequency_hz, modes_hz)].append(reading)
     return {hz: group for hz, group in groups.items() if group}

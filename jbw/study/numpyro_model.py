@@ -70,7 +70,7 @@ def numpyro_model(
 def model_of(fitted: Fitted, *, responses: bool = False) -> NumpyroModel:
     """The posterior of a fit's data as a NumPyro model."""
     fit, box, data = fitted.fit, fitted.box, fitted.data
-    alone = replace(data, stated=StatedDensities())  # sites have the stated densities themselves
+    unstated = replace(data, stated=StatedDensities())  # sites have the stated densities themselves
 
     def derived(theta: Mapping[str, Any]) -> dict[str, Any]:
         sites = _of_laws(theta, data)
@@ -78,7 +78,7 @@ def model_of(fitted: Fitted, *, responses: bool = False) -> NumpyroModel:
 
     return NumpyroModel(
         prior=distributions_of(box, data.stated),
-        log_likelihood=lambda theta: jnp.sum(log_likelihood(theta, alone)),
+        log_likelihood=lambda theta: jnp.sum(log_likelihood(theta, unstated)),
         derived=derived,
         problem=problem_of(log_likelihood, box, data, in_box(box, fit.theta, fit.covariance, 1)),
         optimum=fit.theta,
@@ -109,8 +109,8 @@ def _predicted(theta: Mapping[str, Any], data: Dataset) -> dict[str, Any]:
 
 def _with_prior(campaign: Campaign, prior: Mapping[str, Any]) -> Campaign:
     """The campaign with some priors replaced, each checked as one of its file."""
-    known = dict(campaign.settings)
-    stated = {name: known[name] for name in campaign.settings.model_fields_set}
+    settings_by_key = dict(campaign.settings)
+    stated = {name: settings_by_key[name] for name in campaign.settings.model_fields_set}
     stated["prior"] = {**campaign.settings.prior, **prior}
     settings = Identify.of(stated)
     modes = 1 if campaign.structure is None else len(campaign.structure.modes)

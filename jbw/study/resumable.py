@@ -49,30 +49,30 @@ def carried_out(run: Run, say: Say) -> tuple[Mapping[str, Any], xr.DataTree]:
 
 def identified(run: Run, say: Say) -> tuple[Any, dict[str, Any]]:
     """Measure the virtual rig if that is to be done, read the campaign and identify it."""
-    path, asked, truth = run.campaign, run.manifest, None
-    if asked.preset is not None:
+    path, request, truth = run.campaign, run.manifest, None
+    if request.preset is not None:
         if not path.exists():
             say("Measuring the virtual rig")
-            rig.write(rig.measure(asked.preset, seed=asked.seed or 0), path.parent)
-        known = json.loads((path.parent / "truth.json").read_text(encoding="utf-8"))
-        truth = {**known["joint"], "gain": known["gain"]}
+            rig.write(rig.measure(request.preset, seed=request.seed or 0), path.parent)
+        rig_truth = json.loads((path.parent / "truth.json").read_text(encoding="utf-8"))
+        truth = {**rig_truth["joint"], "gain": rig_truth["gain"]}
     say(f"Reading {path}")
-    loaded, doubts = load_with_doubts(path, allow_outside=asked.allow_outside)
+    loaded, doubts = load_with_doubts(path, allow_outside=request.allow_outside)
     for doubt in doubts:  # at once, as it takes minutes until the answer repeats them
         warnings.warn_explicit(doubt.message, doubt.category, doubt.filename, doubt.lineno)
-    if asked.final:
+    if request.final:
         loaded = replace(loaded, settings=loaded.settings.model_copy(update={"final": True}))
     text = path.read_text(encoding="utf-8")
-    run.note(with_inputs(replace(asked, text=text), path, input_hashes(loaded)))
+    run.note(with_inputs(replace(request, text=text), path, input_hashes(loaded)))
     study = identify(
-        loaded, seed=asked.seed, truth=truth, report=say, keep=run.keep, command=asked.command,
-        quick=asked.quick,
+        loaded, seed=request.seed, truth=truth, report=say, keep=run.keep, command=request.command,
+        quick=request.quick,
     )  # fmt: skip
     source = {"campaign_file": str(path.resolve()), "campaign_sha256": digest_of(text)}
-    whole = {"wall_time_s": round(run.spent + study.record["wall_time_s"], 2)}
+    wall_time = {"wall_time_s": round(run.spent + study.record["wall_time_s"], 2)}
     record = {**study.record, "doubts": list(dict.fromkeys(str(x.message) for x in doubts))}
     record["opening"] = list(opening(record, study.tree))
-    return study.tree, {**record, **whole, **source}
+    return study.tree, {**record, **wall_time, **source}
 
 
 def digest_of(text: str) -> str:

@@ -28,10 +28,10 @@ def law_groups(
 ) -> dict[str, xr.Dataset]:
     """Posterior of every law, and what it predicts with, by path in the tree."""
     groups = {}
-    for name, one in named.items():
-        posterior, data = draws[name]["posterior"].to_dataset(), one.fitted.data
+    for name, candidate in named.items():
+        posterior, data = draws[name]["posterior"].to_dataset(), candidate.fitted.data
         held = {key: float(value) for key, value in data.held.items()}
-        omega_n = {**held, **one.fitted.fit.theta}.get("omega_n", 1.0)
+        omega_n = {**held, **candidate.fitted.fit.theta}.get("omega_n", 1.0)
         attrs = basis_attrs(tests, data, held, float(omega_n))
         groups |= {f"/laws/{name}": xr.Dataset(attrs=attrs), f"/laws/{name}/posterior": posterior}
     return groups

@@ -48,14 +48,14 @@ class Study:
         return "\n".join([*judged, self._known()])
 
     def _repr_html_(self) -> str:
-        found = self.verdict._repr_html_() if "verdict" in self.record else ""
-        return f"{found}<p>{escape(self._known())}</p>"
+        verdict = self.verdict._repr_html_() if "verdict" in self.record else ""
+        return f"{verdict}<p>{escape(self._known())}</p>"
 
     def _known(self) -> str:
         """The campaign and the parameters that are known, in one line."""
-        found = known_parameters(self.record) if "main" in self.record else []
-        known = "; ".join(found) or "no parameter is known"
-        return shorten(f"Study of {self.record.get('campaign', '')}: {known}", LINE)
+        sentences = known_parameters(self.record) if "main" in self.record else []
+        listed = "; ".join(sentences) or "no parameter is known"
+        return shorten(f"Study of {self.record.get('campaign', '')}: {listed}", LINE)
 
     @property
     def posterior(self) -> xr.DataTree:
@@ -151,11 +151,11 @@ def _basis(folder: Path, record: Mapping[str, Any], tree: xr.DataTree) -> Basis:
     try:
         return basis_of(tree)
     except (KeyError, TypeError, ValueError) as cause:
-        made = dict(record.get("versions", {})).get("jbw", "unknown")
+        writer = dict(record.get("versions", {})).get("jbw", "unknown")
         raise DataError(
             f"The run in {folder} cannot be read: {type(cause).__name__} {cause}",
-            why=f"It was made by version {made} of jbw; this is version {version('jbw')}.",
-            remedy=f"Read it with version {made}, or identify again: jbw identify CAMPAIGN.toml.",
+            why=f"It was made by version {writer} of jbw; this is version {version('jbw')}.",
+            remedy=f"Read it with version {writer}, or identify again: jbw identify CAMPAIGN.toml.",
         ) from cause
 
 
@@ -163,8 +163,8 @@ def campaign_of(folder: Path, stated: Path | None = None) -> Path:
     """The campaign file of a run's folder: what the user says it is, or the run."""
     summary, _ = read_result(folder)
     within = sorted(folder.glob("*/campaign.toml"))
-    for found in filter(None, [stated, summary.get("campaign_file"), *within]):
-        for path in (folder / found, Path(found)):
+    for campaign_path in filter(None, [stated, summary.get("campaign_file"), *within]):
+        for path in (folder / campaign_path, Path(campaign_path)):
             if path.is_file():
                 return path
     raise ConfigError(
@@ -202,5 +202,5 @@ def require_same_inputs(campaign: Campaign, summary: Mapping[str, Any]) -> None:
 def input_hashes(campaign: Campaign) -> dict[str, str]:
     """File to hash, of everything that was read."""
     records = [record for test in campaign.tests for record in test.records]
-    known = [r.provenance for r in records if "sha256" in r.provenance]
-    return {one.get("path", ""): one["sha256"] for one in known}
+    sources = [r.provenance for r in records if "sha256" in r.provenance]
+    return {source.get("path", ""): source["sha256"] for source in sources}

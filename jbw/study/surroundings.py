@@ -25,11 +25,11 @@ def constants_sentence(posterior: xr.Dataset, held: Mapping[str, float], source:
 
     `source` is the unit of what drives the tests.
     """
-    known = {**held, **{str(name): draws.values for name, draws in posterior.items()}}
-    if not {UPPER, LOWER} & known.keys() or not {"gain", "omega_n"} <= known.keys():
+    constants = {**held, **{str(name): draws.values for name, draws in posterior.items()}}
+    if not {UPPER, LOWER} & constants.keys() or not {"gain", "omega_n"} <= constants.keys():
         return None
-    stiff = np.asarray(known["omega_n"]) ** 2
-    inertance = -known["gain"] * (stiff * known.get(UPPER, 0.0) + known.get(LOWER, 0.0))
+    stiff = np.asarray(constants["omega_n"]) ** 2
+    inertance = -constants["gain"] * (stiff * constants.get(UPPER, 0.0) + constants.get(LOWER, 0.0))
     if np.median(inertance) > 0:
         unit = gain_unit(source).replace("N/kg", "m/s^2")
         return messages.rigid_body(_spread(inertance), unit)

@@ -65,20 +65,20 @@ def in_processes[Task: Hashable](
 
 
 def _side_by_side[Task: Hashable](
-    function: Callable[[Task], Any], left: deque[Task], workers: int
+    function: Callable[[Task], Any], waiting: deque[Task], workers: int
 ) -> Generator[tuple[Task, Any], None, list[tuple[Task, Any]]]:
     """Run tasks from the left; those whose process died are returned.
 
     Every process is a pool of its own: one that dies breaks no other's, and it is known of what.
     """
-    free = [_pool() for _ in range(min(workers, len(left)))]
+    free = [_pool() for _ in range(min(workers, len(waiting)))]
     under_way: dict[futures.Future[Any], tuple[Task, futures.ProcessPoolExecutor]] = {}
     killed: list[tuple[Task, Any]] = []
     try:
-        while left or under_way:
-            while left and free:
-                future, pool = _begun(free.pop(), function, left[0])
-                under_way[future] = left.popleft(), pool
+        while waiting or under_way:
+            while waiting and free:
+                future, pool = _begun(free.pop(), function, waiting[0])
+                under_way[future] = waiting.popleft(), pool
             ended, _ = futures.wait(under_way, return_when=futures.FIRST_COMPLETED)
             for future in ended:
                 task, pool = under_way.pop(future)
