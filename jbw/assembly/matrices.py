@@ -183,9 +183,9 @@ def _require_semidefinite_mass(mass: Sparse, dofs: Sequence[Dof]) -> None:
         raise DataError("Matrix M must hold a mass, but all of its entries are zero.")
     negative = carries[diagonal[carries] <= 0]
     if negative.size == 0:
-        kept = sp.csc_array(mass[carries][:, carries])
-        kept = kept + _SEMIDEFINITE * sp.diags_array(kept.diagonal())
-        negative = carries[negative_pivots(sp.csc_array(kept))]
+        massive = sp.csc_array(mass[carries][:, carries])
+        massive = massive + _SEMIDEFINITE * sp.diags_array(massive.diagonal())
+        negative = carries[negative_pivots(sp.csc_array(massive))]
     if negative.size:
         dof = dofs[int(negative[0])]
         raise DataError(

@@ -233,24 +233,24 @@ def _damping(
                 remedy="Give one ratio such as zeta=0.004, in a campaign file `damping = 0.004` "
                 "under [structure], or one a kept mode.",
             )
-        kept, notes = _modal_damping(model.damping, modes)
+        ratios, notes = _modal_damping(model.damping, modes)
     else:
-        kept = np.asarray(zeta, float)
-        if kept.ndim == 0:
-            kept = np.full(num, float(kept))
-        if kept.shape != (num,):
+        ratios = np.asarray(zeta, float)
+        if ratios.ndim == 0:
+            ratios = np.full(num, float(ratios))
+        if ratios.shape != (num,):
             raise ConfigError(
                 f"Damping ratios must be one number, or {num}, one for each mode up to `to_hz`, "
-                f"but are {kept.size}.",
+                f"but are {ratios.size}.",
                 remedy="Give one damping ratio, or one for every kept mode.",
             )
-        if not (np.isfinite(kept) & (kept >= 0)).all():
+        if not (np.isfinite(ratios) & (ratios >= 0)).all():
             raise ModelError(
-                f"Damping ratios must be finite and not negative, but are {kept.tolist()}.",
+                f"Damping ratios must be finite and not negative, but are {ratios.tolist()}.",
                 remedy="Give ratios such as 0.004, not per cent.",
             )
-    residual = np.full(size - num, kept[-1])
-    return np.concatenate((np.where(modes.omega > 0, kept, 0.0), residual)), notes
+    residual = np.full(size - num, ratios[-1])
+    return np.concatenate((np.where(modes.omega > 0, ratios, 0.0), residual)), notes
 
 
 def _modal_damping(damping: Sparse, modes: StuckModes) -> tuple[np.ndarray, list[str]]:
@@ -271,12 +271,12 @@ def _modal_damping(damping: Sparse, modes: StuckModes) -> tuple[np.ndarray, list
     if coupling.max(initial=0.0) <= _COUPLED:
         return zeta, []
     i, j = np.unravel_index(np.argmax(coupling), coupling.shape)
-    said = (
+    note = (
         f"The damping matrix couples modes {min(i, j) + 1} and {max(i, j) + 1} by "
         f"{100 * coupling[i, j]:.0f} % of their own damping; its off-diagonal part is left out."
     )
-    warnings.warn(f"{said} Damping of the joints themselves belongs into their laws.", stacklevel=5)
-    return zeta, [said]
+    warnings.warn(f"{note} Damping of the joints themselves belongs into their laws.", stacklevel=5)
+    return zeta, [note]
 
 
 def _require_names(joints: Sequence[Joint], to_hz: float) -> None:

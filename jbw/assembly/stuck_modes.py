@@ -61,15 +61,15 @@ def stuck_modes(stiffness: Sparse, mass: Sparse, to_hz: float) -> StuckModes:
     if eigenvalues[0] < -rigid:
         raise _indefinite(float(eigenvalues[0]))
     _require_all(stiffness, mass, eigenvalues, limit)
-    kept = eigenvalues <= limit
-    if not kept.any():
+    in_range = eigenvalues <= limit
+    if not in_range.any():
         raise ConfigError(
             f"`to_hz` must lie above the first frequency, but is {to_hz:g} Hz, and the first "
             f"frequency is {np.sqrt(eigenvalues[0]) / (2 * np.pi):.4g} Hz.",
             remedy=f"Set it to {2 * np.sqrt(eigenvalues[0]) / (2 * np.pi):.3g} Hz or more.",
         )
-    omega = np.sqrt(np.where(eigenvalues > rigid, eigenvalues, 0.0)[kept])
-    return StuckModes(omega, _signed(shapes[:, kept]), solve, shift)
+    omega = np.sqrt(np.where(eigenvalues > rigid, eigenvalues, 0.0)[in_range])
+    return StuckModes(omega, _signed(shapes[:, in_range]), solve, shift)
 
 
 def _lowest(

@@ -116,7 +116,7 @@ def _jumps(
         return
     first = int(np.flatnonzero(steps)[0])
     pairs = [f"{numbers[i]} and {numbers[i + 1]}" for i in np.flatnonzero(steps)[:LISTED]]
-    said = (
+    jump = (
         f"the frequency jumps from {curve.freq_hz[first]:.5g} to {curve.freq_hz[first + 1]:.5g} Hz"
         if is_locked
         else f"the amplitude jumps from {curve.amplitude[first]:.3g} to "
@@ -124,7 +124,7 @@ def _jumps(
     )
     yield doubt(
         role,
-        f"Between points {', '.join(pairs)} {said}: to another branch.",
+        f"Between points {', '.join(pairs)} {jump}: to another branch.",
         "A controlled test follows one branch; a point beside a jump may not have been steady.",
         'Leave such points out as NaN with gaps = "mask", or measure between them. Where they '
         'were steady: Put under [[test]]: `jumps = "keep"`.',

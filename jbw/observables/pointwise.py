@@ -114,7 +114,7 @@ def splits_of(
     return tuple(_split(part, of_part(everything, part), alone) for part in data.parts)
 
 
-def _split(part: Any, theta: Theta, alone: Sequence[Sequence[Any]]) -> Split | None:
+def _split(part: Any, theta: Theta, repeat_parts: Sequence[Sequence[Any]]) -> Split | None:
     measured = part.measured_rows()
     if measured is None:
         return None
@@ -129,7 +129,7 @@ def _split(part: Any, theta: Theta, alone: Sequence[Sequence[Any]]) -> Split | N
     splits_by_group: list[list[tuple[int, NDArray[np.float64], float, float]]] = [
         [] for _ in range(count)
     ]
-    for j, parts in enumerate(alone, start=1):
+    for j, parts in enumerate(repeat_parts, start=1):
         mean, singles = np.array(part.mean), {}
         for g, label in enumerate(part.labels):
             if (single := _single(label, float(repeats.size[g]), part, parts)) is not None:

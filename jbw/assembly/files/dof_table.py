@@ -38,10 +38,10 @@ def read_table(path: Path) -> list[Dof]:
 def _order(header: Sequence[str], path: Path) -> list[int]:
     """Columns of row, node and direction by their names."""
     names = [name.lower() for name in header]
-    known = {"row": ("row", "index"), "node": ("node",), "direction": ("direction", "dof", "dir")}
+    columns = {"row": ("row", "index"), "node": ("node",), "direction": ("direction", "dof", "dir")}
     order = [
         next((i for i, name in enumerate(names) if name in spellings), -1)
-        for spellings in known.values()
+        for spellings in columns.values()
     ]
     if -1 in order[1:]:
         raise DataError(

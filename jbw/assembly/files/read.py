@@ -235,8 +235,8 @@ def _without_fixed(parts: _Parts, units: str) -> MatrixModel:
     free = np.setdiff1d(np.arange(stiffness.shape[0]), fixed)
     mass, stiffness = (matrix[free][:, free] for matrix in (mass, stiffness))
     damping = None if damping is None else damping[free][:, free]
-    kept = None if table is None else [table[i] for i in free.tolist()]
-    model = matrix_model(mass, stiffness, units=units, dofs=kept, damping=damping)
+    free_dofs = None if table is None else [table[i] for i in free.tolist()]
+    model = matrix_model(mass, stiffness, units=units, dofs=free_dofs, damping=damping)
     note = f"Degrees of freedom fixed by a stiffness above {_FIXED:g}: {fixed.size}."
     return MatrixModel(
         model.mass, model.stiffness, model.dofs, model.damping, units, (note, *model.notes)

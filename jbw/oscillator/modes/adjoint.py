@@ -168,10 +168,10 @@ def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, 
     bends = bent_by = ((),) * len(kernels)
     by_bend = (None,) * len(kernels)
     if len(kernels) > 1:
-        at_a = [(*each, path.a) for each, path in zip(at, paths, strict=True)]
+        at_a = [(*joint_state, path.a) for joint_state, path in zip(at, paths, strict=True)]
         halves, by_bend = _each(partial(_sloped, _half_bend), kernels, at_a)
         bends, bent_by = by_constants(all_bent, tuple(half for (half,) in halves))
-    along = [(*each, path) for each, path in zip(at, paths, strict=True)]
+    along = [(*joint_state, path) for joint_state, path in zip(at, paths, strict=True)]
     passed, ends, by_along = _each(_passing_slopes, kernels, along, bends)
     turns = tuple(jnp.where(joint.shift != 0.0, 1.0, 0.0) for joint in passed)
     moves, move_by = by_constants(corrections, starts, passed)
@@ -180,7 +180,7 @@ def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, 
     none = tuple(jnp.zeros_like(part) for part in q)
     _, post = by_constants(driven, none, none, none, none, starts, passed)
     parts = by_start, path_by, by_bend, bent_by, turns, passing, move_by, by_move
-    return tuple(JointSlopes(*each) for each in zip(*parts, strict=True)), free_by, post
+    return tuple(JointSlopes(*terms) for terms in zip(*parts, strict=True)), free_by, post
 
 
 def _by_constants(
@@ -201,9 +201,9 @@ def _each(function: Callable[..., tuple], kernels: tuple, *arguments: Any) -> tu
     most of what several joints would add to compiling.
     """
     joints = list(zip(kernels, *arguments, strict=True))
-    alike: dict[Any, list[int]] = {}
+    by_structure: dict[Any, list[int]] = {}
     for place, joint in enumerate(joints):
-        alike.setdefault(jax.tree.structure(joint), []).append(place)
+        by_structure.setdefault(jax.tree.structure(joint), []).append(place)
 
     def of_joint(joint: tuple) -> tuple:
         (kernel, kernel_dot), *rest = joint
@@ -211,13 +211,13 @@ def _each(function: Callable[..., tuple], kernels: tuple, *arguments: Any) -> tu
         return in_step(kernel_dot, *rest)
 
     values: dict[int, tuple] = {}
-    for places in alike.values():
-        if len(places) == 1:
-            values[places[0]] = of_joint(joints[places[0]])
+    for numbers in by_structure.values():
+        if len(numbers) == 1:
+            values[numbers[0]] = of_joint(joints[numbers[0]])
             continue
-        beside = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(joints[p] for p in places))
-        together = jax.vmap(of_joint)(beside)
-        values |= {p: jax.tree.map(itemgetter(i), together) for i, p in enumerate(places)}
+        stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(joints[p] for p in numbers))
+        together = jax.vmap(of_joint)(stacked)
+        values |= {p: jax.tree.map(itemgetter(i), together) for i, p in enumerate(numbers)}
     return tuple(zip(*(values[place] for place in range(len(joints))), strict=True))
 
 
@@ -324,7 +324,7 @@ def _recurrence(step: ModalStep, state_dot, inputs):
         leaves = [x + slope * change for x, slope in zip(end[num:], by.by_move, strict=True)]
         return jax.tree.unflatten(jax.tree.structure(memory), leaves)
 
-    memories = tuple(after(*each) for each in zip(slopes, memories, ends, moves, strict=True))
+    memories = tuple(after(*terms) for terms in zip(slopes, memories, ends, moves, strict=True))
     rise, gain = _sum((rise, gain), (rise_by, gain_by))
     q, v = _sum(driven(step, q, v, rise, gain, starts, passed), post)
     state_dot = (q, v, memories), tuple((end.kick_y, end.kick_v) for end in passed)

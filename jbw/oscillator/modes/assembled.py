@@ -104,9 +104,11 @@ def assembled_structure(
         driven: Names of frequency and damping of the modes that tests may drive, in order.
     """
     modes = range(1, num_modes(theta) + 1)
-    own = [pair for pair in driven if pair[0] in theta]
+    pairs = [pair for pair in driven if pair[0] in theta]
     omega, zeta = (
-        rows(theta, [*(pair[k] for pair in own), *(numbered(name, i) for i in modes[len(own) :])])
+        rows(
+            theta, [*(pair[k] for pair in pairs), *(numbered(name, i) for i in modes[len(pairs) :])]
+        )
         for k, name in enumerate((OMEGA, ZETA))
     )
     joints = joints_of(laws) or joints_in(theta)[:1]

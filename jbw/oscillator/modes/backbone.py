@@ -116,8 +116,10 @@ def modal_backbone(
         )
     if not is_one_joint:
         return backbone
-    alone = dict(x=backbone.x[..., 0, :], x_peak=amplitude, loss_share=backbone.loss_share[..., 0])
-    return replace(backbone, **alone)
+    one_joint = dict(
+        x=backbone.x[..., 0, :], x_peak=amplitude, loss_share=backbone.loss_share[..., 0]
+    )
+    return replace(backbone, **one_joint)
 
 
 def _require_mode(structure: Structure, mode: int, is_one_joint: bool) -> None:
@@ -176,9 +178,9 @@ def _followed(options: Options, structure: Structure, amplitude: Array) -> tuple
 
     def onward(carry, target):
         at, point, good = carry
-        reached, point = _to(options, structure, at, point, target)
-        good = good & (reached == target)
-        return (reached, point, good), (point, good)
+        amplitude_reached, point = _to(options, structure, at, point, target)
+        good = good & (amplitude_reached == target)
+        return (amplitude_reached, point, good), (point, good)
 
     start = jnp.zeros_like(amplitude[0]), first, jnp.asarray(True)
     return jax.lax.scan(onward, start, amplitude)[1]
@@ -223,8 +225,8 @@ def _to(
         return *(jnp.where(ok, a, b) for a, b in zip(*outcomes, strict=True)), tries + 1
 
     state = at, target - at, point, at, point, 0
-    reached, _, point, *_ = jax.lax.while_loop(unfinished, advance, state)
-    return reached, point
+    amplitude_reached, _, point, *_ = jax.lax.while_loop(unfinished, advance, state)
+    return amplitude_reached, point
 
 
 def _newton(options: Options, structure: Structure, start: Point, amplitude: Array):
@@ -293,8 +295,10 @@ def _imbalance(options: Options, structure: Structure, point: Point, amplitude: 
     """Residual at a point: of the mode's first harmonic, of the joints', and of the amplitude."""
     motion = _motion(options, structure, point, amplitude)
     apart = motion.x - (structure.h @ motion.q) / _units(options, structure).x[:, None]
-    reached = motion.x[0, 0] if options.is_one_joint else motion.q_m1
-    residual = jnp.concatenate([jnp.stack([motion.residual_1, reached - 1.0]), apart.ravel()])
+    relative_amplitude = motion.x[0, 0] if options.is_one_joint else motion.q_m1
+    residual = jnp.concatenate(
+        [jnp.stack([motion.residual_1, relative_amplitude - 1.0]), apart.ravel()]
+    )
     return jnp.stack([residual.real, residual.imag], axis=1).ravel()
 
 

@@ -187,8 +187,8 @@ def _simulate(
     response = _response_of(structure, t, u_sampled, states, residual, work)
     if not is_one_joint:
         return response
-    alone = {name: getattr(response, name)[0] for name in ("x", "z", "r", "work")}
-    return replace(response, **alone)
+    one_joint = {name: getattr(response, name)[0] for name in ("x", "z", "r", "work")}
+    return replace(response, **one_joint)
 
 
 class _Solved(NamedTuple):
@@ -236,8 +236,8 @@ def oscillate_modes(structure: Structure, u: Scalar, state: Any) -> Any:
         parts = (law.force(x, dx, held) - law.stiffness() * x for law, held in pairs)
         return sum(parts, 0.0 * x), tuple(law.rate(x, dx, held) for law, held in pairs)
 
-    each = zip(structure.laws, x, dx, memories, strict=True)
-    forces, rates = zip(*(of_joint(*joint) for joint in each), strict=True)
+    joints = zip(structure.laws, x, dx, memories, strict=True)
+    forces, rates = zip(*(of_joint(*joint) for joint in joints), strict=True)
     r = jnp.stack(forces)
     ddq = accelerations(structure, q, v, r, u)
     return (state[0][1], tuple(ddq), rates), tuple(r * dx)

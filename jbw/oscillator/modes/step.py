@@ -377,9 +377,9 @@ def predicted(
     return tuple(path(joint, at) for joint, at in zip(step.joints, seen, strict=True))
 
 
-def _less(whole: Scalar, *parts: Any) -> Scalar:
+def _less(total: Scalar, *parts: Any) -> Scalar:
     """What is left of the whole without the parts, in order."""
-    return reduce(sub, (part for group in parts for part in group), whole)
+    return reduce(sub, (part for group in parts for part in group), total)
 
 
 def pass_where_met(
@@ -448,11 +448,11 @@ def corrections(
     """Correction of every joint's x at the end; linear in both arguments."""
 
     def correction(joint: JointStep) -> Scalar:
-        each = list(zip(joint.by, starts, passed, strict=True))
-        kicks = added(w.mobility * end.kick_y for w, _, end in each) - passed[joint.place].shift
+        by_joint = list(zip(joint.by, starts, passed, strict=True))
+        kicks = added(w.mobility * end.kick_y for w, _, end in by_joint) - passed[joint.place].shift
         forces = added(
             w.d_y * (end.r_1 - start.r) + w.a_y * start.rate + w.b_y * end.rate_1
-            for w, start, end in each
+            for w, start, end in by_joint
         )
         return kicks - forces
 

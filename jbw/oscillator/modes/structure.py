@@ -286,15 +286,15 @@ def warn_of_stiff_joints(structure: Structure) -> None:
         return
     if len(k) == 1:
         limit = k[0] / shares[0, 0]
-        said = stiffer_than_structure("1 / sum(h p / omega_n^2)", k[0], limit)
+        warning = stiffer_than_structure("1 / sum(h p / omega_n^2)", k[0], limit)
     else:
-        said = (
+        warning = (
             "The joints are stiffer than the structure: no eigenvalue of k_j sum(h p / omega_n^2) "
             f"must exceed 1, but one is {largest:.4g}. Once they slip, nothing holds the "
             "structure, and the motion runs away. Lower the stiffness of the laws, or raise "
             "omega_n, which includes that of all joints in full stick."
         )
-    warnings.warn(said, stacklevel=3)
+    warnings.warn(warning, stacklevel=3)
 
 
 def require_sampled(structure: Structure, fs: Any, substeps: int) -> None:

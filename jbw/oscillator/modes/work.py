@@ -30,7 +30,7 @@ def _hermite(orders: tuple[int, int]) -> list[Polynomial]:
 def _weights() -> np.ndarray:
     r"""$\int_0^1 R_k X_m' ds$ of the cubic by r, r' and the quintic by x, x', x'' at both ends."""
     r, x = _hermite((2, 2)), _hermite((3, 3))
-    products = [[(one * other.deriv()).integ() for other in x] for one in r]
+    products = [[(polynomial * other.deriv()).integ() for other in x] for polynomial in r]
     table = np.array([[integral(1.0) - integral(0.0) for integral in row] for row in products])
     # x enters by its rise, for its value at the start moves nothing.
     return np.concatenate([table[:, 1:3], table[:, 3:]], axis=1)
