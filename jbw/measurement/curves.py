@@ -53,8 +53,8 @@ class ControlledCurve(NamedTuple):
     @property
     def valid(self) -> NDArray[np.bool_]:
         """Points of which all is known."""
-        known = (values for values in self if values is not None)
-        return np.logical_and.reduce([np.isfinite(values) for values in known])
+        columns = (values for values in self if values is not None)
+        return np.logical_and.reduce([np.isfinite(values) for values in columns])
 
     def at(self, points: NDArray[np.bool_]) -> "ControlledCurve":
         """Some of the points."""

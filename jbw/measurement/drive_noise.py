@@ -32,8 +32,8 @@ def noisy_drive(first: Record, second: Record) -> Iterator[Fault]:
     role, y = first.source, first.response
     if not {role, y} <= second.channels.keys() or first.fs != second.fs:
         return
-    u, x = ([one.channels[name] for one in (first, second)] for name in (role, y))
-    if len(u[0]) != len(u[1]) or not all(np.all(np.isfinite(one)) for one in (*u, *x)):
+    u, x = ([record.channels[name] for record in (first, second)] for name in (role, y))
+    if len(u[0]) != len(u[1]) or not all(np.all(np.isfinite(samples)) for samples in (*u, *x)):
         return
     ratio = passed_on(np.stack(u), np.stack(x))
     if ratio > MORE:
@@ -56,14 +56,16 @@ def passed_on(u: Reals, y: Reals) -> float:
     if np.mean((u[1] - u[0]) ** 2) > ONE_DRIVE * np.mean(u**2):
         return 0.0
     drive, response = np.abs(np.fft.rfft(u.mean(axis=0))), np.abs(np.fft.rfft(y.mean(axis=0)))
-    of_drive, of_response = (np.abs(np.fft.rfft(one[1] - one[0])) ** 2 for one in (u, y))
+    of_drive, of_response = (
+        np.abs(np.fft.rfft(repeats[1] - repeats[0])) ** 2 for repeats in (u, y)
+    )
     empty = drive < EMPTY * drive.max()
     if np.sum(empty) < FEWEST_EMPTY:
         return 0.0
-    noise, own = np.median(of_drive[empty]), np.median(of_response[empty])
+    noise, response_noise = np.median(of_drive[empty]), np.median(of_response[empty])
     peak = ~empty & (response**2 > HALF * np.max(response[~empty] ** 2))
     gain = np.sum(response[peak] ** 2) / np.sum(drive[peak] ** 2)
     passed = gain * noise
-    if own <= 0 or np.mean(of_response[peak]) > own + MEASURED * passed:
+    if response_noise <= 0 or np.mean(of_response[peak]) > response_noise + MEASURED * passed:
         return 0.0
-    return float(passed / own)
+    return float(passed / response_noise)

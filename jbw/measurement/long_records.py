@@ -31,9 +31,9 @@ def long_records(name: str, traits: Kind, record: Record) -> Iterator[str]:
     if not len(moving):
         return
     first, last = int(moving[0]), int(moving[-1])
-    kept = last - first + 1
+    span_length = last - first + 1
     proposals = []
-    if total - kept > SPARED * total:
+    if total - span_length > SPARED * total:
         # Outwards to a hundredth of the record or less, a power of ten.
         step = 10.0 ** np.floor(np.log10(total / record.fs / 100))
         ends = (

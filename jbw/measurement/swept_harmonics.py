@@ -113,16 +113,16 @@ def _fitted(
     # Normal equations: columns of like size, far from dependent, and many windows.
     rows = weight * basis
     both = np.linalg.solve(rows.T @ rows, rows.T @ (weight * np.column_stack([u, y])))
-    left = y - basis @ both[:, 1]
+    residual = y - basis @ both[:, 1]
     stray = float(np.std(u - basis @ both[:, 0]) / np.std(u))
     degrees = max(len(y) - basis.shape[1], 1)
-    std = float(np.sqrt(np.sum(left**2) / degrees * 2 / (len(y) / 2)))
-    found = np.full((2, num_orders), np.nan, complex)
+    std = float(np.sqrt(np.sum(residual**2) / degrees * 2 / (len(y) / 2)))
+    amplitudes = np.full((2, num_orders), np.nan, complex)
     for i, n in enumerate(shown):
-        found[:, n - 1] = both[2 * i] - 1j * both[2 * i + 1]
+        amplitudes[:, n - 1] = both[2 * i] - 1j * both[2 * i + 1]
     # From the source's own fundamental, whatever its phase by the analytic signal.
-    turn = np.exp(-1j * np.arange(1, num_orders + 1) * np.angle(found[0, 0]))
-    return hz, found[0] * turn, found[1] * turn, std, stray
+    turn = np.exp(-1j * np.arange(1, num_orders + 1) * np.angle(amplitudes[0, 0]))
+    return hz, amplitudes[0] * turn, amplitudes[1] * turn, std, stray
 
 
 def largest_share(found: SweptHarmonics, order: int) -> tuple[float, float, float]:
@@ -134,6 +134,6 @@ def largest_share(found: SweptHarmonics, order: int) -> tuple[float, float, floa
     size = np.abs(found.response[0])
     row, source = np.abs(found.response[order - 1]), np.abs(found.source[order - 1])
     passed = np.max(size / np.abs(found.source[0])) * source
-    own: Float[np.ndarray, " window"] = np.where(np.isfinite(row), row - passed, -np.inf)
-    i = int(np.argmax(own))
-    return max(float(own[i] / size.max()), 0.0), float(found.std[i] / size.max()), found.freq[i]
+    excess: Float[np.ndarray, " window"] = np.where(np.isfinite(row), row - passed, -np.inf)
+    i = int(np.argmax(excess))
+    return max(float(excess[i] / size.max()), 0.0), float(found.std[i] / size.max()), found.freq[i]

@@ -206,11 +206,11 @@ def _factors(split: Split) -> Factors:
 
 def _solved(
     theta: Mapping[str, np.ndarray],
-    given: tuple[Key[Array, ""], Dataset, tuple[Any, ...]],
+    task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]],
     threads: int,
 ) -> Solved | None:
     """The responses of every part at draws, for all that is asked of them."""
-    key, data, rows = given
+    key, data, rows = task
     point = {name: values for name, values in theta.items() if name != SEED}
     if (solution := solved(point, data, threads, writes=True)) is None:
         return None
@@ -219,9 +219,9 @@ def _solved(
 
 
 @solved_first(_solved)
-def _sums(theta: Theta, given: tuple[Key[Array, ""], Dataset, tuple[Any, ...]]) -> dict[str, Any]:
+def _sums(theta: Theta, task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]]) -> dict[str, Any]:
     """What every part is asked at one draw, by one solve, each run's offsets drawn beside it."""
-    key, data, rows = given
+    key, data, rows = task
     everything = {**data.held, **{name: x for name, x in theta.items() if name != SEED}}
     sums: dict[str, Any] = {}
     offset = None

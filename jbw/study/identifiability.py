@@ -220,17 +220,17 @@ def _meaning(column: str) -> str:
     return identified.COLUMNS.get(column) or identified.COLUMNS[column.partition("_")[2]]
 
 
-def _rows(found: Identifiability, dim: str, names: Sequence[str]) -> dict[str, Column]:
+def _rows(answer: Identifiability, dim: str, names: Sequence[str]) -> dict[str, Column]:
     if not names:
         return {}
-    knowledge = [found.information.known[name] for name in names]
+    knowledge = [answer.information.known[name] for name in names]
     rows = {
         "relative": [row.relative for row in knowledge],
         "ratio": [row.ratio for row in knowledge],
     }
-    if found.contraction:
-        rows["contraction"] = [found.contraction[name] for name in names]
-        rows["shift"] = [found.sensitivity[name].shift for name in names]
+    if answer.contraction:
+        rows["contraction"] = [answer.contraction[name] for name in names]
+        rows["shift"] = [answer.sensitivity[name].shift for name in names]
     return {f"{dim}_{what}": (dim, values, "1") for what, values in rows.items()}
 
 
