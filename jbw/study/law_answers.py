@@ -22,6 +22,8 @@ FEWEST_RUNS = 5  # from which differences have a standard error that can be beli
 APART = 2.0  # standard errors of a difference from which laws are told apart
 OFF = 3.0  # times what the scores of points and of fits differ by: a rough score may be off by that
 NATS = 5.0  # of evidence from which a law is told apart where runs are too few
+AS_GOOD = 1.1  # times the least error: laws that predict a target alike
+TARGETS = {laws.OUTWARD: "error_highest", laws.ACROSS: "error_across"}  # and their scores
 NEAR_FLOOR = 1.2  # times the scatter of the mean of repeats
 
 Row = Mapping[str, Any]
@@ -134,6 +136,32 @@ def stacking(scores: Mapping[str, Float[np.ndarray, " run"]]) -> dict[str, float
     return {str(name): float(weight) for name, weight in weights.items()}
 
 
+def weights_for(rows: Mapping[str, Row], target: str) -> dict[str, float]:
+    """The share of each law in predictions of a target, the largest first; nothing if unknown.
+
+    Within the fitted amplitudes the weights of the comparison. Outward and across kinds, those laws
+    whose error there is at most 1.1 times the least one share by the same weights; where none of
+    these has any, the law of the least error predicts alone.
+    """
+    if target == laws.WITHIN:
+        return {name: row["weight"] for name, row in rows.items() if row["weight"]}
+    errors = {name: row.get(TARGETS[target]) for name, row in rows.items()}
+    known = {name: error for name, error in errors.items() if error is not None}
+    if len(known) < 2:
+        return {}
+    least = min(known, key=lambda name: known[name])
+    close = {
+        name: rows[name]["weight"] or 0.0
+        for name, error in known.items()
+        if error <= AS_GOOD * known[least]
+    }
+    total = sum(close.values())
+    if not total:
+        return {least: 1.0}
+    shares = {name: weight / total for name, weight in close.items() if weight}
+    return dict(sorted(shares.items(), key=lambda share: -share[1]))
+
+
 def statements(record: Row) -> list[str]:
     """What the comparison says, a sentence each."""
     rows, count = record["laws"], len(record["runs"])
@@ -144,6 +172,7 @@ def statements(record: Row) -> list[str]:
         else laws.best_by_evidence(best, count, FEWEST_RUNS),
         *_of_answers(rows, best),
         *_of_errors(record, best),
+        *_of_targets(rows, best),
         *_of_parameters(rows),
         *_of_rough_scores(rows),
         *_of_unseen(rows),
@@ -164,6 +193,16 @@ def _of_answers(rows: Mapping[str, Row], best: str) -> Iterator[str]:
             yield laws.by_fit_alone(name, row["error"], best, rows[best]["error"], behind)
     if rough := _names(rows, "not judged"):
         yield laws.not_judged(rough, best, GOOD_KHAT)
+
+
+def _of_targets(rows: Mapping[str, Row], best: str) -> Iterator[str]:
+    """Which laws predict stronger tests and other kinds, where the best does not."""
+    for target, score in TARGETS.items():
+        shares = weights_for(rows, target)
+        if shares and best not in shares:
+            first = next(iter(shares))
+            errors = rows[first][score], rows[best][score]
+            yield laws.predicted_by(target, list(shares), errors[0], best, errors[1])
 
 
 def _of_errors(record: Row, best: str) -> Iterator[str]:

@@ -2,6 +2,8 @@
 
 A comparison has draws of every law, by its weight in the mixture: the weights by which the laws
 together would have predicted the left-out runs best; with too few runs the best law predicts alone.
+Tests beyond the fitted amplitudes and of other kinds have weights of their own: of the laws that
+predict the highest level, or each kind from the others, best.
 A population has draws of further units.
 """
 
@@ -17,6 +19,8 @@ from jbw.identification.evidence import Candidate
 from jbw.measurement.records import Test
 from jbw.report.law_page import render_laws
 from jbw.report.laws import laws_figure
+from jbw.report.messages.laws import ACROSS, OUTWARD, WITHIN
+from jbw.study.law_answers import weights_for
 from jbw.study.store import write_figure, write_json, writing
 from jbw.verification.predictive_basis import Basis, basis_attrs, basis_of
 
@@ -53,12 +57,22 @@ def holds_laws(folder: Path) -> bool:
 
 def stack_of(tree: xr.DataTree, record: Mapping) -> Basis:
     """What laws that were compared predict with, the best first and each by its weight."""
-    rows = record["laws"]
+    rows, laws = record["laws"], tree.children["laws"].children
     (best,) = (name for name, row in rows.items() if row["answer"] == "best")
-    weighed = {name: row["weight"] or 0.0 for name, row in rows.items() if name != best}
-    every = tree.children["laws"].children
-    others = [(share, basis_of(every[name])) for name, share in weighed.items() if share]
-    return replace(basis_of(every[best]), beside=tuple(others))
+    within = {best: 0.0} | weights_for(rows, WITHIN)
+    of_target = {
+        target: _mixture(laws, shares)
+        for target in (OUTWARD, ACROSS)
+        if (shares := weights_for(rows, target)) and shares.keys() != within.keys()
+    }
+    return replace(_mixture(laws, within), **of_target)
+
+
+def _mixture(laws: Mapping[str, xr.DataTree], shares: Mapping[str, float]) -> Basis:
+    """What several laws predict with: the first one with what the others leave of the draws."""
+    first, *others = shares
+    beside = tuple((shares[name], basis_of(laws[name])) for name in others)
+    return replace(basis_of(laws[first]), beside=beside)
 
 
 def basis_of_laws(folder: Path) -> Basis:

@@ -71,6 +71,7 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
     options = request or Request()
     _require_modes_known(basis, test)
     _require_point_known(basis, test)
+    basis = basis_for(basis, test, options)
     source = _source(basis, test, options)
     dataset, peak, noise = predicted = route_of(test)(source, test)
     facts = {"test": test.name, "kind": test.kind, "num_draws": source.num_draws}
@@ -163,8 +164,7 @@ def _require_point_known(basis: Basis, test: Test) -> None:
 def _source(basis: Basis, test: Test, request: Request) -> Source:
     """The draws that a test is predicted with: fewer of them through long records."""
     most, route = request.num_draws, route_of(test)
-    drive = "force" if test.traits.is_prescribed else drive_of(test)
-    gain = _gain(basis, test, gain_of(request.gain, drive))
+    gain = _gain_for(basis, test, request)
     if route in (predict_records, predict_periods, predict_groups):
         most = min(most, max(FEWEST, MOST_SAMPLES // test.records[0].num_samples))
     missed = NOTHING if basis.has_fitted(test) else missed_in(basis, test, gain, request.seed)
@@ -183,6 +183,27 @@ def _source(basis: Basis, test: Test, request: Request) -> Source:
     )  # fmt: skip
 
 
+def basis_for(basis: Basis, test: Test, request: Request) -> Basis:
+    """What laws that were compared predict a test with: by its kind, and by its amplitude."""
+    if basis.has_fitted(test):
+        return basis
+    if basis.across is not None and test.kind not in basis.fitted_kinds:
+        return basis.across
+    if basis.outward is not None and _reach(basis, test, request) > BEYOND:
+        return basis.outward
+    return basis
+
+
+def _reach(basis: Basis, test: Test, request: Request) -> float:
+    """Largest displacement of a test, as a few draws predict it, over that which was fitted."""
+    route = route_of(test)
+    if route is predict_decay:
+        return 1.0  # its level is in another unit before it is predicted
+    draws = basis.draws_for(test, LANES, _gain_for(basis, test, request), request.seed)
+    extrapolation = route(Source(basis, draws, seed=request.seed), test).extrapolation(basis)
+    return 1.0 if extrapolation is None else extrapolation
+
+
 def missed_in(basis: Basis, test: Test, gain: float | None = None, seed: int = 0) -> AtAmplitude:
     """The model discrepancy at the amplitude of a test that was not fitted.
 
@@ -195,9 +216,10 @@ def missed_in(basis: Basis, test: Test, gain: float | None = None, seed: int = 0
     return discrepancy.at(None if predicted.peak is None else float(np.median(predicted.peak)))
 
 
-def _gain(basis: Basis, test: Test, stated: float | None) -> float | None:
+def _gain_for(basis: Basis, test: Test, request: Request) -> float | None:
     """Gain for a test's own source; None where it is the run's."""
-    if stated is not None:
+    drive = "force" if test.traits.is_prescribed else drive_of(test)
+    if (stated := gain_of(request.gain, drive)) is not None:
         return stated
     unit = seen_of(test).source
     sources = {fitted_test.source for fitted_test in basis.seen.values()} - {""}

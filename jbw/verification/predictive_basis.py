@@ -71,6 +71,10 @@ class Basis:
     # Other laws that predict beside this one, each by its share of the draws; what else is known of
     # the tests and their noise is this one's.
     beside: tuple[tuple[float, "Basis"], ...] = ()
+    # What laws that were compared predict with beyond the amplitudes that were fitted, and on other
+    # kinds of test; this one where they say nothing of it.
+    outward: "Basis | None" = None
+    across: "Basis | None" = None
     # Residual terms that units of a population have, but not all of them: left out of further ones.
     lacking: tuple[str, ...] = ()
     points: tuple[str, ...] = ()  # names of those where responses are measured beside the first
@@ -144,6 +148,16 @@ class Basis:
         fitted_runs = () if self.runs is None else self.runs["run"].values.tolist()
         names = (name for name in (run_of(test), family_of(test)) if name in fitted_runs)
         return next(names, None) if test.name in self.seen else None
+
+    @property
+    def fitted_kinds(self) -> frozenset[str]:
+        """Kinds of the tests that were fitted."""
+        labels = noise_by_label(self.posterior)
+        return frozenset(
+            seen.kind
+            for name, seen in self.seen.items()
+            if any(label == name or label.startswith(f"{name} ") for label in labels)
+        )
 
     @property
     def misses(self) -> bool:

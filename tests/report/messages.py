@@ -145,6 +145,8 @@ OF_TOPICS = {
         laws.best_by_evidence("bouc_wen", 3, 5),
         laws.equivalent(["iwan4"]),
         laws.worse(["cubic", "stop"]),
+        laws.predicted_by("outward", ["cubic"], 0.04, "iwan4", 0.09),
+        laws.predicted_by("across", ["cubic", "stop"], 0.04, "iwan4", None),
         laws.by_fit_alone("stop", 0.4, "bouc_wen", 0.1, 300.0),
         laws.not_judged(["iwan4"], "bouc_wen", 0.7),
         laws.against_repeats("bouc_wen", 0.1, 0.09, near=True),

@@ -8,13 +8,14 @@ import pytest
 import xarray as xr
 
 from jbw.errors import DataError
+from jbw.study.law_answers import weights_for
 from jbw.study.laws import LawComparison
 from jbw.study.stack import basis_of_laws, holds_laws
 from jbw.study.store import write_json
 from jbw.study.study import basis_of_run
 from jbw.verification.planned import planned_sweep, planned_tones
-from jbw.verification.predict import Request, predict
-from jbw.verification.predictive_basis import Basis, basis_of
+from jbw.verification.predict import Request, basis_for, predict
+from jbw.verification.predictive_basis import Basis, basis_of, seen_of
 
 FREQ_HZ = np.array([17.0, 18.5, 21.0])
 ZETA, GAIN = 0.02, 2.0
@@ -105,6 +106,48 @@ def test_the_best_law_predicts_alone_where_nothing_is_weighed(folder):
             "cubic": {"answer": "not told apart", "weight": None}}  # fmt: skip
     write_json(folder / "laws.json", {"laws": rows})
     assert basis_of_laws(folder).beside == ()
+
+
+ROWS = {
+    "cubic": {"answer": "best", "weight": 0.7, "error_highest": 0.2, "error_across": 0.05},
+    "linear": {"answer": "not told apart", "weight": 0.3, "error_highest": 0.1},
+    "bouc_wen": {"answer": "worse", "weight": 0.0, "error_highest": 0.3},
+}
+
+
+@pytest.mark.parametrize(
+    ("changed", "target", "shares"),
+    [
+        ({}, "within", {"cubic": 0.7, "linear": 0.3}),
+        ({}, "outward", {"linear": 1.0}),
+        # Errors of 0.1 and 0.109 are alike, so that the weights of the comparison decide.
+        ({"cubic": {"error_highest": 0.109}}, "outward", {"cubic": 0.7, "linear": 0.3}),
+        # A law without any weight predicts alone where it is best by far.
+        ({"bouc_wen": {"error_highest": 0.05}}, "outward", {"bouc_wen": 1.0}),
+        ({}, "across", {}),  # one law alone was scored
+    ],
+)
+def test_the_weights_follow_what_is_predicted(changed, target, shares):
+    rows = {name: {**row, **changed.get(name, {})} for name, row in ROWS.items()}
+    assert weights_for(rows, target) == pytest.approx(shares)
+
+
+def test_stronger_tests_and_other_kinds_are_predicted_by_the_laws_that_predict_them_best(folder):
+    rows = {name: {**row, "error_across": row["error_highest"]} for name, row in ROWS.items()}
+    write_json(folder / "laws.json", {"laws": rows})
+    stack = basis_of_laws(folder)
+    assert stack.laws == ("cubic",)
+    assert (stack.outward.laws, stack.outward.beside) == ((), ())
+    weak, strong = (planned_sweep(stack, (15.0, 24.0), level, 2.0, 256.0) for level in (1e-3, 1e3))
+    stack = replace(stack, seen={"fitted": seen_of(weak)}, across=None)
+    request = Request(noise=False)
+    assert basis_for(stack, weak, request).laws == ("cubic",)
+    assert basis_for(stack, strong, request).laws == ()
+    # The linear oscillator has 118 rad/s, the others of the folder do not.
+    alone = predict(stack.outward, strong, request)["model_band"].values
+    np.testing.assert_array_equal(predict(stack, strong, request)["model_band"].values, alone)
+    other = basis_of_laws(folder)
+    assert basis_for(other, weak, request).laws == ()  # no kind was fitted
 
 
 def test_a_broken_folder_is_named(folder):

@@ -24,6 +24,25 @@ def equivalent(laws: Sequence[str]) -> str:
     return f"The data do not distinguish it from: {', '.join(laws)}."
 
 
+WITHIN, OUTWARD, ACROSS = "within", "outward", "across"
+_TARGETS = {
+    OUTWARD: ("tests beyond the fitted amplitudes", "on the highest level, left out,"),
+    ACROSS: ("other kinds of test", "on each kind, predicted from the others,"),
+}
+
+
+def predicted_by(
+    target: str, names: Sequence[str], error: float, best: str, of_best: float | None
+) -> str:
+    """Which laws predict a target that the best law does not predict best."""
+    tests, score = _TARGETS[target]
+    beside = "" if of_best is None else f", that of {best} {percent(of_best)}"
+    return (
+        f"{tests[0].upper()}{tests[1:]} are predicted by {' and '.join(names)}: {score} the error "
+        f"of {names[0]} is {percent(error)}{beside}."
+    )
+
+
 def worse(laws: Sequence[str]) -> str:
     """Laws that the data distinguish from the best."""
     return f"Significantly worse: {', '.join(laws)}."
