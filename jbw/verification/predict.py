@@ -187,7 +187,7 @@ def basis_for(basis: Basis, test: Test, request: Request) -> Basis:
     """What laws that were compared predict a test with: by its kind, and by its amplitude."""
     if basis.has_fitted(test):
         return basis
-    if basis.across is not None and test.kind not in basis.fitted_kinds:
+    if basis.across is not None and not basis.has_fitted_kind(test.kind):
         return basis.across
     if basis.outward is not None and _reach(basis, test, request) > BEYOND:
         return basis.outward

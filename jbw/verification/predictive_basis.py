@@ -149,15 +149,15 @@ class Basis:
         names = (name for name in (run_of(test), family_of(test)) if name in fitted_runs)
         return next(names, None) if test.name in self.seen else None
 
-    @property
-    def fitted_kinds(self) -> frozenset[str]:
-        """Kinds of the tests that were fitted."""
+    def has_fitted_kind(self, kind: str) -> bool:
+        """Whether a test of a kind was fitted."""
         labels = noise_by_label(self.posterior)
-        return frozenset(
+        kinds = {
             seen.kind
             for name, seen in self.seen.items()
             if any(label == name or label.startswith(f"{name} ") for label in labels)
-        )
+        }
+        return kind in kinds
 
     @property
     def misses(self) -> bool:
