@@ -89,6 +89,9 @@ BY_CHANCE = 0.01  # probability below which shifts and residuals are taken for t
 NO_OFFSET = 1e-9  # of the scatter of runs: room for no offset
 POWERS = (0, 1, 2)  # of the amplitude: a change of stiffness, friction, a cubic spring
 MOST_GROWN = 3.0  # of a standard deviation by the logarithm of the amplitude: the whole range
+# Fits without runs: of fewer, each sees a level or two, and the errors of its parameters are not
+# those of its derivatives.
+FEWEST_FITS = 3
 MOST_WIDENED = 3.0  # n / (n - 2) of three runs: fewer say no more
 
 
@@ -409,6 +412,7 @@ def model_discrepancy(
     `fits` are those of `leaving_out.fits_without_each_run`, `y_peak` is the largest displacement
     fitted [m].
     """
+    fits = fits if len(fits) >= FEWEST_FITS else {}
     natural = {plain(n): value for n, value in reversed(best.theta.items())}.get("omega_n", 1.0)
     amplitudes, noise = _amplitudes(data, natural, y_peak), _noise_alike(best, data)
     y_high, slopes = max(amplitudes.values(), default=0.0), slopes_of(best, prior, data)

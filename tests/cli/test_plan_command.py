@@ -57,7 +57,7 @@ def test_the_example_loads_no_jax():
 def test_a_table_goes_to_stdout_and_progress_to_stderr(capsys, plan_file):
     assert run(["plan", str(plan_file)]) == 0
     streams = capsys.readouterr()
-    for part in ("input [V]", "peak [m]", "CV delta", "gain [nats]", "stepped 18-19.2 Hz", "Noise"):
+    for part in ("input [V]", "peak [m]", "CV delta", "gain [nats]", "stepped 18-19.2 Hz", "noise"):
         assert part in streams.out
     assert "Recommended" in streams.out
     assert "1/1 stepped" in streams.err
