@@ -190,7 +190,7 @@ def shared(tmp_path_factory):
 # Minutes each: before a release. The others are the first hour of a user.
 LONG = {
     "5_real_bolted_joints", "6_samplers_compared", "7_one_joint_every_law",
-    "8_joints_in_populations", "9_two_modes_and_a_shaker",
+    "8_joints_in_populations", "9_two_modes_and_a_shaker", "11_two_bolts_told_apart",
 }  # fmt: skip
 
 
