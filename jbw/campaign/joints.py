@@ -36,6 +36,7 @@ from jbw.measurement.checks import Fault, doubt, refusal
 from jbw.quantities import label, split
 
 STRUCTURE = "[structure]"
+MATRICES = "matrices"
 _UNMOVED = 1e-2  # of the joint that moves most: B is a millionth
 
 
@@ -51,6 +52,7 @@ class JointsCheck:
         separability: B of the swept modes, joints that share a law in one column; None where
             shapes are not stated.
         notes: What was changed or assumed, a sentence each.
+        model: The reduced model; None of measured modes.
     """
 
     joints: tuple[str, ...]
@@ -59,6 +61,7 @@ class JointsCheck:
     swept: tuple[int, ...]
     separability: JointSeparability | None
     notes: tuple[str, ...] = ()
+    model: ReducedModel | None = None
 
     def as_json(self) -> dict[str, Any]:
         """The same as plain values."""
@@ -150,12 +153,18 @@ def check_joints(
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         modes = _modes_of(spec, folder, allow_outside)
-    faults = [doubt("matrices", str(warning.message)) for warning in caught]
+    faults = [doubt(MATRICES, str(warning.message)) for warning in caught]
     swept = _swept(spec, modes.frequencies_hz)
     separability, separability_faults = _separability(modes, swept, spec.joints)
     names = tuple(table.name for table in spec.joints)
     checked = JointsCheck(
-        names, modes.frequencies_hz, modes.shares, swept, separability, modes.notes
+        names,
+        modes.frequencies_hz,
+        modes.shares,
+        swept,
+        separability,
+        modes.notes,
+        modes.motion if isinstance(modes.motion, ReducedModel) else None,
     )
     return checked, [*faults, *separability_faults]
 
@@ -299,11 +308,15 @@ def joints_of(
     if spec.assembled is None:
         return None
     _refuse_stated_twice(spec)
-    _, faults = check_joints(spec, folder, allow_outside=allow_outside)
+    checked, faults = check_joints(spec, folder, allow_outside=allow_outside)
     for fault in faults:
         if fault.severity == "error":
             raise ConfigError(fault.what, why=fault.why, remedy=fault.remedy)
-    model = reduced_model(spec, folder, allow_outside=allow_outside)
+        if fault.channel == MATRICES:
+            warnings.warn(fault.what, stacklevel=2)
+    model = None if checked is None else checked.model
+    if model is None:
+        model = reduced_model(spec, folder, allow_outside=allow_outside)
     return SeveralJoints(model, laws_by_joint(spec.joints))
 
 
