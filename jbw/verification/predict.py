@@ -196,12 +196,17 @@ def basis_for(basis: Basis, test: Test, request: Request) -> Basis:
 
 def _reach(basis: Basis, test: Test, request: Request) -> float:
     """Largest displacement of a test, as a few draws predict it, over that which was fitted."""
-    route = route_of(test)
-    if route is predict_decay:
+    if route_of(test) is predict_decay:
         return 1.0  # its level is in another unit before it is predicted
-    draws = basis.draws_for(test, LANES, _gain_for(basis, test, request), request.seed)
-    extrapolation = route(Source(basis, draws, seed=request.seed), test).extrapolation(basis)
+    gain = _gain_for(basis, test, request)
+    extrapolation = _by_few_draws(basis, test, gain, request.seed).extrapolation(basis)
     return 1.0 if extrapolation is None else extrapolation
+
+
+def _by_few_draws(basis: Basis, test: Test, gain: float | None, seed: int) -> Predicted:
+    """A test as a few draws predict it, which tells its amplitude."""
+    draws = basis.draws_for(test, LANES, gain, seed)
+    return route_of(test)(Source(basis, draws, seed=seed), test)
 
 
 def missed_in(basis: Basis, test: Test, gain: float | None = None, seed: int = 0) -> AtAmplitude:
@@ -209,10 +214,10 @@ def missed_in(basis: Basis, test: Test, gain: float | None = None, seed: int = 0
 
     The amplitude is what a few draws predict; free decays have one in each record.
     """
-    discrepancy, route = basis.discrepancy, route_of(test)
-    if discrepancy is None or discrepancy.is_nothing or route is predict_decay:
+    discrepancy = basis.discrepancy
+    if discrepancy is None or discrepancy.is_nothing or route_of(test) is predict_decay:
         return NOTHING  # of decays every record has an amplitude of its own
-    predicted = route(Source(basis, basis.draws_for(test, LANES, gain, seed), seed=seed), test)
+    predicted = _by_few_draws(basis, test, gain, seed)
     return discrepancy.at(None if predicted.peak is None else float(np.median(predicted.peak)))
 
 
