@@ -34,7 +34,7 @@ from jbw.observables.dataset import (
     with_directions,
 )
 from jbw.observables.drives import plain
-from jbw.observables.observable import OFFSETS, assemblies_of
+from jbw.observables.observable import OFFSETS, assemblies_of, belongs_to
 from jbw.quantities import BY_NAME
 
 MOST_ALIKE = 1e12  # condition of a run's offsets as correlations: beyond, they are one direction
@@ -112,7 +112,7 @@ def wanted(shifts: Shifts, settings: Identify) -> bool:
 def are_levels(data: Dataset) -> bool:
     """Whether every run is a test of its own, in one assembly: no run or assembly was stated."""
     pairs = ((x, run) for part in data.parts for x, run in zip(part.labels, part.runs, strict=True))
-    return all(label == run or label.startswith(f"{run} ") for label, run in pairs)
+    return all(belongs_to(label, run) for label, run in pairs)
 
 
 def scatter_of_repeats(shifts: Shifts, sizes: Mapping[str, float]) -> float | None:

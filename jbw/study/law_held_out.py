@@ -16,6 +16,7 @@ from jbw.identification.evidence import Candidate
 from jbw.identification.floors import rms
 from jbw.inference.thresholds import BEYOND
 from jbw.measurement.records import Test
+from jbw.observables.observable import belongs_to
 from jbw.report.messages import study as messages
 from jbw.verification.predict import Request, predict
 from jbw.verification.predicted import is_measured
@@ -26,7 +27,11 @@ NUM_DRAWS = 20  # an error is that of the median of so many
 
 def unseen(tests: Sequence[Test], runs: Sequence[str]) -> list[Test]:
     """Measured tests of which no run was fitted."""
-    return [test for test in tests if is_measured(test) and not any(is_of(r, test) for r in runs)]
+    return [
+        test
+        for test in tests
+        if is_measured(test) and not any(belongs_to(r, test.name) for r in runs)
+    ]
 
 
 def errors_across_kinds(candidate: Candidate) -> dict[str, float] | None:
@@ -38,11 +43,6 @@ def errors_across_kinds(candidate: Candidate) -> dict[str, float] | None:
     return dict(
         zip(map(str, predicted["kind"].values), predicted["error"].values.tolist(), strict=True)
     )
-
-
-def is_of(run: str, test: Test) -> bool:
-    """Whether a run, or a group of data, is a test's: it has its name, or that and more."""
-    return run == test.name or run.startswith(f"{test.name} ")
 
 
 def held_out(

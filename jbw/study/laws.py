@@ -24,11 +24,12 @@ from jbw.inference.posterior.summary import evenly_spaced, scalars
 from jbw.inference.space.box import require_float64
 from jbw.measurement.records import Test
 from jbw.observables.dataset import Dataset
+from jbw.observables.observable import belongs_to
 from jbw.oscillator.laws import FAMILIES, LAWS, laws_named
 from jbw.report.messages import stages
 from jbw.report.messages import study as messages
 from jbw.study.law_answers import compare_rows, statements
-from jbw.study.law_held_out import errors_across_kinds, errors_apart, held_out, is_of, unseen
+from jbw.study.law_held_out import errors_across_kinds, errors_apart, held_out, unseen
 from jbw.study.law_rows import row_of, weigh
 from jbw.study.law_shapes import loops, residuals
 from jbw.study.look import look_groups, look_quietly
@@ -192,7 +193,7 @@ def _highest(campaign: Campaign, runs: Sequence[str]) -> str | None:
     """The run of the highest level of the first kind of test that has levels."""
     levels: dict[str, dict[str, float]] = {}
     for test in campaign.tests:
-        of_test = [run for run in runs if is_of(run, test)]
+        of_test = [run for run in runs if belongs_to(run, test.name)]
         if np.isfinite(test.level) and of_test:
             levels.setdefault(test.kind, {})[of_test[0]] = test.level
     first = next(iter(levels.values()), {})

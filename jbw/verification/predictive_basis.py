@@ -26,7 +26,7 @@ from jbw.observables.dataset import Dataset, largest_displacement
 from jbw.observables.decay import Decays
 from jbw.observables.drives import of_drive, plain
 from jbw.observables.harmonic_groups import family_of, response_held
-from jbw.observables.observable import OFFSETS, run_of
+from jbw.observables.observable import OFFSETS, belongs_to, run_of
 from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.modes.parameters import own_quantities
 from jbw.quantities import ATTACHED, DEFAULT_LAWS, MODAL, MODES, RESIDUAL_TERMS
@@ -155,7 +155,7 @@ class Basis:
         kinds = {
             seen.kind
             for name, seen in self.seen.items()
-            if any(label == name or label.startswith(f"{name} ") for label in labels)
+            if any(belongs_to(label, name) for label in labels)
         }
         return kind in kinds
 
@@ -167,7 +167,7 @@ class Basis:
     def has_fitted(self, test: Test) -> bool:
         """Whether anything of a test was fitted: a group of data has its name, or that and more."""
         fitted = noise_by_label(self.posterior)
-        matches = (label == test.name or label.startswith(f"{test.name} ") for label in fitted)
+        matches = (belongs_to(label, test.name) for label in fitted)
         return any(matches) and self.seen.get(test.name, seen_of(test))[:3] == seen_of(test)[:3]
 
     def model_error(self, test: Test, missed: AtAmplitude) -> float:
