@@ -5,7 +5,7 @@ from the draws, and checked.
 """
 
 import logging
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from time import perf_counter
@@ -427,19 +427,7 @@ def posterior_checks(
     )
     if added is not None:
         words += [effects_sentence(added, y_peak)] if joints is None else []
-        findings.append(hysteresis_finding(added, y_peak, data.laws, misses=misses))
-        if findings[-1] is None:
-            findings += checked(
-                {"hysteresis beside drag": lambda: seen_drag(added, ready, misses=misses)}
-            )
-        if may_be_absent(added):
-            findings += checked(
-                {
-                    "whether a joint is seen": lambda: joint_finding(
-                        without_joint(best, prior, data), added, y_peak
-                    )
-                }
-            )
+        findings += checked(effect_checks(added, ready, misses=misses))
     words += attempts.make(
         "The statement on the thresholds of the laws",
         lambda: threshold_sentences(every_parameter(posterior, data), y_peak, data.laws),
@@ -480,15 +468,39 @@ def posterior_checks(
             "the fit to each record alone": each_record_alone,
         }
     )
-    if attempts.said:
-        findings.append(
-            Finding(
-                "incomplete_checks",
-                "not assessed",
-                " ".join(attempts.said),
-                float(len(attempts.said)),
-                "The posterior is complete; look at the tests that the sentence names, or leave "
-                "them out of the fit by `hold_out`.",
-            )
-        )
+    findings.append(incomplete_finding(attempts.said))
     return groups, [finding for finding in findings if finding is not None], words
+
+
+def effect_checks(
+    added: Effects, ready: Fitted, *, misses: bool
+) -> dict[str, Callable[[], Finding | None]]:
+    """Checks of what the joint adds: hysteresis, or drag in its place, and whether it is seen."""
+
+    def joint() -> Finding | None:
+        without = without_joint(ready.fit, ready.box, ready.data)
+        return joint_finding(without, added, ready.y_peak)
+
+    hysteresis = partial(seen_hysteresis, added, ready, misses=misses)
+    checks: dict[str, Callable[[], Finding | None]] = {"hysteresis beside drag": hysteresis}
+    return checks | ({"whether a joint is seen": joint} if may_be_absent(added) else {})
+
+
+def seen_hysteresis(added: Effects, ready: Fitted, *, misses: bool) -> Finding | None:
+    """Whether hysteresis is seen, or drag fits as well; None where nothing speaks against it."""
+    finding = hysteresis_finding(added, ready.y_peak, ready.data.laws, misses=misses)
+    return finding or seen_drag(added, ready, misses=misses)
+
+
+def incomplete_finding(said: Sequence[str]) -> Finding | None:
+    """Checks that could not be made, in the sentences on them; None where all were."""
+    if not said:
+        return None
+    return Finding(
+        "incomplete_checks",
+        "not assessed",
+        " ".join(said),
+        float(len(said)),
+        "The posterior is complete; look at the tests that the sentence names, or leave "
+        "them out of the fit by `hold_out`.",
+    )

@@ -24,8 +24,8 @@ from scipy.special import softmax
 
 from jbw.identification.accuracy import residual_finding
 from jbw.identification.assemble import Measured, Report, assemble
-from jbw.identification.equivalent import effects, hysteresis_finding
-from jbw.identification.joint import law_variables, seen_drag
+from jbw.identification.equivalent import effects
+from jbw.identification.joint import law_variables, seen_hysteresis
 from jbw.identification.joint_answers import GROUP as JOINTS
 from jbw.identification.joint_answers import joints_finding, joints_group, joints_words
 from jbw.identification.one_mode_readings import joint_readings, with_readings
@@ -137,8 +137,7 @@ def doubts_of_fit(drawn: xr.Dataset, ready: Fitted) -> list[Finding]:
         error = dataset.error_by_label(residuals, data)
         shown = residual_finding(residuals, dataset.fractions_counted(data), error, data.laws)
         misses = shown is not None and shown.status != "ok"
-        hysteresis = hysteresis_finding(added, ready.y_peak, data.laws, misses=misses)
-        findings.append(hysteresis or seen_drag(added, ready, misses=misses))
+        findings.append(seen_hysteresis(added, ready, misses=misses))
     draws = {name: drawn[name].values for name in ready.box.names}
     findings += bounds_findings(draws, ready.box, ending(ready.box, data.laws))
     return [finding for finding in findings if finding is not None and finding.status != "ok"]
