@@ -89,14 +89,12 @@ class Attempts:
 
     Attributes:
         said: One sentence for every part that could not be made.
-
-    Args:
-        report: Called with each sentence at once.
+        report: Called with each sentence at once, and with what is under way.
     """
 
     def __init__(self, report: Callable[[str], Any] = logger.info) -> None:
         self.said: list[str] = []
-        self._report = report
+        self.report = report
 
     def make[Made, Otherwise](
         self, what: str, build: Callable[[], Made], otherwise: Otherwise
@@ -108,5 +106,5 @@ class Attempts:
             sentence = f"{what} could not be made and is left out: {reason_of(error)}"
             logger.debug(sentence, exc_info=error)
             self.said.append(sentence)
-            self._report(sentence)
+            self.report(sentence)
             return otherwise

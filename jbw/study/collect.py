@@ -6,13 +6,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from jbw.campaign.settings import Identify
 from jbw.errors import Attempts
-from jbw.identification.assemble import Measured, entered
+from jbw.identification.assemble import Measured
 from jbw.identification.linear_step import LinearStep, linear_dataset, modes_dataset
 from jbw.identification.paper import step3, step4
 from jbw.identification.paper.step3 import KernelFit
-from jbw.identification.procedure import Identification, Report
+from jbw.identification.procedure import Identification
 from jbw.identification.selection import Sweeps, probing_tests
 from jbw.identification.step import Step
 from jbw.inference.posterior.finding import Verdict
@@ -33,46 +32,43 @@ SPECTRUM = 4.2  # of the tone: the highest frequency of its spectrum shown
 
 
 def collect(
-    seen: Measured,
-    found: Identification,
+    measured: Measured,
+    posteriors: Identification,
     seed: int,
     truth: Mapping[str, float] | None,
-    report: Report,
-    settings: Identify,
     attempts: Attempts,
 ) -> xr.DataTree:
     """Posteriors, verification and validation as the tree that is saved as `posterior.nc`.
 
     What stands beside the posteriors and cannot be made is left out, and `attempts` says so.
     """
-    tests = seen.tests
-    facts = xr.Dataset(attrs=found.main.posterior.attrs | run_attrs(tests, found))
+    tests, main = measured.tests, posteriors.main
+    facts = xr.Dataset(attrs=main.posterior.attrs | run_attrs(tests, posteriors))
     groups: Groups = {"/": facts}
-    if found.linear is not None:
-        groups["/steps/linear"] = linear_dataset(found.linear)
-        modes = modes_dataset(found.linear)
+    if posteriors.linear is not None:
+        groups["/steps/linear"] = linear_dataset(posteriors.linear)
+        modes = modes_dataset(posteriors.linear)
         groups |= {} if modes is None else {"/modes": modes}
-    for name, step in found.steps.items():
-        place = "" if name == found.main.name else f"/steps/{name}"
+    for name, step in posteriors.steps.items():
+        place = "" if name == main.name else f"/steps/{name}"
         groups |= {f"{place}/{part}": ds for part, ds in _groups(step, truth or {}).items()}
-    linear, kernel, sweeps = found.linear, found.kernel, found.sweeps
+    linear, kernel, sweeps = posteriors.linear, posteriors.kernel, posteriors.sweeps
     if linear is not None and kernel is not None:
         groups |= attempts.make(
             stages.KERNEL,
-            lambda: _kernel_groups(tests, linear, kernel, found.steps),
+            lambda: _kernel_groups(tests, linear, kernel, posteriors.steps),
             {},
         )
     if sweeps is not None:
         groups |= attempts.make(
             stages.ENERGY,
-            lambda: _conv_of_velocity(found.steps, sweeps),
+            lambda: _conv_of_velocity(posteriors.steps, sweeps),
             {},
         )
     basis = basis_of(xr.DataTree.from_dict(groups))
-    names = {name for name, is_fitted in entered(seen).items() if is_fitted}
     groups |= attempts.make(
         stages.TESTS,
-        lambda: verify(tests, names, found, basis, settings, seed, attempts, report),
+        lambda: verify(measured, posteriors, basis, seed, attempts),
         {},
     )
     curve = attempts.make(
@@ -84,10 +80,10 @@ def collect(
         groups["/verification/backbone"] = curve
     drawn = {name: created(groups[name]) for name in ("/posterior", "/sample_stats")}
     by_record: Groups = {}
-    if not sees_no_joint(found.main.verdict):  # of a linear structure single records say nothing
-        report(stages.SINGLE_RECORDS)
+    if not sees_no_joint(main.verdict):  # of a linear structure single records say nothing
+        attempts.report(stages.SINGLE_RECORDS)
         by_record = attempts.make(
-            stages.RECORD_LIKELIHOOD, lambda: arviz_groups(seen, found, seed), {}
+            stages.RECORD_LIKELIHOOD, lambda: arviz_groups(measured, posteriors, seed), {}
         )
     return xr.DataTree.from_dict(groups | drawn | by_record)
 

@@ -123,7 +123,7 @@ def drawn_study(order: Order, read: ReadCampaign, report: Report, keep: Keep) ->
     identifiability = attempts.make(
         stages.IDENTIFIABILITY, lambda: look_again(posteriors, settings, report), None
     )
-    tree = collect(measured, posteriors, seed, order.truth, report, settings, attempts)
+    tree = collect(measured, posteriors, seed, order.truth, attempts)
     main = posteriors.main
     outside = attempts.make(
         stages.OUTSIDE_BAND,

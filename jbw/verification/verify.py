@@ -15,11 +15,11 @@ import numpy as np
 import xarray as xr
 from scipy.stats import norm
 
-from jbw.campaign.settings import Identify
 from jbw.errors import Attempts
 from jbw.identification.accuracy import CLOSE, another_law, within_unseen
+from jbw.identification.assemble import Measured, entered
 from jbw.identification.model_discrepancy import NOTHING, AtAmplitude
-from jbw.identification.procedure import Identification, Report
+from jbw.identification.procedure import Identification
 from jbw.identification.selection import DecaySplit, Sweeps, loop_tests
 from jbw.inference.posterior.finding import Finding, Verdict, amended, checked, judge
 from jbw.inference.posterior.remedies import put
@@ -62,38 +62,32 @@ Groups = dict[str, xr.Dataset]
 
 
 def verify(
-    tests: Sequence[Test],
-    names: set[str],
-    found: Identification,
-    basis: Basis,
-    settings: Identify,
-    seed: int,
-    attempts: Attempts,
-    report: Report,
+    measured: Measured, found: Identification, basis: Basis, seed: int, attempts: Attempts
 ) -> Groups:
     """Every test beside the model and the oscillators without hysteresis, by path in the tree.
 
-    `names` are those of tests of which anything was fitted. A comparison that cannot be made is
-    left out, and `attempts` says so.
+    A comparison that cannot be made is left out, and `attempts` says so.
     """
 
     def simpler(draws: Draws, data: Dataset, *names: str) -> dict[str, Reference]:
         mean = {name: float(np.mean(draws[name])) for name in names or draws}
         # Without a joint the model is the linear oscillator already.
-        kinds = [kind for kind in settings.compare_with if data.laws or kind != "linear"]
+        kinds = [kind for kind in measured.settings.compare_with if data.laws or kind != "linear"]
         return references(data, mean, kinds) if kinds else {}
 
     groups: Groups = {}
     if found.data is not None:
-        report("Verification and validation: every test against the model, and without hysteresis")
+        attempts.report(
+            "Verification and validation: every test against the model, and without hysteresis"
+        )
         draws = basis.draws(NUM_DRAWS, seed=seed)
         source = Source(basis, draws, seed=seed)
         others = attempts.make(
             "The fit of the oscillators without hysteresis", partial(simpler, draws, found.data), {}
         )
-        groups |= _verify_forced(source, others, tests, names, found, attempts)
+        groups |= _verify_forced(source, others, measured, found, attempts)
     if found.decays is not None and found.decay_data is not None:
-        report("Verification: free decays, frequency and damping against amplitude")
+        attempts.report("Verification: free decays, frequency and damping against amplitude")
         groups |= _verify_free(found.decays, found.decay_data, basis, simpler, seed, attempts)
     return groups
 
@@ -144,18 +138,19 @@ def _freely(draws: Draws, decays: Decays) -> tuple[Any, ...]:
 def _verify_forced(
     source: Source,
     simpler: Mapping[str, Reference],
-    tests: Sequence[Test],
-    names: set[str],
+    measured: Measured,
     identification: Identification,
     attempts: Attempts,
 ) -> Groups:
-    """Verification and validation on every test but free decays; `names` are those fitted."""
+    """Verification and validation on every test but free decays."""
+    tests = measured.tests
     natural_hz = float(np.mean(source.draws["omega_n"])) / (2 * np.pi)
     loops: tuple[Test, ...] = ()
     if identification.linear is not None:
         natural_hz = identification.linear.natural_hz
         loops = loop_tests(tests, natural_hz)
-    names, sweeps = _compared_sweeps(names, identification.sweeps)
+    fitted = {name for name, is_fitted in entered(measured).items() if is_fitted}
+    names, sweeps = _compared_sweeps(fitted, identification.sweeps)
     unseen = () if identification.sweeps is None else identification.sweeps.held_out
     # Of the first mode as Step 2 has it, then of those beside it.
     bands = [(NEAR[0] * natural_hz, NEAR[1] * natural_hz), *bands_of_modes(source.draws)[1:]]
