@@ -170,10 +170,10 @@ def motions_at(
     source: HeldInput,
     fs: float,
     *,
-    laws: tuple[str, ...],
-    substeps: int,
-    response: str,
-    residuals: str,
+    laws: tuple[str, ...] = DEFAULT_LAWS,
+    substeps: int = 2,
+    response: str = "velocity",
+    residuals: str = "none",
 ) -> tuple[Float[np.ndarray, "point time"], Float[np.ndarray, " point"]] | None:
     """`response_to` one input and the largest displacement [m], at any number of points.
 

@@ -84,24 +84,31 @@ def predict_motion(
         )  # fmt: skip
         if motions is not None:
             return motions
-    facts = source, record.fs, record.response, substeps, laws, residuals, point
-    return carry(_response, draws, *facts)
+    how = _Carried(record.response, laws, substeps, residuals, point)
+    return carry(_response, draws, source, record.fs, how)
+
+
+class _Carried(NamedTuple):
+    """What of a motion is predicted, and how; known as it compiles."""
+
+    response: str
+    laws: Laws
+    substeps: int
+    residuals: str
+    point: int
 
 
 def _response(
-    theta: Mapping[str, Array],
-    source: HeldInput,
-    fs: float,
-    response: str,
-    substeps: int,
-    laws: Laws,
-    residuals: str,
-    point: int,
+    theta: Mapping[str, Array], source: HeldInput, fs: float, how: _Carried
 ) -> tuple[Float[Array, " time"], Float[Array, ""]]:
-    motion = motion_under(theta, source, fs, laws=laws, substeps=substeps, every_point=point > 0)
-    responses = response_of(motion, theta, source, fs, response=response, residuals=residuals)
-    if point:
-        return responses[point], jnp.max(jnp.abs(motion.y[0]))
+    motion = motion_under(
+        theta, source, fs, laws=how.laws, substeps=how.substeps, every_point=how.point > 0
+    )
+    responses = response_of(
+        motion, theta, source, fs, response=how.response, residuals=how.residuals
+    )
+    if how.point:
+        return responses[how.point], jnp.max(jnp.abs(motion.y[0]))
     return responses, jnp.max(jnp.abs(motion.y))
 
 
