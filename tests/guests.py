@@ -74,7 +74,7 @@ class RingDown(Repeated):
         amplitude = [t.records[0].channels["displacement"] for t in tests]
         of_groups = repeats(
             within=np.array(within), num_repeats=np.array([len(row) for row in rows]),
-            sizes=np.full(len(tests), size), longest=size,
+            sizes=np.full(len(tests), size),
             labels=tuple(t.name for t in tests), runs=tuple(run_of(t) for t in tests),
             scale=np.abs(mean).max(axis=1),
         )  # fmt: skip

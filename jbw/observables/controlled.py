@@ -168,7 +168,6 @@ class ControlledPoints(Repeated):
                 ),
                 num_repeats=np.array([len(values) for _, values in groups]),
                 sizes=lengths,
-                longest=longest,
                 labels=[f"{names[row.test]} {row.quantity}" for row, _ in groups],
                 runs=[run_of(family[row.test][0]) for row, _ in groups],
                 scale=sizes,

@@ -157,7 +157,6 @@ class Records(Repeated):
                 within=np.array(within),
                 num_repeats=np.array([len(r) for r in responses]),
                 sizes=np.full(len(tests), size),
-                longest=size,
                 labels=[test.name for test in tests],
                 runs=[run_of(test) for test in tests],
                 scale=np.sqrt(np.sum(means**2, axis=1) / size),

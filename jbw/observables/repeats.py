@@ -61,18 +61,21 @@ def repeats(
     within: Float[np.ndarray, " group"],
     num_repeats: Float[np.ndarray, " group"],
     sizes: Float[np.ndarray, " group"],
-    longest: int,
     labels: Sequence[str],
     runs: Sequence[str],
     scale: Float[np.ndarray, " group"],
+    *,
+    longest: int | None = None,
     spanned: Float[np.ndarray, "group column value"] | None = None,
 ) -> Repeats:
     r"""Bookkeeping of groups of independent values of noise $\sigma^2 = S / (N (K - 1))$.
 
     Until a fit tells it, a single repeat's noise is guessed as one hundredth of the root mean
     square, the `scale`. Labels that come again get a number. `spanned` are columns of each group
-    that its misfit may hold besides, in any scale.
+    that its misfit may hold besides, in any scale. `longest` is the length of the longest group's
+    row, where more values stand in it than count.
     """
+    longest = int(max(sizes)) if longest is None else longest
     degrees = sizes * (num_repeats - 1)
     repeated = degrees > 0
     noise = np.sqrt(

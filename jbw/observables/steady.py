@@ -105,7 +105,6 @@ class Points(Repeated):
                 within=np.array([group.within for group in groups]),
                 num_repeats=np.array([group.num_repeats for group in groups]),
                 sizes=sizes,
-                longest=int(max(sizes)),
                 labels=[group.label for group in groups],
                 runs=[group.run for group in groups],
                 scale=np.array([np.sqrt(np.mean(np.abs(g.values) ** 2) / 2) for g in groups]),

@@ -38,7 +38,6 @@ def lines(shapes, data):
         within=np.sum((data - mean[:, None]) ** 2, axis=(1, 2)),
         num_repeats=np.full(groups, count),
         sizes=np.full(groups, size),
-        longest=size,
         labels=[f"group {i}" for i in range(groups)],
         runs=[f"run {i}" for i in range(groups)],
         scale=np.sqrt(np.mean(mean**2, axis=1)),
