@@ -165,14 +165,12 @@ class _Summing(HysteresisExact):
 
     substeps: int
 
-    def step(self, terms, t0, t1, y0, args: _Task, solver_state, made_jump):
+    def step(self, terms, t0, t1, y0, args: _Task, *progress):
         """One substep."""
         rest = packed(args.stepping, _at_rest(args))
         count = len(jax.tree.leaves(rest))
         state, totals = y0[:count], y0[count:]
-        ends, *_, following, result = super().step(
-            terms, t0, t1, state, args.stepping, solver_state, made_jump
-        )
+        ends, *_, following, result = super().step(terms, t0, t1, state, args.stepping, *progress)
         size = len(args.compared.rows)
         totals = totals[0], totals[1 : 1 + size], totals[1 + size]
         laws = args.stepping.step.laws

@@ -144,15 +144,16 @@ class HysteresisExact(diffrax.AbstractSolver):
         """Index of the next substep."""
         return jnp.zeros((), jnp.int32)
 
-    def step(self, terms, t0, t1, y0, args: Stepping, solver_state, made_jump):
-        """One substep."""
-        push = args.push(solver_state)
+    def step(self, terms, t0, t1, y0, args: Stepping, *progress):
+        """One substep; `progress` is its index, and whether diffrax has jumped, which is never."""
+        substep, _ = progress
+        push = args.push(substep)
         # As a flat tuple: empty memories, of springs, have no place in the loop's buffers.
         memory = tuple(law.packed(law.at_rest()) for law in args.step.laws)
         state = jax.tree.unflatten(jax.tree.structure((0.0, 0.0, memory)), y0)
         y1 = tuple(jax.tree.leaves(advance(args.step, state, push, kinks="met")))
         dense_info = dict(y0=y0, y1=y1)
-        return y1, None, dense_info, solver_state + 1, diffrax.RESULTS.successful
+        return y1, None, dense_info, substep + 1, diffrax.RESULTS.successful
 
     def func(self, terms, t0, y0, args):
         """The vector field."""

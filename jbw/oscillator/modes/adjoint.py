@@ -151,8 +151,8 @@ def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, 
 
     def before(q, v, push, *dots):
         def seen(step, push):
-            rise, gain = freely(step, q, v, push)
-            return rise, gain, seen_by_joints(step, q, v, rise, gain, push[2])
+            change = freely(step, (q, v), push)
+            return *change, seen_by_joints(step, (q, v), change, push[2])
 
         return jax.jvp(seen, (step, push), dots)
 
@@ -294,8 +294,8 @@ def _recurrence(step: ModalStep, state_dot, inputs):
     slopes, (rise_by, gain_by, seen_by), post = inputs
     (q, v, memories), _ = state_dot
     none = tuple(jnp.zeros_like(part) for part in q)
-    rise, gain = freely(step, q, v, (none, none, none[0]))
-    seen = barrier(_sum(seen_by_joints(step, q, v, rise, gain, none[0]), seen_by))
+    change = freely(step, (q, v), (none, none, none[0]))
+    seen = barrier(_sum(seen_by_joints(step, (q, v), change, none[0]), seen_by))
     joints = list(zip(slopes, seen, memories, strict=True))
     starts = tuple(
         barrier(Remainder(*by.start.along(free.x, free.v, memory))) for by, free, memory in joints
@@ -325,8 +325,8 @@ def _recurrence(step: ModalStep, state_dot, inputs):
         return jax.tree.unflatten(jax.tree.structure(memory), leaves)
 
     memories = tuple(after(*terms) for terms in zip(slopes, memories, ends, moves, strict=True))
-    rise, gain = _sum((rise, gain), (rise_by, gain_by))
-    q, v = _sum(driven(step, q, v, rise, gain, starts, passed), post)
+    change = _sum(change, (rise_by, gain_by))
+    q, v = _sum(driven(step, (q, v), change, starts, passed), post)
     state_dot = (q, v, memories), tuple((end.kick_y, end.kick_v) for end in passed)
     return state_dot, state_dot
 

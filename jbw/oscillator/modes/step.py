@@ -39,6 +39,7 @@ from jbw.oscillator.step import (
 )
 
 Coordinates = tuple[Scalar, ...]
+Motion = tuple[Coordinates, Coordinates]  # (q_i, ...), (q_i', ...), or changes of both
 Memories = tuple[tuple[Memory, ...], ...]  # of every joint's laws
 # (q_i, ...), (q_i', ...), memories
 ModalState = tuple[Coordinates, Coordinates, Memories]
@@ -282,8 +283,8 @@ def modal_advance(
 ) -> tuple[ModalState, tuple[tuple[Scalar, Scalar], ...]]:
     """One step of all modes and joints, and every joint's kicks on y and on v."""
     q, v, memories = state
-    rise, gain = freely(step, q, v, push)
-    seen = seen_by_joints(step, q, v, rise, gain, push[2])
+    change = freely(step, (q, v), push)
+    seen = seen_by_joints(step, (q, v), change, push[2])
     begun = tuple(
         Begun(joint.kernel, at.x, at.v, memory)
         for joint, at, memory in zip(step.joints, seen, memories, strict=True)
@@ -303,22 +304,23 @@ def modal_advance(
         shifted(joint.laws, end, dx)
         for joint, end, dx in zip(step.joints, ends, moves, strict=True)
     )
-    q, v = driven(step, q, v, rise, gain, starts, passed)
+    q, v = driven(step, (q, v), change, starts, passed)
     return (q, v, memories), tuple((end.kick_y, end.kick_v) for end in passed)
 
 
-def freely(
-    step: ModalStep, q: Coordinates, v: Coordinates, push: ModalPush
-) -> tuple[Coordinates, Coordinates]:
+def freely(step: ModalStep, motion: Motion, push: ModalPush) -> Motion:
     """Change of every mode without the joints' forces."""
-    modes = list(zip(step.modes, q, v, push[0], push[1], strict=True))
+    modes = list(zip(step.modes, *motion, push[0], push[1], strict=True))
     rise = tuple(m.f_11 * y + m.f_12 * dy + on_y for m, y, dy, on_y, _ in modes)
     gain = tuple(m.f_21 * y + m.f_22 * dy + on_v for m, y, dy, _, on_v in modes)
     return rise, gain
 
 
-def seen_by_joints(step: ModalStep, q, v, rise, gain, u: Scalar) -> tuple[FreeMotion, ...]:
-    """Motion of every joint by the modes alone: five scalars."""
+def seen_by_joints(
+    step: ModalStep, motion: Motion, change: Motion, u: Scalar
+) -> tuple[FreeMotion, ...]:
+    """Motion of every joint by the modes alone, which change so freely: five scalars."""
+    q, v = motion
     pulls = tuple(
         m.damping * dy + m.stiffness * y for m, y, dy in zip(step.modes, q, v, strict=True)
     )
@@ -326,7 +328,7 @@ def seen_by_joints(step: ModalStep, q, v, rise, gain, u: Scalar) -> tuple[FreeMo
     def seen(j: int, joint: JointStep) -> FreeMotion:
         x, dx, pull, up, faster = (
             added(m.h[j] * part for m, part in zip(step.modes, parts, strict=True))
-            for parts in (q, v, pulls, rise, gain)
+            for parts in (q, v, pulls, *change)
         )
         return FreeMotion(x, dx, joint.input_gain * u - pull, up, faster)
 
@@ -461,14 +463,13 @@ def corrections(
 
 def driven(
     step: ModalStep,
-    q: Coordinates,
-    v: Coordinates,
-    rise: Coordinates,
-    gain: Coordinates,
+    motion: Motion,
+    change: Motion,
     starts: Sequence[Remainder],
     passed: Sequence[Passed],
-) -> tuple[Coordinates, Coordinates]:
-    """The modes at the end of the step, the joints' forces included."""
+) -> Motion:
+    """The modes at the end of the step: their free change, and the joints' forces."""
+    (q, v), (rise, gain) = motion, change
     forces = [
         (start.r, start.rate, end.r_1 - start.r, end.rate_1)
         for start, end in zip(starts, passed, strict=True)
