@@ -36,7 +36,7 @@ from jbw.inference.lanes import at_points
 from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.inference.samplers.ladder import about_draws, choose
 from jbw.inference.samplers.sampling import sample
-from jbw.inference.space.problem import problem_of
+from jbw.inference.space.problem import Target, problem_of
 from jbw.inference.space.reparametrisation import Reparametrisation, along_logarithms, never_zero
 from jbw.inference.space.ridge import along_ridge
 from jbw.observables import dataset
@@ -203,14 +203,14 @@ def posterior(key: Key[Array, ""], one: Candidate) -> tuple[xr.DataTree, Reparam
         "straight": lambda: place_of(best, one),
         "valley": cache(lambda: about_valley(dataset.stacked, prior, data, best)),
     }
-    choice_key, log_likelihood = jax.random.fold_in(key, 2), dataset.log_likelihood
-    chosen, _, evaluations = choose(choice_key, log_likelihood, prior, data, parametrisations)
+    target = Target(dataset.log_likelihood, prior, data)
+    chosen, _, evaluations = choose(jax.random.fold_in(key, 2), target, parametrisations)
     tried: list[tuple[xr.DataTree, Reparametrisation]] = []
     for name in sorted(parametrisations, key=lambda name: name != chosen):
         if (place := parametrisations[name]()) is None:
             continue
         tree = sample(
-            key, log_likelihood, prior, data, sampler="amis", coordinates=place,
+            key, dataset.log_likelihood, prior, data, sampler="amis", coordinates=place,
             num_samples=NUM_SAMPLES, num_chains=4, options={"most_rounds": MOST_ROUNDS},
             attrs=attrs(one.laws),
         )  # fmt: skip

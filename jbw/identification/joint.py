@@ -61,12 +61,13 @@ from jbw.identification.widening import ending, widened
 from jbw.inference.fit.valley import about_valley
 from jbw.inference.generator import parts_of
 from jbw.inference.posterior.finding import Finding
-from jbw.inference.posterior.verdict import Verdict, enough
-from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
-from jbw.inference.samplers.ladder import ROUNDS, Places, climb
+from jbw.inference.posterior.verdict import Verdict, enough, verdict
+from jbw.inference.samplers.chunked_run import Keep, Until, no_checkpoint
+from jbw.inference.samplers.ladder import ROUNDS, Places, Sizes, climb
 from jbw.inference.samplers.register import sampler_named
 from jbw.inference.samplers.rewhitening import sample_until
 from jbw.inference.space.box import box
+from jbw.inference.space.problem import Target
 from jbw.inference.space.reparametrisation import along_logarithms, in_box, never_zero
 from jbw.inference.space.ridge import along_ridge
 from jbw.observables import dataset
@@ -118,12 +119,17 @@ def joint_step(
     groups, findings, words = posterior_checks(keys[4], posterior["posterior"].to_dataset(), ready)
     for group, arrays in groups.items():
         posterior[group] = xr.DataTree(arrays)
+    by_chains = verdict(
+        posterior,
+        ready.box,
+        chi_square=ready.chi_square,
+        ending=ending(ready.box, ready.data.laws),
+    )
     step = finished(
         name, posterior, ready.box, ready.fit, started,
-        findings=[*ready.findings, *findings],
+        findings=[*by_chains.findings, *ready.findings, *findings],
         statements=[*ready.statements, *drawn(posterior.attrs), *words],
-        held=ready.data.held, chi_square=ready.chi_square,
-        ending=ending(ready.box, ready.data.laws),
+        held=ready.data.held,
     )  # fmt: skip
     residuals = dataset.left_by_label(ready.fit.residual, ready.data)
     judged = accuracy.within_misfit(step.verdict, dataset.error_by_label(residuals, ready.data))
@@ -222,31 +228,33 @@ def sample_joint(
     costly_parametrisations: Places = {
         "valley": lambda: about_valley(dataset.stacked, prior, data, best)
     }
-    enough = partial(are_enough, data=data, y_peak=ready.y_peak)
-    shared: dict[str, Any] = {
-        "num_chains": settings.num_chains, "attrs": attrs(data.laws), "budget_s": settings.budget_s
-    }  # fmt: skip
+    target = Target(dataset.log_likelihood, prior, data, is_costly=data.stepped)
+    until = Until(partial(are_enough, data=data, y_peak=ready.y_peak), settings.budget_s)
+    until = None if settings.num_samples is not None else until
     if settings.sampler == "auto":
         return climb(
-            key, dataset.log_likelihood, prior, data,
-            parametrisations=parametrisations, costly_parametrisations=costly_parametrisations,
-            is_costly=data.stepped,
-            num_samples=settings.num_samples, num_warmup=settings.num_warmup,
-            enough=None if settings.num_samples is not None else enough,
-            keep=lambda rung: keep(f"{name}_{rung}"), **shared,
-        )  # fmt: skip
+            key,
+            target,
+            parametrisations,
+            Sizes(settings.num_chains, settings.num_samples, settings.num_warmup),
+            costly_parametrisations=costly_parametrisations,
+            until=until,
+            keep=lambda stage: keep(f"{name}_{stage}"),
+            attrs=attrs(data.laws),
+        )
     sampler = sampler_named(settings.sampler)
     num_warmup, num_samples = settings.draws(sampler.draws)
     slices = sampler.name == "elliptical_slice"
     ridge = best.weak is not None or best.at_bound
     place = parametrisations[("ridge" if ridge else "logarithms") if slices else "box"]()
-    is_fixed = settings.num_samples is not None or sampler.is_fixed
     return sample_until(
-        key, dataset.log_likelihood, prior, data, sampler=sampler.name, coordinates=place,
-        num_warmup=num_warmup, num_samples=num_samples, rounds=ROUNDS if slices else 0,
-        enough=None if is_fixed else enough, keep=lambda i: keep(f"{name}_{i}" if i else name),
+        key, target, coordinates=place, rounds=ROUNDS if slices else 0,
+        until=None if sampler.is_fixed else until,
+        keep=lambda i: keep(f"{name}_{i}" if i else name),
+        sampler=sampler.name, num_chains=settings.num_chains,
+        num_warmup=num_warmup, num_samples=num_samples,
         chain_method="parallel" if jax.device_count() > 1 else "sequential",
-        options={"adapt_mass": True}, **shared,
+        options={"adapt_mass": True}, attrs=attrs(data.laws),
     )  # fmt: skip
 
 

@@ -1,6 +1,6 @@
 """What every posterior of the procedure ends as."""
 
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Any
@@ -8,7 +8,7 @@ from typing import Any
 import xarray as xr
 
 from jbw.inference.fit.fitting import Fit
-from jbw.inference.posterior.verdict import Finding, Verdict, judge, verdict
+from jbw.inference.posterior.verdict import Finding, Verdict, judge
 from jbw.inference.space.box import Box
 from jbw.oscillator.laws import quantities_of, vocabulary
 from jbw.oscillator.modes.parameters import own_quantities
@@ -56,19 +56,14 @@ def finished(
     fit: Fit,
     started: float,
     *,
-    findings: Iterable[Finding] = (),
+    findings: Iterable[Finding],
     statements: Iterable[str] = (),
     held: Mapping[str, Any] | None = None,
-    chi_square: tuple[float, int] | None = None,
-    ending: Collection[str] = (),
 ) -> Step:
-    """Judge a posterior, beside the `findings` of other looks, and put it beside its origin.
+    """Judge a posterior by its findings, and put it beside its origin.
 
-    `started` is the `perf_counter()` at the start of the step, `chi_square` that of a fit and its
-    degrees of freedom, where the noise is known from repeats, `ending` the parameters whose
-    upper bound is no choice.
+    `started` is the `perf_counter()` at the start of the step.
     """
-    judged = verdict(posterior, box, chi_square=chi_square, ending=ending)
     sentences = [*statements]
     if fit.weak is not None:
         sentences.append(f"By the initial fit, {fit.weak.text}.")
@@ -79,7 +74,7 @@ def finished(
     return Step(
         name,
         posterior,
-        judge((*judged.findings, *findings)),
+        judge(tuple(findings)),
         fit,
         box,
         tuple(sentences),

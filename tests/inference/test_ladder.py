@@ -14,8 +14,10 @@ from tiers import represented_by
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.posterior.summary import summarise
 from jbw.inference.posterior.verdict import enough as is_enough
-from jbw.inference.samplers.ladder import LOOKED_AT, climb
+from jbw.inference.samplers.chunked_run import Until, no_checkpoint
+from jbw.inference.samplers.ladder import LOOKED_AT, Sizes, climb
 from jbw.inference.space.box import box
+from jbw.inference.space.problem import Target
 from jbw.inference.space.reparametrisation import along_logarithms, in_box
 from jbw.inference.space.ridge import along_ridge
 
@@ -34,18 +36,11 @@ def thin(theta, data):
     return -0.5 * left_of(theta, data) ** 2
 
 
-def nothing_kept(name):
-    return None
-
-
 def climbed(seed, log_likelihood, bounds, data, places, **options):
-    options = {
-        "is_costly": False, "num_chains": 4, "num_samples": None, "enough": is_enough,
-        "budget_s": 60.0, "keep": nothing_kept, **options,
-    }  # fmt: skip
-    return climb(
-        jax.random.key(seed), log_likelihood, bounds, data, parametrisations=places, **options
-    )
+    target = Target(log_likelihood, bounds, data, options.pop("is_costly", False))
+    sizes = {name: options.pop(name) for name in Sizes._fields if name in options}
+    until = {"until": Until(is_enough, 60.0), **options}
+    return climb(jax.random.key(seed), target, places, Sizes(4, **sizes), **until)
 
 
 @pytest.fixture(scope="module", name="thin_places")
@@ -81,7 +76,7 @@ def test_a_product_known_to_a_thousandth_is_drawn_in_coordinates_that_suit_it(se
 
 
 def test_a_told_number_of_draws_is_drawn_and_all_evaluations_are_counted(thin_places):
-    tree = climbed(0, thin, RIDGE, jnp.log(60.0), thin_places, num_samples=250, enough=None)
+    tree = climbed(0, thin, RIDGE, jnp.log(60.0), thin_places, num_samples=250, until=None)
     assert dict(tree["posterior"].sizes) == {"chain": 4, "draw": 250}
     assert tree.attrs["sampler"] == "amis"
     # Those that only looked included, in each coordinate up to the first that suits.
@@ -106,7 +101,7 @@ def spiral(theta, data):
 
 
 def wound(rungs=None, **options):
-    keep = nothing_kept if rungs is None else rungs.append
+    keep = no_checkpoint if rungs is None else rungs.append
     return climbed(0, spiral, PLANE, jnp.asarray(WIDTH), ABOUT, keep=keep, **options)
 
 
@@ -116,7 +111,7 @@ CHAINS = [(True, "elliptical_slice"), (False, "nuts")]
 @pytest.mark.parametrize(("is_costly", "sampler"), CHAINS)
 def test_a_posterior_that_no_mixture_suits_is_left_to_chains(is_costly, sampler):
     rungs = []
-    tree = wound(rungs, is_costly=is_costly, num_samples=60, num_warmup=200, enough=None)
+    tree = wound(rungs, is_costly=is_costly, num_samples=60, num_warmup=200, until=None)
     assert tree.attrs["sampler"] == sampler
     assert rungs[:2] == ["amis", sampler]
     assert tree.attrs["coordinates"] == "box"
@@ -132,7 +127,7 @@ def test_a_posterior_that_no_mixture_suits_is_left_to_chains(is_costly, sampler)
 @pytest.mark.parametrize("is_costly", [True, False])
 def test_a_budget_spent_by_chains_counts_what_was_spent_before_them(is_costly):
     rungs = []
-    tree = wound(rungs, is_costly=is_costly, enough=lambda draws: False, budget_s=2.0)
+    tree = wound(rungs, is_costly=is_costly, until=Until(lambda draws: False, 2.0))
     # Time enough for all rounds of weighing, but on a machine that others use.
     assert rungs[0] == "amis"
     assert tree.attrs["budget_spent_s"] >= 2.0
@@ -141,7 +136,7 @@ def test_a_budget_spent_by_chains_counts_what_was_spent_before_them(is_costly):
 @pytest.mark.fault(37)
 def test_a_budget_spent_by_the_first_rung_ends_the_ladder():
     rungs = []
-    tree = wound(rungs, is_costly=True, enough=lambda draws: False, budget_s=0.0)
+    tree = wound(rungs, is_costly=True, until=Until(lambda draws: False, 0.0))
     assert rungs == ["amis"]
     assert tree.attrs["sampler"] == "amis"
     assert tree.attrs["rounds"] == 1

@@ -8,8 +8,10 @@ from tiers import represented_by
 
 from jbw.inference.posterior.summary import summarise
 from jbw.inference.posterior.verdict import verdict
+from jbw.inference.samplers.chunked_run import Until
 from jbw.inference.samplers.rewhitening import agree, by_moments, sample_until
 from jbw.inference.space.box import box
+from jbw.inference.space.problem import Target
 from jbw.inference.space.reparametrisation import in_box
 
 BOX = box({"a": (-50.0, 50.0), "b": (-50.0, 50.0)})
@@ -22,10 +24,13 @@ def normal(theta, data):
     return -0.5 * (off @ PRECISION @ off)[None]
 
 
+NORMAL = Target(normal, BOX)
+
+
 def drawn(rounds, seed=0, small=1e-6, seen=None):
     keep = (lambda round_: None) if seen is None else seen.append
     return sample_until(
-        jax.random.key(seed), normal, BOX, None,
+        jax.random.key(seed), NORMAL,
         coordinates=in_box(BOX, {"a": 0.0, "b": 0.0}, small * COVARIANCE, 4),
         rounds=rounds, keep=keep,
         sampler="elliptical_slice", num_warmup=25, num_samples=400, chain_method="vectorized",
@@ -90,7 +95,7 @@ def enough_of(sizes):
 def test_draws_double_until_they_are_enough(sampler):
     sizes = []
     found = sample_until(
-        jax.random.key(0), normal, BOX, None, rounds=0, enough=enough_of(sizes),
+        jax.random.key(0), NORMAL, rounds=0, until=Until(enough_of(sizes), np.inf),
         coordinates=in_box(BOX, {"a": 3.0, "b": -2.0}, COVARIANCE, 4),
         sampler=sampler, num_samples=125, chain_method="vectorized",
     )  # fmt: skip
@@ -105,7 +110,7 @@ def test_draws_double_until_they_are_enough(sampler):
 @pytest.mark.fault(37)
 def test_a_spent_budget_is_a_finding_that_says_what_it_would_have_taken():
     found = sample_until(
-        jax.random.key(0), normal, BOX, None, rounds=0, enough=lambda _: False, budget_s=1e-3,
+        jax.random.key(0), NORMAL, rounds=0, until=Until(lambda _: False, 1e-3),
         coordinates=in_box(BOX, {"a": 3.0, "b": -2.0}, COVARIANCE, 4),
         sampler="importance", num_samples=125, chain_method="vectorized",
     )  # fmt: skip
@@ -118,7 +123,7 @@ def test_a_spent_budget_is_a_finding_that_says_what_it_would_have_taken():
 
 def test_draws_of_a_told_number_have_no_budget():
     found = sample_until(
-        jax.random.key(0), normal, BOX, None, rounds=0, budget_s=0.0,
+        jax.random.key(0), NORMAL, rounds=0,
         coordinates=in_box(BOX, {"a": 3.0, "b": -2.0}, COVARIANCE, 4),
         sampler="elliptical_slice", num_warmup=5, num_samples=300, chain_method="vectorized",
     )  # fmt: skip

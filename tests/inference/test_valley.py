@@ -21,7 +21,7 @@ from jbw.inference.posterior.summary import summarise
 from jbw.inference.samplers import amis
 from jbw.inference.samplers.ladder import LOOKED_AT, choose
 from jbw.inference.space.box import box
-from jbw.inference.space.problem import problem_of
+from jbw.inference.space.problem import Target, problem_of
 from jbw.inference.space.reparametrisation import in_box
 from jbw.observables import dataset
 
@@ -85,7 +85,7 @@ def test_points_about_the_floor_are_worth_more_than_about_the_fit(fit):
 def test_the_valley_is_looked_at_where_few_points_count(fit):
     # By weights alone a part of a valley may look like all of it.
     places = {"box": lambda: straight(fit), "valley": lambda: curved(fit)}
-    name, _, looked_at = choose(jax.random.key(0), winding, BOX, MIDDLE, places)
+    name, _, looked_at = choose(jax.random.key(0), Target(winding, BOX, MIDDLE), places)
     assert (name, looked_at) == ("valley", 2 * LOOKED_AT)
 
 
@@ -108,7 +108,7 @@ def test_others_are_looked_at_where_fewer_than_half_of_the_points_count(wider, l
     about = in_box(BOX, CENTRE, np.diag((wider * STDS) ** 2), 4)
     narrow = in_box(BOX, CENTRE, np.diag(STDS**2), 4)
     places = {"box": lambda: about, "valley": never if looks == 1 else lambda: narrow}
-    name, _, looked_at = choose(jax.random.key(0), normal, BOX, STDS, places)
+    name, _, looked_at = choose(jax.random.key(0), Target(normal, BOX, STDS), places)
     assert (name, looked_at) == (list(places)[looks - 1], looks * LOOKED_AT)
 
 

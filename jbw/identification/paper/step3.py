@@ -17,6 +17,7 @@ from jbw.identification.paper import kernel
 from jbw.identification.paper.kernel import KernelData
 from jbw.identification.step import Step, attrs, finished
 from jbw.inference.fit.fitting import Fit, fit
+from jbw.inference.posterior.verdict import verdict
 from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import Box, bounds_about, box
@@ -156,7 +157,8 @@ def third_order_steps(
             tree = draw(draw_key, step, options={"adapt_mass": True}, **options)
         steps[name] = finished(
             name, tree, step.box, step.fit, started,
-            statements=(_product_sentence(tree), *notes), chi_square=step.fit.chi_square,
+            findings=verdict(tree, step.box, chi_square=step.fit.chi_square).findings,
+            statements=(_product_sentence(tree), *notes),
         )  # fmt: skip
     return steps
 

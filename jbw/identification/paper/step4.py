@@ -24,6 +24,7 @@ from jbw.inference.fit.fitting import Fit, fit
 from jbw.inference.fit.identifiability import weak_direction
 from jbw.inference.posterior.finding import Finding, checked
 from jbw.inference.posterior.remedies import put_bounds
+from jbw.inference.posterior.verdict import verdict
 from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import Box, box
@@ -197,7 +198,8 @@ def opening_steps(
         finding = _series_finding(tree["posterior"].to_dataset(), curve, held, records)
         steps[name] = finished(
             name, tree, prior, best, started,
-            findings=[finding], statements=statements, held=held, chi_square=chi_square,
+            findings=(*verdict(tree, prior, chi_square=chi_square).findings, finding),
+            statements=statements, held=held,
         )  # fmt: skip
         started = perf_counter()
     return steps

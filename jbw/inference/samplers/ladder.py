@@ -8,7 +8,7 @@ draws so far where an evaluation is costly, and otherwise NUTS along the model's
 import logging
 from collections.abc import Callable, Mapping
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -18,14 +18,14 @@ from jaxtyping import Array, Key
 from jbw.inference.posterior.summary import scalars
 from jbw.inference.posterior.verdict import ESS, GOOD_KHAT
 from jbw.inference.samplers import amis
-from jbw.inference.samplers.chunked_run import Kept, Until
+from jbw.inference.samplers.chunked_run import Keep, Until, no_checkpoint
 from jbw.inference.samplers.register import sampler_named
-from jbw.inference.samplers.rewhitening import Enough, by_moments, sample_until
+from jbw.inference.samplers.rewhitening import by_moments, sample_until
 from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import Box
-from jbw.inference.space.problem import LogLikelihood, problem_of
+from jbw.inference.space.problem import Target, problem_of
 from jbw.inference.space.reparametrisation import Reparametrisation
-from jbw.report.messages import stages
+from jbw.report.messages import stages as messages
 
 under_way = logging.getLogger("jbw.progress")
 
@@ -39,87 +39,71 @@ ROUNDS = 3  # times that slices are sampled again, where their chains disagree
 WORTH = 20.0  # effective points a dimension above which chains start about their moments
 
 
+class Sizes(NamedTuple):
+    """How much is drawn; the sampler's own where None.
+
+    Attributes:
+        num_chains: Chains, and groups of weighted points.
+        num_samples: Draws kept of each.
+        num_warmup: Steps of each chain that are discarded.
+    """
+
+    num_chains: int
+    num_samples: int | None = None
+    num_warmup: int | None = None
+
+
 def climb(
     key: Key[Array, ""],
-    log_likelihood: LogLikelihood,
-    box: Box,
-    data: Any,
-    *,
+    target: Target,
     parametrisations: Places,
+    sizes: Sizes,
+    *,
     costly_parametrisations: Places | None = None,
-    is_costly: bool,
-    num_chains: int,
-    num_samples: int | None,
-    num_warmup: int | None = None,
-    enough: Enough | None,
-    budget_s: float,
-    keep: Callable[[str], Kept | None],
+    until: Until | None = None,
+    keep: Keep = no_checkpoint,
     attrs: Mapping[str, Mapping[str, str]] | None = None,
 ) -> xr.DataTree:
     """Draw from a posterior by the first sampler that suffices, in the most effective coordinates.
 
     Args:
         key: Random key.
-        log_likelihood: As `sample` takes it, with `box` and `data`.
-        box: Prior bounds.
-        data: What the likelihood takes.
+        target: The posterior.
         parametrisations: Coordinates to choose from, each about a fit, by name; made when tried.
+        sizes: How much is drawn.
         costly_parametrisations: Those that cost evaluations to make, tried where no other
             suffices.
-        is_costly: Whether an evaluation steps through time.
-        num_chains: Chains, and groups of weighed points.
-        num_samples: Draws kept of each; the sampler's own when None.
-        num_warmup: Steps of each chain that are discarded; the sampler's own when None.
-        enough: Whether draws by name, (chain, draw), are enough; None for `num_samples` of them.
-        budget_s: Time to draw until they are [s].
-        keep: Checkpoint of a stage by its name; None for none.
+        until: When draws are enough, and the time to draw until they are; None for the told number.
+        keep: Checkpoint of a stage by its name.
         attrs: As `sample` takes them.
 
     Returns:
         The tree of `sample`; its attributes name the `coordinates`, and count all evaluations.
     """
     costly = {name: cache(make) for name, make in (costly_parametrisations or {}).items()}
-    name, place, evaluations = choose(
-        key, log_likelihood, box, data, {**parametrisations, **costly}
-    )
-    budget, spent = np.inf if enough is None else budget_s, 0.0
-    shared = {"num_chains": num_chains, "attrs": attrs}
-    rungs: Places = {name: lambda: place, **{n: make for n, make in costly.items() if n != name}}
-    tried: list[tuple[xr.DataTree, Reparametrisation]] = []
-    for other, make in rungs.items():
-        is_last = len(tried) == len(rungs) - 1
-        # Where there are no such coordinates, those of the stage before are used again.
-        if (parametrisation := make()) is not None:
-            name, place = other, parametrisation
-        tree = sample(
-            key, log_likelihood, box, data, sampler="amis",
-            coordinates=place, num_samples=num_samples or sampler_named("amis").draws[1],
-            kept=keep(f"{other}_amis" if tried else "amis"),
-            until=None if enough is None else Until(enough, budget - spent),
-            options={} if is_last else {"trial": TRIAL, "least": ESS}, **shared,
-        )  # fmt: skip
-        spent += tree["timing"].attrs["wall_s"]
-        evaluations += tree.attrs["num_evaluations"]
-        tree.attrs |= {"coordinates": name, "num_evaluations": evaluations}
-        tried.append((tree, place))
-        if is_good(tree, enough):
-            return tree
-        if spent >= budget:
-            tree.attrs["budget_spent_s"] = spent
-            return tree
-    under_way.info(stages.CHAINS)
+    chosen, place, looks = choose(key, target, {**parametrisations, **costly})
+    stages: Places = {
+        chosen: lambda: place, **{n: make for n, make in costly.items() if n != chosen}
+    }  # fmt: skip
+    shared = {"num_chains": sizes.num_chains, "attrs": attrs}
+    tried = by_mixtures(key, target, stages, sizes.num_samples, until, keep=keep, **shared)
+    spent = sum(tree["timing"].attrs["wall_s"] for tree, _ in tried)
+    evaluations = looks + sum(tree.attrs["num_evaluations"] for tree, _ in tried)
+    budget_s = np.inf if until is None else until.budget_s
+    tree, _ = tried[-1]
+    if is_good(tree, until):
+        tree.attrs["num_evaluations"] = evaluations
+        return tree
+    if spent >= budget_s:
+        tree.attrs |= {"num_evaluations": evaluations, "budget_spent_s": spent}
+        return tree
+    under_way.info(messages.CHAINS)
     best, place = max(tried, key=lambda trial: trial[0].attrs["ess_weights"])
-    coordinates = about_draws(best, box, place)
-    sampler = sampler_named("elliptical_slice" if is_costly else "nuts")
-    steps = sampler.draws if is_costly else sampler.cheap_draws
-    drawn = sample_until(
-        jax.random.fold_in(key, len(parametrisations) + len(rungs)), log_likelihood, box, data,
-        coordinates=coordinates, sampler=sampler.name, rounds=ROUNDS if is_costly else 0,
-        num_warmup=steps[0] if num_warmup is None else num_warmup,
-        num_samples=num_samples or steps[1], enough=enough,
-        budget_s=budget - spent, keep=lambda i: keep(f"{sampler.name}_{i}" if i else sampler.name),
-        chain_method="parallel" if jax.device_count() > 1 else "sequential",
-        options={"adapt_mass": True}, **shared,
+    drawn = by_chains(
+        jax.random.fold_in(key, len(parametrisations) + len(stages)), target,
+        about_draws(best, target.box, place), sizes,
+        until=None if until is None else until._replace(budget_s=budget_s - spent),
+        keep=keep, attrs=attrs,
     )  # fmt: skip
     evaluations += drawn.attrs["num_evaluations"]
     drawn.attrs |= {"coordinates": best.attrs["coordinates"], "num_evaluations": evaluations}
@@ -128,11 +112,68 @@ def climb(
     return drawn
 
 
-def is_good(tree: xr.DataTree, enough: Enough | None) -> bool:
+def by_mixtures(
+    key: Key[Array, ""],
+    target: Target,
+    stages: Places,
+    num_samples: int | None,
+    until: Until | None,
+    *,
+    keep: Keep = no_checkpoint,
+    **options: Any,
+) -> list[tuple[xr.DataTree, Reparametrisation]]:
+    """Draws weighted by adapted mixtures, in coordinates after coordinates until they suffice."""
+    tried: list[tuple[xr.DataTree, Reparametrisation]] = []
+    left = until
+    for stage, make in stages.items():
+        is_last = len(tried) == len(stages) - 1
+        # Where there are no such coordinates, those of the stage before are used again.
+        if (parametrisation := make()) is not None:
+            name, place = stage, parametrisation
+        tree = sample(
+            key, target.log_likelihood, target.box, target.data, sampler="amis",
+            coordinates=place, num_samples=num_samples or sampler_named("amis").draws[1],
+            kept=keep(f"{stage}_amis" if tried else "amis"), until=left,
+            options={} if is_last else {"trial": TRIAL, "least": ESS}, **options,
+        )  # fmt: skip
+        tree.attrs["coordinates"] = name
+        tried.append((tree, place))
+        if left is not None:
+            left = left._replace(budget_s=left.budget_s - tree["timing"].attrs["wall_s"])
+        if is_good(tree, until) or (left is not None and left.budget_s <= 0):
+            break
+    return tried
+
+
+def by_chains(
+    key: Key[Array, ""],
+    target: Target,
+    coordinates: Reparametrisation,
+    sizes: Sizes,
+    *,
+    until: Until | None = None,
+    keep: Keep = no_checkpoint,
+    attrs: Mapping[str, Mapping[str, str]] | None = None,
+) -> xr.DataTree:
+    """Draws by slices where an evaluation is costly, and otherwise along the gradient."""
+    sampler = sampler_named("elliptical_slice" if target.is_costly else "nuts")
+    num_warmup, num_samples = sampler.draws if target.is_costly else sampler.cheap_draws
+    return sample_until(
+        key, target, coordinates=coordinates, rounds=ROUNDS if target.is_costly else 0,
+        until=until, keep=lambda i: keep(f"{sampler.name}_{i}" if i else sampler.name),
+        sampler=sampler.name, num_chains=sizes.num_chains,
+        num_warmup=num_warmup if sizes.num_warmup is None else sizes.num_warmup,
+        num_samples=sizes.num_samples or num_samples,
+        chain_method="parallel" if jax.device_count() > 1 else "sequential",
+        options={"adapt_mass": True}, attrs=attrs,
+    )  # fmt: skip
+
+
+def is_good(tree: xr.DataTree, until: Until | None) -> bool:
     """Whether weights can be trusted, and their draws are enough."""
     if not (tree.attrs["khat"] < GOOD_KHAT and tree.attrs["ess_weights"] >= ESS):
         return False
-    return enough is None or enough(scalars(tree))
+    return until is None or until.enough(scalars(tree))
 
 
 def about_draws(tree: xr.DataTree, box: Box, place: Reparametrisation) -> Reparametrisation:
@@ -143,9 +184,7 @@ def about_draws(tree: xr.DataTree, box: Box, place: Reparametrisation) -> Repara
 
 def choose(
     key: Key[Array, ""],
-    log_likelihood: LogLikelihood,
-    box: Box,
-    data: Any,
+    target: Target,
     parametrisations: Places,
 ) -> tuple[str, Reparametrisation, int]:
     """The coordinates with the most effective points about the fit, and how many points were drawn.
@@ -158,9 +197,9 @@ def choose(
     for i, (name, make) in enumerate(parametrisations.items()):
         if max(worth.values(), default=0.0) > PLENTY * LOOKED_AT:
             break
-        under_way.info(stages.points(LOOKED_AT, name))
+        under_way.info(messages.points(LOOKED_AT, name))
         if (place := make()) is not None:
-            problem = problem_of(log_likelihood, box, data, place)
+            problem = problem_of(target.log_likelihood, target.box, target.data, place)
             built[name] = place
             worth[name] = amis.look(jax.random.fold_in(key, i), problem, LOOKED_AT)
     best = max(worth, key=lambda name: worth[name])

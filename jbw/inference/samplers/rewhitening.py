@@ -18,10 +18,9 @@ from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.inference.samplers.chunked_run import Kept, Until
 from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import Box
-from jbw.inference.space.problem import LogLikelihood
+from jbw.inference.space.problem import Target
 from jbw.inference.space.reparametrisation import Reparametrisation
 
-Enough = Callable[[Mapping[str, Float[np.ndarray, "chain draw"]]], bool]
 AGREED = 1.05  # R-hat of the worst parameter, above which the draws say where to draw again
 WIDER = 1.3  # times the covariance of draws that have not seen all
 INSIDE = 1e-9  # of the box's width, from its bounds
@@ -29,14 +28,11 @@ INSIDE = 1e-9  # of the box's width, from its bounds
 
 def sample_until(
     key: Key[Array, ""],
-    log_likelihood: LogLikelihood,
-    box: Box,
-    data: Any,
+    target: Target,
     *,
     coordinates: Reparametrisation,
     rounds: int,
-    enough: Enough | None = None,
-    budget_s: float = np.inf,
+    until: Until | None = None,
     keep: Callable[[int], Kept | None] = lambda round_: None,
     **options: Any,
 ) -> xr.DataTree:
@@ -45,23 +41,23 @@ def sample_until(
     Chains go on, twice as many draws at a time. What draws everything at once draws again, twice as
     many, unless k-hat says that more of its draws would be no better.
 
-    `rounds` are those about the draws' own moments at most; `enough` says of draws by name,
-    (chain, draw), whether they are, None for as many as told; `budget_s` is the time to draw until
-    they are, beyond the first draws of all [s]; `keep` says by the number of a round where its
-    chains outlive the process; all else is as of `sample`. The draws are those of the last round
-    alone; attributes count the evaluations of all, the rounds after the first as `rewhitened`, and
-    hold `budget_spent_s` where the time was, without enough.
+    `rounds` are those about the draws' own moments at most; `until` says when draws are enough, and
+    bounds the time beyond the first draws of all, None for as many as told; `keep` says by the
+    number of a round where its chains outlive the process; all else is as of `sample`. The draws
+    are those of the last round alone; attributes count the evaluations of all, the rounds after the
+    first as `rewhitened`, and hold `budget_spent_s` where the time was, without enough.
     """
     evaluations, spent, round_ = 0, 0.0, 0
-    budget_s = np.inf if enough is None else budget_s
+    budget_s = np.inf if until is None else until.budget_s
     while True:
         last = round_ >= rounds
 
         def stop(draws: dict[str, Any], last: bool = last) -> bool:
-            return enough is None or enough(draws) or not (last or agree(draws))
+            return until is None or until.enough(draws) or not (last or agree(draws))
 
         tree = sample(
-            key if round_ == 0 else jax.random.fold_in(key, round_), log_likelihood, box, data,
+            key if round_ == 0 else jax.random.fold_in(key, round_),
+            target.log_likelihood, target.box, target.data,
             coordinates=coordinates, kept=keep(round_), until=Until(stop, budget_s - spent),
             **options,
         )  # fmt: skip
@@ -69,12 +65,12 @@ def sample_until(
         spent += tree["timing"].attrs["wall_s"]
         tree.attrs |= {"num_evaluations": evaluations, "rewhitened": round_}
         draws = scalars(tree)
-        done = agree(draws) if enough is None else enough(draws)
+        done = agree(draws) if until is None else until.enough(draws)
         if done or spent >= budget_s:
             break
         if not (last or agree(draws)):
-            coordinates = by_moments(draws, box, coordinates)
-        elif enough is None or "rounds" in tree.attrs:  # those have grown until they were
+            coordinates = by_moments(draws, target.box, coordinates)
+        elif until is None or "rounds" in tree.attrs:  # those have grown until they were
             break
         elif tree.attrs.get("khat", 0.0) >= GOOD_KHAT:
             break

@@ -1,7 +1,7 @@
 """A posterior to draw from: likelihood, prior box, and the coordinates that samplers walk in."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -18,6 +18,22 @@ Theta = Mapping[str, Float[Array, "..."]]
 LogLikelihood = Callable[[Theta, Any], Float[Array, "..."]]
 # A uniform prior in the box is a logistic distribution of the logit, of variance pi^2 / 3.
 LOGIT_PRIOR_PRECISION = 3 / np.pi**2
+
+
+class Target(NamedTuple):
+    """A posterior to draw from, before coordinates are chosen.
+
+    Attributes:
+        log_likelihood: (theta, data) to independent terms [nats].
+        box: Prior bounds.
+        data: What the likelihood takes.
+        is_costly: Whether an evaluation steps through time.
+    """
+
+    log_likelihood: LogLikelihood
+    box: Box
+    data: PyTree = None
+    is_costly: bool = False
 
 
 class Problem(eqx.Module):
