@@ -39,7 +39,7 @@ from jbw.oscillator.step import (
 )
 
 Coordinates = tuple[Scalar, ...]
-Motion = tuple[Coordinates, Coordinates]  # (q_i, ...), (q_i', ...), or changes of both
+ModalMotion = tuple[Coordinates, Coordinates]  # (q_i, ...), (q_i', ...), or changes of both
 Memories = tuple[tuple[Memory, ...], ...]  # of every joint's laws
 # (q_i, ...), (q_i', ...), memories
 ModalState = tuple[Coordinates, Coordinates, Memories]
@@ -308,7 +308,7 @@ def modal_advance(
     return (q, v, memories), tuple((end.kick_y, end.kick_v) for end in passed)
 
 
-def freely(step: ModalStep, motion: Motion, push: ModalPush) -> Motion:
+def freely(step: ModalStep, motion: ModalMotion, push: ModalPush) -> ModalMotion:
     """Change of every mode without the joints' forces."""
     modes = list(zip(step.modes, *motion, push[0], push[1], strict=True))
     rise = tuple(m.f_11 * y + m.f_12 * dy + on_y for m, y, dy, on_y, _ in modes)
@@ -317,7 +317,7 @@ def freely(step: ModalStep, motion: Motion, push: ModalPush) -> Motion:
 
 
 def seen_by_joints(
-    step: ModalStep, motion: Motion, change: Motion, u: Scalar
+    step: ModalStep, motion: ModalMotion, change: ModalMotion, u: Scalar
 ) -> tuple[FreeMotion, ...]:
     """Motion of every joint by the modes alone, which change so freely: five scalars."""
     q, v = motion
@@ -463,11 +463,11 @@ def corrections(
 
 def driven(
     step: ModalStep,
-    motion: Motion,
-    change: Motion,
+    motion: ModalMotion,
+    change: ModalMotion,
     starts: Sequence[Remainder],
     passed: Sequence[Passed],
-) -> Motion:
+) -> ModalMotion:
     """The modes at the end of the step: their free change, and the joints' forces."""
     (q, v), (rise, gain) = motion, change
     forces = [
