@@ -10,7 +10,7 @@ import numpy as np
 from jbw.inference.samplers.chains import Draw, Kernel
 from jbw.observables.observable import run_of
 from jbw.observables.repeated import Repeated
-from jbw.observables.repeats import Repeats, repeats
+from jbw.observables.repeats import RepeatedGroups, repeats
 from jbw.oscillator.law import Law
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.parameters import Conversion, Material
@@ -63,7 +63,7 @@ class RingDown(Repeated):
 
     amplitude: jax.Array
     mean: jax.Array
-    repeats: Repeats = eqx.field()
+    repeats: RepeatedGroups = eqx.field()
 
     @classmethod
     def reduce(cls, tests, *, laws=("bouc_wen",), substeps=None):

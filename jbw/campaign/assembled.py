@@ -9,7 +9,7 @@ from jbw.assembly.dofs import Place as AnyPlace
 from jbw.assembly.dofs import terms_of
 from jbw.assembly.units import SYSTEMS
 from jbw.campaign import values
-from jbw.campaign.document import Table, key, unlike
+from jbw.campaign.document import FileTable, key, unlike
 from jbw.errors import ConfigError, did_you_mean
 from jbw.quantities import DEFAULT_LAWS, label, law_name
 
@@ -82,7 +82,7 @@ Pair = Annotated[tuple[str, str], BeforeValidator(_pair)]
 Motions = Annotated[tuple[float, ...], BeforeValidator(values.numbers)]
 
 
-class AssembledStructure(Table):
+class AssembledStructure(FileTable):
     """The [structure] table of a structure that is known by the matrices of a model."""
 
     matrices: MatrixFiles = key(
@@ -113,7 +113,7 @@ class AssembledStructure(Table):
     )
 
 
-class JointTable(Table):
+class JointTable(FileTable):
     """A [[joint]] table: one of several joints."""
 
     name: values.Text = key(..., "its name", "bolt 1")

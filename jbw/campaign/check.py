@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from jbw.campaign.duplicates import Source, held_twice, source_of
+from jbw.campaign.duplicates import ResponseOrigin, held_twice, source_of
 from jbw.campaign.files import repeats_of
 from jbw.campaign.gains import force_per_unit, gain_of
 from jbw.campaign.joints import STRUCTURE, JointsCheck, check_joints
@@ -98,7 +98,7 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
         codes.add(error.exit_code)
     for fault in joint_faults:
         rows.append(Row(STRUCTURE, fault.channel, "", "", None, 0, fault.severity, (fault,)))
-    sources: list[Source] = []
+    sources: list[ResponseOrigin] = []
     levels: list[Level] = []
     for test in spec.tests:
         named: list[tuple[str, Fault]] = []

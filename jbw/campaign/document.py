@@ -25,7 +25,7 @@ SENTENCES = {
 }
 
 
-class Table(BaseModel):
+class FileTable(BaseModel):
     """A table of a file: immutable, and it takes no key that it does not know.
 
     Unpacked as a mapping (`{**table}`) it holds what was stated, without the defaults.
@@ -103,7 +103,7 @@ def unknown_tables(document: Mapping[str, Any], tables: Collection[str]) -> list
     )
 
 
-def checked[Found: Table](
+def checked[Found: FileTable](
     model: type[Found], table: Any, where: str, errors: list[str]
 ) -> Found | None:
     """A table as its typed record; None where anything is wrong, which is added to the errors.
@@ -126,7 +126,7 @@ def checked[Found: Table](
     return None
 
 
-def _lines(model: type[Table], error: ErrorDetails) -> Iterator[str]:
+def _lines(model: type[FileTable], error: ErrorDetails) -> Iterator[str]:
     """What is wrong with a table, each line with the key that it is about."""
     key, *inner = [str(part) for part in error["loc"] if isinstance(part, str)] or [""]
     # Of a whole table, some lines name their key themselves.
@@ -135,7 +135,7 @@ def _lines(model: type[Table], error: ErrorDetails) -> Iterator[str]:
         yield names + line if names else f" {line}" if re.match(r"\w+:", line) else f": {line}"
 
 
-def _sentence(model: type[Table], key: str, error: ErrorDetails) -> str:
+def _sentence(model: type[FileTable], key: str, error: ErrorDetails) -> str:
     code, value, context = error["type"], error["input"], error.get("ctx", {})
     if code == "extra_forbidden":
         return f"unknown key{unlike(key, model.model_fields)}."
@@ -165,7 +165,7 @@ def refuse(file: str, errors: Sequence[str]) -> None:
         raise ConfigError("\n  ".join([f"{file} has {count}:", *shown, *more]))
 
 
-def json_schema(model: type[Table]) -> dict[str, Any]:
+def json_schema(model: type[FileTable]) -> dict[str, Any]:
     """JSON Schema of a file's model, for editors: without titles and defaults that say nothing."""
     head = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
     return head | _plain(model.model_json_schema())
@@ -198,7 +198,7 @@ def toml(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False)  # JSON's strings, numbers and lists are TOML
 
 
-def commented(table: type[Table], names: Iterable[str]) -> list[str]:
+def commented(table: type[FileTable], names: Iterable[str]) -> list[str]:
     """Keys offered in a comment of a file, with an example and what they mean."""
     fields = {name: table.model_fields[name] for name in names}
     return [

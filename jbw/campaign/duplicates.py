@@ -20,7 +20,7 @@ DOUBTED, MOST_SHARED = 0.2, 0.5
 FORCES = ("restoring_force", "force")
 
 
-class Source(NamedTuple):
+class ResponseOrigin(NamedTuple):
     """Where the response of a record comes from, and what of it a test uses."""
 
     test: str
@@ -33,7 +33,7 @@ class Source(NamedTuple):
     tones_hz: tuple[float, ...]
 
 
-def source_of(record: Record, test: TestSpec) -> Source:
+def source_of(record: Record, test: TestSpec) -> ResponseOrigin:
     """Where a record of a test comes from."""
     is_curve, role = test.traits.is_curve, record.response
     if (
@@ -51,14 +51,14 @@ def source_of(record: Record, test: TestSpec) -> Source:
     start = test.span[0] if test.span else 0.0
     length = 0.0 if is_curve else record.num_samples / record.fs
     band = test.band or (0.0, np.inf)
-    return Source(test.name, record.name, role, digest.hexdigest(), channel,
+    return ResponseOrigin(test.name, record.name, role, digest.hexdigest(), channel,
                   (start, start + length), band, test.tones)  # fmt: skip
 
 
-def held_twice(sources: Sequence[Source]) -> Iterator[tuple[str, Fault]]:
+def held_twice(sources: Sequence[ResponseOrigin]) -> Iterator[tuple[str, Fault]]:
     """The second test of every record that a campaign holds twice, and the refusal."""
-    by_digest: dict[str, list[Source]] = {}
-    by_channel: dict[tuple[str, str, str], list[Source]] = {}
+    by_digest: dict[str, list[ResponseOrigin]] = {}
+    by_channel: dict[tuple[str, str, str], list[ResponseOrigin]] = {}
     for source in sources:
         same_samples = by_digest.setdefault(source.digest, [])
         same_channel = by_channel.setdefault(source.channel, []) if source.channel[0] else []
@@ -74,7 +74,9 @@ def held_twice(sources: Sequence[Source]) -> Iterator[tuple[str, Fault]]:
         same_channel.append(source)
 
 
-def _fault(severity: Callable[..., Fault], source: Source, other: Source, what: str) -> Fault:
+def _fault(
+    severity: Callable[..., Fault], source: ResponseOrigin, other: ResponseOrigin, what: str
+) -> Fault:
     listed = [f"`{holder.record}` of test `{holder.test}`" for holder in (source, other)]
     return severity(
         source.role,
@@ -84,14 +86,14 @@ def _fault(severity: Callable[..., Fault], source: Source, other: Source, what: 
     )
 
 
-def _use_the_same(source: Source, other: Source) -> bool:
+def _use_the_same(source: ResponseOrigin, other: ResponseOrigin) -> bool:
     """Whether two tests use a common part of a record: bands that meet, and tones if they have."""
     low, high = (max(source.band_hz[0], other.band_hz[0]), min(source.band_hz[1], other.band_hz[1]))
     tones = not (source.tones_hz and other.tones_hz) or set(source.tones_hz) & set(other.tones_hz)
     return low < high and bool(tones)
 
 
-def _shared(source: Source, other: Source) -> float:
+def _shared(source: ResponseOrigin, other: ResponseOrigin) -> float:
     """Share of the shorter of two parts of a record that the other holds as well."""
     if not _use_the_same(source, other):
         return 0.0

@@ -14,7 +14,15 @@ from jbw.campaign.assembled import (
     laws_by_joint,
     laws_of_joint,
 )
-from jbw.campaign.document import Table, checked, document_of, key, refuse, text_of, unknown_tables
+from jbw.campaign.document import (
+    FileTable,
+    checked,
+    document_of,
+    key,
+    refuse,
+    text_of,
+    unknown_tables,
+)
 from jbw.campaign.gains import differ
 from jbw.campaign.settings import (
     MOST_MODES,
@@ -31,7 +39,7 @@ from jbw.campaign.written import CAMPAIGN
 from jbw.quantities import DEFAULT_LAWS
 
 
-class CampaignFile(Table):
+class CampaignFile(FileTable):
     """The whole file, as its JSON Schema tells it to editors."""
 
     model_config = ConfigDict(title="Campaign file of jbw")

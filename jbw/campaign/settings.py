@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BeforeValidator, StrictBool, model_validator
 
 from jbw.campaign import values
-from jbw.campaign.document import LISTED, Table, checked, key, refuse, unlike
+from jbw.campaign.document import LISTED, FileTable, checked, key, refuse, unlike
 from jbw.errors import ConfigError
 from jbw.inference.density import Density
 from jbw.inference.samplers.register import SAMPLERS
@@ -48,7 +48,7 @@ References = Annotated[
 ]
 
 
-class Identify(Table):
+class Identify(FileTable):
     """What to fit, what to hold out, and how to draw; every default stands here.
 
     None stands for what the data or the sampler decide.
@@ -162,7 +162,7 @@ class Identify(Table):
         )
 
 
-class Structured(Table):
+class Structured(FileTable):
     """The [structure] table: modes that meet in the joint, and what is known of them there."""
 
     modes: values.Frequencies = key(
@@ -271,7 +271,7 @@ def _knows_several(kind: Kind) -> bool:
     return kind.is_transient or kind.is_periodic or kind.is_free
 
 
-class JointLaws(Table):
+class JointLaws(FileTable):
     """The [joint] table: which laws stand beside each other across the joint."""
 
     laws: values.Laws = key(

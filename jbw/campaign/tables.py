@@ -7,7 +7,7 @@ from typing import ClassVar, Literal, NamedTuple, Self
 from pydantic import StrictBool, model_validator
 
 from jbw.campaign import values
-from jbw.campaign.document import Table, key
+from jbw.campaign.document import FileTable, key
 from jbw.measurement.kinds import KINDS
 from jbw.measurement.kinds import Kind as Traits
 from jbw.measurement.records import BY_UNIT, INPUTS, RESPONSES, si_of
@@ -32,7 +32,7 @@ class Instruments(NamedTuple):
 NOT_STATED = Instruments()
 
 
-class Head(Table):
+class Head(FileTable):
     """The [campaign] table."""
 
     name: values.Text = key("campaign", "a short name", "beam")
@@ -59,7 +59,7 @@ class Head(Table):
         return Instruments(self.fs_std or 0.0, dict(self.gain_std))
 
 
-class Assembly(Table):
+class Assembly(FileTable):
     """The [assembly] table: what a fleet of campaigns needs of each beside its records."""
 
     name: values.Text = key("", "which specimen or assembly of the joint", "beam 3")
@@ -70,7 +70,7 @@ class Assembly(Table):
     temperature: values.Number | None = key(None, "while it was measured [degC]", 21.5)
 
 
-class TestSpec(Table):
+class TestSpec(FileTable):
     """One [[test]] table."""
 
     __test__: ClassVar[bool] = False  # not a pytest class

@@ -13,7 +13,7 @@ from jbw.report.messages import planning
 from jbw.report.table import Column, Table, table
 
 if TYPE_CHECKING:
-    from jbw.planning.plan import CandidateRow, Combination, Expected, Plan
+    from jbw.planning.plan import CandidateRow, Combination, Expected, MeasurementPlan
 
 
 @click.command()
@@ -120,7 +120,7 @@ def fleet_table(rows: "list[dict[str, float]]", scatter: float) -> Table:
     )
 
 
-def plan_table(planned: "Plan") -> Table:
+def plan_table(planned: "MeasurementPlan") -> Table:
     """The candidates, a line each."""
     wish = planned.wish
 
@@ -148,7 +148,7 @@ def plan_table(planned: "Plan") -> Table:
     )
 
 
-def _recommended(combination: "Combination", planned: "Plan") -> list[str]:
+def _recommended(combination: "Combination", planned: "MeasurementPlan") -> list[str]:
     """The combination in words: what to measure, what it tells, what it does not."""
     wish = planned.wish
     if combination.met and not combination.tests:

@@ -10,7 +10,7 @@ from scipy import stats
 
 from jbw.errors import ConfigError, DataError
 from jbw.identification.line_method import LineFit, in_band, line_fit_start
-from jbw.identification.lines import Lines, fit_lines
+from jbw.identification.lines import FRFLines, fit_lines
 from jbw.identification.windowed import Real
 from jbw.measurement.spectra import FRF
 
@@ -87,7 +87,7 @@ def line_fit(
     extra = np.zeros(NUM_RESIDUALS[residuals])
     typical = np.concatenate([start, extra + np.abs(part.h).max()])
     optimum = fit_lines(
-        Lines((part,), 1, len(extra), smear), np.concatenate([start, extra]), typical
+        FRFLines((part,), 1, len(extra), smear), np.concatenate([start, extra]), typical
     )
     upper, lower = (*optimum.theta[3:], 0.0, 0.0)[:2]
     omega_n, zeta, gain = map(float, optimum.theta[:3])

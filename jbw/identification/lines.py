@@ -33,7 +33,7 @@ NOISE_ROUNDS = 4
 
 
 @dataclass(frozen=True)
-class Lines:
+class FRFLines:
     """What is fitted: the lines of several outputs over one band, and by what."""
 
     outputs: tuple[FRF, ...]  # in the band
@@ -63,7 +63,7 @@ class Lines:
 
 
 @dataclass(frozen=True)
-class Fitted:
+class FittedLines:
     """The optimum of weighted least squares."""
 
     theta: Real
@@ -79,7 +79,7 @@ def to_measured(part: FRF) -> Complex:
     return np.power(1j * part.omega, derivative_order(part.response), dtype=complex)
 
 
-def observed_variance(lines: Lines) -> Real:
+def observed_variance(lines: FRFLines) -> Real:
     """Variance of the lines as their averages tell it, in the response that was measured."""
     variances = [
         floored(part.variance * np.abs(to_measured(part)) ** 2, part.h * to_measured(part))
@@ -88,7 +88,7 @@ def observed_variance(lines: Lines) -> Real:
     return np.concatenate(variances)
 
 
-def fit_lines(lines: Lines, start: Real, typical: Real) -> Fitted:
+def fit_lines(lines: FRFLines, start: Real, typical: Real) -> FittedLines:
     """Least squares from a start, its errors those of correlated, leaking lines where windowed."""
     data, observed = lines.data, observed_variance(lines)
     variance, of_sum = observed, None
@@ -106,7 +106,7 @@ def fit_lines(lines: Lines, start: Real, typical: Real) -> Fitted:
     return replace(fitted, covariance=_covariance_of(fitted.jacobian, variance, of_sum))
 
 
-def _errors(lines: Lines, observed: Real, theta: Real) -> LineErrors:
+def _errors(lines: FRFLines, observed: Real, theta: Real) -> LineErrors:
     ratio = observed * lines.outputs[0].num_averages
     return line_errors(lines.outputs, ratio, modes_by_output(lines, theta), leakage=lines.smear)
 
@@ -116,7 +116,7 @@ def _floored(variance: Real, data: Complex, num_outputs: int) -> Real:
     return np.concatenate([floored(v, h) for v, h in pairs])
 
 
-def _left_over(lines: Lines, residual: Complex, variance: Real) -> Real:
+def _left_over(lines: FRFLines, residual: Complex, variance: Real) -> Real:
     """What is left of every output over its variance: the noise of lines that know none."""
     num = len(lines.outputs)
     free = 1 - lines.num_parameters / (2 * len(residual))  # of the values
@@ -124,7 +124,7 @@ def _left_over(lines: Lines, residual: Complex, variance: Real) -> Real:
     return np.repeat(share.mean(axis=-1) / free, residual.size // num)
 
 
-def modes_by_output(lines: Lines, theta: Real) -> list[Modes]:
+def modes_by_output(lines: FRFLines, theta: Real) -> list[Modes]:
     """(omega_n, zeta, residue) of each mode in each output."""
     blocks = theta[: lines.num_modes * lines.width].reshape(lines.num_modes, lines.width)
     return [[(b[0], b[1], b[2 + o]) for b in blocks] for o in range(len(lines.outputs))]
@@ -143,7 +143,7 @@ def mode_lines(part: FRF, mode: tuple[float, float, float], smear: bool) -> Comp
     return receptance(part.omega, *mode) * to_measured(part)
 
 
-def model_of(lines: Lines) -> Callable[[Real], Complex]:
+def model_of(lines: FRFLines) -> Callable[[Real], Complex]:
     """Lines as a function of the parameters, in the response measured, output by output."""
     extra = [terms(part, lines.num_residuals) for part in lines.outputs]
     modal = lines.num_modes * lines.width
@@ -162,8 +162,8 @@ def model_of(lines: Lines) -> Callable[[Real], Complex]:
 
 
 def _least_squares(
-    lines: Lines, data: Complex, variance: Real, start: Real, typical: Real
-) -> Fitted:
+    lines: FRFLines, data: Complex, variance: Real, start: Real, typical: Real
+) -> FittedLines:
     """The optimum, whose covariance is not known before that of the lines is."""
     model, weight = model_of(lines), np.sqrt(2 / variance)  # a component has half of the variance
 
@@ -193,7 +193,9 @@ def _least_squares(
     jacobian = (optimum.jac[:half] + 1j * optimum.jac[half:]) / weight[:, None] / typical
     residual = (optimum.fun[:half] + 1j * optimum.fun[half:]) / weight
     none = np.full((len(start), len(start)), np.nan)
-    return Fitted(optimum.x * typical, jacobian, variance, none, float(2 * optimum.cost), residual)
+    return FittedLines(
+        optimum.x * typical, jacobian, variance, none, float(2 * optimum.cost), residual
+    )
 
 
 def _covariance_of(

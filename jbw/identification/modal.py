@@ -20,8 +20,8 @@ from jbw.errors import ConfigError, DataError
 from jbw.identification.line_method import LineFit, in_band
 from jbw.identification.linear import NUM_RESIDUALS, Residuals, checked_smear
 from jbw.identification.lines import (
-    Fitted,
-    Lines,
+    FittedLines,
+    FRFLines,
     fit_lines,
     mode_lines,
     modes_by_output,
@@ -113,7 +113,7 @@ def fit_modes(
     edges = float(first.freq[0]), float(first.freq[-1])
     parts = tuple(in_band(part, edges) for part in outputs)
     starts, diagram = starts_of(parts, modes, edges)
-    lines = Lines(parts, len(starts), NUM_RESIDUALS[residuals], smear)
+    lines = FRFLines(parts, len(starts), NUM_RESIDUALS[residuals], smear)
     _enough(lines)
     order = np.argsort(starts[:, 0])
     start = _projected(lines, starts[order])
@@ -173,7 +173,7 @@ def _same_lines(outputs: list[FRF]) -> list[FRF]:
     return outputs
 
 
-def _enough(lines: Lines) -> None:
+def _enough(lines: FRFLines) -> None:
     """Refuse a band with fewer values than unknowns."""
     values = 2 * sum(len(part.freq) for part in lines.outputs)
     if values <= lines.num_parameters:
@@ -184,7 +184,7 @@ def _enough(lines: Lines) -> None:
         )
 
 
-def _projected(lines: Lines, starts: Real) -> Real:
+def _projected(lines: FRFLines, starts: Real) -> Real:
     """Parameters with the poles at their best, residues by linear least squares."""
     weights = np.split(np.sqrt(2 / observed_variance(lines)), len(lines.outputs))
     data = [part.h * to_measured(part) for part in lines.outputs]
@@ -231,7 +231,7 @@ def _stacked(rows: NDArray[np.complex128]) -> Real:
     return np.concatenate([rows.real, rows.imag], axis=-1)
 
 
-def _typical(lines: Lines, start: Real) -> Real:
+def _typical(lines: FRFLines, start: Real) -> Real:
     """Sizes of the parameters: a residue's is a tenth of its output's largest at least."""
     modal = lines.num_modes * lines.width
     blocks = np.abs(start[:modal]).reshape(lines.num_modes, lines.width)
@@ -241,8 +241,8 @@ def _typical(lines: Lines, start: Real) -> Real:
 
 
 def _as_fit(
-    lines: Lines,
-    fitted: Fitted,
+    lines: FRFLines,
+    fitted: FittedLines,
     diagram: Stabilisation | None,
     edges: tuple[float, float],
     order: NDArray[np.int64],
@@ -268,7 +268,7 @@ def _as_fit(
     )  # fmt: skip
 
 
-def _apart(lines: Lines, theta: Real) -> None:
+def _apart(lines: FRFLines, theta: Real) -> None:
     """Refuse modes that passed each other, or that ended as one."""
     omega, zeta, _ = np.array(modes_by_output(lines, theta)[0]).T
     half_width = np.maximum((zeta * omega)[1:], (zeta * omega)[:-1])

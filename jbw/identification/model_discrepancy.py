@@ -175,7 +175,7 @@ def _at(share: Scatter, missed: AtAmplitude) -> float:
     return float(np.hypot(missed.share * share.std, missed.beyond * share.whole))
 
 
-class Noise(NamedTuple):
+class NoiseSquares(NamedTuple):
     """Sum of squares that noise leaves of a group, and the independent values that tell it."""
 
     square: float
@@ -211,7 +211,7 @@ class LeftOutRun(NamedTuple):
     noise_std: Float[np.ndarray, " own"] = np.zeros(0)  # of `std` that of noise, not of parameters
 
 
-NoiseOf = Mapping[str, Noise]  # by label
+NoiseOf = Mapping[str, NoiseSquares]  # by label
 
 
 def growth(y: float | None, y_low: float, y_high: float) -> float:
@@ -394,7 +394,7 @@ def by_drift(of_run: LeftOutRun, decay: LeftOutDecay, omega_n: float) -> LeftOut
     std = noise_std.copy()
     if np.isfinite(of_run.std[1]):
         std[1] = np.hypot(std[1], of_run.std[1])
-    rest = _rest(drift.rest, Noise(decay.noise, np.inf), decay.fraction)
+    rest = _rest(drift.rest, NoiseSquares(decay.noise, np.inf), decay.fraction)
     return of_run._replace(
         shift=np.array([drift.frequency, drift.rate / omega_n]),
         std=std,
@@ -585,15 +585,18 @@ def _kinds(data: Dataset) -> dict[str, tuple[str, ...]]:
     return {label: part.kinds for part in data.parts for label in part.labels}
 
 
-def _noise_of_repeats(data: Dataset) -> dict[str, Noise]:
+def _noise_of_repeats(data: Dataset) -> dict[str, NoiseSquares]:
     """What noise leaves of the mean of each group that was repeated."""
     sizes = size_by_label(data)
     known_by = {label: x for part in data.parts for label, x in part.noise_known().items()}
     scatter = {label: x for part in data.parts for label, x in part.mean_repeatability().items()}
-    return {label: Noise((x * sizes[label]) ** 2, known_by[label]) for label, x in scatter.items()}
+    return {
+        label: NoiseSquares((x * sizes[label]) ** 2, known_by[label])
+        for label, x in scatter.items()
+    }
 
 
-def _noise_alike(best: Fit, data: Dataset) -> dict[str, Noise]:
+def _noise_alike(best: Fit, data: Dataset) -> dict[str, NoiseSquares]:
     """What noise would leave of each group, were it not fitted.
 
     By the scatter of its repeats, else as much a value as the fit leaves of other groups of its
@@ -607,7 +610,7 @@ def _noise_alike(best: Fit, data: Dataset) -> dict[str, Noise]:
         others = [other for other in residuals if other != label and kinds[other] == kinds[label]]
         comparable = others or [label]
         known_by = sum(fractions[x] * _count(residuals[x]) for x in comparable)
-        noise[label] = Noise(
+        noise[label] = NoiseSquares(
             _count(row) * float(np.mean([square[x] for x in comparable])), known_by
         )
     return noise | _noise_of_repeats(data)
@@ -635,7 +638,7 @@ def _rests(
 
 def _rest(
     row: Row,
-    noise: Noise,
+    noise: NoiseSquares,
     fraction: float,
     uncertain: Inexact[np.ndarray, "value parameter"] | None = None,
 ) -> Rest:

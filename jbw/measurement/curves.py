@@ -11,7 +11,7 @@ from jbw.measurement.records import INPUTS, RESPONSES, Record
 from jbw.quantities import Motion, derivative_order
 
 
-class ResponseCurve(NamedTuple):
+class MeasuredCurve(NamedTuple):
     """Measured harmonic response, line by line; a controller may vary the excitation along it."""
 
     freq_hz: Reals  # excitation frequencies, in the order of the file [Hz]
@@ -32,14 +32,14 @@ class ForcedLoop(NamedTuple):
     force: Reals  # of the joint [N], positive against positive displacement
 
 
-def response_curve(record: Record) -> ResponseCurve:
+def response_curve(record: Record) -> MeasuredCurve:
     """The curve X = x exp(j phi) that a record of kind `frf` holds, without its masked lines."""
     _must_have(record, (("frequency",), ("phase",), INPUTS, RESPONSES), "a response curve")
     lines = {role: samples[record.valid] for role, samples in record.channels.items()}
     response = np.asarray(lines[record.response] * np.exp(1j * lines["phase"]), np.complex128)
     is_ratio = "ratio" in record.provenance
     freq_hz, source = lines["frequency"], lines[record.source]
-    return ResponseCurve(freq_hz, source, response, record.source, record.response, is_ratio)
+    return MeasuredCurve(freq_hz, source, response, record.source, record.response, is_ratio)
 
 
 class ControlledCurve(NamedTuple):
@@ -84,7 +84,7 @@ def controlled_curve(record: Record, locked_phase: float = float("nan")) -> Cont
     return ControlledCurve(freq_hz, amplitude, phase, force)
 
 
-def displacement_of(curve: ResponseCurve) -> Complexes:
+def displacement_of(curve: MeasuredCurve) -> Complexes:
     """Complex peak displacement [m], Y = X / (j omega)^p; p of velocity is 1, of acceleration 2."""
     omega = 2 * np.pi * curve.freq_hz
     return curve.response / (1j * omega) ** derivative_order(curve.response_kind)

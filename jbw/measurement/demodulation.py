@@ -86,7 +86,7 @@ def demodulate(x: Float[np.ndarray, " time"], chosen: BandFilter) -> tuple[Reals
 
 
 @dataclass(frozen=True)
-class Reading:
+class DecayReading:
     """Frequency and damping along a decay, read without any model of the joint."""
 
     amplitude: Reals  # peak amplitude, in the unit of the response
@@ -99,7 +99,7 @@ def read_decay(
     step_s: float,
     centre_hz: float,
     window_s: float | None = None,
-) -> Reading:
+) -> DecayReading:
     r"""Frequency and damping along a decay, from parabolas through the logarithm of its envelope.
 
     $$\frac{d}{dt} \log X = -\zeta\omega + j (\omega - \omega_0)$$
@@ -129,7 +129,7 @@ def read_decay(
     missed = np.linalg.norm(np.exp(pieces) - np.exp((powers @ fitted).T), axis=1)
     is_reading = (damping > 0) & (missed < MISSED * np.linalg.norm(np.exp(pieces), axis=1))
     reading = np.exp(level.real), omega / (2 * np.pi), damping
-    return Reading(*(values[is_reading] for values in reading))
+    return DecayReading(*(values[is_reading] for values in reading))
 
 
 def decay_steps(log_size: Float[np.ndarray, " time"]) -> float:

@@ -44,7 +44,7 @@ class Reading(NamedTuple):
         return self.damping > 0.0 and not self.left > MISSED and bool(np.isfinite(self.y))
 
 
-class Lines(NamedTuple):
+class DrivenLines(NamedTuple):
     """Lines of a record's transform that its source drives."""
 
     omega: Float[np.ndarray, " line"]  # [rad/s]
@@ -54,7 +54,7 @@ class Lines(NamedTuple):
     num_samples: int
 
 
-def driven_lines(record: Record, band_hz: tuple[float, float] | None = None) -> Lines:
+def driven_lines(record: Record, band_hz: tuple[float, float] | None = None) -> DrivenLines:
     """Source and displacement on the lines that are driven, in a band where one is given."""
     if not record.valid.all():
         raise DataError(f"{_named(record)} has samples missing.")
@@ -73,7 +73,7 @@ def driven_lines(record: Record, band_hz: tuple[float, float] | None = None) -> 
     if np.count_nonzero(is_driven) < LEAST_LINES:
         raise DataError(too_few)
     place = 1 + np.flatnonzero(is_driven)
-    return Lines(2 * np.pi * freq[is_driven], source[is_driven], y[is_driven], place, len(u))
+    return DrivenLines(2 * np.pi * freq[is_driven], source[is_driven], y[is_driven], place, len(u))
 
 
 def driven_band(record: Record) -> tuple[float, float]:
@@ -94,7 +94,7 @@ def _named(record: Record) -> str:
     return record.name or "A record"  # of one in memory there is no file to name
 
 
-def read_lines(lines: Lines) -> Reading:
+def read_lines(lines: DrivenLines) -> Reading:
     """The reading of a record in time, at the amplitude of its envelope weighed by energy."""
     read = read_resonance(lines.omega, lines.source, lines.y)
     centre = 2 * np.pi * read.frequency_hz

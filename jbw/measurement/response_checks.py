@@ -8,7 +8,7 @@ import numpy as np
 from jbw.errors import JbwError
 from jbw.measurement.channels import Reals, lines_within
 from jbw.measurement.checks import Fault, doubt, refusal
-from jbw.measurement.curves import ForcedLoop, ResponseCurve, displacement_of
+from jbw.measurement.curves import ForcedLoop, MeasuredCurve, displacement_of
 from jbw.measurement.harmonics import NOISE_FLOOR, Harmonics, harmonics
 from jbw.measurement.records import INPUTS, Record
 from jbw.measurement.resonances import driven_lines
@@ -84,7 +84,7 @@ def _named(fitted: Sequence[Harmonics]) -> str:
     return f"Tone {tones} Hz{more}"
 
 
-def impassive(curve: ResponseCurve) -> Iterator[Fault]:
+def impassive(curve: MeasuredCurve) -> Iterator[Fault]:
     """Doubts about signs and units: work -pi F Im Y must be taken in, and the phase must fall."""
     role = curve.response_kind
     if len(curve.freq_hz) < FEWEST_LINES:

@@ -31,7 +31,7 @@ from jbw.measurement.records import Record, Test
 from jbw.observables.line_fit import LEAST_LINES, oscillator_through
 from jbw.observables.observable import Laws, Rows, SteadyLines, Theta, run_of
 from jbw.observables.repeated import Repeated
-from jbw.observables.repeats import Repeats, filled, repeats
+from jbw.observables.repeats import RepeatedGroups, filled, repeats
 from jbw.observables.residual_terms import receptance, taken
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.controlled import force_at, tone_at_phase
@@ -44,7 +44,7 @@ QUARTER = -0.5 * np.pi  # phase of the displacement at phase resonance [rad]
 MOMENTS = 4  # variables of a point that scatter: what is not the force, force, log Y, phase
 
 
-class Row(NamedTuple):
+class ControlledGroup(NamedTuple):
     """One group: which test, and what of it is compared."""
 
     test: int
@@ -89,8 +89,8 @@ class ControlledPoints(Repeated):
     moments: Float[Array, "test point variable variable"]
     amplitude_std: Float[Array, " test"]
     size: Float[Array, " group"]
-    repeats: Repeats
-    rows: tuple[Row, ...] = eqx.field(static=True)
+    repeats: RepeatedGroups
+    rows: tuple[ControlledGroup, ...] = eqx.field(static=True)
     is_locked: bool = eqx.field(static=True)
     unit_of_source: str = eqx.field(static=True)
 
@@ -131,7 +131,7 @@ class ControlledPoints(Repeated):
                 remedy="State `upper` or `both`, which all tests share.",
             )
         groups = [
-            (Row(number, quantity), values)
+            (ControlledGroup(number, quantity), values)
             for number, (_, curves) in enumerate(family)
             for quantity, values in _compared(curves, is_locked=is_locked)
         ]
@@ -540,17 +540,19 @@ def _moments(
     return np.einsum("kpi,kpj->pij", deviation, deviation)
 
 
-def _course(row: Row, mean: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
+def _course(row: ControlledGroup, mean: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
     """Noise beside the amplitude's, in an own unit: of a force a part of it, else one number."""
     return mean if row.quantity == "force" else np.ones(len(mean))
 
 
-def _first_scale(row: Row, mean: Float[np.ndarray, " point"]) -> Float[np.ndarray, " point"]:
+def _first_scale(
+    row: ControlledGroup, mean: Float[np.ndarray, " point"]
+) -> Float[np.ndarray, " point"]:
     course = _course(row, mean)
     return course / np.exp(np.mean(np.log(course)))
 
 
-def _size(row: Row, mean: Float[np.ndarray, " point"]) -> float:
+def _size(row: ControlledGroup, mean: Float[np.ndarray, " point"]) -> float:
     """What errors are relative to, before a fit."""
     if row.quantity == "force":
         return float(np.exp(np.mean(np.log(mean))))

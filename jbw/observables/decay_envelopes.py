@@ -15,7 +15,13 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from jbw.errors import DataError
-from jbw.measurement.demodulation import BandFilter, Reading, band_filter, demodulate, read_decay
+from jbw.measurement.demodulation import (
+    BandFilter,
+    DecayReading,
+    band_filter,
+    demodulate,
+    read_decay,
+)
 from jbw.measurement.records import Test
 from jbw.observables.observable import Laws, Observable
 from jbw.observables.samples import substeps_for
@@ -51,7 +57,7 @@ def envelopes(test: Test) -> list[np.ndarray]:
     ]
 
 
-def readings(test: Test) -> list[Reading]:
+def readings(test: Test) -> list[DecayReading]:
     """Frequency and damping along every record of a test."""
     chosen = filter_of(test)
     along_records = [
@@ -61,7 +67,7 @@ def readings(test: Test) -> list[Reading]:
     return some_readings(test.name, along_records)
 
 
-def some_readings(name: str, found: list[Reading]) -> list[Reading]:
+def some_readings(name: str, found: list[DecayReading]) -> list[DecayReading]:
     """Readings of the records of a test, of which one at least must fall in the band."""
     if any(len(reading.amplitude) for reading in found):
         return found

@@ -9,7 +9,7 @@ from jaxtyping import Complex, Float
 from numpy.typing import NDArray
 
 from jbw.errors import DataError
-from jbw.measurement.curves import ResponseCurve, displacement_of, response_curve
+from jbw.measurement.curves import MeasuredCurve, displacement_of, response_curve
 from jbw.measurement.harmonics import harmonics
 from jbw.measurement.records import Test
 from jbw.observables.observable import run_of
@@ -23,7 +23,7 @@ NO_AMPLITUDE = 1e-9  # of the unit of the source
 CONTROLLED = 1 / 3  # of the source's variation along a curve: what a held response varies at most
 
 
-class Group(NamedTuple):
+class MeasuredHarmonic(NamedTuple):
     """One measured harmonic of one test, before it is put among others.
 
     Attributes:
@@ -50,7 +50,7 @@ class Group(NamedTuple):
     unit: str = ""
 
 
-def groups_of(tests: Sequence[Test]) -> list[Group]:
+def groups_of(tests: Sequence[Test]) -> list[MeasuredHarmonic]:
     """Groups of tests of steady motion (one tone, stepped, frf) that tell their own noise."""
     single = [test for test in tests if test.kind == "tones" and len(test.tones_hz) == 1]
     groups = tone_groups(single)
@@ -69,7 +69,7 @@ def groups_of(tests: Sequence[Test]) -> list[Group]:
     return [group for group in groups if group.label not in lone]
 
 
-def tone_groups(tests: Sequence[Test]) -> list[Group]:
+def tone_groups(tests: Sequence[Test]) -> list[MeasuredHarmonic]:
     """Harmonics of tests with one tone each, those of one level and run together."""
     families: dict[tuple[float, str, int], list[Test]] = {}
     for test in tests:
@@ -97,7 +97,7 @@ def harmonic_label(name: str, order: int) -> str:
     return f"{name} order {order}"
 
 
-def stepped_groups(test: Test) -> list[Group]:
+def stepped_groups(test: Test) -> list[MeasuredHarmonic]:
     """Harmonics at each frequency of a stepped sine, the transient of each step left out."""
     needed = len(test.tones_hz) * test.dwell
     for record in test.records:
@@ -118,7 +118,7 @@ def stepped_groups(test: Test) -> list[Group]:
 
 def _groups(
     label: str, run: str, omega: NDArray[np.float64], spans: list, delays: list[float]
-) -> list[Group]:
+) -> list[MeasuredHarmonic]:
     """One group an order, from the repeats of every frequency."""
     amplitudes = [_points(*span) for span in zip(spans, omega, delays, strict=True)]
     source, motion = np.moveaxis(np.array(amplitudes), 2, 0)
@@ -129,7 +129,7 @@ def _groups(
         values = factor[:, None] * motion[:, :, order // 2]
         mean = values.mean(axis=1)
         groups.append(
-            Group(
+            MeasuredHarmonic(
                 label=harmonic_label(label, order),
                 run=run,
                 omega=omega,
@@ -175,7 +175,7 @@ def _span(fs: float, start: float, stop: float) -> slice:
     return slice(round(start * fs), round(stop * fs))
 
 
-def curve_group(test: Test) -> Group:
+def curve_group(test: Test) -> MeasuredHarmonic:
     """The fundamental of a measured response curve; of the force where the response was held."""
     curves = [response_curve(record) for record in test.records]
     if any(not np.array_equal(curve.freq_hz, curves[0].freq_hz) for curve in curves):
@@ -199,7 +199,7 @@ def curve_group(test: Test) -> Group:
         values = factor * motion
     first = np.arange(NUM_HARMONICS) == 0
     mean = values.mean(axis=0)
-    return Group(
+    return MeasuredHarmonic(
         label=test.name,
         run=run_of(test),
         omega=omega,
@@ -215,13 +215,13 @@ def curve_group(test: Test) -> Group:
     )
 
 
-def _unit_of(curve: ResponseCurve, source: str, *, held: bool) -> str:
+def _unit_of(curve: MeasuredCurve, source: str, *, held: bool) -> str:
     """Unit of a curve's values: of the force that holds it, or of its response, over a source."""
     response = UNIT_OF[curve.response_kind]
     return source if held else per(response, source) if curve.is_ratio else response
 
 
-def response_held(curve: ResponseCurve) -> bool:
+def response_held(curve: MeasuredCurve) -> bool:
     """Whether a controller held the response along the curve, and the force varied."""
     response, source = np.abs(curve.response), np.abs(curve.source)
     return bool(response.std() / response.mean() < CONTROLLED * source.std() / source.mean())

@@ -14,7 +14,7 @@ from jbw.measurement.loop_cycles import readings_of_cycles
 from jbw.measurement.records import Test
 from jbw.observables.observable import Laws, SteadyLines, Theta, run_of
 from jbw.observables.repeated import Repeated
-from jbw.observables.repeats import Repeats, filled, repeats
+from jbw.observables.repeats import RepeatedGroups, filled, repeats
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.quantities import DEFAULT_LAWS
 
@@ -41,7 +41,7 @@ class Loops(Repeated):
     displacement: Float[Array, "test time"]
     counted: Float[Array, "test time"]
     mean: Float[Array, "test time"]
-    repeats: Repeats
+    repeats: RepeatedGroups
 
     @classmethod
     def reduce(

@@ -19,7 +19,7 @@ from jbw.observables.effective_values import (
     is_coloured,
 )
 from jbw.observables.observable import Covariance, Rows
-from jbw.observables.repeats import Repeats
+from jbw.observables.repeats import RepeatedGroups
 
 
 class Left(NamedTuple):
@@ -30,7 +30,7 @@ class Left(NamedTuple):
     is_misfit: bool
 
 
-def left_of(groups: Repeats, left: Rows) -> list[Left]:
+def left_of(groups: RepeatedGroups, left: Rows) -> list[Left]:
     """What a fit leaves of every group, its noise by the scatter of repeats where there are any."""
     misfits, arrays = [], (groups.num_repeats, groups.size, groups.within)
     numbers = zip(groups.labels, *(np.asarray(x, float).tolist() for x in arrays), strict=True)
@@ -47,7 +47,7 @@ def left_of(groups: Repeats, left: Rows) -> list[Left]:
 
 
 def shared_misfit(
-    groups: Repeats, sizes: Float[np.ndarray, " group"], left: Rows
+    groups: RepeatedGroups, sizes: Float[np.ndarray, " group"], left: Rows
 ) -> Float[np.ndarray, " group"]:
     r"""Mean square that the law is expected to leave of every value of a group.
 
@@ -63,7 +63,7 @@ def shared_misfit(
 
 
 def independent_fractions(
-    groups: Repeats, left: Rows, columns: Sequence[Rows], covariance: Covariance
+    groups: RepeatedGroups, left: Rows, columns: Sequence[Rows], covariance: Covariance
 ) -> dict[str, float]:
     r"""Fraction of values that count as independent, of groups that the law does not follow.
 

@@ -140,7 +140,7 @@ class ModalDecays(Decays):
     def matches(self, theta: Theta) -> Any:
         """Every record at its best start, one after another; a leading axis of records."""
         structure = structure_of(theta, self.laws)
-        records = Seen(self.envelope, self.begun, self.amplitude)
+        records = MatchedEnvelopes(self.envelope, self.begun, self.amplitude)
         return jax.lax.map(lambda seen: match(structure, seen, self), records)
 
     def only(self, record: int, size: int) -> Self:
@@ -181,7 +181,7 @@ class ModalDecays(Decays):
         ]
 
 
-class Seen(NamedTuple):
+class MatchedEnvelopes(NamedTuple):
     """What a record is matched by."""
 
     envelope: Complex[Array, "*record step"]
@@ -232,7 +232,7 @@ def _turns(length: int, data: ModalDecays) -> Float[Array, "mode step"]:
     return hz[:, None] / hz[0] * data.step_s * jnp.arange(length)
 
 
-def match(structure: Structure, seen: Seen, data: ModalDecays) -> Matched:
+def match(structure: Structure, seen: MatchedEnvelopes, data: ModalDecays) -> Matched:
     """A record at its best start: Gauss and Newton, with the changes about where they begin."""
     still, scale = jax.tree.map(jax.lax.stop_gradient, structure), _units(seen, data)
     num, length = len(scale), len(seen.envelope)
@@ -269,7 +269,7 @@ def match(structure: Structure, seen: Seen, data: ModalDecays) -> Matched:
     return Matched(Start(start[:-1], start[-1]), _square(residual), residual, precision)
 
 
-def _units(seen: Seen, data: ModalDecays) -> Float[Array, " own"]:
+def _units(seen: MatchedEnvelopes, data: ModalDecays) -> Float[Array, " own"]:
     """Of a record's own unknowns: its modes' amplitudes, and a radian over its length."""
     radian = 1 / (data.step_s * jnp.full(1, len(seen.envelope)))
     return jnp.concatenate([seen.amplitude, seen.amplitude, radian])

@@ -17,7 +17,7 @@ SPANNED = 0.5  # of a mode's window: a harmonic that a shaker's force has passes
 LEAST_ZETA, USUAL_ZETA, MOST_ZETA = 1e-4, 5e-3, 0.2  # of first values: bounds, and where to begin
 
 
-class Lines(NamedTuple):
+class MotionSpectra(NamedTuple):
     """Lines of one motion's spectra: of its source, and of displacements by their points."""
 
     omega: Float[np.ndarray, " line"]  # [rad/s]
@@ -25,7 +25,7 @@ class Lines(NamedTuple):
     seen: dict[str, Complex[np.ndarray, " line"]]
 
 
-def read_modes(modes: Modes, motions: Sequence[Lines]) -> dict[str, float]:
+def read_modes(modes: Modes, motions: Sequence[MotionSpectra]) -> dict[str, float]:
     """First values of every mode that is driven, by the first motion that drives it.
 
     By one that passes through it, where there is one. What is seen of it is a gain at every point,
@@ -42,7 +42,7 @@ def read_modes(modes: Modes, motions: Sequence[Lines]) -> dict[str, float]:
             continue
         near_any = np.any(list(near.values()), axis=0)
         seen = {point: y[near_any] for point, y in motion.seen.items()}
-        lines = Lines(motion.omega[near_any], motion.source[near_any], seen)
+        lines = MotionSpectra(motion.omega[near_any], motion.source[near_any], seen)
         poles, gains = _poles_and_gains(lines, [modes.windows_hz[i] for i in near])
         for i, pole, row in zip(near, poles, gains.T, strict=True):
             if every[i][0] not in readings:
@@ -53,7 +53,7 @@ def read_modes(modes: Modes, motions: Sequence[Lines]) -> dict[str, float]:
 
 
 def _near(
-    motion: Lines, windows_hz: Sequence[tuple[float, float]], spanned: float
+    motion: MotionSpectra, windows_hz: Sequence[tuple[float, float]], spanned: float
 ) -> dict[int, Bool[np.ndarray, " line"]]:
     """Lines that drive a mode, by its number, where they span such a part of its window."""
     loud, near_modes = np.abs(motion.source) > DRIVEN * np.abs(motion.source).max(), {}
@@ -66,7 +66,7 @@ def _near(
 
 
 def _poles_and_gains(
-    lines: Lines, windows_hz: Sequence[tuple[float, float]]
+    lines: MotionSpectra, windows_hz: Sequence[tuple[float, float]]
 ) -> tuple[Float[np.ndarray, "mode two"], Float[np.ndarray, "point mode"]]:
     r"""Poles by least squares, gains and what other modes add at their best for each trial.
 
@@ -118,7 +118,7 @@ def lines_of_motions(
     levels: Iterable[tuple[int, str, Float[np.ndarray, " time"], Float[np.ndarray, " time"]]],
     fs: float,
     order: int,
-) -> list[Lines]:
+) -> list[MotionSpectra]:
     """Lines of every motion, the weakest first: of levels its number, point, source and response.
 
     Responses are of this order; a motion that is seen at several points is several levels.
@@ -131,5 +131,5 @@ def lines_of_motions(
         omega = 2 * np.pi * np.fft.rfftfreq(len(source), 1 / fs)[1:]
         factor = (1j * omega) ** order
         rows = {point: np.fft.rfft(x)[1:] / factor for point, x in seen.items()}
-        motion_lines.append(Lines(omega, np.fft.rfft(source)[1:], rows))
+        motion_lines.append(MotionSpectra(omega, np.fft.rfft(source)[1:], rows))
     return motion_lines

@@ -62,7 +62,7 @@ class OfPart(NamedTuple):
     predicted: Float[np.ndarray, "draw record"]
 
 
-class Records(NamedTuple):
+class RecordTerms(NamedTuple):
     """Records of a dataset, part by part, and what stands beside them in a density."""
 
     parts: tuple[OfPart, ...]
@@ -76,7 +76,7 @@ def records_of(
     noise: Mapping[str, Float[np.ndarray, " draw"]],
     data: Dataset,
     splits: Splits,
-) -> Records:
+) -> RecordTerms:
     """All records at every draw.
 
     Args:
@@ -100,7 +100,7 @@ def records_of(
             split_parts.append(
                 _of_part(jax.random.fold_in(keys[1], i), part, split, part_sums, noise)
             )
-    return Records(tuple(split_parts), densities, sums.get("offsets"))
+    return RecordTerms(tuple(split_parts), densities, sums.get("offsets"))
 
 
 def splits_of(
@@ -181,7 +181,7 @@ def _single(
     return None
 
 
-class Factors(NamedTuple):
+class DeviationRows(NamedTuple):
     """What the misfits of a part's groups are multiplied with.
 
     Attributes:
@@ -195,13 +195,13 @@ class Factors(NamedTuple):
     rows: Float[np.ndarray, "group row value"]
 
 
-def _factors(split: Split) -> Factors:
+def _factors(split: Split) -> DeviationRows:
     """A split's rows, group by group."""
     place = np.array([np.sum(split.group[:i] == g) + 1 for i, g in enumerate(split.group)])
     rows = np.zeros((len(split.measured), 1 + int(np.max(place)), split.measured.shape[1]))
     rows[:, 0] = split.measured
     rows[split.group, place] = split.deviation
-    return Factors(split.group, place, rows)
+    return DeviationRows(split.group, place, rows)
 
 
 def _solved(

@@ -21,7 +21,7 @@ from jbw.observables.modal_readings import band_peak, lines_of_motions, read_mod
 from jbw.observables.modes import by_model
 from jbw.observables.observable import OFFSETS, Laws, Rows, Theta, run_of
 from jbw.observables.repeated import Repeated
-from jbw.observables.repeats import Repeats, repeats
+from jbw.observables.repeats import RepeatedGroups, repeats
 from jbw.observables.residual_terms import own_columns, taken
 from jbw.observables.samples import (
     Lines,
@@ -36,7 +36,7 @@ from jbw.observables.samples import (
     values_of,
 )
 from jbw.observables.spectra import Spectrum, of_lines, of_samples
-from jbw.oscillator.batch import Measured, Motions, compile_ahead, march, record_of
+from jbw.oscillator.batch import MeasuredResponse, Motions, compile_ahead, march, record_of
 from jbw.oscillator.deepening import with_depth
 from jbw.oscillator.hold import HeldInput
 from jbw.oscillator.laws import quantities_of
@@ -102,7 +102,7 @@ class Records(Repeated):
 
     held: HeldInput
     mean: Float[Array, "level compared"]
-    repeats: Repeats
+    repeats: RepeatedGroups
     origin: Float[Array, "level own"]
     fs: float = eqx.field(static=True)
     response: str = eqx.field(static=True, default="velocity")
@@ -328,7 +328,7 @@ class Records(Repeated):
             raise TypeError("Records that are not `solved` are not marched.")
         measured = None  # of a band nothing is added up sample by sample
         if self.lines is None:
-            measured = Measured(self.mean, self.repeats.directions, self.skipped)
+            measured = MeasuredResponse(self.mean, self.repeats.directions, self.skipped)
         return march(
             joints,
             theta["gain"] * float(np.asarray(self.held.gain)[number]),

@@ -26,7 +26,7 @@ from jbw.observables.observable import (
     Weighted,
     slope_by_offsets,
 )
-from jbw.observables.repeats import Repeats, concrete
+from jbw.observables.repeats import RepeatedGroups, concrete
 
 
 class Repeated(Observable):
@@ -37,7 +37,7 @@ class Repeated(Observable):
     """
 
     mean: eqx.AbstractVar[Array]
-    repeats: eqx.AbstractVar[Repeats]
+    repeats: eqx.AbstractVar[RepeatedGroups]
 
     def misfit(self, theta: Theta) -> Float[Array, "group value"]:
         """Means less predictions; real parts then imaginary parts, zero behind the last value."""

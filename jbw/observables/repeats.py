@@ -18,7 +18,7 @@ def concrete(values: Any) -> Any:
     return values if isinstance(values, Tracer) else np.asarray(values)
 
 
-class Repeats(eqx.Module):
+class RepeatedGroups(eqx.Module):
     """Groups of repeated data, each with a noise of its own.
 
     Attributes:
@@ -67,7 +67,7 @@ def repeats(
     *,
     longest: int | None = None,
     spanned: Float[np.ndarray, "group column value"] | None = None,
-) -> Repeats:
+) -> RepeatedGroups:
     r"""Bookkeeping of groups of independent values of noise $\sigma^2 = S / (N (K - 1))$.
 
     Until a fit tells it, a single repeat's noise is guessed as one hundredth of the root mean
@@ -97,7 +97,7 @@ def repeats(
         "directions": np.zeros((len(labels), 0, longest)),
         "spanned": own_directions,
     }
-    return Repeats(
+    return RepeatedGroups(
         **jax.device_put(arrays),
         labels=_distinct(labels),
         runs=tuple(runs),

@@ -15,11 +15,17 @@ from jaxtyping import Array, Complex, Float, Inexact, Int
 
 from jbw.errors import DataError
 from jbw.measurement.records import Test
-from jbw.observables.harmonic_groups import NUM_HARMONICS, ORDERS, Group, groups_of, harmonic_label
+from jbw.observables.harmonic_groups import (
+    NUM_HARMONICS,
+    ORDERS,
+    MeasuredHarmonic,
+    groups_of,
+    harmonic_label,
+)
 from jbw.observables.line_fit import LEAST_LINES, at_quadrature, oscillator_through
 from jbw.observables.observable import AmplitudeCurve, Laws, Rows, SteadyLines, Theta
 from jbw.observables.repeated import Repeated
-from jbw.observables.repeats import Repeats, filled, repeats
+from jbw.observables.repeats import RepeatedGroups, filled, repeats
 from jbw.observables.residual_terms import receptance, taken
 from jbw.observables.spectra import Spectrum, of_lines
 from jbw.oscillator.oscillator import Joint, as_oscillator, oscillator_of
@@ -58,7 +64,7 @@ class Points(Repeated):
     point: Int[Array, "group value"]
     position: Int[Array, " group"]
     factor: Complex[Array, "group value"]
-    repeats: Repeats
+    repeats: RepeatedGroups
     of_force: tuple[bool, ...] = eqx.field(static=True)
     unit_of_group: tuple[str, ...] = eqx.field(static=True)
 
@@ -75,7 +81,11 @@ class Points(Repeated):
 
     @classmethod
     def of(
-        cls, groups: Sequence[Group], *, laws: Laws = DEFAULT_LAWS, residuals: str = "none"
+        cls,
+        groups: Sequence[MeasuredHarmonic],
+        *,
+        laws: Laws = DEFAULT_LAWS,
+        residuals: str = "none",
     ) -> Self:
         """Groups side by side; those with the same omega, load and motion share their points."""
         tests: dict[bytes, int] = {}
@@ -137,7 +147,9 @@ class Points(Repeated):
             factor = (1j * order * omega) ** derivative_order(response)
             values = factor * motion[:, order // 2]
             group_fields = harmonic_label("planned", order), "planned", omega, load, motion, order
-            groups.append(Group(*group_fields, values, factor, 0.0, 1, unit=UNIT_OF[response]))
+            groups.append(
+                MeasuredHarmonic(*group_fields, values, factor, 0.0, 1, unit=UNIT_OF[response])
+            )
         std = noise_std * np.sqrt(2 / num_samples)
         return cls.of(groups, laws=laws).with_repeats(noise_std=jnp.full(len(groups), std))
 
@@ -239,7 +251,7 @@ def _held(
     return abs(motion[near]), read["omega_n"], read["zeta"]
 
 
-def _own_columns(groups: Sequence[Group]) -> Float[np.ndarray, "group 2 part"]:
+def _own_columns(groups: Sequence[MeasuredHarmonic]) -> Float[np.ndarray, "group 2 part"]:
     r"""What curves' own U and L add to their values, real parts then imaginary parts."""
     held = next((group.label for group in groups if group.of_force), None)
     if held is not None:

@@ -33,7 +33,7 @@ INTERVALS = 4096  # of a piece: what it writes stays in the cache
 NUM_DIRECTIONS = 2  # rows J; fewer are filled up with zeros
 
 
-class Measured(NamedTuple):
+class MeasuredResponse(NamedTuple):
     """What a response is compared with, from its first sample on.
 
     Attributes:
@@ -210,7 +210,7 @@ def _none() -> _Totals:
 
 
 def record_of(
-    source: HeldInput, number: int | None = None, measured: Measured | None = None
+    source: HeldInput, number: int | None = None, measured: MeasuredResponse | None = None
 ) -> MarchedRecord:
     """A record on the device, in pieces, made once as long as its arrays are there.
 
@@ -248,7 +248,7 @@ def _input_pieces(source: HeldInput, number: int | None) -> Iterator[tuple[Array
         )
 
 
-def _measured_pieces(measured: Measured, number: int | None, size: int) -> Iterator[Array]:
+def _measured_pieces(measured: MeasuredResponse, number: int | None, size: int) -> Iterator[Array]:
     values, directions = np.asarray(measured.values), np.asarray(measured.directions)
     if number is not None:
         values, directions = values[number], directions[number]

@@ -9,7 +9,15 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, create_model
 
-from jbw.campaign.document import Table, checked, document_of, key, refuse, text_of, unknown_tables
+from jbw.campaign.document import (
+    FileTable,
+    checked,
+    document_of,
+    key,
+    refuse,
+    text_of,
+    unknown_tables,
+)
 from jbw.campaign.settings import JointLaws
 from jbw.campaign.values import Count, Index, Positive, number, strings, text, whole
 from jbw.errors import ConfigError
@@ -73,7 +81,7 @@ PositiveRange = Annotated[AnyRange, AfterValidator(partial(_within, POSITIVE))]
 Part = Annotated[PositiveRange, AfterValidator(_part)]
 
 
-class PlanTable(Table):
+class PlanTable(FileTable):
     """The [plan] table but for the parameters of the laws; every default stands here."""
 
     natural_hz: PositiveRange | None = key(None, "natural frequency at small amplitude [Hz]")
@@ -118,14 +126,14 @@ def plan_table(laws: tuple[str, ...] = DEFAULT_LAWS) -> type[PlanTable]:
     return create_model("PlanTable", __base__=PlanTable, wanted=field, **fields)
 
 
-TABLES: dict[str, type[Table]] = {"joint": JointLaws, "plan": PlanTable, **GRIDS}
+TABLES: dict[str, type[FileTable]] = {"joint": JointLaws, "plan": PlanTable, **GRIDS}
 
 
-def plan_file() -> type[Table]:
+def plan_file() -> type[FileTable]:
     """The whole file, as its JSON Schema tells it to editors."""
     fields: dict[str, Any] = {name: (table | None, None) for name, table in TABLES.items()}
     fields["plan"] = plan_table() | None, None
-    return create_model("PlanFile", __base__=Table, **fields)
+    return create_model("PlanFile", __base__=FileTable, **fields)
 
 
 @dataclass(frozen=True)

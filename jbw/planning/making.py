@@ -14,7 +14,7 @@ from jbw.oscillator.modes.parameters import NAMES
 from jbw.planning.beliefs import Beliefs, after, before, modes_of
 from jbw.planning.description import Description, read_description
 from jbw.planning.judge import combine, covariance, expected, ordered, row
-from jbw.planning.plan import Plan, ResponseNoise, Wish
+from jbw.planning.plan import MeasurementPlan, ResponseNoise, Wish
 from jbw.planning.proposals import Reach, default_grids, displacement_for, propose, sampling_for
 from jbw.planning.prospects import prospects
 from jbw.quantities import UNIT_OF, in_dialect
@@ -30,7 +30,7 @@ def plan_tests(
     tree: xr.DataTree | None = None,
     *,
     report: Callable[[str], None] = lambda sentence: None,
-) -> Plan:
+) -> MeasurementPlan:
     """Plan tests of a joint: which level, rate, tones and repeats a wished CV takes.
 
     Args:
@@ -74,7 +74,7 @@ def plan_tests(
         if judged.status in ADMITTED
     ]
     prior_sd = np.sqrt(np.diag(covariance(beliefs.precision)))
-    return Plan(
+    return MeasurementPlan(
         rows=ordered(rows),
         combination=combine(admitted, beliefs, wish),
         wish=wish,

@@ -189,7 +189,7 @@ class Combination:
 
 
 @dataclass(frozen=True)
-class Plan:
+class MeasurementPlan:
     """Candidates by measuring time, those that meet the wish within the limits first."""
 
     rows: tuple[CandidateRow, ...]

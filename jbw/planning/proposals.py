@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from pydantic import model_validator
 
-from jbw.campaign.document import Table, key
+from jbw.campaign.document import FileTable, key
 from jbw.campaign.values import NonNegative, Numbers, Positive, Span
 from jbw.errors import ConfigError
 from jbw.oscillator.laws import quantities_of
@@ -40,7 +40,7 @@ PER_PERIOD = 40  # samples a period, at least
 DIGITS = 3
 
 
-class SweepTable(Table):
+class SweepTable(FileTable):
     """The [sweep] table."""
 
     levels: Numbers | None = key(None, "peaks of the input [V, N or N/kg]")
@@ -49,7 +49,7 @@ class SweepTable(Table):
     rest: NonNegative | None = key(None, "free decay recorded behind the burst [s]")
 
 
-class DwellingTable(Table):
+class DwellingTable(FileTable):
     """What tables of tests have that dwell on one point after the other."""
 
     dwell: Positive | None = key(None, "time on each point [s]")

@@ -31,7 +31,7 @@ MOST = 12  # parameters traced at most; the first are the joint's, Table 1 has t
 MOST_DRAWS = 2000  # in a cloud
 
 
-class Source(NamedTuple):
+class ShownPosterior(NamedTuple):
     """One posterior of the run: where it lies and how it is drawn."""
 
     path: str
@@ -41,20 +41,20 @@ class Source(NamedTuple):
 
 
 THIRD_ORDER = (
-    Source("steps/third_order_paper", labels.STEP_3_PUBLISHED, style.VERMILLION, "--"),
-    Source("steps/third_order_walk", "Step 3, tuned walk", style.PURPLE, "-."),
-    Source("steps/third_order_nuts", "Step 3, NUTS", style.BLUE, "-"),
+    ShownPosterior("steps/third_order_paper", labels.STEP_3_PUBLISHED, style.VERMILLION, "--"),
+    ShownPosterior("steps/third_order_walk", "Step 3, tuned walk", style.PURPLE, "-."),
+    ShownPosterior("steps/third_order_nuts", "Step 3, NUTS", style.BLUE, "-"),
 )
 OPENING = (
-    Source("steps/opening_paper", labels.STEP_4_PUBLISHED, style.VERMILLION, "--"),
-    Source("steps/opening_nuts", labels.STEP_4_NUTS, style.BLUE, "-"),
+    ShownPosterior("steps/opening_paper", labels.STEP_4_PUBLISHED, style.VERMILLION, "--"),
+    ShownPosterior("steps/opening_nuts", labels.STEP_4_NUTS, style.BLUE, "-"),
 )
-JOINT = Source("", "Step 4, all parameters", style.GREEN, "-")
+JOINT = ShownPosterior("", "Step 4, all parameters", style.GREEN, "-")
 
 
 def _sampled(
-    tree: xr.DataTree, sources: Iterable[Source]
-) -> dict[Source, dict[str, PosteriorParameter]]:
+    tree: xr.DataTree, sources: Iterable[ShownPosterior]
+) -> dict[ShownPosterior, dict[str, PosteriorParameter]]:
     """Return the parameters of the joint by source, of those that were run, and by name."""
     groups = {source: node(tree, f"{source.path}/posterior") for source in sources}
     by_source = {
@@ -67,7 +67,7 @@ def _sampled(
     return by_source
 
 
-def _names(by_source: dict[Source, dict[str, PosteriorParameter]]) -> list[str]:
+def _names(by_source: dict[ShownPosterior, dict[str, PosteriorParameter]]) -> list[str]:
     return [n for n in dict.fromkeys(chain(*by_source.values())) if n != "omega_n"]
 
 
@@ -94,7 +94,7 @@ def opening_density(tree: xr.DataTree, ax: Axes | None = None) -> Axes:
 
 
 def _densities(
-    by_source: dict[Source, dict[str, PosteriorParameter]], names: list[str], ax: Any
+    by_source: dict[ShownPosterior, dict[str, PosteriorParameter]], names: list[str], ax: Any
 ) -> Panels:
     axes = panels(ax, 1, len(names), height=2.9)
     for panel, name in zip(axes[0], names, strict=True):
@@ -102,7 +102,7 @@ def _densities(
     return finish(axes, ax, ylabels=labels.DENSITY)
 
 
-def _density(ax: Axes, posteriors: Sequence[tuple[Source, PosteriorParameter]]) -> None:
+def _density(ax: Axes, posteriors: Sequence[tuple[ShownPosterior, PosteriorParameter]]) -> None:
     """Draw one parameter: the prior as 1, each posterior over it, 99 % intervals below."""
     draws = np.concatenate([parameter.draws.reshape(-1) for _, parameter in posteriors])
     span = (float(np.nanmin(draws)), float(np.nanmax(draws)))
@@ -198,7 +198,9 @@ def ridge(tree: xr.DataTree, ax: Any = None) -> Panels:
     return finish(axes, ax)
 
 
-def _cloud(ax: Axes, source: Source, above: PosteriorParameter, along: PosteriorParameter) -> None:
+def _cloud(
+    ax: Axes, source: ShownPosterior, above: PosteriorParameter, along: PosteriorParameter
+) -> None:
     """Draw one parameter of a pair against the other, so many draws at most, and the truth."""
     every = max(1, above.draws.size // MOST_DRAWS)
     y, x = (parameter.draws.reshape(-1)[::every] for parameter in (above, along))

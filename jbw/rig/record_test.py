@@ -36,7 +36,7 @@ from jbw.rig.prescribed_motion import (
     pulled,
 )
 from jbw.rig.presets import Plan, Preset
-from jbw.rig.structure import Assembled, Motion, Shapes, move, of_day
+from jbw.rig.structure import Assembled, RigMotion, Shapes, move, of_day
 
 CELL_NOISE, POINT_NOISE = 2e-4, 1e-3  # of a force cell [N], and of an accelerometer [m/s^2]
 POINT_RANGE = 512.0  # full scale of the accelerometer [m/s^2]
@@ -232,14 +232,14 @@ def _shaken_structure(
 
 def _play_structure(
     bench: Bench, structure: Assembled, excitation: Excitation, repeat: int
-) -> tuple[Samples, Samples, Motion]:
+) -> tuple[Samples, Samples, RigMotion]:
     """Demanded voltage, voltage at the shaker and motion, as they are before any sensor."""
     conditions, fs = bench.conditions, bench.conditions.fs
     played, first, last = _played(bench, excitation, repeat)
     motion = move(structure, played(GRID * fs, distortion=conditions.distortion), last, fs)
     demand = played(fs)(first, last)
     source = played(fs, distortion=conditions.distortion)(first, last)
-    return demand, source, Motion(*(x[first:] for x in motion))
+    return demand, source, RigMotion(*(x[first:] for x in motion))
 
 
 def _pulled(bench: Bench, growth: Growth, specimen: Specimen, repeat: int) -> Channels:

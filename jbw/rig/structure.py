@@ -89,7 +89,7 @@ class Assembled(NamedTuple):
         return v, rate, bare - share * shapes.drive * (shapes.drive @ bare), joint.rates(v, parts)
 
 
-class Motion(NamedTuple):
+class RigMotion(NamedTuple):
     """What moves, at the samples."""
 
     displacement: Float[np.ndarray, " time"]  # of the output [m]
@@ -105,7 +105,7 @@ def move(
     source: Callable[[int, int], NDArray[np.float64]],
     num_samples: int,
     fs: float,
-) -> Motion:
+) -> RigMotion:
     """Motion from rest under a source [V, or N] at points i .. j - 1, `GRID` a sample."""
     require_double()
     doubled = doubles(structure)
@@ -119,7 +119,7 @@ def move(
     tied = (shaker.stiffness * q + shaker.damping * rate + shaker.mass * change) @ shapes.drive
     force = shaker.gain * played - tied
     y, v, a = (modal @ shapes.output for modal in (q, rate, change))
-    return Motion(y, v, a, change @ shapes.drive, force, x)
+    return RigMotion(y, v, a, change @ shapes.drive, force, x)
 
 
 def _motion_and_source(structure: Assembled, state: State, source: Array) -> Seen:

@@ -23,7 +23,7 @@ from jbw.identification.procedure import Identification
 from jbw.inference.generator import generator, parts_of
 from jbw.inference.space.box import Box, bounds_by_name
 from jbw.observables.dataset import Dataset
-from jbw.observables.pointwise import Records, records_of, splits_of
+from jbw.observables.pointwise import RecordTerms, records_of, splits_of
 from jbw.report.messages import study as messages
 from jbw.verification.places import safe
 
@@ -119,7 +119,7 @@ def prior_draws(
     return sampled.assign(law_variables(sampled, data))
 
 
-def coordinates(records: Records) -> dict[str, Any]:
+def coordinates(records: RecordTerms) -> dict[str, Any]:
     """Names of the records, and of the test, the run and the repeat of each."""
 
     def every(field: str) -> list[Any]:
@@ -132,11 +132,11 @@ def coordinates(records: Records) -> dict[str, Any]:
     }
 
 
-def _joined(records: Records, field: str) -> Float[np.ndarray, "*draw record"]:
+def _joined(records: RecordTerms, field: str) -> Float[np.ndarray, "*draw record"]:
     return np.concatenate([getattr(part, field) for part in records.parts], axis=-1)
 
 
-def log_prior(posterior: xr.Dataset, box: Box, records: Records, data: Dataset) -> xr.Dataset:
+def log_prior(posterior: xr.Dataset, box: Box, records: RecordTerms, data: Dataset) -> xr.Dataset:
     """Log density of the prior by variable: the box, 1/sigma, a line fit, the runs' offsets."""
     shape = posterior.sizes["chain"], posterior.sizes["draw"]
     coords: dict[Any, Any] = dict(posterior.coords)

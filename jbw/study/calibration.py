@@ -145,7 +145,9 @@ def sbc(
     return Sbc(calibration, _tree(calibration, record), record)
 
 
-def _step_of(step: str, campaign: Campaign | None, noise: str, report: Report) -> models.Step:
+def _step_of(
+    step: str, campaign: Campaign | None, noise: str, report: Report
+) -> models.CalibratedStep:
     """A step of the procedure."""
     of_rig, of_campaign, posterior = DESIGNS[step]
     design = of_rig() if campaign is None else of_campaign(campaign, report)
@@ -158,7 +160,7 @@ def _own_step(
     simulate: Simulate | None,
     log_likelihood: LogLikelihood | None,
     prior: Prior | None,
-) -> models.Step | None:
+) -> models.CalibratedStep | None:
     """The posterior of one's own, where one is given, whole."""
     if simulate is None and log_likelihood is None and prior is None:
         return None
@@ -167,7 +169,7 @@ def _own_step(
             "A posterior of one's own needs `simulate`, `log_likelihood` and `prior`, all three, "
             "and no campaign.",
         )
-    return models.Step(own_model(simulate, log_likelihood, prior), 100, "nuts")
+    return models.CalibratedStep(own_model(simulate, log_likelihood, prior), 100, "nuts")
 
 
 def _numbers_of(calibration: Calibration) -> dict[str, Any]:
@@ -194,7 +196,7 @@ def _numbers_of(calibration: Calibration) -> dict[str, Any]:
     }
 
 
-def suited(step: models.Step, name: str) -> tuple[Model, Sampler, Any]:
+def suited(step: models.CalibratedStep, name: str) -> tuple[Model, Sampler, Any]:
     """A sampler for one posterior of many, with counts that suit a calibration."""
     # Where time is stepped through, and for samplers that need it, least squares find the posterior
     # first; the others cross the whole box, so that nothing helps them that a campaign would not.

@@ -47,7 +47,7 @@ NUM_RANKS = 100  # of Step 2
 STEPS = 8  # Runge-Kutta steps between two samples
 
 
-class Step(NamedTuple):
+class CalibratedStep(NamedTuple):
     """One calibration."""
 
     model: Model  # posterior, simulator, quantities, and how least squares find the posterior
@@ -56,7 +56,7 @@ class Step(NamedTuple):
     stepped: bool = False  # whether an evaluation steps through time, and costs accordingly
 
 
-def third_order(design: Design[KernelData], *, known_noise: bool = False) -> Step:
+def third_order(design: Design[KernelData], *, known_noise: bool = False) -> CalibratedStep:
     """Step 3: zeta, alpha, delta from the kernel, the noise learnt unless `known_noise` (36)."""
     data = design.data
     simulate = Partial(
@@ -69,20 +69,22 @@ def third_order(design: Design[KernelData], *, known_noise: bool = False) -> Ste
     quantities, logs = _products(design.prior)
     quantities |= simulated_kernel.ranked_quantities(data)
     search = Search(kernel.residual, logs)
-    return Step(Model(simulate, likelihood, design.prior, quantities, search), 100, "importance")
+    return CalibratedStep(
+        Model(simulate, likelihood, design.prior, quantities, search), 100, "importance"
+    )
 
 
-def opening(design: Design[Records]) -> Step:
+def opening(design: Design[Records]) -> CalibratedStep:
     """Step 4: gamma from sweeps, everything else held."""
 
     def simulate(key: Key[Array, ""], theta: Theta) -> OpeningCurve:
         records = measured_records(key, _whole(theta, design), design.data)
         return opening_curve(records, design.held, design.prior)
 
-    return Step(Model(simulate, opening_likelihood, design.prior), 100, "quadrature")
+    return CalibratedStep(Model(simulate, opening_likelihood, design.prior), 100, "quadrature")
 
 
-def joint(design: Design[Records]) -> Step:
+def joint(design: Design[Records]) -> CalibratedStep:
     """All parameters from sweeps."""
 
     def simulate(key: Key[Array, ""], theta: Theta) -> Dataset:
@@ -93,7 +95,7 @@ def joint(design: Design[Records]) -> Step:
     quantities["response"] = _response
     search = Search(stacked, logs, 64, 30)
     model = Model(simulate, log_likelihood, design.prior, quantities, search)
-    return Step(model, 4, "amis", stepped=True)
+    return CalibratedStep(model, 4, "amis", stepped=True)
 
 
 def _whole(theta: Theta, design: Design[Records]) -> Theta:

@@ -38,7 +38,7 @@ SURE = 0.995  # probability on one side: outside of the 99 % interval of the dif
 INPUT = "gain"  # of the source and its unit, not of the joint
 
 
-class Run(NamedTuple):
+class FinishedRun(NamedTuple):
     """A finished run, under the name that tells it from the other."""
 
     name: str
@@ -103,12 +103,12 @@ def compared(a: Float[np.ndarray, " draw"], b: Float[np.ndarray, " other"]) -> d
     }
 
 
-def _opened(name: str, folder: Path) -> Run:
+def _opened(name: str, folder: Path) -> FinishedRun:
     summary, tree = read_result(folder)
-    return Run(name, folder, summary, tree, basis_of(tree))
+    return FinishedRun(name, folder, summary, tree, basis_of(tree))
 
 
-def _require_comparable(first: Run, second: Run) -> None:
+def _require_comparable(first: FinishedRun, second: FinishedRun) -> None:
     if first.basis.laws != second.basis.laws:
         laws = [" and ".join(run.basis.laws) or "no law" for run in (first, second)]
         raise ConfigError(
@@ -127,7 +127,7 @@ def _require_comparable(first: Run, second: Run) -> None:
             )
 
 
-def _shared(first: Run, second: Run) -> list[str]:
+def _shared(first: FinishedRun, second: FinishedRun) -> list[str]:
     """What both runs drew: scalars, noise apart, and the gain where its unit is the same."""
     drawn = [scalars(run.tree) for run in (first, second)]
     both = [name for name in drawn[0] if name in drawn[1] and not name.startswith(UNCOUNTED)]
@@ -136,7 +136,7 @@ def _shared(first: Run, second: Run) -> list[str]:
     return both
 
 
-def _parameters(first: Run, second: Run) -> tuple[list[dict[str, Any]], list[str]]:
+def _parameters(first: FinishedRun, second: FinishedRun) -> tuple[list[dict[str, Any]], list[str]]:
     """A row a shared quantity, and the names of those that only one of the runs drew."""
     drawn = [_drawn(run) for run in (first, second)]
     rows: list[dict[str, Any]] = []
@@ -156,7 +156,7 @@ def _parameters(first: Run, second: Run) -> tuple[list[dict[str, Any]], list[str
     return rows, sorted(unshared)
 
 
-def _drawn(run: Run) -> dict[str, np.ndarray]:
+def _drawn(run: FinishedRun) -> dict[str, np.ndarray]:
     """As many evenly spaced draws of every scalar as are compared, for records like the run's."""
     chosen = evenly_spaced(run.basis.posterior, NUM_DRAWS)
     drawn = {name: draws.ravel()[chosen] for name, draws in scalars(run.tree).items()}
@@ -168,7 +168,7 @@ def _drawn(run: Run) -> dict[str, np.ndarray]:
     return drawn
 
 
-def _std_between(run: Run) -> dict[str, float]:
+def _std_between(run: FinishedRun) -> dict[str, float]:
     r"""What records that scatter leave open of each quantity, $\tau / \sqrt n$ of its size."""
     if "between_records" not in run.tree.children:
         return {}
@@ -177,20 +177,22 @@ def _std_between(run: Run) -> dict[str, float]:
     return {str(n): float(x) for n, x in zip(between["quantity"].values, std, strict=True) if x}
 
 
-def _between_words(runs: Sequence[Run]) -> list[str]:
+def _between_words(runs: Sequence[FinishedRun]) -> list[str]:
     """By how much the records of a run scatter, which P includes."""
     spreads = {run.name: std for run in runs if (std := _std_between(run))}
     return [messages.records_scatter(spreads)] if spreads else []
 
 
-def _is_of_prior(run: Run, name: str) -> bool:
+def _is_of_prior(run: FinishedRun, name: str) -> bool:
     """Whether a run's data said next to nothing about a parameter: its interval is the box's."""
     main = (run.summary.get("steps") or {}).get(run.summary.get("main")) or {}
     kl = ((main.get("parameters") or {}).get(name) or {}).get("kl")
     return kl is not None and kl < LEARNT
 
 
-def _along_amplitude(first: Run, second: Run) -> tuple[xr.Dataset | None, list[dict[str, Any]]]:
+def _along_amplitude(
+    first: FinishedRun, second: FinishedRun
+) -> tuple[xr.Dataset | None, list[dict[str, Any]]]:
     """Frequency and damping of both at amplitudes that both fitted."""
     y_peak = min(run.basis.y_peak for run in (first, second))
     needed = set(parameter_names(first.basis.laws)) - {INPUT}
@@ -221,7 +223,7 @@ def _along_amplitude(first: Run, second: Run) -> tuple[xr.Dataset | None, list[d
 
 
 def _statements(
-    record: Mapping[str, Any], first: Run, second: Run, unshared: Sequence[str]
+    record: Mapping[str, Any], first: FinishedRun, second: FinishedRun, unshared: Sequence[str]
 ) -> list[str]:
     """What differs for sure, what does not, and what the probabilities do not cover."""
     rows, runs = record["parameters"], record["runs"]
@@ -258,7 +260,7 @@ def _differs(row: Mapping[str, Any]) -> str:
     return messages.differs(typed(f"{row['name']}{place}"), difference, sure=_is_sure(row))
 
 
-def _scatter_words(runs: Sequence[Run]) -> str:
+def _scatter_words(runs: Sequence[FinishedRun]) -> str:
     """Whether the scatter from assembly to assembly is known, and that it is not in P."""
     units = [in_dialect(quantity.unit) for quantity in OSCILLATOR[:2]]
     spreads = {}

@@ -21,7 +21,7 @@ ROUNDING = 1e-12  # relative, of a band of no width
 Bands = Mapping[str, NDArray[np.float64]]
 
 
-class Product(NamedTuple):
+class ProductDraws(NamedTuple):
     """A product of the parameters, which weak motion knows, at one draw.
 
     Attributes:
@@ -35,11 +35,11 @@ class Product(NamedTuple):
     values: Float[np.ndarray, " draw"]
 
 
-def products_of(draws: Draws, laws: Laws) -> list[Product]:
+def products_of(draws: Draws, laws: Laws) -> list[ProductDraws]:
     """The products of all laws at every draw."""
     products = (product for law in laws_named(laws) for product in law.products)
     return [
-        Product(product.name, product.quantity.unit, np.asarray(product.of(draws)))
+        ProductDraws(product.name, product.quantity.unit, np.asarray(product.of(draws)))
         for product in products
     ]
 

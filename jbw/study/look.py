@@ -48,7 +48,7 @@ UNITS = {"y": "m", "frequency_hz": "Hz", "damping": "1"}
 MEANING = {"y": "motion", "frequency_hz": "natural frequency", "damping": "damping ratio"}
 
 
-class Response(NamedTuple):
+class ShownResponse(NamedTuple):
     """Displacement over the source along frequency."""
 
     freq_hz: Float[np.ndarray, " line"]
@@ -62,7 +62,7 @@ class Look:
 
     record: dict[str, Any]
     readings: dict[str, list[Reading]]
-    responses: dict[str, Response]
+    responses: dict[str, ShownResponse]
 
 
 def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look:
@@ -73,7 +73,7 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
         report: Called with one sentence a test.
     """
     readings_of: dict[str, list[Reading]] = {}
-    responses: dict[str, Response] = {}
+    responses: dict[str, ShownResponse] = {}
     rows, unread, per_unit = [], {}, force_per_unit(campaign)
     campaign = replace(campaign, tests=tuple(_of_first_mode(campaign)))
     for name, tests in _curves(campaign.tests).items():
@@ -180,7 +180,7 @@ def _curves(tests: Sequence[Test]) -> dict[str, list[Test]]:
     return groups_of_tests
 
 
-def _read(tests: Sequence[Test], gain: float | None) -> tuple[list[Reading], Response | None]:
+def _read(tests: Sequence[Test], gain: float | None) -> tuple[list[Reading], ShownResponse | None]:
     traits = tests[0].traits
     if traits.is_controlled:
         return [reading for test in tests for reading in readings_of_points(test, gain)], None
@@ -210,7 +210,7 @@ def _of_decays(test: Test) -> Iterator[Reading]:
         yield from map(Reading, y.tolist(), reading.frequency_hz.tolist(), reading.damping.tolist())
 
 
-def _of_harmonics(tests: Sequence[Test]) -> tuple[list[Reading], Response]:
+def _of_harmonics(tests: Sequence[Test]) -> tuple[list[Reading], ShownResponse]:
     """From the first harmonics of a curve, near its largest motion."""
     groups = [group for group in groups_of(list(tests)) if group.order == 1]
     if not groups:
@@ -316,7 +316,7 @@ def _shown(
     y: Complex[np.ndarray, " line"],
     read: Reading,
     test: Test,
-) -> Response:
+) -> ShownResponse:
     """A response about its resonance, as it is drawn."""
     centre = 2 * np.pi * read.frequency_hz
     half = max(0.02, min(WIDE, 10 * abs(read.damping))) * centre
@@ -324,4 +324,4 @@ def _shown(
     record = test.records[0]
     unit = next((record.units[role] for role in INPUTS if role in record.units), "N")
     shown = omega[near] / (2 * np.pi), np.abs(y[near] / source[near])
-    return Response(*shown, per(UNIT_OF["displacement"], unit))
+    return ShownResponse(*shown, per(UNIT_OF["displacement"], unit))

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from jbw.measurement.records import Test
 from jbw.observables.harmonic_groups import (
     ORDERS,
-    Group,
+    MeasuredHarmonic,
     curve_group,
     family_of,
     stepped_groups,
@@ -38,7 +38,7 @@ CLOSE = 0.01  # of the motion: a guess from which one round of two steps is exac
 class Curve(NamedTuple):
     """Harmonics measured at the same frequencies."""
 
-    groups: Sequence[Group]  # the fundamental first
+    groups: Sequence[MeasuredHarmonic]  # the fundamental first
     test: Test  # that they come from, or one of several tones
 
 
@@ -165,7 +165,7 @@ def _motion(data: Points, draws: Draws) -> Complex[np.ndarray, "draw point harmo
     return motion
 
 
-def _facts(group: Group, test: Test) -> dict[str, Any]:
+def _facts(group: MeasuredHarmonic, test: Test) -> dict[str, Any]:
     record = test.records[0]
     held, measured = record.source, record.response
     if group.of_force:
@@ -180,7 +180,7 @@ def _facts(group: Group, test: Test) -> dict[str, Any]:
 
 
 def _compared(
-    group: Group,
+    group: MeasuredHarmonic,
     test: Test,
     model: Complex[np.ndarray, "draw value"],
     others: Mapping[str, Complex[np.ndarray, " value"]],

@@ -27,8 +27,8 @@ from jbw.verification.places import repeats_named
 from jbw.verification.predicted import (
     ALIKE,
     NOT_KNOWN,
-    Noise,
     Predicted,
+    RepeatNoise,
     Source,
     noise_by_label,
 )
@@ -44,7 +44,7 @@ def predict_decay(source: Source, test: Test) -> Predicted:
     noise, stored = NOT_KNOWN, source.basis.decay.get("noise_std")
     if stored is not None and "record" in stored.dims:
         if in_dialect(stored.attrs.get("units", "")) == UNIT_OF[data.response]:
-            noise = Noise(float(stored.mean()), ALIKE)
+            noise = RepeatNoise(float(stored.mean()), ALIKE)
     std = noise.std or SILENT * float(np.sqrt(np.mean(np.abs(data.envelope) ** 2)))
     compared = _compared(source, test, data, np.full(len(test.records), std))
     # The strongest record begins with this displacement, at the natural frequency.

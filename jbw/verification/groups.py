@@ -11,7 +11,7 @@ from jbw.measurement.records import Test
 from jbw.observables.register import OBSERVABLES
 from jbw.observables.repeated import Repeated
 from jbw.verification.bands import QUANTILE_AXIS, beside, errors
-from jbw.verification.predicted import Noise, Predicted, Source, noise_of, of_repeats
+from jbw.verification.predicted import Predicted, RepeatNoise, Source, noise_of, of_repeats
 from jbw.verification.predictive_basis import count_of, seen_of
 
 
@@ -21,7 +21,7 @@ class Group(NamedTuple):
     measured: Float[np.ndarray, " value"]  # mean of the repeats
     model: Float[np.ndarray, "draw value"]
     others: dict[str, Float[np.ndarray, " value"]]  # by other oscillators
-    noise: Noise  # of one repeat
+    noise: RepeatNoise  # of one repeat
     std: float | None  # of the mean, for the bands
 
 

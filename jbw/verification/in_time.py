@@ -31,8 +31,8 @@ from jbw.verification.bands import QUANTILE_AXIS, band, beside, error, errors, p
 from jbw.verification.own_constants import completed
 from jbw.verification.places import repeats_named
 from jbw.verification.predicted import (
-    Noise,
     Predicted,
+    RepeatNoise,
     Source,
     carry,
     is_measured,
@@ -56,7 +56,7 @@ class Motion(NamedTuple):
     model: Float[np.ndarray, "draw time"]
     peak: Float[np.ndarray, " draw"]  # displacement [m]
     others: dict[str, Float[np.ndarray, " time"]]  # of the oscillators compared with
-    noise: Noise  # of one repeat
+    noise: RepeatNoise  # of one repeat
     start: int = 0  # samples that are not compared
     repeats: tuple[str, ...] = ("1",)  # names of the measured
     settled: int = 0  # samples until an unknown start has died out, half of the record at most

@@ -10,7 +10,7 @@ from jaxtyping import Array, Complex, Float, Key
 
 from jbw.measurement.records import Test
 from jbw.observables.decay import Decays
-from jbw.observables.modal_decays import ModalDecays, Seen, match, modal_envelopes
+from jbw.observables.modal_decays import MatchedEnvelopes, ModalDecays, match, modal_envelopes
 from jbw.observables.modal_starts import bands_of
 from jbw.observables.modes import Modes
 from jbw.oscillator.modes.parameters import structure_of
@@ -55,7 +55,7 @@ def followed(source: Source) -> Entered:
 def _follow(theta: Mapping[str, Array], seen: ModalDecays, length: int) -> Complex[Array, " time"]:
     """Envelope of one record at the samples of the model, from a draw of its start and shift."""
     structure = structure_of(theta, seen.laws)
-    record = Seen(seen.envelope[0], seen.begun[0], seen.amplitude[0])
+    record = MatchedEnvelopes(seen.envelope[0], seen.begun[0], seen.amplitude[0])
     matched = match(structure, record, seen)
     start = jnp.append(matched.entry.state, matched.entry.shift)
     # As of one mode: the noise of fitted records stands for that of a short beginning, and the

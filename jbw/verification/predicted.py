@@ -14,13 +14,13 @@ from jbw.inference.lanes import at_points
 from jbw.measurement.records import Test
 from jbw.observables.harmonic_groups import harmonic_label
 from jbw.observables.observable import Observable, prediction
-from jbw.observables.repeats import Repeats
+from jbw.observables.repeats import RepeatedGroups
 from jbw.verification.bands import band
 from jbw.verification.predictive_basis import (
     Basis,
+    CampaignTest,
     Draws,
     Laws,
-    Seen,
     count_of,
     noise_by_label,
     seen_of,
@@ -34,14 +34,14 @@ LEFT_OUT = "left out, as asked: band of the parameters alone"
 LANES = 8  # draws carried through the model at once
 
 
-class Noise(NamedTuple):
+class RepeatNoise(NamedTuple):
     """Noise of one repeat of a test."""
 
     std: float | None  # in the unit of what is compared; None where it is not known
     says: str  # where it is known from, or why not
 
 
-NOT_KNOWN = Noise(None, UNKNOWN)
+NOT_KNOWN = RepeatNoise(None, UNKNOWN)
 
 
 class Predicted(NamedTuple):
@@ -49,7 +49,7 @@ class Predicted(NamedTuple):
 
     dataset: xr.Dataset  # measured values and bands
     peak: NDArray[np.float64] | None  # displacement of every draw [m], where the test tells it
-    noise: Noise  # of one repeat
+    noise: RepeatNoise  # of one repeat
 
     def extrapolation(self, basis: Basis) -> float | None:
         """Upper edge of the peak displacement over the largest that was fitted, where known."""
@@ -80,7 +80,7 @@ class Source:
         return count_of(self.draws) + sum(count_of(draws) for draws, _ in self.beside)
 
     def std(
-        self, known: Noise, model: NDArray[Any], num_repeats: float = 1.0, share: float = 1.0
+        self, known: RepeatNoise, model: NDArray[Any], num_repeats: float = 1.0, share: float = 1.0
     ) -> float | None:
         r"""Noise of the mean of K repeats and error of the model for the bands; None of neither.
 
@@ -134,12 +134,12 @@ def _prediction(theta: Mapping[str, Array], predict_and_args: Any) -> PyTree:
 def noise_of(
     basis: Basis,
     test: Test,
-    repeated: Noise = NOT_KNOWN,
+    repeated: RepeatNoise = NOT_KNOWN,
     *,
     label: str = "",
     order: int = 0,
     behind: str = "",
-) -> Noise:
+) -> RepeatNoise:
     """Noise of one repeat: as fitted, as its repeats tell, or the mean of fitted tests alike.
 
     `behind` is what stands behind the test's name in the label of its group, where it has several.
@@ -147,7 +147,7 @@ def noise_of(
     fitted_noise, traits = noise_by_label(basis.posterior), seen_of(test)
     # Kind, source and response of a test that was called so before may be others.
     if (label or test.name) in fitted_noise and basis.seen.get(test.name, traits)[:3] == traits[:3]:
-        return Noise(fitted_noise[label or test.name], OWN)
+        return RepeatNoise(fitted_noise[label or test.name], OWN)
     if repeated.std is not None:
         return repeated
     if not basis.seen:  # a run that does not say what its tests were knows of sweeps alone
@@ -164,24 +164,24 @@ def noise_of(
         }
     near = [std for level, std in comparable.values() if level == test.level]
     chosen = near or [std for _, std in comparable.values()]
-    return Noise(float(np.mean(chosen)), ALIKE) if chosen else NOT_KNOWN
+    return RepeatNoise(float(np.mean(chosen)), ALIKE) if chosen else NOT_KNOWN
 
 
-def _labels(name: str, seen: Seen, order: int) -> list[str]:
+def _labels(name: str, seen: CampaignTest, order: int) -> list[str]:
     """What the groups of data of a test may be called that hold its harmonic of this order."""
     names = [name, seen.family] if seen.family else [name]
     harmonics = [harmonic_label(group_name, order) for group_name in names] if order else []
     return harmonics + (names if order < 2 else [])
 
 
-def of_repeats(repeats: Repeats, group: int = 0) -> Noise:
+def of_repeats(repeats: RepeatedGroups, group: int = 0) -> RepeatNoise:
     """What the scatter of a group's repeats tells."""
     scatter = repeats.within, repeats.size, repeats.num_repeats
     return of_scatter(*(float(by_group[group]) for by_group in scatter))
 
 
-def of_scatter(within: float, size: float, count: float) -> Noise:
+def of_scatter(within: float, size: float, count: float) -> RepeatNoise:
     """Noise by the sum of squares that so many repeats of so many values leave about their mean."""
     if count < 2:
         return NOT_KNOWN
-    return Noise(float(np.sqrt(within / (size * (count - 1)))), REPEATS)
+    return RepeatNoise(float(np.sqrt(within / (size * (count - 1)))), REPEATS)

@@ -39,7 +39,7 @@ Draws = dict[str, NDArray[np.float64]]
 Laws = tuple[str, ...]
 
 
-class Seen(NamedTuple):
+class CampaignTest(NamedTuple):
     """A test of the run's campaign, as far as predictions need it."""
 
     kind: str
@@ -56,7 +56,7 @@ class Basis:
 
     posterior: xr.Dataset  # the main one, with dimensions (chain, draw)
     held: Mapping[str, float]  # parameters that were not updated
-    seen: Mapping[str, Seen]  # tests of the run's campaign; none where the run does not say
+    seen: Mapping[str, CampaignTest]  # tests of the run's campaign; none where the run does not say
     y_peak: float  # largest displacement among what was fitted [m]; 0 where not known
     scatter: tuple[float, ...]  # sd of omega_n [rad/s] and zeta over runs; empty without offsets
     substeps: int  # of the solver between samples
@@ -280,7 +280,7 @@ def basis_of(tree: xr.DataTree) -> Basis:
     return Basis(
         posterior,
         json.loads(str(attrs.get("held", "{}"))),
-        {name: Seen(**facts) for name, facts in tests.items()},
+        {name: CampaignTest(**facts) for name, facts in tests.items()},
         float(attrs.get("y_peak", 0.0)),
         tuple(np.atleast_1d(attrs["scatter"]).tolist()) if "scatter" in attrs else (),
         int(attrs.get("substeps", SUBSTEPS)),
@@ -307,12 +307,12 @@ def noise_by_label(posterior: xr.Dataset) -> dict[str, float]:
     return noise
 
 
-def seen_of(test: Test) -> Seen:
+def seen_of(test: Test) -> CampaignTest:
     """A test's kind, the unit of its source and what is compared."""
     record = test.records[0]
     place = (test.level if np.isfinite(test.level) else None, family_of(test), drive_of(test))
     if test.traits.is_prescribed:
-        return Seen(test.kind, "N", "restoring_force", *place)
+        return CampaignTest(test.kind, "N", "restoring_force", *place)
     source = record.source if any(role in record.channels for role in INPUTS) else ""
     response = next((role for role in RESPONSES if role in record.channels), "")
     if test.traits.is_controlled:
@@ -325,4 +325,4 @@ def seen_of(test: Test) -> Seen:
             response = source
     # A free decay has no source, whatever was recorded beside it.
     unit = "" if test.traits.is_free else record.units.get(source, "")
-    return Seen(test.kind, unit, response, *place)
+    return CampaignTest(test.kind, unit, response, *place)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jbw.campaign.check import check_campaign
-from jbw.campaign.duplicates import Source, held_twice
+from jbw.campaign.duplicates import ResponseOrigin, held_twice
 from jbw.campaign.load import load_campaign
 from jbw.errors import DataError
 
@@ -157,7 +157,9 @@ def test_a_part_within_another_is_shared_whole(folder):
 def test_other_tones_of_a_record_are_other_data(tones, is_same):
     channel = ("a hash", "velocity", "")
     first, second = (
-        Source(name, "run.npz", "velocity", "digest", channel, (0.0, 10.0), (0.0, np.inf), own)
+        ResponseOrigin(
+            name, "run.npz", "velocity", "digest", channel, (0.0, 10.0), (0.0, np.inf), own
+        )
         for name, own in (("a", (5.0,)), ("b", tones))
     )
     assert len(list(held_twice([first, second]))) == is_same

@@ -13,7 +13,7 @@ from jbw.identification.model_discrepancy import (
     NO_SCATTER,
     Discrepancy,
     Missed,
-    Noise,
+    NoiseSquares,
     Rest,
     Scatter,
     _rest,
@@ -99,7 +99,7 @@ def test_a_rest_is_judged_beside_noise_and_the_errors_of_parameters():
     drawn = rng.standard_normal((4000, 200)) + rng.standard_normal((4000, 2)) @ moved.T
     known = rng.chisquare(150, 4000) / 150  # the noise's square as 150 values tell it
     rests = [
-        _rest(row, Noise(200 * square, 150.0), 1.0, moved)
+        _rest(row, NoiseSquares(200 * square, 150.0), 1.0, moved)
         for row, square in zip(drawn, known, strict=True)
     ]
     gaps = np.array([rest.square - rest.mean for rest in rests])

@@ -12,7 +12,7 @@ from scipy.signal import lfilter
 
 from jbw.observables.misfit import independent_fractions, left_of, shared_misfit
 from jbw.observables.repeated import Repeated
-from jbw.observables.repeats import Repeats, repeats
+from jbw.observables.repeats import RepeatedGroups, repeats
 
 SEEDS = (0, 1, 2)
 SIZE = 600
@@ -24,7 +24,7 @@ class Lines(Repeated):
 
     mean: Float[Array, "group value"]
     shape: Float[Array, "group value"]
-    repeats: Repeats
+    repeats: RepeatedGroups
 
     def misfit(self, theta):
         return self.mean - theta["p"] * self.shape
@@ -174,7 +174,7 @@ def of_groups(part, order):
             "spanned",
         )
     }
-    moved = Repeats(
+    moved = RepeatedGroups(
         **fields,
         directions=own.directions,
         labels=tuple(own.labels[i] for i in order),

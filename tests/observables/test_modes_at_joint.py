@@ -18,7 +18,7 @@ from jbw.inference.space.box import bounds_by_name
 from jbw.measurement.records import Record, Test
 from jbw.observables.dataset import log_likelihood
 from jbw.observables.drives import told_by
-from jbw.observables.modal_readings import Lines, read_modes
+from jbw.observables.modal_readings import MotionSpectra, read_modes
 from jbw.observables.modes import LABEL, Modes, ModesAtJoint
 from jbw.oscillator.modes.parameters import structure_of
 from jbw.rig.integrator import GRID, specimen_of
@@ -266,7 +266,7 @@ def test_modes_that_overlap_are_read_together():
     modal = [1 / (w**2 - line**2 + 2j * z * w * line) for w, z in zip(omega, zeta, strict=True)]
     seen = {name: g @ np.array(modal) + 1e-4 for name, g in zip(("", "a"), gains, strict=True)}
     modes = Modes((7.2, 6.95), points=("a",))
-    found = read_modes(modes, [Lines(line, np.ones(len(line), complex), seen)])
+    found = read_modes(modes, [MotionSpectra(line, np.ones(len(line), complex), seen)])
     # Closed form: to the optimiser's tolerance, 1e-8 of the misfit, by the condition of the fit.
     assert found["omega_n"] == pytest.approx(omega[0], rel=1e-6)
     assert found["zeta_2"] == pytest.approx(zeta[1], rel=1e-4)
@@ -285,7 +285,10 @@ def test_a_mode_is_read_off_what_passes_through_it_and_no_harmonic():
     # Its response to the harmonic is that of a joint that slips, and no linear one.
     weak = np.where(line < 2 * np.pi * 24, low * sum(modal), 1e-6 * np.sin(line))
     high = np.where(line > 2 * np.pi * 50, 1.0, 0.0) + 0j
-    motions = [Lines(line, low, {"": weak}), Lines(line, high, {"": high * sum(modal)})]
+    motions = [
+        MotionSpectra(line, low, {"": weak}),
+        MotionSpectra(line, high, {"": high * sum(modal)}),
+    ]
     found = read_modes(Modes((18.8, 57.2)), motions)
     # What the other mode adds is a constant and 1/omega^2 but for a part in ten thousand.
     assert found["omega_2"] == pytest.approx(omega[1], rel=1e-4)

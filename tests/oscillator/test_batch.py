@@ -13,7 +13,7 @@ import jbw
 from jbw.inference.groups.offsets import estimate
 from jbw.observables.samples import band_limited
 from jbw.oscillator import batch
-from jbw.oscillator.batch import INTERVALS, LANES, Measured, compile_ahead, march, record_of
+from jbw.oscillator.batch import INTERVALS, LANES, MeasuredResponse, compile_ahead, march, record_of
 from jbw.oscillator.deepening import with_depth
 from jbw.oscillator.laws import laws_named
 from jbw.oscillator.oscillator import oscillator_of
@@ -69,7 +69,7 @@ def test_sums_are_those_of_the_written_residual():
     values, rows = rng.standard_normal(size - first), rng.standard_normal((2, size - first))
     known, many, source = rng.standard_normal((5, 2)), joints(5), sweep(size)
     gains = np.linspace(1.0, 15.0, 5)
-    record = record_of(source, None, Measured(values, rows, first))
+    record = record_of(source, None, MeasuredResponse(values, rows, first))
     found = march(many, gains, record, FS, 2, 1, known=known)
     residual = values - found.response[:, first:] - known @ rows
     # Sums of 4,896 products, added in another order.
@@ -108,7 +108,7 @@ def test_terms_are_exact_but_for_rounding():
     rows = np.stack([np.gradient(like, 1 / FS) * time / 118.0, like * time * 118.0])
     noise = np.random.default_rng(1).standard_normal(size)
     values, known = like + 1e-3 * np.abs(like).max() * noise, np.array([[0.3, 1e-4], [2.0, 3e-3]])
-    record = record_of(source, None, Measured(values, rows))
+    record = record_of(source, None, MeasuredResponse(values, rows))
     found = march(many, gains, record, FS, 2, 1, known=known)
     taken = []  # squares over what is left of them
     for i, response in enumerate(found.response):

@@ -14,7 +14,7 @@ from jbw.inference.samplers.chains import draws_of
 from jbw.inference.space.problem import problem_of
 from jbw.inference.space.reparametrisation import in_box
 from jbw.study.calibration import suited
-from jbw.study.calibration_models import Step
+from jbw.study.calibration_models import CalibratedStep
 
 PRIOR = {"mu": dist.Normal(2.0, 3.0)}
 COUNT, SIGMA = 5, 2.0
@@ -53,7 +53,7 @@ def test_quantiles_are_those_of_the_prior_with_their_slope(prior, reference):
 
 @pytest.mark.slow  # some seconds of draws
 def test_a_conjugate_normal_is_drawn_as_its_formula_says_and_calibrated():
-    step = Step(own_model(simulate, log_likelihood, PRIOR), 100, "nuts")
+    step = CalibratedStep(own_model(simulate, log_likelihood, PRIOR), 100, "nuts")
     model, sampler, options = suited(step, "nuts")
     data = jnp.array([1.0, 4.0, -1.0, 0.5, 3.5])
     problem = problem_of(model.log_likelihood, model.box, data, in_box(model.box, None, None, 1))

@@ -38,8 +38,8 @@ from jbw.verification.predicted import (
     OWN,
     REPEATS,
     UNKNOWN,
-    Noise,
     Predicted,
+    RepeatNoise,
     noise_of,
 )
 from jbw.verification.predictive_basis import basis_of
@@ -256,6 +256,6 @@ def test_the_noise_of_a_harmonic_is_of_its_order_and_where_there_is_one_of_its_l
     assert noise_of(basis, tones[0], label="tones 1 order 1", order=1) == (0.1, OWN)
     other = replace(tones[0], name="new", level=5.0)
     assert noise_of(basis, other, order=1) == (pytest.approx(0.2), ALIKE)
-    assert noise_of(basis, other, Noise(0.7, REPEATS), order=1) == (0.7, REPEATS)
+    assert noise_of(basis, other, RepeatNoise(0.7, REPEATS), order=1) == (0.7, REPEATS)
     # A sweep called as a tone is, with a number of its own, has another noise.
     assert noise_of(basis, replace(other, kind="stepped"), order=1) == NOT_KNOWN

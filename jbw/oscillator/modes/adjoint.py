@@ -25,7 +25,7 @@ from jbw.oscillator.kinks import barrier
 from jbw.oscillator.law import map_laws
 from jbw.oscillator.modes.step import (
     Begun,
-    Kernel,
+    JointKernel,
     ModalState,
     ModalStep,
     ModalStepping,
@@ -98,7 +98,7 @@ def _solve_jvp(primals, tangents):
     return trajectory, in_chunks(_linearised, recurrence, pushed, trajectory, pushed_dot, first_dot)
 
 
-class Slopes(NamedTuple):
+class StepSlopes(NamedTuple):
     """Derivatives of a part of a joint's step.
 
     Attributes:
@@ -132,12 +132,12 @@ class JointSlopes(NamedTuple):
         by_move: Of the memories by the correction of x.
     """
 
-    start: Slopes
+    start: StepSlopes
     path_by: tuple
-    half_bend: Slopes | None
+    half_bend: StepSlopes | None
     bent_by: tuple
     turns: Any
-    passing: Slopes
+    passing: StepSlopes
     move_by: Any
     by_move: tuple
 
@@ -221,18 +221,18 @@ def _each(function: Callable[..., tuple], kernels: tuple, *arguments: Any) -> tu
     return tuple(zip(*(values[place] for place in range(len(joints))), strict=True))
 
 
-def _start(kernel: Kernel, at: tuple) -> tuple[Scalar, ...]:
+def _start(kernel: JointKernel, at: tuple) -> tuple[Scalar, ...]:
     """Remainder r and h r' at the start, by x, v and the memories."""
     return remainder(Begun(kernel, *at))
 
 
-def _half_bend(kernel: Kernel, at: tuple) -> tuple[Scalar, ...]:
+def _half_bend(kernel: JointKernel, at: tuple) -> tuple[Scalar, ...]:
     """Half of h^2 r'' at the start, by x, v, the memories and a."""
     *start, a = at
     return (half_bend(Begun(kernel, *start), a),)
 
 
-def _passing(kernel: Kernel, bends: tuple, at: tuple) -> tuple[Passed, End]:
+def _passing(kernel: JointKernel, bends: tuple, at: tuple) -> tuple[Passed, End]:
     """A joint's step before the correction of its x, by x, v, memories and path.
 
     Where the joint turns, the bends of the others add to x and v at the end of the path, and to the
@@ -243,26 +243,26 @@ def _passing(kernel: Kernel, bends: tuple, at: tuple) -> tuple[Passed, End]:
 
 
 def _sloped(
-    function: Callable[..., Any], kernel: Kernel, kernel_dot: Kernel, at: Any
-) -> tuple[Any, Slopes]:
+    function: Callable[..., Any], kernel: JointKernel, kernel_dot: JointKernel, at: Any
+) -> tuple[Any, StepSlopes]:
     """A part of a joint's step, and its derivatives."""
     value, by_at = jax.linearize(lambda at: function(kernel, at), at)
     _, offset = jax.jvp(lambda kernel: function(kernel, at), (kernel,), (kernel_dot,))
-    return value, Slopes(tuple(tuple(by_at(way)) for way in _ways(at)), tuple(offset))
+    return value, StepSlopes(tuple(tuple(by_at(way)) for way in _ways(at)), tuple(offset))
 
 
 def _passing_slopes(
-    kernel: Kernel, kernel_dot: Kernel, at: tuple, bends: tuple
-) -> tuple[Passed, End, Slopes]:
+    kernel: JointKernel, kernel_dot: JointKernel, at: tuple, bends: tuple
+) -> tuple[Passed, End, StepSlopes]:
     """A joint after its kernel, its end, and the derivatives of both."""
     (passed, end), by_at = jax.linearize(partial(_passing, kernel, bends), at)
     _, offset = jax.jvp(lambda kernel: _passing(kernel, bends, at), (kernel,), (kernel_dot,))
-    return passed, end, Slopes(tuple(by_at(way) for way in _ways(at)), offset)
+    return passed, end, StepSlopes(tuple(by_at(way) for way in _ways(at)), offset)
 
 
 def _moved_slopes(
-    kernel: Kernel, kernel_dot: Kernel, end: End, move: Scalar, by_along: Slopes
-) -> tuple[Slopes, tuple]:
+    kernel: JointKernel, kernel_dot: JointKernel, end: End, move: Scalar, by_along: StepSlopes
+) -> tuple[StepSlopes, tuple]:
     """Derivatives of `Passed` and of the memories after the correction of x, and by that."""
     laws, laws_dot = kernel.laws, kernel_dot.laws
     _, by_end = jax.linearize(lambda end: shifted(laws, end, move), end)
@@ -278,7 +278,7 @@ def _moved_slopes(
     _, by_move = jax.jvp(lambda move: shifted(laws, end, move), (move,), (unit,))
     columns = tuple(column(*both) for both in by_along.columns)
     offset = (*passed_dot, *jax.tree.leaves(memory_dot))
-    return Slopes(columns, offset), tuple(jax.tree.leaves(by_move))
+    return StepSlopes(columns, offset), tuple(jax.tree.leaves(by_move))
 
 
 def _ways(at: Any) -> list[Any]:

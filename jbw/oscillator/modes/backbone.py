@@ -75,7 +75,7 @@ class ModalBackbone(eqx.Module):
     loss_share: Float[Array, "*level_joint"]
 
 
-class Options(NamedTuple):
+class BackboneOptions(NamedTuple):
     """Which backbone; static. `is_one_joint` where the amplitude is the joint's."""
 
     mode: int
@@ -103,7 +103,7 @@ def modal_backbone(
     if num_harmonics < 1:
         raise ConfigError(f"Argument `num_harmonics` must be at least 1, but is {num_harmonics}.")
     amplitude = jnp.asarray(amplitude, float)
-    options = Options(mode, num_harmonics, max_turns, is_one_joint)
+    options = BackboneOptions(mode, num_harmonics, max_turns, is_one_joint)
     backbone, good = _backbone(by_joint(structure), amplitude, options)
     if is_concrete(structure, amplitude, backbone) and not np.all(good):
         first = float(np.asarray(amplitude)[~np.asarray(good)].min())
@@ -147,7 +147,7 @@ def _require_mode(structure: Structure, mode: int, is_one_joint: bool) -> None:
 
 @partial(jax.jit, static_argnums=2)
 def _backbone(
-    structure: Structure, amplitude: Array, options: Options
+    structure: Structure, amplitude: Array, options: BackboneOptions
 ) -> tuple[ModalBackbone, Array]:
     """The backbone at every amplitude, and whether it was found."""
     flat = amplitude.ravel()
@@ -167,7 +167,9 @@ def _like(good: Array, leaf: Array) -> Array:
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
-def _followed(options: Options, structure: Structure, amplitude: Array) -> tuple[Array, Array]:
+def _followed(
+    options: BackboneOptions, structure: Structure, amplitude: Array
+) -> tuple[Array, Array]:
     """Points of the branch at rising amplitudes, each from the one before, and which were found."""
     mode, num_joints = options.mode, len(structure.laws)
     first = jnp.zeros(4 + 2 * num_joints * options.num_harmonics)
@@ -206,7 +208,7 @@ def _followed_jvp(options, primals, tangents):
 
 
 def _to(
-    options: Options, structure: Structure, at: Array, point: Point, target: Array
+    options: BackboneOptions, structure: Structure, at: Array, point: Point, target: Array
 ) -> tuple[Array, Point]:
     """From one amplitude to another by steps, halved where Newton fails or goes far."""
 
@@ -229,7 +231,7 @@ def _to(
     return amplitude_reached, point
 
 
-def _newton(options: Options, structure: Structure, start: Point, amplitude: Array):
+def _newton(options: BackboneOptions, structure: Structure, start: Point, amplitude: Array):
     """Newton's iteration at one amplitude."""
     solution = optimistix.root_find(
         lambda point, args: _imbalance(options, args[0], point, args[1]),
@@ -250,14 +252,14 @@ class Units(NamedTuple):
     x: Array
 
 
-def _units(options: Options, structure: Structure) -> Units:
+def _units(options: BackboneOptions, structure: Structure) -> Units:
     """Of one joint its own displacement, of several the mode's coordinate and what that reaches."""
     if options.is_one_joint:
         return Units(1.0 / structure.h[0, options.mode], jnp.ones(1))  # pyright: ignore
     return Units(1.0, jnp.max(jnp.abs(structure.h), axis=1))  # pyright: ignore[reportArgumentType]
 
 
-class Motion(NamedTuple):
+class BackboneMotion(NamedTuple):
     """Motion of a point: q_m1 and q over the amplitude, x and r in the joints' units.
 
     `residual_1` is the first harmonic of the mode's own balance, which d of the mode multiplies.
@@ -272,7 +274,9 @@ class Motion(NamedTuple):
     residual_1: Scalar
 
 
-def _motion(options: Options, structure: Structure, point: Point, amplitude: Scalar) -> Motion:
+def _motion(
+    options: BackboneOptions, structure: Structure, point: Point, amplitude: Scalar
+) -> BackboneMotion:
     """Frequency, damping, joints and modes of a point."""
     mode, units = options.mode, _units(options, structure)
     omega_m = structure.omega_n[mode]  # pyright: ignore[reportIndexIssue]
@@ -288,10 +292,12 @@ def _motion(options: Options, structure: Structure, point: Point, amplitude: Sca
     # At zero amplitude d of the mode vanishes: no division by it in the first harmonic.
     residual_1 = d[mode, 0] * units.q * q_m1 + push[mode, 0]  # pyright: ignore
     q = (-push / d.at[mode, 0].set(1.0)).at[mode, 0].set(units.q * q_m1)  # pyright: ignore
-    return Motion(omega, zeta, q_m1, q, x, r, residual_1)
+    return BackboneMotion(omega, zeta, q_m1, q, x, r, residual_1)
 
 
-def _imbalance(options: Options, structure: Structure, point: Point, amplitude: Scalar) -> Point:
+def _imbalance(
+    options: BackboneOptions, structure: Structure, point: Point, amplitude: Scalar
+) -> Point:
     """Residual at a point: of the mode's first harmonic, of the joints', and of the amplitude."""
     motion = _motion(options, structure, point, amplitude)
     apart = motion.x - (structure.h @ motion.q) / _units(options, structure).x[:, None]
@@ -303,7 +309,7 @@ def _imbalance(options: Options, structure: Structure, point: Point, amplitude: 
 
 
 def _backbone_point(
-    options: Options, structure: Structure, point: Point, amplitude: Array
+    options: BackboneOptions, structure: Structure, point: Point, amplitude: Array
 ) -> tuple[ModalBackbone, Array]:
     r"""A point of the backbone, and how often the joint turns that turns most often.
 

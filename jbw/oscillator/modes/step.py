@@ -83,7 +83,7 @@ class Coupling(eqx.Module):
     bend_v: Scalar
 
 
-class Kernel(eqx.Module):
+class JointKernel(eqx.Module):
     """Constants of a joint's kernel, of one kind for all joints with the same laws.
 
     `bend_*` are what half of h^2 r'' of the joint itself does to its x and v.
@@ -108,10 +108,10 @@ class JointStep(eqx.Module):
     place: int = eqx.field(static=True)
 
     @property
-    def kernel(self) -> Kernel:
+    def kernel(self) -> JointKernel:
         """Constants of what the joint does by itself."""
         by_itself = self.by[self.place]
-        return Kernel(self.laws, self.dt, by_itself.bend_y, by_itself.bend_v)
+        return JointKernel(self.laws, self.dt, by_itself.bend_y, by_itself.bend_v)
 
     @property
     def by_others(self) -> tuple[Coupling, ...]:
@@ -139,7 +139,7 @@ class FreeMotion(NamedTuple):
 class Begun(NamedTuple):
     """A joint at the start of a step: its kernel, displacement, velocity and memories."""
 
-    kernel: Kernel
+    kernel: JointKernel
     x: Scalar
     v: Scalar
     memory: tuple[Memory, ...]
