@@ -11,11 +11,13 @@ from typing import Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from pydantic_core import ErrorDetails
 
+from jbw.campaign.toml_slips import slip_of
 from jbw.campaign.written import require_file
 from jbw.errors import ConfigError
 from jbw.inference.density import Density
 
 MOST_BYTES = 2**20  # of a file that somebody wrote: some thousand tests
+OF_TOML = "See https://toml.io; strings need quotes, and each key stands once."
 LISTED = 20  # keys or errors that are told one by one
 # What pydantic refuses itself, in our words; a check of ours brings its own.
 SENTENCES = {
@@ -87,11 +89,11 @@ def document_of(source: str, file: str) -> dict[str, Any]:
     try:
         return tomllib.loads(source)
     except (ValueError, RecursionError) as error:  # not TOML, or a number of thousands of digits
-        reason = "nested too deeply" if isinstance(error, RecursionError) else error
-        raise ConfigError(
-            f"{file} is not valid TOML: {reason}.",
-            remedy="See https://toml.io; strings need quotes, and each key stands once.",
-        ) from None
+        if isinstance(error, RecursionError):
+            reason, remedy = "nested too deeply", OF_TOML
+        else:
+            reason, remedy = slip_of(source, error) or (error, OF_TOML)
+        raise ConfigError(f"{file} is not valid TOML: {reason}.", remedy=remedy) from None
 
 
 def unknown_tables(document: Mapping[str, Any], tables: Collection[str]) -> list[str]:

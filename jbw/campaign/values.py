@@ -25,6 +25,8 @@ from jbw.measurement.kinds import KINDS
 from jbw.measurement.records import ROLES, si_of
 
 ALL = "all"  # of the repeats
+# What an escape in a path was written as, with a forward slash.
+ESCAPES = {"\a": "/a", "\b": "/b", "\t": "/t", "\n": "/n", "\f": "/f", "\r": "/r", "\x1b": "/e"}
 Role = Literal[*ROLES]  # pyright: ignore[reportInvalidTypeForm]
 
 
@@ -114,7 +116,14 @@ def bounds(value: Any) -> tuple[Any, Any]:
     """Two numbers, the second larger."""
     pair = numbers(value)
     if len(pair) != 2 or pair[0] >= pair[1]:
-        raise ValueError(f"must be [lower, upper] with lower < upper, but is {list(value)}.")
+        hint = ""
+        if len(pair) == 4 and all(isinstance(item, int) for item in pair):
+            lower, lower_digits, upper, upper_digits = pair
+            hint = (
+                " A comma separates values; with decimal points they are "
+                f"[{lower}.{lower_digits}, {upper}.{upper_digits}]."
+            )
+        raise ValueError(f"must be [lower, upper] with lower < upper, but is {list(value)}.{hint}")
     return pair
 
 
@@ -244,7 +253,19 @@ def _spread(role: str, item: Any) -> float:
 def _files(value: Any) -> tuple[str, ...] | dict[str, tuple[str, ...]]:
     """Patterns, or role to patterns where the channels of a record lie in several files."""
     if isinstance(value, Mapping):
-        return _by_role(lambda _, item: strings(item))(value)
+        return _by_role(lambda _, item: _patterns(item))(value)
+    return _patterns(value)
+
+
+def _patterns(value: Any) -> tuple[str, ...]:
+    """Names or patterns of files, without what a backslash in double quotes makes of a path."""
+    for item in strings(value):
+        if not item.isprintable():
+            slashed = "".join(c if c.isprintable() else ESCAPES.get(c, "?") for c in item)
+            raise ValueError(
+                f"must be printable, but is {item!r}: a backslash in double quotes begins an "
+                f'escape. Write forward slashes: "{slashed}".'
+            )
     return strings(value)
 
 

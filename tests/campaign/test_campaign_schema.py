@@ -1,5 +1,6 @@
 """The campaign file: strict, all errors at once, each with its key and remedy."""
 
+import re
 import time
 
 import pytest
@@ -100,6 +101,60 @@ def test_good_file():
 )
 def test_each_error_names_key_and_remedy(old, new, says):
     assert says in refused(changed(old, new))
+
+
+WRITE = re.compile(r"Write line (\d+) as `([^`]+)`")
+
+
+@pytest.mark.fault(52)
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ('"sweep"', "“sweep”", "line 6 has typographic characters, “ ”"),
+        ('"sweep"', "„sweep“", "typographic"),
+        ('"sweep"', "«sweep»", "typographic"),
+        ('"sweep"', "\u2018sweep\u2019", "typographic"),
+        ('"sweep_*.h5"', '"sweep_*.h5”', "line 7 has typographic"),
+        ('"shaker", velocity = "laser"', "“shaker”, velocity = “laser”", "line 9 has typographic"),
+        ("level = 0.2", "level\u00a0= 0.2", "a wide blank"),
+        ("level = 0.2", "level = 0.2\ndelay = −0.2", "typographic characters, −,"),
+        ('"sweep_*.h5"', r'"C:\data\x.csv"', "line 7 has a backslash in double quotes"),
+        ('"sweep_*.h5"', r'"C:\Users\x.csv"', "line 7 has a backslash in double quotes"),
+        ('"sweep_*.h5"', r"C:\data\x.csv", "line 7 has a word without quotes"),
+        ("level = 0.2", "level = 0,2", "line 8 has a decimal comma"),
+        ("[5.0, 40.0]", "[5,05, 40,0]", "line 11 has a decimal comma"),
+        ("level = 0.2", "level = .2", "line 8 has a number that begins or ends with its point"),
+        ('kind = "sweep"', "kind = sweep  # up", "line 6 has a word without quotes"),
+        ('"mm/s"', "mm/s", "line 10 has a word without quotes"),
+        ("level = 0.2", "level = 0.2\nremove_mean = True", "line 9 has a word without quotes"),
+    ],
+)
+def test_a_slip_against_toml_is_named_and_its_line_cures(old, new, says):
+    text = changed(old, new)
+    message = refused(text)
+    assert says in message
+    ((number, line),) = WRITE.findall(message)
+    lines = text.split("\n")
+    lines[int(number) - 1] = line
+    parse("\n".join(lines))
+
+
+def test_slips_in_several_lines_are_told_of():
+    text = changed('"sweep"', "“sweep”").replace('"beam"', "“beam”")
+    assert 'Write line 3 as `name = "beam"`. Mend line 6 likewise.' in refused(text)
+
+
+def test_an_escape_that_a_path_became_is_named():
+    message = refused(changed('"sweep_*.h5"', r'"data\new\sweep.h5"').replace("\\s", "\\t"))
+    (path,) = re.findall(r'Write forward slashes: ("[^"]+")', message)
+    assert path == '"data/new/tweep.h5"'
+    assert parse(changed('"sweep_*.h5"', path)).tests[0].files == ("data/new/tweep.h5",)
+
+
+def test_decimal_commas_between_bounds_are_named():
+    message = refused(changed("[5.0, 40.0]", "[5,5, 40,25]"))
+    (band,) = re.findall(r"with decimal points they are (\[[^]]+\])", message)
+    assert parse(changed("[5.0, 40.0]", band)).tests[0].band == (5.5, 40.25)
 
 
 @pytest.mark.fault(52)
