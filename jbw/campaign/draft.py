@@ -64,6 +64,7 @@ KIND_HINTS = dict(step="stepped", tone="tones", hammer="decay", impact="decay", 
 Assume = Callable[[str], None]
 NOBODY = Channel("...", "", "")
 Reach = tuple[float, float]  # lowest and highest frequency [Hz]
+ARE = ("is a guess", "are guesses")
 FEW_COLUMNS = 16  # a table of more is no record of a few channels
 
 
@@ -347,7 +348,7 @@ def _block(
         f"kind = {toml(kind)}" + ("" if is_sure else "  # CHECK: a guess"),
         f"files = {toml(_pattern(files))}  # {len(files)} file(s), one repeat each",
         f"channels = {toml(roles)}"
-        + (f"  # CHECK: {', '.join(guessed)} is a guess" if guessed else ""),
+        + (f"  # CHECK: {', '.join(guessed)} {ARE[len(guessed) > 1]}" if guessed else ""),
         _units(channels, assume),
         *clock.lines,
     ]

@@ -19,9 +19,12 @@ HINTS = (
     (r"restoring|friction", "restoring_force"),
     (r"^freq|^f_?hz$|frequency|frequenz", "frequency"),
     (r"phase|^phi$", "phase"),
-    (r"vel|laser|vib|^v$|ldv|geschwindigkeit", "velocity"),
-    (r"acc|beschl", "acceleration"),
-    (r"dis[pl]|lvdt|^[yx]$|pos|angle|rotation|twist|weg\b|auslenkung|stroke", "displacement"),
+    (r"vel|laser|vib|^v$|ldv|geschwindigkeit|mobility", "velocity"),
+    (r"acc|beschl|inertance", "acceleration"),
+    (
+        r"dis[pl]|receptance|compliance|lvdt|^[yx]$|pos|angle|rotation|twist|weg\b|auslenkung|stroke",
+        "displacement",
+    ),
     (r"force|load|^f$|torque|moment|kraft|hammer", "force"),
     (r"input|shaker|volt|drive|source|(?<!s)amp|^u$|^v1$", "input"),
 )
@@ -184,18 +187,48 @@ def _in_degrees(leaf: Leaf) -> bool:
 
 
 def _of_a_curve(roles: dict[str, Channel], series: Leaves) -> dict[str, Channel]:
-    """Where a channel is complex, a real one that rises from a positive number is its frequency."""
+    """Where a channel is complex, a real one that rises from a positive number is its frequency.
+
+    Where no name tells the response, the only complex channel is it, by its phase; without a
+    channel of the force it is per newton.
+    """
     is_complex = [p for p, leaf in series.items() if _is_complex(leaf)]
     if not is_complex:
         return roles
+    sizes = {series[p].shape for p in is_complex}
     known_roles = {role: c for role, c in roles.items() if role not in ("time", *INPUTS)}
     if "frequency" not in known_roles:
-        sizes = {series[p].shape for p in is_complex}
         for path, leaf in series.items():
             if path not in is_complex and leaf.shape in sizes and rises(leaf):
-                known_roles["frequency"] = Channel(path, leaf.unit, "Hz", not leaf.unit)
+                hz = "rad/s" if re.fullmatch("w|omega.*", last_name(path)) else "Hz"
+                known_roles["frequency"] = Channel(path, leaf.unit, hz, not leaf.unit)
                 break
-    return known_roles
+    if "frequency" not in known_roles:
+        return known_roles
+    if known_roles.keys().isdisjoint(RESPONSES) and len(is_complex) == 1:
+        (path,) = is_complex
+        role = _by_phase(series[path])
+        unit = series[path].unit
+        known_roles[role] = Channel(path, unit if _fits(role, unit) else "", "", True)
+    source = next((roles[role] for role in INPUTS if role in roles), None)
+    is_of_curve = source is not None and series[source.path].shape in sizes
+    if source is not None and is_of_curve and source.path != known_roles["frequency"].path:
+        known_roles["force" if roles.get("force") == source else "input"] = source
+    per = "/N" if known_roles.keys().isdisjoint(INPUTS) else ""
+    return {
+        role: c._replace(default=_si_of_role(role) + per) if c.path in is_complex else c
+        for role, c in known_roles.items()
+    }
+
+
+def _by_phase(leaf: Leaf) -> str:
+    r"""Which response a complex curve of a mode is, by its phase $\arg \sum |H| H$ about the peak.
+
+    A receptance is at -90 degrees there, a mobility at 0 and an accelerance at 90.
+    """
+    h = np.nan_to_num(np.ravel(load(leaf))) if leaf.shape[0] <= MOST_SAMPLES else np.zeros(1)
+    quarters = round(float(np.angle(np.sum(np.abs(h) * h))) / (np.pi / 2))
+    return {-1: "displacement", 1: "acceleration"}.get(quarters, "velocity")
 
 
 def _is_complex(leaf: Leaf) -> bool:

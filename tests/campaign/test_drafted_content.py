@@ -5,10 +5,12 @@ import tomllib
 import numpy as np
 import pytest
 from click.testing import CliRunner
+from corpus.dialects import v73
 
 from jbw.campaign.asked import answered, channels_named_by, still_doubtful
 from jbw.campaign.content import course_of, falls, strongest_line
 from jbw.campaign.draft import start_campaign
+from jbw.campaign.files import repeats_of
 from jbw.campaign.schema import parse
 from jbw.cli import cli
 
@@ -230,3 +232,64 @@ def test_the_command_asks_and_writes_once(tmp_path):
     again = CliRunner().invoke(cli, ask, input="")
     assert "exists already" in str(again.exception)
     assert "unit of velocity" not in again.output
+
+
+HZ = np.linspace(15.0, 25.0, 201)
+OMEGA, NATURAL = 2 * np.pi * HZ, 2 * np.pi * 20.0
+RECEPTANCE = 0.5 / (NATURAL**2 - OMEGA**2 + 0.01j * NATURAL * OMEGA)
+CURVES = {
+    "displacement": ("m/N", RECEPTANCE),
+    "velocity": ("m/s/N", 1j * OMEGA * RECEPTANCE),
+    "acceleration": ("m/s^2/N", -(OMEGA**2) * RECEPTANCE),
+}
+
+
+@pytest.mark.parametrize("role", CURVES)
+@pytest.mark.parametrize("frequency", ["f", "w"])
+def test_a_complex_curve_without_a_name_is_told_by_its_phase(tmp_path, role, frequency):
+    unit, curve = CURVES[role]
+    np.savez(tmp_path / "one.npz", **{"H": curve, frequency: HZ if frequency == "f" else OMEGA})
+    draft = start_campaign(tmp_path)
+    (test,) = parse(draft.text).tests
+    assert (test.kind, test.channels) == ("frf", {"frequency": frequency, role: "H"})
+    assert test.units == {"frequency": "Hz" if frequency == "f" else "rad/s", role: unit}
+    assert f"CHECK: frequency, {role} are guesses" in draft.text
+
+
+def test_a_complex_array_of_matlab_is_a_curve(tmp_path):
+    """Of v7.3: compounds of real and imag, beside a string object and an empty cell."""
+
+    def build(file, put):
+        z = np.zeros((201, 1), dtype=[("real", "<f8"), ("imag", "<f8")])
+        z["real"][:, 0], z["imag"][:, 0] = CURVES["velocity"][1].real, CURVES["velocity"][1].imag
+        put("H", z, "double")
+        put("f", HZ[:, None], "double")
+        put("title", np.array([[3707764736], [2], [1], [1], [1], [1]], np.uint32), "string")
+        empty = file.create_dataset("notes", data=np.array([0, 0], np.uint64))
+        empty.attrs["MATLAB_class"], empty.attrs["MATLAB_empty"] = np.bytes_("cell"), np.uint8(1)
+
+    v73(tmp_path / "curve.mat", build)
+    (test,) = parse(start_campaign(tmp_path).text).tests
+    assert test.channels == {"frequency": "f", "velocity": "H"}
+    (record,) = repeats_of(test, tmp_path)
+    np.testing.assert_allclose(record.channels["velocity"], np.abs(CURVES["velocity"][1]))
+    np.testing.assert_allclose(record.channels["phase"], np.angle(CURVES["velocity"][1]))
+
+
+def test_a_named_complex_curve_without_a_unit_is_per_newton(tmp_path):
+    np.savez(tmp_path / "one.npz", receptance=RECEPTANCE, Frequency_Hz=HZ)
+    (test,) = parse(start_campaign(tmp_path).text).tests
+    assert test.units == {"frequency": "Hz", "displacement": "m/N"}
+
+
+def test_a_complex_response_beside_its_force_is_an_amplitude(tmp_path):
+    np.savez(tmp_path / "one.npz", velocity=3.0 * CURVES["velocity"][1], f=HZ, force=[3.0] * 201)
+    (test,) = parse(start_campaign(tmp_path).text).tests
+    assert test.units == {"frequency": "Hz", "force": "N", "velocity": "m/s"}
+
+
+def test_of_two_complex_curves_a_person_is_asked(tmp_path):
+    np.savez(tmp_path / "one.npz", H1=RECEPTANCE, H2=RECEPTANCE, f=HZ)
+    draft = start_campaign(tmp_path)
+    assert "test" not in tomllib.loads(draft.text)
+    assert '# CHECK: name the channels of "one.npz" by hand, from "H1", "H2", "f".' in draft.text
