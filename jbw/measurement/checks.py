@@ -11,6 +11,7 @@ import numpy as np
 
 from jbw.measurement.channels import Reals
 from jbw.measurement.records import RESPONSES, Record
+from jbw.report.messages import record_faults as messages
 
 LARGEST = 1e12  # beyond any SI value of a vibration test: what a flipped bit in a float makes
 CLIP_RUN = 3  # equal samples at the extreme, in a row
@@ -50,14 +51,7 @@ def inspect(record: Record, *, masked: bool = False, is_curve: bool = True) -> t
     faults, lengths = [], {role: len(x) for role, x in record.channels.items()}
     if len(set(lengths.values())) > 1:
         listed = ", ".join(f"`{role}` has {n}" for role, n in lengths.items())
-        faults.append(
-            refusal(
-                next(iter(lengths)),
-                f"Channels must have equal lengths, but {listed} samples.",
-                "Cutting the longer one would assume that both begin together.",
-                "Export the channels together, or name those that were sampled together.",
-            )
-        )
+        faults.append(refusal(next(iter(lengths)), *messages.unequal_lengths(listed)))
     if is_curve and "frequency" in record.channels:
         faults += _ordered(record.channels["frequency"])
     for role, x in record.channels.items():
@@ -136,31 +130,14 @@ def _channel(role: str, x: Reals, fs: float, masked: bool) -> Iterator[Fault]:
         bad = np.flatnonzero(~finite)
         if not (masked and len(bad) < len(x) / 2):
             first = ", ".join(str(i) for i in bad[:5])
-            yield refusal(
-                role,
-                f"Samples must be finite, but {len(bad)} of {len(x)} are not; the first at "
-                f"{first}.",
-                "Filling gaps would invent data.",
-                "Drop the repeat with exclude, or keep a clean part with span = [start, stop]; "
-                'kind frf leaves such lines out with gaps = "mask".',
-            )
+            yield refusal(role, *messages.not_finite(len(bad), len(x), first))
             return
-        yield doubt(
-            role,
-            f"{len(bad)} of {len(x)} samples are not finite, and masked.",
-            remedy="Nothing, if that is what was meant.",
-        )
+        yield doubt(role, *messages.masked(len(bad), len(x)))
         x = x[finite]
     if not len(x):
         yield refusal(role, "The channel is empty.", remedy="Export the record again.")
     elif (largest := max(-x.min(), x.max())) > LARGEST:
-        yield refusal(
-            role,
-            f"Sample {int(np.abs(x).argmax())} is {largest:.3g} in SI units, beyond any "
-            "measurement.",
-            "A damaged file reads like this, and so does an instrument's word for a lost sample.",
-            "Copy or export the file again, and check the unit.",
-        )
+        yield refusal(role, *messages.beyond_measurement(int(np.abs(x).argmax()), largest))
     elif np.isfinite(fs):
         yield from _signal(role, x, fs)
 
@@ -169,11 +146,7 @@ def _ordered(freq: Reals) -> Iterator[Fault]:
     freq = freq[np.isfinite(freq)]
     steps = np.diff(freq)
     if not (np.all(freq > 0) and (np.all(steps > 0) or np.all(steps < 0))):
-        yield refusal(
-            "frequency",
-            "Frequencies must be positive and go one way.",
-            remedy="Sort the lines of the measured FRF and drop repeated ones and 0 Hz.",
-        )
+        yield refusal("frequency", *messages.UNORDERED)
 
 
 def _signal(role: str, x: Reals, fs: float) -> Iterator[Fault]:
@@ -182,12 +155,7 @@ def _signal(role: str, x: Reals, fs: float) -> Iterator[Fault]:
     # A source may switch between two values; one that toggles its last bit is dead.
     toggles = len(levels) <= 2 < len(x) and (role in RESPONSES or span <= 1e-3 * largest)
     if span == 0 or toggles:
-        yield refusal(
-            role,
-            f"The channel is constant at {x[0]:.6g}" + (" within one bit." if span > 0 else "."),
-            "A dead sensor or an unconnected input looks like this.",
-            "Name the right channel, or drop the repeat with exclude.",
-        )
+        yield refusal(role, *messages.constant(x[0], toggles=bool(span > 0)))
         return
     if lost := list(_lost(role, x, fs)):
         yield from lost
@@ -197,18 +165,9 @@ def _signal(role: str, x: Reals, fs: float) -> Iterator[Fault]:
     if role in RESPONSES or len(levels) > FEW_SOURCE_LEVELS:
         yield from _clipped(role, x, fs, levels)
     if len(levels) < FEWEST_LEVELS and len(x) >= 4 * FEWEST_LEVELS and role in RESPONSES:
-        yield doubt(
-            role,
-            f"The channel has only {len(levels)} distinct values, fewer than {FEWEST_LEVELS}.",
-            "Quantisation is then no longer like white noise.",
-            "Measure with a smaller range, so that more bits are used.",
-        )
+        yield doubt(role, *messages.few_levels(len(levels), FEWEST_LEVELS))
     if largest > PLAUSIBLE.get(role, np.inf):
-        yield doubt(
-            role,
-            f"The largest {role} is {largest:.3g} in SI units, more than a bolted joint survives.",
-            remedy=f"Check the unit: is the file in {GUESS[role]}?",
-        )
+        yield doubt(role, *messages.implausible(role, largest, GUESS[role]))
 
 
 def _lost(role: str, x: Reals, fs: float) -> Iterator[Fault]:
@@ -222,14 +181,7 @@ def _lost(role: str, x: Reals, fs: float) -> Iterator[Fault]:
         at = np.flatnonzero(x == end)
         # One sample of a source alone may be a pulse.
         if away > FAR * (high - low) and (len(at) > 1 or role in RESPONSES):
-            yield refusal(
-                role,
-                f"{len(at)} of {len(x)} samples are {end:.6g} in SI units, the first at "
-                f"{at[0] / fs:.4g} s; all others lie between {low:.3g} and {high:.3g}.",
-                "A logger writes such a number for a sample that it lost.",
-                "Keep a part without them with span = [start, stop], or drop the repeat with "
-                "exclude.",
-            )
+            yield refusal(role, *messages.lost_samples(len(at), len(x), end, at[0] / fs, low, high))
 
 
 def _clipped(role: str, x: Reals, fs: float, levels: Reals) -> Iterator[Fault]:
@@ -254,9 +206,7 @@ def _clipped(role: str, x: Reals, fs: float, levels: Reals) -> Iterator[Fault]:
     yield Fault(
         "error" if share > CLIPPED_SHARE else "warning",
         role,
-        f"{100 * share:.2g} % of the samples are clipped, at {listed}{more}.",
-        "A clipped peak reads as softening and as harmonics.",
-        "Drop the repeat with exclude, keep a clean part with span, or measure with more range.",
+        *messages.clipped(share, listed, more),
     )
 
 
@@ -301,21 +251,11 @@ def _filled(role: str, x: Reals, fs: float, step: float) -> Iterator[Fault]:
             gaps.append((start, stop))
     if gaps and gaps[-1][1] == len(x):
         end = gaps.pop()[0] / fs
-        yield doubt(
-            role,
-            f"The response stands still from {end:.4g} s to the end of the record.",
-            "A recorder that was stopped fills up its file so; a structure rings on.",
-            f"Put under [[test]]: `span = [0.0, {_rounded_down(end)}]`.",
-        )
+        yield doubt(role, *messages.stopped(end, _rounded_down(end)))
     if gaps:
         listed = ", ".join(f"{start / fs:.4g}-{stop / fs:.4g} s" for start, stop in gaps[:4])
         more = f" and {len(gaps) - 4} more" if len(gaps) > 4 else ""
-        yield refusal(
-            role,
-            f"The response stands still at {listed}{more}, amid motion: {len(gaps)} gap(s).",
-            "A recorder that lost samples fills them in so.",
-            "Keep a part without gaps with span = [start, stop], or drop the repeat with exclude.",
-        )
+        yield refusal(role, *messages.gaps(listed, more, len(gaps)))
 
 
 def _rounded_down(seconds: float) -> str:

@@ -29,6 +29,7 @@ from jbw.measurement.resonances import driven_lines, swept
 from jbw.measurement.response_checks import about_peak
 from jbw.measurement.spectra import averaged
 from jbw.quantities import derivative_order
+from jbw.report.messages import clock_faults as messages
 
 TOGETHER = 3  # lines of a sweep's transform that one value of its phase is read over
 PIECE = 16  # samples at least between two values of a sweep's frequency
@@ -77,13 +78,10 @@ def untimely(record: Record, delay: float, *, is_sweep: bool) -> Iterator[Fault]
         # To a sample where one shows the cut; a lag tells its size, whole periods as well.
         at, before = (cut.at_s, cut.before_s) if cut else (0.5 * (before + after), before)
         ahead = "ahead of" if jump < 0 else "behind"
-        what = f"the response jumps by {abs(jump):.3g} s {ahead} the drive: one of them"
+        what = messages.response_jumps(abs(jump), ahead)
         yield _of_a_block(record, at, before, what)
     elif cut:
-        what = (
-            f"the phase of the response jumps by {cut.turn / (2 * np.pi):.2g} of a turn, and the "
-            "drive goes on: the response"
-        )
+        what = messages.phase_jumps(cut.turn / (2 * np.pi))
         yield _of_a_block(record, cut.at_s, cut.before_s, what)
     elif lag is not None:
         yield from _lagging(record, lag, delay, TURNED / (2 * np.pi * hz), is_sweep=is_sweep)
@@ -106,13 +104,7 @@ def _lag_of(record: Record, *, is_sweep: bool) -> tuple[Lag | None, float]:
 
 def _of_a_block(record: Record, at: float, before: float, what: str) -> Fault:
     """The doubt that a block is missing at a time, with a span that ends before it [s]."""
-    return doubt(
-        record.response,
-        f"At {at:.3g} s {what} lost a block of samples.",
-        "What comes after it is the response to another time of the drive.",
-        f"Put under [[test]]: `span = [0.0, {_rounded_down(before)}]`, drop the repeat "
-        "with exclude, or export it again.",
-    )
+    return doubt(record.response, *messages.lost_block(at, what, _rounded_down(before)))
 
 
 class _Cut(NamedTuple):
@@ -169,11 +161,9 @@ def _lagging(
         fast = "fast" if lag.slope[0] > 0 else "slow"
         yield doubt(
             record.response,
-            f"The response's clock runs {1e6 * abs(lag.slope[0]):.2g} ppm {fast} against the "
-            f"drive's: their lag changes by {abs(lag.slope[0]) * length:.2g} s along the record.",
-            "The phase then turns along the record, which reads as damping and as stiffness.",
-            f"Put under [[test]]: `clock_ppm = {1e6 * lag.slope[0]:.3g}`, which resamples the "
-            "response, or record both by one clock.",
+            *messages.another_clock(
+                1e6 * abs(lag.slope[0]), fast, abs(lag.slope[0]) * length, 1e6 * lag.slope[0]
+            ),
         )
     else:
         constant = lag if is_sweep else _constant_of_noise(record)
@@ -193,14 +183,7 @@ def _delayed(record: Record, lag: Lag, delay: float, least: float) -> Iterator[F
     held = 1 / record.fs if record.source == "input" else 0.0
     if abs(seconds - delay) > max(least, CERTAIN * error, held):
         way = "lags behind" if seconds > 0 else "leads"
-        yield doubt(
-            record.response,
-            f"The response {way} the drive by {abs(seconds):.2g} s; the campaign states a delay "
-            f"of {delay:g} s.",
-            "A lag reads as damping, a lead takes damping away; a sensor coupled to alternating "
-            "current leads.",
-            f"Put under [[test]]: `delay = {seconds:.3g}`, or correct the phase of the channels.",
-        )
+        yield doubt(record.response, *messages.another_delay(way, abs(seconds), delay, seconds))
 
 
 def _phase_of_sweep(record: Record) -> tuple[Reals, Reals, Reals, Reals] | None:

@@ -10,6 +10,7 @@ from jbw.measurement.channels import Reals
 from jbw.measurement.checks import Fault, doubt, refusal
 from jbw.measurement.curves import ControlledCurve, controlled_curve
 from jbw.measurement.records import INPUTS, Record
+from jbw.report.messages import controlled_faults as messages
 
 FEWEST_POINTS = 3
 LISTED = 8  # points named in a message
@@ -35,21 +36,12 @@ def uncontrolled(record: Record, control: Control) -> Iterator[Fault]:
     for name in ("frequency", *INPUTS):
         if name in channels and not np.all(channels[name] > 0):
             yield refusal(
-                name,
-                f"The {name} of every point must be positive, but that of point "
-                f"{1 + int(np.argmin(record.channels[name] > 0))} is not.",
-                remedy="Give amplitudes, not instantaneous values; correct the polarity in the "
-                "response.",
+                name, *messages.not_positive(name, 1 + int(np.argmin(record.channels[name] > 0)))
             )
             return
     curve = controlled_curve(record).at(lines)
     if len(curve.freq_hz) < FEWEST_POINTS or not np.all(curve.amplitude > 0):
-        yield refusal(
-            role,
-            f"A controlled test needs {FEWEST_POINTS} points of some motion, but "
-            f"{int(np.sum(curve.amplitude > 0))} were found.",
-            remedy="Measure more levels.",
-        )
+        yield refusal(role, *messages.few_points(FEWEST_POINTS, int(np.sum(curve.amplitude > 0))))
         return
     numbers = 1 + np.flatnonzero(lines)
     if curve.phase is not None and np.median(np.sin(curve.phase)) > 0:
@@ -67,16 +59,10 @@ def _turned(role: str, curve: ControlledCurve) -> Fault:
     lowest = np.argsort(curve.freq_hz)[: max(1, len(curve.freq_hz) // 4)]
     # Far below the resonance a displacement goes with its force: turned over, it goes against it.
     over = np.mean(np.cos(phase[lowest])) < -0.5
-    remedy = "Put under [[test]]: `conjugate = true`."
+    remedy = messages.PUT_CONJUGATE
     if over:
-        remedy = f"Put under [[test]]: `scale = {{ {role} = -1.0 }}`."
-    return doubt(
-        role,
-        f"The displacement leads the force by {np.degrees(np.median(phase)):.3g} degrees: "
-        "the force takes energy out.",
-        "A wrong sign gives a joint with negative damping.",
-        remedy,
-    )
+        remedy = messages.put_scale(role)
+    return doubt(role, *messages.leading(np.degrees(np.median(phase)), remedy))
 
 
 def _off_phase(
@@ -90,21 +76,11 @@ def _off_phase(
         return
     middle = float(np.median(error))
     if abs(middle) > control.tolerance and np.all(np.abs(error - middle) <= control.tolerance):
-        remedy = f"Put under [[test]]: `locked_phase = {round(held + middle):g}`."
+        remedy = messages.put_locked_phase(round(held + middle))
     else:
         most = float(np.ceil(np.abs(error).max()))
-        remedy = (
-            "Their measured phase counts, so that they are no error of the fit; points that were "
-            'not steady are left out as NaN with gaps = "mask". Where they were: '
-            f"Put under [[test]]: `phase_tolerance = {most:g}`."
-        )
-    yield doubt(
-        role,
-        f"The phase of {_named(numbers[off])} lies up to {np.abs(error).max():.3g} degrees from "
-        f"the {held:g} degrees that were to be held.",
-        "A backbone is measured at one phase; beside it frequency and force are others.",
-        remedy,
-    )
+        remedy = messages.put_tolerance(most)
+    yield doubt(role, *messages.off_phase(_named(numbers[off]), np.abs(error).max(), held, remedy))
 
 
 def _jumps(
@@ -117,18 +93,11 @@ def _jumps(
     first = int(np.flatnonzero(steps)[0])
     pairs = [f"{numbers[i]} and {numbers[i + 1]}" for i in np.flatnonzero(steps)[:LISTED]]
     jump = (
-        f"the frequency jumps from {curve.freq_hz[first]:.5g} to {curve.freq_hz[first + 1]:.5g} Hz"
+        messages.frequency_jumps(curve.freq_hz[first], curve.freq_hz[first + 1])
         if is_locked
-        else f"the amplitude jumps from {curve.amplitude[first]:.3g} to "
-        f"{curve.amplitude[first + 1]:.3g} m"
+        else messages.amplitude_jumps(curve.amplitude[first], curve.amplitude[first + 1])
     )
-    yield doubt(
-        role,
-        f"Between points {', '.join(pairs)} {jump}: to another branch.",
-        "A controlled test follows one branch; a point beside a jump may not have been steady.",
-        'Leave such points out as NaN with gaps = "mask", or measure between them. Where they '
-        'were steady: Put under [[test]]: `jumps = "keep"`.',
-    )
+    yield doubt(role, *messages.jumps(pairs, jump))
 
 
 def _steps_apart(curve: ControlledCurve, *, is_locked: bool) -> np.ndarray:

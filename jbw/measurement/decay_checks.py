@@ -21,6 +21,7 @@ from jbw.measurement.checks import Fault, doubt, refusal
 from jbw.measurement.demodulation import band_filter, decay_steps, demodulate
 from jbw.measurement.records import Record
 from jbw.measurement.response_checks import about_peak, undecaying
+from jbw.report.messages import decay_faults as messages
 
 FEWEST_VALUES = 16  # of an envelope, before anything is said of it
 QUIET, LOUD = 0.1, 0.5  # of the largest response, before a blow and within a period after it
@@ -140,10 +141,7 @@ def late_blow(record: Record, course: Course) -> Iterator[Fault]:
         onset = float(course.time[peak])
     yield refusal(
         record.response,
-        f"The blow comes {onset - begins:.3g} s after the start of the record"
-        + (f" and its `settle` of {begins:g} s." if begins > 0 else "."),
-        "What is before it is no free decay, and would be fitted as one.",
-        f"Put under [[test]]: `settle = {_rounded_up(onset + 1 / course.centre_hz)}`.",
+        *messages.late_blow(onset - begins, begins, _rounded_up(onset + 1 / course.centre_hz)),
     )
 
 
@@ -174,12 +172,7 @@ def still_driven(record: Record, course: Course) -> Iterator[Fault]:
         return
     # The largest part that is flat ends where the drive does.
     end = course.time[best - 1] + 2 * course.half_s
-    yield refusal(
-        record.response,
-        f"The motion is steady for the first {course.time[best - 1]:.3g} s and decays only then.",
-        "It was still driven; fitted as a free decay that is a joint without damping.",
-        f"Put under [[test]]: `settle = {_rounded_up(end)}`.",
-    )
+    yield refusal(record.response, *messages.still_driven(course.time[best - 1], _rounded_up(end)))
 
 
 def second_blow(record: Record, course: Course) -> Iterator[Fault]:
@@ -192,17 +185,11 @@ def second_blow(record: Record, course: Course) -> Iterator[Fault]:
     # Places between the same sides see the same jump; it lies in their middle.
     at = float(np.mean([time for time, other in jumps if abs(other) > SAME * abs(jump)]))
     is_file = record.name == Path(record.provenance.get("path", "")).name
-    leave_out = "Drop the repeat with exclude"
+    leave_out = messages.LEAVE_OUT
     if is_file and record.name:
-        leave_out = f'Put under [[test]]: `exclude = ["{record.name}"]`'
+        leave_out = messages.put_exclude(record.name)
     grows = jump.real > JUMP
-    yield doubt(
-        record.response,
-        f"At {at:.3g} s the motion jumps by {abs(jump):.2g} of its size"
-        + (": a second blow." if grows else ": samples are missing there, or it was hit again."),
-        "A decay has one initial state; this record has two.",
-        f"{leave_out}, or let `span` end before.",
-    )
+    yield doubt(record.response, *messages.second_blow(at, abs(jump), leave_out, grows=grows))
 
 
 def interrupted(record: Record, course: Course) -> Iterator[Fault]:
@@ -217,13 +204,7 @@ def interrupted(record: Record, course: Course) -> Iterator[Fault]:
     if not broken:
         return
     at = (start + broken[0]) / record.fs
-    yield doubt(
-        record.response,
-        f"At {at:.3g} s a sample does not follow from those before it: "
-        "samples are missing there, or it was hit again.",
-        "A decay has one initial state; this record has two.",
-        "Drop the repeat with exclude, or let `span` end before.",
-    )
+    yield doubt(record.response, *messages.interrupted(at))
 
 
 def _jumps(course: Course) -> list[tuple[float, complex]]:
@@ -281,11 +262,7 @@ def steady_line(record: Record, course: Course) -> Iterator[Fault]:
             digits = max(4, 1 + int(np.ceil(np.log10(hz * record.num_samples / record.fs))))
             named = f"{hz:.{digits}g}"
             yield (refusal if share > SPOILS else doubt)(
-                record.response,
-                f"A line at {named} Hz does not decay; it is {share:.2g} of the largest response.",
-                "Late in the decay it is taken for the mode, and changes frequency and damping.",
-                f"Put under [[test]]: `lines_hz = [{named}]`, which takes it out, or measure "
-                "without it.",
+                record.response, *messages.steady_line(named, share)
             )
             return
 
@@ -366,12 +343,7 @@ def windowed(record: Record, course: Course) -> Iterator[Fault]:
     if constant_and_error is None:
         return
     tau, error = constant_and_error
-    yield doubt(
-        record.response,
-        f"The noise decays too, with a time constant of {tau:.3g} s (standard error {error:.1g}).",
-        "An exponential window was applied to the record, and its damping is added to the mode's.",
-        f"Put under [[test]]: `window_s = {tau:.3g}`.",
-    )
+    yield doubt(record.response, *messages.windowed(tau, error))
 
 
 def noise_time_constant(record: Record, course: Course) -> tuple[float, float] | None:

@@ -16,6 +16,7 @@ import numpy as np
 from jbw.measurement.channels import Reals
 from jbw.measurement.checks import Fault, doubt
 from jbw.measurement.records import INPUTS, Record
+from jbw.report.messages import record_faults as messages
 
 EMPTY = 0.1  # of the largest line of the drive: lines below it are not driven
 FEWEST_EMPTY = 32  # lines that a median is taken of
@@ -37,14 +38,7 @@ def noisy_drive(first: Record, second: Record) -> Iterator[Fault]:
         return
     ratio = passed_on(np.stack(u), np.stack(x))
     if ratio > MORE:
-        yield doubt(
-            role,
-            f"At the resonance the noise of `{role}` makes {ratio**0.5:.2g} times the error that "
-            f"the noise of `{y}` makes.",
-            "A fit takes the drive as measured: what it finds is off by more than it says.",
-            f"Set the range of `{role}` nearer to the level, raise the level, or leave the test "
-            "out.",
-        )
+        yield doubt(role, *messages.noisy_drive(role, ratio**0.5, y))
 
 
 def passed_on(u: Reals, y: Reals) -> float:

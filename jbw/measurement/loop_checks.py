@@ -23,6 +23,7 @@ from jbw.measurement.loop_cycles import (
     of_one_amplitude,
     start_of,
 )
+from jbw.report.messages import loop_faults as messages
 
 OFF = 0.02  # of the half range: a zero of the load cell that is off by more
 LOPSIDED = 0.25  # difference of the forces of both sides over their sum
@@ -52,12 +53,9 @@ def degrading(loop: ForcedLoop, laws: Sequence[str] = ()) -> Iterator[Fault]:
         first, end = (repeats[-2].samples.start / loop.fs, last.samples.stop / loop.fs)
         yield doubt(
             "restoring_force",
-            f"Cycles of {0.5 * last.stroke:.3g} m differ: from the second to number {len(repeats)} "
-            f"the force {'falls' if change < 0 else 'rises'} by {abs(change):.0%}.",
-            "The joint changes as it is loaded; most laws give equal cycles the same loop.",
-            f"Put under [[test]]: `span = [{first:.6g}, {end:.6g}]`, its last cycles, and give "
-            "other states tests and assemblies of their own; or fit how it wears with the law "
-            "`bwbn`.",
+            *messages.degrading(
+                0.5 * last.stroke, len(repeats), abs(change), first, end, falls=change < 0
+            ),
         )
         return
 
@@ -68,11 +66,7 @@ def off_centre(loop: ForcedLoop, load_cell: str) -> Iterator[Fault]:
     if abs(side) > LOPSIDED:
         yield doubt(
             "restoring_force",
-            f"The joint is {(1 + abs(side)) / (1 - abs(side)):.2g} times as strong on the "
-            f"{'positive' if side > 0 else 'negative'} side as on the other.",
-            "Every law but `square` gives both sides the same force.",
-            "A fit takes the mean of both sides; `square` beside the campaign's laws takes a "
-            "small difference.",
+            *messages.lopsided((1 + abs(side)) / (1 - abs(side)), positive=side > 0),
         )
         return
     start, drift = start_of(loop) or 0.0, drift_of(loop)
@@ -80,14 +74,9 @@ def off_centre(loop: ForcedLoop, load_cell: str) -> Iterator[Fault]:
         return
     if abs(drift) < OFF and load_cell == "offset":
         return
-    offset = f"begins {start:.1%} of its half range away from zero" if abs(start) >= OFF else ""
-    moves = f"moves by {drift:.1%} of it over equal cycles" if abs(drift) >= OFF else ""
-    yield doubt(
-        "restoring_force",
-        f"The force {' and '.join(filter(None, (offset, moves)))}.",
-        "The zero of the load cell is off, or drifts; a law takes it for a force of the joint.",
-        'Put under [[test]]: `load_cell = "drift"`; "offset" where it cannot drift.',
-    )
+    offset = messages.begins_away(start) if abs(start) >= OFF else ""
+    moves = messages.drifts(drift) if abs(drift) >= OFF else ""
+    yield doubt("restoring_force", *messages.off_centre(offset, moves))
 
 
 def travels_freely(loop: ForcedLoop, laws: Sequence[str]) -> Iterator[Fault]:
@@ -100,13 +89,7 @@ def travels_freely(loop: ForcedLoop, laws: Sequence[str]) -> Iterator[Fault]:
     if gap is None:
         return
     listed = ", ".join(f'"{name}"' for name in (*(n for n in laws if n != "bouc_wen"), FREE[0]))
-    yield doubt(
-        "restoring_force",
-        f"The joint travels freely over {2e3 * gap:.3g} of {1e3 * largest.stroke:.3g} mm and is "
-        "stiff beyond: a gap between two contacts.",
-        "No law of the campaign has a gap; a cubic spring bends where a contact kinks.",
-        f"Put under [joint]: `laws = [{listed}]`.",
-    )
+    yield doubt("restoring_force", *messages.free_travel(gap, largest.stroke, listed))
 
 
 def _gap_of(y: Reals, force: Reals) -> float | None:

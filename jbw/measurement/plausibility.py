@@ -11,6 +11,7 @@ from jbw.measurement.channels import Complexes, Reals, lines_within
 from jbw.measurement.checks import Fault, doubt
 from jbw.measurement.records import INPUTS, Record
 from jbw.measurement.spectra import FRF, frf, half_power_bandwidth, stands_out
+from jbw.report.messages import record_faults as messages
 
 LOOKED_AT = 2**21  # samples; a stationary record shows its faults in them
 SEGMENTS = 8  # of the spectra: coarse, but a resonance still stands out
@@ -78,25 +79,14 @@ def _swapped(source: str, estimate: FRF) -> Iterator[Fault]:
     spectra = (estimate.input_spectrum[lines], estimate.output_spectrum[lines])
     of_input, of_response = (float(x.max() / np.median(x)) for x in spectra)
     if of_input >= PEAKED * of_response:
-        yield doubt(
-            source,
-            f"The input's spectrum is {of_input / of_response:.3g} times more peaked than the "
-            "response's.",
-            "That is how the FRF looks when input and response are swapped.",
-            "Check which channel is which.",
-        )
+        yield doubt(source, *messages.swapped(of_input / of_response))
 
 
 def _incoherent(role: str, estimate: FRF) -> Iterator[Fault]:
     lines = _carried(estimate)
     coherence = float(np.median(estimate.coherence[lines])) if lines.any() else 1.0
     if coherence < LOW_COHERENCE:
-        yield doubt(
-            role,
-            f"The coherence with the input is {coherence:.2f} in the median of the excited lines.",
-            "Little of this response comes from this input.",
-            "Check that the channels belong together, and narrow band to where they do.",
-        )
+        yield doubt(role, *messages.incoherent(coherence))
 
 
 def _outside_band(role: str, estimate: FRF, band_hz: tuple[float, float] | None) -> Iterator[Fault]:
@@ -111,11 +101,7 @@ def _outside_band(role: str, estimate: FRF, band_hz: tuple[float, float] | None)
     ):
         return
     yield doubt(
-        role,
-        f"The response is largest at {peak:.4g} Hz, outside `band` = [{band_hz[0]:g}, "
-        f"{band_hz[1]:g}] Hz: {peak / (sum(band_hz) / 2):.3g} times its centre.",
-        "A factor of 6.28 means rad/s, 2 half the sampling frequency, 1.024 rounded 1000 Hz.",
-        "Check fs and band.",
+        role, *messages.outside_band(peak, band_hz[0], band_hz[1], peak / (sum(band_hz) / 2))
     )
 
 
@@ -124,13 +110,7 @@ def _unresolved(record: Record, resolution_hz: float, freq: Reals, h: Complexes)
     width, peak = half_power_bandwidth(freq, h), float(freq[np.abs(h).argmax()])
     lasts = record.num_samples / record.fs
     if width <= RESOLVED * resolution_hz:
-        yield doubt(
-            record.response,
-            f"The resonance at {peak:.4g} Hz is seen {width:.3g} Hz wide, hardly more than a "
-            f"record of {lasts:.4g} s resolves ({resolution_hz:.3g} Hz).",
-            "Its damping is then an upper bound, not a number.",
-            f"Measure longer: {4 * lasts:.4g} s resolve {resolution_hz / 4:.3g} Hz.",
-        )
+        yield doubt(record.response, *messages.unresolved(peak, width, lasts, resolution_hz))
 
 
 def _missized(
@@ -141,17 +121,6 @@ def _missized(
     seen = 2 / np.pi * float(np.trapezoid(np.real(1j * omega * h), omega))
     ratio = 1.0 if per_unit is None else seen / per_unit
     if seen < 0 and in_band:  # without a band another mode may have the other sign
-        yield doubt(
-            role,
-            "At its resonance the response moves against the input: the gain is negative.",
-            "The polarity of one channel is turned, or the response was taken the other way round.",
-            f"Turn it: scale = {{ {role} = -1.0 }}.",
-        )
+        yield doubt(role, *messages.negative_gain(role))
     elif not 1 / MASS_FACTOR < ratio < MASS_FACTOR:
-        yield doubt(
-            role,
-            f"At its resonance the response is {ratio:.3g} times what the campaign's gain or modal "
-            "mass makes of the input.",
-            "A factor of 1000 is a metre for a millimetre, 9.81 a g for m/s^2, 4.45 lbf for N.",
-            "Check both units, and gain or modal_mass.",
-        )
+        yield doubt(role, *messages.other_size(ratio))

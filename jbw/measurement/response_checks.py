@@ -13,6 +13,7 @@ from jbw.measurement.harmonics import NOISE_FLOOR, Harmonics, harmonics
 from jbw.measurement.records import INPUTS, Record
 from jbw.measurement.resonances import driven_lines
 from jbw.quantities import derivative_order
+from jbw.report.messages import response_faults as messages
 
 THIRD = 3  # the highest order looked at
 LISTED = 6  # tones named in a message
@@ -57,25 +58,13 @@ def unsteady(
     yield from refused[:1]
     if drifting := [fit for fit in fitted if fit.is_drifting]:
         largest = max(float(fit.drift) for fit in drifting)
-        yield doubt(
-            role,
-            f"{_named(drifting)}: the amplitude changes by {largest:.1%} from one half of the "
-            "record to the other.",
-            "A transient is left, or the frequency is not exact.",
-            "Raise settle, or correct tones.",
-        )
+        yield doubt(role, *messages.drifting(_named(drifting), largest))
     # Only a probing test, whose tones are all present at once, is read for its third harmonic.
     third = [(abs(fit.amplitudes[-1]), float(np.sqrt(fit.variance[-1] / 2))) for fit in fitted]
     buried = [i for i, (size, std) in enumerate(third) if size < NOISE_FLOOR * std]
     if buried and dwell is None:
         size, std = third[buried[0]]
-        yield doubt(
-            role,
-            f"{_named([fitted[i] for i in buried])}: the third harmonic ({size:.2g} m) does not "
-            f"stand above the noise ({std:.2g} m).",
-            "This record alone then says nothing of the joint's third-order kernel.",
-            "Raise the level, measure longer, or leave the tone out.",
-        )
+        yield doubt(role, *messages.buried_harmonic(_named([fitted[i] for i in buried]), size, std))
 
 
 def _named(fitted: Sequence[Harmonics]) -> str:
@@ -88,64 +77,34 @@ def impassive(curve: MeasuredCurve) -> Iterator[Fault]:
     """Doubts about signs and units: work -pi F Im Y must be taken in, and the phase must fall."""
     role = curve.response_kind
     if len(curve.freq_hz) < FEWEST_LINES:
-        yield refusal(
-            role,
-            f"The curve has {len(curve.freq_hz)} lines, but at least {FEWEST_LINES} are needed.",
-            remedy="Measure more frequencies around the resonance.",
-        )
+        yield refusal(role, *messages.few_lines(len(curve.freq_hz), FEWEST_LINES))
         return
     if np.all(np.angle(curve.response) == 0):
-        yield doubt(
-            "phase",
-            "The response is in phase with the input at every line.",
-            "A structure with damping lags; without a phase the damping is not known.",
-            "Name the channel that holds the phase.",
-        )
+        yield doubt("phase", *messages.NO_PHASE)
         return
     if curve.source_kind == "force" and not np.all(curve.source > 0):
-        yield refusal(
-            curve.source_kind,
-            "The input's amplitude must be positive, but it is not at every line.",
-            remedy="Give amplitudes, not instantaneous values; correct the polarity in the "
-            "response.",
-        )
+        yield refusal(curve.source_kind, *messages.NEGATIVE_AMPLITUDE)
     phase = np.unwrap(np.angle(curve.response[np.argsort(curve.freq_hz)]))
     if np.ptp(phase) < LOCKED:
-        yield doubt(
-            role,
-            f"The phase stays at {np.degrees(phase.mean()):.3g} degrees at every line: points of a "
-            "backbone, each at a force of its own.",
-            "A response curve passes through the resonance at one force or one amplitude.",
-            'Put under [[test]]: `kind = "backbone"`.',
-        )
+        yield doubt(role, *messages.locked_phase(np.degrees(phase.mean())))
         return
     falls = phase[-1] < phase[0]
     upright = curve if falls else curve._replace(response=np.conj(curve.response))
     # Summed over the lines; the resonance decides the sign.
     takes_in = np.sum(-np.imag(displacement_of(upright)) * curve.source) > 0
     turn = f"scale = {{ {role} = -1.0 }}"
-    wrong = [] if falls else [("its phase rises with frequency", "`conjugate = true`")]
-    wrong += [] if takes_in else [("the force takes energy out", f"`{turn}`")]
+    wrong = [] if falls else [(messages.RISING_PHASE, "`conjugate = true`")]
+    wrong += [] if takes_in else [(messages.GIVES_ENERGY, f"`{turn}`")]
     if wrong:
         doubts, keys = zip(*wrong, strict=True)
-        yield doubt(
-            role,
-            f"The response cannot be that of a passive structure: {' and '.join(doubts)}.",
-            "A wrong sign gives a joint with negative damping or stiffness.",
-            " ".join(f"Put under [[test]]: {key}." for key in keys),
-        )
+        yield doubt(role, *messages.active(doubts, keys))
 
 
 def phase_in_degrees(phase: Reals) -> Iterator[Fault]:
     """The doubt that a phase given in radians was written in degrees."""
     largest = float(np.nanmax(np.abs(phase)))  # lines that are masked are NaN
     if largest > DEGREES:
-        yield doubt(
-            "phase",
-            f"The phase reaches {largest:.3g} rad, more than three turns.",
-            "It reads like degrees.",
-            'Give units = { phase = "deg" }.',
-        )
+        yield doubt("phase", *messages.in_degrees(largest))
 
 
 def gives_energy(loop: ForcedLoop) -> Iterator[Fault]:
@@ -153,12 +112,7 @@ def gives_energy(loop: ForcedLoop) -> Iterator[Fault]:
     work = float(np.trapezoid(loop.force, loop.displacement))
     stored = float(np.ptp(loop.force) * np.ptp(loop.displacement)) / 8  # of a spring, at its most
     if work <= -stored:
-        yield doubt(
-            "displacement",
-            f"The joint gives out {-work:.3g} J over the record.",
-            "Force or displacement has its sign turned: a joint takes energy in.",
-            "Put under [[test]]: `scale = { displacement = -1.0 }`.",
-        )
+        yield doubt("displacement", *messages.loop_gives_energy(-work))
 
 
 def undecaying(record: Record, settle: float) -> Iterator[Fault]:
@@ -170,24 +124,14 @@ def undecaying(record: Record, settle: float) -> Iterator[Fault]:
     first, last = (float(np.std(part)) for part in (x[:quarter], x[len(x) - quarter :]))
     if last > DECAYED * first:
         times = last / first if first else np.inf
-        yield doubt(
-            record.response,
-            f"The response of the last quarter is {times:.2g} times that of the first.",
-            "A free decay falls; this record may be driven, or begin before the impact.",
-            "Correct kind, or cut the record with span or settle.",
-        )
+        yield doubt(record.response, *messages.undecaying(times))
 
 
 def already_moving(record: Record, band: Sequence[float] | None, settle: float) -> Iterator[Fault]:
     """The doubt that a record followed from rest begins in motion, by its first period."""
     x, fs = record.channels[record.response], record.fs
     if abs(np.mean(x)) > OFFSET * np.std(x):
-        yield doubt(
-            record.response,
-            f"The response has a mean of {abs(np.mean(x)) / np.std(x):.2g} times its motion.",
-            "An offset of the channel is no motion, but would be fitted as one.",
-            "Put under [[test]]: `remove_mean = true`.",
-        )
+        yield doubt(record.response, *messages.offset(abs(np.mean(x)) / np.std(x)))
         return
     x = np.concatenate([x, np.zeros_like(x)])  # so that the end does not reach round to the start
     freq, spectrum = np.fft.rfftfreq(len(x), 1 / fs), np.fft.rfft(x)
@@ -200,14 +144,7 @@ def already_moving(record: Record, band: Sequence[float] | None, settle: float) 
     size, usual = float(np.hypot(*tone)), float(np.sqrt(2.0) * np.std(x))
     is_tone = np.sum((basis @ tone) ** 2) > COHERENT * np.sum(x[:first] ** 2)
     if settle == 0.0 and is_tone and size > MOVING * usual:
-        yield doubt(
-            record.response,
-            f"The record begins with {size / usual:.0%} of its usual motion, but such a test is "
-            "followed from rest.",
-            "What the joint still knows of before is taken for a misfit of its law.",
-            "Set `settle` to the time in which free motion dies out, some 6 / (zeta omega_n), or "
-            "let `span` begin where the structure is at rest.",
-        )
+        yield doubt(record.response, *messages.already_moving(size / usual))
 
 
 def level_unlike(record: Record, level: float) -> Iterator[Fault]:
@@ -223,32 +160,16 @@ def level_unlike(record: Record, level: float) -> Iterator[Fault]:
         return
     role = next((role for role in INPUTS if role in seen), record.response)
     peak, rms = seen[role]
-    yield doubt(
-        role,
-        f"`level` is {level:g}, but {role} has a peak of {peak:.3g} and an rms of {rms:.3g} "
-        f"{record.units.get(role, '')}".rstrip()
-        + ".",
-        "Predictions at a level, and tests of one level, take it for an amplitude.",
-        f"State what the rig held constant. Put under [[test]]: `level = {peak:.3g}`. A name goes "
-        "into `name`.",
-    )
+    yield doubt(role, *messages.unlike_level(level, role, peak, rms, record.units.get(role, "")))
 
 
 def bandless(record: Record, settle: float) -> Iterator[Fault]:
     """The refusal of a free decay without a band, with one about its strongest line."""
-    remedy = "State the frequencies around the mode, with no other between them."
+    remedy = messages.STATE_BAND
     if record.num_samples - settle * record.fs > 2 * PERIODS:
         low, high = band_about_peak(record, settle)
-        remedy = (
-            f"Put under [[test]]: `band = [{low:g}, {high:g}]`. That is about the strongest line; "
-            "no other mode may lie in it."
-        )
-    yield refusal(
-        record.response,
-        "A free decay needs `band`: the frequencies around the one mode of the joint.",
-        "It shows every mode at once.",
-        remedy,
-    )
+        remedy = messages.put_band(low, high)
+    yield refusal(record.response, *messages.without_band(remedy))
 
 
 def several_resonances(record: Record) -> Iterator[Fault]:
@@ -262,13 +183,7 @@ def several_resonances(record: Record) -> Iterator[Fault]:
     elsewhere = float(np.sum(power[~lines_within(hz, _about(peak))]) / np.sum(power))
     if elsewhere > ELSEWHERE:
         low, high = _in_two_digits(_about(peak))
-        yield doubt(
-            record.response,
-            f"{elsewhere:.0%} of the displacement's power lies outside {low:g} to {high:g} Hz, "
-            "about the strongest resonance.",
-            "One mode with a joint cannot follow several.",
-            f"Put under [[test]]: `band = [{low:g}, {high:g}]`, or state the modes by [structure].",
-        )
+        yield doubt(record.response, *messages.several_modes(elsewhere, low, high))
 
 
 def _about(peak_hz: float) -> tuple[float, float]:

@@ -5,8 +5,11 @@
 
 import sys
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 from types import ModuleType
+
+from examples_of_faults import EXAMPLES as OF_FAULTS
 
 from jbw.quantities import BY_NAME
 from jbw.report.messages import (
@@ -30,6 +33,7 @@ from jbw.report.messages import (
     watch,
 )  # fmt: skip
 from jbw.report.messages.findings import FINDINGS, remedy_of, sentence_of
+from jbw.report.messages.message import FaultText
 
 SNAPSHOT = Path(__file__).with_name("messages.txt")
 
@@ -107,9 +111,15 @@ PARAMETERS = {"alpha": 1e3, "delta": 100.0, "gamma": -200.0}
 NUMBERS = watch.distances(31.2, 17.4, 20, 0.00021)
 
 
+def in_one_line(text: str | FaultText) -> str:
+    """A sentence, or what, why and remedy of a fault after each other."""
+    return text if isinstance(text, str) else " ".join(filter(None, text))
+
+
 def constants(topic: ModuleType) -> list[str]:
     """The texts of a topic that have no values."""
-    return [text for name, text in vars(topic).items() if name.isupper() and isinstance(text, str)]
+    texts = [text for name, text in vars(topic).items() if name.isupper()]
+    return [in_one_line(text) for text in texts if isinstance(text, str | FaultText)]
 
 
 # Functions of the catalogue and arguments, topic by topic.
@@ -360,6 +370,9 @@ def catalogue() -> str:
     lines = list(of_findings())
     for topic, sentences in OF_TOPICS.items():
         lines += ["", topic, *(f"  {sentence}" for sentence in sentences)]
+    for topic, examples in OF_FAULTS.items():
+        texts = *constants(import_module(f"jbw.report.messages.{topic}")), *examples
+        lines += ["", topic, *(f"  {in_one_line(text)}" for text in texts)]
     return "".join(f"{line}\n" for line in lines)
 
 

@@ -29,6 +29,14 @@ class Message(NamedTuple):
     passed: Template = ""
 
 
+class FaultText(NamedTuple):
+    """What is wrong with data or a campaign file, why that matters, and what to do."""
+
+    what: str
+    why: str = ""
+    remedy: str = ""
+
+
 class _Words(Formatter):
     """`str.format` with further formats: `.2g %` of a ratio, `list` and `and` of names."""
 

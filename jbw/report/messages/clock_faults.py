@@ -1,0 +1,48 @@
+"""Faults of the clocks of drive and response: what, why and remedy."""
+
+from jbw.report.messages.message import FaultText
+
+
+def response_jumps(jump: float, ahead: str) -> str:
+    """By how much a lag jumps [s]."""
+    return f"the response jumps by {jump:.3g} s {ahead} the drive: one of them"
+
+
+def phase_jumps(turns: float) -> str:
+    """By how much a phase jumps, in turns."""
+    return (
+        f"the phase of the response jumps by {turns:.2g} of a turn, and the drive goes on: the "
+        "response"
+    )
+
+
+def lost_block(at_s: float, sign: str, span_end: str) -> FaultText:
+    """That a block is missing, what shows it, and where a span may end [s]."""
+    return FaultText(
+        f"At {at_s:.3g} s {sign} lost a block of samples.",
+        "What comes after it is the response to another time of the drive.",
+        f"Put under [[test]]: `span = [0.0, {span_end}]`, drop the repeat with exclude, or export "
+        "it again.",
+    )
+
+
+def another_clock(size: float, fast: str, change_s: float, ppm: float) -> FaultText:
+    """That a lag grows along a record by two clocks."""
+    return FaultText(
+        f"The response's clock runs {size:.2g} ppm {fast} against the drive's: their lag changes "
+        f"by {change_s:.2g} s along the record.",
+        "The phase then turns along the record, which reads as damping and as stiffness.",
+        f"Put under [[test]]: `clock_ppm = {ppm:.3g}`, which resamples the response, or record "
+        "both by one clock.",
+    )
+
+
+def another_delay(way: str, size_s: float, stated_s: float, lag_s: float) -> FaultText:
+    """A lag along the whole record, and the one that the campaign states [s]."""
+    return FaultText(
+        f"The response {way} the drive by {size_s:.2g} s; the campaign states a delay of "
+        f"{stated_s:g} s.",
+        "A lag reads as damping, a lead takes damping away; a sensor coupled to alternating "
+        "current leads.",
+        f"Put under [[test]]: `delay = {lag_s:.3g}`, or correct the phase of the channels.",
+    )

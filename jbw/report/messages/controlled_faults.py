@@ -1,0 +1,81 @@
+"""Faults of controlled tests, whose points are held: what, why and remedy."""
+
+from collections.abc import Sequence
+
+from jbw.report.messages.message import FaultText
+
+PUT_CONJUGATE = "Put under [[test]]: `conjugate = true`."
+
+
+def not_positive(name: str, point: int) -> FaultText:
+    """An amplitude that is not positive, with the number of its point."""
+    return FaultText(
+        f"The {name} of every point must be positive, but that of point {point} is not.",
+        remedy="Give amplitudes, not instantaneous values; correct the polarity in the response.",
+    )
+
+
+def few_points(least: int, count: int) -> FaultText:
+    """That too few points move."""
+    return FaultText(
+        f"A controlled test needs {least} points of some motion, but {count} were found.",
+        remedy="Measure more levels.",
+    )
+
+
+def put_scale(role: str) -> str:
+    """The line that turns a response over."""
+    return f"Put under [[test]]: `scale = {{ {role} = -1.0 }}`."
+
+
+def leading(degrees: float, remedy: str) -> FaultText:
+    """That a displacement leads its force, with the remedy [degrees]."""
+    return FaultText(
+        f"The displacement leads the force by {degrees:.3g} degrees: the force takes energy out.",
+        "A wrong sign gives a joint with negative damping.",
+        remedy,
+    )
+
+
+def put_locked_phase(phase: float) -> str:
+    """The line of the phase that was held [degrees]."""
+    return f"Put under [[test]]: `locked_phase = {phase:g}`."
+
+
+def put_tolerance(tolerance: float) -> str:
+    """The line of the tolerance of a phase that was held [degrees]."""
+    return (
+        "Their measured phase counts, so that they are no error of the fit; points that were not "
+        'steady are left out as NaN with gaps = "mask". Where they were: Put under [[test]]: '
+        f"`phase_tolerance = {tolerance:g}`."
+    )
+
+
+def off_phase(points: str, error: float, held: float, remedy: str) -> FaultText:
+    """Points away from the phase that was to be held, with the remedy [degrees]."""
+    return FaultText(
+        f"The phase of {points} lies up to {error:.3g} degrees from the {held:g} degrees that "
+        "were to be held.",
+        "A backbone is measured at one phase; beside it frequency and force are others.",
+        remedy,
+    )
+
+
+def frequency_jumps(before: float, after: float) -> str:
+    """Frequencies of two neighbouring points [Hz]."""
+    return f"the frequency jumps from {before:.5g} to {after:.5g} Hz"
+
+
+def amplitude_jumps(before: float, after: float) -> str:
+    """Amplitudes of two neighbouring points [m]."""
+    return f"the amplitude jumps from {before:.3g} to {after:.3g} m"
+
+
+def jumps(pairs: Sequence[str], jump: str) -> FaultText:
+    """Between which points the motion jumps, and from where to where."""
+    return FaultText(
+        f"Between points {', '.join(pairs)} {jump}: to another branch.",
+        "A controlled test follows one branch; a point beside a jump may not have been steady.",
+        'Leave such points out as NaN with gaps = "mask", or measure between them. Where they '
+        'were steady: Put under [[test]]: `jumps = "keep"`.',
+    )

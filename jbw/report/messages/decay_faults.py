@@ -1,0 +1,68 @@
+"""Faults of free decays: what, why and remedy."""
+
+from jbw.report.messages.message import FaultText
+
+LEAVE_OUT = "Drop the repeat with exclude"
+
+
+def late_blow(blow_s: float, settle_s: float, settle: str) -> FaultText:
+    """When the blow comes, and a `settle` after it [s]."""
+    return FaultText(
+        f"The blow comes {blow_s:.3g} s after the start of the record"
+        + (f" and its `settle` of {settle_s:g} s." if settle_s > 0 else "."),
+        "What is before it is no free decay, and would be fitted as one.",
+        f"Put under [[test]]: `settle = {settle}`.",
+    )
+
+
+def still_driven(steady_s: float, settle: str) -> FaultText:
+    """Until when a record was driven, and a `settle` after it [s]."""
+    return FaultText(
+        f"The motion is steady for the first {steady_s:.3g} s and decays only then.",
+        "It was still driven; fitted as a free decay that is a joint without damping.",
+        f"Put under [[test]]: `settle = {settle}`.",
+    )
+
+
+def put_exclude(name: str) -> str:
+    """The line that leaves a record out."""
+    return f'Put under [[test]]: `exclude = ["{name}"]`'
+
+
+def second_blow(at_s: float, size: float, leave_out: str, *, grows: bool) -> FaultText:
+    """When a decay jumps [s], by how much, and how to leave it out."""
+    return FaultText(
+        f"At {at_s:.3g} s the motion jumps by {size:.2g} of its size"
+        + (": a second blow." if grows else ": samples are missing there, or it was hit again."),
+        "A decay has one initial state; this record has two.",
+        f"{leave_out}, or let `span` end before.",
+    )
+
+
+def interrupted(at_s: float) -> FaultText:
+    """When a decay is interrupted [s]."""
+    return FaultText(
+        f"At {at_s:.3g} s a sample does not follow from those before it: samples are missing "
+        "there, or it was hit again.",
+        "A decay has one initial state; this record has two.",
+        "Drop the repeat with exclude, or let `span` end before.",
+    )
+
+
+def steady_line(hz: str, share: float) -> FaultText:
+    """A line that does not decay [Hz], over the largest response."""
+    return FaultText(
+        f"A line at {hz} Hz does not decay; it is {share:.2g} of the largest response.",
+        "Late in the decay it is taken for the mode, and changes frequency and damping.",
+        f"Put under [[test]]: `lines_hz = [{hz}]`, which takes it out, or measure without it.",
+    )
+
+
+def windowed(tau_s: float, error: float) -> FaultText:
+    """Time constant of an exponential window, and its standard error [s]."""
+    return FaultText(
+        f"The noise decays too, with a time constant of {tau_s:.3g} s (standard error "
+        f"{error:.1g}).",
+        "An exponential window was applied to the record, and its damping is added to the mode's.",
+        f"Put under [[test]]: `window_s = {tau_s:.3g}`.",
+    )

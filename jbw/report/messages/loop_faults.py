@@ -1,0 +1,56 @@
+"""Faults of measured loops: what, why and remedy."""
+
+from jbw.report.messages.message import FaultText
+
+
+def degrading(
+    amplitude: float, number: int, change: float, first_s: float, end_s: float, *, falls: bool
+) -> FaultText:
+    """Equal cycles whose force changes, and a span of the last [s]."""
+    return FaultText(
+        f"Cycles of {amplitude:.3g} m differ: from the second to number {number} the force "
+        f"{'falls' if falls else 'rises'} by {change:.0%}.",
+        "The joint changes as it is loaded; most laws give equal cycles the same loop.",
+        f"Put under [[test]]: `span = [{first_s:.6g}, {end_s:.6g}]`, its last cycles, and give "
+        "other states tests and assemblies of their own; or fit how it wears with the law `bwbn`.",
+    )
+
+
+def lopsided(ratio: float, *, positive: bool) -> FaultText:
+    """That a joint is stronger to one side."""
+    return FaultText(
+        f"The joint is {ratio:.2g} times as strong on the "
+        f"{'positive' if positive else 'negative'} side as on the other.",
+        "Every law but `square` gives both sides the same force.",
+        "A fit takes the mean of both sides; `square` beside the campaign's laws takes a small "
+        "difference.",
+    )
+
+
+def begins_away(start: float) -> str:
+    """Where a force begins over its half range."""
+    return f"begins {start:.1%} of its half range away from zero"
+
+
+def drifts(drift: float) -> str:
+    """By how much a force drifts over its half range."""
+    return f"moves by {drift:.1%} of it over equal cycles"
+
+
+def off_centre(offset: str, moves: str) -> FaultText:
+    """Where a force begins, and how it drifts."""
+    return FaultText(
+        f"The force {' and '.join(filter(None, (offset, moves)))}.",
+        "The zero of the load cell is off, or drifts; a law takes it for a force of the joint.",
+        'Put under [[test]]: `load_cell = "drift"`; "offset" where it cannot drift.',
+    )
+
+
+def free_travel(gap: float, amplitude: float, laws: str) -> FaultText:
+    """Free travel and amplitude of a joint with a gap [m], and laws that have one."""
+    return FaultText(
+        f"The joint travels freely over {2e3 * gap:.3g} of {1e3 * amplitude:.3g} mm and is "
+        "stiff beyond: a gap between two contacts.",
+        "No law of the campaign has a gap; a cubic spring bends where a contact kinks.",
+        f"Put under [joint]: `laws = [{laws}]`.",
+    )

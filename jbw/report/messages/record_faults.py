@@ -1,0 +1,176 @@
+"""Faults of single channels, and of a source beside its response: what, why and remedy."""
+
+from jbw.report.messages.message import FaultText
+
+UNORDERED = FaultText(
+    "Frequencies must be positive and go one way.",
+    remedy="Sort the lines of the measured FRF and drop repeated ones and 0 Hz.",
+)
+
+
+def unequal_lengths(lengths: str) -> FaultText:
+    """That channels have different lengths."""
+    return FaultText(
+        f"Channels must have equal lengths, but {lengths} samples.",
+        "Cutting the longer one would assume that both begin together.",
+        "Export the channels together, or name those that were sampled together.",
+    )
+
+
+def not_finite(count: int, total: int, first: str) -> FaultText:
+    """Samples that are no numbers, and the first of them."""
+    return FaultText(
+        f"Samples must be finite, but {count} of {total} are not; the first at {first}.",
+        "Filling gaps would invent data.",
+        "Drop the repeat with exclude, or keep a clean part with span = [start, stop]; kind frf "
+        'leaves such lines out with gaps = "mask".',
+    )
+
+
+def masked(count: int, total: int) -> FaultText:
+    """Samples that the campaign masks."""
+    return FaultText(
+        f"{count} of {total} samples are not finite, and masked.",
+        remedy="Nothing, if that is what was meant.",
+    )
+
+
+def beyond_measurement(sample: int, largest: float) -> FaultText:
+    """A sample that no instrument measures."""
+    return FaultText(
+        f"Sample {sample} is {largest:.3g} in SI units, beyond any measurement.",
+        "A damaged file reads like this, and so does an instrument's word for a lost sample.",
+        "Copy or export the file again, and check the unit.",
+    )
+
+
+def constant(value: float, *, toggles: bool) -> FaultText:
+    """A channel that does not change, but for its last bit."""
+    return FaultText(
+        f"The channel is constant at {value:.6g}" + (" within one bit." if toggles else "."),
+        "A dead sensor or an unconnected input looks like this.",
+        "Name the right channel, or drop the repeat with exclude.",
+    )
+
+
+def few_levels(count: int, least: int) -> FaultText:
+    """That a converter used few of its bits."""
+    return FaultText(
+        f"The channel has only {count} distinct values, fewer than {least}.",
+        "Quantisation is then no longer like white noise.",
+        "Measure with a smaller range, so that more bits are used.",
+    )
+
+
+def implausible(role: str, largest: float, guess: str) -> FaultText:
+    """A motion that no bolted joint survives."""
+    return FaultText(
+        f"The largest {role} is {largest:.3g} in SI units, more than a bolted joint survives.",
+        remedy=f"Check the unit: is the file in {guess}?",
+    )
+
+
+def lost_samples(
+    count: int, total: int, value: float, first_s: float, low: float, high: float
+) -> FaultText:
+    """The value that a logger writes for a lost sample, among all others."""
+    return FaultText(
+        f"{count} of {total} samples are {value:.6g} in SI units, the first at {first_s:.4g} s; "
+        f"all others lie between {low:.3g} and {high:.3g}.",
+        "A logger writes such a number for a sample that it lost.",
+        "Keep a part without them with span = [start, stop], or drop the repeat with exclude.",
+    )
+
+
+def clipped(share: float, stretches: str, more: str) -> FaultText:
+    """The share of samples that are cut off, and where."""
+    return FaultText(
+        f"{100 * share:.2g} % of the samples are clipped, at {stretches}{more}.",
+        "A clipped peak reads as softening and as harmonics.",
+        "Drop the repeat with exclude, keep a clean part with span, or measure with more range.",
+    )
+
+
+def stopped(end: float, span_end: str) -> FaultText:
+    """That a recorder was stopped before the end of its file."""
+    return FaultText(
+        f"The response stands still from {end:.4g} s to the end of the record.",
+        "A recorder that was stopped fills up its file so; a structure rings on.",
+        f"Put under [[test]]: `span = [0.0, {span_end}]`.",
+    )
+
+
+def gaps(stretches: str, more: str, count: int) -> FaultText:
+    """Gaps that a recorder filled with its last value."""
+    return FaultText(
+        f"The response stands still at {stretches}{more}, amid motion: {count} gap(s).",
+        "A recorder that lost samples fills them in so.",
+        "Keep a part without gaps with span = [start, stop], or drop the repeat with exclude.",
+    )
+
+
+def swapped(ratio: float) -> FaultText:
+    """That the input looks like the response of the other."""
+    return FaultText(
+        f"The input's spectrum is {ratio:.3g} times more peaked than the response's.",
+        "That is how the FRF looks when input and response are swapped.",
+        "Check which channel is which.",
+    )
+
+
+def incoherent(coherence: float) -> FaultText:
+    """That little of a response comes from its input."""
+    return FaultText(
+        f"The coherence with the input is {coherence:.2f} in the median of the excited lines.",
+        "Little of this response comes from this input.",
+        "Check that the channels belong together, and narrow band to where they do.",
+    )
+
+
+def outside_band(peak: float, low: float, high: float, ratio: float) -> FaultText:
+    """A band without the largest response."""
+    return FaultText(
+        f"The response is largest at {peak:.4g} Hz, outside `band` = [{low:g}, {high:g}] Hz: "
+        f"{ratio:.3g} times its centre.",
+        "A factor of 6.28 means rad/s, 2 half the sampling frequency, 1.024 rounded 1000 Hz.",
+        "Check fs and band.",
+    )
+
+
+def unresolved(peak: float, width: float, duration_s: float, resolution_hz: float) -> FaultText:
+    """A resonance that is narrower than the record resolves."""
+    return FaultText(
+        f"The resonance at {peak:.4g} Hz is seen {width:.3g} Hz wide, hardly more than a record "
+        f"of {duration_s:.4g} s resolves ({resolution_hz:.3g} Hz).",
+        "Its damping is then an upper bound, not a number.",
+        f"Measure longer: {4 * duration_s:.4g} s resolve {resolution_hz / 4:.3g} Hz.",
+    )
+
+
+def negative_gain(role: str) -> FaultText:
+    """That the gain is negative."""
+    return FaultText(
+        "At its resonance the response moves against the input: the gain is negative.",
+        "The polarity of one channel is turned, or the response was taken the other way round.",
+        f"Turn it: scale = {{ {role} = -1.0 }}.",
+    )
+
+
+def other_size(ratio: float) -> FaultText:
+    """The size of a response over what the campaign's gain makes of its input."""
+    return FaultText(
+        f"At its resonance the response is {ratio:.3g} times what the campaign's gain or modal "
+        "mass makes of the input.",
+        "A factor of 1000 is a metre for a millimetre, 9.81 a g for m/s^2, 4.45 lbf for N.",
+        "Check both units, and gain or modal_mass.",
+    )
+
+
+def noisy_drive(source: str, ratio: float, response: str) -> FaultText:
+    """The error by noise of the drive over that by noise of the response."""
+    return FaultText(
+        f"At the resonance the noise of `{source}` makes {ratio:.2g} times the error that the "
+        f"noise of `{response}` makes.",
+        "A fit takes the drive as measured: what it finds is off by more than it says.",
+        f"Set the range of `{source}` nearer to the level, raise the level, or leave the test out.",
+    )

@@ -1,0 +1,149 @@
+"""Faults of tones, response curves, loops and levels: what, why and remedy."""
+
+from collections.abc import Sequence
+
+from jbw.report.messages.message import FaultText
+
+NO_PHASE = FaultText(
+    "The response is in phase with the input at every line.",
+    "A structure with damping lags; without a phase the damping is not known.",
+    "Name the channel that holds the phase.",
+)
+NEGATIVE_AMPLITUDE = FaultText(
+    "The input's amplitude must be positive, but it is not at every line.",
+    remedy="Give amplitudes, not instantaneous values; correct the polarity in the response.",
+)
+RISING_PHASE = "its phase rises with frequency"
+GIVES_ENERGY = "the force takes energy out"
+STATE_BAND = "State the frequencies around the mode, with no other between them."
+
+
+def drifting(tones: str, change: float) -> FaultText:
+    """Tones that are not steady, and by how much they change."""
+    return FaultText(
+        f"{tones}: the amplitude changes by {change:.1%} from one half of the record to the other.",
+        "A transient is left, or the frequency is not exact.",
+        "Raise settle, or correct tones.",
+    )
+
+
+def buried_harmonic(tones: str, size: float, noise: float) -> FaultText:
+    """A third harmonic that does not stand above the noise [m]."""
+    return FaultText(
+        f"{tones}: the third harmonic ({size:.2g} m) does not stand above the noise ({noise:.2g} "
+        "m).",
+        "This record alone then says nothing of the joint's third-order kernel.",
+        "Raise the level, measure longer, or leave the tone out.",
+    )
+
+
+def few_lines(count: int, least: int) -> FaultText:
+    """A response curve of too few lines."""
+    return FaultText(
+        f"The curve has {count} lines, but at least {least} are needed.",
+        remedy="Measure more frequencies around the resonance.",
+    )
+
+
+def locked_phase(phase: float) -> FaultText:
+    """That a curve is a backbone [degrees]."""
+    return FaultText(
+        f"The phase stays at {phase:.3g} degrees at every line: points of a backbone, each at a "
+        "force of its own.",
+        "A response curve passes through the resonance at one force or one amplitude.",
+        'Put under [[test]]: `kind = "backbone"`.',
+    )
+
+
+def active(doubts: Sequence[str], keys: Sequence[str]) -> FaultText:
+    """Why a curve takes in no energy, and the keys that turn it."""
+    return FaultText(
+        f"The response cannot be that of a passive structure: {' and '.join(doubts)}.",
+        "A wrong sign gives a joint with negative damping or stiffness.",
+        " ".join(f"Put under [[test]]: {key}." for key in keys),
+    )
+
+
+def in_degrees(phase: float) -> FaultText:
+    """A phase that was written in degrees."""
+    return FaultText(
+        f"The phase reaches {phase:.3g} rad, more than three turns.",
+        "It reads like degrees.",
+        'Give units = { phase = "deg" }.',
+    )
+
+
+def loop_gives_energy(work: float) -> FaultText:
+    """The work of a loop that is traversed the wrong way [J]."""
+    return FaultText(
+        f"The joint gives out {work:.3g} J over the record.",
+        "Force or displacement has its sign turned: a joint takes energy in.",
+        "Put under [[test]]: `scale = { displacement = -1.0 }`.",
+    )
+
+
+def undecaying(times: float) -> FaultText:
+    """A decay whose end is as large as its beginning."""
+    return FaultText(
+        f"The response of the last quarter is {times:.2g} times that of the first.",
+        "A free decay falls; this record may be driven, or begin before the impact.",
+        "Correct kind, or cut the record with span or settle.",
+    )
+
+
+def offset(ratio: float) -> FaultText:
+    """The mean of a response over its standard deviation."""
+    return FaultText(
+        f"The response has a mean of {ratio:.2g} times its motion.",
+        "An offset of the channel is no motion, but would be fitted as one.",
+        "Put under [[test]]: `remove_mean = true`.",
+    )
+
+
+def already_moving(share: float) -> FaultText:
+    """The motion at the start of a record over its usual motion."""
+    return FaultText(
+        f"The record begins with {share:.0%} of its usual motion, but such a test is followed "
+        "from rest.",
+        "What the joint still knows of before is taken for a misfit of its law.",
+        "Set `settle` to the time in which free motion dies out, some 6 / (zeta omega_n), or let "
+        "`span` begin where the structure is at rest.",
+    )
+
+
+def unlike_level(level: float, role: str, peak: float, rms: float, unit: str) -> FaultText:
+    """A level beside peak and rms of the channel that it is of."""
+    sizes = f"a peak of {peak:.3g} and an rms of {rms:.3g} {unit}".rstrip()
+    return FaultText(
+        f"`level` is {level:g}, but {role} has {sizes}.",
+        "Predictions at a level, and tests of one level, take it for an amplitude.",
+        f"State what the rig held constant. Put under [[test]]: `level = {peak:.3g}`. A name goes "
+        "into `name`.",
+    )
+
+
+def put_band(low: float, high: float) -> str:
+    """The line of a band about the strongest line."""
+    return (
+        f"Put under [[test]]: `band = [{low:g}, {high:g}]`. That is about the strongest line; no "
+        "other mode may lie in it."
+    )
+
+
+def without_band(remedy: str) -> FaultText:
+    """That a decay has no band, with the remedy."""
+    return FaultText(
+        "A free decay needs `band`: the frequencies around the one mode of the joint.",
+        "It shows every mode at once.",
+        remedy,
+    )
+
+
+def several_modes(share: float, low: float, high: float) -> FaultText:
+    """The share of the power outside a band about the strongest resonance."""
+    return FaultText(
+        f"{share:.0%} of the displacement's power lies outside {low:g} to {high:g} Hz, about the "
+        "strongest resonance.",
+        "One mode with a joint cannot follow several.",
+        f"Put under [[test]]: `band = [{low:g}, {high:g}]`, or state the modes by [structure].",
+    )
