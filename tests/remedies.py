@@ -57,12 +57,9 @@ PASTED = {
     ("campaign/settings.py", "laws"): "oscillator/test_bwbn.py::"
     "test_the_remedy_of_steady_motion_is_taken",
     ("identification/accuracy.py", "laws"): OF_A_RUN,
-    ("identification/accuracy.py", "substeps"): OF_A_RUN,
-    ("identification/equivalent.py", "laws"): OF_A_RUN,
-    ("identification/no_joint.py", "laws"): OF_A_RUN,
     ("identification/paper/step4.py", "prior"): VERDICT
     + "test_a_line_of_bounds_never_cuts_the_box",
-    ("identification/residual_terms.py", "residuals"): OF_A_RUN,
+    ("report/messages/residuals.py", "residuals"): OF_A_RUN,
     ("identification/selection.py", "fit_repeats"): "identification/test_selection.py::"
     "test_the_remedy_of_too_many_repeats_is_taken",
     ("identification/suspects.py", "band"): CAUSES,

@@ -15,6 +15,8 @@ from jbw.inference.posterior.remedies import put
 from jbw.inference.posterior.summary import evenly_spaced
 from jbw.observables.dataset import Dataset, by_label, halved, log_likelihood
 from jbw.observables.effective_values import LEAST_VALUES, coloured_from, correlation_at_one
+from jbw.report.messages import residuals as messages
+from jbw.report.messages.remedies import OTHER_LAWS, beside_other_laws
 
 SHIFT = 0.1  # of a posterior standard deviation: what the solver may move a posterior mean
 NUM_DRAWS = 32
@@ -35,12 +37,8 @@ def solver_finding(posterior: xr.Dataset, data: Dataset) -> Finding | None:
     if change is None:
         return None
     shift = np.std(change)
-    reason = (
-        f"Halving the solver's step moves no posterior mean by more than {shift:.2g} standard "
-        f"deviations; it must be below {SHIFT:g}."
-    )
-    action = put("identify", "substeps", 2 * substeps_of(data))
-    return checked("solver_error", shift < SHIFT, reason, shift, action)
+    values, remedy = {"shift": shift, "limit": SHIFT}, {"substeps": 2 * substeps_of(data)}
+    return checked("solver_error", shift < SHIFT, values, shift, remedy)
 
 
 def substeps_of(data: Dataset) -> int:
@@ -51,9 +49,8 @@ def substeps_of(data: Dataset) -> int:
 def another_law(laws: Sequence[str]) -> str:
     """The line that stands a cubic spring beside the laws; where it stands, what else there is."""
     if SPRING in laws:
-        return "Try other laws: jbw laws."
-    line = put("joint", "laws", [*laws, SPRING])
-    return f"{line} Others, a gap between contacts among them, are compared by: jbw laws."
+        return OTHER_LAWS
+    return beside_other_laws(put("joint", "laws", [*laws, SPRING]))
 
 
 def solver_change(
@@ -96,14 +93,12 @@ def residual_finding(
     ratio = {label: abs(value) / coloured_from(long[label]) for label, value in lag_one.items()}
     worst = max(ratio, key=lambda label: np.nan_to_num(ratio[label], nan=np.inf))
     coloured = sum(not value < 1 for value in ratio.values())
-    reason = (
-        f"In {coloured} of {len(lag_one)} tests the fit leaves more than noise, most of all in "
-        f"{worst}: {error[worst]:.2g} of its rms, in which neighbouring values are alike "
-        f"(correlation {lag_one[worst]:.2f}). So that intervals do not become too narrow, "
-        f"{counted[worst]:.2g} of its values are counted as independent."
-    )
-    action = f"The law misses something, or a second mode is in the band. {another_law(laws)}"
-    return checked("coloured_residual", not coloured, reason, lag_one[worst], action)
+    values = {
+        "coloured": coloured, "count": len(lag_one), "test": worst, "error": error[worst],
+        "correlation": lag_one[worst], "counted": counted[worst],
+    }  # fmt: skip
+    remedy = {"another_law": another_law(laws)}
+    return checked("coloured_residual", not coloured, values, lag_one[worst], remedy)
 
 
 def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
@@ -117,12 +112,9 @@ def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
     if not bounded:
         return None
     worst = max(bounded, key=lambda label: error[label] / bounded[label])
-    reason = (
-        f"Largest residual of a fitted record: {100 * error[worst]:.2g} % of {worst}; it must be "
-        f"less than {100 * bounded[worst]:.0f} %."
-    )
-    action = f"Doubt the band (a second mode), `settle`, or the law. {another_law(data.laws)}"
-    return checked("misfit", error[worst] < bounded[worst], reason, error[worst], action)
+    values = {"test": worst, "error": error[worst], "limit": bounded[worst]}
+    remedy = {"another_law": another_law(data.laws)}
+    return checked("misfit", error[worst] < bounded[worst], values, error[worst], remedy)
 
 
 def explained(first: Fit, data: Dataset) -> tuple[float, int] | None:
@@ -144,11 +136,7 @@ def within_misfit(found: Verdict, error: Mapping[str, float]) -> Verdict:
     worst = max(error, key=lambda label: np.nan_to_num(error[label], nan=np.inf), default=None)
     if worst is None or not error[worst] <= CLOSE:
         return found
-    sentence = (
-        f"The fit leaves {error[worst]:.2g} of {worst}, and less of every other test: within this "
-        "the law may be used, for motions as large as those that were fitted."
-    )
-    return qualified(found, OF_MISFIT, sentence)
+    return qualified(found, OF_MISFIT, messages.usable_within(error[worst], worst))
 
 
 def within_unseen(
@@ -178,20 +166,16 @@ def within_unseen(
     missed = unseen if missed is None else missed
     fitted_error, beyond = rms(fitted), rms(unseen)
     holds = not len(missed) or rms(missed) <= MOST_BEYOND * fitted_error
-    sentence = (
-        f"Error of {which}: {beyond:.2g} of the rms, against {fitted_error:.2g} of the fitted ones"
-    )
+    comparison = ""
     if not holds:
-        sentence += (
-            f", more than {MOST_BEYOND:g} times as much: what was not fitted is not predicted to "
-            "the error of what was"
-        )
+        comparison = messages.worse_than_fitted(MOST_BEYOND)
     elif beyond > MOST_BEYOND * fitted_error:
-        sentence += ", and the 99 % bands hold them"
-    sentence += "."
-    action = "Fit the tests that are missed too, or look for what differs between them: jbw look."
+        comparison = messages.WITHIN_BANDS
+    sentence = messages.unseen_errors(which, beyond, fitted_error, comparison)
     return judge(
-        amended(finding, "usable" if holds else "failed", sentence, "" if holds else action)
+        amended(
+            finding, "usable" if holds else "failed", sentence, "" if holds else messages.FIT_MISSED
+        )
         if finding.status == "usable" and finding.code in OF_USE
         else finding
         for finding in found.findings
@@ -213,9 +197,8 @@ def repeatability_finding(error: Mapping[str, float], data: Dataset) -> Finding 
     if not ratio:
         return None
     worst = max(ratio, key=lambda label: np.nan_to_num(ratio[label], nan=np.inf))
-    reason = (
-        f"Residual over the scatter of the repeats, worst of {len(ratio)}: {worst}, "
-        f"{100 * error[worst]:.2g} % against {100 * scatter[worst]:.2g} %; it must be no larger."
-    )
-    action = f"Quote this error as the law's, or try another. {another_law(data.laws)}"
-    return checked("repeatability", ratio[worst] <= 1, reason, ratio[worst], action)
+    values = {
+        "count": len(ratio), "test": worst, "error": error[worst], "scatter": scatter[worst]
+    }  # fmt: skip
+    remedy = {"another_law": another_law(data.laws)}
+    return checked("repeatability", ratio[worst] <= 1, values, ratio[worst], remedy)

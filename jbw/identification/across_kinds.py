@@ -24,6 +24,7 @@ from jbw.inference.fit.fitting import Fit
 from jbw.inference.space.box import Box
 from jbw.observables.dataset import Dataset
 from jbw.observables.observable import Observable
+from jbw.report.messages import residuals as messages
 
 under_way = logging.getLogger("jbw.progress")
 # Times its standard deviation by all tests: a parameter that rests on the kind left out.
@@ -79,11 +80,11 @@ def across_kinds(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
         wider.append(np.sqrt(np.diag(fit.covariance) / np.diag(best.covariance)))
     return xr.Dataset(
         {
-            "error": ("kind", error, {"units": "1", "long_name": "error predicted from the rest"}),
+            "error": ("kind", error, {"units": "1", "long_name": messages.ERROR_FROM_REST}),
             "fitted": ("kind", fitted, {"units": "1", "long_name": "error as fitted"}),
             "wider": (
                 ("kind", "parameter"), wider,
-                {"units": "1", "long_name": "sd without the kind over that with it"},
+                {"units": "1", "long_name": messages.SD_RATIO},
             ),
         },
         {"kind": list(kinds), "parameter": list(best.theta)},
@@ -103,19 +104,10 @@ def rests_on(predicted: xr.Dataset) -> dict[str, list[str]]:
 def across_kinds_sentence(predicted: xr.Dataset) -> str:
     """How well each kind of test is predicted from the others, in words."""
     kinds = across_kinds_record(predicted)
-    errors = [
-        f"{kind} {100 * row['error']:.2g} % ({100 * row['fitted']:.2g} % as fitted)"
-        for kind, row in kinds.items()
-    ]
-    needed = [
-        f"{', '.join(row['rests_on'])} by {kind} alone"
-        for kind, row in kinds.items()
-        if row["rests_on"]
-    ]
-    proviso = " and their own natural frequency" if predicted.attrs["own_frequency"] else ""
-    sentence = f"RMS error of each kind of test, predicted from the other kinds{proviso}: "
-    known_by = f" Identified: {'; '.join(needed)}." if needed else ""
-    return f"{sentence}{'; '.join(errors)}.{known_by}"
+    errors = {kind: (row["error"], row["fitted"]) for kind, row in kinds.items()}
+    identified = {kind: row["rests_on"] for kind, row in kinds.items() if row["rests_on"]}
+    own_frequency = bool(predicted.attrs["own_frequency"])
+    return messages.across_kinds(errors, identified, own_frequency=own_frequency)
 
 
 def across_kinds_record(predicted: xr.Dataset) -> dict[str, dict[str, Any]]:

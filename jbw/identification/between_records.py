@@ -156,28 +156,20 @@ def between_finding(between: xr.Dataset) -> Finding:
     wide = np.sqrt(error**2 + scatter**2 / count)
     sure = between["probability"].values < BY_CHANCE / between.sizes["quantity"]
     if not np.any(sure & (wide > MATTERS * error)):
-        reason = (
-            f"Fitted each by itself, the {count} records agree in what all of them "
-            f"say of {', '.join(map(str, between['quantity'].values))}."
-        )
-        return Finding("records_apart", "ok", reason, 0.0)
+        agreed = {"count": count, "names": between["quantity"].values.tolist()}
+        return Finding("records_apart", "ok", agreed, 0.0)
     worst = int(np.argmax(np.where(sure, scatter, 0.0)))
     names = [str(name) for name in between["quantity"].values]
-    others = [
-        f"{name} by {100 * tau:.2g} %"
-        for name, tau in zip(names, scatter, strict=True)
-        if tau > 0 and name != names[worst]
-    ]
-    also = f" ({', '.join(others)})" if others else ""
-    half_width, mean = 100 * REACH * error[worst], 100 * REACH * wide[worst]
-    reason = (
-        f"Fitted each by itself, the {count} records scatter by {100 * scatter[worst]:.2g} % of "
-        f"{names[worst]}{also} beyond their own errors. The 99 % interval of {names[worst]} is "
-        f"+-{half_width:.2g} % for a law that holds in all of them; for other records like these "
-        f"it is +-{mean:.2g} %."
-    )
-    action = (
-        "Quote the wider interval, and look for what differs between the records, as the size of "
-        "the blow or its place: `jbw laws` tries laws that may hold in all of them."
-    )
-    return Finding("records_apart", "usable", reason, float(scatter[worst]), action)
+    values = {
+        "count": count,
+        "name": names[worst],
+        "scatter": float(scatter[worst]),
+        "others": [
+            (name, float(tau))
+            for name, tau in zip(names, scatter, strict=True)
+            if tau > 0 and name != names[worst]
+        ],
+        "within": float(REACH * error[worst]),
+        "beyond": float(REACH * wide[worst]),
+    }
+    return Finding("records_apart", "usable", values, float(scatter[worst]))

@@ -33,6 +33,7 @@ from jbw.observables.line_fit import oscillator_through
 from jbw.observables.observable import OFFSETS
 from jbw.observables.records import NEAR_PEAK
 from jbw.observables.spectra import Spectrum
+from jbw.report.messages import causes as messages
 
 MOSTLY = 0.5  # of the misfit: a cause that explains more of it is a finding
 WORTH_SAYING = 0.1
@@ -127,17 +128,13 @@ def cause_finding(found: Sequence[Cause]) -> Finding | None:
     if not found or found[0].explained < MOSTLY:
         return None
     first = found[0]
-    reason = (
-        f"{first.text[0].upper()}{first.text[1:]} would explain {first.explained:.0%} of what the "
-        "fit leaves."
-    )
-    return Finding("cause", "failed", reason, first.explained, first.action)
+    values, remedy = {"text": first.text, "share": first.explained}, {"action": first.action}
+    return Finding("cause", "failed", values, first.explained, remedy)
 
 
 def causes_sentence(found: Sequence[Cause]) -> str:
     """What would explain the misfit, in words."""
-    shares = [f"{cause.explained:.0%} {cause.text}" for cause in found[:MOST_SAID]]
-    return f"Of what the fit leaves would explain, each alone: {'; '.join(shares)}."
+    return messages.causes([(cause.explained, cause.text) for cause in found[:MOST_SAID]])
 
 
 def _missed(spectra: Spectra, data: Dataset) -> list[str]:
@@ -262,8 +259,6 @@ def _swapped(spectra: Spectra, missed: Sequence[str], theta: Mapping[str, float]
         )
         error = np.linalg.norm(spectrum.left) / np.linalg.norm(spectrum.values)
         if along != 0:
-            text = f"{label} with input and response swapped"
-            swaps.append(
-                Cause(text, float(1 - (residual / error) ** 2), f"Swap the channels of {label}.")
-            )
+            text, action = messages.swapped(label)
+            swaps.append(Cause(text, float(1 - (residual / error) ** 2), action))
     return swaps

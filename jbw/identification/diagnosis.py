@@ -22,6 +22,7 @@ from jbw.observables.dataset import Dataset
 from jbw.observables.drives import parts_of
 from jbw.observables.observable import AmplitudeCurve
 from jbw.oscillator.laws.powers import power_loop
+from jbw.report.messages import effects as messages
 
 FEWEST = 5  # readings that an exponent is read off
 EXPONENTS = (0.1, 4.0)
@@ -127,16 +128,6 @@ def turning_point(curve: AmplitudeCurve) -> tuple[float, float, float] | None:
     return None
 
 
-def turning_sentence(turn: tuple[float, float, float]) -> str:
-    """Which way the frequency goes first, where it turns, and what it reaches."""
-    y, hz, last = turn
-    first, then = ("falls", "rises") if last > hz else ("rises", "falls")
-    return (
-        f"the frequency {first} to {hz:.4g} Hz at {1e6 * y:.3g} um, then {then} to {last:.4g} Hz: "
-        "no power of the amplitude does"
-    )
-
-
 def _read(curve: AmplitudeCurve, y_max: float) -> Sequence[float]:
     """The numbers of `Diagnosis` in their order, of one set of readings."""
     x = curve.y / y_max
@@ -188,51 +179,26 @@ def masing_ratio(exponent: float) -> float:
 
 def diagnosis_sentences(found: Diagnosis) -> list[str]:
     """What the readings say, in words."""
-    first = (
-        f"{found.num_readings} readings between {1e3 * found.y[0]:.2g} and {1e3 * found.y[1]:.2g} "
-        f"mm: the frequency falls by {_percent(found.softening)}, as "
-        f"amplitude^{_number(found.softening_exponent)}; the damping ratio grows by "
-        f"{_percent(found.damping)}, as amplitude^{_number(found.damping_exponent)}."
-    )
+    range_mm = 1e3 * found.y[0], 1e3 * found.y[1]
+    grown = messages.damping_grows(found.damping, found.damping_exponent)
     if found.turn is not None:
-        words = turning_sentence(found.turn)
-        return [
-            f"{found.num_readings} readings between {1e3 * found.y[0]:.2g} and "
-            f"{1e3 * found.y[1]:.2g} mm: {words}; the damping ratio grows by "
-            f"{_percent(found.damping)}, as amplitude^{_number(found.damping_exponent)}."
-        ]
+        turns = messages.turning(*found.turn)
+        return [messages.readings(found.num_readings, range_mm, turns, grown)]
+    falls = messages.frequency_falls(found.softening, found.softening_exponent)
+    first = messages.readings(found.num_readings, range_mm, falls, grown)
     (low, _, high), p = found.softening, found.damping_exponent
     if low <= 0.0 <= high:
-        grows = found.damping[0] > 0.0
-        likeness = "as by Dahl's law or a damper" if grows else "as of sliders that all stick"
-        return [first, f"No softening is seen that damping could be compared with, {likeness}."]
+        return [first, messages.no_softening(grows=found.damping[0] > 0.0)]
     if high < 0.0:
-        return [first, "The joint hardens: an elastic stiffness grows with amplitude."]
-    sentence = (
-        f"Damping over softening is {_number(found.ratio)}; Masing's laws have "
-        f"{found.masing[1]:.2g}"
-    )
+        return [first, messages.HARDENS]
     low, share, high = found.elastic
     if low > 0.0 and share > CLOSE:
-        sentence += f": {_percent(found.elastic)} of the softening is elastic, or of no Masing law."
+        compared = messages.elastic_softening(found.elastic)
     elif high < 0.0 and share < -CLOSE:
-        sentence += ": there is damping that does not soften."
+        compared = messages.MORE_DAMPING
     else:
-        sentence += ": the data agree with sliders."
-    sentence += f" For a Bouc-Wen law gamma/delta is {_number(found.opening)}."
+        compared = messages.SLIDERS
+    sentence = messages.masing(found.ratio, found.masing[1], compared, found.opening)
     if not all(low <= 1.0 <= high for low, _, high in (found.softening_exponent, p)):
         return [first, sentence]
-    return [
-        first,
-        sentence,
-        f"A smooth spring c y|y| of c = {_number(found.spring)} 1/(m s^2) and a damper c v|v| of "
-        f"c = {_number(found.damper)} 1/m do as much: such readings alone prove no hysteresis.",
-    ]
-
-
-def _number(band: tuple[float, float, float]) -> str:
-    return f"{band[1]:.2g} [{band[0]:.2g}, {band[2]:.2g}]"
-
-
-def _percent(band: tuple[float, float, float]) -> str:
-    return f"{100 * band[1]:.2g} % [{100 * band[0]:.2g}, {100 * band[2]:.2g}]"
+    return [first, sentence, messages.smooth_alternative(found.spring, found.damper)]

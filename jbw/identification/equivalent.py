@@ -15,12 +15,12 @@ import xarray as xr
 from jaxtyping import Array, Float
 
 from jbw.inference.posterior.finding import Finding, Verdict, qualified
-from jbw.inference.posterior.remedies import put
 from jbw.inference.posterior.summary import QUANTILES, evenly_spaced
 from jbw.inference.posterior.verdict import bands_finding
 from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.quantities import DEFAULT_LAWS, OSCILLATOR, are_at_joints
+from jbw.report.messages import effects as messages
 
 NUM_DRAWS = 200
 DAMPING = "quadratic_damping"  # the law of damping that stands for none of hysteresis
@@ -77,15 +77,13 @@ def hysteresis_finding(
     """
     if DAMPING in laws or not only_damps(found):
         return None
-    reason = (
-        f"No hysteresis is seen: at {1e3 * y_peak:.2g} mm the joint adds "
-        f"{_share(np.quantile(found.damping, QUANTILES))} of zeta to the damping, but its change "
-        f"of the natural frequency, {_share(np.quantile(found.frequency, QUANTILES))}, includes "
-        "zero. Damping by the square of the velocity does the same."
-    )
-    action = f"Try damping without hysteresis. {put('joint', 'laws', [DAMPING])}"
-    change = float(np.median(found.frequency))
-    return Finding("no_hysteresis", "failed" if misses else "usable", reason, change, action)
+    values = {
+        "y": 1e3 * y_peak,
+        "damping": np.quantile(found.damping, QUANTILES).tolist(),
+        "frequency": np.quantile(found.frequency, QUANTILES).tolist(),
+    }
+    status, change = "failed" if misses else "usable", float(np.median(found.frequency))
+    return Finding("no_hysteresis", status, values, change, {"law": DAMPING})
 
 
 def response_finding(
@@ -107,8 +105,8 @@ def response_finding(
     responses = {}
     for y in (share * y_peak for share in SHARES):
         shift, added = map(np.asarray, _effects(theta, y, laws))
-        responses[f"the natural frequency at {y:.2g} m"] = (1 + shift) * theta["omega_n"]
-        responses[f"the damping at {y:.2g} m"] = theta["zeta"] + added
+        responses[messages.frequency_at(y)] = (1 + shift) * theta["omega_n"]
+        responses[messages.damping_at(y)] = theta["zeta"] + added
     shape = posterior.sizes["chain"], posterior.sizes["draw"]
     return bands_finding({name: np.reshape(values, shape) for name, values in responses.items()})
 
@@ -161,34 +159,10 @@ def within_response(
         spans.append(float((high - low) / (2 * abs(middle))))
     if not all(span <= KNOWN for span in spans):
         return found
-    sentence = (
-        f"What they do together is known: at {1e3 * y_peak:.2g} mm the change of frequency to "
-        f"{spans[0]:.0%} and the damping to {spans[1]:.0%} (half of the 99 % intervals); use "
-        "products and responses, no parameter alone, and no motion much larger."
-    )
-    return qualified(found, ("unidentified",), sentence)
+    return qualified(found, ("unidentified",), messages.known_together(y_peak, *spans))
 
 
 def effects_sentence(found: Effects, y_peak: float) -> str:
     """What the joint does, in words."""
-    shift, added = (np.quantile(values, QUANTILES) for values in found)
-    return (
-        f"At {1e3 * y_peak:.3g} mm, the largest displacement fitted, the joint "
-        f"{_change('natural frequency', shift)} and {_change('damping ratio', added)}, over those "
-        "at full stick."
-    )
-
-
-def _change(quantity: str, quantiles: Float[np.ndarray, "3"]) -> str:
-    """By how much a quantity falls or rises, with the interval; its signs where it holds zero."""
-    low, _, high = quantiles
-    is_known = low * high > 0.0
-    verb = ("lowers" if high < 0.0 else "raises") if is_known else "changes"
-    return (
-        f"{verb} the {quantity} by {_share(np.sort(np.abs(quantiles)) if is_known else quantiles)}"
-    )
-
-
-def _share(quantiles: Float[np.ndarray, "3"]) -> str:
-    low, middle, high = (f"{x:.0f}" if abs(x) >= 100 else f"{x:.2g}" for x in 100 * quantiles)
-    return f"{middle} % [{low}, {high}]"
+    shift, added = (np.quantile(values, QUANTILES).tolist() for values in found)
+    return messages.of_joint(y_peak, shift, added)

@@ -504,11 +504,4 @@ def incomplete_finding(said: Sequence[str]) -> Finding | None:
     """Checks that could not be made, in the sentences on them; None where all were."""
     if not said:
         return None
-    return Finding(
-        "incomplete_checks",
-        "not assessed",
-        " ".join(said),
-        float(len(said)),
-        "The posterior is complete; look at the tests that the sentence names, or leave "
-        "them out of the fit by `hold_out`.",
-    )
+    return Finding("incomplete_checks", "not assessed", {"sentences": said}, float(len(said)))

@@ -264,12 +264,4 @@ def _covariance_of_offsets(
 
 def not_sampled() -> Finding:
     """That the draws are of a Gaussian about the fit, and were not compared with the posterior."""
-    return Finding(
-        "not_sampled",
-        "not assessed",
-        "Nothing was drawn from the posterior: the intervals are those of a Gaussian with the "
-        "fit's covariance.",
-        float("nan"),
-        "Draw the posterior: jbw resume DIR with this run's folder, or jbw identify without "
-        "--quick.",
-    )
+    return Finding("not_sampled", "not assessed", {}, float("nan"))

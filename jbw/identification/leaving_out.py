@@ -34,6 +34,7 @@ from jbw.observables.dataset import (
     stacked,
     without,
 )
+from jbw.report.messages import residuals as messages
 
 under_way = logging.getLogger("jbw.progress")
 FitsWithout = Mapping[tuple[str, ...], Fit]  # by the runs that are left out
@@ -111,7 +112,7 @@ def leave_one_out(
                 },
             ),
             "fitted": ("run", fitted, {"units": "1", "long_name": "error with it"}),
-            "z": (dims, z, {"units": "1", "long_name": "change over its sd by chance"}),
+            "z": (dims, z, {"units": "1", "long_name": messages.Z_SCORE}),
         },
         {"run": list(runs), "parameter": list(best.theta)},
     )
@@ -140,24 +141,19 @@ def _error(run: str, without_it: Fit, prior: Box, data: Dataset) -> float:
 def left_out_sentence(left_out: xr.Dataset) -> str:
     """How well each run is predicted by the others, in words."""
     errors = [f"{error.run.item()} {100 * error.item():.2g} %" for error in left_out["error"]]
-    proviso = ", with its own natural frequency" * left_out["error"].attrs.get("own_frequency", 0)
-    return f"RMS error of each session, predicted from the others{proviso}: {', '.join(errors)}."
+    proviso = messages.WITH_FREQUENCY * left_out["error"].attrs.get("own_frequency", 0)
+    return messages.each_session(proviso, errors)
 
 
 def consistency_finding(left_out: xr.Dataset, laws: Sequence[str] = ()) -> Finding:
     """Whether the runs tell of one joint; its number is the largest |z|."""
     size = abs(left_out["z"])
     if size.isnull().all():
-        reason = "No run alone adds to what the others know."
-        return Finding("leave_one_out", "ok", reason, float("nan"))
+        return Finding("leave_one_out", "ok", {}, float("nan"), entry="leave_one_out.none")
     worst = size[size.argmax(...)]
-    reason = (
-        f"Without {worst.run.item()} the fit of {worst.parameter.item()} moves by {worst:.1f} "
-        "standard deviations of such a change, more than without any other run; it must be below "
-        f"{MOVES:g}."
-    )
-    action = (
-        "The tests ask for different joints: leave this one out by `hold_out`, or doubt the law. "
-        f"{another_law(laws)}"
-    )
-    return checked("leave_one_out", worst.item() < MOVES, reason, worst.item(), action)
+    values = {
+        "test": worst.run.item(), "name": worst.parameter.item(), "moves": worst.item(),
+        "limit": MOVES,
+    }  # fmt: skip
+    remedy = {"another_law": another_law(laws)}
+    return checked("leave_one_out", worst.item() < MOVES, values, worst.item(), remedy)

@@ -73,10 +73,9 @@ def trend_finding(shifts: Shifts, data: Dataset) -> Finding | None:
 def _told(name: str, slope: Slope, count: int, data: Dataset) -> Finding:
     goes = slope.p < BY_CHANCE
     scale, unit = (1 / (2 * np.pi), "Hz") if name == "omega_n" else (100.0, "% of critical damping")
-    reason = (
-        f"The {NAMES[name]} that each of {count} runs asks for {'goes' if goes else 'does not go'} "
-        "with the size of its motion: beside what the law has, from the smallest to the largest by "
-        f"{scale * slope.value:+.2g} +- {scale * slope.std:.1g} {unit} (p = {slope.p:.1g})."
-    )
-    action = f"That is no scatter of runs: the law misses it. {another_law(data.laws)}"
-    return checked("level_trend", not goes, reason, slope.p, action)
+    values = {
+        "quantity": NAMES[name], "count": count, "change": scale * slope.value,
+        "std": scale * slope.std, "unit": unit, "p": slope.p,
+    }  # fmt: skip
+    remedy = {"another_law": another_law(data.laws)}
+    return checked("level_trend", not goes, values, slope.p, remedy)

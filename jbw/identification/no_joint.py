@@ -13,8 +13,7 @@ from jbw.identification.first_fit import points_at, steps_about
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.lanes import at_points
-from jbw.inference.posterior.finding import Finding, checked
-from jbw.inference.posterior.remedies import put
+from jbw.inference.posterior.finding import Finding
 from jbw.inference.posterior.summary import QUANTILES
 from jbw.inference.space.box import Box, bounds_by_name, box
 from jbw.observables.dataset import Dataset, log_likelihood, stacked
@@ -70,18 +69,13 @@ def joint_finding(nested: Nested, added: Effects, y_peak: float) -> Finding:
     least = float(stats.chi2.isf(BY_CHANCE, nested.num_parameters))
     is_seen = nested.growth > least
     if is_seen:
-        reason = (
-            f"Without the joint chi-square grows by {nested.growth:.3g}, by chance {least:.3g}."
-        )
-        return Finding("no_joint", "ok", reason, nested.growth)
-    shift, damping = (100 * np.quantile(np.abs(change), QUANTILES[-1]) for change in added)
-    reason = (
-        f"No joint is seen: at {y_peak:.2g} m, the largest motion fitted, it changes the natural "
-        f"frequency by less than {shift:.2g} % and adds less than {damping:.2g} % of zeta to the "
-        f"damping; without it chi-square grows by {max(nested.growth, 0.0):.2g} alone."
-    )
-    action = f"Drive harder; so far the structure is linear. {put('joint', 'laws', [])}"
-    return checked("no_joint", False, reason, nested.growth, action)
+        grown = {"growth": nested.growth, "least": least}
+        return Finding("no_joint", "ok", grown, nested.growth)
+    shift, damping = (float(np.quantile(np.abs(change), QUANTILES[-1])) for change in added)
+    values = {
+        "y": y_peak, "frequency": shift, "damping": damping, "growth": max(nested.growth, 0.0)
+    }  # fmt: skip
+    return Finding("no_joint", "failed", values, nested.growth)
 
 
 def may_be_absent(added: Effects) -> bool:

@@ -151,10 +151,7 @@ def decays_in(data: Dataset) -> Decays | None:
 def _compared_with_nothing(steps: Mapping[str, Step], sentences: Sequence[str]) -> dict[str, Step]:
     """Steps whose joint posterior says that there is no second one to compare it with."""
     joint, reason = steps["joint"], " ".join(sentences)
-    missing = Finding(
-        "second_posterior", "usable", f"{reason} The joint posterior does not depend on it.",
-        float("nan"), "Identify the free decays in a campaign of their own to see why.",
-    )  # fmt: skip
+    missing = Finding("second_posterior", "usable", {"reason": reason}, float("nan"))
     return {**steps, "joint": replace(joint, verdict=judge([*joint.verdict.findings, missing]))}
 
 

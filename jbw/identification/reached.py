@@ -8,6 +8,7 @@ from jaxtyping import Float
 
 from jbw.inference.posterior.summary import QUANTILES
 from jbw.oscillator.laws import laws_named
+from jbw.report.messages import effects as messages
 
 
 def threshold_sentences(
@@ -32,12 +33,4 @@ def threshold_sentences(
 
 def _where(y: Float[np.ndarray, "..."], y_peak: float, rests: str) -> str:
     low, middle, high = np.quantile(y, QUANTILES)
-    clause = (
-        f"at {1e3 * middle:.2g} mm [{1e3 * low:.2g}, {1e3 * high:.2g}], {middle / y_peak:.2g} "
-        f"[{low / y_peak:.2g}, {high / y_peak:.2g}] of the largest motion: "
-    )
-    if high <= y_peak:
-        return f"{clause}reached"
-    if low > y_peak:
-        return f"{clause}not reached, the priors alone tell of {rests}"
-    return f"{clause}perhaps reached, the priors tell of {rests} too"
+    return messages.threshold((low, middle, high), y_peak, rests)

@@ -33,6 +33,7 @@ from jbw.observables.residual_terms import (
     neighbours_of,
 )
 from jbw.quantities import BY_NAME
+from jbw.report.messages import residuals as messages
 
 GROWTH, SHARE = 25.0, 0.1  # of chi-square without a term, at least
 TRIED = ((UPPER,), (UPPER, LOWER))
@@ -164,16 +165,9 @@ def _constants_sentence(names: tuple[str, ...], fit: Fit, share: float) -> str:
         )
         for name in names
     )
-    return (
-        f"Modes outside the band are seen, and were taken in: {terms}. It takes {share:.0%} off "
-        'what the fit left; `residuals = "none"` in a test goes without.'
-    )
+    return messages.outside_band(terms, share)
 
 
 def _neighbour_sentence(names: tuple[str, ...], before: Fit, fit: Fit) -> str:
     omega, zeta, share = (fit.theta[name] for name in names)
-    return (
-        f"One linear neighbour at {omega / (2 * np.pi):.4g} Hz, zeta {zeta:.2%}, with {share:.2g} "
-        f"times the gain of the joint's own mode, was taken in: chi-square falls by "
-        f'{1 - fit.cost / before.cost:.0%}; `residuals = "none"` in a test goes without.'
-    )
+    return messages.neighbour(omega / (2 * np.pi), zeta, share, 1 - fit.cost / before.cost)

@@ -14,6 +14,8 @@ from numpy.typing import NDArray
 
 from jbw.inference.posterior.remedies import put
 from jbw.observables.spectra import Row, Spectrum
+from jbw.report.messages import causes as messages
+from jbw.report.messages.causes import Words
 
 DRIVEN = 0.1  # of the largest: lines of the input within which another mode is looked for
 NUM_MODES, MODE_ZETAS = 96, (0.003, 0.01, 0.03)  # frequencies and dampings of another mode tried
@@ -33,7 +35,6 @@ TEST = "[test]"  # table of the lines that a remedy names
 Columns = Mapping[str, Float[np.ndarray, "value column"]]  # by the groups' labels
 Spectra = Mapping[str, Spectrum]
 Slopes = Mapping[str, Mapping[str, Row]]  # of what is left, by parameter and by label
-Words = tuple[str, str]  # what is wrong, and what to do about it
 
 
 class Suspect(NamedTuple):
@@ -73,11 +74,7 @@ def _delay(spectra: Spectra) -> Suspect:
 
     def words(coefficients: NDArray[np.float64]) -> Words:
         (tau,) = coefficients
-        way = "behind" if tau > 0 else "before"
-        return (
-            f"a response that is {abs(tau):.3g} s {way} the input",
-            f"Correct the channels' clock, or take it out. {put(TEST, 'delay', three(tau))}",
-        )
+        return messages.delay(tau, put(TEST, "delay", three(tau)))
 
     columns = {n: as_columns(s.row(-1j * s.omega * s.predicted)) for n, s in spectra.items()}
     return Suspect("delay", columns, words)
@@ -89,12 +86,7 @@ def _clock(spectra: Spectra) -> Iterator[Suspect]:
 
     def words(coefficients: NDArray[np.float64]) -> Words:
         (fast,) = 1e6 * coefficients
-        way = "fast" if fast > 0 else "slow"
-        return (
-            f"a clock of the response that runs {abs(fast):.3g} ppm {way} against the drive's",
-            "Record both by one clock, or resample the response. "
-            f"{put(TEST, 'clock_ppm', three(fast))}",
-        )
+        return messages.clock(fast, put(TEST, "clock_ppm", three(fast)))
 
     if columns:
         yield Suspect("clock", columns, words)
@@ -113,17 +105,11 @@ def _factor(label: str, spectrum: Spectrum) -> Suspect:
 def factor_words(label: str, factor: float, source: str = "input") -> Words:
     """What a group is whose response over its input is so many times that of others."""
     if abs(factor + 1) < TURNED:
-        return f"{label} with its sign turned", (
-            f"Turn a channel of {label}, its input say. {put(TEST, f'scale.{source}', -1.0)}"
-        )
-    size, turned = abs(factor), " and of the other sign" if factor < 0 else ""
+        return messages.turned(label, put(TEST, f"scale.{source}", -1.0))
+    size = abs(factor)
     unit = next((name for f, name in UNITS.items() if abs(size / f - 1) < CLOSE), None)
-    hint = f", as {unit} would be" if unit else ""
-    return (
-        f"{label} {size:.4g} times as large as by the others{turned}{hint}",
-        f"Check units and amplifiers of {label}; if this is its input's, correct it. "
-        f"{put(TEST, f'scale.{source}', three(factor))}",
-    )
+    line = put(TEST, f"scale.{source}", three(factor))
+    return messages.factor(label, size, unit, line, is_turned=factor < 0)
 
 
 def _in_time(spectra: Spectra) -> Iterator[Suspect]:
@@ -142,10 +128,8 @@ def _in_time(spectra: Spectra) -> Iterator[Suspect]:
     yield Suspect(
         "offset",
         constants,
-        lambda coefficients: (
-            "a constant offset of the response, "
-            f"{coefficients[np.argmax(np.abs(coefficients))]:.3g} at most",
-            f"Measure AC coupled, or take the mean off. {put(TEST, 'remove_mean', True)}",
+        lambda coefficients: messages.offset(
+            coefficients[np.argmax(np.abs(coefficients))], put(TEST, "remove_mean", True)
         ),
     )
     cut = {}
@@ -154,14 +138,7 @@ def _in_time(spectra: Spectra) -> Iterator[Suspect]:
         if np.max(np.abs(model)) > most:
             cut[label] = as_columns(np.clip(model, -most, most) - model)
     if cut:
-        yield Suspect(
-            "clipping",
-            cut,
-            lambda coefficients: (
-                f"{', '.join(cut)} cut off at its largest value",
-                "Measure again with a wider range, or leave out what is cut off.",
-            ),
-        )
+        yield Suspect("clipping", cut, lambda coefficients: messages.clipping(list(cut)))
 
 
 def _residual_term(spectra: Spectra) -> Suspect:
@@ -177,10 +154,8 @@ def _residual_term(spectra: Spectra) -> Suspect:
     return Suspect(
         "residual term",
         columns,
-        lambda coefficients: (
-            f"a residual term of the modes beyond the band, {coefficients[0]:.3g} m per unit of "
-            "the input",
-            f"Let the tests take it, or restrict the band. {put(TEST, 'residuals', 'both')}",
+        lambda coefficients: messages.residual_term(
+            coefficients[0], put(TEST, "residuals", "both")
         ),
     )
 
@@ -196,11 +171,7 @@ def _own_frequency(spectra: Spectra, slopes: Slopes, omega_n: float) -> Suspect:
 
     def words(coefficients: NDArray[np.float64]) -> Words:
         spread = np.std(coefficients[:: len(slopes)]) / (omega_n if first == "omega_n" else 1.0)
-        return (
-            f"a natural frequency and damping of each test's own, scattering by {spread:.2%}",
-            "Name the run of every test, and measure a noise record in each. "
-            f"{put(TEST, 'run', 'day 1')}",
-        )
+        return messages.natural_frequencies(float(spread), put(TEST, "run", "day 1"))
 
     return Suspect("own frequency", columns, words)
 
@@ -236,10 +207,6 @@ def _mode(spectra: Spectra, omega: float, zeta: float, remedy: str) -> Suspect:
     return Suspect(
         "mode",
         columns,
-        lambda coefficients: (
-            f"one more mode about {hz:.3g} Hz",
-            "State it by `modes` in [identify], restrict the `band` to one mode, or measure where "
-            f"the other is still.{remedy}",
-        ),
+        lambda coefficients: messages.further_mode(hz, remedy),
         (omega, zeta),
     )

@@ -6,11 +6,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from jbw.identification.diagnosis import diagnose, turning_sentence
+from jbw.identification.diagnosis import diagnose
 from jbw.identification.floors import rms
 from jbw.measurement.resonances import Reading
 from jbw.observables.observable import AmplitudeCurve
-from jbw.report.messages import look
+from jbw.report.messages import effects, look
 
 Values = Float[np.ndarray, " reading"]
 Band = tuple[float, float, float]  # ends and middle of 99 %
@@ -103,7 +103,7 @@ def nonlinear(readings: Sequence[Reading]) -> Nonlinear:
     turn, softening = diagnosis.turn, diagnosis.softening
     least_damping = LEAST_CHANGE[1] * abs(float(damping[0]))
     changes = [
-        turning_sentence(turn)
+        effects.turning(*turn)
         if turn is not None
         else _change("frequency", softening, LEAST_CHANGE[0], diagnosis.softening_exponent),
         _change("damping ratio", diagnosis.damping, least_damping, diagnosis.damping_exponent),

@@ -1,4 +1,4 @@
-"""Faults of records with example values, topic by topic, constants aside."""
+"""Faults of records and campaigns with example values, topic by topic, constants aside."""
 
 from jbw.report.messages import (
     clock_faults,

@@ -10,6 +10,7 @@ from pathlib import Path
 from types import ModuleType
 
 from examples_of_faults import EXAMPLES as OF_FAULTS
+from examples_of_identification import EXAMPLES as OF_IDENTIFICATION
 
 from jbw.quantities import BY_NAME
 from jbw.report.messages import (
@@ -46,8 +47,40 @@ DRAG = {
     "growth": 1.3, "least": 9.21, "number": 2, "y": 1.9,
     "frequency": [-2e-4, -1e-4, -9e-5], "damping": [1.35, 1.36, 1.37],
 }  # fmt: skip
+OTHER_LAW = {"another_law": "Try other laws: jbw laws."}
 # Values of the sentence, then of the remedy.
 OF_FINDINGS = {
+    "not_sampled": ({}, {}),
+    "second_posterior": ({"reason": "The posterior could not be made."}, {}),
+    "incomplete_checks": ({"sentences": ["The check of one could not be made."]}, {}),
+    "solver_error": ({"shift": 0.23, "limit": 0.1}, {"substeps": 8}),
+    "series": ({"error": 0.3, "limit": 0.1},
+               {"line": "Put under [identify.prior]: `gamma = [1.0, 3.0]`."}),
+    "coloured_residual": (
+        {"coloured": 2, "count": 6, "test": "sweep", "error": 0.034, "correlation": 0.8,
+         "counted": 0.11}, OTHER_LAW,
+    ),
+    "repeatability": ({"count": 6, "test": "sweep", "error": 0.08, "scatter": 0.03}, OTHER_LAW),
+    "cause": ({"text": "a response that is 0.001 s behind the input", "share": 0.8},
+              {"action": "Put under [[test]]: `delay = 0.001`."}),
+    "level_trend": (
+        {"quantity": "damping ratio", "count": 6, "change": 0.012, "std": 0.002,
+         "unit": "% of critical damping", "p": 0.002}, OTHER_LAW,
+    ),
+    "misfit": ({"error": 0.12, "test": "hit_1", "limit": 0.1}, OTHER_LAW),
+    "leave_one_out": ({"test": "sweep", "name": "zeta", "moves": 5.2, "limit": 4.0}, OTHER_LAW),
+    "leave_one_out.none": ({}, {}),
+    "records_apart": (
+        {"count": 3, "name": "zeta", "scatter": 0.021,
+         "others": [("alpha_delta", 0.013)], "within": 0.01, "beyond": 0.04}, {},
+    ),
+    "no_hysteresis": (
+        {"y": 1.9, "damping": [1.35, 1.36, 1.37], "frequency": [-2e-4, -1e-4, 9e-5]},
+        {"law": "quadratic_damping"},
+    ),
+    "no_joint": (
+        {"y": 1e-3, "frequency": 2e-4, "damping": 0.012, "growth": 1.2, "least": 11.3}, {},
+    ),
     "non_finite": ({"count": 3, "name": "alpha"}, {}),
     "frozen_chain": ({"count": 1, "num_chains": 4, "name": "alpha"}, {}),
     "r_hat": ({"name": "delta", "r_hat": 1.0312, "limit": 1.01}, MORE),
@@ -68,7 +101,7 @@ OF_FINDINGS = {
     "discrepancy": (
         {"frequency": 6.6e-5, "damping": 9.8e-5, "rest": 0.0049, "run": "sweep 26 mV",
          "run_frequency": -1.46e-4, "run_damping": 1.95e-4},
-        {"another_law": "Try other laws: jbw laws."},
+        OTHER_LAW,
     ),
     "chi_square": ({"ratio": 9.0, "low": 0.2, "high": 5.0}, {}),
     "no_hysteresis.drag": (DRAG, {"law": "quadratic_damping"}),
@@ -92,6 +125,8 @@ OF_FINDINGS = {
     ),
 }  # fmt: skip
 
+OF_PASSED = {"records_apart": {"count": 3, "names": ["zeta", "alpha_delta"]}}
+
 
 def of_findings() -> Iterator[str]:
     """Every finding: its sentence, that of a check that passed, its remedy."""
@@ -101,7 +136,8 @@ def of_findings() -> Iterator[str]:
         values, remedy = OF_FINDINGS[entry]
         yield f"{entry}: {sentence_of(entry, values, passed=False)}"
         if message.passed:
-            yield f"  passed: {sentence_of(entry, values, passed=True)}"
+            passed = sentence_of(entry, OF_PASSED.get(entry, values), passed=True)
+            yield f"  passed: {passed}"
         if message.remedy:
             yield f"  remedy: {remedy_of(entry, remedy)}"
 
@@ -370,7 +406,7 @@ def catalogue() -> str:
     lines = list(of_findings())
     for topic, sentences in OF_TOPICS.items():
         lines += ["", topic, *(f"  {sentence}" for sentence in sentences)]
-    for topic, examples in OF_FAULTS.items():
+    for topic, examples in {**OF_IDENTIFICATION, **OF_FAULTS}.items():
         texts = *constants(import_module(f"jbw.report.messages.{topic}")), *examples
         lines += ["", topic, *(f"  {in_one_line(text)}" for text in texts)]
     return "".join(f"{line}\n" for line in lines)

@@ -227,10 +227,6 @@ def _series_finding(
     ]
     error = np.asarray(jnp.sum(likelihoods[0] - likelihoods[1], axis=-1))
     worst = float(np.ptp(error))
-    reason = (
-        f"The Chebyshev series of the log likelihood is wrong by {worst:.2g} nats over the "
-        f"posterior; it must be below {WRONG:g}."
-    )
     low, high = (float(end) for end in np.quantile(posterior["gamma"].values, (0.0, 1.0)))
-    action = f"Narrow the prior to what was drawn. {put_bounds('gamma', (low, high))}"
-    return checked("series", worst < WRONG, reason, worst, action)
+    values, remedy = {"error": worst, "limit": WRONG}, {"line": put_bounds("gamma", (low, high))}
+    return checked("series", worst < WRONG, values, worst, remedy)

@@ -9,7 +9,9 @@ SIZE = "{size:.4g}; " + RANGE
 MESSAGES = (
     Message(
         "not_sampled",
-        explanation="""
+        "Nothing was drawn from the posterior: the intervals are those of a Gaussian with the "
+        "fit's covariance.",
+        """
         Check: whether the posterior was sampled. `jbw identify --quick` samples no posterior.
         Its draws are of a Gaussian with the fit's covariance, in the coordinates of the sampler
         and within the prior; the offsets of sessions are drawn from one Gaussian for every
@@ -21,6 +23,8 @@ MESSAGES = (
 
         Remedy: `jbw resume DIR`, or the same command without --quick, samples the posterior.
         """,
+        remedy="Draw the posterior: jbw resume DIR with this run's folder, or jbw identify without "
+        "--quick.",
     ),
     Message(
         "non_finite",
@@ -257,7 +261,8 @@ MESSAGES = (
     ),
     Message(
         "second_posterior",
-        explanation="""
+        "{reason} The joint posterior does not depend on it.",
+        """
         Check: whether the posterior of the free decays alone, with which the joint posterior of
         all tests is compared, could be sampled.
 
@@ -265,10 +270,12 @@ MESSAGES = (
 
         Remedy: identify the free decays in a campaign of their own; its messages show the cause.
         """,
+        remedy="Identify the free decays in a campaign of their own to see why.",
     ),
     Message(
         "incomplete_checks",
-        explanation="""
+        lambda sentences: " ".join(sentences),
+        """
         Check: whether every check of the posterior could be made.
 
         A check that fails leaves its question open, and the verdict is at best *not assessed*.
@@ -277,23 +284,31 @@ MESSAGES = (
         Remedy: look at the tests that the sentence names (`jbw look`), or hold them out of the
         fit by `hold_out`.
         """,
+        remedy="The posterior is complete; look at the tests that the sentence names, or leave "
+        "them out of the fit by `hold_out`.",
     ),
     Message(
         "solver_error",
-        explanation="""
+        "Halving the solver's step moves no posterior mean by more than {shift:.2g} standard "
+        "deviations; it must be below {limit:g}.",
+        """
         Check: the change of the log likelihood over the posterior when the solver's step is
         halved; less than 0.1 of a standard deviation of any posterior mean.
 
         Remedy: set `substeps` in `[identify]` to twice its value.
         """,
+        remedy="Put under [identify]: `substeps = {substeps}`.",
     ),
     Message(
         "series",
-        explanation="""
+        "The Chebyshev series of the log likelihood is wrong by {error:.2g} nats over the "
+        "posterior; it must be below {limit:g}.",
+        """
         Check: the error, in nats, of the Chebyshev series that approximates the log likelihood
         of gamma.
 
         Remedy: narrow the prior of gamma.
         """,
+        remedy="Narrow the prior to what was drawn. {line}",
     ),
 )

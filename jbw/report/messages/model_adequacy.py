@@ -3,7 +3,13 @@
 from collections.abc import Sequence
 
 from jbw.report.messages.discrepancy import missed
-from jbw.report.messages.message import Message
+from jbw.report.messages.message import Message, capital, percent
+
+OFFSETS = "The {quantity} that each of {count} runs asks for"
+TREND = (
+    "with the size of its motion: beside what the law has, from the smallest to the largest by "
+    "{change:+.2g} +- {std:.1g} {unit} (p = {p:.1g})."
+)
 
 MESSAGES = (
     Message(
@@ -23,7 +29,11 @@ MESSAGES = (
     ),
     Message(
         "coloured_residual",
-        explanation="""
+        "In {coloured} of {count} tests the fit leaves more than noise, most of all in "
+        "{test}: {error:.2g} of its rms, in which neighbouring values are alike (correlation "
+        "{correlation:.2f}). So that intervals do not become too narrow, {counted:.2g} of its "
+        "values are counted as independent.",
+        """
         Check: the lag-one autocorrelation of the residual; below 0.2, and below 3 / sqrt(n),
         which white noise of n values exceeds by chance only.
 
@@ -39,10 +49,13 @@ MESSAGES = (
         Remedy: try other laws (`jbw laws`), fit fewer levels (`hold_out`), restrict the `band`;
         or accept the discrepancy and quote its size.
         """,
+        remedy="The law misses something, or a second mode is in the band. {another_law}",
     ),
     Message(
         "repeatability",
-        explanation="""
+        "Residual over the scatter of the repeats, worst of {count}: {test}, {error:.2g %} against "
+        "{scatter:.2g %}; it must be no larger.",
+        """
         Check: the residual of the mean of every test's repeats beside the scatter of a single
         repeat about that mean; the residual must not be larger.
 
@@ -52,10 +65,12 @@ MESSAGES = (
 
         Remedy: see coloured_residual; or accept the law and quote its error.
         """,
+        remedy="Quote this error as the law's, or try another. {another_law}",
     ),
     Message(
         "cause",
-        explanation="""
+        lambda text, share: f"{capital(text)} would explain {share:.0%} of what the fit leaves.",
+        """
         Check: where the residual exceeds the noise, the usual mistakes, each by one Gauss-Newton
         step beside the parameters: a delayed response, a test with its sign reversed or in
         another unit, swapped channels, a constant offset, clipped values, the response of modes
@@ -68,10 +83,12 @@ MESSAGES = (
 
         Remedy: do what the finding says, and identify again.
         """,
+        remedy="{action}",
     ),
     Message(
         "level_trend",
-        explanation="""
+        f"{OFFSETS} goes {TREND}",
+        """
         Check: where sessions have offsets of natural frequency and damping, whether the offsets
         depend on the size of the motion: a weighted slope over five sessions or more, by
         Student's t at a probability of 0.5 %.
@@ -84,18 +101,25 @@ MESSAGES = (
         residual without offsets. If levels were measured in rising order while the structure
         warmed up, measure them once in another order.
         """,
+        remedy="That is no scatter of runs: the law misses it. {another_law}",
+        passed=f"{OFFSETS} does not go {TREND}",
     ),
     Message(
         "misfit",
-        explanation="""
+        "Largest residual of a fitted record: {error:.2g %} of {test}; it must be less than "
+        "{limit:.0f %}.",
+        """
         Check: the residual of the best decay for every fitted record.
 
         Remedy: check `band` for a second mode, and `settle`.
         """,
+        remedy="Doubt the band (a second mode), `settle`, or the law. {another_law}",
     ),
     Message(
         "leave_one_out",
-        explanation="""
+        "Without {test} the fit of {name} moves by {moves:.1f} standard deviations of such a "
+        "change, more than without any other run; it must be below {limit:g}.",
+        """
         Check: the change of the fit without each session, in standard deviations of such a
         change by chance; below 4.
 
@@ -105,10 +129,19 @@ MESSAGES = (
         Remedy: `hold_out` the levels that the law does not cover; name `run` and `assembly`
         where days differ.
         """,
+        remedy="The tests ask for different joints: leave this one out by `hold_out`, or doubt the "
+        "law. {another_law}",
     ),
+    Message("leave_one_out.none", "No run alone adds to what the others know."),
     Message(
         "records_apart",
-        explanation="""
+        lambda count, name, scatter, others, within, beyond: (
+            f"Fitted each by itself, the {count} records scatter by {percent(scatter)} of "
+            f"{name}{_others(others)} beyond their own errors. The 99 % interval of {name} is "
+            f"+-{percent(within)} for a law that holds in all of them; for other records like "
+            f"these it is +-{percent(beyond)}."
+        ),
+        """
         Check: every record of free decay fitted by itself, where a campaign has three decays or
         more and nothing else. Their products and zeta must agree within their errors, at a
         probability of 1 %, or scatter so little that no interval widens by a fifth.
@@ -122,6 +155,10 @@ MESSAGES = (
         Remedy: quote the wider interval; compare laws by `jbw laws`; fit records of one size
         alone.
         """,
+        remedy="Quote the wider interval, and look for what differs between the records, as the "
+        "size of the blow or its place: `jbw laws` tries laws that may hold in all of them.",
+        passed="Fitted each by itself, the {count} records agree in what all of them say of "
+        "{names:list}.",
     ),
     Message(
         "simpler_model",
@@ -182,7 +219,12 @@ MESSAGES = (
     ),
     Message(
         "no_hysteresis",
-        explanation="""
+        lambda y, damping, frequency: (
+            f"No hysteresis is seen: at {y:.2g} mm the joint adds {_change(damping)} of zeta "
+            f"to the damping, but its change of the natural frequency, {_change(frequency)}, "
+            "includes zero. Damping by the square of the velocity does the same."
+        ),
+        """
         Check: whether the joint lowers the natural frequency, or adds damping alone, at the
         largest fitted displacement, by 99 % intervals.
 
@@ -198,6 +240,7 @@ MESSAGES = (
 
         Remedy: put `laws = ["quadratic_damping"]` under `[joint]`, and compare: jbw laws.
         """,
+        remedy='Try damping without hysteresis. Put under [joint]: `laws = ["{law}"]`.',
     ),
     Message(
         "no_hysteresis.drag",
@@ -220,6 +263,12 @@ def _fits(growth: float) -> str:
     if growth < 0.0:
         return f"fits better: chi-square falls by {-growth:.2g}"
     return f"fits as well: chi-square grows by {growth:.2g} alone"
+
+
+def _others(scatters: Sequence[tuple[str, float]]) -> str:
+    """By how much further quantities scatter between records."""
+    listed = ", ".join(f"{name} by {percent(scatter)}" for name, scatter in scatters)
+    return f" ({listed})" if scatters else ""
 
 
 def _change(quantiles: Sequence[float]) -> str:

@@ -9,6 +9,14 @@ def put(table: str, key: str, value: Any) -> str:
     return f"Put under [{table}]: `{key} = {json.dumps(value)}`."
 
 
+OTHER_LAWS = "Try other laws: jbw laws."
+
+
+def beside_other_laws(line: str) -> str:
+    """The line of another law, and how further ones are compared."""
+    return f"{line} Others, a gap between contacts among them, are compared by: jbw laws."
+
+
 def draw_more(num_samples: int | None, sampler: str) -> str:
     """The line of how many samples to draw; of another sampler where no number is enough."""
     if num_samples is None:

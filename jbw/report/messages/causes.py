@@ -1,0 +1,94 @@
+"""What would explain the residual of a fit: common mistakes, and their remedies."""
+
+from collections.abc import Sequence
+
+Words = tuple[str, str]
+"""What is wrong, and what to do about it."""
+
+
+def causes(explained: Sequence[tuple[float, str]]) -> str:
+    """What would explain the residual, each with its share."""
+    shares = [f"{share:.0%} {text}" for share, text in explained]
+    return f"Of what the fit leaves would explain, each alone: {'; '.join(shares)}."
+
+
+def swapped(test: str) -> Words:
+    """That input and response of a test are exchanged."""
+    return f"{test} with input and response swapped", f"Swap the channels of {test}."
+
+
+def delay(seconds: float, line: str) -> Words:
+    """A response that is late [s], or early, and the line of its delay."""
+    side = "behind" if seconds > 0 else "before"
+    return (
+        f"a response that is {abs(seconds):.3g} s {side} the input",
+        f"Correct the channels' clock, or take it out. {line}",
+    )
+
+
+def clock(ppm: float, line: str) -> Words:
+    """A response by another clock, and the line of its error."""
+    pace = "fast" if ppm > 0 else "slow"
+    return (
+        f"a clock of the response that runs {abs(ppm):.3g} ppm {pace} against the drive's",
+        f"Record both by one clock, or resample the response. {line}",
+    )
+
+
+def turned(test: str, line: str) -> Words:
+    """A test whose sign is reversed, and the line that turns it."""
+    return (
+        f"{test} with its sign turned",
+        f"Turn a channel of {test}, its input say. {line}",
+    )
+
+
+def factor(test: str, size: float, unit: str | None, line: str, *, is_turned: bool) -> Words:
+    """A test whose response is larger or smaller than by the others, as by a unit."""
+    sign = " and of the other sign" if is_turned else ""
+    hint = f", as {unit} would be" if unit else ""
+    return (
+        f"{test} {size:.4g} times as large as by the others{sign}{hint}",
+        f"Check units and amplifiers of {test}; if this is its input's, correct it. {line}",
+    )
+
+
+def offset(largest: float, line: str) -> Words:
+    """A constant offset of the response, and the line that removes it."""
+    return (
+        f"a constant offset of the response, {largest:.3g} at most",
+        f"Measure AC coupled, or take the mean off. {line}",
+    )
+
+
+def clipping(tests: Sequence[str]) -> Words:
+    """Tests whose responses are clipped."""
+    return (
+        f"{', '.join(tests)} cut off at its largest value",
+        "Measure again with a wider range, or leave out what is cut off.",
+    )
+
+
+def residual_term(constant: float, line: str) -> Words:
+    """The response of modes outside the band, and the line that fits it."""
+    return (
+        f"a residual term of the modes beyond the band, {constant:.3g} m per unit of the input",
+        f"Let the tests take it, or restrict the band. {line}",
+    )
+
+
+def natural_frequencies(scatter: float, line: str) -> Words:
+    """Natural frequencies that differ between tests, and the line that names their session."""
+    return (
+        f"a natural frequency and damping of each test's own, scattering by {scatter:.2%}",
+        f"Name the run of every test, and measure a noise record in each. {line}",
+    )
+
+
+def further_mode(hz: float, line: str) -> Words:
+    """One more mode in the band, and the line of a band without it."""
+    return (
+        f"one more mode about {hz:.3g} Hz",
+        "State it by `modes` in [identify], restrict the `band` to one mode, or measure where the "
+        f"other is still.{line}",
+    )

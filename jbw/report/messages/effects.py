@@ -1,0 +1,129 @@
+"""What a joint does to frequency and damping, and what a backbone shows of its law."""
+
+from collections.abc import Sequence
+
+Estimate = tuple[float, float, float]
+"""Lower end, median and upper end of an interval."""
+
+HARDENS = "The joint hardens: an elastic stiffness grows with amplitude."
+MORE_DAMPING = ": there is damping that does not soften"
+SLIDERS = ": the data agree with sliders"
+
+
+def of_joint(y: float, frequency: Sequence[float], damping: Sequence[float]) -> str:
+    """By how much the joint changes frequency and damping at an amplitude [m], with intervals."""
+    return (
+        f"At {1e3 * y:.3g} mm, the largest displacement fitted, the joint "
+        f"{_change('natural frequency', frequency)} and {_change('damping ratio', damping)}, over "
+        "those at full stick."
+    )
+
+
+def _change(quantity: str, quantiles: Sequence[float]) -> str:
+    """By how much a quantity falls or rises, with the interval; its signs where it holds zero."""
+    low, _, high = quantiles
+    is_known = low * high > 0.0
+    verb = ("lowers" if high < 0.0 else "raises") if is_known else "changes"
+    return (
+        f"{verb} the {quantity} by {_share(sorted(map(abs, quantiles)) if is_known else quantiles)}"
+    )
+
+
+def _share(quantiles: Sequence[float]) -> str:
+    low, middle, high = (
+        f"{x:.0f}" if abs(x) >= 100 else f"{x:.2g}" for x in (100 * value for value in quantiles)
+    )
+    return f"{middle} % [{low}, {high}]"
+
+
+def known_together(y: float, frequency: float, damping: float) -> str:
+    """Half widths of frequency and damping, identified where parameters trade off."""
+    return (
+        f"What they do together is known: at {1000.0 * y:.2g} mm the change of frequency to "
+        f"{frequency:.0%} and the damping to {damping:.0%} (half of the 99 % intervals); use "
+        "products and responses, no parameter alone, and no motion much larger."
+    )
+
+
+def frequency_at(y: float) -> str:
+    """Name of the natural frequency at an amplitude [m]."""
+    return f"the natural frequency at {y:.2g} m"
+
+
+def damping_at(y: float) -> str:
+    """Name of the damping at an amplitude [m]."""
+    return f"the damping at {y:.2g} m"
+
+
+def turning(y: float, hz: float, last: float) -> str:
+    """Which way the frequency goes first, where it turns [m, Hz], and what it reaches [Hz]."""
+    first, then = ("falls", "rises") if last > hz else ("rises", "falls")
+    return (
+        f"the frequency {first} to {hz:.4g} Hz at {1e6 * y:.3g} um, then {then} to {last:.4g} Hz: "
+        "no power of the amplitude does"
+    )
+
+
+def frequency_falls(softening: Estimate, exponent: Estimate) -> str:
+    """By how much the frequency falls, as which power of the amplitude."""
+    return f"the frequency falls by {_percent(softening)}, as amplitude^{_number(exponent)}"
+
+
+def damping_grows(damping: Estimate, exponent: Estimate) -> str:
+    """By how much the damping ratio grows, as which power of the amplitude."""
+    return f"the damping ratio grows by {_percent(damping)}, as amplitude^{_number(exponent)}"
+
+
+def readings(count: int, range_mm: tuple[float, float], of_frequency: str, of_damping: str) -> str:
+    """Number and range of readings, and what they show of frequency and damping."""
+    low, high = range_mm
+    return f"{count} readings between {low:.2g} and {high:.2g} mm: {of_frequency}; {of_damping}."
+
+
+def no_softening(*, grows: bool) -> str:
+    """That no softening is seen, with damping that grows or without."""
+    likeness = "as by Dahl's law or a damper" if grows else "as of sliders that all stick"
+    return f"No softening is seen that damping could be compared with, {likeness}."
+
+
+def elastic_softening(share: Estimate) -> str:
+    """The share of the softening that dissipates nothing."""
+    return f": {_percent(share)} of the softening is elastic, or of no Masing law"
+
+
+def masing(ratio: Estimate, of_masing: float, comparison: str, opening: Estimate) -> str:
+    """Damping over softening beside that of Masing's laws, and gamma/delta that it gives."""
+    return (
+        f"Damping over softening is {_number(ratio)}; Masing's laws have {of_masing:.2g}"
+        f"{comparison}. For a Bouc-Wen law gamma/delta is {_number(opening)}."
+    )
+
+
+def smooth_alternative(spring: Estimate, damper: Estimate) -> str:
+    """Spring [1/(m s^2)] and damper [1/m] without hysteresis that give the same readings."""
+    return (
+        f"A smooth spring c y|y| of c = {_number(spring)} 1/(m s^2) and a damper c v|v| of "
+        f"c = {_number(damper)} 1/m do as much: such readings alone prove no hysteresis."
+    )
+
+
+def _number(band: Estimate) -> str:
+    return f"{band[1]:.2g} [{band[0]:.2g}, {band[2]:.2g}]"
+
+
+def _percent(band: Estimate) -> str:
+    return f"{100 * band[1]:.2g} % [{100 * band[0]:.2g}, {100 * band[2]:.2g}]"
+
+
+def threshold(y: Estimate, y_peak: float, rests: str) -> str:
+    """Where a threshold of a law lies [m], and whether the largest motion reached it."""
+    low, middle, high = y
+    place = (
+        f"at {1e3 * middle:.2g} mm [{1e3 * low:.2g}, {1e3 * high:.2g}], {middle / y_peak:.2g} "
+        f"[{low / y_peak:.2g}, {high / y_peak:.2g}] of the largest motion"
+    )
+    if high <= y_peak:
+        return f"{place}: reached"
+    if low > y_peak:
+        return f"{place}: not reached, the priors alone tell of {rests}"
+    return f"{place}: perhaps reached, the priors tell of {rests} too"
