@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicHermiteSpline
 
+from jbw.inference.fit.valley import Floor, along_valley
 from jbw.inference.space.box import box
 from jbw.inference.space.coordinates import (
     IDENTITY,
@@ -18,7 +19,6 @@ from jbw.inference.space.coordinates import (
 from jbw.inference.space.problem import problem_of
 from jbw.inference.space.reparametrisation import along_logarithms, in_box
 from jbw.inference.space.ridge import along_ridge
-from jbw.inference.space.valley import Floor, along_valley
 
 BOX = box({"a": (1.0, 20.0), "b": (1.0, 30.0), "c": (-1.0, 1.0)})
 THETA = {"a": 8.0, "b": 7.0, "c": 0.1}
