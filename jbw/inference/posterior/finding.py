@@ -1,12 +1,13 @@
 """Findings about a posterior, and the verdict that follows from them."""
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from html import escape
+from textwrap import shorten
 from typing import Any, Literal
 
 import numpy as np
 
-from jbw.inference.posterior.shown import first_line, table_of, text_of
 from jbw.report.messages.findings import remedy_of, sentence_of
 from jbw.report.messages.questions import QUESTIONS
 
@@ -23,6 +24,8 @@ ASKED = {
     "knowledge": ("no_joint", "unidentified_joints", "unidentified", "modes", "at_bound"),
 }  # fmt: skip
 ASKED_BY = {code: name for name, codes in ASKED.items() for code in codes}
+CHARACTERS = 200  # of a reason or a remedy at most
+SIZE = 1500  # bytes of a table at most
 
 
 @dataclass(frozen=True)
@@ -167,3 +170,38 @@ def answers(findings: Iterable[Finding]) -> Iterator[tuple[str, Answer]]:
             against = [finding for finding in relevant if finding.status != "ok"] or relevant[:1]
             because = " ".join(finding.reason for finding in against)
             yield name, Answer(question, judge(relevant).status, because)
+
+
+def first_line(status: str, answers: Iterable[tuple[str, str]] = ()) -> str:
+    """The status, and that of each answer."""
+    parts = ", ".join(f"{name} {answer}" for name, answer in answers)
+    return f"Verdict: {status}" + (f" ({parts})" if parts else "")
+
+
+def text_of(findings: Sequence[Finding]) -> Iterator[str]:
+    """A line a finding that is not ok, and how many are."""
+    against = [finding for finding in findings if finding.status != "ok"]
+    for finding in against:
+        reason = shorten(finding.reason, CHARACTERS)
+        yield f"  {finding.status}, {finding.code}: {reason} {finding.action}".rstrip()
+    yield f"  {len(findings) - len(against)} of {len(findings)} checks passed"
+
+
+def table_of(findings: Sequence[Finding], size: int = SIZE) -> str:
+    """The same as a table of HTML of at most `size` bytes, the failed first; names escaped."""
+    against = sorted(
+        (finding for finding in findings if finding.status != "ok"),
+        key=lambda finding: WORST_FIRST.index(finding.status),
+    )
+    rows, spent = [], 0
+    for finding in against:
+        cells = finding.status, finding.code, shorten(finding.reason, CHARACTERS), finding.action
+        row = "".join(f"<td>{escape(shorten(cell, CHARACTERS))}</td>" for cell in cells)
+        spent += len(row.encode()) + 10
+        if spent > size:
+            break
+        rows.append(f"<tr>{row}</tr>")
+    omitted = len(against) - len(rows)
+    more = f", {omitted} more against it" if omitted else ""
+    passed = f"<p>{len(findings) - len(against)} of {len(findings)} checks passed{more}</p>"
+    return (f"<table>{''.join(rows)}</table>" if rows else "") + passed
