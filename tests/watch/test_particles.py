@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal, norm
 
-from jbw.watch.particles import ENOUGH, evenly, particles_of, take_in
+from jbw.watch.sequential import ENOUGH, evenly, particles_of, take_in
 
 NUM = 4000
 FIRST = np.array([1.0, -2.0]), np.array([[1.0, 0.6], [0.6, 2.0]])  # posterior of a finished run
