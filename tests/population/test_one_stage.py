@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
+from normal_populations import moments, scattered
 from numpyro.infer.util import log_density
 from scipy.stats import halfnorm, norm
 
@@ -14,7 +15,6 @@ from jbw.errors import ConfigError, DataError
 from jbw.inference.space.box import box
 from jbw.population import one_stage as module
 from jbw.population.coordinates import Pooled
-from jbw.population.normal import moments, scattered
 from jbw.population.one_stage import joint_model, measured_units, one_stage
 from jbw.population.population import Population
 from jbw.population.prior import CovariateDesign, Prior

@@ -5,9 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal
-
-from jbw.population.normal import (
+from normal_populations import (
     line,
     moments,
     new_unit,
@@ -15,6 +13,7 @@ from jbw.population.normal import (
     scattered,
     shrunken,
 )
+from scipy.stats import multivariate_normal
 
 GOLDEN = json.loads((Path(__file__).parents[1] / "golden_population.json").read_text())[
     "population"

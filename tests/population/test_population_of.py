@@ -5,6 +5,7 @@ import json
 import numpy as np
 import pytest
 import xarray as xr
+from normal_populations import moments, scattered
 from scipy.stats import chi2, norm
 from test_fleet import MEANS, a_run
 
@@ -12,7 +13,6 @@ import jbw
 from jbw.cli import run
 from jbw.errors import ConfigError, DataError
 from jbw.population.fleet import fleet_of, write_fleet
-from jbw.population.normal import moments, scattered
 from jbw.population.prediction import new_backbone, new_coordinates, new_units
 from jbw.population.trend import saturating
 from jbw.report.messages.population import mostly_prior, outliers, saturates
