@@ -15,13 +15,12 @@ from jbw.cli import run
 from jbw.errors import DataError
 from jbw.measurement.files.hdf5 import write_hdf5
 from jbw.measurement.records import Record
-from jbw.population.basis import new_unit
+from jbw.population.basis import new_terms, new_unit, terms_of
 from jbw.population.coordinates import pooled
 from jbw.population.fleet import fleet_of
 from jbw.population.population import Population
 from jbw.population.prediction import new_backbone, new_units
 from jbw.population.prior import design_of, prior_of
-from jbw.population.terms import new_terms, terms_of
 from jbw.report.result import read_result
 from jbw.rig.tightening import SCATTERING, Tightening, tightened
 from jbw.study.stack import require_same_torque
