@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbw.campaign.asked import Named
-from jbw.campaign.content import course_of, falls, strongest_line
-from jbw.campaign.controlled_drafts import controlled_kind
+from jbw.campaign.content import controlled_kind, course_of, falls, strongest_line
 from jbw.campaign.document import commented, toml
 from jbw.campaign.roles import (
     MOST_SAMPLES,
