@@ -14,9 +14,9 @@ from jbw.campaign.duplicates import ResponseOrigin, held_twice, source_of
 from jbw.campaign.files import repeats_of
 from jbw.campaign.gains import force_per_unit, gain_of
 from jbw.campaign.joints import STRUCTURE, JointsCheck, check_joints
-from jbw.campaign.levels import Level, against_levels, level_of
 from jbw.campaign.schema import CampaignSpec, read_spec
 from jbw.campaign.tables import TestSpec
+from jbw.campaign.together import Level, against_levels, level_of
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement import response_checks

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jbw.campaign.check import check_campaign
-from jbw.campaign.levels import Level, against_levels
+from jbw.campaign.together import Level, against_levels
 
 FS = 256.0
 
