@@ -19,7 +19,6 @@ from jbw.observables.residual_terms import added_response, taken
 from jbw.oscillator.batch import LANES, filled_up, march, record_of
 from jbw.oscillator.deepening import with_depth
 from jbw.oscillator.hold import HeldInput, held
-from jbw.oscillator.modes.apart import simulate_apart
 from jbw.oscillator.modes.parameters import (
     at_points,
     gain_ratios,
@@ -30,7 +29,7 @@ from jbw.oscillator.modes.parameters import (
 )
 from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
-from jbw.oscillator.response import simulate
+from jbw.oscillator.response import simulate, simulate_apart
 from jbw.quantities import DEFAULT_LAWS, LETTER_OF, derivative_order
 
 STEPS_A_PERIOD = 50.0  # until a fit shows what data take

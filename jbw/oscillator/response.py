@@ -1,8 +1,8 @@
 """Time response of the bolted joint's oscillator to a sampled or callable input."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import NamedTuple, TypedDict, Unpack, overload
+from typing import Any, NamedTuple, TypedDict, Unpack, overload
 
 import equinox as eqx
 import jax
@@ -268,3 +268,34 @@ def _stock(
     )
     num_samples = options.num_samples + 1 if options.periodic else options.num_samples
     return solve_stock(joint, u, num_samples, fs, initial, scheme)  # pyright: ignore[reportReturnType]
+
+
+class MotionApart(NamedTuple):
+    """Motion of the outputs of uncoupled modes, as `jbw.simulate` has it of one oscillator."""
+
+    y: Float[Array, "*point time"]
+    v: Float[Array, "*point time"]
+    a: Float[Array, "*point time"]
+    guesses: Float[Array, ""]
+
+
+def simulate_apart(
+    oscillators: Sequence[Oscillator],
+    b: Sequence[Any],
+    c: Float[Array, "*point mode"],
+    u: HeldInput,
+    fs: float,
+    **options: Any,
+) -> MotionApart:
+    r"""Outputs of uncoupled modes: each is an oscillator by itself, and outputs are sums over them.
+
+    $$y_o = \sum_i c_{oi}\, q_i, \qquad q_i \ \text{of oscillator}\ i\ \text{under}\ b_i u$$
+
+    The options are those of `jbw.simulate`.
+    """
+    pairs = zip(oscillators, b, strict=True)
+    motions = [simulate(oscillator, u.times(b_i), fs, **options) for oscillator, b_i in pairs]
+    y, v, a = (
+        c @ jnp.stack(rows) for rows in zip(*((q.y, q.v, q.a) for q in motions), strict=True)
+    )
+    return MotionApart(y, v, a, jnp.sum(jnp.stack([q.guesses for q in motions])))
