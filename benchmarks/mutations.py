@@ -138,7 +138,9 @@ MUTATIONS = (
     Mutation(
         "verification/in_time.py", "forgotten = FORGOTTEN / rate", "forgotten = FORGOTTEN", SCALE
     ),
-    Mutation("verification/decays.py", "SEEN / (rate * data.step_s)", "SEEN / data.step_s", SCALE),
+    Mutation(
+        "observables/decay.py", "BEGINNING / (rate * data.step_s)", "BEGINNING / data.step_s", SCALE
+    ),
     Mutation(
         "verification/places.py",
         'name.replace("/", "\\N{DIVISION SLASH}")',
@@ -310,7 +312,9 @@ MUTATIONS = (
         "damping = -slope.real / step_s / (2 * np.pi * centre_hz)",
         READINGS,
     ),
-    Mutation("measurement/demodulation.py", "kept = (damping > 0) & (", "kept = (", READINGS),
+    Mutation(
+        "measurement/demodulation.py", "is_reading = (damping > 0) & (", "is_reading = (", READINGS
+    ),
     Mutation(
         "measurement/files/wav.py",
         "2.0 ** (8 * samples.dtype.itemsize - 1)",
@@ -343,12 +347,12 @@ MUTATIONS = (
         DUPLICATES,
     ),
     Mutation(
-        "campaign/levels.py",
+        "campaign/together.py",
         "and low.response_rms > high.response_rms",
         "",
         "campaign/test_levels.py",
     ),
-    Mutation("campaign/levels.py", "APART = 1.5 ", "APART = 0.5 ", "campaign/test_levels.py"),
+    Mutation("campaign/together.py", "APART = 1.5 ", "APART = 0.5 ", "campaign/test_levels.py"),
     Mutation("campaign/gains.py", "1 / mass", "mass", "campaign/test_drive_key.py"),
     Mutation("units.py", '"in/s^2": INCH', '"in/s^2": 1.0', "test_units.py"),
     # -- recorders
@@ -375,8 +379,8 @@ MUTATIONS = (
     ),
     Mutation(
         f"{RECORDER}/python_tables.py",
-        "{**beside, **item.attributes}",
-        "{**item.attributes, **beside}",
+        "{**siblings, **item.attributes}",
+        "{**item.attributes, **siblings}",
         RECORDERS,
     ),
     Mutation(
