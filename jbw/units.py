@@ -327,7 +327,7 @@ def quantity_of(unit: str, among: tuple[str, ...] = tuple(FACTORS)) -> str:
     if written.lower() == "db":
         raise ConfigError(
             f"Unit `{unit}` of {named} needs the value that 0 dB stands for.",
-            remedy=f'State it: units = {{ ... = "dB re 1 {si_unit(among[0])}" }}.',
+            remedy=f'State the unit with it, as "dB re 1 {si_unit(among[0])}".',
         )
     if others:
         what = f"Unit `{unit}` measures a {others[0]}, but {named} is needed."

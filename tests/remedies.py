@@ -34,6 +34,7 @@ BOUNDS = VERDICT + "test_a_line_of_bounds_never_cuts_the_box"
 LINES = VERDICT + "test_every_remedy_is_a_line_that_a_campaign_file_takes"
 AT_ONCE = VERDICT + "test_remedies_of_samplers_that_draw_at_once_are_lines_too"
 CAUSES = "identification/test_causes.py::test_the_first_cause_is_what_was_done_to_the_data"
+LACKING = CHECKS + "test_what_a_campaign_lacks_is_told_as_a_line"
 FILES = "corpus/test_stated_clocks.py::"
 LONG = CHECKS + "test_a_pasted_span_of_a_long_record_cures"
 OF_A_RUN = "test_remedies.py::test_a_line_of_a_finding_is_taken"
@@ -71,27 +72,32 @@ PASTED = {
     ("identification/suspects.py", "scale.{}"): "test_remedies.py::test_a_factor_is_pasted",
     ("inference/posterior/remedies.py", "{}"): BOUNDS,
     ("inference/posterior/verdict.py", "prior"): VERDICT + "test_the_bound_is_named_with_its_side",
-    ("report/messages/record_faults.py", "span"): DRIVEN,
     ("report/messages/clock_faults.py", "clock_ppm"): CHECKS + "test_a_pasted_clock_cures",
     ("report/messages/clock_faults.py", "delay"): DRIVEN,
-    ("report/messages/clock_faults.py", "span"): DRIVEN,
     ("report/messages/controlled_faults.py", "conjugate"): POINTS,
     ("report/messages/controlled_faults.py", "jumps"): POINTS,
     ("report/messages/controlled_faults.py", "locked_phase"): POINTS,
     ("report/messages/controlled_faults.py", "phase_tolerance"): POINTS,
     ("report/messages/controlled_faults.py", "scale"): POINTS,
-    ("report/messages/decay_faults.py", "exclude"): DECAYS,
     ("report/messages/decay_faults.py", "lines_hz"): DECAYS,
     ("report/messages/decay_faults.py", "settle"): DECAYS,
     ("report/messages/decay_faults.py", "window_s"): DECAYS,
-    ("measurement/long_records.py", "span"): LONG,
+    ("report/messages/loop_faults.py", "laws"): LOOPS,
+    ("report/messages/loop_faults.py", "load_cell"): LOOPS,
+    ("report/messages/response_faults.py", "band"): CHECKS + "test_a_missing_band_is_pasted",
+    ("report/messages/record_faults.py", "gaps"): CHECKS
+    + "test_lines_of_a_curve_that_are_lost_are_masked",
+    ("measurement/files/assemble.py", "scale"): CHECKS
+    + "test_the_value_at_full_scale_is_told_as_a_line",
+    ("measurement/files/assemble.py", "units"): LACKING,
+    ("measurement/files/sampling.py", "channels"): LACKING,
+    ("measurement/files/sampling.py", "fs"): LACKING,
+    ("measurement/files/tree.py", "span"): CHECKS + "test_a_pasted_part_of_a_huge_channel_is_read",
+    ("measurement/spans.py", "exclude"): CHECKS + "test_every_line_pasted_for_spoilt_samples_cures",
+    ("measurement/spans.py", "span"): CHECKS + "test_every_line_pasted_for_spoilt_samples_cures",
     ("measurement/files/sampling.py", "resample"): FILES + "test_a_pasted_rate_cures",
     ("measurement/files/sampling.py", "units_are"): FILES + "test_a_pasted_word_on_units_cures",
     ("measurement/resampled.py", "resample"): FILES + "test_a_rate_beyond_what_was_measured",
-    ("report/messages/loop_faults.py", "laws"): LOOPS,
-    ("report/messages/loop_faults.py", "load_cell"): LOOPS,
-    ("report/messages/loop_faults.py", "span"): LOOPS,
-    ("report/messages/response_faults.py", "band"): CHECKS + "test_a_missing_band_is_pasted",
     ("measurement/response_checks.py", "conjugate"): CURVES,
     ("report/messages/response_faults.py", "kind"): POINTS,
     ("report/messages/response_faults.py", "level"): DRIVEN,

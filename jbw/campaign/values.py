@@ -18,7 +18,7 @@ from pydantic import (
 )
 from pydantic_core import CoreSchema, core_schema
 
-from jbw.campaign.document import unlike
+from jbw.campaign.document import toml, unlike
 from jbw.errors import ConfigError
 from jbw.inference.density import Density, density_of, is_distribution
 from jbw.measurement.kinds import KINDS
@@ -189,12 +189,14 @@ def _excluded(value: Any) -> tuple[int | str, ...]:
     return tuple(items)
 
 
-def _by_role(check: Callable[[str, Any], Any]) -> Callable[[Any], dict[str, Any]]:
+def _by_role(check: Callable[[str, Any], Any], example: Any) -> Callable[[Any], dict[str, Any]]:
     """Check for a table by role; all that is wrong in one ValueError."""
 
     def check_all(value: Any) -> dict[str, Any]:
         if not isinstance(value, Mapping) or not value:
-            raise ValueError(f"must be a table such as {{ velocity = ... }}, but is {value!r}.")
+            raise ValueError(
+                f"must be a table such as {toml({'velocity': example})}, but is {value!r}."
+            )
         checked, errors = {}, []
         for role, item in value.items():
             try:
@@ -215,7 +217,7 @@ def _by_role(check: Callable[[str, Any], Any]) -> Callable[[Any], dict[str, Any]
 def named(value: Any) -> dict[str, str]:
     """A table of channels by any names."""
     if not isinstance(value, Mapping) or not value:
-        raise ValueError(f"must be a table such as {{ wing = ... }}, but is {value!r}.")
+        raise ValueError(f"must be a table such as {toml({'wing': 'acc_2'})}, but is {value!r}.")
     for name, item in value.items():
         if not isinstance(item, str) or not item:
             raise ValueError(f"`{name}` needs a channel's name or path, but has {item!r}.")
@@ -253,7 +255,7 @@ def _spread(role: str, item: Any) -> float:
 def _files(value: Any) -> tuple[str, ...] | dict[str, tuple[str, ...]]:
     """Patterns, or role to patterns where the channels of a record lie in several files."""
     if isinstance(value, Mapping):
-        return _by_role(lambda _, item: _patterns(item))(value)
+        return _by_role(lambda _, item: _patterns(item), "laser_*.h5")(value)
     return _patterns(value)
 
 
@@ -321,19 +323,23 @@ Excluded = Annotated[
     BeforeValidator(_excluded, json_schema_input_type=int | str | list[int | str]),
 ]
 Channels = Annotated[
-    dict[str, str], BeforeValidator(_by_role(_path), json_schema_input_type=dict[Role, str])
+    dict[str, str],
+    BeforeValidator(_by_role(_path, "laser"), json_schema_input_type=dict[Role, str]),
 ]
 Named = Annotated[dict[str, str], BeforeValidator(named)]
 Units = Annotated[
-    dict[str, str], BeforeValidator(_by_role(_unit), json_schema_input_type=dict[Role, str])
+    dict[str, str],
+    BeforeValidator(_by_role(_unit, "mm/s"), json_schema_input_type=dict[Role, str]),
 ]
 Factors = Annotated[
-    dict[str, float], BeforeValidator(_by_role(_factor), json_schema_input_type=dict[Role, float])
+    dict[str, float],
+    BeforeValidator(_by_role(_factor, 2.5), json_schema_input_type=dict[Role, float]),
 ]
 Lag = Annotated[float, Field(gt=-180, lt=0), BeforeValidator(lag)]
 Spread = Annotated[float, Field(gt=0, lt=1), BeforeValidator(number)]
 Spreads = Annotated[
-    dict[str, float], BeforeValidator(_by_role(_spread), json_schema_input_type=dict[Role, Spread])
+    dict[str, float],
+    BeforeValidator(_by_role(_spread, 0.01), json_schema_input_type=dict[Role, Spread]),
 ]
 Files = Annotated[
     tuple[str, ...] | dict[str, tuple[str, ...]],

@@ -11,6 +11,7 @@ import numpy as np
 
 from jbw.measurement.channels import Reals
 from jbw.measurement.records import RESPONSES, Record
+from jbw.measurement.spans import exclude_line, kept_part, of_all, span_line, start_of
 from jbw.report.messages import record_faults as messages
 
 LARGEST = 1e12  # beyond any SI value of a vibration test: what a flipped bit in a float makes
@@ -54,11 +55,12 @@ def inspect(record: Record, *, masked: bool = False, is_curve: bool = True) -> t
         faults.append(refusal(next(iter(lengths)), *messages.unequal_lengths(listed)))
     if is_curve and "frequency" in record.channels:
         faults += _ordered(record.channels["frequency"])
-    for role, x in record.channels.items():
-        faults += _channel(role, x, record.fs, masked)
+    for role in record.channels:
+        faults += _channel(record, role, masked)
     return tuple(sorted(faults, key=lambda fault: fault.severity))
 
 
+LEAVES_OUT = re.compile(r"`(?:span|exclude) = \[")
 NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
 
 
@@ -77,9 +79,8 @@ def gathered(found: Iterable[tuple[str, Fault]], count: int) -> list[Fault]:
 
 def _of_one_record(fault: Fault) -> bool:
     """Whether a fault is cured record by record, and not by a key of its whole test."""
-    if "exclude = [" in fault.remedy:
-        return True
-    return fault.severity == "error" and "Put under [[test]]" not in fault.remedy
+    of_test = "Put under [[test]]" in fault.remedy or LEAVES_OUT.search(fault.remedy)
+    return fault.severity == "error" and not of_test
 
 
 @contextmanager
@@ -95,15 +96,16 @@ def told_together(test: str, count: int) -> Iterator[None]:
 
 def _together(faults: Sequence[tuple[str, Fault]], count: int) -> Fault:
     (name, first), *others = faults
+    # Of a key that all records share the value is told that serves every one.
+    remedies = [fault.remedy for _, fault in faults]
+    leaves_out = LEAVES_OUT.search(first.remedy)
+    remedy = of_all(remedies, count) if leaves_out else max(remedies, key=_numbers)
     if not others:
-        return replace(first, what=f"{name}: {first.what}") if name else first
+        return replace(first, what=f"{name}: {first.what}" if name else first.what, remedy=remedy)
     columns = zip(*(NUMBER.findall(fault.what) for _, fault in faults), strict=True)
     reach = iter([_reach(column) for column in columns])
     first_with_reach = NUMBER.sub(lambda _: next(reach), first.what)
     what = f"{min(len(faults), count)} of {count} records: {first_with_reach}"
-    # Of a key that all records share the value is told that serves every one.
-    strictest = min if "span = [" in first.remedy else max
-    remedy = strictest((fault.remedy for _, fault in faults), key=_numbers)
     return replace(first, what=what, remedy=remedy)
 
 
@@ -122,15 +124,22 @@ def worst(faults: Iterable[Fault]) -> str:
     return min((fault.severity for fault in faults), default="ok")
 
 
-def _channel(role: str, x: Reals, fs: float, masked: bool) -> Iterator[Fault]:
+def _channel(record: Record, role: str, masked: bool) -> Iterator[Fault]:
     """The checks of one channel; whatever makes its numbers meaningless ends them."""
+    x = record.channels[role]
     # NaN passes through min and max, which need no copy of a long record.
     if len(x) and not np.isfinite([x.min(), x.max()]).all():
         finite = np.isfinite(x)
         bad = np.flatnonzero(~finite)
         if not (masked and len(bad) < len(x) / 2):
             first = ", ".join(str(i) for i in bad[:5])
-            yield refusal(role, *messages.not_finite(len(bad), len(x), first))
+            leaves_some = not np.isfinite(record.fs) and len(bad) < len(x) / 2
+            remedy = (
+                messages.masked_or_left_out(exclude_line(record))
+                if leaves_some
+                else kept_part(record, ~finite)
+            )
+            yield refusal(role, *messages.not_finite(len(bad), len(x), first, remedy))
             return
         yield doubt(role, *messages.masked(len(bad), len(x)))
         x = x[finite]
@@ -138,8 +147,8 @@ def _channel(role: str, x: Reals, fs: float, masked: bool) -> Iterator[Fault]:
         yield refusal(role, "The channel is empty.", remedy="Export the record again.")
     elif (largest := max(-x.min(), x.max())) > LARGEST:
         yield refusal(role, *messages.beyond_measurement(int(np.abs(x).argmax()), largest))
-    elif np.isfinite(fs):
-        yield from _signal(role, x, fs)
+    elif np.isfinite(record.fs):
+        yield from _signal(record, role)
 
 
 def _ordered(freq: Reals) -> Iterator[Fault]:
@@ -149,29 +158,32 @@ def _ordered(freq: Reals) -> Iterator[Fault]:
         yield refusal("frequency", *messages.UNORDERED)
 
 
-def _signal(role: str, x: Reals, fs: float) -> Iterator[Fault]:
+def _signal(record: Record, role: str) -> Iterator[Fault]:
+    x = record.channels[role]
     levels = np.unique(x[:LEVELS_FROM])
     span, largest = np.ptp(x), max(-x.min(), x.max())
     # A source may switch between two values; one that toggles its last bit is dead.
     toggles = len(levels) <= 2 < len(x) and (role in RESPONSES or span <= 1e-3 * largest)
     if span == 0 or toggles:
-        yield refusal(role, *messages.constant(x[0], toggles=bool(span > 0)))
+        leave_out = exclude_line(record)
+        yield refusal(role, *messages.constant(x[0], leave_out, toggles=bool(span > 0)))
         return
-    if lost := list(_lost(role, x, fs)):
+    if lost := list(_lost(record, role)):
         yield from lost
         return
     if role in RESPONSES:
-        yield from _filled(role, x, fs, float(np.diff(levels).min()))
+        yield from _filled(record, role, float(np.diff(levels).min()))
     if role in RESPONSES or len(levels) > FEW_SOURCE_LEVELS:
-        yield from _clipped(role, x, fs, levels)
+        yield from _clipped(record, role, levels)
     if len(levels) < FEWEST_LEVELS and len(x) >= 4 * FEWEST_LEVELS and role in RESPONSES:
         yield doubt(role, *messages.few_levels(len(levels), FEWEST_LEVELS))
     if largest > PLAUSIBLE.get(role, np.inf):
         yield doubt(role, *messages.implausible(role, largest, GUESS[role]))
 
 
-def _lost(role: str, x: Reals, fs: float) -> Iterator[Fault]:
+def _lost(record: Record, role: str) -> Iterator[Fault]:
     """Samples of one value far from all others: a logger's word for what it lost, such as -9999."""
+    x = record.channels[role]
     ends = float(x.min()), float(x.max())
     others = x[(x > ends[0]) & (x < ends[1])]
     if 2 * len(others) < len(x) or not np.ptp(others) > 0:
@@ -181,11 +193,14 @@ def _lost(role: str, x: Reals, fs: float) -> Iterator[Fault]:
         at = np.flatnonzero(x == end)
         # One sample of a source alone may be a pulse.
         if away > FAR * (high - low) and (len(at) > 1 or role in RESPONSES):
-            yield refusal(role, *messages.lost_samples(len(at), len(x), end, at[0] / fs, low, high))
+            first, remedy = at[0] / record.fs, kept_part(record, x == end)
+            found = messages.lost_samples(len(at), len(x), end, first, low, high, remedy)
+            yield refusal(role, *found)
 
 
-def _clipped(role: str, x: Reals, fs: float, levels: Reals) -> Iterator[Fault]:
+def _clipped(record: Record, role: str, levels: Reals) -> Iterator[Fault]:
     """Stretches of three or more samples cut off flat at an extreme, or peaks that pile up."""
+    x, fs = record.channels[role], record.fs
     # A smooth peak of few bits is flat too, but falls off it by about one step of the converter;
     # a clipped one falls faster.
     step, runs = float(np.diff(levels).min()), []
@@ -203,10 +218,13 @@ def _clipped(role: str, x: Reals, fs: float, levels: Reals) -> Iterator[Fault]:
     share = sum(stop - start for start, stop in runs) / len(x)
     listed = ", ".join(f"{start / fs:.3f}-{stop / fs:.3f} s" for start, stop in sorted(runs)[:4])
     more = f" and {len(runs) - 4} more" if len(runs) > 4 else ""
+    clipped = np.zeros(len(x), bool)
+    for start, stop in runs:
+        clipped[start:stop] = True
     yield Fault(
         "error" if share > CLIPPED_SHARE else "warning",
         role,
-        *messages.clipped(share, listed, more),
+        *messages.clipped(share, listed, more, kept_part(record, clipped)),
     )
 
 
@@ -229,8 +247,9 @@ def _piles_up(x: Reals, step: float) -> bool:
     return bool(ends > 2 * MORE_OFTEN * len(some) / len(levels))
 
 
-def _filled(role: str, x: Reals, fs: float, step: float) -> Iterator[Fault]:
+def _filled(record: Record, role: str, step: float) -> Iterator[Fault]:
     """Stretches of equal samples amid a response that moves: blocks that a recorder lost."""
+    x, fs = record.channels[role], record.fs
     changes = np.flatnonzero(np.diff(x)) + 1  # first samples of runs, but for the record's own
     starts, stops = changes, np.append(changes[1:], len(x))
     # Of n runs, chance makes n p^(length - 1) as long, p of which hold a second sample.
@@ -251,14 +270,11 @@ def _filled(role: str, x: Reals, fs: float, step: float) -> Iterator[Fault]:
             gaps.append((start, stop))
     if gaps and gaps[-1][1] == len(x):
         end = gaps.pop()[0] / fs
-        yield doubt(role, *messages.stopped(end, _rounded_down(end)))
+        yield doubt(role, *messages.stopped(end, span_line(0.0, end, start_of(record))))
     if gaps:
+        standing = np.zeros(len(x), bool)
+        for start, stop in gaps:
+            standing[start:stop] = True
         listed = ", ".join(f"{start / fs:.4g}-{stop / fs:.4g} s" for start, stop in gaps[:4])
         more = f" and {len(gaps) - 4} more" if len(gaps) > 4 else ""
-        yield refusal(role, *messages.gaps(listed, more, len(gaps)))
-
-
-def _rounded_down(seconds: float) -> str:
-    """A time to four digits, not above it."""
-    unit = 10.0 ** (np.floor(np.log10(seconds)) - 3)
-    return f"{np.floor(seconds / unit) * unit:.4g}"
+        yield refusal(role, *messages.gaps(listed, more, len(gaps), kept_part(record, standing)))

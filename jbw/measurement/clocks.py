@@ -27,6 +27,7 @@ from jbw.measurement.checks import Fault, doubt
 from jbw.measurement.records import Record
 from jbw.measurement.resonances import driven_lines, swept
 from jbw.measurement.response_checks import about_peak
+from jbw.measurement.spans import kept_before
 from jbw.measurement.spectra import averaged
 from jbw.quantities import derivative_order
 from jbw.report.messages import clock_faults as messages
@@ -104,7 +105,8 @@ def _lag_of(record: Record, *, is_sweep: bool) -> tuple[Lag | None, float]:
 
 def _of_a_block(record: Record, at: float, before: float, what: str) -> Fault:
     """The doubt that a block is missing at a time, with a span that ends before it [s]."""
-    return doubt(record.response, *messages.lost_block(at, what, _rounded_down(before)))
+    keep = kept_before(record, before)
+    return doubt(record.response, *messages.lost_block(at, what, keep))
 
 
 class _Cut(NamedTuple):
@@ -168,12 +170,6 @@ def _lagging(
     else:
         constant = lag if is_sweep else _constant_of_noise(record)
         yield from _delayed(record, constant, delay, least) if constant else ()
-
-
-def _rounded_down(seconds: float) -> str:
-    """A time to three digits, not above it."""
-    unit = 10.0 ** (np.floor(np.log10(seconds)) - 2)
-    return f"{np.floor(seconds / unit) * unit:.3g}"
 
 
 def _delayed(record: Record, lag: Lag, delay: float, least: float) -> Iterator[Fault]:

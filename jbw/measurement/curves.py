@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from jbw.errors import DataError
 from jbw.measurement.channels import Complexes, Reals
 from jbw.measurement.records import INPUTS, RESPONSES, Record
+from jbw.measurement.spans import start_of
 from jbw.quantities import Motion, derivative_order
 
 
@@ -30,6 +31,7 @@ class ForcedLoop(NamedTuple):
     fs: float  # sampling frequency [Hz]
     displacement: Reals  # [m]
     force: Reals  # of the joint [N], positive against positive displacement
+    begins: float = 0.0  # in the file [s]
 
 
 def response_curve(record: Record) -> MeasuredCurve:
@@ -95,7 +97,8 @@ def forced_loop(record: Record) -> ForcedLoop:
     forces = ("restoring_force", "force")
     _must_have(record, (("displacement",), forces), "a forced loop")
     force = next(role for role in forces if role in record.channels)
-    return ForcedLoop(record.fs, record.channels["displacement"], record.channels[force])
+    samples = record.channels["displacement"], record.channels[force]
+    return ForcedLoop(record.fs, *samples, start_of(record))
 
 
 def _must_have(record: Record, alternatives: tuple[tuple[str, ...], ...], what: str) -> None:

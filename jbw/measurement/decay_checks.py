@@ -5,7 +5,6 @@ each compared with the noise that these leave: no finding depends on a scale of 
 """
 
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +20,7 @@ from jbw.measurement.checks import Fault, doubt, refusal
 from jbw.measurement.demodulation import band_filter, decay_steps, demodulate
 from jbw.measurement.records import Record
 from jbw.measurement.response_checks import about_peak, undecaying
+from jbw.measurement.spans import left_out_from
 from jbw.report.messages import decay_faults as messages
 
 FEWEST_VALUES = 16  # of an envelope, before anything is said of it
@@ -184,12 +184,8 @@ def second_blow(record: Record, course: Course) -> Iterator[Fault]:
     jump = max((pair[1] for pair in jumps), key=abs)
     # Places between the same sides see the same jump; it lies in their middle.
     at = float(np.mean([time for time, other in jumps if abs(other) > SAME * abs(jump)]))
-    is_file = record.name == Path(record.provenance.get("path", "")).name
-    leave_out = messages.LEAVE_OUT
-    if is_file and record.name:
-        leave_out = messages.put_exclude(record.name)
-    grows = jump.real > JUMP
-    yield doubt(record.response, *messages.second_blow(at, abs(jump), leave_out, grows=grows))
+    remedy, grows = left_out_from(record, at), jump.real > JUMP
+    yield doubt(record.response, *messages.second_blow(at, abs(jump), remedy, grows=grows))
 
 
 def interrupted(record: Record, course: Course) -> Iterator[Fault]:
@@ -204,7 +200,7 @@ def interrupted(record: Record, course: Course) -> Iterator[Fault]:
     if not broken:
         return
     at = (start + broken[0]) / record.fs
-    yield doubt(record.response, *messages.interrupted(at))
+    yield doubt(record.response, *messages.interrupted(at, left_out_from(record, at)))
 
 
 def _jumps(course: Course) -> list[tuple[float, complex]]:

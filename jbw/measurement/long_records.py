@@ -6,6 +6,7 @@ import numpy as np
 
 from jbw.measurement.kinds import Kind
 from jbw.measurement.records import Record
+from jbw.measurement.spans import span_line, start_of
 
 LONG = 60_000  # samples from where on a fit takes minutes
 DRIFTS = 8  # cycles in a record: what has fewer is a drift
@@ -42,8 +43,8 @@ def long_records(name: str, traits: Kind, record: Record) -> Iterator[str]:
         )
         part = min(1.0, (ends[1] - ends[0]) * record.fs / total)
         proposals.append(
-            f"It rests outside of {ends[0]:g} to {ends[1]:g} s. Put under [[test]]: "
-            f"`span = [{ends[0]:g}, {ends[1]:g}]`, for {100 * part:.0f} % of the time."
+            f"It rests outside of {ends[0]:g} to {ends[1]:g} s. "
+            f"{span_line(*ends, start_of(record))}, for {100 * part:.0f} % of the time."
         )
     strongest = _strongest_hz(response, record.fs)
     every = int(record.fs / (PER_CYCLE * strongest)) if strongest > 0 else 1

@@ -23,6 +23,7 @@ from jbw.measurement.loop_cycles import (
     of_one_amplitude,
     start_of,
 )
+from jbw.measurement.spans import span_line
 from jbw.report.messages import loop_faults as messages
 
 OFF = 0.02  # of the half range: a zero of the load cell that is off by more
@@ -54,7 +55,11 @@ def degrading(loop: ForcedLoop, laws: Sequence[str] = ()) -> Iterator[Fault]:
         yield doubt(
             "restoring_force",
             *messages.degrading(
-                0.5 * last.stroke, len(repeats), abs(change), first, end, falls=change < 0
+                0.5 * last.stroke,
+                len(repeats),
+                abs(change),
+                span_line(first, end, loop.begins),
+                falls=change < 0,
             ),
         )
         return

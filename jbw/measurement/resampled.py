@@ -27,6 +27,7 @@ from jaxtyping import Float
 from jbw.errors import DataError
 from jbw.measurement.channels import Reals
 from jbw.measurement.records import RESPONSES, Record
+from jbw.measurement.spans import unbroken_line
 
 REACH = 32  # samples to either side
 BETA = 10.0  # of Kaiser's window
@@ -39,6 +40,7 @@ DAMPED = 1e-4  # of a value where no sample tells it
 HELD_OUT = 8  # every so many-th sample, to tell the error
 LARGEST_ERROR = 0.5  # of the rms: such a signal is not met
 NEAR = 2e-3  # relative, to a whole number of hertz, which is meant then
+PAUSE = 1.5  # usual steps of uneven times, from which a step is a pause
 ABOVE = 1.05  # times the usual rate of uneven samples, to which they may be resampled
 OF_RESPONSE = (*RESPONSES, "drive_point")  # roles that the response's recorder samples
 
@@ -99,8 +101,12 @@ def at_rate(x: Reals, fs: float, new_fs: float) -> tuple[Reals, str]:
     )
 
 
-def from_uneven(x: Reals, time: Reals, new_fs: float) -> tuple[Reals, str]:
-    """Uneven samples at an even rate, and the error of that in words."""
+def from_uneven(x: Reals, time: Reals, new_fs: float, begins: float = 0.0) -> tuple[Reals, str]:
+    """Uneven samples at an even rate from a time on, and the error of that in words.
+
+    Times count from the file's first sample, as `begins` does, where the span of these starts [s].
+    """
+    time = time - begins
     usual = 1 / float(np.median(np.diff(time)))
     if new_fs > ABOVE * usual:
         raise DataError(
@@ -109,12 +115,12 @@ def from_uneven(x: Reals, time: Reals, new_fs: float) -> tuple[Reals, str]:
             why="Above half of that frequency nothing was measured.",
             remedy=f"Put under [[test]]: `resample = {proposed_rate(time):.9g}`, or less.",
         )
-    span = float(time[-1] - time[0])
+    last = float(time[-1])
     pause = float(np.max(np.diff(time)))
-    rate = min(SHARE * (len(time) - 1) / span, 1 / pause, new_fs)
-    at = np.arange(int(np.floor(span * new_fs * (1 + 1e-12))) + 1) / new_fs
+    rate = _rate_through(time, new_fs)
+    at = np.arange(int(np.floor(last * new_fs * (1 + 1e-12))) + 1) / new_fs
     out = np.arange(len(time)) % HELD_OUT == HELD_OUT // 2
-    met = _band_limited(x[~out], time[~out] - time[0], rate, time[out] - time[0])
+    met = _band_limited(x[~out], time[~out], rate, time[out])
     error = float(np.std(met - x[out]) / max(float(np.std(x[out])), 1e-300))
     if not error < LARGEST_ERROR:
         raise DataError(
@@ -122,15 +128,34 @@ def from_uneven(x: Reals, time: Reals, new_fs: float) -> tuple[Reals, str]:
             f"by {100 * error:.3g} % of their rms.",
             why=f"The samples are {1e3 * pause:.3g} ms apart where they are fewest, which leaves "
             "no more of the signal.",
-            remedy="Keep a part without pauses with span = [first second, last second], or measure "
-            "at a higher rate.",
+            remedy=_without_pauses(time, begins),
         )
-    y = _band_limited(x, time - time[0], rate, at)
+    y = _band_limited(x, time, rate, at)
     return y, (
         f"from uneven samples of some {usual:.4g} Hz to {new_fs:.7g} Hz, below "
         f"{PASSED * rate / 2:.4g} Hz; samples held out are met to {100 * error:.2g} % of the rms, "
         "their noise included"
     )
+
+
+def _rate_through(time: Reals, new_fs: float) -> float:
+    """Rate of a band-limited signal that uneven samples fix [Hz]."""
+    mean_rate = (len(time) - 1) / float(time[-1] - time[0])
+    return min(SHARE * mean_rate, 1 / float(np.max(np.diff(time))), new_fs)
+
+
+def resample_line(time: Reals) -> str:
+    """The rate that uneven samples may be resampled at, and up to where they are met then."""
+    fs = proposed_rate(time)
+    return f"`resample = {fs:.9g}`, good below {PASSED * _rate_through(time, fs) / 2:.3g} Hz"
+
+
+def _without_pauses(time: Reals, begins: float) -> str:
+    """What to do about times with pauses, of which the first lies at `begins` in the file [s]."""
+    steps = np.diff(time)
+    pauses = np.flatnonzero(steps > PAUSE * np.median(steps))
+    line = unbroken_line(time, pauses, begins + float(time[0])) if len(pauses) else ""
+    return f"{line}, or measure at a higher rate." if line else "Measure at a higher rate."
 
 
 def proposed_rate(time: Reals) -> float:

@@ -23,6 +23,7 @@ from jbw.measurement.demodulation import (
     read_decay,
 )
 from jbw.measurement.records import Test
+from jbw.measurement.response_checks import bandless
 from jbw.observables.observable import Laws, Observable
 from jbw.observables.samples import substeps_for
 from jbw.quantities import DEFAULT_LAWS, derivative_order
@@ -40,10 +41,11 @@ CUBICS = np.array([[0, 6, 0, 0], [-2, -3, 6, -1], [3, -6, 3, 0], [-1, 3, -3, 1]]
 def filter_of(test: Test) -> BandFilter:
     """The filter of the band that a test must state."""
     if test.band_hz is None:
+        (bandless_fault,) = bandless(test.records[0], test.settle)
         raise DataError(
             f"Test `{test.name}` needs `band`: the frequencies around the one mode of the joint.",
             why="A free decay shows every mode at once.",
-            remedy="Give band = [lowest, highest] in Hz, without any other mode.",
+            remedy=bandless_fault.remedy,
         )
     return band_filter(test.band_hz, test.records[0].fs)
 

@@ -2,14 +2,21 @@
 
 import re
 
+import h5py
 import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
+from scipy.io import wavfile
 
 from jbw.campaign.check import check_campaign
+from jbw.campaign.files import repeats_of
 from jbw.campaign.load import load_campaign
-from jbw.errors import ConfigError
+from jbw.campaign.schema import parse
+from jbw.errors import ConfigError, DataError
+from jbw.measurement.files import tree
 from jbw.measurement.long_records import long_records
+from jbw.observables.decay_envelopes import filter_of
+from jbw.units import decibels, quantity_of
 
 FS, HZ, RATE = 600.0, 30.0, 1.1
 PUT = re.compile(r"Put under \[([\w.\[\]]+?)\]: `([^`]+)`")
@@ -107,6 +114,295 @@ def test_a_missing_band_is_pasted(tmp_path):
     (fault,) = faults(path)
     pasted(path, [fault.remedy])
     assert faults(path) == []
+
+
+def not_finite(v):
+    v[2400] = np.nan
+    return v
+
+
+def of_a_word(v):
+    v[[700, 701, 702]] = -9999.0
+    return v
+
+
+def standing(v):
+    v[1500:1800] = v[1499]
+    return v
+
+
+def clipped(v):
+    return np.clip(v, -0.6 * np.abs(v).max(), 0.6 * np.abs(v).max())
+
+
+def dead(v):
+    return np.zeros(len(v))
+
+
+LINE = re.compile(r"`((?:span|exclude|resample) = [^`]+)`")
+
+
+def with_line(text, line):
+    """A campaign's text with a line in its one test, in the place of what it says of the key."""
+    key = line.partition(" = ")[0]
+    kept = re.sub(rf"^{key} = .*\n", "", text, flags=re.MULTILINE)
+    return kept.replace("[[test]]\n", f"[[test]]\n{line}\n")
+
+
+@pytest.mark.parametrize("spoilt", [(1,), (0, 2), (0, 1, 2)], ids=["one", "two", "all"])
+@pytest.mark.parametrize(
+    ("edit", "keys"),
+    [
+        (not_finite, ["span", "exclude"]),
+        (of_a_word, ["span", "exclude"]),
+        (standing, ["span", "exclude"]),
+        (clipped, ["span", "exclude"]),
+        (dead, ["exclude"]),
+    ],
+)
+def test_every_line_pasted_for_spoilt_samples_cures(tmp_path, edit, keys, spoilt):
+    """Each line by itself; where all records are spoilt, none is told to leave out all of them."""
+    path = written(tmp_path, lambda x, i: x)
+    for i in spoilt:
+        v = np.array(np.load(tmp_path / f"decay_{i}.npz")["v"])
+        np.savez(tmp_path / f"decay_{i}.npz", v=edit(v))
+    text = path.read_text()
+    remedies = {fault.remedy for fault in faults(path) if fault.severity == "error"}
+    lines = [line for remedy in remedies for line in LINE.findall(remedy)]
+    if len(spoilt) == 3:
+        keys = [key for key in keys if key != "exclude"]
+    assert [line.partition(" = ")[0] for line in lines] == keys
+    for line in lines:
+        path.write_text(with_line(text, line))
+        assert faults(path) == []
+
+
+def test_a_span_counts_from_the_file_and_not_from_a_span_that_is_read(tmp_path):
+    path = written(tmp_path, lambda x, i: x)
+    v = np.array(np.load(tmp_path / "decay_1.npz")["v"])
+    v[3000:3006] = np.nan  # at 5 s
+    np.savez(tmp_path / "decay_1.npz", v=v)
+    path.write_text(with_line(path.read_text(), "span = [1.0, 7.0]"))
+    (fault,) = faults(path)
+    (span, _) = LINE.findall(fault.remedy)
+    assert span == "span = [1.0, 5.0]"
+    path.write_text(with_line(path.read_text(), span))
+    assert faults(path) == []
+
+
+def test_faults_at_other_places_keep_what_their_spans_share(tmp_path):
+    path = written(tmp_path, lambda x, i: x)
+    for i, at in ((0, 4200), (1, 3600)):
+        v = np.array(np.load(tmp_path / f"decay_{i}.npz")["v"])
+        v[at] = np.nan
+        np.savez(tmp_path / f"decay_{i}.npz", v=v)
+    (fault,) = faults(path)
+    lines = LINE.findall(fault.remedy)
+    assert lines == ["span = [0.0, 6.0]", 'exclude = ["decay_0.npz", "decay_1.npz"]']
+    for line in lines:
+        path.write_text(with_line(path.read_text(), line))
+        assert faults(path) == []
+
+
+def hit_late(x, i):
+    if i == 1:
+        x[2700:] += 0.5 * x[:-2700]
+    return x
+
+
+def test_what_comes_before_a_second_blow_may_be_kept(tmp_path):
+    path = written(tmp_path, hit_late)
+    text = path.read_text()
+    (fault,) = faults(path)
+    exclude, span = LINE.findall(fault.remedy)
+    assert exclude == 'exclude = ["decay_1.npz"]'
+    assert float(span.split()[-1].rstrip("]")) == pytest.approx(4.5, abs=0.1)
+    path.write_text(with_line(text, span))
+    assert faults(path) == []
+
+
+def test_a_file_of_any_name_is_excluded_by_it(tmp_path):
+    path = written(tmp_path, lambda x, i: x)
+    (tmp_path / "decay_1.npz").rename(tmp_path / 'decay_[1] "late".npz')
+    np.savez(tmp_path / 'decay_[1] "late".npz', v=np.zeros(4800))
+    (fault,) = [fault for fault in faults(path) if fault.severity == "error"]
+    (line,) = LINE.findall(fault.remedy)
+    path.write_text(with_line(path.read_text(), line))
+    assert faults(path) == []
+
+
+TIMED = """[campaign]
+modal_mass = 1.0
+[[test]]
+kind = "decay"
+files = "decay.npz"
+channels = { time = "t", velocity = "v" }
+units = { time = "s", velocity = "m/s" }
+band = [20.0, 45.0]
+"""
+
+
+def with_a_gap_of_time(t):
+    return t + 0.005 * (t > 6.0)
+
+
+def with_two_gaps_of_time(t):
+    return t + 0.005 * (t > 2.0) + 0.005 * (t > 7.0)
+
+
+def swapped_once(t):
+    t[100], t[101] = t[101], t[100]
+    return t
+
+
+def begun_again(t):
+    return np.where(t > 6.0, t - 6.0, t)
+
+
+@pytest.mark.parametrize(
+    ("edit", "keys", "seconds"),
+    [
+        # Of 5 + 1.7 ms: half of 150 Hz, of which nine tenths are good, lie above 30 Hz.
+        (with_a_gap_of_time, ["span", "resample"], (0.0, 6.0)),
+        # Its longest part lies between 2 s and 7 s.
+        (with_two_gaps_of_time, ["span", "resample"], (2.005, 7.005)),
+        (swapped_once, ["span"], (0.17, 8.0)),
+        (begun_again, ["span"], (0.0, 6.0)),
+    ],
+)
+def test_every_line_pasted_for_broken_times_cures(tmp_path, edit, keys, seconds):
+    x = decay()
+    t = edit(np.arange(len(x)) / FS)
+    v = 1e-2 * x + 1e-5 * np.random.default_rng(0).standard_normal(len(x))
+    np.savez(tmp_path / "decay.npz", t=t, v=v)
+    path = tmp_path / "campaign.toml"
+    path.write_text(TIMED)
+    (fault,) = faults(path)
+    lines = LINE.findall(fault.remedy)
+    assert [line.partition(" = ")[0] for line in lines] == keys
+    for line in reversed(lines):
+        path.write_text(with_line(TIMED, line))
+        assert not [fault for fault in faults(path) if fault.severity == "error"]
+    # A record begins with the first sample of its span and goes on in even steps.
+    (record,) = load_campaign(path).tests[0].records
+    assert record.fs == pytest.approx(FS, rel=1e-9)
+    first = int(np.searchsorted(t, seconds[0] - 0.5 / FS)) if seconds[0] else 0
+    np.testing.assert_array_equal(record.channels["velocity"], v[first:][: record.num_samples])
+    assert record.num_samples == pytest.approx((seconds[1] - seconds[0]) * FS, abs=3)
+
+
+def test_a_span_between_pauses_is_resampled_by_itself(tmp_path):
+    """A tone of 90 Hz, which pauses of 0.1 s swallow, met where there is none."""
+    t = np.arange(3000) / 400.0
+    t = t + np.cumsum(0.02 / 400.0 * np.random.default_rng(0).standard_normal(3000))
+    t = t + 0.1 * np.searchsorted([2.0, 2.5, 3.0, 3.5, 7.2], t)
+    v = np.cos(2 * np.pi * 90.0 * t)
+    np.savez(tmp_path / "decay.npz", t=t, v=v)
+    path = tmp_path / "campaign.toml"
+    path.write_text(TIMED + "resample = 400.0\n")
+    (fault,) = faults(path)
+    assert "are missed by" in fault.what
+    (line,) = LINE.findall(fault.remedy)
+    (test,) = parse(with_line(path.read_text(), line)).tests
+    (record,) = repeats_of(test, tmp_path)
+    first = float(line.split("[")[1].split(",")[0])
+    time = t[0] + first + np.arange(record.num_samples) / 400.0
+    inner = slice(40, -40)
+    # The kernel leaves 3e-5 of a tone well within the band.
+    expected = np.cos(2 * np.pi * 90.0 * time)
+    np.testing.assert_allclose(record.channels["velocity"][inner], expected[inner], atol=1e-3)
+
+
+# Words in capitals stand for what a file does not say: here for what was measured.
+STANDING_FOR = {"HZ": str(FS), "UNIT": '"m/s"', "VALUE": "0.2"}
+
+
+def filled(line):
+    for word, value in STANDING_FOR.items():
+        line = re.sub(rf"\b{word}\b", value, line)
+    return line
+
+
+@pytest.mark.parametrize(
+    ("dropped", "keys"),
+    [
+        ('time = "t", ', ["channels", "fs"]),
+        (', velocity = "m/s"', ["units"]),
+    ],
+)
+def test_what_a_campaign_lacks_is_told_as_a_line(tmp_path, dropped, keys):
+    x = decay()
+    t = np.arange(len(x)) / FS
+    np.savez(tmp_path / "decay.npz", t=t, v=1e-2 * x)
+    path = tmp_path / "campaign.toml"
+    text = TIMED.replace(dropped, "").replace('time = "s", velocity', "velocity")
+    path.write_text(text)
+    (fault,) = faults(path)
+    lines = re.findall(r"`(\w+ = [^`]+)`", fault.remedy)
+    assert [line.partition(" = ")[0] for line in lines] == keys
+    for line in lines:
+        path.write_text(with_line(text, filled(line)))
+        assert faults(path) == []
+        (record,) = load_campaign(path).tests[0].records
+        np.testing.assert_array_equal(record.channels["velocity"], 1e-2 * x)
+        assert record.fs == FS
+
+
+def test_the_value_at_full_scale_is_told_as_a_line(tmp_path):
+    x = decay()
+    counts = np.round(32767 * x / np.abs(x).max()).astype(np.int16)
+    wavfile.write(tmp_path / "decay.wav", round(FS), counts)
+    path = tmp_path / "campaign.toml"
+    text = TIMED.replace("npz", "wav").replace('time = "t", ', "").replace('time = "s", ', "")
+    text = text.replace('"v"', '"channel"')
+    path.write_text(text)
+    (fault,) = faults(path)
+    (line,) = re.findall(r"`(\w+ = [^`]+)`", fault.remedy)
+    path.write_text(with_line(text, filled(line)))
+    assert faults(path) == []
+    (record,) = load_campaign(path).tests[0].records
+    np.testing.assert_allclose(record.channels["velocity"], 0.2 * counts / 32768.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("rate", ["", "fs = 600.0\n"])
+def test_a_pasted_part_of_a_huge_channel_is_read(tmp_path, monkeypatch, rate):
+    """Of 4,800 samples at 600 Hz where 1,200 are read at once."""
+    x = decay()
+    with h5py.File(tmp_path / "decay.h5", "w") as file:
+        dataset = file.create_dataset("v", data=1e-2 * x)
+        dataset.attrs.update({"fs": FS} if rate == "" else {})
+    monkeypatch.setattr(tree, "MAX_BYTES", 8 * 1200)
+    path = tmp_path / "campaign.toml"
+    text = TIMED.replace("npz", "h5").replace('time = "t", ', "").replace('time = "s", ', "") + rate
+    path.write_text(text)
+    (fault,) = faults(path)
+    assert "A channel of shape (4800,) takes" in fault.what
+    if rate:  # the file knows no rate, by which samples would be seconds
+        assert fault.remedy == "Read at most 1200 samples of it at once, by the key `span`."
+        return
+    (line,) = LINE.findall(fault.remedy)
+    assert line == "span = [0.0, 2]"
+    path.write_text(with_line(text, line))
+    assert faults(path) == []
+    (record,) = load_campaign(path).tests[0].records
+    np.testing.assert_array_equal(record.channels["velocity"], 1e-2 * x[:1200])
+
+
+def test_decibels_without_a_reference_are_told_with_one():
+    with pytest.raises(ConfigError) as refused:
+        quantity_of("dB", ("acceleration",))
+    (unit,) = re.findall(r'as "([^"]+)"', refused.value.remedy)
+    assert decibels(unit) == (1.0, "m/s^2")
+
+
+def test_a_decay_without_a_band_is_told_one_when_it_is_fitted(tmp_path):
+    path = written(tmp_path, lambda x, i: x, band="")
+    (test,) = load_campaign(path).tests
+    with pytest.raises(DataError) as refused:
+        filter_of(test)
+    pasted(path, [refused.value.remedy])
+    (test,) = load_campaign(path).tests
+    assert filter_of(test).centre_hz == pytest.approx(HZ, rel=0.2)
 
 
 @pytest.mark.parametrize("fs", [4096.0, 4.096e6])
@@ -366,6 +662,30 @@ def test_a_pasted_remedy_of_a_loop_cures(tmp_path, made, key, said):
 @pytest.mark.parametrize("made", [slipping, hardening])
 def test_a_loop_of_one_law_is_not_doubted(tmp_path, made):
     assert faults(written_loop(tmp_path, made(STROKE))) == []
+
+
+def test_lines_of_a_curve_that_are_lost_are_masked(tmp_path):
+    """A linear receptance in closed form, of which two lines are no numbers."""
+    hz = np.linspace(17.0, 20.0, 61)
+    omega, natural = 2 * np.pi * hz, 2 * np.pi * 18.5
+    h = 1 / (natural**2 - omega**2 + 0.02j * natural * omega)
+    h[[20, 40]] = np.nan
+    np.savez(tmp_path / "frf.npz", f=hz, h=h)
+    path = tmp_path / "campaign.toml"
+    path.write_text(RATIO)
+    (fault,) = faults(path)[:1]
+    pasted(path, [fault.remedy])
+    assert all("are not finite, and masked" in doubt.what for doubt in faults(path))
+
+
+RATIO = """[campaign]
+name = "curve"
+[[test]]
+kind = "frf"
+files = "frf.npz"
+channels = { frequency = "f", displacement = "h" }
+units = { frequency = "Hz", displacement = "m/N" }
+"""
 
 
 @pytest.mark.parametrize(

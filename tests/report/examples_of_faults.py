@@ -9,11 +9,14 @@ from jbw.report.messages import (
     response_faults,
 )
 
+KEEP = "Put under [[test]]: `span = [0.0, 1.9]`"
+EXCLUDE = 'leave the record out: `exclude = ["hit_3.mat"]`'
+KEEP_OR_EXCLUDE = f"{KEEP}, or {EXCLUDE}"
 EXAMPLES = {
     "clock_faults": [
         clock_faults.response_jumps(0.01, "behind"),
         clock_faults.phase_jumps(0.3),
-        clock_faults.lost_block(2.0, clock_faults.phase_jumps(0.3), "1.9"),
+        clock_faults.lost_block(2.0, clock_faults.phase_jumps(0.3), KEEP_OR_EXCLUDE),
         clock_faults.another_clock(81.2, "slow", 0.001, -81.2),
         clock_faults.another_delay("lags behind", 0.001, 0.0, 0.001),
     ],
@@ -34,16 +37,15 @@ EXAMPLES = {
     "decay_faults": [
         decay_faults.late_blow(0.5, 0.0, "0.6"),
         decay_faults.still_driven(1.5, "1.6"),
-        decay_faults.put_exclude("hit_3.mat"),
-        decay_faults.second_blow(2.21, 0.3, decay_faults.put_exclude("hit_3.mat"), grows=True),
-        decay_faults.second_blow(2.21, 0.3, decay_faults.put_exclude("hit_3.mat"), grows=False),
-        decay_faults.interrupted(2.21),
+        decay_faults.second_blow(2.21, 0.3, f"{KEEP_OR_EXCLUDE}.", grows=True),
+        decay_faults.second_blow(2.21, 0.3, f"{KEEP_OR_EXCLUDE}.", grows=False),
+        decay_faults.interrupted(2.21, f"{KEEP_OR_EXCLUDE}."),
         decay_faults.steady_line("50.01", 0.03),
         decay_faults.windowed(0.8, 0.05),
     ],
     "loop_faults": [
-        loop_faults.degrading(0.001, 12, 0.2, 8.0, 12.0, falls=True),
-        loop_faults.degrading(0.001, 12, 0.2, 8.0, 12.0, falls=False),
+        loop_faults.degrading(0.001, 12, 0.2, KEEP, falls=True),
+        loop_faults.degrading(0.001, 12, 0.2, KEEP, falls=False),
         loop_faults.lopsided(1.4, positive=True),
         loop_faults.lopsided(1.4, positive=False),
         loop_faults.begins_away(0.1),
@@ -53,17 +55,18 @@ EXAMPLES = {
     ],
     "record_faults": [
         record_faults.unequal_lengths("`input` has 4096, `force` has 4000"),
-        record_faults.not_finite(3, 4096, "12, 13"),
+        record_faults.masked_or_left_out(EXCLUDE),
+        record_faults.not_finite(3, 4096, "12, 13", f"{KEEP_OR_EXCLUDE}."),
         record_faults.masked(3, 4096),
         record_faults.beyond_measurement(12, 12000000000000.0),
-        record_faults.constant(0.0, toggles=True),
-        record_faults.constant(0.0, toggles=False),
+        record_faults.constant(0.0, EXCLUDE, toggles=True),
+        record_faults.constant(0.0, EXCLUDE, toggles=False),
         record_faults.few_levels(40, 256),
         record_faults.implausible("displacement", 12.0, "mm or um"),
-        record_faults.lost_samples(3, 4096, -9999.0, 2.5, -1.2, 1.3),
-        record_faults.clipped(0.021, "1.200-1.300 s", " and 2 more"),
-        record_faults.stopped(4.213, "4.2"),
-        record_faults.gaps("1.2-1.3 s", "", 3),
+        record_faults.lost_samples(3, 4096, -9999.0, 2.5, -1.2, 1.3, f"{KEEP_OR_EXCLUDE}."),
+        record_faults.clipped(0.021, "1.200-1.300 s", " and 2 more", f"{KEEP_OR_EXCLUDE}."),
+        record_faults.stopped(4.213, KEEP),
+        record_faults.gaps("1.2-1.3 s", "", 3, f"{KEEP_OR_EXCLUDE}."),
         record_faults.swapped(12.0),
         record_faults.incoherent(0.31),
         record_faults.outside_band(119.0, 15.0, 23.0, 6.26),

@@ -13,13 +13,13 @@ from jbw.measurement.files.sampling import (
     MINE,
     Repeats,
     Wanted,
-    cut,
     on_even_grid,
     rows_of,
     sampling_of,
 )
 from jbw.measurement.files.tree import WHOLE, Contents, Leaf, names
 from jbw.measurement.records import INPUTS, QUANTITIES, RESPONSES, ROLES, Record, si_of
+from jbw.measurement.spans import SPAN, span_words, toml_table
 from jbw.measurement.steady_lines import lines_removed, without_lines
 from jbw.units import TORSION, decibels, plain, si_unit
 
@@ -31,12 +31,12 @@ CENTRED = (*INPUTS, *RESPONSES, "restoring_force")  # roles whose mean may be ta
 def records_of(contents: Contents, path: Path, request: Wanted, digest: str) -> tuple[Record, ...]:
     """Records of an open file in SI, one a repeat; what was done to them is in the provenance."""
     sources = _sources(contents, request)
-    fs, rate_source = (
-        (request.resample, f"{request.resample:.10g} Hz, to which it is resampled")
+    fs, rate_source, part = (
+        (request.resample, f"{request.resample:.10g} Hz, to which it is resampled", WHOLE)
         if request.resample and "frequency" not in sources
         else sampling_of(contents, sources, request)
     )
-    part = cut(fs, request.span)
+    first = round(request.span[0] * fs) if request.span and np.isfinite(fs) else 0
     provenance = {"path": str(path), "sha256": digest, "reader": contents.reader, "fs": rate_source}
     provenance |= contents.notes
     channels: dict[str, Repeats] = {}
@@ -53,7 +53,6 @@ def records_of(contents: Contents, path: Path, request: Wanted, digest: str) -> 
         rows = [row for item in items for row in rows_of(item, role, request, read, curve=is_curve)]
         if request.resample and "frequency" not in sources:
             rows, done = on_even_grid(rows, items[0], contents, sources, request)
-            rows = [row[part] for row in rows]
             provenance[f"resampled {role}"] = done
         if reference:
             rows = [reference * 10 ** (_of_amplitudes(row, role, is_curve) / 20) for row in rows]
@@ -71,7 +70,7 @@ def records_of(contents: Contents, path: Path, request: Wanted, digest: str) -> 
             rows = [row - mean for row, mean in zip(rows, means, strict=True)]
             provenance[f"mean of {role} removed"] = ", ".join(f"{mean:.6g}" for mean in means)
         if request.window_s and role in RESPONSES:
-            rows = [unwindowed(row, request.window_s * fs, part.start or 0) for row in rows]
+            rows = [unwindowed(row, request.window_s * fs, first) for row in rows]
             provenance[f"window of {role} removed"] = f"exp(-t / {request.window_s:g} s)"
         if request.lines_hz and role in RESPONSES:
             parts = [without_lines(row, fs, request.lines_hz) for row in rows]
@@ -105,7 +104,7 @@ def records_of(contents: Contents, path: Path, request: Wanted, digest: str) -> 
         channels["phase"] = [-row for row in channels["phase"]]
         provenance["conjugate"] = "phase turned, from exp(-j omega t) to exp(j omega t)"
     if request.span:
-        provenance["span"] = f"{request.span[0]:g}-{request.span[1]:g} s"
+        provenance[SPAN] = span_words(request.span)
     if request.resample and "frequency" not in sources:
         channels = _of_one_length(channels)
     return _repeats(channels, Record(fs, {}, units, path.name, provenance))
@@ -188,7 +187,8 @@ def _unit(role: str, stated: str, request: Wanted) -> tuple[str, str]:
         raise ConfigError(
             f"the unit of role `{role}` is missing.",
             why="A wrong unit gives a wrong joint without any sign of it.",
-            remedy=f'Say it: units = {{ {role} = "..." }}.',
+            remedy=f"Put under [[test]]: `units = {toml_table(request.units, **{role: 'UNIT'})}`, "
+            f'where UNIT is such as "{si_unit(QUANTITIES[role][0])}".',
         )
     bare = decibels(stated_unit) is None
     if stated_unit and bare:
@@ -209,7 +209,8 @@ def _calibration(role: str, reader: str, request: Wanted) -> float:
     if reader == "WAV" and role not in request.scale:
         raise ConfigError(
             f"role `{role}` needs a calibration, since WAV keeps no scale.",
-            remedy=f"Give the value at full scale: scale = {{ {role} = ... }}.",
+            remedy=f"Put under [[test]]: `scale = {toml_table(request.scale, **{role: 'VALUE'})}`, "
+            "where VALUE is that of full scale in the channel's unit.",
         )
     scale = float(request.scale.get(role, 1.0))
     if not np.isfinite(scale) or scale == 0:
@@ -226,7 +227,7 @@ def _sources(contents: Contents, request: Wanted) -> dict[str, list[Leaf]]:
         if not channels:
             raise ConfigError(
                 f"no channel is named like a role ({', '.join(ROLES)}).",
-                remedy='Say which is which, channels = { velocity = "laser" }, from: '
+                remedy="Say which is which, as channels={'velocity': 'laser'}, from: "
                 f"{', '.join(channel_names[:20])}.",
             )
     sources = {}

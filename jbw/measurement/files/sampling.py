@@ -1,7 +1,7 @@
 """Sampling frequency of a file's channels, from all that states it, and the rows of a channel."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -11,7 +11,8 @@ from jbw.errors import ConfigError, DataError
 from jbw.measurement.files.paths import select
 from jbw.measurement.files.tree import WHOLE, Contents, Leaf, load, names
 from jbw.measurement.records import COUNTED, si_of
-from jbw.measurement.resampled import at_rate, from_uneven, proposed_rate
+from jbw.measurement.resampled import at_rate, from_uneven, proposed_rate, resample_line
+from jbw.measurement.spans import PUT, rows_of_span, toml_table, unbroken_line
 from jbw.units import TIME, plain
 
 SLOWEST, FASTEST = 1e-6, 1e12  # [Hz] sampling frequencies that recorders have
@@ -24,6 +25,8 @@ MINE = (
     'put under [[test]]: `units_are = "mine"`.'
 )
 ADRIFT = 1.0  # intervals at most between a sample's time and its place
+MOST = 0.5  # of a record, in a part between gaps that is kept rather than resampled
+EXPORT = "Export the record again."
 EVEN = "Spectra and sampled inputs need even samples."
 Repeats = list[NDArray[np.float64]]
 Sources = Mapping[str, list[Leaf]]  # role to the arrays that its path selects
@@ -49,10 +52,14 @@ class Wanted:
     is_timed: bool = True  # whether samples must have a time: those of a loop need none
 
 
-def sampling_of(contents: Contents, sources: Sources, request: Wanted) -> tuple[float, str]:
-    """Sampling frequency [Hz], NaN for a measured FRF, and where it came from; all must agree."""
+def sampling_of(contents: Contents, sources: Sources, request: Wanted) -> tuple[float, str, slice]:
+    """Sampling frequency [Hz], NaN for a measured FRF, where it came from, and samples to read.
+
+    All that states it must agree.
+    """
     if "frequency" in sources:
-        return float("nan"), "none: a measured FRF"
+        fs = float("nan")
+        return fs, "none: a measured FRF", cut(fs, request.span)
     of_channels = {
         f"`{(request.channels or {}).get(role, role)}`": item.fs
         for role, items in sources.items()
@@ -60,18 +67,15 @@ def sampling_of(contents: Contents, sources: Sources, request: Wanted) -> tuple[
         if item.fs is not None
     }
     of_file = {} if contents.fs is None else {"the file": contents.fs}
-    rates = {**(of_channels or of_file), **_timed(sources, request)}
+    timed, part = _timed(sources, request)
+    rates = {**(of_channels or of_file), **timed}
     if request.fs is not None:
         fs, source = _stated_fs(contents, request.fs)
         rates = {source: fs, **rates}
     if not rates and not request.is_timed:
-        return 1.0, COUNTED
+        return 1.0, COUNTED, cut(1.0, request.span)
     if not rates:
-        raise DataError(
-            "the sampling frequency is missing.",
-            why="Nothing in the file gives it, and it cannot be guessed.",
-            remedy="Give fs = <Hz>, or name a time column: channels = { time = ... }.",
-        )
+        raise _without_rate(contents, sources, request)
     (source, fs), *others = rates.items()
     if not SLOWEST <= fs <= FASTEST:
         raise DataError(
@@ -91,25 +95,32 @@ def sampling_of(contents: Contents, sources: Sources, request: Wanted) -> tuple[
         _agree_with_unused_time(contents, sources, request, fs)
     fs_used = snapped(fs) if request.fs is None else fs
     rounded = "" if fs_used == fs else f", snapped from {fs:.10g} Hz"
-    return fs_used, f"{fs_used:.10g} Hz from {source}{rounded}"
+    part = part or cut(fs_used, request.span)
+    return fs_used, f"{fs_used:.10g} Hz from {source}{rounded}", part
 
 
 def on_even_grid(
     rows: Repeats, item: Leaf, contents: Contents, sources: Sources, request: Wanted
 ) -> tuple[Repeats, str]:
-    """Rows of a channel at the rate that the caller wants, and what was done to them in words."""
+    """Rows of a channel at the rate that the caller wants, in his span, and how in words."""
     fs = request.resample or 0.0
     resampled: Repeats = []
     how = ""
     for row in rows:
-        if not np.isfinite(row).all():
+        channel_fs, time = _own_clock(row, item, contents, sources, request)
+        part = WHOLE if time is None or request.span is None else rows_of_span(time, request.span)
+        if not np.isfinite(row[part]).all():
             lost = int(np.flatnonzero(~np.isfinite(row))[0])
             raise DataError(
                 f"samples that are resampled must be finite, but sample {lost} is not.",
-                remedy="Keep a part without lost samples, or export the record again.",
+                remedy="Export the record again, or leave it out with `exclude`.",
             )
-        channel_fs, time = _own_clock(row, item, contents, sources, request)
-        y, how = at_rate(row, channel_fs, fs) if time is None else from_uneven(row, time, fs)
+        if time is None:
+            y, how = at_rate(row, channel_fs, fs)
+            y = y[cut(fs, request.span)]
+        else:
+            begins = request.span[0] if request.span else 0.0
+            y, how = from_uneven(row[part], time[part] - time[0], fs, begins)
         resampled.append(y)
     return resampled, how
 
@@ -126,8 +137,9 @@ def _own_clock(
         time = np.asarray(np.ravel(load(clock)), np.float64) * factor
         if len(time) != len(row):
             continue
-        if not np.isfinite(time).all() or np.any(np.diff(time) <= 0):
-            sampling_frequency(time)  # which refuses them by their places
+        kept = time if request.span is None else time[rows_of_span(time, request.span)]
+        if not np.isfinite(kept).all() or np.any(np.diff(kept) <= 0):
+            sampling_frequency(kept)  # which refuses them by their places
         try:
             return sampling_frequency(time)[0], None
         except DataError:
@@ -136,10 +148,20 @@ def _own_clock(
         return _stated_fs(contents, request.fs)[0], None
     if contents.fs is not None:
         return contents.fs, None
-    raise DataError(
+    raise _without_rate(contents, sources, request)
+
+
+def _without_rate(contents: Contents, sources: Sources, request: Wanted) -> DataError:
+    """The refusal of samples whose rate nothing tells, with the columns that may be their times."""
+    times = [name for name, _ in _unused_times(contents, sources)]
+    rate = "Put under [[test]]: `fs = HZ`, where HZ is the sampling frequency in hertz."
+    if times:
+        channels = toml_table({"time": times[0], **(request.channels or {})})
+        rate = f"Put under [[test]]: `channels = {channels}`, or the rate in hertz: `fs = HZ`."
+    return DataError(
         "the sampling frequency is missing.",
         why="Nothing in the file gives it, and it cannot be guessed.",
-        remedy="Give fs = <Hz>, or name a time column: channels = { time = ... }.",
+        remedy=rate,
     )
 
 
@@ -147,13 +169,8 @@ def _agree_with_unused_time(
     contents: Contents, sources: Sources, request: Wanted, fs: float
 ) -> None:
     """Refuse a rate against which a column of times in the file speaks that nobody named."""
-    lengths = {max(item.shape, default=0) for items in sources.values() for item in items}
-    for name, item in names(contents.root):
-        if not (isinstance(item, Leaf) and re.search(TIME, name.rpartition(".")[2].lower())):
-            continue
+    for name, item in _unused_times(contents, sources):
         # In the unit that it states, or in seconds as a column of times without one is.
-        if len(item.shape) != 1 or max(item.shape) not in lengths:
-            continue
         try:
             seconds = load(item) * si_of("time", item.unit or "s")[0]
             steps = np.diff(seconds) * fs
@@ -172,6 +189,15 @@ def _agree_with_unused_time(
             )
 
 
+def _unused_times(contents: Contents, sources: Sources) -> Iterator[tuple[str, Leaf]]:
+    """Columns of a file that are called times, as long as a channel that is read."""
+    lengths = {max(item.shape, default=0) for items in sources.values() for item in items}
+    for name, item in names(contents.root):
+        is_time = isinstance(item, Leaf) and re.search(TIME, name.rpartition(".")[2].lower())
+        if isinstance(item, Leaf) and is_time and len(item.shape) == 1 and item.shape[0] in lengths:
+            yield name, item
+
+
 def _stated_fs(contents: Contents, fs: float | str) -> tuple[float, str]:
     """Sampling frequency as the caller gives it: a number, or the path of a scalar."""
     source = "the argument"
@@ -186,9 +212,13 @@ def _stated_fs(contents: Contents, fs: float | str) -> tuple[float, str]:
     return float(fs), source
 
 
-def _timed(sources: Sources, request: Wanted) -> dict[str, float]:
-    """Sampling frequency of each time channel, all of which must be even."""
-    timed = {}
+def _timed(sources: Sources, request: Wanted) -> tuple[dict[str, float], slice | None]:
+    """Sampling frequency of each time channel, all of which must be even.
+
+    A clock that is even within the span alone tells the samples of that as well.
+    """
+    timed: dict[str, float] = {}
+    part: slice | None = None
     for item in sources.get("time", ()):
         stated_unit = request.units.get("time", "")
         mine = request.units_are == "mine"
@@ -200,12 +230,20 @@ def _timed(sources: Sources, request: Wanted) -> dict[str, float]:
                 remedy=MINE,
             )
         factor = si_of("time", stated_unit or item.unit or "s")[0]
-        for row in rows_of(item, "time", request, exact=False):
+        rows = rows_of(item, "time", request, exact=False)
+        for row in rows:
             name = (request.channels or {}).get("time", "time")
-            fs, before = sampling_frequency(row if factor == 1.0 else row * factor, name)
+            time = row if factor == 1.0 else row * factor
+            try:
+                fs, before = sampling_frequency(time, name)
+            except DataError:
+                if request.span is None or len(rows) > 1:
+                    raise
+                part = rows_of_span(np.asarray(time, np.float64), request.span)
+                fs, before = sampling_frequency(time[part], name, begins=request.span[0])
             source = f"`{name}`" if fs == before else f"`{name}` (snapped from {before:.10g} Hz)"
             timed[source] = fs
-    return timed
+    return timed, part
 
 
 def cut(fs: float, span: tuple[float, float] | None) -> slice:
@@ -256,8 +294,13 @@ def snapped(fs: float, uncertainty: float = 0.0) -> float:
     return fs
 
 
-def sampling_frequency(time: NDArray[np.floating], name: str = "time") -> tuple[float, float]:
-    """Sampling frequency (N - 1) / (t_N - t_1) of an even time column [Hz], snapped, and not."""
+def sampling_frequency(
+    time: NDArray[np.floating], name: str = "time", *, begins: float = 0.0
+) -> tuple[float, float]:
+    """Sampling frequency (N - 1) / (t_N - t_1) of an even time column [Hz], snapped, and not.
+
+    `begins` is where the column lies in its file, for the remedies of an uneven one [s].
+    """
     # Even: |t_n - t_1 - (n - 1) / f_s| <= 1e-3 / f_s + r, with r the rounding of the times.
     if time.ndim != 1 or len(time) < 2:
         raise DataError(
@@ -266,7 +309,7 @@ def sampling_frequency(time: NDArray[np.floating], name: str = "time") -> tuple[
         )
     rounding = _resolution(time)
     time = np.asarray(time, dtype=np.float64)
-    _require_steps(time, rounding, name)
+    _require_steps(time, rounding, name, begins)
     mean_rate = (len(time) - 1) / (time[-1] - time[0])
     fs = snapped(mean_rate, min(2 * rounding / (time[-1] - time[0]), LOOSEST_SNAP))
     off = np.abs((time - time[0]) * fs - np.arange(len(time)))
@@ -302,7 +345,7 @@ def _last_digit(values: NDArray[np.float64], error: float) -> float:
     return 0.0
 
 
-def _require_steps(time: NDArray[np.float64], rounding: float, name: str) -> None:
+def _require_steps(time: NDArray[np.float64], rounding: float, name: str, begins: float) -> None:
     if not np.isfinite(time).all():
         first = int(np.flatnonzero(~np.isfinite(time))[0])
         raise DataError(f"Time channel `{name}` must be finite, but sample {first} is not.")
@@ -310,19 +353,24 @@ def _require_steps(time: NDArray[np.float64], rounding: float, name: str) -> Non
     backward = np.flatnonzero(steps <= 0)
     if len(backward):
         i = int(backward[0]) + 1
+        line = unbroken_line(time, backward, begins)
         raise DataError(
             f"Time channel `{name}` must increase, but sample {i} ({time[i]:.9g} s) "
             f"follows {time[i - 1]:.9g} s.",
             why="Sorting or dropping samples silently could hide a damaged file.",
-            remedy="Export the record again, or cut it there with span = [start, stop].",
+            remedy=f"Export the record again, or keep a part. {line}." if line else EXPORT,
         )
     usual = float(np.median(steps))
     gaps = np.flatnonzero(steps - usual > max(0.5 * usual, 1.01 * rounding))
     if len(gaps):
         listed = ", ".join(f"{time[i]:.6g}-{time[i + 1]:.6g} s" for i in gaps[:5])
+        line = unbroken_line(time, gaps, begins)
+        resample = resample_line(time)
+        remedy = f"{line}, or {resample}." if line else f"{PUT} {resample}."
+        if line and not unbroken_line(time, gaps, begins, least=MOST):
+            remedy = f"{PUT} {resample}, or keep a part: {line.partition(': ')[2]}."
         raise DataError(
             f"Time channel `{name}` must be even, but has {len(gaps)} gap(s): {listed}.",
             why=EVEN,
-            remedy="Keep a part without gaps with span = [start, stop], or put under [[test]] "
-            f"`resample = {proposed_rate(time):.9g}`, which says the error that it makes.",
+            remedy=remedy,
         )

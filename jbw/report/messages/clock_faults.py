@@ -16,13 +16,12 @@ def phase_jumps(turns: float) -> str:
     )
 
 
-def lost_block(at_s: float, sign: str, span_end: str) -> FaultText:
-    """That a block is missing, what shows it, and where a span may end [s]."""
+def lost_block(at_s: float, sign: str, keep: str) -> FaultText:
+    """That a block is missing, what shows it, and how to keep what comes before it."""
     return FaultText(
         f"At {at_s:.3g} s {sign} lost a block of samples.",
         "What comes after it is the response to another time of the drive.",
-        f"Put under [[test]]: `span = [0.0, {span_end}]`, drop the repeat with exclude, or export "
-        "it again.",
+        f"{keep}, or export it again.",
     )
 
 

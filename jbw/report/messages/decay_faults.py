@@ -2,8 +2,6 @@
 
 from jbw.report.messages.message import FaultText
 
-LEAVE_OUT = "Drop the repeat with exclude"
-
 
 def late_blow(blow_s: float, settle_s: float, settle: str) -> FaultText:
     """When the blow comes, and a `settle` after it [s]."""
@@ -24,28 +22,23 @@ def still_driven(steady_s: float, settle: str) -> FaultText:
     )
 
 
-def put_exclude(name: str) -> str:
-    """The line that leaves a record out."""
-    return f'Put under [[test]]: `exclude = ["{name}"]`'
-
-
-def second_blow(at_s: float, size: float, leave_out: str, *, grows: bool) -> FaultText:
+def second_blow(at_s: float, size: float, remedy: str, *, grows: bool) -> FaultText:
     """When a decay jumps [s], by how much, and how to leave it out."""
     return FaultText(
         f"At {at_s:.3g} s the motion jumps by {size:.2g} of its size"
         + (": a second blow." if grows else ": samples are missing there, or it was hit again."),
         "A decay has one initial state; this record has two.",
-        f"{leave_out}, or let `span` end before.",
+        remedy,
     )
 
 
-def interrupted(at_s: float) -> FaultText:
-    """When a decay is interrupted [s]."""
+def interrupted(at_s: float, remedy: str) -> FaultText:
+    """When a decay is interrupted [s], and what to do about it."""
     return FaultText(
         f"At {at_s:.3g} s a sample does not follow from those before it: samples are missing "
         "there, or it was hit again.",
         "A decay has one initial state; this record has two.",
-        "Drop the repeat with exclude, or let `span` end before.",
+        remedy,
     )
 
 

@@ -3,16 +3,14 @@
 from jbw.report.messages.message import FaultText
 
 
-def degrading(
-    amplitude: float, number: int, change: float, first_s: float, end_s: float, *, falls: bool
-) -> FaultText:
-    """Equal cycles whose force changes, and a span of the last [s]."""
+def degrading(amplitude: float, number: int, change: float, keep: str, *, falls: bool) -> FaultText:
+    """Equal cycles whose force changes, and how to keep the last."""
     return FaultText(
         f"Cycles of {amplitude:.3g} m differ: from the second to number {number} the force "
         f"{'falls' if falls else 'rises'} by {change:.0%}.",
         "The joint changes as it is loaded; most laws give equal cycles the same loop.",
-        f"Put under [[test]]: `span = [{first_s:.6g}, {end_s:.6g}]`, its last cycles, and give "
-        "other states tests and assemblies of their own; or fit how it wears with the law `bwbn`.",
+        f"{keep}, its last cycles, and give other states tests and assemblies of their own; or fit "
+        "how it wears with the law `bwbn`.",
     )
 
 

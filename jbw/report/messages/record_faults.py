@@ -17,13 +17,17 @@ def unequal_lengths(lengths: str) -> FaultText:
     )
 
 
-def not_finite(count: int, total: int, first: str) -> FaultText:
+def masked_or_left_out(leave_out: str) -> str:
+    """The remedy for lines of a curve that are no numbers."""
+    return f'Put under [[test]]: `gaps = "mask"`, or {leave_out}.'
+
+
+def not_finite(count: int, total: int, first: str, remedy: str) -> FaultText:
     """Samples that are no numbers, and the first of them."""
     return FaultText(
         f"Samples must be finite, but {count} of {total} are not; the first at {first}.",
         "Filling gaps would invent data.",
-        "Drop the repeat with exclude, or keep a clean part with span = [start, stop]; kind frf "
-        'leaves such lines out with gaps = "mask".',
+        remedy,
     )
 
 
@@ -44,12 +48,12 @@ def beyond_measurement(sample: int, largest: float) -> FaultText:
     )
 
 
-def constant(value: float, *, toggles: bool) -> FaultText:
+def constant(value: float, leave_out: str, *, toggles: bool) -> FaultText:
     """A channel that does not change, but for its last bit."""
     return FaultText(
         f"The channel is constant at {value:.6g}" + (" within one bit." if toggles else "."),
         "A dead sensor or an unconnected input looks like this.",
-        "Name the right channel, or drop the repeat with exclude.",
+        f"Name the right channel, or {leave_out}.",
     )
 
 
@@ -71,41 +75,41 @@ def implausible(role: str, largest: float, guess: str) -> FaultText:
 
 
 def lost_samples(
-    count: int, total: int, value: float, first_s: float, low: float, high: float
+    count: int, total: int, value: float, first_s: float, low: float, high: float, remedy: str
 ) -> FaultText:
     """The value that a logger writes for a lost sample, among all others."""
     return FaultText(
         f"{count} of {total} samples are {value:.6g} in SI units, the first at {first_s:.4g} s; "
         f"all others lie between {low:.3g} and {high:.3g}.",
         "A logger writes such a number for a sample that it lost.",
-        "Keep a part without them with span = [start, stop], or drop the repeat with exclude.",
+        remedy,
     )
 
 
-def clipped(share: float, stretches: str, more: str) -> FaultText:
+def clipped(share: float, stretches: str, more: str, remedy: str) -> FaultText:
     """The share of samples that are cut off, and where."""
     return FaultText(
         f"{100 * share:.2g} % of the samples are clipped, at {stretches}{more}.",
         "A clipped peak reads as softening and as harmonics.",
-        "Drop the repeat with exclude, keep a clean part with span, or measure with more range.",
+        f"{remedy} Measure with more range.",
     )
 
 
-def stopped(end: float, span_end: str) -> FaultText:
+def stopped(end: float, keep: str) -> FaultText:
     """That a recorder was stopped before the end of its file."""
     return FaultText(
         f"The response stands still from {end:.4g} s to the end of the record.",
         "A recorder that was stopped fills up its file so; a structure rings on.",
-        f"Put under [[test]]: `span = [0.0, {span_end}]`.",
+        f"{keep}.",
     )
 
 
-def gaps(stretches: str, more: str, count: int) -> FaultText:
+def gaps(stretches: str, more: str, count: int, remedy: str) -> FaultText:
     """Gaps that a recorder filled with its last value."""
     return FaultText(
         f"The response stands still at {stretches}{more}, amid motion: {count} gap(s).",
         "A recorder that lost samples fills them in so.",
-        "Keep a part without gaps with span = [start, stop], or drop the repeat with exclude.",
+        remedy,
     )
 
 

@@ -1,0 +1,173 @@
+"""Lines of a campaign file that leave out what spoils records: by a span, or by their names."""
+
+import json
+import re
+from collections.abc import Mapping, Sequence
+from glob import escape
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Int
+
+from jbw.measurement.channels import Reals
+from jbw.measurement.records import Record
+
+PUT = "Put under [[test]]:"
+DIGITS = 6  # of a proposed span's ends, relative to its length
+LEAST = 0.05  # of a record, that is worth keeping
+SPAN = "span"  # in a record's provenance
+SPAN_LINE = re.compile(r"`span = \[([^,\]]+), ([^\]]+)\]`")
+EXCLUDE_LINE = re.compile(r"`exclude = (\[[^`]*\])`")
+LEFT_OUT = re.compile(
+    rf"{re.escape(PUT)} `exclude = [^`]*`(?:, or keep what comes before: `[^`]*`)?\."
+)
+WITHOUT = re.compile(r",? or leave the records? out: `exclude = [^`]*`")
+
+
+def span_words(span: tuple[float, float]) -> str:
+    """A span as the provenance states it."""
+    return f"{span[0]:.9g}-{span[1]:.9g} s"
+
+
+def start_of(record: Record) -> float:
+    """Time in its file at which a record begins, by the span that was read [s]."""
+    stated = re.match(r"(\d+(?:\.\d+)?(?:e[-+]\d+)?)-", record.provenance.get(SPAN, ""))
+    return float(stated[1]) if stated else 0.0
+
+
+def span_line(start: float, stop: float, begins: float = 0.0) -> str:
+    """What to put into the campaign file to keep a part of a record, rounded to its inside.
+
+    Times count from the record's first sample, which lies at `begins` in the file; all in seconds.
+    """
+    unit = 10.0 ** (np.floor(np.log10(stop - start)) + 1 - DIGITS)
+    # A time that is whole already must not move by round-off.
+    first = np.ceil((begins + start) / unit - 1e-6) * unit
+    last = np.floor((begins + stop) / unit + 1e-6) * unit
+    return f"{PUT} `span = [{_written(first)}, {_written(last)}]`"
+
+
+def _written(seconds: float) -> float:
+    return abs(float(f"{seconds:.9g}"))  # of -0.0 as well
+
+
+def rows_of_span(time: Reals, span: tuple[float, float]) -> slice:
+    """Samples of a span by their times, which may be uneven; both from the first one on [s]."""
+    half = 0.5 * float(np.nanmedian(np.diff(time))) if len(time) > 1 else 0.0
+    since = time - time[0]
+    after = np.flatnonzero(since >= span[0] - half)
+    first = int(after[0]) if len(after) else len(time)
+    beyond = np.flatnonzero(since[first:] >= span[1] - half)
+    return slice(first, first + int(beyond[0]) if len(beyond) else len(time))
+
+
+def unbroken_line(
+    time: Reals, breaks: Int[np.ndarray, " break"], begins: float = 0.0, least: float = LEAST
+) -> str:
+    """What to put into the campaign file to keep times without a break behind any.
+
+    It is the first part that is half as long as the longest; nothing where that has less than a
+    part `least` of the times.
+    """
+    usual = float(np.median(np.diff(time)))
+    starts, stops = np.append(0, breaks + 1), np.append(breaks + 1, len(time))
+    # Where times went back, a part begins behind all that came before it.
+    latest = np.append(-np.inf, np.maximum.accumulate(time))[starts] + usual / 2
+    starts = starts + [
+        int(np.searchsorted(time[first:stop], before))
+        for first, stop, before in zip(starts, stops, latest, strict=True)
+    ]
+    lengths = stops - starts
+    at = int(np.argmax(2 * lengths >= lengths.max()))
+    if lengths[at] < max(2, least * len(time)):
+        return ""
+    ends = time[starts[at]] - time[0], time[stops[at] - 1] - time[0] + usual / 2
+    return span_line(float(ends[0]), float(ends[1]), begins)
+
+
+def clean_part(spoilt: Bool[np.ndarray, " time"]) -> slice:
+    """The first stretch of samples of which none is spoilt that is half the longest, or longer."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[True], spoilt, [True]]).astype(np.int8)))
+    starts, stops = edges[::2], edges[1::2]
+    if not len(starts):
+        return slice(0, 0)
+    at = int(np.argmax(2 * (stops - starts) >= np.max(stops - starts)))
+    return slice(int(starts[at]), int(stops[at]))
+
+
+def kept_part(record: Record, spoilt: Bool[np.ndarray, " time"]) -> str:
+    """What to do about spoilt samples: keep a span without them, or leave the record out."""
+    part = clean_part(spoilt)
+    if not np.isfinite(record.fs) or part.stop - part.start < max(2, LEAST * len(spoilt)):
+        return f"{left_out(record)}."
+    line = span_line(part.start / record.fs, part.stop / record.fs, start_of(record))
+    return f"{line}, which has none of them, or {exclude_line(record)}."
+
+
+def kept_before(record: Record, at_s: float) -> str:
+    """What to do about a record of which only what comes before some time is sound [s]."""
+    if at_s < LEAST * record.num_samples / record.fs:
+        return left_out(record)
+    return f"{span_line(0.0, at_s, start_of(record))}, or {exclude_line(record)}"
+
+
+def left_out_from(record: Record, at_s: float) -> str:
+    """What to do about a record that is another from some time on [s], but for its blow."""
+    if at_s < LEAST * record.num_samples / record.fs:
+        return f"{left_out(record)}."
+    span = span_line(0.0, at_s, start_of(record)).partition(": ")[2]
+    return f"{left_out(record)}, or keep what comes before: {span}."
+
+
+def left_out(record: Record) -> str:
+    """What to put into the campaign file to leave a record out."""
+    words, _, line = exclude_line(record).partition(": ")
+    return f"{PUT} {line}" if line else f"{words[0].upper()}{words[1:]}"
+
+
+def exclude_line(record: Record) -> str:
+    """How to leave a record out, in words and by its file where this holds no other."""
+    name = record.name.partition(" + ")[0]
+    if name and name in {Path(x).name for x in record.provenance.get("path", "").split("; ")}:
+        return f"leave the record out: `exclude = {toml_list([escape(name)])}`"
+    return "leave the record out by its number in `exclude`"
+
+
+def of_all(remedies: Sequence[str], count: int) -> str:
+    """The remedy that serves some of `count` records, of those of each.
+
+    It keeps the span that they have in common and leaves out all that have none.
+    """
+    spans = [match.group(1, 2) for remedy in remedies if (match := SPAN_LINE.search(remedy))]
+    files = [
+        file
+        for remedy in remedies
+        if (match := EXCLUDE_LINE.search(remedy))
+        for file in json.loads(match[1])
+    ]
+    first = max((float(start) for start, _ in spans), default=0.0)
+    last = min((float(stop) for _, stop in spans), default=0.0)
+    keeps = f"`span = [{first}, {last}]`" if first < last and len(spans) == len(remedies) else ""
+    leaves = f"`exclude = {toml_list(files)}`" if 0 < len(files) < count else ""
+    alone = f"{PUT} {keeps or leaves}." if keeps or leaves else "Leave the test out."
+    if spans and not keeps:
+        return alone
+    remedy = SPAN_LINE.sub(keeps, remedies[0])
+    if not leaves:
+        return LEFT_OUT.sub(alone, WITHOUT.sub("", remedy))
+    remedy = EXCLUDE_LINE.sub(lambda _: leaves, remedy)
+    return remedy.replace("the record out:", "the records out:") if len(files) > 1 else remedy
+
+
+def toml_list(names: Sequence[str]) -> str:
+    """Names of files as TOML writes a list of them."""
+    return json.dumps(list(names), ensure_ascii=False)
+
+
+def toml_table(values: Mapping[str, Any], **blanks: str) -> str:
+    """Values by role as TOML writes a table on one line, and words in the place of missing ones."""
+    stated = {role: json.dumps(x, ensure_ascii=False) for role, x in values.items()}
+    return (
+        f"{{ {', '.join(f'{role} = {written}' for role, written in (stated | blanks).items())} }}"
+    )
