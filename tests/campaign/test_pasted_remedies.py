@@ -348,6 +348,20 @@ def test_what_a_campaign_lacks_is_told_as_a_line(tmp_path, dropped, keys):
         assert record.fs == FS
 
 
+def test_a_rate_that_times_belie_gives_way_to_them(tmp_path):
+    x = decay()
+    np.savez(tmp_path / "decay.npz", t=np.arange(len(x)) / FS, v=1e-2 * x)
+    path = tmp_path / "campaign.toml"
+    text = TIMED.replace('time = "t", ', "")
+    path.write_text(text + "fs = 590.0\n")
+    (fault,) = faults(path)
+    assert fault.remedy.endswith("and take `fs` out.")
+    (line,) = re.findall(r"`(\w+ = [^`]+)`", fault.remedy)
+    path.write_text(with_line(text, line))
+    assert faults(path) == []
+    assert load_campaign(path).tests[0].records[0].fs == FS
+
+
 def test_the_value_at_full_scale_is_told_as_a_line(tmp_path):
     x = decay()
     counts = np.round(32767 * x / np.abs(x).max()).astype(np.int16)

@@ -156,13 +156,18 @@ def _without_rate(contents: Contents, sources: Sources, request: Wanted) -> Data
     times = [name for name, _ in _unused_times(contents, sources)]
     rate = "Put under [[test]]: `fs = HZ`, where HZ is the sampling frequency in hertz."
     if times:
-        channels = toml_table({"time": times[0], **(request.channels or {})})
-        rate = f"Put under [[test]]: `channels = {channels}`, or the rate in hertz: `fs = HZ`."
+        channels = _with_time(times[0], request)
+        rate = f"{PUT} `channels = {channels}`, or the rate in hertz: `fs = HZ`."
     return DataError(
         "the sampling frequency is missing.",
         why="Nothing in the file gives it, and it cannot be guessed.",
         remedy=rate,
     )
+
+
+def _with_time(name: str, request: Wanted) -> str:
+    """The channels of a request and a column of times, as a campaign file has them."""
+    return toml_table({"time": name, **(request.channels or {})})
 
 
 def _agree_with_unused_time(
@@ -185,7 +190,7 @@ def _agree_with_unused_time(
                 f"the file's `{name}` speaks against {fs:g} Hz: by it sample {int(off.argmax())} "
                 f"is {off.max():.3g} intervals off.",
                 why="The rate is wrong, or samples are not even.",
-                remedy=f'Name it, channels = {{ time = "{name}" }}, in the place of `fs`.',
+                remedy=f"{PUT} `channels = {_with_time(name, request)}`, and take `fs` out.",
             )
 
 
