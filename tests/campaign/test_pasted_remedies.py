@@ -352,7 +352,7 @@ def test_a_rate_that_times_belie_gives_way_to_them(tmp_path):
     x = decay()
     np.savez(tmp_path / "decay.npz", t=np.arange(len(x)) / FS, v=1e-2 * x)
     path = tmp_path / "campaign.toml"
-    text = TIMED.replace('time = "t", ', "")
+    text = TIMED.replace('time = "t", ', "").replace('time = "s", ', "")
     path.write_text(text + "fs = 590.0\n")
     (fault,) = faults(path)
     assert fault.remedy.endswith("and take `fs` out.")
