@@ -34,7 +34,7 @@ WIDEST = 0.02
 SAME, SETTLED, MOST_WIDENINGS = 1.2, 1.02, 12  # ratios of standard errors
 UNIFORM = 12.0  # precision of a uniform prior over the unit cube
 LANES = 16  # of seven parameters the differences of both sides
-OUT_OF_REACH = 1e100  # of every residual at a point that is refused
+OUT_OF_REACH = 1e100  # a residual as large is refused, long before its square is no number
 NEAR_ZERO = 0.01  # of the upper bound: where a parameter that may be zero is told from zero
 LOPSIDED = 0.5  # of the upper bound, which the lower one stays within
 
@@ -125,7 +125,8 @@ def trust_region(
 ) -> OptimizeResult:
     """Scipy's trust region in the unit cube, which refuses points that cannot be solved.
 
-    A point is refused where its residual or its Jacobian is not finite: the region shrinks there,
+    A point is refused where its residual or its Jacobian is not finite, as `evaluator` gives them
+    where a motion runs away: the region shrinks there,
     and `num_refused` counts it. Where the start itself is refused, that is the end, at an infinite
     `cost`.
     """
@@ -189,10 +190,11 @@ def _with_differences(
     s: NDArray[np.float64],
     steps: Float[np.ndarray, " parameter"],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Residual and Jacobian, over steps of each parameter."""
+    """Residual and Jacobian, over steps of each parameter; NaN where a residual is out of reach."""
     apart = np.diag(steps)
     points = s + np.concatenate([np.zeros((1, len(s))), apart, -apart])
     rows = at_points(_real_of, parameters_at(points, box), (residual, data), lanes=LANES)
+    rows = np.where(np.abs(rows) < OUT_OF_REACH, rows, np.nan)
     ahead, behind = np.split(rows[1:], 2)
     return rows[0], _slope(rows[0], ahead, behind, steps[:, None])
 
