@@ -25,6 +25,7 @@ from jbw.inference.space.box import Box
 from jbw.observables.dataset import Dataset
 from jbw.observables.observable import Observable
 from jbw.report.messages import residuals as messages
+from jbw.report.messages import stages
 
 under_way = logging.getLogger("jbw.progress")
 # Times its standard deviation by all tests: a parameter that rests on the kind left out.
@@ -71,7 +72,7 @@ def across_kinds(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
     as_fitted = errors_with_own_frequency(best, prior, data)
     error, fitted, wider = [], [], []
     for number, (kind, labels) in enumerate(kinds.items(), start=1):
-        under_way.info("fit without kind %d of %d", number, len(kinds))
+        under_way.info(stages.WITHOUT_KIND, number, len(kinds))
         rest = without_kind(kind, data)
         fit = refit(best, prior, rest)
         predicted = errors_with_own_frequency(fit, prior, data)

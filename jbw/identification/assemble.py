@@ -29,6 +29,7 @@ from jbw.observables.modes import Modes, ModesAtJoint
 from jbw.observables.observable import Observable, run_of
 from jbw.observables.register import OBSERVABLES, taking
 from jbw.quantities import DEFAULT_LAWS, FED
+from jbw.report.messages import stages as messages
 
 logger = logging.getLogger("jbw")
 Report = Callable[[str], None]
@@ -97,7 +98,7 @@ def measured(
     require_one_unit(chosen)
     noise, linear = selection.linear_test(tests), None
     if noise is not None and modes is None:  # several modes are fitted in time, from first values
-        report(f"Step 2: line fit of {noise.name}")
+        report(messages.line_fit(noise.name))
         linear = linear_step(noise, gain_of(gain, drive_of(noise)), settings.modes)
     sweeps = selection.sweep_tests(tests, settings, every=modes is not None)
     decays = selection.decay_tests(tests, settings, chosen)

@@ -21,6 +21,7 @@ from jbw.observables.dataset import Dataset
 from jbw.observables.drives import attached, named
 from jbw.observables.observable import Observable, run_of
 from jbw.quantities import FED
+from jbw.report.messages import instruments as messages
 
 Own = Float[np.ndarray, " own"]
 SHARE, SHARE_OF_RESPONSE = 0.3, 0.6  # of a change foretold: its standard deviation
@@ -118,32 +119,15 @@ def _change(reading: ShakerReading, mode: int, share: float) -> tuple[Own, Own]:
 def _sentence(test: Test, reading: ShakerReading, mode: int, share: float) -> str:
     """How far the attachment is to be trusted, and how heavy it is."""
     added = reading.shaker.mass * reading.modes.residues[mode, 0]
-    how = (
-        "and as the drive point is the response itself, with a standard deviation twice as wide, "
-        if share > SHARE
-        else "with a standard deviation of "
-    )
-    sentence = (
-        f"The shaker was read on {test.name}: its attachment predicts omega_n and zeta, {how}"
-        f"{share:.0%} of the change. It adds {added:+.2%} to the modal mass, by which the joint's "
-        "share of the stiffness differs too; that is left out."
-    )
-    if abs(added) > HEAVY:
-        sentence += (
-            f" Beyond {HEAVY:.0%} that matters: fit the tests of either drive apart, or move "
-        )
-        sentence += "the shaker to where the mode moves less."
-    return sentence
+    sentence = messages.attachment(test.name, share, added, at_drive_point=share > SHARE)
+    return f"{sentence} {messages.heavy(HEAVY)}" if abs(added) > HEAVY else sentence
 
 
 def drive_sentences(theta: Mapping[str, Any], data: Dataset) -> list[str]:
     """Whose omega_n and zeta these are, where a shaker moves along."""
     drives = {part.drive for part in data.parts if part.drive}
     if len(drives) == 1 and drives <= set(FED):
-        return [
-            f"Every test is driven by {drives.pop()}, so that omega_n and zeta are those of the "
-            "structure with its shaker, whose armature moves along."
-        ]
+        return [messages.with_shaker(drives.pop())]
     everything = {**data.held, **theta}
     sentences = []
     for drive in attached(data.parts):
@@ -151,8 +135,5 @@ def drive_sentences(theta: Mapping[str, Any], data: Dataset) -> list[str]:
             continue
         omega, zeta = (float(everything[named(name, drive)]) for name in ("omega_n", "zeta"))
         unloaded = mode_words(float(everything["omega_n"]), float(everything["zeta"]))
-        sentences.append(
-            f"Driven by {drive} the mode lies at {mode_words(omega, zeta)}, with its shaker; "
-            f"otherwise at {unloaded}."
-        )
+        sentences.append(messages.mode_with_shaker(drive, mode_words(omega, zeta), unloaded))
     return sentences

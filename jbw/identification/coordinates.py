@@ -24,6 +24,7 @@ from jbw.oscillator.modes.parameters import own_name
 from jbw.oscillator.oscillator import prior_of
 from jbw.oscillator.parameters import MOST_SOFTENING
 from jbw.quantities import DEFAULT_LAWS
+from jbw.report.messages import posterior as messages
 
 
 def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box:
@@ -260,10 +261,7 @@ def coordinates_sentence(law: type[Law], coordinates: Coordinates) -> str:
     """What is sampled and why, in words."""
     *most, last = law.names()
     meanings = "; ".join(quantity.meaning for quantity in coordinates.table)
-    return (
-        f"The data know {', '.join(most)} and {last} by their products alone: "
-        f"{', '.join(coordinates.names)} are sampled in their place ({meanings})."
-    )
+    return messages.products_sampled(most, last, coordinates.names, meanings)
 
 
 def coordinate_box(

@@ -42,6 +42,8 @@ from jbw.inference.space.ridge import along_ridge
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
 from jbw.oscillator.modes.parameters import NAMES
+from jbw.report.messages import stages as messages
+from jbw.report.messages.laws import IN_FIRST_MODE, OF_EACH_MODE
 
 Laws = tuple[str, ...]
 
@@ -50,7 +52,7 @@ MOST_ROUNDS = 24  # of points for the evidence: a law that leads the data nowher
 AT_BOUND = 1e-3  # of the box's width
 RUN_SCATTER = 5e-4  # of omega_n over runs, relative: what a structure shifts by from day to day
 # How several modes may be that do not meet in one joint, and how that is said.
-MEET = {"apart": " of each mode", "first": " in the first mode"}
+MEET = {"apart": OF_EACH_MODE, "first": IN_FIRST_MODE}
 OF_JOINT = frozenset(name for names in NAMES for name in (names.sign, names.shape, names.coupling))
 MOST_TURNS = 2  # of weights by the law that leaves least, and fits of all
 # From which a law is hopeless: nats that its largest likelihood lies below, and times the error.
@@ -115,7 +117,7 @@ def candidates(
         best = min(fits, key=lambda candidate: candidate.error)
         if weighing is not None and best.name == weighing.name:
             break
-        report(f"Fitting all as {best.name} weighs the data, which leaves least")
+        report(messages.fitting_as(best.name))
         best_fitted = best.fitted
         # With the signs of modes.
         unweighed = replace(under(best.laws, data, best.meet), held=best_fitted.data.held)

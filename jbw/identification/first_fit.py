@@ -27,6 +27,7 @@ from jbw.observables.observable import AmplitudeCurve
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.backbone import backbone
 from jbw.quantities import MODAL, STUCK
+from jbw.report.messages import stages as messages
 
 under_way = logging.getLogger("jbw.progress")
 ROUGH = 1e-6  # of the cost and of the step: fits that others follow
@@ -124,7 +125,7 @@ def fit_from(
     guessed = by_secant(data.parts)
     sure = {q.name: known[q.name] for q in STUCK if q.name in known.keys() - guessed}
     points = screened(key, prior, start, sure)
-    under_way.info("%d points of the prior", NUM_SCREENED + 1)
+    under_way.info(messages.PRIOR_POINTS, NUM_SCREENED + 1)
     likelihood = at_points(dataset.log_likelihood, points, data).sum(axis=1)
     order = np.argsort(-np.nan_to_num(likelihood, nan=-np.inf))
     begun = [{name: float(x[row]) for name, x in points.items()} for row in order]
@@ -171,7 +172,7 @@ def further(ends: Sequence[Fit], prior: Box, data: Dataset) -> list[Fit]:
     num = ROUNDS[-1][0]
     finished, stopped = list(ends[:num]), list(ends[num:])
     for place, end in enumerate(stopped):
-        under_way.info("further start %d of %d", place + 1, len(stopped))
+        under_way.info(messages.FURTHER_START, place + 1, len(stopped))
         stopped[place] = rough(end.theta, prior, data)
         if explains(stopped[place]):
             break

@@ -32,18 +32,10 @@ from jbw.observables.dataset import Dataset, stacked
 from jbw.observables.drives import plain
 from jbw.oscillator.laws import laws_named
 from jbw.quantities import GAINS, derivative_order
+from jbw.report.messages import instruments as messages
 
 POWER = {"m": (1, 0), "s": (0, 1), "rad": (0, 0), "1": (0, 0)}  # of length and time, by factor
 STEP = 1e-4  # relative, of a stated gain in a difference quotient
-LEFT_OUT = (
-    "Intervals leave out the errors of the recorder's clock and of its sensors' calibration, "
-    "which no record shows: state them under [campaign] by `fs_std` and `gain_std`, and they are "
-    "included."
-)
-BESIDE_MATRICES = (
-    "Intervals leave out the errors of the recorder's clock and of its sensors' calibration, "
-    "which no record shows, and those of the model's shapes."
-)
 
 
 class Factors(NamedTuple):
@@ -195,25 +187,17 @@ def with_instruments(
 def instruments_sentence(stated: Instruments, sensors: Sensors | None) -> str:
     """What intervals include of clock and calibration, and what they leave out."""
     if not stated.is_stated:
-        return LEFT_OUT
+        return messages.LEFT_OUT
     if sensors is None:
-        return (
-            "`fs_std` and `gain_std` are not included: the tests have responses or sources of "
-            "several kinds, whose calibrations scale no parameter alone. Identify tests of one "
-            "kind each in campaigns of their own."
-        )
-    included = [f"the clock ({stated.fs_std:.2g})"] if _clocked(stated, sensors) else []
+        return messages.NOT_INCLUDED
+    included = [messages.of_clock(stated.fs_std)] if _clocked(stated, sensors) else []
     roles = (sensors.response, sensors.source)
     included += [
         f"{role} ({stated.gain_std[role]:.2g})" for role in roles if role in stated.gain_std
     ]
     lacking = [] if stated.fs_std or sensors.is_prescribed else ["`fs_std`"]
     lacking += [f"`gain_std` of {role}" for role in roles if role and role not in stated.gain_std]
-    sentence = (
-        f"Intervals include the stated errors of {', '.join(included) or 'nothing that is read'}"
-    )
-    sentence += f"; not stated: {', '.join(lacking)}" if lacking else ""
-    return f"{sentence}. Bands of predictions are as the same instruments would read them."
+    return messages.included(included, lacking)
 
 
 def _clocked(stated: Instruments, sensors: Sensors) -> bool:

@@ -76,6 +76,7 @@ from jbw.observables.drives import NAMES, attached, named, of_part
 from jbw.observables.observable import Drawn, Observable
 from jbw.oscillator.laws import laws_named
 from jbw.quantities import BY_NAME
+from jbw.report.messages import posterior as messages
 
 under_way = logging.getLogger("jbw.progress")
 STUCK = {"frozen_chain", "r_hat"}  # findings of a sampler that does not fit the posterior
@@ -135,7 +136,7 @@ def joint_step(
     judged = accuracy.within_misfit(step.verdict, dataset.error_by_label(residuals, ready.data))
     if (left_out := groups.get("leave_one_out")) is not None:
         errors = left_out["fitted"].values.tolist(), left_out["error"].values.tolist()
-        judged = accuracy.within_unseen(judged, *errors, "each test predicted from the others")
+        judged = accuracy.within_unseen(judged, *errors, messages.EACH_FROM_OTHERS)
     draws, y_peak = posterior["posterior"].to_dataset(), ready.y_peak
     judged = within_response(judged, draws, ready.data.held, y_peak, ready.data.laws)
     advice = stuck(step.posterior, judged)
@@ -164,9 +165,7 @@ def without_absent_joint(key: Key[Array, ""], ready: Fitted) -> Fitted | None:
     finding = joint_finding(nested, added, ready.y_peak)
     if finding.status == "ok":
         return None
-    statement = (
-        f"{effects_sentence(added, ready.y_peak)} The posterior is of the structure without it."
-    )
+    statement = f"{effects_sentence(added, ready.y_peak)} {messages.WITHOUT_JOINT}"
     bare = replace(data, parts=tuple(replace(part, laws=()) for part in data.parts))
     bare = replace(bare, held={k: v for k, v in data.held.items() if k not in names_of_laws(data)})
     structure_box = box(nested.bounds)
@@ -262,14 +261,11 @@ def drawn(facts: Mapping[Any, Any]) -> list[str]:
     """How the ladder drew: coordinates, evaluations and evidence, in words."""
     if "coordinates" not in facts:
         return []
-    sentence = (
-        f"Sampler: {facts['sampler']}, {facts['num_evaluations']} evaluations, parametrisation: "
-        f"{facts['coordinates']}, the best of those that were tried."
-    )
+    counted = facts["num_evaluations"]
+    sentences = [messages.sampler(facts["sampler"], counted, facts["coordinates"])]
     if "log_evidence" in facts:
-        error = facts["log_evidence_error"]
-        sentence += f" The log evidence is {facts['log_evidence']:.2f} +- {error:.2g}."
-    return [sentence]
+        sentences += [messages.evidence(facts["log_evidence"], facts["log_evidence_error"])]
+    return [" ".join(sentences)]
 
 
 def are_enough(
@@ -289,11 +285,7 @@ def stuck(posterior: xr.DataTree, judged: Verdict) -> list[str]:
     failed = {finding.code for finding in judged.findings if finding.status != "ok"}
     if posterior.attrs.get("sampler") != "elliptical_slice" or not failed & STUCK:
         return []
-    return [
-        "The posterior is too far from the Gaussian about the fit for elliptical slices: "
-        'sampler = "nuts" in [identify] follows the gradient of the model, for some hundred times '
-        "as many evaluations a draw."
-    ]
+    return [messages.TOO_CURVED]
 
 
 def with_derived(key: Key[Array, ""], tree: xr.DataTree, data: Dataset) -> xr.DataTree:
@@ -358,7 +350,7 @@ def _attrs(part: Observable, name: str) -> dict[str, Any]:
         return {
             **attrs,
             **group_units,
-            "long_name": f"{attrs['long_name']}, in the unit of its group",
+            "long_name": messages.in_group_unit(attrs["long_name"]),
         }
     return {**attrs, "units": part.unit}
 
@@ -380,7 +372,7 @@ def posterior_checks(
         outcomes = []
         for label, check in checks.items():
             under_way.info("check of %s", label)
-            outcomes.append(attempts.make(f"The check of {label}", check, None))
+            outcomes.append(attempts.make(messages.check_of(label), check, None))
         return outcomes
 
     def lack_of_fit() -> Finding | None:
@@ -390,31 +382,33 @@ def posterior_checks(
 
     findings = checked(
         {
-            "the residual of the fit": lambda: accuracy.residual_finding(
+            messages.RESIDUAL: lambda: accuracy.residual_finding(
                 residuals, dataset.fractions_counted(data), error, data.laws
             ),
-            "the shape of the residual": lambda: accuracy.shape_finding(error, data),
-            "the scatter of repeats": lambda: accuracy.repeatability_finding(error, data),
+            messages.SHAPE: lambda: accuracy.shape_finding(error, data),
+            messages.REPEATS: lambda: accuracy.repeatability_finding(error, data),
         }
     )
     misses = any(finding is not None and finding.status != "ok" for finding in findings)
     findings += checked(
         {
-            "the steps of the solver": lambda: accuracy.solver_finding(
+            messages.SOLVER_STEPS: lambda: accuracy.solver_finding(
                 posterior[list(prior.names)], data
             ),
-            "the response bands": lambda: response_finding(posterior, data.held, y_peak, data.laws),
+            messages.RESPONSE_BANDS: lambda: response_finding(
+                posterior, data.held, y_peak, data.laws
+            ),
         }
     )
     if misses:
-        findings += checked({"the causes of the residual": lack_of_fit})
+        findings += checked({messages.CAUSES: lack_of_fit})
     runs = attempts.make(
-        "The offsets of the runs", lambda: runs_dataset(key, posterior, prior.names, data), None
+        messages.OFFSETS, lambda: runs_dataset(key, posterior, prior.names, data), None
     )
     if runs is not None:
         groups["runs"] = runs
         words.append(runs_sentence(runs))
-    joints = attempts.make("The shares of the joints", lambda: joints_group(posterior, data), None)
+    joints = attempts.make(messages.JOINT_SHARES, lambda: joints_group(posterior, data), None)
     if joints is not None:
         groups[JOINTS] = joints
         words += joints_words(joints)
@@ -422,22 +416,22 @@ def posterior_checks(
     sentences: dict[str, Callable[[], Iterable[str]]] = {
         "tests": lambda: [x for part in data.parts for x in part.statements(of_part(theta, part))],
         "drives": lambda: drive_sentences(theta, data),
-        "participation of the modes": lambda: participation_sentences(posterior, data.modes),
-        "one joint in all modes": lambda: one_joint_sentences(best, prior, data),
-        "difference of the joints of the modes": lambda: same_joint_sentences(posterior, data),
-        "joint of each mode": lambda: own_joint_sentences(key, best, data),
+        messages.PARTICIPATION: lambda: participation_sentences(posterior, data.modes),
+        messages.ONE_JOINT: lambda: one_joint_sentences(best, prior, data),
+        messages.JOINT_DIFFERENCE: lambda: same_joint_sentences(posterior, data),
+        messages.JOINT_OF_MODES: lambda: own_joint_sentences(key, best, data),
     }
     for topic, build in sentences.items():
-        words += attempts.make(f"The statement on the {topic}", build, ())
+        words += attempts.make(messages.statement_on(topic), build, ())
 
     added = attempts.make(
-        "The effect of the joint", lambda: effects(posterior, data.held, y_peak, data.laws), None
+        messages.JOINT_EFFECT, lambda: effects(posterior, data.held, y_peak, data.laws), None
     )
     if added is not None:
         words += [effects_sentence(added, y_peak)] if joints is None else []
         findings += checked(effect_checks(added, ready, misses=misses))
     words += attempts.make(
-        "The statement on the thresholds of the laws",
+        messages.THRESHOLDS,
         lambda: threshold_sentences(every_parameter(posterior, data), y_peak, data.laws),
         (),
     )
@@ -470,10 +464,10 @@ def posterior_checks(
 
     findings += checked(
         {
-            "the fit without each test": each_test_left_out,
-            "the model discrepancy": left_beyond_noise,
-            "the fit without each kind of test": each_kind_left_out,
-            "the fit to each record alone": each_record_alone,
+            messages.WITHOUT_EACH_TEST: each_test_left_out,
+            messages.DISCREPANCY: left_beyond_noise,
+            messages.WITHOUT_EACH_KIND: each_kind_left_out,
+            messages.EACH_RECORD: each_record_alone,
         }
     )
     findings.append(incomplete_finding(attempts.said))
@@ -490,8 +484,8 @@ def effect_checks(
         return joint_finding(without, added, ready.y_peak)
 
     hysteresis = partial(seen_hysteresis, added, ready, misses=misses)
-    checks: dict[str, Callable[[], Finding | None]] = {"hysteresis beside drag": hysteresis}
-    return checks | ({"whether a joint is seen": joint} if may_be_absent(added) else {})
+    checks: dict[str, Callable[[], Finding | None]] = {messages.HYSTERESIS: hysteresis}
+    return checks | ({messages.JOINT_SEEN: joint} if may_be_absent(added) else {})
 
 
 def seen_hysteresis(added: Effects, ready: Fitted, *, misses: bool) -> Finding | None:

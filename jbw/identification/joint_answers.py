@@ -29,6 +29,7 @@ from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.modes.assembled import STIFFNESS, laws_at, motion_name
 from jbw.oscillator.modes.parameters import DRIVEN
 from jbw.quantities import joints_of, name_at, split
+from jbw.report.messages import modes as messages
 
 GROUP = "joints"
 SPREAD = 2.0  # of the ends of a 99 % interval: a joint that is known better is identified
@@ -78,9 +79,9 @@ def joints_group(
     return xr.Dataset(
         {
             "energy_share": (("joint", "mode"), shares, _words("1", "share in strain energy")),
-            "loss_share": (*_bands(_shares(losses)), _words("1", "share in the joints' losses")),
+            "loss_share": (*_bands(_shares(losses)), _words("1", messages.LOSS_SHARE)),
             "softening_share": (
-                *_bands(_shares(softening)), _words("1", "share in the joints' softening"),
+                *_bands(_shares(softening)), _words("1", messages.SOFTENING_SHARE),
             ),
             "frequency_hz": ("mode", np.array(modes.hz), _words("Hz", "natural frequency, model")),
             "amplitude": ("mode", amplitude, _words("m kg^0.5", "largest modal amplitude")),
@@ -92,7 +93,7 @@ def joints_group(
             ),
             "identified": ("joint", _identified(names, data.laws, softening, losses)),
             "motion": (("joint", "phase"), x, _words("m", "relative motion")),
-            "loop": (("joint", "phase"), force, _words("N", "force, laws at posterior medians")),
+            "loop": (("joint", "phase"), force, _words("N", messages.LOOP_FORCE)),
         },
         {"joint": list(names), "mode": [i + 1 for i in driven], "quantile": list(QUANTILES)},
     )  # fmt: skip
@@ -237,23 +238,19 @@ def joints_words(group: xr.Dataset | None) -> list[str]:
     sentences = []
     for mode in group["mode"].values:
         of_mode = group.sel(mode=mode)
-        name = f"Mode {mode}, at {float(of_mode['frequency_hz']):.4g} Hz,"
+        name = messages.numbered(mode, float(of_mode["frequency_hz"]))
         if not np.isfinite(float(of_mode["amplitude"])):
-            sentences.append(
-                f"{name} is hardly seen at the first point: shares in it are not told."
-            )
+            sentences.append(messages.hardly_seen(name))
             continue
-        change, damping = (100 * of_mode[n].values for n in ("frequency_change", "damping_added"))
-        sentences.append(
-            f"{name} at its largest motion: all joints together change its frequency by "
-            f"{change[1]:.3g} % [{change[0]:.3g}, {change[2]:.3g}] and add {damping[1]:.3g} % "
-            f"[{damping[0]:.3g}, {damping[2]:.3g}] of damping."
+        change, damping = (
+            (100 * of_mode[n].values).tolist() for n in ("frequency_change", "damping_added")
         )
+        sentences.append(messages.all_joints(name, change, damping))
         sentences += _who_damps(int(mode), of_mode)
     identified = dict(zip(group["joint"].values, group["identified"].values, strict=True))
     named = ", ".join(str(joint) for joint, is_identified in identified.items() if is_identified)
     if named:
-        sentences.append(f"Identified by themselves: {named}.")
+        sentences.append(messages.identified(named))
     return sentences
 
 
@@ -266,10 +263,7 @@ def _who_damps(mode: int, of_mode: xr.Dataset) -> list[str]:
     if low[first] < MAIN or not bool(of_mode["identified"].values[first]):
         return []
     joint = str(of_mode["joint"].values[first])
-    return [
-        f"Mode {mode} is damped by {joint} ({100 * middle[first]:.3g} % of the joints' losses, "
-        f"{100 * low[first]:.3g} to {100 * high[first]:.3g} %)."
-    ]
+    return [messages.damped_by(mode, joint, middle[first], low[first], high[first])]
 
 
 def joints_finding(group: xr.Dataset | None) -> Finding | None:

@@ -44,6 +44,8 @@ from jbw.observables import dataset
 from jbw.observables.dataset import Dataset, by_label
 from jbw.observables.drives import plain
 from jbw.observables.observable import OFFSETS
+from jbw.report.messages import posterior as messages
+from jbw.report.messages import stages
 
 NUM_CHAINS, NUM_DRAWS = 4, 1000  # as many as a posterior that was sampled has
 SPARE = 8  # times as many points, so that enough lie within the prior box
@@ -59,7 +61,7 @@ def fit_alone(seen: Measured, *, seed: int, report: Report) -> Identification:
     """
     started, key = perf_counter(), jax.random.key(seed)
     data = assemble(seen)
-    report(f"Least squares: all parameters from {len(data.labels)} groups of data")
+    report(stages.least_squares(len(data.labels)))
     readings = joint_readings(key, seen)
     ready = prepare(parts_of(key, 2), data, seen.settings, readings.known, quick=True)
     return about_fit(key, seen, with_readings(ready, readings), started)
@@ -93,7 +95,7 @@ def laplace_step(key: Key[Array, ""], ready: Fitted, started: float) -> Step:
         },
         {dim: np.arange(size) for dim, size in zip(dims, shape, strict=True)},
     )
-    words = {"units": "1", "long_name": "log density of the Gaussian, less that of the fit"}
+    words = {"units": "1", "long_name": messages.LOG_DENSITY}
     tree = xr.DataTree.from_dict(
         {
             "/posterior": posterior.assign(law_variables(posterior, ready.data)),
@@ -105,10 +107,9 @@ def laplace_step(key: Key[Array, ""], ready: Fitted, started: float) -> Step:
     if joints is not None:
         tree[JOINTS] = xr.DataTree(joints)
     finding = joints_finding(joints)
-    sentences = [] if ready.fit.weak is None else [f"By the fit, {ready.fit.weak.text}."]
+    sentences = [] if ready.fit.weak is None else [messages.by_fit(ready.fit.weak.text)]
     sentences += [
-        f"The best fit of {parameter} lies at the {side} bound of its prior."
-        for parameter, side in ready.fit.at_bound.items()
+        messages.at_bound(parameter, side) for parameter, side in ready.fit.at_bound.items()
     ]
     return Step(
         "joint",

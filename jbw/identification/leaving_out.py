@@ -35,6 +35,7 @@ from jbw.observables.dataset import (
     without,
 )
 from jbw.report.messages import residuals as messages
+from jbw.report.messages import stages
 
 under_way = logging.getLogger("jbw.progress")
 FitsWithout = Mapping[tuple[str, ...], Fit]  # by the runs that are left out
@@ -57,7 +58,7 @@ def fits_without_each_run(best: Fit, prior: Box, data: Dataset) -> FitsWithout:
     excluded = silenced if decays_alone else without
     fits: dict[tuple[str, ...], Fit] = {}
     for place, group in enumerate(groups, start=1):
-        under_way.info("fit without run %d of %d", place, len(groups))
+        under_way.info(stages.WITHOUT_RUN, place, len(groups))
         rest = reduce(lambda remaining, run: excluded(run, remaining), group, data)
         fits[group] = refit(best, prior, rest)
     return fits

@@ -32,6 +32,7 @@ from jbw.identification.lines import (
 from jbw.identification.stabilisation import Stabilisation, starts_of
 from jbw.identification.windowed import Real, receptance
 from jbw.measurement.spectra import FRF
+from jbw.report.messages import modes as messages
 
 SAME_LINES = ("window", "estimator", "nperseg", "noverlap", "num_segments", "num_repeats", "fs")
 LEAST_ZETA, MOST_ZETA = 1e-5, 0.5  # of trials
@@ -303,7 +304,7 @@ def _within(fit: ModalFit) -> None:
     low, high = fit.band_hz
     for freq in fit.omega / (2 * np.pi):
         excess = max(low - freq, freq - high)
-        sentence = f"A mode ended at {freq:.4g} Hz, outside the band {low:.4g} to {high:.4g} Hz"
+        sentence = messages.outside_band(freq, low, high)
         if excess > OUTSIDE * (high - low):
             raise DataError(
                 f"{sentence}, which therefore does not tell it.",

@@ -454,7 +454,7 @@ def model_discrepancy(
         {
             "amplitude": ("run", amplitude, {"units": "m", "long_name": "largest displacement"}),
             "growth": ("run", grown_by, {"units": "1", "long_name": "factor at its amplitude"}),
-            "shift": (dims, shift, {**units, "long_name": "missed by the fit without it"}),
+            "shift": (dims, shift, {**units, "long_name": messages.SHIFT_OF_RUN}),
             "std": (dims, std, {**units, "long_name": "its standard error"}),
             "noise_std": (dims, noise_std, {**units, "long_name": "that of noise alone"}),
             "rest": ("kind", [share.std for share in shares.values()], of_rest),

@@ -17,6 +17,7 @@ from jbw.observables.dataset import Dataset, as_arrays
 from jbw.observables.decay import Decays, matched
 from jbw.observables.drives import of_part
 from jbw.observables.modal_decays import errors_by_mode
+from jbw.report.messages import modes as messages
 
 CLEARLY = 1.25  # times what its own joint leaves of a mode
 
@@ -34,19 +35,9 @@ def _sentence(key: Key[Array, ""], best: Fit, part: Any, data: Dataset) -> str:
     rows = zip(part.modes.hz, common, own_errors, strict=True)
     rejected = [(hz, shared, other) for hz, shared, other in rows if shared > CLEARLY * other]
     if not rejected:
-        return (
-            "One joint serves all modes in the free decays: of none it leaves "
-            f"{CLEARLY:g} times as much as a joint of that mode's own."
-        )
-    clauses = "; ".join(
-        f"about {hz:.4g} Hz it leaves {shared:.2g} of the motion, a joint of that mode's own "
-        f"{other:.2g}"
-        for hz, shared, other in rejected
-    )
-    return (
-        f"One joint across the modes is rejected by the free decays: {clauses}. Identify the modes "
-        "one by one, each in a band of its own, or state other laws."
-    )
+        return messages.one_serves(CLEARLY)
+    clauses = "; ".join(messages.left_by_joint(hz, shared, other) for hz, shared, other in rejected)
+    return messages.rejected(clauses)
 
 
 def error_alone(key: Key[Array, ""], decays: Decays) -> float:

@@ -42,6 +42,7 @@ from jbw.inference.posterior.finding import Finding
 from jbw.inference.space.box import Box
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
+from jbw.report.messages import stages as messages
 
 under_way = logging.getLogger("jbw.progress")
 MOST_SUBSTEPS = 64
@@ -72,7 +73,7 @@ class Fitted:
 def fit_joint(key: Key[Array, ""], seen: Measured, report: Report) -> Fitted:
     """Fit the joint to a campaign as the joint posterior would."""
     data = assemble(seen)
-    report(f"Least squares: all parameters from {len(data.labels)} groups of data")
+    report(messages.least_squares(len(data.labels)))
     return prepare(parts_of(key, 2), data, seen.settings)
 
 
@@ -181,7 +182,7 @@ def settled(
 ) -> tuple[Fit, Dataset]:
     """Fits and the weights that they leave, in turns until the weights move no more."""
     for count in range(1, MOST_ROUNDS + 1):
-        under_way.info("fit and weights, round %d of %d at most", count, MOST_ROUNDS)
+        under_way.info(messages.REWEIGHTING, count, MOST_ROUNDS)
         before = np.asarray(best.x)
         data = with_weights(best, data, settings)
         best = refit(best, prior, data, tolerance=ROUGH)

@@ -33,6 +33,8 @@ from jbw.observables.decay import Decays
 from jbw.observables.forms import by_form
 from jbw.observables.records import Records
 from jbw.quantities import DEFAULT_LAWS
+from jbw.report.messages import paper_steps as messages
+from jbw.report.messages import stages
 
 logger = logging.getLogger("jbw")
 STEPS = ("joint", "third_order", "opening")
@@ -100,11 +102,11 @@ def run_procedure(
         except DataError as error:
             if seen.settings.strict:
                 raise
-            report(f"Steps 3 and 4 are left out: {' '.join(str(error).split())}")
+            report(messages.left_out(" ".join(str(error).split())))
         else:
             identification = replace(identification, kernel=kernel_fit, steps=_told(words, steps))
     data = assemble(seen)
-    report(f"Joint posterior: all parameters from {len(data.labels)} groups of data")
+    report(stages.joint_posterior(len(data.labels)))
     readings = joint_readings(jax.random.fold_in(jax.random.key(seed), READINGS_KEY), seen)
     step, data = joint_step(
         next(keys),
@@ -124,12 +126,12 @@ def run_procedure(
         finding.code == "no_joint" and finding.status != "ok" for finding in step.verdict.findings
     )
     if not unseen and not all(test.traits.is_free for test in seen.tests):
-        report("Free decays: the joint from them alone")
+        report(stages.FREE_DECAYS)
         key = jax.random.fold_in(jax.random.key(seed), DECAY_KEY)
         free = replace(seen, chosen=tuple(test for test in seen.chosen if test.traits.is_free))
         attempts = Attempts(report)
         free_posterior = attempts.make(
-            "The posterior of the free decays alone",
+            stages.FREE_POSTERIOR,
             lambda: joint_step(key, assemble(free), {}, seen.settings, name="decay", keep=keep),
             None,
         )
@@ -169,28 +171,23 @@ def paper_words(seen: Measured) -> tuple[str, ...]:
     others = " and ".join(name for name in seen.laws if name != PAPER_LAW)
     if PAPER_LAW not in seen.laws:
         joint_clause = f"whose law is {others}" if others else "that has none"
-        return (
-            f"The paper's Steps 3 and 4 know Bouc-Wen's law: left out, of a joint {joint_clause}.",
-        )
+        return (messages.other_law(joint_clause),)
     if not others:
         return ()
-    return (
-        f"The paper's Steps 3 and 4 know Bouc-Wen's law alone and take what {others} adds for its "
-        "own; the joint posterior knows all laws.",
-    )
+    return (messages.further_laws(others),)
 
 
 def _paper_steps(
     seen: Measured, linear: PooledFit, keys: Iterator[Key[Array, ""]], report: Report, keep: Keep
 ) -> tuple[step3.KernelFit, dict[str, Step]]:
     """Steps 3 and 4 by the paper's cut, as far as the tests allow them."""
-    report(f"Step 3: third-order kernel at {len(seen.probing)} frequencies")
+    report(stages.kernel(len(seen.probing)))
     kernel_fit = step3.fit_kernel(next(keys), seen.probing, linear, seen.settings)
     steps = step3.third_order_steps(next(keys), kernel_fit, seen.settings, keep=keep)
     drive = drive_of(seen.linear.test) if seen.linear is not None else ""
     if swept := by_form([test for test in seen.swept if drive_of(test) == drive]):
         # One record form, the one with the most levels: the curve of gamma is of one solve.
-        report("Step 4: gamma alone, the earlier steps held")
+        report(stages.STEP_4)
         records = Records.of(max(swept, key=len), substeps=seen.settings.substeps)
         held = steps["third_order_nuts"]
         steps |= step4.opening_steps(next(keys), records, linear, held, seen.settings, keep=keep)
@@ -247,7 +244,7 @@ def posterior_of(
         )
     if step == "opening":
         return _opening(key, seen, linear.pooled, known, report)
-    report(f"Step 3: third-order kernel at {len(seen.probing)} frequencies")
+    report(stages.kernel(len(seen.probing)))
     third_order = step3.fit_kernel(key, seen.probing, linear.pooled, seen.settings)
     best = step3.as_noise(third_order.fit)
     return Posterior(
@@ -265,11 +262,11 @@ def _opening(
         )
     keys, means = jax.random.split(key, 3), run_knowledge.means
     if not means:
-        report("Step 3: means of zeta, alpha and delta, by NUTS")
+        report(stages.STEP_3_MEANS)
         third_order = step3.fit_kernel(keys[0], seen.probing, linear, seen.settings)
         options = step3.SAMPLERS["third_order_nuts"]
         means = means_of(step3.draw(keys[1], third_order, chain_method="vectorized", **options))
-    report("Step 4: gamma alone, the earlier steps held")
+    report(stages.STEP_4)
     records = Records.of(seen.sweeps.fitted, substeps=seen.settings.substeps)
     start = step4.fit_opening(keys[2], records, linear, means, seen.settings)
     return Posterior(

@@ -36,6 +36,7 @@ from jbw.observables.dataset import (
 from jbw.observables.drives import plain
 from jbw.observables.observable import OFFSETS, assemblies_of, belongs_to
 from jbw.quantities import BY_NAME
+from jbw.report.messages import sessions as messages
 
 MOST_ALIKE = 1e12  # condition of a run's offsets as correlations: beyond, they are one direction
 BY_CHANCE = 1e-3  # probability below which shifts are taken for real
@@ -271,27 +272,14 @@ def _spreads(
 def sentence_of(shifts: Shifts, of_levels: float | None = None) -> str:
     """What was seen of the runs, in words; `of_levels` is that of `damping_scatter`."""
     apart = shifts.offset[:, 0] - shifts.offset[:, 0].mean()
-    shifts_text = ", ".join(
-        f"{name} {b / (2 * np.pi):+.3g} Hz" for name, b in zip(shifts.runs, apart, strict=True)
-    )
-    return (
-        f"The natural frequency differs from run to run by more than chance (p = {shifts.p:.1g}): "
-        f"{shifts_text}. {_has_offsets(of_levels)}"
-    )
+    offsets_hz = dict(zip(shifts.runs, (apart / (2 * np.pi)).tolist(), strict=True))
+    return messages.differ(float(shifts.p), offsets_hz, _has_offsets(of_levels))
 
 
 def _has_offsets(of_levels: float | None) -> str:
     if of_levels is None:
-        return "Each run has offsets of omega_n and zeta of its own in the likelihood."
-    if of_levels <= NO_SCATTER:
-        return (
-            "Each level has its own omega_n in the likelihood. All share zeta, which no repeats of "
-            "one level show to scatter: damping that changes with level is the law's to explain."
-        )
-    return (
-        "Each level has its own omega_n in the likelihood, and zeta scatters between levels by "
-        f"{of_levels:.1%} of itself, as it does between repeats of one level."
-    )
+        return messages.OF_EACH_RUN
+    return messages.SHARED_DAMPING if of_levels <= NO_SCATTER else messages.of_each_level(of_levels)
 
 
 def runs_dataset(
@@ -352,8 +340,5 @@ def runs_sentence(runs: xr.Dataset) -> str:
         name = "spread_omega_n" + ("" if over == "run" else f"_{over}")
         if name in runs:
             low, middle, high = np.quantile(runs[name].values, QUANTILES) / (2 * np.pi)
-            scatters.append(f"{middle:.2g} Hz [{low:.2g}, {high:.2g}] over {plural}")
-    return (
-        "The natural frequency of the posterior is the population's mean; it scatters by "
-        f"{' and '.join(scatters)} (standard deviation, 99 % interval)."
-    )
+            scatters.append(messages.scatter((low, middle, high), plural))
+    return messages.population_mean(scatters)

@@ -12,6 +12,7 @@ from jbw.measurement.shaker import ShakerFit, fit_attachment
 from jbw.measurement.spectra import frf
 from jbw.measurement.transients import record_frf
 from jbw.oscillator.attachment import Attachment, attached
+from jbw.report.messages import instruments as messages
 
 ROLES = ("input", "force", "drive_point")
 WIDER = 1.5  # of the band's width to either side: apart lie mass and stiffness, delay and damping
@@ -130,9 +131,13 @@ def shaker_sentence(name: str, found: ShakerReading) -> str:
             found.modes.omega, found.modes.zeta, found.omega, found.zeta, strict=True
         )
     )
-    return (
-        f"{name}: the shaker gives {shaker.gain:.4g} N/V and is attached by {shaker.mass:.3g} kg, "
-        f"{shaker.damping:.3g} N s/m and {shaker.stiffness:.4g} N/m, which leaves "
-        f"{shaker.leftover:.1%} of the force ({shaker.leftover_gain:.1%} by its gain alone). "
-        f"Driven by voltage the structure's modes move from {moved}."
+    return messages.shaker_reading(
+        name,
+        shaker.gain,
+        shaker.mass,
+        shaker.damping,
+        shaker.stiffness,
+        shaker.leftover,
+        shaker.leftover_gain,
+        moved,
     )

@@ -25,6 +25,7 @@ from jbw.observables.observable import Observable
 from jbw.observables.residual_terms import has_own
 from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.modes.parameters import own_name
+from jbw.report.messages import modes as messages
 
 BY_CHANCE = 0.01  # probability of as much better a fit, of modes that do not move the joint
 BARE = ("", "none", "force")  # what moves a structure without its shaker
@@ -200,15 +201,10 @@ def one_joint_sentences(best: Fit, prior: Box, data: Dataset) -> list[str]:
     linear_fit = costly_fit(stacked, box(linear), data, starts=start, tolerance=ROUGH)
     growth, num = 2 * (linear_fit.cost - best.cost), len(bounds) - len(linear)
     least = float(stats.chi2.isf(BY_CHANCE, num))
-    evidence = (
-        f"chi-square grows by {growth:.3g} where modes beside the first are linear neighbours"
-    )
+    evidence = messages.growth_by_neighbours(growth)
     if growth > least:
-        return [f"One joint across the modes: {evidence}, by chance {least:.3g}."]
-    return [
-        f"Nothing shows that modes beside the first move the joint: {evidence}; drive harder, or "
-        "leave them out of `modes`."
-    ]
+        return [messages.one_joint(evidence, least)]
+    return [messages.no_shared_joint(evidence)]
 
 
 def same_joint_sentences(posterior: xr.Dataset, data: Dataset) -> list[str]:
@@ -230,12 +226,11 @@ def same_joint_sentences(posterior: xr.Dataset, data: Dataset) -> list[str]:
             low, _, high = np.quantile(other - first, QUANTILES)
             mean = np.exp([np.median(first), np.median(other)])
             conclusion = (
-                "one common joint is rejected, as far as the modes' own laws follow the data"
-                if low > 0 or high < 0 else "they may meet in one joint"
+                messages.NOT_COMMON
+                if low > 0 or high < 0 else messages.MAY_BE_COMMON
             )  # fmt: skip
             sentences.append(
-                f"{name} is {mean[0]:.3g} in the first mode and {mean[1]:.3g} in that at {hz:g} "
-                f"Hz, their ratio {np.exp(low):.3g} to {np.exp(high):.3g}: {conclusion}."
+                messages.compared(name, mean[0], mean[1], hz, np.exp(low), np.exp(high), conclusion)
             )
     return sentences
 
@@ -269,9 +264,5 @@ def participation_sentences(posterior: xr.Dataset, modes: Modes | None) -> list[
             continue
         low, _, high = np.quantile(posterior[names.ratio].values, QUANTILES)
         if low <= 0.0 <= high:
-            sentences.append(
-                f"The mode at {hz:g} Hz does not take part: {names.ratio} lies within {low:.2g} "
-                f"and {high:.2g}. The source or the sensor stands in its node; leave it out of "
-                "`modes`, or measure elsewhere."
-            )
+            sentences.append(messages.still_mode(hz, names.ratio, low, high))
     return sentences

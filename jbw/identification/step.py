@@ -13,6 +13,7 @@ from jbw.inference.space.box import Box
 from jbw.oscillator.laws import quantities_of, vocabulary
 from jbw.oscillator.modes.parameters import own_quantities
 from jbw.quantities import LINEAR, MODAL, RESIDUAL_TERMS, attrs_of
+from jbw.report.messages import posterior as messages
 
 
 def attrs(laws: tuple[str, ...] = ()) -> dict[str, dict[str, str]]:
@@ -66,11 +67,8 @@ def finished(
     """
     sentences = [*statements]
     if fit.weak is not None:
-        sentences.append(f"By the initial fit, {fit.weak.text}.")
-    sentences += [
-        f"The best fit of {parameter} lies at the {side} bound of its prior."
-        for parameter, side in fit.at_bound.items()
-    ]
+        sentences.append(messages.by_initial_fit(fit.weak.text))
+    sentences += [messages.at_bound(parameter, side) for parameter, side in fit.at_bound.items()]
     return Step(
         name,
         posterior,

@@ -11,6 +11,7 @@ from jbw.identification.linear_step import linear_step
 from jbw.identification.selection import decay_tests, linear_test
 from jbw.measurement.records import Test, drive_of
 from jbw.observables.register import taking
+from jbw.report.messages import posterior as messages
 
 
 def usable(
@@ -36,7 +37,7 @@ def usable(
         return tuple(tests), ()
     accepted = tuple(test for test in tests if test.name not in refused)
     sentences = (
-        f"Test {name} is left out: {' '.join(why.split())}" for name, why in refused.items()
+        messages.test_left_out(name, " ".join(why.split())) for name, why in refused.items()
     )
     return accepted, tuple(sentences)
 

@@ -15,6 +15,7 @@ from jbw.oscillator.laws import quantities_of, vocabulary
 from jbw.oscillator.modes.parameters import own_quantities
 from jbw.quantities import LINEAR, MODAL, RESIDUAL_TERMS, Quantity
 from jbw.quantities import MODES as BESIDE
+from jbw.report.messages import posterior as messages
 
 Laws = tuple[str, ...]
 
@@ -58,10 +59,7 @@ def widened(tree: xr.DataTree, ready: Fitted, stated: Container[str]) -> Fitted 
     if not moved:
         return None
     wide = box(bounds)
-    statement = (
-        f"The posterior leant on a bound that the campaign does not state: {', '.join(moved)}, it "
-        "was sampled again."
-    )
+    statement = messages.widened(moved)
     return replace(
         ready,
         box=wide,

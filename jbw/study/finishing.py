@@ -8,14 +8,10 @@ from typing import Any
 import xarray as xr
 
 from jbw.identification.assemble import entered
-from jbw.identification.instruments import (
-    BESIDE_MATRICES,
-    as_recorded,
-    instruments_sentence,
-    sensors_of,
-)
+from jbw.identification.instruments import as_recorded, instruments_sentence, sensors_of
 from jbw.identification.procedure import Identification
 from jbw.inference.posterior.finding import Verdict
+from jbw.report.messages.instruments import BESIDE_MATRICES
 from jbw.report.opening import opening
 from jbw.study.identifiability import Identifiability, as_group
 from jbw.study.look import look_groups

@@ -1,6 +1,15 @@
 """What an identification says, with example values, topic by topic, constants aside."""
 
-from jbw.report.messages import causes, effects, residuals
+from jbw.report.messages import (
+    causes,
+    effects,
+    instruments,
+    modes,
+    paper_steps,
+    posterior,
+    residuals,
+    sessions,
+)
 
 EXAMPLES = {
     "causes": [
@@ -46,6 +55,58 @@ EXAMPLES = {
         effects.threshold((5e-4, 1e-3, 2e-3), 1e-3, "all that is behind the gap"),
         effects.threshold((2e-3, 3e-3, 4e-3), 1e-3, "all that is behind the gap"),
     ],
+    "instruments": [
+        instruments.with_shaker("voltage"),
+        instruments.mode_with_shaker("voltage", "18.1 Hz (1 %)", "18.8 Hz (1 %)"),
+        instruments.attachment("voltage", 0.1, 0.03, at_drive_point=False),
+        instruments.attachment("voltage", 0.2, 0.03, at_drive_point=True),
+        instruments.heavy(0.02),
+        instruments.shaker_reading(
+            "voltage", 12.0, 0.1, 1.2, 1200.0, 0.02, 0.03, "18.8 Hz (1.00%) to 18.1 Hz (1.20%)"
+        ),
+        instruments.included([instruments.of_clock(1e-5)], []),
+        instruments.included([], ["`gain_std` of force"]),
+    ],
+    "modes": [
+        modes.growth_by_neighbours(12.0),
+        modes.one_joint(modes.growth_by_neighbours(30.0), 9.2),
+        modes.no_shared_joint(modes.growth_by_neighbours(3.0)),
+        modes.compared("alpha", 0.3, 0.31, 18.8, 0.9, 1.1, modes.MAY_BE_COMMON),
+        modes.still_mode(18.8, "gain_ratio_2", -0.1, 0.1),
+        modes.one_serves(1.25),
+        modes.left_by_joint(18.8, 0.2, 0.1),
+        modes.rejected(modes.left_by_joint(18.8, 0.2, 0.1)),
+        modes.hardly_seen(modes.numbered(2, 30.1)),
+        modes.all_joints(modes.numbered(2, 30.1), [-2.0, -1.0, -0.5], [0.1, 0.2, 0.3]),
+        modes.damped_by(2, "bolt_1", 0.8, 0.7, 0.9),
+        modes.numbered(2, 30.1),
+        modes.identified("bolt_1"),
+        modes.outside_band(30.0, 15.0, 23.0),
+    ],
+    "paper_steps": [
+        paper_steps.held_parameters("zeta, alpha, delta", "2.1 times", "0.3"),
+        paper_steps.outside_interval(["gamma"]),
+        paper_steps.wall_time(12.0, 30.0),
+        paper_steps.product(12.0, 11.0, 13.0),
+        paper_steps.left_out("There is no tone."),
+        paper_steps.other_law("whose law is iwan4"),
+        paper_steps.further_laws("cubic"),
+    ],
+    "posterior": [
+        posterior.statement_on("tests"),
+        posterior.sampler("amis", 12000, "logarithms"),
+        posterior.evidence(-12.3, 0.02),
+        posterior.in_group_unit("standard deviation of the noise"),
+        posterior.at_bound("alpha", "upper"),
+        posterior.by_initial_fit("only the product alpha*delta is determined"),
+        posterior.products_sampled(
+            ["alpha"], "delta", ["alpha_delta"], "product of alpha and delta"
+        ),
+        posterior.test_left_out("sweep", "It has no input."),
+        posterior.widened(["gamma to [0, 4]"]),
+        posterior.by_fit("only the product alpha*delta is determined"),
+        posterior.check_of(posterior.REPEATS),
+    ],
     "residuals": [
         residuals.each_session("", ["day 1 2.3 %"]),
         residuals.outside_band("compliance (1e-6 m/N)", 0.4),
@@ -57,5 +118,10 @@ EXAMPLES = {
             {"sweep": (0.02, 0.01), "decay": (0.03, 0.02)}, {"decay": ["gamma"]}, own_frequency=True
         ),
         residuals.across_kinds({"sweep": (0.02, 0.01)}, {}, own_frequency=False),
+    ],
+    "sessions": [
+        sessions.differ(0.001, {"day 1": 0.1, "day 2": -0.1}, sessions.OF_EACH_RUN),
+        sessions.of_each_level(0.021),
+        sessions.population_mean([sessions.scatter((0.1, 0.2, 0.3), "runs")]),
     ],
 }

@@ -136,7 +136,7 @@ def of_findings() -> Iterator[str]:
         values, remedy = OF_FINDINGS[entry]
         yield f"{entry}: {sentence_of(entry, values, passed=False)}"
         if message.passed:
-            passed = sentence_of(entry, OF_PASSED.get(entry, values), passed=True)
+            passed = sentence_of(entry, OF_PASSED.get(entry) or values, passed=True)
             yield f"  passed: {passed}"
         if message.remedy:
             yield f"  remedy: {remedy_of(entry, remedy)}"
@@ -186,6 +186,7 @@ OF_TOPICS = {
         identified.costs(["12.1", "none"]),
     ],
     "laws": [
+        laws.OF_EACH_MODE, laws.IN_FIRST_MODE,
         laws.best_by_predictions("bouc_wen", 6),
         laws.best_by_evidence("bouc_wen", 1, 5),
         laws.best_by_evidence("bouc_wen", 3, 5),
@@ -336,7 +337,8 @@ OF_TOPICS = {
         stages.scoring("cubic", 6, by_fit=False), stages.points(1000, "products"),
         stages.drawing_figures("run/report.html"), stages.drawing_records("figures"),
         stages.later_round("joint posterior", 2), stages.effective(312.0, 400.0),
-        stages.finished_before("usable"),
+        stages.finished_before("usable"), stages.joint_posterior(12), stages.kernel(8),
+        stages.least_squares(12), stages.line_fit("noise"), stages.fitting_as("bouc_wen"),
     ],
     "study": [
         *constants(study), *study.VARIABLES.values(),

@@ -8,6 +8,7 @@ import numpy as np
 from jbw.identification.linear_step import NAMES
 from jbw.identification.procedure import Identification
 from jbw.identification.step import Step
+from jbw.report.messages import paper_steps as messages
 
 CUT = {"third_order_nuts": ("zeta", "alpha", "delta"), "opening_nuts": ("gamma",)}
 FAR = 10.0  # standard deviations: how many more than that says nothing further
@@ -93,19 +94,9 @@ def _statements(
         times = "unlike" if ratio is None else f"{ratio:.2g} times"
         away = abs(gamma["difference"] or 0.0)
         far = f"{away:.2g}" if away < FAR else f"more than {FAR:g}"
-        sentences.append(
-            f"The paper's Step 4 takes {names} for exactly known; gamma holds only if they are. "
-            f"With all parameters free, gamma's standard deviation is {times} that of Step 4, and "
-            f"the two means are {far} such deviations apart. Use the joint posterior."
-        )
+        sentences.append(messages.held_parameters(names, times, far))
     apart = [name for name, row in rows.items() if abs(row["difference"] or 0.0) > 2.576]
     if apart:
-        sentences.append(
-            f"Of {', '.join(apart)} the paper's steps give a mean outside the 99 % interval of the "
-            "joint posterior: trust the latter."
-        )
-    sentences.append(
-        f"Wall time: {walls['cut']:.3g} s for the cut, {walls['joint']:.3g} s for the joint "
-        "posterior, compiling included."
-    )
+        sentences.append(messages.outside_interval(apart))
+    sentences.append(messages.wall_time(walls["cut"], walls["joint"]))
     return sentences

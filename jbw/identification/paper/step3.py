@@ -28,6 +28,7 @@ from jbw.oscillator.law import Bounds, Scales
 from jbw.oscillator.oscillator import prior_of
 from jbw.paper.kernels import cubic_stiffness, softened_receptance
 from jbw.paper.objectives import kernel_energy
+from jbw.report.messages import paper_steps as messages
 
 NAMES = ("zeta", "alpha", "delta")
 # Half widths of the paper's boxes about the initial fit, read from the CVs of its priors.
@@ -181,11 +182,7 @@ def _product_sentence(tree: xr.DataTree) -> str:
     posterior = tree["posterior"].to_dataset()
     product = (posterior["alpha"] * posterior["delta"]).values
     low, high = np.quantile(product, [0.005, 0.995])
-    return (
-        "Third harmonics tell lambda_3 and with it the product alpha*delta: "
-        f"{product.mean():.6g} 1/(m s^2), 99 % interval [{low:.6g}, {high:.6g}]. They do not tell "
-        "alpha and delta apart: use the product, or the joint posterior."
-    )
+    return messages.product(product.mean(), low, high)
 
 
 def predicted(posterior: xr.Dataset, data: KernelData) -> NDArray[np.complex128]:

@@ -30,6 +30,7 @@ from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import Box, box
 from jbw.observables.records import Records
 from jbw.paper.likelihoods import gaussian_log_likelihood
+from jbw.report.messages import paper_steps as messages
 
 NAMES = ("gamma",)
 NODES = 48
@@ -184,10 +185,7 @@ def opening_steps(
     means = means_of(third_order.posterior)
     curve, best, prior, held = fit_opening(fit_key, records, linear, means, settings)
     chi_square = (2 * best.cost, records.mean.size)
-    statements = (
-        "Gamma is conditional on the means of Steps 2 and 3: their errors are in it, "
-        "not in its interval.",
-    )
+    statements = (messages.CONDITIONAL,)
     steps = {}
     for draw_key, (name, options) in zip(keys, SAMPLERS.items(), strict=True):
         tree = sample(

@@ -12,6 +12,7 @@ IN_BANDS = (
     "Beyond the largest amplitude fitted it grows with the square of the amplitude, as the "
     "equivalent stiffness of a cubic spring does."
 )
+SHIFT_OF_RUN = "missed by the fit without it"
 
 
 def missed(

@@ -4,6 +4,10 @@ from collections.abc import Mapping, Sequence
 
 from jbw.report.messages.message import percent
 
+# How several modes may be that share no joint, behind the names of the laws.
+OF_EACH_MODE = " of each mode"
+IN_FIRST_MODE = " in the first mode"
+
 
 def best_by_predictions(law: str, num_sessions: int) -> str:
     """The best law, where sessions are enough to compare predictions."""

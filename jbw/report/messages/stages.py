@@ -18,6 +18,16 @@ TESTS = "The comparison of the tests with the model"
 BACKBONE = "The backbone"
 RECORD_LIKELIHOOD = "The likelihood of single records"
 
+FREE_DECAYS = "Free decays: the joint from them alone"
+FREE_POSTERIOR = "The posterior of the free decays alone"
+STEP_4 = "Step 4: gamma alone, the earlier steps held"
+STEP_3_MEANS = "Step 3: means of zeta, alpha and delta, by NUTS"
+WITHOUT_KIND = "fit without kind %d of %d"
+WITHOUT_RUN = "fit without run %d of %d"
+PRIOR_POINTS = "%d points of the prior"
+FURTHER_START = "further start %d of %d"
+REWEIGHTING = "fit and weights, round %d of %d at most"
+
 
 def little_address_space(limit_gib: float, needed_gib: float) -> str:
     """That a limit on the address space may end the process."""
@@ -70,3 +80,28 @@ def effective(size: float, needed: float) -> str:
 def finished_before(verdict: str) -> str:
     """Of one campaign of several."""
     return f"was finished before, verdict {verdict}"
+
+
+def joint_posterior(count: int) -> str:
+    """From how many groups of data the joint posterior is."""
+    return f"Joint posterior: all parameters from {count} groups of data"
+
+
+def kernel(count: int) -> str:
+    """At how many frequencies Step 3 reads the kernel."""
+    return f"Step 3: third-order kernel at {count} frequencies"
+
+
+def least_squares(count: int) -> str:
+    """From how many groups of data the least squares are."""
+    return f"Least squares: all parameters from {count} groups of data"
+
+
+def line_fit(test: str) -> str:
+    """Of which test Step 2 fits the lines."""
+    return f"Step 2: line fit of {test}"
+
+
+def fitting_as(law: str) -> str:
+    """By the weights of which law all are fitted."""
+    return f"Fitting all as {law} weighs the data, which leaves least"

@@ -1,0 +1,87 @@
+"""Shakers that are attached, and the stated errors of clocks and sensors."""
+
+from collections.abc import Sequence
+
+NOT_INCLUDED = (
+    "`fs_std` and `gain_std` are not included: the tests have responses or sources of several "
+    "kinds, whose calibrations scale no parameter alone. Identify tests of one kind each in "
+    "campaigns of their own."
+)
+LEFT_OUT = (
+    "Intervals leave out the errors of the recorder's clock and of its sensors' calibration, "
+    "which no record shows: state them under [campaign] by `fs_std` and `gain_std`, and they are "
+    "included."
+)
+BESIDE_MATRICES = (
+    "Intervals leave out the errors of the recorder's clock and of its sensors' calibration, "
+    "which no record shows, and those of the model's shapes."
+)
+
+
+def with_shaker(drive: str) -> str:
+    """That every test is driven by one shaker, whose armature moves along."""
+    return (
+        f"Every test is driven by {drive}, so that omega_n and zeta are those of the structure "
+        "with its shaker, whose armature moves along."
+    )
+
+
+def mode_with_shaker(drive: str, loaded: str, unloaded: str) -> str:
+    """Frequency and damping with a shaker and without."""
+    return f"Driven by {drive} the mode lies at {loaded}, with its shaker; otherwise at {unloaded}."
+
+
+def attachment(test: str, share: float, added: float, *, at_drive_point: bool) -> str:
+    """How well the attachment of a shaker predicts the mode, and the modal mass that it adds."""
+    error = (
+        "and as the drive point is the response itself, with a standard deviation twice as wide, "
+        if at_drive_point
+        else "with a standard deviation of "
+    )
+    return (
+        f"The shaker was read on {test}: its attachment predicts omega_n and zeta, {error}"
+        f"{share:.0%} of the change. It adds {added:+.2%} to the modal mass, by which the joint's "
+        "share of the stiffness differs too; that is left out."
+    )
+
+
+def heavy(limit: float) -> str:
+    """What to do where a shaker adds more than so much of the modal mass."""
+    return (
+        f"Beyond {limit:.0%} that matters: fit the tests of either drive apart, or move the shaker "
+        "to where the mode moves less."
+    )
+
+
+def shaker_reading(
+    name: str,
+    gain: float,
+    mass: float,
+    damping: float,
+    stiffness: float,
+    leftover: float,
+    leftover_gain: float,
+    moved: str,
+) -> str:
+    """What was read of a shaker: gain, attachment, residual force, and how the modes move."""
+    return (
+        f"{name}: the shaker gives {gain:.4g} N/V and is attached by {mass:.3g} kg, {damping:.3g} "
+        f"N s/m and {stiffness:.4g} N/m, which leaves {leftover:.1%} of the force "
+        f"({leftover_gain:.1%} by its gain alone). Driven by voltage the structure's modes move "
+        f"from {moved}."
+    )
+
+
+def of_clock(error: float) -> str:
+    """The relative error of the clock, among others."""
+    return f"the clock ({error:.2g})"
+
+
+def included(errors: Sequence[str], missing: Sequence[str]) -> str:
+    """Stated errors that intervals include, and errors that are not stated."""
+    listed = ", ".join(errors) or "nothing that is read"
+    not_stated = f"; not stated: {', '.join(missing)}" if missing else ""
+    return (
+        f"Intervals include the stated errors of {listed}{not_stated}. Bands of predictions are as "
+        "the same instruments would read them."
+    )

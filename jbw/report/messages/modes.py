@@ -1,0 +1,107 @@
+"""Several modes: those that share a joint, take no part, or ended outside the band."""
+
+from collections.abc import Sequence
+
+NOT_COMMON = "one common joint is rejected, as far as the modes' own laws follow the data"
+MAY_BE_COMMON = "they may meet in one joint"
+LOSS_SHARE = "share in the joints' losses"
+SOFTENING_SHARE = "share in the joints' softening"
+LOOP_FORCE = "force, laws at posterior medians"
+
+
+def growth_by_neighbours(growth: float) -> str:
+    """By how much chi-square grows with linear neighbours."""
+    return f"chi-square grows by {growth:.3g} where modes beside the first are linear neighbours"
+
+
+def one_joint(evidence: str, least: float) -> str:
+    """That modes share a joint, by chi-square and its limit."""
+    return f"One joint across the modes: {evidence}, by chance {least:.3g}."
+
+
+def no_shared_joint(evidence: str) -> str:
+    """That nothing shows a shared joint."""
+    return (
+        f"Nothing shows that modes beside the first move the joint: {evidence}; drive harder, or "
+        "leave them out of `modes`."
+    )
+
+
+def compared(
+    name: str, first: float, other: float, hz: float, low: float, high: float, conclusion: str
+) -> str:
+    """A number of a law in two modes, their ratio, and what follows."""
+    return (
+        f"{name} is {first:.3g} in the first mode and {other:.3g} in that at {hz:g} Hz, their "
+        f"ratio {low:.3g} to {high:.3g}: {conclusion}."
+    )
+
+
+def still_mode(hz: float, ratio: str, low: float, high: float) -> str:
+    """A mode that source or sensor do not see."""
+    return (
+        f"The mode at {hz:g} Hz does not take part: {ratio} lies within {low:.2g} and {high:.2g}. "
+        "The source or the sensor stands in its node; leave it out of `modes`, or measure "
+        "elsewhere."
+    )
+
+
+def one_serves(factor: float) -> str:
+    """The ratio of residuals from which one joint is rejected."""
+    return (
+        f"One joint serves all modes in the free decays: of none it leaves {factor:g} times as "
+        "much as a joint of that mode's own."
+    )
+
+
+def left_by_joint(hz: float, shared: float, other: float) -> str:
+    """Residuals of a mode with one joint for all modes, and with one of its own."""
+    return (
+        f"about {hz:.4g} Hz it leaves {shared:.2g} of the motion, a joint of that mode's own "
+        f"{other:.2g}"
+    )
+
+
+def rejected(clauses: str) -> str:
+    """That free decays reject one joint for all modes."""
+    return (
+        f"One joint across the modes is rejected by the free decays: {clauses}. Identify the "
+        "modes one by one, each in a band of its own, or state other laws."
+    )
+
+
+def hardly_seen(name: str) -> str:
+    """A mode with hardly any motion at the first point."""
+    return f"{name} is hardly seen at the first point: shares in it are not told."
+
+
+def all_joints(name: str, change: Sequence[float], damping: Sequence[float]) -> str:
+    """What all joints do to a mode, with intervals [%]."""
+    return (
+        f"{name} at its largest motion: all joints together change its frequency by "
+        f"{change[1]:.3g} % [{change[0]:.3g}, {change[2]:.3g}] and add {damping[1]:.3g} % "
+        f"[{damping[0]:.3g}, {damping[2]:.3g}] of damping."
+    )
+
+
+def damped_by(mode: int, joint: str, share: float, low: float, high: float) -> str:
+    """The joint with most of the losses of a mode, and its share with an interval."""
+    return (
+        f"Mode {mode} is damped by {joint} ({100 * share:.3g} % of the joints' losses, "
+        f"{100 * low:.3g} to {100 * high:.3g} %)."
+    )
+
+
+def numbered(mode: int, hz: float) -> str:
+    """A mode with its number and frequency, as a subject."""
+    return f"Mode {mode}, at {hz:.4g} Hz,"
+
+
+def identified(joints: str) -> str:
+    """Joints that are identified by themselves."""
+    return f"Identified by themselves: {joints}."
+
+
+def outside_band(hz: float, low: float, high: float) -> str:
+    """A mode that a fit put outside the band [Hz]."""
+    return f"A mode ended at {hz:.4g} Hz, outside the band {low:.4g} to {high:.4g} Hz"

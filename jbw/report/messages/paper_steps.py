@@ -1,0 +1,60 @@
+"""The paper's steps one after another, beside the joint posterior."""
+
+from collections.abc import Sequence
+
+CONDITIONAL = (
+    "Gamma is conditional on the means of Steps 2 and 3: their errors are in it, not in its "
+    "interval."
+)
+
+
+def held_parameters(names: str, times: str, far: str) -> str:
+    """What Step 4 takes as known, and how its gamma differs from that of all parameters."""
+    return (
+        f"The paper's Step 4 takes {names} for exactly known; gamma holds only if they are. With "
+        f"all parameters free, gamma's standard deviation is {times} that of Step 4, and the two "
+        f"means are {far} such deviations apart. Use the joint posterior."
+    )
+
+
+def outside_interval(names: Sequence[str]) -> str:
+    """Parameters whose means of the two routes differ."""
+    return (
+        f"Of {', '.join(names)} the paper's steps give a mean outside the 99 % interval of the "
+        "joint posterior: trust the latter."
+    )
+
+
+def wall_time(cut_s: float, joint_s: float) -> str:
+    """Wall times of both routes [s]."""
+    return (
+        f"Wall time: {cut_s:.3g} s for the cut, {joint_s:.3g} s for the joint posterior, "
+        "compiling included."
+    )
+
+
+def product(product: float, low: float, high: float) -> str:
+    """The product that third harmonics determine, with its interval [1/(m s^2)]."""
+    return (
+        f"Third harmonics tell lambda_3 and with it the product alpha*delta: {product:.6g} 1/(m "
+        f"s^2), 99 % interval [{low:.6g}, {high:.6g}]. They do not tell alpha and delta apart: "
+        "use the product, or the joint posterior."
+    )
+
+
+def left_out(why: str) -> str:
+    """Why Steps 3 and 4 are left out."""
+    return f"Steps 3 and 4 are left out: {why}"
+
+
+def other_law(joint: str) -> str:
+    """That the joint has none of the law of Steps 3 and 4."""
+    return f"The paper's Steps 3 and 4 know Bouc-Wen's law: left out, of a joint {joint}."
+
+
+def further_laws(others: str) -> str:
+    """That the joint has laws that Steps 3 and 4 do not know."""
+    return (
+        f"The paper's Steps 3 and 4 know Bouc-Wen's law alone and take what {others} adds for its "
+        "own; the joint posterior knows all laws."
+    )

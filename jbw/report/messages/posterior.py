@@ -1,0 +1,99 @@
+"""How a posterior was drawn, what the fit before it showed, and what its checks are about."""
+
+from collections.abc import Sequence
+
+WITHOUT_JOINT = "The posterior is of the structure without it."
+TOO_CURVED = (
+    "The posterior is too far from the Gaussian about the fit for elliptical slices: sampler = "
+    '"nuts" in [identify] follows the gradient of the model, for some hundred times as many '
+    "evaluations a draw."
+)
+
+# What a check or a statement is about, as a part of a sentence that says why it is missing.
+EACH_FROM_OTHERS = "each test predicted from the others"
+RESIDUAL = "the residual of the fit"
+SHAPE = "the shape of the residual"
+REPEATS = "the scatter of repeats"
+RESPONSE_BANDS = "the response bands"
+DISCREPANCY = "the model discrepancy"
+HYSTERESIS = "hysteresis beside drag"
+SOLVER_STEPS = "the steps of the solver"
+CAUSES = "the causes of the residual"
+OFFSETS = "The offsets of the runs"
+JOINT_SHARES = "The shares of the joints"
+PARTICIPATION = "participation of the modes"
+JOINT_OF_MODES = "joint of each mode"
+ONE_JOINT = "one joint in all modes"
+JOINT_DIFFERENCE = "difference of the joints of the modes"
+JOINT_EFFECT = "The effect of the joint"
+THRESHOLDS = "The statement on the thresholds of the laws"
+WITHOUT_EACH_TEST = "the fit without each test"
+WITHOUT_EACH_KIND = "the fit without each kind of test"
+EACH_RECORD = "the fit to each record alone"
+JOINT_SEEN = "whether a joint is seen"
+
+LOG_DENSITY = "log density of the Gaussian, less that of the fit"
+
+
+def check_of(topic: str) -> str:
+    """Of a topic, as the subject of why its check is missing."""
+    return f"The check of {topic}"
+
+
+def statement_on(topic: str) -> str:
+    """Of a topic, as the subject of why it is missing."""
+    return f"The statement on the {topic}"
+
+
+def sampler(name: str, evaluations: int, coordinates: str) -> str:
+    """Which sampler drew the posterior, in how many evaluations and which parametrisation."""
+    return (
+        f"Sampler: {name}, {evaluations} evaluations, parametrisation: {coordinates}, the best of "
+        "those that were tried."
+    )
+
+
+def evidence(log_evidence: float, error: float) -> str:
+    """The log evidence with its error [nats]."""
+    return f"The log evidence is {log_evidence:.2f} +- {error:.2g}."
+
+
+def in_group_unit(name: str) -> str:
+    """Long name of a quantity whose unit differs between groups."""
+    return f"{name}, in the unit of its group"
+
+
+def at_bound(name: str, side: str) -> str:
+    """That the fit lies at a bound of the prior."""
+    return f"The best fit of {name} lies at the {side} bound of its prior."
+
+
+def by_fit(combinations: str) -> str:
+    """Which combinations the fit determines."""
+    return f"By the fit, {combinations}."
+
+
+def by_initial_fit(combinations: str) -> str:
+    """Which combinations the initial fit determines."""
+    return f"By the initial fit, {combinations}."
+
+
+def products_sampled(most: Sequence[str], last: str, names: Sequence[str], meanings: str) -> str:
+    """That products of parameters are sampled in their place."""
+    return (
+        f"The data know {', '.join(most)} and {last} by their products alone: {', '.join(names)} "
+        f"are sampled in their place ({meanings})."
+    )
+
+
+def test_left_out(name: str, why: str) -> str:
+    """A test that cannot be used, and why."""
+    return f"Test {name} is left out: {why}"
+
+
+def widened(bounds: Sequence[str]) -> str:
+    """Bounds that were moved before the posterior was sampled again."""
+    return (
+        f"The posterior leant on a bound that the campaign does not state: {', '.join(bounds)}, "
+        "it was sampled again."
+    )
