@@ -11,6 +11,7 @@ from jbw.assembly.dofs import Dof, dof_of, numbered_rows, require_distinct
 from jbw.assembly.factorisation import Sparse, negative_pivots
 from jbw.assembly.units import in_si, system_named
 from jbw.errors import DataError
+from jbw.report.messages import matrices as messages
 
 _ROUND_OFF, _ASYMMETRIC = 1e-10, 1e-6  # of sqrt(A_ii A_jj)
 _SEMIDEFINITE = 1e-12  # of the diagonal, added before the pivots of a mass matrix are counted
@@ -50,7 +51,7 @@ class MatrixModel:
     def __repr__(self) -> str:
         nodes = len({dof.node for dof in self.dofs})
         matrices = "M, K" if self.damping is None else "M, C, K"
-        return f"MatrixModel({matrices}: {self.num_dofs} degrees of freedom at {nodes} nodes)"
+        return messages.shown(matrices, self.num_dofs, nodes)
 
 
 def matrix_model(
@@ -165,10 +166,7 @@ def _symmetrised(name: str, matrix: Sparse, dofs: Sequence[Dof]) -> tuple[Sparse
     symmetric = sp.csc_array((matrix + matrix.T) / 2)
     if relative[worst] <= _ROUND_OFF:
         return symmetric, ""
-    return symmetric, (
-        f"{name} is symmetric to {relative[worst]:.1e} only, at {dofs[i]} and {dofs[j]}; its "
-        "symmetric part is taken."
-    )
+    return symmetric, messages.asymmetric(name, relative[worst], str(dofs[i]), str(dofs[j]))
 
 
 def _is_triangle(matrix: Sparse) -> bool:

@@ -25,6 +25,7 @@ from jbw.assembly.matrices import MatrixModel
 from jbw.assembly.residual_modes import ResidualModes, residual_modes
 from jbw.assembly.stuck_modes import StuckModes, residual_shapes, rotated_clusters, stuck_modes
 from jbw.errors import ConfigError, ModelError
+from jbw.report.messages import matrices as messages
 
 _SLOWEST_RESIDUAL = 5.0  # times to_hz
 _STILL = 1e-9  # of the motion of its degrees of freedom: a joint that a mode does not move
@@ -97,9 +98,9 @@ class ReducedModel:
         shown = ", ".join(f"{hz:.4g}" for hz in self.frequencies_hz[:_SHOWN])
         more = ", ..." if self.num_kept > _SHOWN else ""
         residual = self.omega.size - self.num_kept
+        joints = [joint.name for joint in self.joints]
         lines = [
-            f"ReducedModel: {self.num_kept} modes in full stick at {shown}{more} Hz, {residual} "
-            f"residual modes, joints {', '.join(joint.name for joint in self.joints)}",
+            messages.reduced(self.num_kept, f"{shown}{more}", residual, joints),
             *(f"  {note}" for note in self.notes),
         ]
         return "\n".join(lines)
@@ -271,11 +272,8 @@ def _modal_damping(damping: Sparse, modes: StuckModes) -> tuple[np.ndarray, list
     if coupling.max(initial=0.0) <= _COUPLED:
         return zeta, []
     i, j = np.unravel_index(np.argmax(coupling), coupling.shape)
-    note = (
-        f"The damping matrix couples modes {min(i, j) + 1} and {max(i, j) + 1} by "
-        f"{100 * coupling[i, j]:.0f} % of their own damping; its off-diagonal part is left out."
-    )
-    warnings.warn(f"{note} Damping of the joints themselves belongs into their laws.", stacklevel=5)
+    note = messages.coupled_damping(int(min(i, j)) + 1, int(max(i, j)) + 1, coupling[i, j])
+    warnings.warn(messages.damping_of_joints(note), stacklevel=5)
     return zeta, [note]
 
 
@@ -387,14 +385,11 @@ def _notes(
     """What was done beyond what was asked for."""
     notes = []
     if massless := model.massless.size:
-        notes.append(f"Degrees of freedom without mass, condensed statically: {massless}.")
+        notes.append(messages.massless(massless))
     if rigid := int(np.sum(modes.omega == 0)):
         notes.append(f"Rigid-body modes: {rigid}.")
     if residual.slowed.size:
         highest = residual.slowed[-1]
         fastest = "infinity" if not np.isfinite(highest) else f"{highest / (2 * np.pi):.4g} Hz"
-        notes.append(
-            f"Residual modes slowed to {limit / (2 * np.pi):.4g} Hz: {residual.slowed.size}, the "
-            f"fastest from {fastest}; their static flexibility is kept."
-        )
+        notes.append(messages.slowed(limit / (2 * np.pi), residual.slowed.size, fastest))
     return notes

@@ -19,6 +19,7 @@ from jaxtyping import Bool, Float
 
 from jbw.assembly.reduce import ReducedModel
 from jbw.errors import ConfigError
+from jbw.report.messages import matrices as messages
 
 INSEPARABLE_DEGREES = 5.0  # between columns of B
 _SHOWN_DEGREES = 0.1
@@ -94,10 +95,7 @@ class JointSeparability:
         angle = "less than 0.1" if pair.degrees < _SHOWN_DEGREES else f"{pair.degrees:.2g}"
         modes = "mode" if len(self.modes) == 1 else "modes"
         numbers = ", ".join(str(mode + 1) for mode in self.modes)
-        return (
-            f"Joints `{first}` and `{second}` are not told apart by {modes} {numbers}: their "
-            f"columns of B are {angle} degrees apart ({pair.likeness})."
-        )
+        return messages.inseparable(first, second, modes, numbers, angle, pair.likeness)
 
 
 def energy_shares(model: ReducedModel) -> Float[np.ndarray, "joint kept"]:

@@ -22,6 +22,7 @@ from jbw.inference.groups.offsets import Estimate, known_estimate
 from jbw.observables.drives import named
 from jbw.observables.observable import OFFSETS, Laws, Observable, Theta, Weighted
 from jbw.quantities import DEFAULT_LAWS
+from jbw.report.messages import observed as messages
 
 
 def label_of(drive: str) -> str:
@@ -101,9 +102,12 @@ class Foretold(Observable):
         omega, zeta = (float(theta[name]) for name in names)
         foretold = [float(theta[n] + x) for n, x in zip(OFFSETS, self.mean, strict=True)]
         return [
-            f"Driven by {self.fed} the mode lies at {mode_words(omega, zeta)}, predicted "
-            f"{mode_words(*foretold)} by the shaker; the structure alone at "
-            f"{mode_words(float(theta['omega_n']), float(theta['zeta']))}.",
+            messages.with_shaker(
+                self.fed,
+                mode_words(omega, zeta),
+                mode_words(*foretold),
+                mode_words(float(theta["omega_n"]), float(theta["zeta"])),
+            ),
             *filter(None, [self.words]),
         ]
 

@@ -40,6 +40,7 @@ from jbw.observables.observable import (
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.oscillator.response import simulate
 from jbw.quantities import LETTER_OF, UNIT_OF, derivative_order
+from jbw.report.messages import observed as messages
 
 BEGINNING = 0.3  # 1 / (zeta omega_n): of a record, from which its initial state is read
 LEAST_BEGUN = 8  # values of the envelope for that
@@ -265,10 +266,8 @@ class Decays(Envelopes):
         shift = np.asarray(matched(theta, self).entry.shift)
         scatter = float(np.sqrt(np.mean(shift**2))) / (2 * np.pi)
         return [
-            f"The natural frequencies of the {len(self.names)} records scatter by {scatter:.2g} "
-            "Hz, which the interval of omega_n includes.",
-            f"Residuals are correlated: {float(self.fraction):.0%} of the "
-            f"{self.envelope.shape[1]} values of a record are counted as independent.",
+            messages.frequencies_scatter(len(self.names), scatter),
+            messages.correlated(float(self.fraction), self.envelope.shape[1]),
         ]
 
 

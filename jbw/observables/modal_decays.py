@@ -38,6 +38,7 @@ from jbw.oscillator.modes.parameters import structure_of
 from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.response import simulate
 from jbw.quantities import DEFAULT_LAWS, LETTER_OF, OSCILLATOR
+from jbw.report.messages import observed as messages
 
 STEPS_A_PERIOD = 20.0  # of the highest mode; of fewer, turns come and go within a step
 STEP = 1e-6  # of a mode's amplitude: differences by the start, beside rounding of 1e-10
@@ -176,7 +177,7 @@ class ModalDecays(Decays):
             for hz, error in zip(self.modes.hz, errors_by_mode(residual, self), strict=True)
         )
         return [
-            f"Of the motion in the free decays {errors} is left at the optimum, over its rms.",
+            messages.left_of_motion(errors),
             *super().statements(theta),
         ]
 

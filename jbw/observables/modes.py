@@ -23,6 +23,7 @@ from jbw.observables.observable import OFFSETS, Laws, Observable, Theta, Weighte
 from jbw.oscillator.modes.assembled import OMEGA, PUSH, ZETA, numbered, seen_name
 from jbw.oscillator.modes.parameters import NAMES, SEEN, Names, structure_of
 from jbw.quantities import DEFAULT_LAWS, OSCILLATOR
+from jbw.report.messages import observed as messages
 
 FIRST = tuple(quantity.name for quantity in OSCILLATOR)
 LABEL = "modes at the joint"
@@ -262,15 +263,9 @@ class ModesAtJoint(Observable):
         growth = np.asarray(self.growth)
         sentences = []
         for i, hz in enumerate(np.asarray(structure.omega_n)[1:] / (2 * np.pi)):
-            sign = (
-                "" if np.isnan(growth[i])
-                else f" The other sign of h fits worse, chi-square by {growth[i]:.3g}."
-                if growth[i] > CLEAR
-                else f" The other sign of h fits as well, chi-square differs by {growth[i]:.2g}: "
-                "it is not known."
-            )  # fmt: skip
-            sentences.append(
-                f"Mode {i + 2}, at {hz:.4g} Hz, moves the joint by h = {h[i]:.3g} and takes "
-                f"p = {p[i]:.3g} of its force, at the optimum, the first mode 1 and 1.{sign}"
-            )
+            sentence = messages.moves_joint(i + 2, hz, h[i], p[i])
+            if not np.isnan(growth[i]):
+                sign = messages.sign_of_motion(growth[i], is_clear=bool(growth[i] > CLEAR))
+                sentence = f"{sentence} {sign}"
+            sentences.append(sentence)
         return sentences

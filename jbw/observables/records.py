@@ -45,6 +45,7 @@ from jbw.oscillator.modes.parameters import has_further_modes
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.oscillator.residual_sums import Compared, Sums, residual_sums
 from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
+from jbw.report.messages import observed as messages
 
 NEAR_PEAK = 0.3  # of the peak: lines of a spectrum that the first values are read from
 ABSURD = 1e6  # times the largest of what was measured: no prediction of it
@@ -502,7 +503,7 @@ def compile_beside(tests: Sequence[Test], laws: Laws) -> Thread | None:
             if joints is not None and not any(law.stacks for law in joints.laws):
                 compile_ahead(joints, NUM_POWERS, order)
 
-    thread = Thread(target=compiled, name="compile what sweeps are solved by")
+    thread = Thread(target=compiled, name=messages.COMPILING)
     thread.start()
     return thread
 

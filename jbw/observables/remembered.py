@@ -12,6 +12,7 @@ from jbw.observables.samples import motion_under
 from jbw.oscillator.deepening import MOST
 from jbw.oscillator.hold import HeldInput
 from jbw.oscillator.laws.reversals import SIZE
+from jbw.report.messages import observed as messages
 
 Records = Any  # with a source, which calls these functions
 
@@ -38,8 +39,7 @@ def told(theta: Mapping[str, Array], data: Records) -> list[str]:
     """Where the motion comes back to reversals that a law has given up, in words."""
     counts = np.asarray(guesses(theta, data))
     return [
-        f"{label}: loops within loops are deeper than the law remembers; {int(count)} times "
-        "its force may have been a guess until a larger loop closed."
+        messages.too_deep(label, int(count))
         for label, count in zip(data.labels, counts, strict=True)
         if count > 0
     ]

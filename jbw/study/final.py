@@ -9,6 +9,7 @@ from jbw.identification.assemble import Report
 from jbw.identification.selection import fitted_for_use
 from jbw.inference.posterior.finding import ASKED, WORST_FIRST, Finding, Verdict, judge
 from jbw.inference.samplers.chunked_run import Keep
+from jbw.report.messages import stages as messages
 from jbw.study.study import Study
 from jbw.study.summary import verdict_record
 
@@ -25,9 +26,9 @@ def for_use(once: Once, campaign: Campaign, keep: Keep, report: Report) -> Study
     settings = campaign.settings.model_copy(update={"final": False})
     held = once(replace(campaign, settings=settings), keep)
     if not held_out(held.record):
-        report("No test is held out: this is the answer of all tests.")
+        report(messages.NONE_HELD_OUT)
         return held
-    report("Fitting all tests for use")
+    report(messages.FITTING_FOR_USE)
     every = replace(campaign, settings=fitted_for_use(campaign.tests, settings))
     return with_held_out(once(every, lambda name: keep(f"final_{name}")), held)
 

@@ -13,6 +13,7 @@ from jbw.observables.decay_envelopes import filter_of, readings
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.oscillator.steady.backbone import backbone
 from jbw.quantities import UNIT_OF, derivative_order
+from jbw.report.messages import verification as messages
 from jbw.verification.bands import QUANTILE_AXIS, band
 from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Draws, Laws, parameter_names
@@ -44,14 +45,14 @@ def backbone_group(draws: Draws, y_peak: float, laws: Laws) -> xr.Dataset | None
     slip = z - stuck[:, None, None] * y
     loops = ("quantile", "loop", "phase")
     force = {"units": "N/kg", "long_name": "hysteretic force"}
-    stiffness = {"units": "1/s^2", "long_name": "stiffness of Z without slip"}
+    stiffness = {"units": "1/s^2", "long_name": messages.STIFFNESS}
     return xr.Dataset(
         {
             "frequency": (BANDS, band(frequency), HERTZ),
             "damping": (BANDS, band(damping), RATIO),
             "loop_y": (("loop", "phase"), y, {"units": "m"}),
             "loop_z": (loops, band(z), force),
-            "loop_slip": (loops, band(slip), {**force, "long_name": "Z less that without slip"}),
+            "loop_slip": (loops, band(slip), {**force, "long_name": messages.SLIP}),
             "stuck": ("quantile", band(stuck), stiffness),
         },
         {"amplitude": ("amplitude", amplitude, {"units": "m"}), "quantile": QUANTILE_AXIS},

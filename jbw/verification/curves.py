@@ -27,6 +27,7 @@ from jbw.observables.harmonic_groups import (
 )
 from jbw.observables.steady import Points, added_motion, force_of, motion_of
 from jbw.quantities import UNIT_OF
+from jbw.report.messages import verification as messages
 from jbw.verification.bands import QUANTILE_AXIS, errors, gaussian_band, phase_near, polar
 from jbw.verification.predicted import Predicted, Source, carry, noise_of, of_repeats
 from jbw.verification.predictive_basis import Draws, count_of
@@ -199,7 +200,7 @@ def _compared(
     if group.of_force:
         turn = np.exp(-1j * np.angle(group.motion[order, 0]))
         magnitude = {"units": group.unit, "long_name": record.source}
-        phase_name = "phase of the force ahead of the displacement"
+        phase_name = messages.FORCE_PHASE
     measured, model = turn * group.values[order], turn * model[:, order]
     reference = np.angle(measured)
     how = reference, magnitude, {"units": "rad", "long_name": phase_name}

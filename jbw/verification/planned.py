@@ -13,6 +13,7 @@ from jbw.oscillator.excitation import sampled, sweep
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.cycle import steady_state
 from jbw.quantities import UNIT_OF, derivative_order
+from jbw.report.messages import verification as messages
 from jbw.verification.bands import QUANTILE_AXIS, gaussian_band, polar
 from jbw.verification.predicted import Predicted, Source, noise_of
 from jbw.verification.predictive_basis import Basis, Draws, Laws
@@ -96,7 +97,7 @@ def _record(basis: Basis, kind: str, source: np.ndarray, fs: float) -> Record:
         if fitted_test.source and fitted_test.response in UNIT_OF
     ]
     same_kind = [fitted_test for fitted_test in driven if fitted_test.kind == kind] or driven
-    unit = same_kind[0].source if same_kind else "unit of the run's source"
+    unit = same_kind[0].source if same_kind else messages.SOURCE_UNIT
     response = same_kind[0].response if same_kind else "displacement"
     role = "force" if unit == "N" else "input"
     return Record(

@@ -15,6 +15,7 @@ from jbw.measurement.records import Test, drive_of
 from jbw.observables.drives import of_drive
 from jbw.observables.residual_terms import TAKEN
 from jbw.oscillator.modes.parameters import has_further_modes
+from jbw.report.messages import verification as messages
 from jbw.verification.bands import QUANTILES, band
 from jbw.verification.controlled import predict_controlled
 from jbw.verification.curves import predict_curve
@@ -29,12 +30,8 @@ from jbw.verification.steady_motion import predict_loop, predict_periods
 HARDLY = 0.01  # of an input's power near the mode: less hardly touches it
 MOST_SAMPLES = 8_000_000  # of all draws of a record together
 FEWEST = 20  # draws through however long a record
-ERROR_ALONE = "not known: band of the parameters and of the model discrepancy"
-WITHHELD = (
-    "withheld, and with it the band of a measurement: the law misses more than noise of runs that "
-    "are left out, and these tests lie farther from the fitted amplitudes than those are apart; "
-    "fit a test of their level"
-)
+ERROR_ALONE = messages.ERROR_ALONE
+WITHHELD = messages.WITHHELD
 OF_BAND = ("coverage", "num_values", "half_width")
 ERRORS = (*OF_BAND, "nrmse")
 
@@ -242,24 +239,14 @@ def warnings_of(dataset: xr.Dataset) -> list[str]:
     attrs, sentences = dataset.attrs, []
     if attrs.get("extrapolation", 0.0) > BEYOND:
         sentences.append(
-            f"Test `{attrs['test']}` is predicted to reach {attrs['y_peak'][-1]:.3g} m, "
-            f"{attrs['extrapolation']:.2g} times the largest displacement that was fitted "
-            f"({attrs['y_peak_fitted']:.3g} m), where nothing shows that the joint follows the "
-            "law: its bands may be far too narrow; add a test of that level to the campaign and "
-            "identify again."
+            messages.extrapolated(
+                attrs["test"], attrs["y_peak"][-1], attrs["extrapolation"], attrs["y_peak_fitted"]
+            )
         )
     if attrs.get("input_near_mode", 1.0) < HARDLY:
-        sentences.append(
-            f"Test `{attrs['test']}` has {attrs['input_near_mode']:.2g} of its input's power "
-            "within 25 % of the natural frequency, so it hardly moves the mode that was "
-            "identified: other modes may rule its response; choose a test around the mode."
-        )
+        sentences.append(messages.away_from_mode(attrs["test"], attrs["input_near_mode"]))
     if attrs.get("lacking"):
-        sentences.append(
-            f"Test `{attrs['test']}` is predicted without {attrs['lacking']}, which some units of "
-            "the population have and others do not, or in places of their own: what other modes "
-            "add to the response is left out of its bands."
-        )
+        sentences.append(messages.without_terms(attrs["test"], attrs["lacking"]))
     return sentences
 
 

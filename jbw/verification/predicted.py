@@ -15,6 +15,7 @@ from jbw.measurement.records import Test
 from jbw.observables.harmonic_groups import harmonic_label
 from jbw.observables.observable import Observable, prediction
 from jbw.observables.repeats import RepeatedGroups
+from jbw.report.messages import verification as messages
 from jbw.verification.bands import band
 from jbw.verification.predictive_basis import (
     Basis,
@@ -26,11 +27,11 @@ from jbw.verification.predictive_basis import (
     seen_of,
 )
 
-OWN = "of this test, as fitted"
-ALIKE = "mean of the fitted tests of its kind"
-REPEATS = "scatter of the test's own repeats"
-UNKNOWN = "not known: band of the parameters alone"
-LEFT_OUT = "left out, as asked: band of the parameters alone"
+OWN = messages.OWN
+ALIKE = messages.ALIKE
+REPEATS = messages.REPEATS
+UNKNOWN = messages.UNKNOWN
+LEFT_OUT = messages.LEFT_OUT
 LANES = 8  # draws carried through the model at once
 
 

@@ -29,6 +29,7 @@ from jbw.observables.dataset import Dataset
 from jbw.observables.decay import Decays
 from jbw.observables.drives import of_drive
 from jbw.quantities import MODES, derivative_order
+from jbw.report.messages import verification as messages
 from jbw.verification.backbone import CARRIED_ON, amplitude_verification
 from jbw.verification.controlled import PLACE, predict_apart
 from jbw.verification.curves import curves_of, predict_curves
@@ -77,17 +78,13 @@ def verify(
 
     groups: Groups = {}
     if found.data is not None:
-        attempts.report(
-            "Verification and validation: every test against the model, and without hysteresis"
-        )
+        attempts.report(messages.EVERY_TEST)
         draws = basis.draws(NUM_DRAWS, seed=seed)
         source = Source(basis, draws, seed=seed)
-        others = attempts.make(
-            "The fit of the oscillators without hysteresis", partial(simpler, draws, found.data), {}
-        )
+        others = attempts.make(messages.WITHOUT_HYSTERESIS, partial(simpler, draws, found.data), {})
         groups |= _verify_forced(source, others, measured, found, attempts)
     if found.decays is not None and found.decay_data is not None:
-        attempts.report("Verification: free decays, frequency and damping against amplitude")
+        attempts.report(messages.FREE_DECAYS)
         groups |= _verify_free(found.decays, found.decay_data, basis, simpler, seed, attempts)
     return groups
 
@@ -116,15 +113,13 @@ def _verify_free(
 
     order = derivative_order(together.records[0].response)
     unit = float(np.mean(draws["omega_n"])) ** order * basis.y_peak
-    comparisons = attempts.make("The comparison of the free decays with the model", compared, ())
+    comparisons = attempts.make(messages.DECAYS_COMPARED, compared, ())
     for name, comparison in zip(decays.names, comparisons, strict=False):
         if not comparison.attrs["fitted"] and unit > 0:
             comparison.attrs["extrapolation"] = comparison.attrs["level"] / unit
         comparison.attrs["discrepancy"] = int(not comparison.attrs["fitted"] and basis.misses)
         groups[place("verification/decay", name)] = comparison
-    curves = attempts.make(
-        "The frequency and damping of the free decays against amplitude", against_amplitude, None
-    )
+    curves = attempts.make(messages.DECAY_CURVES, against_amplitude, None)
     return groups if curves is None else {**groups, "/verification/amplitude": curves}
 
 
@@ -224,7 +219,7 @@ def _verify_forced(
 
     def attempt(test: Test, build: Callable[[], None], what: str = "") -> None:
         under_way.info("%s", test.name)
-        attempts.make(f"The comparison of the {what}test `{test.name}` with the model", build, None)
+        attempts.make(messages.comparison_of(test.name, what), build, None)
 
     for test in sweeps:
         attempt(test, partial(add_sweep, test))
@@ -319,16 +314,12 @@ def _simpler(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> lis
     name, kind = worst = max(ratios, key=lambda pair: ratios[pair])
     attrs = tests[name]
     fit_status = "fitted" if attrs.get("fitted") else "never fitted"
-    reason = (
-        f"On {name} ({fit_status}) the joint's error is {attrs['nrmse']:.2g} of the record, that "
-        f"of the best {kind} oscillator {attrs[f'nrmse_{kind}']:.2g}; it must be below {BETTER:g} "
-        "times that, here as on every other test."
-    )
-    action = (
-        "The law of the joint does not hold there: fit fewer levels by `fit_levels`, or try "
-        f"another law. {another_law(laws)}"
-    )
-    return [checked("simpler_model", ratios[worst] < BETTER, reason, ratios[worst], action)]
+    values = {
+        "test": name, "fit_status": fit_status, "error": attrs["nrmse"], "kind": kind,
+        "simpler": attrs[f"nrmse_{kind}"], "limit": BETTER,
+    }  # fmt: skip
+    remedy = {"another_law": another_law(laws)}
+    return [checked("simpler_model", ratios[worst] < BETTER, values, ratios[worst], remedy)]
 
 
 def _replaced(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> list[Finding]:
@@ -347,13 +338,8 @@ def _replaced(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> li
     if not ratios:
         return []
     worst = max(ratios, key=lambda name: ratios[name])
-    reason = (
-        f"The bands with the model discrepancy are widest on {worst}: their standard deviation is "
-        f"{ratios[worst]:.2g} times the error of the best linear oscillator; it must be less, or "
-        "the discrepancy has replaced the law."
-    )
-    action = f"Do not predict such tests by this law. {another_law(laws)}"
-    return [checked("law_replaced", ratios[worst] < 1, reason, ratios[worst], action)]
+    values, remedy = {"test": worst, "ratio": ratios[worst]}, {"another_law": another_law(laws)}
+    return [checked("law_replaced", ratios[worst] < 1, values, ratios[worst], remedy)]
 
 
 def _coverage(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
@@ -369,18 +355,11 @@ def _coverage(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
     if not shares:
         return []
     worst = min(shares, key=lambda name: shares[name])
-    reason = (
-        f"Lowest coverage of the held-out tests: {100 * shares[worst]:.1f} % of the values of "
-        f"{worst} lie inside the 99 % band; at least {100 * LEAST_COVERAGE:.0f} % must."
-    )
-    action = (
-        "The intervals are too narrow for what was not fitted: the law does not hold there, or "
-        f"runs differ. {put('identify', 'offsets', 'runs')}"
-    )
+    values = {"test": worst, "share": shares[worst], "limit": LEAST_COVERAGE}
+    remedy = {"line": put("identify", "offsets", "runs")}
     ok = shares[worst] >= LEAST_COVERAGE
-    finding = checked("held_out_coverage", ok, reason, shares[worst], action)
+    finding = checked("held_out_coverage", ok, values, shares[worst], remedy)
     far = max(float(tests[name].get("nrmse", np.inf)) for name in shares)
     if not ok and far <= CLOSE:
-        remark = f"Yet every such test is predicted to {far:.2g} of its rms or better."
-        finding = amended(finding, "usable", remark)
+        finding = amended(finding, "usable", messages.predicted_to(far))
     return [finding]

@@ -4,11 +4,14 @@ from jbw.report.messages import (
     causes,
     effects,
     instruments,
+    matrices,
     modes,
+    observed,
     paper_steps,
     posterior,
     residuals,
     sessions,
+    verification,
 )
 
 EXAMPLES = {
@@ -67,6 +70,17 @@ EXAMPLES = {
         instruments.included([instruments.of_clock(1e-5)], []),
         instruments.included([], ["`gain_std` of force"]),
     ],
+    "matrices": [
+        matrices.fixed_dofs(1e30, 12),
+        matrices.shown("M, K", 120, 40),
+        matrices.asymmetric("K", 1e-08, "17:x", "18:x"),
+        matrices.reduced(4, "18.8, 30.1", 2, ["bolt_1", "bolt_2"]),
+        matrices.coupled_damping(1, 2, 0.2),
+        matrices.damping_of_joints(matrices.coupled_damping(1, 2, 0.2)),
+        matrices.massless(3),
+        matrices.slowed(4000.0, 2, "infinity"),
+        matrices.inseparable("bolt_1", "bolt_2", "modes", "1, 2", "less than 0.1", "same motion"),
+    ],
     "modes": [
         modes.growth_by_neighbours(12.0),
         modes.one_joint(modes.growth_by_neighbours(30.0), 9.2),
@@ -82,6 +96,16 @@ EXAMPLES = {
         modes.numbered(2, 30.1),
         modes.identified("bolt_1"),
         modes.outside_band(30.0, 15.0, 23.0),
+    ],
+    "observed": [
+        observed.with_shaker("voltage", "18.1 Hz (1 %)", "18.2 Hz (1 %)", "18.8 Hz (1 %)"),
+        observed.frequencies_scatter(6, 0.01),
+        observed.correlated(0.1, 400),
+        observed.left_of_motion("0.02 about 18.8 Hz"),
+        observed.moves_joint(2, 30.1, 0.3, 0.2),
+        observed.sign_of_motion(30.0, is_clear=True),
+        observed.sign_of_motion(0.2, is_clear=False),
+        observed.too_deep("sweep", 3),
     ],
     "paper_steps": [
         paper_steps.held_parameters("zeta, alpha, delta", "2.1 times", "0.3"),
@@ -123,5 +147,12 @@ EXAMPLES = {
         sessions.differ(0.001, {"day 1": 0.1, "day 2": -0.1}, sessions.OF_EACH_RUN),
         sessions.of_each_level(0.021),
         sessions.population_mean([sessions.scatter((0.1, 0.2, 0.3), "runs")]),
+    ],
+    "verification": [
+        verification.predicted_to(0.03),
+        verification.comparison_of("sweep", "loop of "),
+        verification.extrapolated("sweep", 0.002, 2.0, 0.001),
+        verification.away_from_mode("sweep", 0.01),
+        verification.without_terms("sweep", "residual terms"),
     ],
 }

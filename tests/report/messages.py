@@ -125,6 +125,15 @@ OF_FINDINGS = {
     ),
 }  # fmt: skip
 
+OF_FINDINGS |= {
+    "simpler_model": (
+        {"test": "sweep", "fit_status": "fitted", "error": 0.2, "kind": "cubic", "simpler": 0.1,
+         "limit": 1.1}, OTHER_LAW,
+    ),
+    "law_replaced": ({"test": "sweep", "ratio": 1.2}, OTHER_LAW),
+    "held_out_coverage": ({"test": "sweep", "share": 0.81, "limit": 0.95},
+                          {"line": 'Put under [identify]: `offsets = "runs"`.'}),
+}  # fmt: skip
 OF_PASSED = {"records_apart": {"count": 3, "names": ["zeta", "alpha_delta"]}}
 
 
@@ -315,6 +324,9 @@ OF_TOPICS = {
         joint.prior_beyond_motion("gap", 1e-5, 1e-3, 1e-4),
         joint.modes_explained(3, ((1.2, 1, 0.27), (0.4, 1, 0.53)), True),
         joint.no_known_force("chi", "iwan4", "above -1", -1.5),
+        joint.joints_stiffer(1.2),
+        joint.step_of_mode(400.0, 1.3, 1024.0, 1),
+        joint.put_substeps(4),
         joint.indistinguishable(("iwan4", "jenkins_3"), joint.SAME_CURVES),
     ],
     "run": [

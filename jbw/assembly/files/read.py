@@ -14,6 +14,7 @@ from jbw.assembly.files.contents import MatrixFile
 from jbw.assembly.files.dof_table import read_table, rows_of_table
 from jbw.assembly.matrices import MatrixModel, matrix_model
 from jbw.errors import ConfigError, DataError, JbwError
+from jbw.report.messages import matrices as messages
 
 # One module a format; each has `contents(path) -> MatrixFile`.
 READERS = {
@@ -237,7 +238,7 @@ def _without_fixed(parts: _Parts, units: str) -> MatrixModel:
     damping = None if damping is None else damping[free][:, free]
     free_dofs = None if table is None else [table[i] for i in free.tolist()]
     model = matrix_model(mass, stiffness, units=units, dofs=free_dofs, damping=damping)
-    note = f"Degrees of freedom fixed by a stiffness above {_FIXED:g}: {fixed.size}."
+    note = messages.fixed_dofs(_FIXED, fixed.size)
     return MatrixModel(
         model.mass, model.stiffness, model.dofs, model.damping, units, (note, *model.notes)
     )

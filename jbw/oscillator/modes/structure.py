@@ -14,6 +14,7 @@ from jbw.errors import ConfigError, ModelError
 from jbw.oscillator.checks import is_concrete, require_finite, stiffer_than_structure
 from jbw.oscillator.law import Law, Memory, laws_in, map_laws
 from jbw.oscillator.parameters import Scalar
+from jbw.report.messages import joint as messages
 
 _PER_MODE = ("omega_n", "zeta", "b")
 # Of two modes; further apart the higher harmonics of the one do not reach the other.
@@ -288,12 +289,7 @@ def warn_of_stiff_joints(structure: Structure) -> None:
         limit = k[0] / shares[0, 0]
         warning = stiffer_than_structure("1 / sum(h p / omega_n^2)", k[0], limit)
     else:
-        warning = (
-            "The joints are stiffer than the structure: no eigenvalue of k_j sum(h p / omega_n^2) "
-            f"must exceed 1, but one is {largest:.4g}. Once they slip, nothing holds the "
-            "structure, and the motion runs away. Lower the stiffness of the laws, or raise "
-            "omega_n, which includes that of all joints in full stick."
-        )
+        warning = messages.joints_stiffer(largest)
     warnings.warn(warning, stacklevel=3)
 
 
@@ -303,12 +299,9 @@ def require_sampled(structure: Structure, fs: Any, substeps: int) -> None:
         return
     highest = float(np.max(np.asarray(structure.omega_n)))
     angle = highest / (float(fs) * substeps)
-    motion_in_step = (
-        f"The highest mode, at {highest / (2 * np.pi):.4g} Hz, moves by {angle:.3g} rad in a step "
-        f"of `fs` = {float(fs):g} Hz and `substeps` = {substeps}"
-    )
+    motion_in_step = messages.step_of_mode(highest / (2 * np.pi), angle, float(fs), substeps)
     enough = int(np.ceil(highest / float(fs)))
-    remedy = f"Put `substeps={enough}`, sample the input faster, or leave the mode out."
+    remedy = messages.put_substeps(enough)
     if angle > np.pi:
         raise ConfigError(f"{motion_in_step}, but at most pi can be followed.", remedy=remedy)
     if angle > 1.0:

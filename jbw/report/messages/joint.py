@@ -95,3 +95,26 @@ def indistinguishable(laws: Sequence[str], why: str) -> str:
         f"The laws {' and '.join(f'`{name}`' for name in laws)} cannot be told apart: "
         f"{why}. Keep one of them."
     )
+
+
+def joints_stiffer(largest: float) -> str:
+    """That several joints are stiffer than the structure."""
+    return (
+        "The joints are stiffer than the structure: no eigenvalue of k_j sum(h p / omega_n^2) "
+        f"must exceed 1, but one is {largest:.4g}. Once they slip, nothing holds the structure, "
+        "and the motion runs away. Lower the stiffness of the laws, or raise omega_n, which "
+        "includes that of all joints in full stick."
+    )
+
+
+def step_of_mode(hz: float, angle: float, fs: float, substeps: int) -> str:
+    """By how much the highest mode moves in a step."""
+    return (
+        f"The highest mode, at {hz:.4g} Hz, moves by {angle:.3g} rad in a step of `fs` = {fs:g} "
+        f"Hz and `substeps` = {substeps}"
+    )
+
+
+def put_substeps(substeps: int) -> str:
+    """How many substeps follow the highest mode."""
+    return f"Put `substeps={substeps}`, sample the input faster, or leave the mode out."

@@ -162,7 +162,10 @@ MESSAGES = (
     ),
     Message(
         "simpler_model",
-        explanation="""
+        "On {test} ({fit_status}) the joint's error is {error:.2g} of the record, that of the best "
+        "{kind} oscillator {simpler:.2g}; it must be below {limit:g} times that, here as on every "
+        "other test.",
+        """
         Check: the error of every test against that of the best linear and (with `compare_with =
         ["linear", "cubic"]`) cubic oscillator of the same tests; less than 1.1 times theirs.
 
@@ -172,6 +175,8 @@ MESSAGES = (
 
         Remedy: fit fewer levels, add `cubic`, or doubt that the data show hysteresis.
         """,
+        remedy="The law of the joint does not hold there: fit fewer levels by `fit_levels`, or try "
+        "another law. {another_law}",
     ),
     Message(
         "discrepancy",
@@ -195,7 +200,10 @@ MESSAGES = (
     ),
     Message(
         "law_replaced",
-        explanation="""
+        "The bands with the model discrepancy are widest on {test}: their standard deviation is "
+        "{ratio:.2g} times the error of the best linear oscillator; it must be less, or the "
+        "discrepancy has replaced the law.",
+        """
         Check: where the law leaves more than noise on runs that were left out, the standard
         deviation of the bands of every held-out test over the error of the best linear
         oscillator; less than 1.
@@ -206,16 +214,21 @@ MESSAGES = (
 
         Remedy: do not predict such tests by this law, and try others: jbw laws.
         """,
+        remedy="Do not predict such tests by this law. {another_law}",
     ),
     Message(
         "held_out_coverage",
-        explanation="""
+        "Lowest coverage of the held-out tests: {share:.1f %} of the values of {test} lie "
+        "inside the 99 % band; at least {limit:.0f %} must.",
+        """
         Check: the share of the values of every held-out test inside the 99 % band; at least 95
         %.
 
         Remedy: see leave_one_out and coloured_residual. Beyond the fitted amplitudes the bands
         extrapolate; the report says how far.
         """,
+        remedy="The intervals are too narrow for what was not fitted: the law does not hold there, "
+        "or runs differ. {line}",
     ),
     Message(
         "no_hysteresis",

@@ -27,6 +27,8 @@ WITHOUT_RUN = "fit without run %d of %d"
 PRIOR_POINTS = "%d points of the prior"
 FURTHER_START = "further start %d of %d"
 REWEIGHTING = "fit and weights, round %d of %d at most"
+NONE_HELD_OUT = "No test is held out: this is the answer of all tests."
+FITTING_FOR_USE = "Fitting all tests for use"
 
 
 def little_address_space(limit_gib: float, needed_gib: float) -> str:

@@ -1,0 +1,65 @@
+"""Matrices of a model, and the modes that they are reduced to."""
+
+from collections.abc import Sequence
+
+
+def fixed_dofs(limit: float, count: int) -> str:
+    """Degrees of freedom that a large stiffness fixes."""
+    return f"Degrees of freedom fixed by a stiffness above {limit:g}: {count}."
+
+
+def shown(matrices: str, dofs: int, nodes: int) -> str:
+    """Matrices in one line."""
+    return f"MatrixModel({matrices}: {dofs} degrees of freedom at {nodes} nodes)"
+
+
+def asymmetric(name: str, error: float, first: str, second: str) -> str:
+    """A matrix that is symmetric but for round-off of its file."""
+    return (
+        f"{name} is symmetric to {error:.1e} only, at {first} and {second}; its symmetric part is "
+        "taken."
+    )
+
+
+def reduced(count: int, frequencies: str, residual: int, joints: Sequence[str]) -> str:
+    """A reduced model in one line."""
+    return (
+        f"ReducedModel: {count} modes in full stick at {frequencies} Hz, {residual} residual "
+        f"modes, joints {', '.join(joints)}"
+    )
+
+
+def coupled_damping(first: int, second: int, share: float) -> str:
+    """Modes that the damping matrix couples."""
+    return (
+        f"The damping matrix couples modes {first} and {second} by {100 * share:.0f} % of their "
+        "own damping; its off-diagonal part is left out."
+    )
+
+
+def damping_of_joints(note: str) -> str:
+    """Where damping of joints belongs."""
+    return f"{note} Damping of the joints themselves belongs into their laws."
+
+
+def massless(count: int) -> str:
+    """Degrees of freedom without mass."""
+    return f"Degrees of freedom without mass, condensed statically: {count}."
+
+
+def slowed(limit_hz: float, count: int, fastest: str) -> str:
+    """Residual modes that were slowed to a limit [Hz]."""
+    return (
+        f"Residual modes slowed to {limit_hz:.4g} Hz: {count}, the fastest from {fastest}; their "
+        "static flexibility is kept."
+    )
+
+
+def inseparable(
+    first: str, second: str, modes: str, numbers: str, angle: str, likeness: str
+) -> str:
+    """Joints with nearly parallel columns of B."""
+    return (
+        f"Joints `{first}` and `{second}` are not told apart by {modes} {numbers}: their columns "
+        f"of B are {angle} degrees apart ({likeness})."
+    )

@@ -1,0 +1,55 @@
+"""What the fit of a kind of test says of it: its mode, its residual, its scatter."""
+
+COMPILING = "compile what sweeps are solved by"
+
+
+def with_shaker(drive: str, loaded: str, predicted: str, unloaded: str) -> str:
+    """Frequency and damping with a shaker, as predicted, and of the structure alone."""
+    return (
+        f"Driven by {drive} the mode lies at {loaded}, predicted {predicted} by the shaker; the "
+        f"structure alone at {unloaded}."
+    )
+
+
+def frequencies_scatter(count: int, scatter: float) -> str:
+    """By how much natural frequencies of records scatter [Hz]."""
+    return (
+        f"The natural frequencies of the {count} records scatter by {scatter:.2g} Hz, which the "
+        "interval of omega_n includes."
+    )
+
+
+def correlated(share: float, count: int) -> str:
+    """The share of values that count as independent."""
+    return (
+        f"Residuals are correlated: {share:.0%} of the {count} values of a record are counted as "
+        "independent."
+    )
+
+
+def left_of_motion(errors: str) -> str:
+    """Residuals by mode, over their rms."""
+    return f"Of the motion in the free decays {errors} is left at the optimum, over its rms."
+
+
+def moves_joint(mode: int, hz: float, h: float, p: float) -> str:
+    """By how much a mode moves the joint, and takes of its force, at the optimum."""
+    return (
+        f"Mode {mode}, at {hz:.4g} Hz, moves the joint by h = {h:.3g} and takes p = {p:.3g} of its "
+        "force, at the optimum, the first mode 1 and 1."
+    )
+
+
+def sign_of_motion(growth: float, *, is_clear: bool) -> str:
+    """Whether the fit tells the sign of h, by the growth of chi-square for the other."""
+    if is_clear:
+        return f"The other sign of h fits worse, chi-square by {growth:.3g}."
+    return f"The other sign of h fits as well, chi-square differs by {growth:.2g}: it is not known."
+
+
+def too_deep(label: str, count: int) -> str:
+    """How often the force of nested loops may have been a guess."""
+    return (
+        f"{label}: loops within loops are deeper than the law remembers; {count} times its force "
+        "may have been a guess until a larger loop closed."
+    )

@@ -1,0 +1,60 @@
+"""Tests beside their predictions: what bands hold, and what predictions are worth."""
+
+EVERY_TEST = "Verification and validation: every test against the model, and without hysteresis"
+WITHOUT_HYSTERESIS = "The fit of the oscillators without hysteresis"
+FREE_DECAYS = "Verification: free decays, frequency and damping against amplitude"
+DECAYS_COMPARED = "The comparison of the free decays with the model"
+DECAY_CURVES = "The frequency and damping of the free decays against amplitude"
+STIFFNESS = "stiffness of Z without slip"
+SLIP = "Z less that without slip"
+FORCE_PHASE = "phase of the force ahead of the displacement"
+SOURCE_UNIT = "unit of the run's source"
+ERROR_ALONE = "not known: band of the parameters and of the model discrepancy"
+WITHHELD = (
+    "withheld, and with it the band of a measurement: the law misses more than noise of runs that "
+    "are left out, and these tests lie farther from the fitted amplitudes than those are apart; "
+    "fit a test of their level"
+)
+OWN = "of this test, as fitted"
+ALIKE = "mean of the fitted tests of its kind"
+REPEATS = "scatter of the test's own repeats"
+UNKNOWN = "not known: band of the parameters alone"
+LEFT_OUT = "left out, as asked: band of the parameters alone"
+
+
+def predicted_to(error: float) -> str:
+    """The RMS error of held-out tests, where it is small in spite of their coverage."""
+    return f"Yet every such test is predicted to {error:.2g} of its rms or better."
+
+
+def comparison_of(test: str, quantity: str) -> str:
+    """A part of a result, as the subject of a sentence that says why it is missing."""
+    return f"The comparison of the {quantity}test `{test}` with the model"
+
+
+def extrapolated(test: str, y: float, ratio: float, fitted: float) -> str:
+    """That a prediction reaches beyond the fitted displacements [m]."""
+    return (
+        f"Test `{test}` is predicted to reach {y:.3g} m, {ratio:.2g} times the largest "
+        f"displacement that was fitted ({fitted:.3g} m), where nothing shows that the joint "
+        "follows the law: its bands may be far too narrow; add a test of that level to the "
+        "campaign and identify again."
+    )
+
+
+def away_from_mode(test: str, share: float) -> str:
+    """The share of the input's power about the mode."""
+    return (
+        f"Test `{test}` has {share:.2g} of its input's power within 25 % of the natural "
+        "frequency, so it hardly moves the mode that was identified: other modes may rule its "
+        "response; choose a test around the mode."
+    )
+
+
+def without_terms(test: str, terms: str) -> str:
+    """What a prediction lacks of a new unit."""
+    return (
+        f"Test `{test}` is predicted without {terms}, which some units of the population have and "
+        "others do not, or in places of their own: what other modes add to the response is left "
+        "out of its bands."
+    )
