@@ -46,8 +46,8 @@ PASTED = {
     + "test_damping_that_nothing_states_is_refused_and_the_remedy_cures",
     ("assembly/reduce.py", "holds_joints"): JOINTS
     + "test_joints_that_k_does_not_hold_are_refused_and_the_remedy_cures",
-    ("campaign/check.py", "delay"): DRIVEN,
-    ("campaign/joints.py", "same_as"): JOINTS
+    ("report/messages/campaign_faults.py", "delay"): DRIVEN,
+    ("report/messages/campaign_faults.py", "same_as"): JOINTS
     + "test_label_switching_is_refused_and_the_remedy_cures",
     ("campaign/joints.py", "shapes"): JOINTS
     + "test_what_matrices_tell_is_refused_beside_them_and_the_remedy_cures",
@@ -96,7 +96,7 @@ PASTED = {
     ("measurement/spans.py", "exclude"): CHECKS + "test_every_line_pasted_for_spoilt_samples_cures",
     ("measurement/spans.py", "span"): CHECKS + "test_every_line_pasted_for_spoilt_samples_cures",
     ("measurement/files/sampling.py", "resample"): FILES + "test_a_pasted_rate_cures",
-    ("measurement/files/sampling.py", "units_are"): FILES + "test_a_pasted_word_on_units_cures",
+    ("report/messages/reading.py", "units_are"): FILES + "test_a_pasted_word_on_units_cures",
     ("measurement/resampled.py", "resample"): FILES + "test_a_rate_beyond_what_was_measured",
     ("measurement/response_checks.py", "conjugate"): CURVES,
     ("report/messages/response_faults.py", "kind"): POINTS,
@@ -178,7 +178,13 @@ def commands():
 TEXT, MAPPING = r"\"[^\"{}]*\"|'[^'{}]*'", r"\{ (?:\w+|\{\}) = (?:\"[^\"{}.]*\"|-?\d[\d.]*) \}"
 BARE = re.compile(rf"(?<![\w.])([a-z_]+) = ({TEXT}|true|{MAPPING})")
 # Drafts are whole campaign files, which their tests load; sentences of oscillators name arguments.
-NO_SENTENCES = ("campaign/draft.py", "campaign/document.py", "campaign/asked.py", "rig/", "paper/")
+NO_SENTENCES = (
+    "report/messages/draft.py",
+    "campaign/document.py",
+    "campaign/asked.py",
+    "rig/",
+    "paper/",
+)
 
 
 def bare_lines():

@@ -17,16 +17,17 @@ from jbw.campaign.document import toml
 from jbw.campaign.schema import parse
 from jbw.errors import ConfigError, did_you_mean
 from jbw.measurement.records import INPUTS, RESPONSES
+from jbw.report.messages import draft as messages
 
 LINE = re.compile(r"^(?P<off># )?(?P<key>\w+) = (?P<value>.+?)  # CHECK: (?P<why>.*)$")
 LISTS = ("band", "tones", "span")  # keys whose value is a list of numbers
 SAID = {
     "kind": "kind of test",
     "fs": "sampling frequency [Hz]",
-    "band": "lowest and highest frequency of the one mode [Hz]",
-    "tones": "frequencies of the tones [Hz]",
-    "dwell": "duration of each step [s]",
-    "resample": "rate to resample to [Hz]",
+    "band": messages.ASK_BAND,
+    "tones": messages.ASK_TONES,
+    "dwell": messages.ASK_DWELL,
+    "resample": messages.ASK_RATE,
 }
 Ask = Callable[[str], str]  # a question to an answer; raises EOFError where nobody answers
 Tell = Callable[[str], Any]

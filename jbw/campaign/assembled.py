@@ -12,6 +12,7 @@ from jbw.campaign import values
 from jbw.campaign.document import FileTable, key, unlike
 from jbw.errors import ConfigError, did_you_mean
 from jbw.quantities import DEFAULT_LAWS, label, law_name
+from jbw.report.messages import campaign_faults as messages
 
 FILES = ("mass", "stiffness", "damping", "dofs")
 
@@ -155,23 +156,20 @@ def joint_errors(
     for joint in joints:
         where = f"[[joint]] `{joint.name}`"
         if names.count(joint.name) > 1:
-            yield f"{where} name: must be of one joint, but {names.count(joint.name)} have it."
+            yield messages.joint_twice(where, names.count(joint.name))
         if structure is not None:
             if joint.shape is not None or (joint.across is None and joint.weights is None):
-                yield f"{where}: beside matrices a joint must have `across` or `weights`."
+                yield messages.no_place(where)
             if joint.stiffness is None:
-                yield f"{where} stiffness: missing; in full stick, in SI [N/m, or N m/rad]."
+                yield messages.no_stiffness(where)
         else:
             stated = [
                 k for k in ("across", "weights", "stiffness") if getattr(joint, k) is not None
             ]
             if stated:
-                yield f"{where} {stated[0]}: is read beside `matrices` under [structure] alone."
+                yield messages.without_matrices(where, stated[0])
             if joint.shape is not None and len(joint.shape) != num_modes:
-                yield (
-                    f"{where} shape: must hold a number for each of {num_modes} modes under "
-                    f"[structure], but holds {len(joint.shape)}."
-                )
+                yield messages.shape_of_modes(where, num_modes, len(joint.shape))
     yield from _tie_errors(joints)
 
 
@@ -182,23 +180,21 @@ def _tie_errors(joints: Sequence[JointTable]) -> Iterator[str]:
         if joint.same_as is None:
             continue
         if joint.same_as not in by_name:
-            yield (
-                f"{where}: must be the name of a joint, but is `{joint.same_as}`. "
-                f"{did_you_mean(joint.same_as, by_name)}Joints: {', '.join(by_name)}."
+            yield messages.unknown_leader(
+                where, joint.same_as, did_you_mean(joint.same_as, by_name), ", ".join(by_name)
             )
             continue
         if leader_of(joint, by_name) is None:
-            yield (
-                f"{where}: must lead to a joint with a law of its own, but leads in a circle. "
-                "Leave it out of one of them."
-            )
+            yield messages.circle(where)
             continue
         other = by_name[joint.same_as]
         if "laws" in joint.model_fields_set and joint.laws != other.laws:
-            yield (
-                f"{where}: joints that share a law must have the same laws, but `{joint.name}` has "
-                f"{', '.join(joint.laws) or 'none'} and `{other.name}` "
-                f"{', '.join(other.laws) or 'none'}. Leave `laws` out of `{joint.name}`."
+            yield messages.other_laws(
+                where,
+                joint.name,
+                ", ".join(joint.laws) or "none",
+                other.name,
+                ", ".join(other.laws) or "none",
             )
 
 

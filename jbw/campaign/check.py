@@ -33,6 +33,8 @@ from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
 from jbw.measurement.plausibility import doubts, swapped
 from jbw.measurement.records import INPUTS, Record, is_sampled
 from jbw.quantities import FED
+from jbw.report.messages import campaign_faults as messages
+from jbw.report.messages.message import FaultText
 
 # Settings that not every kind of test reads, and the traits of those that do.
 READ_BY: dict[str, Callable[[Kind], bool]] = {
@@ -182,15 +184,15 @@ def unread(spec: CampaignSpec) -> Iterator[Fault]:
     for name, reads in READ_BY.items():
         if name in settings.keys() and not any(map(reads, traits)):
             readers = ", ".join(kind.name for kind in KINDS.values() if reads(kind))
-            yield _unread(name, f"only tests of kind {readers} read it, of which there are none")
+            yield _unread(name, messages.read_by_kinds(readers))
     for kind in settings.fit or ():
         if kind not in {test.kind for test in spec.tests}:
-            yield _unread("fit", f"no test is of kind {kind}")
+            yield _unread("fit", messages.no_test_of_kind(kind))
     if settings.offsets == "runs" and len(spec.tests) == 1:
-        yield _unread("offsets", "there is one run alone, which nothing can differ from")
+        yield _unread("offsets", messages.ONE_RUN)
     sampler = SAMPLERS.get(settings.sampler)
     if settings.num_warmup and sampler and not sampler.draws[0]:
-        yield _unread("num_warmup", f"sampler {sampler.name} has nothing to adapt")
+        yield _unread("num_warmup", messages.nothing_to_adapt(sampler.name))
     if settings.coordinates != "auto":
         from jbw.oscillator.laws import laws_named  # loads JAX
 
@@ -199,22 +201,22 @@ def unread(spec: CampaignSpec) -> Iterator[Fault]:
         chosen = others if settings.coordinates == "paper" else settings.coordinates in others
         if not chosen:
             laws = ", ".join(spec.laws) or "none"
-            reason = f"no law of the joint ({laws}) has other coordinates to choose"
+            reason = messages.no_coordinates(laws)
             yield _unread("coordinates", reason)
     drives = {test.driven_by for test in spec.tests}
     is_fed = not FED.keys().isdisjoint(drives) and {"force", ""}.isdisjoint(drives)
     if spec.modal_mass is not None and is_fed:
-        yield _unread("modal_mass", "a voltage or a current drives the tests, and tells no force")
+        yield _unread("modal_mass", messages.NO_FORCE)
     if "gain" in settings.prior and (spec.gain or (spec.modal_mass and not is_fed)):
-        yield _unread("prior gain", "the campaign states the gain, which is not identified then")
+        yield _unread("prior gain", messages.GAIN_STATED)
     elif "gain" in settings.prior and not any(kind.is_driven for kind in traits):
-        yield _unread("prior gain", "no test has a source whose gain could be identified")
+        yield _unread("prior gain", messages.NO_GAIN)
     if "zeta" in settings.prior and all(kind.is_prescribed for kind in traits):
-        yield _unread("prior zeta", "along a prescribed displacement nothing moves freely")
+        yield _unread("prior zeta", messages.NOTHING_FREE)
 
 
 def _unread(name: str, reason: str) -> Fault:
-    return doubt(name, f"`{name}` changes nothing: {reason}.", remedy="Leave it out.")
+    return doubt(name, *messages.unread(name, reason))
 
 
 def findings(
@@ -236,13 +238,8 @@ def findings(
     contradictions = list(fits(record, test))
     for other in first:
         if record.fs != other.fs and not np.isnan(record.fs):
-            contradiction = (
-                f"Repeats of a test must have one sampling frequency, but this has {record.fs:g} "
-                f"Hz and {other.name} has {other.fs:g} Hz."
-            )
-            contradictions.append((contradiction, "Make two tests of them."))
-    for what, remedy, *why in contradictions:
-        faults.append(refusal(record.response, what, *why, remedy=remedy))
+            contradictions.append(messages.two_rates(record.fs, other.name, other.fs))
+    faults += [refusal(record.response, *contradiction) for contradiction in contradictions]
     if not first:
         faults += _of_two_sources(record, test)
     faults += _started_apart(record, test)
@@ -266,74 +263,38 @@ def _started_apart(record: Record, test: TestSpec) -> Iterator[Fault]:
     # Samples of a channel that was started later show what comes later: it leads.
     delay = drive - response
     if abs(delay - test.delay) > 0.5 / record.fs:
-        yield refusal(
-            record.response,
-            f"By the file the response was started {abs(delay):.6g} s "
-            f"{'after' if delay < 0 else 'before'} the drive.",
-            "Samples of one number are then of two instants.",
-            f"Put under [[test]]: `delay = {delay:.9g}`, or export both from one instant on.",
-        )
+        yield refusal(record.response, *messages.started_apart(abs(delay), delay, later=delay < 0))
 
 
 def _of_two_sources(record: Record, test: TestSpec) -> Iterator[Fault]:
     """Which of two recorded sources is taken, where the test does not say."""
     if test.traits.is_driven and test.drive is None and set(INPUTS) <= record.channels.keys():
-        yield doubt(
-            "input",
-            "`input` and `force` were both recorded; `input` is taken for what drives the test.",
-            why="With its feed for the input, the shaker is part of the structure.",
-            remedy='Say which with drive = "voltage" or drive = "force".',
-        )
+        yield doubt("input", *messages.TWO_SOURCES)
 
 
-def _fits_test(record: Record, test: TestSpec) -> Iterator[tuple[str, ...]]:
-    """What in a record contradicts the campaign file, the remedy, and perhaps why it matters."""
+def _fits_test(record: Record, test: TestSpec) -> Iterator[FaultText]:
+    """What in a record contradicts the campaign file."""
     nyquist = record.fs / 2
     if test.band and test.band[1] > nyquist:
-        yield (
-            f"`band` ends at {test.band[1]:g} Hz, above half the sampling frequency "
-            f"({nyquist:g} Hz).",
-            f"Lower the band's end to at most {nyquist:g} Hz, or correct fs.",
-        )
+        yield messages.band_beyond(test.band[1], nyquist)
     high = [tone for tone in test.tones if 3 * tone >= nyquist]
     if high:
-        yield (
-            f"Tone {high[0]:g} Hz must lie below a third of half the sampling frequency "
-            f"({nyquist / 3:.4g} Hz).",
-            "Drop the tone, or measure with a higher sampling frequency.",
-            "Its third harmonic folds back otherwise.",
-        )
+        yield messages.tone_beyond(high[0], nyquist / 3)
     length = record.num_samples / record.fs
     needed = test.dwell * len(test.tones) if test.traits.is_stepped else test.settle
     if needed > length:
-        duration_source = "the steps take" if test.traits.is_stepped else "`settle` alone takes"
-        yield (
-            f"The record lasts {length:.4g} s, but {duration_source} {needed:.4g} s.",
-            "Correct settle, dwell or tones, or give the whole record.",
-        )
+        yield messages.too_short(length, needed, is_stepped=test.traits.is_stepped)
     if record.num_samples % test.periods:
-        yield (
-            f"The record's {record.num_samples} samples are not {test.periods} whole periods.",
-            "Correct periods, or cut the record to whole ones with span.",
-            "Averages over periods would drift through the record.",
-        )
+        yield messages.broken_periods(record.num_samples, test.periods)
 
 
-def _fits_curve(record: Record, test: TestSpec) -> Iterator[tuple[str, ...]]:
+def _fits_curve(record: Record, test: TestSpec) -> Iterator[FaultText]:
     freq = record.channels["frequency"]
     freq = freq[np.isfinite(freq)]
     if "phase" not in record.channels and not test.traits.is_controlled:
-        yield (
-            "The response is real and has no phase.",
-            "Name the channel `phase`, or one that holds the complex response.",
-            "An amplitude alone does not tell the damping from the stiffness.",
-        )
+        yield messages.AMPLITUDE_ALONE
     if test.band and len(freq) and not np.any((freq >= test.band[0]) & (freq <= test.band[1])):
-        yield (
-            f"No line of the curve, {freq.min():.4g} to {freq.max():.4g} Hz, lies in "
-            f"`band` = [{test.band[0]:g}, {test.band[1]:g}] Hz.",
-            "Correct band, or the unit of frequency: it may be rad/s.",
-        )
+        yield messages.no_line_in_band((freq.min(), freq.max()), test.band)
 
 
 def _stated(record: Record, test: TestSpec, spec: CampaignSpec) -> Iterator[Fault]:

@@ -36,16 +36,9 @@ from jbw.measurement.recorders.facts import is_time
 from jbw.measurement.records import INPUTS, RESPONSES, Record, si_of
 from jbw.measurement.resampled import proposed_rate
 from jbw.measurement.response_checks import band_about_peak, height_within
+from jbw.report.messages import draft as messages
 from jbw.units import decibels, plain
 
-HEAD = """\
-# Campaign file of jbw. Lines marked CHECK hold what the records do not say.
-# See what jbw makes of it: jbw check campaign.toml
-# Channels are paths, such as group.name: [3] is the fourth item, counted from zero; (4)
-# and {4} are it counted from one, as in MATLAB; [:] takes all; 'a - b' is a difference.
-
-[campaign]"""
-FURTHER = "# Further keys of a [[test]], to be written below its line `kind`:"
 NAMED = "campaign.toml"
 LISTED = 12  # channels named in a comment
 MOST_GROUPS = 500  # names of files that are not repeats of one another
@@ -63,7 +56,6 @@ KIND_HINTS = dict(step="stepped", tone="tones", hammer="decay", impact="decay", 
 Assume = Callable[[str], None]
 NOBODY = Channel("...", "", "")
 Reach = tuple[float, float]  # lowest and highest frequency [Hz]
-ARE = ("is a guess", "are guesses")
 FEW_COLUMNS = 16  # a table of more is no record of a few channels
 
 
@@ -128,10 +120,17 @@ def start_campaign(folder: str | Path, named: Named = lambda path, channels: {})
             remedy=" ".join(["Suffixes: " + ", ".join(READERS) + ".", *_once(assumed)]),
         )
     name = f"name = {toml(folder.resolve().name or 'campaign')}"
-    head = [HEAD, name, *commented(Head, ("modal_mass", "gain")), ""]
+    head = [messages.HEAD, name, *commented(Head, ("modal_mass", "gain")), ""]
     drafted = any("\nband = " in block for block in blocks)
     optional = commented(TestSpec, [key for key in OPTIONAL if not (drafted and key == "band")])
-    foot = [FURTHER, *optional, "", "# [identify]", *commented(Identify, Identify.model_fields), ""]
+    foot = [
+        messages.FURTHER,
+        *optional,
+        "",
+        "# [identify]",
+        *commented(Identify, Identify.model_fields),
+        "",
+    ]
     return Draft("\n".join([*head, *blocks, *foot]), tuple(_once(assumed)))
 
 
@@ -167,10 +166,10 @@ def _bands_together(
     changed = list(blocks)
     for i, (path, record) in sampled.items():
         low, high = band_about_peak(record, within=shared)
-        line = f"band = {toml([low, high])}  # CHECK: about the line that every decay shows"
+        line = messages.shared_band(toml([low, high]))
         changed[i] = re.sub(r"^band = .*$", line, blocks[i], flags=re.MULTILINE)
-        before = f"band {bands[i][0]:g} to {bands[i][1]:g} Hz is about the strongest line."
-        after = f"band {low:g} to {high:g} Hz is about the line that every decay shows."
+        before = messages.about_strongest(bands[i][0], bands[i][1])
+        after = messages.about_shared(low, high)
         assumed[:] = [
             (name, after) if (name, what) == (path.name, before) else (name, what)
             for name, what in assumed
@@ -305,7 +304,7 @@ def _blocks(
         assumed.append(("", error.what))
         return ["".join(f"# {line}\n" for line in error.what.splitlines())]
     if len(by_record) > MOST_BLOCKS:
-        blocks.append(f"# {len(by_record) - MOST_BLOCKS} more groups like these are in the file.\n")
+        blocks.append(messages.more_groups(len(by_record) - MOST_BLOCKS))
     return blocks
 
 
@@ -328,7 +327,7 @@ def _block(
         unknown = [path for path in series if path not in paths]
         channels = with_roles(channels, named(files[0], unknown), series)
     if channels.keys().isdisjoint(RESPONSES):
-        assume("no channel is named like a response.")
+        assume(messages.NO_RESPONSE)
         return _skeleton(files, looked, channels)
     kind, is_sure = _kind_of(files[0], channels, series)
     traits = KINDS[kind]
@@ -338,16 +337,15 @@ def _block(
     channels = {role: c for role, c in channels.items() if role not in clock.unused}
     roles = {role: channel.path for role, channel in channels.items()}
     if not is_sure:
-        assume(f"kind {kind!r} is a guess.")
+        assume(messages.guessed_kind(kind))
     guessed = [r for r, c in channels.items() if c.guessed or "ampl" in last_name(c.path)]
     for role in guessed:
-        assume(f"role {role} of {roles[role]} is a guess.")
+        assume(messages.guessed_role(role, roles[role]))
     lines = [
         "[[test]]",
-        f"kind = {toml(kind)}" + ("" if is_sure else "  # CHECK: a guess"),
-        f"files = {toml(_pattern(files))}  # {len(files)} file(s), one repeat each",
-        f"channels = {toml(roles)}"
-        + (f"  # CHECK: {', '.join(guessed)} {ARE[len(guessed) > 1]}" if guessed else ""),
+        f"kind = {toml(kind)}" + ("" if is_sure else messages.GUESS),
+        messages.files(toml(_pattern(files)), len(files)),
+        f"channels = {toml(roles)}" + (messages.check_roles(guessed) if guessed else ""),
         _units(channels, assume),
         *clock.lines,
     ]
@@ -360,10 +358,10 @@ def _block(
     if traits.is_steady:
         lines.append(_tones(files[0], roles, lines, assume))
     if traits.is_stepped:
-        lines.append("dwell = 1.0  # CHECK: duration of each step [s]")
+        lines.append(messages.DWELL)
     unused = [name for name in series if name not in roles.values() and name not in clock.columns]
     if unused:
-        lines.append(f"# not used: {_listed(unused)}")
+        lines.append(messages.not_used(_listed(unused)))
     return "\n".join(lines) + "\n"
 
 
@@ -386,20 +384,20 @@ def _clock(channels: Mapping[str, Channel], looked: Looked, traits: Kind) -> Clo
     lines: list[str] = []
     assumed: list[str] = []
     if (delay := _delay(leaves)) and abs(delay) > 0.5 / max(rates, default=1.0):
-        lines.append(f"delay = {toml(delay)}  # by the start times in the file")
+        lines.append(messages.delay(toml(delay)))
     if len(rates) == len(leaves):
         if min(rates) < (1 - 2e-5) * max(rates):
-            lines.append(f"resample = {toml(_round(min(rates)))}  # [Hz], the slowest channel's")
+            lines.append(messages.slowest(toml(_round(min(rates)))))
         times = tuple(p for p, leaf in looked.series.items() if is_time(leaf.label or p))
         return Clock(True, ("time",), times, tuple(lines), ())
     if "time" in channels:
         channel = channels["time"]
         clock = looked.series[channel.path]
         if rates:  # beside channels of the table's own times, slower ones
-            lines.append(f"resample = {toml(_round(min(rates)))}  # [Hz], the slowest channel's")
+            lines.append(messages.slowest(toml(_round(min(rates)))))
         elif proposal := _uneven(clock, channel.unit or "s"):
-            lines.append(f"resample = {toml(proposal)}  # CHECK: [Hz]; its times are not even")
-            assumed.append(f"resampled at {proposal:g} Hz, since its times are not even.")
+            lines.append(messages.resampled(toml(proposal)))
+            assumed.append(messages.resampled_at(proposal))
         return Clock(True, (), (), tuple(lines), tuple(assumed))
     return Clock(bool(rates) or looked.fs is not None, (), (), tuple(lines), ())
 
@@ -441,8 +439,8 @@ def _units(channels: Mapping[str, Channel], assume: Assume) -> str:
         elif role != "time":  # seconds, unless the file says otherwise
             units[role] = channel.default
             guessed.append(role)
-            assume(f"unit of {role} assumed to be {units[role]}, the SI unit.")
-    mark = f"  # CHECK: SI assumed, not in the file, for {', '.join(guessed)}" if guessed else ""
+            assume(messages.assumed_unit(role, units[role]))
+    mark = messages.check_units(", ".join(guessed)) if guessed else ""
     return f"units = {toml(units)}{mark}"
 
 
@@ -461,10 +459,10 @@ def _band(
     try:
         low, high = band_about_peak(_first_record(path, roles, lines), within=curves)
     except (JbwError, ValueError, IndexError):  # for `jbw check` to say
-        assume("band must be given.")
-        return "# band = [5.0, 40.0]  # CHECK: frequencies around the one mode [Hz]"
-    assume(f"band {low:g} to {high:g} Hz is about the strongest line.")
-    return f"band = {toml([low, high])}  # CHECK: about the strongest line; no other mode in it"
+        assume(messages.NO_BAND)
+        return messages.EXAMPLE_BAND
+    assume(messages.about_strongest(low, high))
+    return messages.band(toml([low, high]))
 
 
 def _first_record(path: Path, roles: Mapping[str, str], lines: Sequence[str]) -> Record:
@@ -481,19 +479,19 @@ def _tones(path: Path, roles: Mapping[str, str], lines: Sequence[str], assume: A
         source = record.channels[record.source]
         if course_of(source) == "tones":
             hz = float(f"{strongest_line(source, record.fs):.6g}")
-            assume(f"tones of {hz:g} Hz are the strongest line of its source.")
-            return f"tones = {toml([hz])}  # CHECK: the strongest line of its source [Hz]"
-    assume("tones must be given.")
-    return "tones = [1.0]  # CHECK: frequencies [Hz]"
+            assume(messages.about_tone(hz))
+            return messages.tone(toml([hz]))
+    assume(messages.NO_TONES)
+    return messages.EXAMPLE_TONES
 
 
 def _sampling(leaves: Leaves, assume: Assume) -> str:
     for name, leaf in leaves.items():
         is_scalar = all(length == 1 for length in leaf.shape)
         if is_scalar and RATE.search(last_name(name)):
-            return f"fs = {toml(name)}  # the scalar of that name in the file"
-    assume("the sampling frequency fs must be given.")
-    return "# fs = 1024.0  # CHECK: sampling frequency [Hz], not in the file"
+            return messages.scalar_rate(toml(name))
+    assume(messages.NO_RATE)
+    return messages.EXAMPLE_RATE
 
 
 def _skeleton(files: Sequence[Path], looked: Looked, channels: Mapping[str, Channel]) -> str:
@@ -517,9 +515,9 @@ def _skeleton(files: Sequence[Path], looked: Looked, channels: Mapping[str, Chan
     timed = "time" in paths or any(leaf.fs for leaf in leaves.values()) or looked.fs is not None
     timed = timed or (traits is not None and traits.is_curve)
     lines = [
-        f"# CHECK: name the channels of {toml(files[0].name)} by hand, from {_listed(leaves)}.",
+        messages.name_channels(toml(files[0].name), _listed(leaves)),
         "# [[test]]",
-        f"# kind = {toml(kind if is_sure else '...')}  # one of {', '.join(KINDS)}",
+        messages.kind(toml(kind if is_sure else "..."), ", ".join(KINDS)),
         f"# files = {toml(_pattern(files))}",
         f"# channels = {toml(roles)}",
         f"# units = {toml(units)}",
@@ -527,7 +525,7 @@ def _skeleton(files: Sequence[Path], looked: Looked, channels: Mapping[str, Chan
     ]
     if sources := {role: _pattern(files) for role in paths if role in INPUTS}:
         separate_files = toml({**sources, "velocity": "..."})
-        lines.append(f"# where the response lies in files of its own: files = {separate_files}")
+        lines.append(messages.separate_files(separate_files))
     return "\n".join(lines) + "\n"
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from jbw.campaign.tables import TestSpec
 from jbw.measurement.checks import Fault, doubt, refusal
 from jbw.measurement.records import Record
+from jbw.report.messages import campaign_faults as messages
 
 # Of a record, in common with another: a fifth makes intervals too narrow by a tenth; beyond one
 # half it is the same record.
@@ -66,7 +67,7 @@ def held_twice(sources: Sequence[ResponseOrigin]) -> Iterator[tuple[str, Fault]]
         shared = {other: _shared(source, other) for other in same_channel}
         other, share = max(shared.items(), key=lambda pair: pair[1], default=(source, 0.0))
         if first is not None:
-            yield source.test, _fault(refusal, source, first, "holds the same samples as")
+            yield source.test, _fault(refusal, source, first, messages.SAME_SAMPLES)
         elif share > DOUBTED:
             severity = refusal if share > MOST_SHARED else doubt
             yield source.test, _fault(severity, source, other, f"shares {share:.0%} with")
@@ -78,12 +79,7 @@ def _fault(
     severity: Callable[..., Fault], source: ResponseOrigin, other: ResponseOrigin, what: str
 ) -> Fault:
     listed = [f"`{holder.record}` of test `{holder.test}`" for holder in (source, other)]
-    return severity(
-        source.role,
-        f"{listed[0]} {what} {listed[1]}.",
-        "A record that counts twice makes intervals too narrow, and predicts itself.",
-        "Leave one of them out of `files`, drop it with exclude, or state other spans.",
-    )
+    return severity(source.role, *messages.twice(listed[0], what, listed[1]))
 
 
 def _use_the_same(source: ResponseOrigin, other: ResponseOrigin) -> bool:

@@ -34,6 +34,7 @@ from jbw.campaign.schema import CampaignSpec
 from jbw.errors import ConfigError
 from jbw.measurement.checks import Fault, doubt, refusal
 from jbw.quantities import label, split
+from jbw.report.messages import campaign_faults as messages
 
 STRUCTURE = "[structure]"
 MATRICES = "matrices"
@@ -178,9 +179,7 @@ def _separability(
     moving = moving_modes(modes.motion)
     rows = [mode for mode in swept if moving[mode]]
     if not rows:
-        what = "No mode in the bands of the tests moves a joint; all laws keep their prior."
-        remedy = "Sweep a mode in which the energy shares are large."
-        return None, [doubt("joint", what, remedy=remedy)]
+        return None, [doubt("joint", *messages.NO_MODE)]
     separability = replace(
         joint_separability(modes.motion, rows, groups=groups_of(joints)),
         joints=_names_of_groups(joints),
@@ -241,8 +240,7 @@ def _inseparable(separability: JointSeparability, joints: Sequence[JointTable]) 
             "joint",
             separability.sentence(pair),
             _reason(pair, separability),
-            remedy=f"Put under [[joint]] `{second.name}`: `same_as = {toml(first.name)}`, or "
-            f"sweep further modes.",
+            messages.put_same_as(second.name, toml(first.name)),
         )
 
 
@@ -250,24 +248,15 @@ def _too_few(separability: JointSeparability) -> Iterator[Fault]:
     """Fewer swept modes than laws; two laws of one mode are named as a pair."""
     modes, joints = len(separability.modes), len(separability.joints)
     if 1 < modes < joints:
-        yield doubt(
-            "joint",
-            f"{joints} laws need {joints} swept modes at least, but the bands of the tests hold "
-            f"{modes}.",
-            "Every mode tells one number of all joints together.",
-            remedy="Sweep further modes, or tie joints by `same_as`.",
-        )
+        yield doubt("joint", *messages.few_modes(joints, modes))
 
 
 def _reason(pair: InseparablePair, separability: JointSeparability) -> str:
     if len(separability.modes) == 1:
-        return "One mode tells what all joints do together, and of none what it does by itself."
+        return messages.ONE_MODE
     if pair.likeness == "same motion":
-        return "Exchanging their laws changes no response, so that the posterior has two halves."
-    return (
-        "Single modes tell the sum of their laws alone; the difference shows only when several "
-        "modes move at once."
-    )
+        return messages.EXCHANGEABLE
+    return messages.SUM_OF_LAWS
 
 
 def _unseen(motion: np.ndarray, names: Sequence[str]) -> Iterator[Fault]:
@@ -275,12 +264,7 @@ def _unseen(motion: np.ndarray, names: Sequence[str]) -> Iterator[Fault]:
     reach = (motion / motion.max(axis=0)).max(axis=1)
     for name, largest in zip(names, reach, strict=True):
         if largest < _UNMOVED:
-            yield doubt(
-                "joint",
-                f"Joint `{name}` is moved by none of the modes in the bands of the tests; its law "
-                "keeps its prior.",
-                remedy="Sweep a mode in which its energy share is large.",
-            )
+            yield doubt("joint", *messages.unmoved(name))
 
 
 @dataclass(frozen=True)

@@ -37,6 +37,7 @@ from jbw.campaign.tables import NOT_STATED, Assembly, Head, Instruments, TestSpe
 from jbw.campaign.together import among, at_every_point, named, of_others
 from jbw.campaign.written import CAMPAIGN
 from jbw.quantities import DEFAULT_LAWS
+from jbw.report.messages import campaign_faults
 
 
 class CampaignFile(FileTable):
@@ -93,7 +94,7 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
     structure, assembled = _structures(document.get("structure"), errors)
     tables = document.get("test", [])
     if not isinstance(tables, list) or not tables:
-        errors.append("[[test]]: at least one test is needed, each under its own [[test]].")
+        errors.append(campaign_faults.NO_TESTS)
         tables = []
     checked_tables = [
         checked(TestSpec, table, f"[[test]] {i + 1}", errors) for i, table in enumerate(tables)
@@ -102,16 +103,12 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
     settings = checked(Identify, document.get("identify", {}), "[identify]", errors) or Identify()
     both = head.gain is not None and head.modal_mass is not None
     if both and not differ({test.driven_by for test in tests}):
-        errors.append("[campaign]: give gain or modal_mass, not both; they say the same.")
+        errors.append(campaign_faults.GAIN_OR_MASS)
     if len(tests) == len(tables):
         errors += [*among(tests, settings), *of_others(tests, assembly)]
         errors += structure_errors(structure, tests, () if assembled is None else assembled.points)
         roles = {role for test in tests for role in test.channels}
-        errors += [
-            f"[campaign] gain_std: names role `{role}`, which no test has in its channels."
-            for role in head.gain_std
-            if role not in roles
-        ]
+        errors += [campaign_faults.no_role(role) for role in head.gain_std if role not in roles]
     # Laws that are stated are all there are, so that a prior on any other is refused.
     stated = "laws" in joint.model_fields_set
     laws = joint.laws if stated else laws_of(joint.laws, settings.prior)
@@ -124,9 +121,7 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
         [test.kind for test in tests],
     )
     if assembled is not None and not joints:
-        errors.append(
-            "[structure] matrices: need a [[joint]] table for every joint, but there is none."
-        )
+        errors.append(campaign_faults.NO_JOINTS)
     errors += joint_errors(joints, assembled, num_modes)
     for table in joints:
         errors += [

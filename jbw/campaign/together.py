@@ -10,6 +10,7 @@ from jbw.campaign.settings import Identify
 from jbw.campaign.tables import Assembly, TestSpec
 from jbw.measurement.checks import Fault, doubt
 from jbw.measurement.records import INPUTS, RESPONSES, Record
+from jbw.report.messages import campaign_faults as messages
 
 APART = 1.5  # between two levels, and between two records: less is how a rig holds a level
 
@@ -44,30 +45,25 @@ def of_others(tests: Sequence[TestSpec], assembly: Assembly) -> Iterator[str]:
     """Tests of other assemblies than the one whose torque the campaign states."""
     names = {test.assembly for test in tests if test.assembly} | {assembly.name or None} - {None}
     if len(names) > 1 and list(assembly.keys()):
-        yield (
-            f"[assembly]: speaks of one assembly, but the campaign has {len(names)}: "
-            f"{', '.join(sorted(map(str, names)))}; write a campaign file for each."
-        )
+        yield messages.several_assemblies(len(names), sorted(map(str, names)))
 
 
 def among(tests: Sequence[TestSpec], settings: Identify) -> Iterator[str]:
     """Names that several tests have, and levels to fit that none has."""
     names = [test.name for test in tests if test.name]
     for name in sorted({name for name in names if names.count(name) > 1}):
-        yield f"[[test]] name: {name!r} is given to {names.count(name)} tests."
+        yield messages.name_of_several(name, names.count(name))
     bands = [test.band for test in tests if test.traits.is_driven and test.band]
     for freq in settings.modes if isinstance(settings.modes, tuple) and bands else ():
         if not any(low <= freq <= high for low, high in bands):
-            yield (
-                f"[identify] modes: {freq:g} Hz must lie in the band of a test with a source, "
-                f"{', '.join(f'{low:g} to {high:g} Hz' for low, high in bands)}; widen `band`, or "
-                "leave it to `residuals`."
+            yield messages.mode_outside(
+                freq, ", ".join(f"{low:g} to {high:g} Hz" for low, high in bands)
             )
     levels = sorted({test.level for test in tests if test.level == test.level})
     listed = ", ".join(f"{level:g}" for level in levels) or "none"
     for level in settings.fit_levels or ():
         if level not in levels:
-            yield f"[identify] fit_levels: no test has level {level:g}; levels: {listed}."
+            yield messages.no_level(level, listed)
 
 
 class Level(NamedTuple):
@@ -101,14 +97,6 @@ def against_levels(levels: Sequence[Level]) -> Iterator[tuple[str, Fault]]:
         apart = high.level > APART * low.level and low.alike == high.alike
         turned = low.source_rms > APART * high.source_rms
         if apart and turned and low.response_rms > high.response_rms:
-            yield (
-                high.test,
-                doubt(
-                    high.role,
-                    f"The `level` of test `{high.test}` is {high.level / low.level:.3g} times that "
-                    f"of `{low.test}`, but its drive is {low.source_rms / high.source_rms:.3g} "
-                    "times as small, and its response smaller.",
-                    "The levels, or the files, of the two tests are exchanged.",
-                    "State the level that each test was measured at.",
-                ),
-            )
+            ratios = high.level / low.level, low.source_rms / high.source_rms
+            found = messages.exchanged(high.test, ratios[0], low.test, ratios[1])
+            yield high.test, doubt(high.role, *found)

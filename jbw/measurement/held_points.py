@@ -8,11 +8,7 @@ from jbw.errors import DataError
 from jbw.measurement.curves import ControlledCurve, controlled_curve
 from jbw.measurement.records import Test
 from jbw.measurement.resonances import Reading
-
-MASS_WANTED = (
-    "Points of a controller tell the damping with the modal mass alone: state `modal_mass` in "
-    "[campaign]."
-)
+from jbw.report.messages import reading as messages
 
 
 def curves_of_points(test: Test) -> list[ControlledCurve]:
@@ -35,7 +31,7 @@ def readings_of_points(test: Test, gain: float | None) -> list[Reading]:
     if any(curve.force is None or curve.phase is None for curve in curves):
         raise DataError(f"Test {test.name} has no force, or no phase to it.")
     if gain is None:
-        raise DataError(MASS_WANTED)
+        raise DataError(messages.STATE_MASS)
     return [reading for curve in curves for reading in _readings(curve, gain)]
 
 
@@ -56,8 +52,6 @@ def locked_sentence(test: Test) -> str:
     order = np.argsort(curve.amplitude)
     y, hz = 1e3 * curve.amplitude[order], curve.freq_hz[order]
     change = 100 * (hz[-1] / hz[0] - 1)
-    return (
-        f"{test.name}: from {y[0]:.3g} to {y[-1]:.3g} mm the frequency at {test.locked_phase:g} "
-        f"degrees {'falls' if change < 0 else 'rises'} from {hz[0]:.5g} to {hz[-1]:.5g} Hz, by "
-        f"{abs(change):.2g} %."
+    return messages.held_phase(
+        test.name, y[0], y[-1], test.locked_phase, hz[0], hz[-1], abs(change), falls=change < 0
     )

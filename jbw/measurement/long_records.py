@@ -7,6 +7,7 @@ import numpy as np
 from jbw.measurement.kinds import Kind
 from jbw.measurement.records import Record
 from jbw.measurement.spans import span_line, start_of
+from jbw.report.messages import reading as messages
 
 LONG = 60_000  # samples from where on a fit takes minutes
 DRIFTS = 8  # cycles in a record: what has fewer is a drift
@@ -42,20 +43,18 @@ def long_records(name: str, traits: Kind, record: Record) -> Iterator[str]:
             float(f"{np.ceil((last + 1) / record.fs / step) * step:.12g}"),
         )
         part = min(1.0, (ends[1] - ends[0]) * record.fs / total)
-        proposals.append(
-            f"It rests outside of {ends[0]:g} to {ends[1]:g} s. "
-            f"{span_line(*ends, start_of(record))}, for {100 * part:.0f} % of the time."
-        )
+        line = span_line(*ends, start_of(record))
+        proposals.append(messages.rests(ends[0], ends[1], part, line))
     strongest = _strongest_hz(response, record.fs)
     every = int(record.fs / (PER_CYCLE * strongest)) if strongest > 0 else 1
     if every > 1:
         proposals.append(
-            f"It has {record.fs / strongest:.0f} samples a cycle of its strongest frequency, "
-            f"{strongest:.4g} Hz: low-pass it, and export every {_ordinal(every)} sample "
-            f"({record.fs / every:g} Hz), for {100 / every:.0f} % of the time."
+            messages.oversampled(
+                record.fs / strongest, strongest, _ordinal(every), record.fs / every, every
+            )
         )
     if proposals:
-        yield f"{name} has {total} samples, and every fit solves each. {' '.join(proposals)}"
+        yield messages.long_record(name, total, proposals)
 
 
 def _strongest_hz(response: np.ndarray, fs: float) -> float:

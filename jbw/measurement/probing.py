@@ -11,6 +11,7 @@ from jbw.errors import DataError
 from jbw.measurement.channels import Complexes, Reals, channel, same_length, sampling
 from jbw.measurement.harmonics import NOISE_FLOOR, Harmonics, harmonics
 from jbw.quantities import Motion
+from jbw.report.messages import reading as messages
 
 PERIOD_POINTS = 4096  # of one period; a peak between two of them is missed by 3e-7 n^2 at most
 LARGE_SOURCE = 0.1
@@ -143,17 +144,11 @@ def _notes(omega: float, handling: str, ratio: float, above: bool) -> tuple[str,
     f = f"{omega / (2 * np.pi):.4g} Hz"
     notes = []
     if handling == "unmeasured":
-        notes.append(
-            f"{f}: the input was not measured, so its third harmonic may be part of Y(3 omega); "
-            "no verdict on the joint is possible from this frequency alone."
-        )
+        notes.append(messages.input_unknown(f))
     if handling == "measured":
-        notes.append(f"{f}: the source's third harmonic was measured but not taken out.")
+        notes.append(messages.harmonic_kept(f))
     if ratio > LARGE_SOURCE:
-        notes.append(
-            f"{f}: the source's third harmonic put {ratio:.0%} of the joint's Y(3 omega) into the "
-            "response; what is left leans on H1(3 omega)."
-        )
+        notes.append(messages.large_harmonic(f, ratio))
     if not above:
-        notes.append(f"{f}: Y(3 omega) does not stand above the noise; leave it out.")
+        notes.append(messages.harmonic_in_noise(f))
     return tuple(notes)

@@ -28,6 +28,7 @@ from jbw.errors import DataError
 from jbw.measurement.channels import Reals
 from jbw.measurement.records import RESPONSES, Record
 from jbw.measurement.spans import unbroken_line
+from jbw.report.messages import reading as messages
 
 REACH = 32  # samples to either side
 BETA = 10.0  # of Kaiser's window
@@ -95,10 +96,7 @@ def at_rate(x: Reals, fs: float, new_fs: float) -> tuple[Reals, str]:
         )
     y = interpolated(x, np.arange(size) * (fs / new_fs), ratio)
     lost = np.sqrt(max(0.0, 1 - np.var(y) / max(float(np.var(x)), 1e-300)))
-    return y, (
-        f"from {fs:.7g} to {new_fs:.7g} Hz, to 3e-05 below {PASSED * new_fs / 2:.4g} Hz; "
-        f"{100 * lost:.2g} % of its rms lay above"
-    )
+    return y, messages.to_rate(fs, new_fs, PASSED, lost)
 
 
 def from_uneven(x: Reals, time: Reals, new_fs: float, begins: float = 0.0) -> tuple[Reals, str]:
@@ -131,11 +129,7 @@ def from_uneven(x: Reals, time: Reals, new_fs: float, begins: float = 0.0) -> tu
             remedy=_without_pauses(time, begins),
         )
     y = _band_limited(x, time, rate, at)
-    return y, (
-        f"from uneven samples of some {usual:.4g} Hz to {new_fs:.7g} Hz, below "
-        f"{PASSED * rate / 2:.4g} Hz; samples held out are met to {100 * error:.2g} % of the rms, "
-        "their noise included"
-    )
+    return y, messages.from_uneven(usual, new_fs, PASSED * rate / 2, error)
 
 
 def _rate_through(time: Reals, new_fs: float) -> float:
@@ -224,5 +218,5 @@ def on_one_clock(record: Record, clock_ppm: float) -> Record:
         role: interpolated(x, place) if role in OF_RESPONSE else x[:num_samples]
         for role, x in record.channels.items()
     }
-    how = f"response on that of the drive, by {clock_ppm:g} ppm"
+    how = messages.response_clock(clock_ppm)
     return replace(record, channels=channels, provenance={**record.provenance, "clock": how})

@@ -17,6 +17,7 @@ from scipy.optimize import least_squares
 
 from jbw.errors import DataError
 from jbw.measurement.channels import Reals
+from jbw.report.messages import reading as messages
 
 PERIODS = 8.0  # of a line in half a record at least: fewer are a drift
 STATED = 1.0  # lines of the half record's spectrum that a stated frequency may be off by
@@ -104,10 +105,7 @@ def without_lines(
 
 def lines_removed(lines: Sequence[SteadyLine]) -> str:
     """What was taken out, in words: frequency, amplitude and error of every line."""
-    return ", ".join(
-        f"{line.hz:.6g} Hz of {line.amplitude:.4g} with an error of {line.error:.2g}"
-        for line in lines
-    )
+    return ", ".join(messages.removed_line(line.hz, line.amplitude, line.error) for line in lines)
 
 
 def _mode_of(x: Reals, fs: float, lines_hz: Sequence[float], resolution: float) -> list[float]:

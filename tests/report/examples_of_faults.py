@@ -1,6 +1,7 @@
 """Faults of records and campaigns with example values, topic by topic, constants aside."""
 
 from jbw.report.messages import (
+    campaign_faults,
     clock_faults,
     controlled_faults,
     decay_faults,
@@ -13,6 +14,40 @@ KEEP = "Put under [[test]]: `span = [0.0, 1.9]`"
 EXCLUDE = 'leave the record out: `exclude = ["hit_3.mat"]`'
 KEEP_OR_EXCLUDE = f"{KEEP}, or {EXCLUDE}"
 EXAMPLES = {
+    "campaign_faults": [
+        campaign_faults.two_rates(1024.0, "b.mat", 512.0),
+        campaign_faults.band_beyond(600.0, 512.0),
+        campaign_faults.tone_beyond(200.0, 170.7),
+        campaign_faults.too_short(10.0, 12.0, is_stepped=True),
+        campaign_faults.too_short(10.0, 12.0, is_stepped=False),
+        campaign_faults.broken_periods(4095, 4),
+        campaign_faults.no_line_in_band((10.0, 30.0), (60.0, 80.0)),
+        campaign_faults.started_apart(0.1, -0.1, later=True),
+        campaign_faults.started_apart(0.1, -0.1, later=False),
+        campaign_faults.unread("offsets", campaign_faults.ONE_RUN),
+        campaign_faults.read_by_kinds("sweep"),
+        campaign_faults.no_test_of_kind("sweep"),
+        campaign_faults.nothing_to_adapt("amis"),
+        campaign_faults.no_coordinates("cubic"),
+        campaign_faults.put_same_as("bolt_2", '"bolt_1"'),
+        campaign_faults.few_modes(3, 2),
+        campaign_faults.unmoved("bolt_1"),
+        campaign_faults.exchanged("high", 2.0, "low", 3.0),
+        campaign_faults.twice("`a` of test `x`", campaign_faults.SAME_SAMPLES, "`b` of test `y`"),
+        campaign_faults.several_assemblies(2, ["a", "b"]),
+        campaign_faults.name_of_several("sweep", 2),
+        campaign_faults.mode_outside(30.0, "15 to 23 Hz"),
+        campaign_faults.no_level(2.0, "1, 3"),
+        campaign_faults.no_role("force"),
+        campaign_faults.joint_twice("[[joint]] `a`", 2),
+        campaign_faults.no_place("[[joint]] `a`"),
+        campaign_faults.no_stiffness("[[joint]] `a`"),
+        campaign_faults.without_matrices("[[joint]] `a`", "across"),
+        campaign_faults.shape_of_modes("[[joint]] `a`", 3, 2),
+        campaign_faults.unknown_leader("[[joint]] `a` same_as", "c", "", "a, b"),
+        campaign_faults.circle("[[joint]] `a` same_as"),
+        campaign_faults.other_laws("[[joint]] `a` same_as", "a", "cubic", "b", "bouc_wen"),
+    ],
     "clock_faults": [
         clock_faults.response_jumps(0.01, "behind"),
         clock_faults.phase_jumps(0.3),

@@ -10,7 +10,6 @@ from jbw.errors import ConfigError, DataError, naming
 from jbw.measurement.channels import Reals
 from jbw.measurement.files.paths import select
 from jbw.measurement.files.sampling import (
-    MINE,
     Repeats,
     Wanted,
     on_even_grid,
@@ -21,6 +20,7 @@ from jbw.measurement.files.tree import WHOLE, Contents, Leaf, names
 from jbw.measurement.records import INPUTS, QUANTITIES, RESPONSES, ROLES, Record, si_of
 from jbw.measurement.spans import SPAN, span_words, toml_table
 from jbw.measurement.steady_lines import lines_removed, without_lines
+from jbw.report.messages import reading as messages
 from jbw.units import TORSION, decibels, plain, si_unit
 
 LARGEST_GAIN = 30.0  # exponent: 1e13, beyond what any converter resolves
@@ -32,7 +32,7 @@ def records_of(contents: Contents, path: Path, request: Wanted, digest: str) -> 
     """Records of an open file in SI, one a repeat; what was done to them is in the provenance."""
     sources = _sources(contents, request)
     fs, rate_source, part = (
-        (request.resample, f"{request.resample:.10g} Hz, to which it is resampled", WHOLE)
+        (request.resample, messages.resampled_to(request.resample), WHOLE)
         if request.resample and "frequency" not in sources
         else sampling_of(contents, sources, request)
     )
@@ -102,7 +102,7 @@ def records_of(contents: Contents, path: Path, request: Wanted, digest: str) -> 
             units["phase"], provenance["phase"] = "rad", f"angle of the complex {role}"
     if request.conjugate and "phase" in channels:
         channels["phase"] = [-row for row in channels["phase"]]
-        provenance["conjugate"] = "phase turned, from exp(-j omega t) to exp(j omega t)"
+        provenance["conjugate"] = messages.CONJUGATED
     if request.span:
         provenance[SPAN] = span_words(request.span)
     if request.resample and "frequency" not in sources:
@@ -200,7 +200,7 @@ def _unit(role: str, stated: str, request: Wanted) -> tuple[str, str]:
     if contradicts and not (plain(stated).lower() == "db" and not bare):
         raise DataError(
             f"role `{role}` is in `{stated_unit}` by the campaign but in `{stated}` by the file.",
-            remedy=MINE,
+            remedy=messages.MINE,
         )
     return stated_unit or stated, ""
 

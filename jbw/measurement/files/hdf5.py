@@ -16,6 +16,7 @@ from numpy.typing import DTypeLike
 from jbw.errors import DataError
 from jbw.measurement.files.tree import RATE, Contents, Node, Opaque, leaf
 from jbw.measurement.records import Record
+from jbw.report.messages import reading as messages
 
 HEAP = b"GCOL\x01\0\0\0"  # signature, version, three bytes of nothing; then the heap's size
 HEAD = 16  # bytes of a heap's head, and of an object's
@@ -136,7 +137,7 @@ def _node(group: h5py.Group, name: str) -> Node:
 
 def _array(item: Any) -> Node:
     if not isinstance(item, h5py.Dataset) or not np.issubdtype(item.dtype, np.number):
-        return Opaque("not numeric", "Store the samples as a dataset of floats or integers.",
+        return Opaque("not numeric", messages.STORE_NUMBERS,
                       _texts(item))  # fmt: skip
     unit = next(filter(None, (text_of(item.attrs, key) for key in UNITS)), "")
     label = next(filter(None, (text_of(item.attrs, key) for key in LABELS)), "")
@@ -186,7 +187,7 @@ def _behind(group: h5py.Group, name: str, target: str) -> Node:
         here = here[step]
     if isinstance(here, h5py.Dataset):
         return _array(here)
-    return Opaque("a soft link to a group", f"Use the group's own path `{target}`.")
+    return Opaque("a soft link to a group", messages.own_path(target))
 
 
 def _outside(name: str) -> DataError:

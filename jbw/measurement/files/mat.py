@@ -26,6 +26,7 @@ from jbw.measurement.files.tree import (
     cells,
     numeric,
 )
+from jbw.report.messages import reading as messages
 
 # What MATLAB keeps as its own objects: they hold no arrays that can be told from outside.
 OPAQUE = (
@@ -33,7 +34,6 @@ OPAQUE = (
     scipy.io.matlab.MatlabFunction,
     scipy.io.matlab.MatlabObject,
 )
-EXPORT = "In MATLAB, export plain arrays: table2array(T), timetable2table(T), or struct(object)."
 
 
 @contextmanager
@@ -57,7 +57,7 @@ def contents(path: Path) -> Iterator[Contents]:
 def _node(value: Any) -> Node:
     """A tree from what scipy hands over: structs, object arrays, numbers."""
     if isinstance(value, OPAQUE):
-        return Opaque("a MATLAB table, object or function handle", EXPORT)
+        return Opaque(messages.MATLAB_OBJECT, messages.EXPORT_ARRAYS)
     if isinstance(value, scipy.io.matlab.mat_struct):
         return {name: _node(vars(value)[name]) for name in vars(value)["_fieldnames"]}
     if isinstance(value, np.ndarray) and value.dtype == object:
@@ -91,7 +91,7 @@ def _node73(group: h5py.Group, name: str) -> Node:
 def _item73(item: Any) -> Node:
     of_class = hdf5.text_of(item.attrs, "MATLAB_class")
     if "MATLAB_object_decode" in item.attrs or of_class in ("table", "function_handle", "string"):
-        return Opaque("a MATLAB table, object or function handle", EXPORT)
+        return Opaque(messages.MATLAB_OBJECT, messages.EXPORT_ARRAYS)
     if isinstance(item, h5py.Group):
         fields: Any = hdf5.group_tree(item, _node73)
         # Each field of a struct array is an array of references, without a class of its own.

@@ -13,6 +13,7 @@ from jbw.measurement.files.tree import WHOLE, Contents, Leaf, load, names
 from jbw.measurement.records import COUNTED, si_of
 from jbw.measurement.resampled import at_rate, from_uneven, proposed_rate, resample_line
 from jbw.measurement.spans import PUT, rows_of_span, toml_table, unbroken_line
+from jbw.report.messages import reading as messages
 from jbw.units import TIME, plain
 
 SLOWEST, FASTEST = 1e-6, 1e12  # [Hz] sampling frequencies that recorders have
@@ -20,14 +21,8 @@ REGULARITY = 1e-3  # of a sampling interval: the largest deviation of a sample f
 LOOSEST_SNAP = 2e-5  # relative: however coarse the times are printed
 SNAP = 5e-6  # relative: what six printed digits of a sampling interval lose
 
-MINE = (
-    "Correct whichever is wrong; the file's own unit needs no mention. Where the file is wrong, "
-    'put under [[test]]: `units_are = "mine"`.'
-)
 ADRIFT = 1.0  # intervals at most between a sample's time and its place
 MOST = 0.5  # of a record, in a part between gaps that is kept rather than resampled
-EXPORT = "Export the record again."
-EVEN = "Spectra and sampled inputs need even samples."
 Repeats = list[NDArray[np.float64]]
 Sources = Mapping[str, list[Leaf]]  # role to the arrays that its path selects
 
@@ -232,7 +227,7 @@ def _timed(sources: Sources, request: Wanted) -> tuple[dict[str, float], slice |
                 f"role `time` is in `{stated_unit}` by the campaign but in `{item.unit}` by the "
                 "file.",
                 why="The sampling frequency hangs on it.",
-                remedy=MINE,
+                remedy=messages.MINE,
             )
         factor = si_of("time", stated_unit or item.unit or "s")[0]
         rows = rows_of(item, "time", request, exact=False)
@@ -323,7 +318,7 @@ def sampling_frequency(
         raise DataError(
             f"Time channel `{name}` must be even within {REGULARITY:g} of an interval at "
             f"{fs:.6g} Hz, but sample {i} is {off[i]:.3g} off and the worst {off.max():.3g}.",
-            why=EVEN,
+            why=messages.EVEN,
             remedy="A sampling frequency beside it would be wrong: put under [[test]] "
             f"`resample = {proposed_rate(time):.9g}`, which says the error that it makes.",
         )
@@ -363,7 +358,7 @@ def _require_steps(time: NDArray[np.float64], rounding: float, name: str, begins
             f"Time channel `{name}` must increase, but sample {i} ({time[i]:.9g} s) "
             f"follows {time[i - 1]:.9g} s.",
             why="Sorting or dropping samples silently could hide a damaged file.",
-            remedy=f"Export the record again, or keep a part. {line}." if line else EXPORT,
+            remedy=f"Export the record again, or keep a part. {line}." if line else messages.EXPORT,
         )
     usual = float(np.median(steps))
     gaps = np.flatnonzero(steps - usual > max(0.5 * usual, 1.01 * rounding))
@@ -376,6 +371,6 @@ def _require_steps(time: NDArray[np.float64], rounding: float, name: str, begins
             remedy = f"{PUT} {resample}, or keep a part: {line.partition(': ')[2]}."
         raise DataError(
             f"Time channel `{name}` must be even, but has {len(gaps)} gap(s): {listed}.",
-            why=EVEN,
+            why=messages.EVEN,
             remedy=remedy,
         )

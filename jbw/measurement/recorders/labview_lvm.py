@@ -26,6 +26,7 @@ from jbw.measurement.files.csv import Dialect, table
 from jbw.measurement.files.tree import Contents
 from jbw.measurement.recorders.facts import number_in, rate_of, top
 from jbw.measurement.recorders.recorder import Recorder
+from jbw.report.messages import reading as messages
 
 END = "***End_of_Header***"
 SEPARATORS = {"tab": "\t", "comma": ","}
@@ -80,10 +81,10 @@ def read_text(lines: Sequence[str], path: Path) -> Contents:
         start = number_in(starts[i])
         packets = _packets(path_of, number_in(counts[i]), item.shape[0], is_one_header)
         if packets > 1:
-            notes["packets"] = f"{packets} under one header, read as one without a pause"
+            notes["packets"] = messages.one_header(packets)
         rounding = _rounding(deltas[i])
         if rounding > LARGEST_ROUNDING:
-            notes["digits of Delta_X"] = f"leave the sampling frequency uncertain by {rounding:.1e}"
+            notes["digits of Delta_X"] = messages.rounded_rate(rounding)
         start_s = None if np.isnan(start) else start
         channels[path_of] = replace(item, fs=rate_of(number_in(deltas[i])), start_s=start_s)
     return replace(columns, root={**top(columns), **channels}, series=channels, notes=notes)

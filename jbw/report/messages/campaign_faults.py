@@ -1,0 +1,248 @@
+"""Faults of a campaign file, and of records beside it: what, why and remedy."""
+
+from collections.abc import Sequence
+
+from jbw.report.messages.message import FaultText
+
+AMPLITUDE_ALONE = FaultText(
+    "The response is real and has no phase.",
+    "An amplitude alone does not tell the damping from the stiffness.",
+    "Name the channel `phase`, or one that holds the complex response.",
+)
+TWO_SOURCES = FaultText(
+    "`input` and `force` were both recorded; `input` is taken for what drives the test.",
+    "With its feed for the input, the shaker is part of the structure.",
+    'Say which with drive = "voltage" or drive = "force".',
+)
+ONE_RUN = "there is one run alone, which nothing can differ from"
+NO_FORCE = "a voltage or a current drives the tests, and tells no force"
+GAIN_STATED = "the campaign states the gain, which is not identified then"
+NO_GAIN = "no test has a source whose gain could be identified"
+NOTHING_FREE = "along a prescribed displacement nothing moves freely"
+NO_MODE = FaultText(
+    "No mode in the bands of the tests moves a joint; all laws keep their prior.",
+    remedy="Sweep a mode in which the energy shares are large.",
+)
+ONE_MODE = "One mode tells what all joints do together, and of none what it does by itself."
+EXCHANGEABLE = "Exchanging their laws changes no response, so that the posterior has two halves."
+SUM_OF_LAWS = (
+    "Single modes tell the sum of their laws alone; the difference shows only when several modes "
+    "move at once."
+)
+SAME_SAMPLES = "holds the same samples as"
+NO_TESTS = "[[test]]: at least one test is needed, each under its own [[test]]."
+GAIN_OR_MASS = "[campaign]: give gain or modal_mass, not both; they say the same."
+NO_JOINTS = "[structure] matrices: need a [[joint]] table for every joint, but there is none."
+
+
+def two_rates(fs: float, other: str, other_fs: float) -> FaultText:
+    """Repeats of two sampling frequencies [Hz]."""
+    return FaultText(
+        f"Repeats of a test must have one sampling frequency, but this has {fs:g} Hz and {other} "
+        f"has {other_fs:g} Hz.",
+        remedy="Make two tests of them.",
+    )
+
+
+def band_beyond(end: float, nyquist: float) -> FaultText:
+    """A band that ends above half the sampling frequency [Hz]."""
+    return FaultText(
+        f"`band` ends at {end:g} Hz, above half the sampling frequency ({nyquist:g} Hz).",
+        remedy=f"Lower the band's end to at most {nyquist:g} Hz, or correct fs.",
+    )
+
+
+def tone_beyond(tone: float, limit: float) -> FaultText:
+    """A tone whose third harmonic is not sampled [Hz]."""
+    return FaultText(
+        f"Tone {tone:g} Hz must lie below a third of half the sampling frequency ({limit:.4g} Hz).",
+        "Its third harmonic folds back otherwise.",
+        "Drop the tone, or measure with a higher sampling frequency.",
+    )
+
+
+def too_short(length: float, needed: float, *, is_stepped: bool) -> FaultText:
+    """A record that is shorter than its steps or its transient [s]."""
+    taken = "the steps take" if is_stepped else "`settle` alone takes"
+    return FaultText(
+        f"The record lasts {length:.4g} s, but {taken} {needed:.4g} s.",
+        remedy="Correct settle, dwell or tones, or give the whole record.",
+    )
+
+
+def broken_periods(samples: int, periods: int) -> FaultText:
+    """Samples that are no whole number of periods."""
+    return FaultText(
+        f"The record's {samples} samples are not {periods} whole periods.",
+        "Averages over periods would drift through the record.",
+        "Correct periods, or cut the record to whole ones with span.",
+    )
+
+
+def no_line_in_band(lines: tuple[float, float], band: Sequence[float]) -> FaultText:
+    """A curve whose lines lie outside the band [Hz]."""
+    return FaultText(
+        f"No line of the curve, {lines[0]:.4g} to {lines[1]:.4g} Hz, lies in `band` = "
+        f"[{band[0]:g}, {band[1]:g}] Hz.",
+        remedy="Correct band, or the unit of frequency: it may be rad/s.",
+    )
+
+
+def started_apart(size_s: float, delay_s: float, *, later: bool) -> FaultText:
+    """Channels that were started one after the other [s]."""
+    return FaultText(
+        f"By the file the response was started {size_s:.6g} s {'after' if later else 'before'} "
+        "the drive.",
+        "Samples of one number are then of two instants.",
+        f"Put under [[test]]: `delay = {delay_s:.9g}`, or export both from one instant on.",
+    )
+
+
+def unread(name: str, reason: str) -> FaultText:
+    """A setting that changes nothing, and why."""
+    return FaultText(
+        f"`{name}` changes nothing: {reason}.",
+        remedy="Leave it out.",
+    )
+
+
+def read_by_kinds(kinds: str) -> str:
+    """Kinds of test that read a setting."""
+    return f"only tests of kind {kinds} read it, of which there are none"
+
+
+def no_test_of_kind(kind: str) -> str:
+    """That no test is of a kind."""
+    return f"no test is of kind {kind}"
+
+
+def nothing_to_adapt(sampler: str) -> str:
+    """A sampler without a warm-up."""
+    return f"sampler {sampler} has nothing to adapt"
+
+
+def no_coordinates(laws: str) -> str:
+    """Laws without other coordinates."""
+    return f"no law of the joint ({laws}) has other coordinates to choose"
+
+
+def put_same_as(joint: str, leader: str) -> str:
+    """The line that ties a joint to another."""
+    return f"Put under [[joint]] `{joint}`: `same_as = {leader}`, or sweep further modes."
+
+
+def few_modes(laws: int, modes: int) -> FaultText:
+    """Fewer swept modes than laws."""
+    return FaultText(
+        f"{laws} laws need {laws} swept modes at least, but the bands of the tests hold {modes}.",
+        "Every mode tells one number of all joints together.",
+        "Sweep further modes, or tie joints by `same_as`.",
+    )
+
+
+def unmoved(joint: str) -> FaultText:
+    """A joint that no swept mode moves."""
+    return FaultText(
+        f"Joint `{joint}` is moved by none of the modes in the bands of the tests; its law keeps "
+        "its prior.",
+        remedy="Sweep a mode in which its energy share is large.",
+    )
+
+
+def exchanged(test: str, ratio: float, other: str, smaller: float) -> FaultText:
+    """Tests whose levels do not suit their drives."""
+    return FaultText(
+        f"The `level` of test `{test}` is {ratio:.3g} times that of `{other}`, but its drive is "
+        f"{smaller:.3g} times as small, and its response smaller.",
+        "The levels, or the files, of the two tests are exchanged.",
+        "State the level that each test was measured at.",
+    )
+
+
+def twice(first: str, relation: str, second: str) -> FaultText:
+    """A record that two tests hold."""
+    return FaultText(
+        f"{first} {relation} {second}.",
+        "A record that counts twice makes intervals too narrow, and predicts itself.",
+        "Leave one of them out of `files`, drop it with exclude, or state other spans.",
+    )
+
+
+def several_assemblies(count: int, names: Sequence[str]) -> str:
+    """A torque of one assembly for tests of several."""
+    return (
+        f"[assembly]: speaks of one assembly, but the campaign has {count}: {', '.join(names)}; "
+        "write a campaign file for each."
+    )
+
+
+def name_of_several(name: str, count: int) -> str:
+    """A name that several tests have."""
+    return f"[[test]] name: {name!r} is given to {count} tests."
+
+
+def mode_outside(hz: float, bands: str) -> str:
+    """A mode that no test with a source covers [Hz]."""
+    return (
+        f"[identify] modes: {hz:g} Hz must lie in the band of a test with a source, {bands}; "
+        "widen `band`, or leave it to `residuals`."
+    )
+
+
+def no_level(level: float, levels: str) -> str:
+    """A level that no test has."""
+    return f"[identify] fit_levels: no test has level {level:g}; levels: {levels}."
+
+
+def no_role(role: str) -> str:
+    """A role of `gain_std` that no test has."""
+    return f"[campaign] gain_std: names role `{role}`, which no test has in its channels."
+
+
+def joint_twice(table: str, count: int) -> str:
+    """A name that several joints have."""
+    return f"{table} name: must be of one joint, but {count} have it."
+
+
+def no_place(table: str) -> str:
+    """A joint beside matrices without a place."""
+    return f"{table}: beside matrices a joint must have `across` or `weights`."
+
+
+def no_stiffness(table: str) -> str:
+    """A joint beside matrices without its stiffness."""
+    return f"{table} stiffness: missing; in full stick, in SI [N/m, or N m/rad]."
+
+
+def without_matrices(table: str, key: str) -> str:
+    """A key that matrices alone make read."""
+    return f"{table} {key}: is read beside `matrices` under [structure] alone."
+
+
+def shape_of_modes(table: str, modes: int, count: int) -> str:
+    """A shape of another number of modes."""
+    return (
+        f"{table} shape: must hold a number for each of {modes} modes under [structure], but "
+        f"holds {count}."
+    )
+
+
+def unknown_leader(key: str, leader: str, guess: str, joints: str) -> str:
+    """A joint whose leader there is not."""
+    return f"{key}: must be the name of a joint, but is `{leader}`. {guess}Joints: {joints}."
+
+
+def circle(key: str) -> str:
+    """Joints that share laws in a circle."""
+    return (
+        f"{key}: must lead to a joint with a law of its own, but leads in a circle. Leave it out "
+        "of one of them."
+    )
+
+
+def other_laws(key: str, joint: str, laws: str, leader: str, of_leader: str) -> str:
+    """Joints that share a law and state others."""
+    return (
+        f"{key}: joints that share a law must have the same laws, but `{joint}` has {laws} and "
+        f"`{leader}` {of_leader}. Leave `laws` out of `{joint}`."
+    )

@@ -1,0 +1,136 @@
+"""Comments and guesses of a drafted campaign file, and what `jbw init` asks."""
+
+from collections.abc import Sequence
+
+HEAD = """\
+# Campaign file of jbw. Lines marked CHECK hold what the records do not say.
+# See what jbw makes of it: jbw check campaign.toml
+# Channels are paths, such as group.name: [3] is the fourth item, counted from zero; (4)
+# and {4} are it counted from one, as in MATLAB; [:] takes all; 'a - b' is a difference.
+
+[campaign]"""
+FURTHER = "# Further keys of a [[test]], to be written below its line `kind`:"
+NO_RESPONSE = "no channel is named like a response."
+GUESS = "  # CHECK: a guess"
+NO_BAND = "band must be given."
+NO_TONES = "tones must be given."
+DWELL = "dwell = 1.0  # CHECK: duration of each step [s]"
+EXAMPLE_BAND = "# band = [5.0, 40.0]  # CHECK: frequencies around the one mode [Hz]"
+EXAMPLE_TONES = "tones = [1.0]  # CHECK: frequencies [Hz]"
+NO_RATE = "the sampling frequency fs must be given."
+EXAMPLE_RATE = "# fs = 1024.0  # CHECK: sampling frequency [Hz], not in the file"
+ASK_BAND = "lowest and highest frequency of the one mode [Hz]"
+ASK_DWELL = "duration of each step [s]"
+ASK_TONES = "frequencies of the tones [Hz]"
+ASK_RATE = "rate to resample to [Hz]"
+
+
+def guessed_kind(kind: str) -> str:
+    """A kind of test that was guessed."""
+    return f"kind {kind!r} is a guess."
+
+
+def guessed_role(role: str, channel: str) -> str:
+    """A role of a channel that was guessed."""
+    return f"role {role} of {channel} is a guess."
+
+
+def check_roles(roles: Sequence[str]) -> str:
+    """Roles that were guessed."""
+    are = "is a guess" if len(roles) == 1 else "are guesses"
+    return f"  # CHECK: {', '.join(roles)} {are}"
+
+
+def not_used(channels: str) -> str:
+    """Channels that are not drafted."""
+    return f"# not used: {channels}"
+
+
+def shared_band(band: str) -> str:
+    """A band about the line that every decay shows."""
+    return f"band = {band}  # CHECK: about the line that every decay shows"
+
+
+def about_strongest(low: float, high: float) -> str:
+    """A band that was guessed from one record [Hz]."""
+    return f"band {low:g} to {high:g} Hz is about the strongest line."
+
+
+def about_shared(low: float, high: float) -> str:
+    """A band that was guessed from all decays [Hz]."""
+    return f"band {low:g} to {high:g} Hz is about the line that every decay shows."
+
+
+def more_groups(count: int) -> str:
+    """Groups of a file that are not drafted."""
+    return f"# {count} more groups like these are in the file.\n"
+
+
+def files(pattern: str, count: int) -> str:
+    """The files of a test, and how many they are."""
+    return f"files = {pattern}  # {count} file(s), one repeat each"
+
+
+def delay(delay: str) -> str:
+    """A delay by the start times."""
+    return f"delay = {delay}  # by the start times in the file"
+
+
+def resampled(rate: str) -> str:
+    """A rate for times that are not even [Hz]."""
+    return f"resample = {rate}  # CHECK: [Hz]; its times are not even"
+
+
+def resampled_at(rate: float) -> str:
+    """A rate that was guessed [Hz]."""
+    return f"resampled at {rate:g} Hz, since its times are not even."
+
+
+def assumed_unit(role: str, unit: str) -> str:
+    """A unit that the file does not state."""
+    return f"unit of {role} assumed to be {unit}, the SI unit."
+
+
+def check_units(roles: str) -> str:
+    """Roles whose units the file does not state."""
+    return f"  # CHECK: SI assumed, not in the file, for {roles}"
+
+
+def band(band: str) -> str:
+    """A band about the strongest line."""
+    return f"band = {band}  # CHECK: about the strongest line; no other mode in it"
+
+
+def about_tone(hz: float) -> str:
+    """A tone that was guessed [Hz]."""
+    return f"tones of {hz:g} Hz are the strongest line of its source."
+
+
+def tone(tones: str) -> str:
+    """A tone at the strongest line."""
+    return f"tones = {tones}  # CHECK: the strongest line of its source [Hz]"
+
+
+def scalar_rate(name: str) -> str:
+    """A sampling frequency that a scalar of the file holds."""
+    return f"fs = {name}  # the scalar of that name in the file"
+
+
+def name_channels(file: str, channels: str) -> str:
+    """That a person must name the channels of a file."""
+    return f"# CHECK: name the channels of {file} by hand, from {channels}."
+
+
+def kind(kind: str, kinds: str) -> str:
+    """A kind of test, among all."""
+    return f"# kind = {kind}  # one of {kinds}"
+
+
+def separate_files(files: str) -> str:
+    """Files of the response by themselves."""
+    return f"# where the response lies in files of its own: files = {files}"
+
+
+def slowest(rate: str) -> str:
+    """The rate of the slowest channel [Hz]."""
+    return f"resample = {rate}  # [Hz], the slowest channel's"

@@ -1,0 +1,132 @@
+"""What is said of files and records as they are read, resampled and reduced."""
+
+from collections.abc import Sequence
+
+STATE_MASS = (
+    "Points of a controller tell the damping with the modal mass alone: state `modal_mass` in "
+    "[campaign]."
+)
+CONJUGATED = "phase turned, from exp(-j omega t) to exp(j omega t)"
+STORE_NUMBERS = "Store the samples as a dataset of floats or integers."
+EXPORT_ARRAYS = (
+    "In MATLAB, export plain arrays: table2array(T), timetable2table(T), or struct(object)."
+)
+MATLAB_OBJECT = "a MATLAB table, object or function handle"
+MINE = (
+    "Correct whichever is wrong; the file's own unit needs no mention. Where the file is wrong, "
+    'put under [[test]]: `units_are = "mine"`.'
+)
+EXPORT = "Export the record again."
+EVEN = "Spectra and sampled inputs need even samples."
+
+
+def rests(start: float, end: float, share: float, keep: str) -> str:
+    """Between which times a record moves [s], their share, and how to keep them."""
+    return (
+        f"It rests outside of {start:g} to {end:g} s. {keep}, for {100 * share:.0f} % of the time."
+    )
+
+
+def oversampled(per_cycle: float, hz: float, ordinal: str, fs: float, every: int) -> str:
+    """How many samples a cycle has, and how many are enough."""
+    return (
+        f"It has {per_cycle:.0f} samples a cycle of its strongest frequency, {hz:.4g} Hz: "
+        f"low-pass it, and export every {ordinal} sample ({fs:g} Hz), for {100 / every:.0f} % of "
+        "the time."
+    )
+
+
+def long_record(name: str, samples: int, proposals: Sequence[str]) -> str:
+    """A long record, and how it may be shorter."""
+    return f"{name} has {samples} samples, and every fit solves each. {' '.join(proposals)}"
+
+
+def to_rate(fs: float, new_fs: float, passed: float, lost: float) -> str:
+    """From which rate to which samples were taken [Hz], and what was lost."""
+    return (
+        f"from {fs:.7g} to {new_fs:.7g} Hz, to 3e-05 below {passed * new_fs / 2:.4g} Hz; "
+        f"{100 * lost:.2g} % of its rms lay above"
+    )
+
+
+def from_uneven(usual: float, new_fs: float, band_hz: float, error: float) -> str:
+    """From uneven samples to which rate [Hz], and the error of samples held out."""
+    return (
+        f"from uneven samples of some {usual:.4g} Hz to {new_fs:.7g} Hz, below {band_hz:.4g} Hz; "
+        f"samples held out are met to {100 * error:.2g} % of the rms, their noise included"
+    )
+
+
+def response_clock(ppm: float) -> str:
+    """By how much the response was stretched."""
+    return f"response on that of the drive, by {ppm:g} ppm"
+
+
+def input_unknown(tone: str) -> str:
+    """That a third harmonic may be of the source."""
+    return (
+        f"{tone}: the input was not measured, so its third harmonic may be part of Y(3 omega); no "
+        "verdict on the joint is possible from this frequency alone."
+    )
+
+
+def harmonic_kept(tone: str) -> str:
+    """That the third harmonic of the source was not removed."""
+    return f"{tone}: the source's third harmonic was measured but not taken out."
+
+
+def large_harmonic(tone: str, ratio: float) -> str:
+    """The share of the response that the third harmonic of the source makes."""
+    return (
+        f"{tone}: the source's third harmonic put {ratio:.0%} of the joint's Y(3 omega) into the "
+        "response; what is left leans on H1(3 omega)."
+    )
+
+
+def harmonic_in_noise(tone: str) -> str:
+    """That a third harmonic is noise."""
+    return f"{tone}: Y(3 omega) does not stand above the noise; leave it out."
+
+
+def held_phase(
+    test: str,
+    first_mm: float,
+    last_mm: float,
+    phase: float,
+    first_hz: float,
+    last_hz: float,
+    change: float,
+    *,
+    falls: bool,
+) -> str:
+    """How the frequency at a phase goes with the amplitude."""
+    return (
+        f"{test}: from {first_mm:.3g} to {last_mm:.3g} mm the frequency at {phase:g} degrees "
+        f"{'falls' if falls else 'rises'} from {first_hz:.5g} to {last_hz:.5g} Hz, by "
+        f"{change:.2g} %."
+    )
+
+
+def removed_line(hz: float, amplitude: float, error: float) -> str:
+    """A line that was removed: frequency [Hz], amplitude, error."""
+    return f"{hz:.6g} Hz of {amplitude:.4g} with an error of {error:.2g}"
+
+
+def one_header(packets: int) -> str:
+    """Packets that were read as one."""
+    return f"{packets} under one header, read as one without a pause"
+
+
+def rounded_rate(error: float) -> str:
+    """How uncertain printed digits leave a rate."""
+    return f"leave the sampling frequency uncertain by {error:.1e}"
+
+
+def resampled_to(fs: float) -> str:
+    """The rate that a campaign asks for [Hz]."""
+    return f"{fs:.10g} Hz, to which it is resampled"
+
+
+def own_path(path: str) -> str:
+    """The path of a linked group."""
+    return f"Use the group's own path `{path}`."
