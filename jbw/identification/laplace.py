@@ -4,7 +4,8 @@ $$w \sim N(0, I), \qquad \theta = T(\hat u + L w), \qquad L L^T = \Sigma$$
 
 T is the coordinate that the posterior is sampled in, logarithms of what cannot be zero, and Sigma
 the fit's covariance there, one for every scatter of runs where that is not known. Points outside
-the prior box are left out, as the posterior leaves them out. Where the posterior bends, it differs
+the prior box are left out, as the posterior leaves them out; where few lie inside, the Gaussian is
+drawn within the box. Where the posterior bends, it differs
 from this: that is why no verdict follows.
 
 Reference:
@@ -38,6 +39,7 @@ from jbw.inference.generator import generator, parts_of
 from jbw.inference.posterior.finding import Finding, judge
 from jbw.inference.posterior.summary import LAPLACE
 from jbw.inference.posterior.verdict import bounds_findings
+from jbw.inference.samplers.truncated_gaussian import mixture_within
 from jbw.inference.space.box import bounds_by_name
 from jbw.inference.space.reparametrisation import in_logarithms, never_zero
 from jbw.observables import dataset
@@ -48,6 +50,7 @@ from jbw.report.messages import posterior as messages
 from jbw.report.messages import stages
 
 NUM_CHAINS, NUM_DRAWS = 4, 1000  # as many as a posterior that was sampled has
+Points = Float[np.ndarray, "draw parameter"]
 SPARE = 8  # times as many points, so that enough lie within the prior box
 NOTHING = 1e-9  # of the scatter of runs: room for no offset
 LEAST = 12.0  # over the squared width of the box: the precision of the prior alone
@@ -157,7 +160,8 @@ def laplace_draws(
 ) -> tuple[Float[np.ndarray, " draw"], dict[str, Float[np.ndarray, " draw"]]]:
     """Log density of the Gaussian and parameters at its draws within the box; the first is the fit.
 
-    Where fewer points than asked for lie within the box, others are moved onto its bounds.
+    Where fewer points than asked for lie within the box, as about a fit at a bound, they are drawn
+    within it: of parameters that go together none is moved by itself.
     """
     best, prior, rng = ready.fit, ready.box, generator(key)
     count = NUM_CHAINS * NUM_DRAWS
@@ -174,14 +178,24 @@ def laplace_draws(
     names = never_zero(best.theta, best.covariance, prior)
     place = in_logarithms(best.theta, best.covariance, prior, names)
     scale = np.array([best.theta[name] if name in names else 1.0 for name in prior.names])
-    theta = np.asarray(
-        jax.vmap(place.outer.forward)(jax.device_put(np.asarray(place.start) + apart / scale))
-    )
+
+    def parameters(apart: Points) -> Points:
+        at = jax.device_put(np.asarray(place.start) + apart / scale)
+        return np.asarray(jax.vmap(place.outer.forward)(at))
+
+    theta = parameters(apart)
     lower, upper = np.asarray(prior.lower), np.asarray(prior.upper)
-    is_outside = np.any((theta < lower) | (theta > upper), axis=1)
-    is_outside[0] = False
-    chosen = np.argsort(is_outside, kind="stable")[:count]
-    inside = np.clip(theta[chosen], lower, upper)
+    is_inside = np.all((theta >= lower) & (theta <= upper), axis=1)
+    is_inside[0] = True
+    chosen = np.flatnonzero(is_inside)[:count]
+    if len(chosen) < count:
+        edges = np.stack([np.asarray(place.lower), np.asarray(place.upper)])
+        low, high = scale * (edges - np.asarray(place.start))
+        apart, white = mixture_within(rng, gaussians, member, low, high)
+        apart[0] = white[0] = 0.0
+        chosen = np.arange(count)
+        theta = parameters(apart[chosen])
+    inside = np.clip(theta[chosen], lower, upper)  # the fit may lie beyond by rounding
     log_density = -0.5 * np.sum(white[chosen] ** 2, axis=1)
     return log_density, {name: inside[:, i] for i, name in enumerate(prior.names)}
 

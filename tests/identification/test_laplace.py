@@ -1,11 +1,13 @@
 """The Gaussian about a fit, against Student's t distribution and a posterior by its definition."""
 
+import jax
 import numpy as np
 import pytest
 from scipy import stats
 
 from jbw.identification import laplace
 from jbw.identification.laplace import gaussians_about
+from jbw.inference.space.box import box
 
 
 class Part:
@@ -87,3 +89,23 @@ def test_a_fit_without_offsets_is_its_own_gaussian():
     (found,) = gaussians_about(type("Ready", (), {"fit": fit, "box": box, "data": data})())
     np.testing.assert_array_equal(found.covariance, np.diag([4.0, 9.0]))
     assert found.share == 1.0
+
+
+def test_draws_about_a_fit_at_a_bound_move_the_other_parameters_with_it(monkeypatch):
+    """A Gaussian whose mean lies 5 sd below the bound of `share`, which omega_n goes with."""
+    mean, covariance = np.array([-2.0, -0.5]), np.array([[1.0, 0.099], [0.099, 0.01]])
+    about = [laplace.Gaussian(1.0, mean, covariance)]
+    monkeypatch.setattr(laplace, "gaussians_about", lambda ready: about)
+    prior = box({"omega_n": (50.0, 200.0), "share": (0.0, 1.0)})
+    theta = {"omega_n": 100.0, "share": 0.0}
+    fit = type("Fit", (), {"theta": theta, "covariance": covariance})()
+    ready = type("Ready", (), {"fit": fit, "box": prior})()
+    _, drawn = laplace.laplace_draws(jax.random.key(0), ready)
+    assert {name: values[0] for name, values in drawn.items()} == pytest.approx(theta)
+    share = stats.truncnorm(5.0, np.inf, loc=-0.5, scale=0.1)
+    # Five standard errors of 4000 draws; omega_n is 100 exp(d / 100) for d of the Gaussian, which
+    # adds d^2 / 200 = 0.05 to it.
+    assert drawn["share"].mean() == pytest.approx(share.mean(), abs=5 * share.std() / 63)
+    expected = 100 + mean[0] + 9.9 * (share.mean() - mean[1])
+    assert drawn["omega_n"].mean() == pytest.approx(expected, abs=5 * 0.25 / 63 + 0.06)
+    assert drawn["share"].min() >= 0.0
