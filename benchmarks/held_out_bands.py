@@ -109,7 +109,7 @@ def bases(campaign: Campaign) -> tuple[Basis, Basis]:
     found = fit_alone(seen, seed=0, report=lambda said: None)
     ready = found.fitted
     fits = fits_without_each_run(ready.fit, ready.box, ready.data)
-    missed = model_discrepancy(ready.fit, ready.box, ready.data, fits, ready.y_peak)
+    missed = model_discrepancy(ready.fit, ready.box, ready.data, fits)
     tree = fit_tree(seen, found)
     posterior = tree["posterior"].to_dataset()
     tree["posterior"] = xr.DataTree(posterior.assign(noise_of(ready.data, posterior.sizes)))

@@ -446,7 +446,7 @@ def posterior_checks(
         return consistency_finding(left_out, data.laws)
 
     def left_beyond_noise() -> Finding | None:
-        groups["discrepancy"] = model_discrepancy(best, prior, data, without_each(), y_peak)
+        groups["discrepancy"] = model_discrepancy(best, prior, data, without_each())
         words.extend(discrepancy_sentences(groups["discrepancy"]))
         return discrepancy_finding(groups["discrepancy"], data.laws)
 

@@ -63,7 +63,7 @@ from scipy.optimize import root_scalar
 from jbw.identification.accuracy import another_law
 from jbw.identification.leaving_out import FitsWithout
 from jbw.identification.run_effects import (
-    sizes_of,
+    sizes_of_runs,
     tells_apart,
 )
 from jbw.inference.fit.costly_fit import evaluator, from_search, residual_at, to_search
@@ -404,17 +404,16 @@ def by_drift(of_run: LeftOutRun, decay: LeftOutDecay, omega_n: float) -> LeftOut
     )
 
 
-def model_discrepancy(
-    best: Fit, prior: Box, data: Dataset, fits: FitsWithout, y_peak: float
-) -> xr.Dataset:
+def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -> xr.Dataset:
     """What every run shows of the discrepancy when it is left out, and what all show together.
 
-    `fits` are those of `leaving_out.fits_without_each_run`, `y_peak` is the largest displacement
-    fitted [m].
+    `fits` are those of `leaving_out.fits_without_each_run`.
     """
     fits = fits if len(fits) >= FEWEST_FITS else {}
-    natural = {plain(n): value for n, value in reversed(best.theta.items())}.get("omega_n", 1.0)
-    amplitudes, noise = _amplitudes(data, natural, y_peak), _noise_alike(best, data)
+    everything_known = {**data.held, **best.theta}
+    by_name = {plain(n): float(value) for n, value in reversed(everything_known.items())}
+    natural = by_name.get("omega_n", 1.0)
+    amplitudes, noise = amplitudes_of_runs(data, natural), _noise_alike(best, data)
     y_high, slopes = max(amplitudes.values(), default=0.0), slopes_of(best, prior, data)
     shown: dict[str, LeftOutRun] = {}
     stay_in = _decays(data) - {run for group in fits for run in group}
@@ -546,14 +545,21 @@ def discrepancy_sentences(found: xr.Dataset) -> list[str]:
     return [] if discrepancy.is_nothing else [messages.IN_BANDS]
 
 
-def _amplitudes(data: Dataset, omega_n: float, y_peak: float) -> dict[str, float]:
-    """Largest displacement of every run of the part with most runs [m], by its response's size.
+def amplitudes_of_runs(data: Dataset, omega_n: float) -> dict[str, float]:
+    """Largest displacement of every run [m], where it is known, by omega_n [rad/s].
 
-    Of free decays alone what their envelopes begin with, at the natural frequency.
+    That of a part is of its largest run, and others go by the size of their response. Of free
+    decays alone what their envelopes begin with.
     """
-    if sizes := sizes_of(data):
-        largest = max(sizes.values())
-        return {run: y_peak * size / largest for run, size in sizes.items()}
+    amplitudes: dict[str, float] = {}
+    for part in data.parts:
+        sizes = {} if part.own_shifts else sizes_of_runs(part)
+        largest, y_of_part = max(sizes.values(), default=0.0), part.y_peak(omega_n)
+        if y_of_part > 0:
+            of_runs = {run: y_of_part * size / largest for run, size in sizes.items()}
+            amplitudes |= {run: max(y, amplitudes.get(run, 0.0)) for run, y in of_runs.items()}
+    if amplitudes:
+        return amplitudes
     return {run: y for part in data.parts for run, y in part.begins_at(omega_n).items()}
 
 

@@ -34,7 +34,7 @@ from jbw.observables.dataset import (
     with_directions,
 )
 from jbw.observables.drives import plain
-from jbw.observables.observable import OFFSETS, assemblies_of, belongs_to
+from jbw.observables.observable import OFFSETS, Observable, assemblies_of, belongs_to
 from jbw.quantities import BY_NAME
 from jbw.report.messages import sessions as messages
 
@@ -167,17 +167,17 @@ def _levels_of(runs: Sequence[str], sizes: Mapping[str, float]) -> list[list[int
 
 def sizes_of(data: Dataset) -> dict[str, float]:
     """Root of the sum of squares of the response, the mean of every run's, of the largest part."""
-    sizes_of_parts: list[dict[str, float]] = []
-    for part in data.parts:
-        if not part.own_shifts:
-            runs = dict(zip(part.labels, part.runs, strict=True))
-            sizes: dict[str, list[float]] = {}
-            for label, size in part.sizes().items():
-                sizes.setdefault(runs[label], []).append(size)
-            sizes_of_parts.append(
-                {run: float(np.mean(run_sizes)) for run, run_sizes in sizes.items()}
-            )
+    sizes_of_parts = (sizes_of_runs(part) for part in data.parts if not part.own_shifts)
     return max(sizes_of_parts, key=len, default={})
+
+
+def sizes_of_runs(part: Observable) -> dict[str, float]:
+    """Root of the sum of squares of the response, the mean of every run's groups of one part."""
+    runs = dict(zip(part.labels, part.runs, strict=True))
+    sizes: dict[str, list[float]] = {}
+    for label, size in part.sizes().items():
+        sizes.setdefault(runs[label], []).append(size)
+    return {run: float(np.mean(run_sizes)) for run, run_sizes in sizes.items()}
 
 
 def damping_scatter(best: Fit, shifts: Shifts, data: Dataset) -> float | None:

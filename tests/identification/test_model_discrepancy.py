@@ -17,6 +17,7 @@ from jbw.identification.model_discrepancy import (
     Rest,
     Scatter,
     _rest,
+    amplitudes_of_runs,
     discrepancy_finding,
     discrepancy_in,
     discrepancy_sentences,
@@ -52,6 +53,26 @@ def test_the_discrepancy_grows_with_the_logarithm_of_the_amplitude():
     # A narrow range counts as one octave.
     assert growth(4.0, 2.0, 2.0) == pytest.approx(1 + 2 * 1.0, rel=1e-12)
     assert growth(None, 1.0, 4.0) == growth(5.0, 0.0, 0.0) == 1.0
+
+
+class Part:
+    """As much of a kind of data as amplitudes ask for."""
+
+    own_shifts = False
+
+    def __init__(self, y_peak, **sizes):
+        self.labels = self.runs = tuple(sizes)
+        self.y_peak, self.sizes = lambda omega_n: y_peak, lambda: sizes
+
+    def begins_at(self, omega_n):
+        return {}
+
+
+def test_every_run_has_an_amplitude_whatever_part_it_is_in():
+    # Records of another length are a part of their own, and a part may not know its motion.
+    parts = (Part(0.4, low=1.0, high=4.0), Part(0.3, longer=7.0), Part(0.0, unknown=1.0))
+    found = amplitudes_of_runs(type("Data", (), {"parts": parts})(), 100.0)
+    assert found == pytest.approx({"low": 0.1, "high": 0.4, "longer": 0.3})
 
 
 def test_the_scatter_of_equal_errors_is_the_mean_square_beyond_them():
@@ -187,7 +208,7 @@ def learned(hardening):
     data = with_fitted_noise(best.theta, left_by_label(best.residual, data), data)
     best = costly_fit(stacked, prior, data, starts=best.theta)
     y_peak = max(RUNS) / OMEGA_N
-    found = model_discrepancy(best, prior, data, fits_without_each_run(best, prior, data), y_peak)
+    found = model_discrepancy(best, prior, data, fits_without_each_run(best, prior, data))
     rng = np.random.default_rng(0)
     drawn = rng.multivariate_normal(list(best.theta.values()), best.covariance, (1, 100))
     dims = ("chain", "draw")
