@@ -93,6 +93,7 @@ MOST_GROWN = 3.0  # of a standard deviation by the logarithm of the amplitude: t
 # those of its derivatives.
 FEWEST_FITS = 3
 MOST_WIDENED = 3.0  # n / (n - 2) of three runs: fewer say no more
+ONE_LEVEL = 1.1  # of amplitudes: within, runs are repeats of one level
 
 
 class Scatter(NamedTuple):
@@ -416,6 +417,8 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
     amplitudes, noise = amplitudes_of_runs(data, natural), _noise_alike(best, data)
     y_high, slopes = max(amplitudes.values(), default=0.0), slopes_of(best, prior, data)
     shown: dict[str, LeftOutRun] = {}
+    sizes = size_by_label(data)
+    sized_runs = {run for label, run in zip(data.labels, data.runs, strict=True) if label in sizes}
     stay_in = _decays(data) - {run for group in fits for run in group}
     fits_with_decays = {tuple(sorted(stay_in)): best} if stay_in else {}  # decays among other tests
     for group, fit in {**fits_with_decays, **fits}.items():
@@ -470,6 +473,7 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
             "y_low": min(positive, default=0.0),
             "y_high": y_high,
             "omega_n": natural,
+            "num_runs": len(sized_runs),
         },
     )
 
@@ -538,11 +542,13 @@ def discrepancy_finding(found: xr.Dataset, laws: Sequence[str]) -> Finding | Non
 
 
 def discrepancy_sentences(found: xr.Dataset) -> list[str]:
-    """What the bands of tests that were not fitted hold beside noise, in words."""
+    """What bands of tests that were not fitted hold beside noise, and what cannot be scored."""
     if not found.sizes["run"]:
-        return [messages.ONE_RUN]
+        return [messages.TWO_RUNS if found.attrs["num_runs"] > 1 else messages.ONE_RUN]
     discrepancy = discrepancy_in(found)
-    return [] if discrepancy.is_nothing else [messages.IN_BANDS]
+    sentences = [] if discrepancy.is_nothing else [messages.IN_BANDS]
+    is_one_level = 0 < discrepancy.y_low <= discrepancy.y_high <= ONE_LEVEL * discrepancy.y_low
+    return [*sentences, messages.ONE_LEVEL] if is_one_level else sentences
 
 
 def amplitudes_of_runs(data: Dataset, omega_n: float) -> dict[str, float]:

@@ -136,7 +136,7 @@ def _curves(tree: xr.DataTree) -> Drawn:
 
 def _records(tree: xr.DataTree) -> Drawn:
     """Draw every record against its bands, around its largest response."""
-    needed = ("measured", "model_band", "predictive_band")
+    needed = ("measured", "model_band")
     for group, kind in (("sweep", "Sweep"), ("decay", "Free decay")):
         path = f"verification/{group}"
         for name, test in tests(tree, path, *needed) if node(tree, path) else ():

@@ -184,6 +184,7 @@ def _of_held_out(tests: Sequence[Summary]) -> str:
     return messages.held_out_errors(
         len(tests), _errors(tests), _span(inside, 3) if inside else "",
         _span(widths) if inside and widths else "",
+        sum(bool(row.get("withheld")) for row in tests),
     )  # fmt: skip
 
 

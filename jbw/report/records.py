@@ -120,7 +120,7 @@ def verification_sweep(tree: xr.DataTree, ax: Any = None, part: Part = "chosen")
     Panels: for each test a row of three (3 axes a test); of more than three tests the weakest, the
     strongest and a held-out one, the `rest`, or `all` of them.
     """
-    bands = ("measured_band", "model_band", "predictive_band")
+    bands = ("measured_band", "model_band")
     sweeps = selected(tests(tree, "verification/sweep", "measured", *bands), part)
     axes = panels(ax, len(sweeps), 3, height=0.7 + 1.75 * len(sweeps))
     for (full, zoom, rest), (name, test) in zip(axes, sweeps, strict=True):
@@ -128,12 +128,13 @@ def verification_sweep(tree: xr.DataTree, ax: Any = None, part: Part = "chosen")
         several = test.sizes.get("repeat", 2) > 1
         label = labels.REPEATS_MEAN if several else "measured"
         shade(full, *extremes(time, measured, measured), INK, label, alpha=0.75)
-        low, _, high = quantiles(test, "predictive_band")
+        stated = "predictive_band" in test  # else withheld: that of the parameters alone
+        low, _, high = quantiles(test, "predictive_band" if stated else "model_band")
         reach = max(3, time.size // 96)
         shown = slice(None, None, max(1, reach // 4))
         edges = minimum_filter1d(low, reach)[shown], maximum_filter1d(high, reach)[shown]
         draw_outline(
-            full, time[shown], *edges, f"outline of the {band_label(test.attrs, noise=True)}"
+            full, time[shown], *edges, f"outline of the {band_label(test.attrs, noise=stated)}"
         )
         full.margins(x=0)
         near = test.isel(time=resonance_slice(measured))
@@ -156,7 +157,7 @@ def verification_decay(tree: xr.DataTree, ax: Any = None) -> Panels:
 
     Panels: for each record a row of three (3 axes a record), held-out records first, 6 at most.
     """
-    decays = tests(tree, "verification/decay", "measured", "model_band", "predictive_band")
+    decays = tests(tree, "verification/decay", "measured", "model_band")
     ordered = sorted(decays, key=lambda test: int(test[1].attrs.get("fitted", 1)))[:MOST_DECAYS]
     axes = panels(ax, len(ordered), 3, height=0.7 + 1.5 * len(ordered))
     for (full, zoom, rest), (name, test) in zip(axes, ordered, strict=True):

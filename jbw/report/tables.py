@@ -202,9 +202,9 @@ def _tests_counted(rows: list[dict[str, Any]]) -> str:
 
 
 def inside(row: Summary) -> str:
-    """Share of the measured values in the predictive band, and of how many."""
+    """Share of the measured values in the predictive band, and of how many, where it is stated."""
     if row.get("coverage") is None:
-        return ""
+        return notes.WITHHELD if row.get("withheld") else ""
     count = row.get("num_values")
     return percent(row["coverage"]) + ("" if count is None else f" of {count:,.0f}")
 

@@ -245,6 +245,7 @@ def _predictions(tree: xr.DataTree) -> dict[str, Any]:
             "level_unit": str(attrs.get("level_unit", "")),
             "fitted": bool(attrs["fitted"]),
             **{key: _known(attrs, key) for key in ERRORS},
+            **({"withheld": True} if attrs.get("withheld") else {}),
         }
     return predictions
 

@@ -48,8 +48,11 @@ def predict_decay(source: Source, test: Test) -> Predicted:
     std = noise.std or SILENT * float(np.sqrt(np.mean(np.abs(data.envelope) ** 2)))
     compared = _compared(source, test, data, np.full(len(test.records), std))
     # The strongest record begins with this displacement, at the natural frequency.
+    order = derivative_order(data.response)
     strongest = max(comparison.attrs["level"] for comparison in compared)
-    peak = strongest / source.draws["omega_n"] ** derivative_order(data.response)
+    peak = strongest / source.draws["omega_n"] ** order
+    unit = float(np.mean(source.draws["omega_n"])) ** order
+    begins = tuple(comparison.attrs["level"] / unit for comparison in compared)
     band_name = "predictive_band" if source.noise else "model_band"
     late = [
         comparison.isel(
@@ -76,7 +79,7 @@ def predict_decay(source: Source, test: Test) -> Predicted:
         nrmse=error(measured, median),
         half_width=half_width(edges, measured),
     )
-    return Predicted(dataset, peak, noise)
+    return Predicted(dataset, peak, noise, begins)
 
 
 def verify_decays(source: Source, test: Test, num_fitted: int) -> list[xr.Dataset]:

@@ -26,13 +26,12 @@ from jbw.verification.planned import predict_planned
 from jbw.verification.predicted import LANES, LEFT_OUT, Predicted, Source, is_measured
 from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws, seen_of
 from jbw.verification.steady_motion import predict_loop, predict_periods
+from jbw.verification.withheld import OF_BAND, is_withheld, without_band
 
 HARDLY = 0.01  # of an input's power near the mode: less hardly touches it
 MOST_SAMPLES = 8_000_000  # of all draws of a record together
 FEWEST = 20  # draws through however long a record
 ERROR_ALONE = messages.ERROR_ALONE
-WITHHELD = messages.WITHHELD
-OF_BAND = ("coverage", "num_values", "half_width")
 ERRORS = (*OF_BAND, "nrmse")
 
 
@@ -70,16 +69,16 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
     _require_point_known(basis, test)
     basis = basis_for(basis, test, options)
     source = _source(basis, test, options)
-    dataset, peak, noise = predicted = route_of(test)(source, test)
+    predicted = route_of(test)(source, test)
+    dataset, peak, noise = predicted.dataset, predicted.peak, predicted.noise
     facts = {"test": test.name, "kind": test.kind, "num_draws": source.num_draws}
     facts["scatter"] = int(basis.scatters(test) and not test.traits.is_free)
     facts["noise"] = noise.says if options.noise else LEFT_OUT
     has_noise = noise.std is not None or source.model_error > 0
     if options.noise and noise.std is None and has_noise:
         facts["noise"] = ERROR_ALONE
-    withheld = options.noise and _is_withheld(basis, test, predicted)
-    if withheld:
-        facts["noise"] = WITHHELD
+    is_unseen = options.noise and not basis.has_fitted(test)
+    withheld = is_unseen and is_withheld(basis, predicted.amplitudes)
     lacking = [name for name in basis.lacking if name in TAKEN[test.residuals]]
     if lacking and test.traits.is_driven:
         facts["lacking"] = ", ".join(lacking)
@@ -93,10 +92,10 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
         facts["y_peak"] = band(peak)
     if (extrapolation := predicted.extrapolation(basis)) is not None:
         facts |= {"y_peak_fitted": basis.y_peak, "extrapolation": extrapolation}
-    attrs, dropped = dataset.attrs | facts, []
-    if withheld:
-        attrs = {name: value for name, value in attrs.items() if name not in OF_BAND}
-    if not options.noise or not has_noise or withheld:
+    dataset = dataset.assign_attrs(facts)
+    dataset = without_band(dataset) if withheld else dataset
+    attrs, dropped = dataset.attrs, []
+    if not options.noise or not has_noise:
         dropped += [name for name in dataset.data_vars if "predictive" in str(name)]
     if not is_measured(test):
         of_measured = ("measured", "nrmse", "repeat")
@@ -110,14 +109,6 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
         dataset = dataset.assign(peak_displacement=("quantile", band(peak), peak_attrs))
     dataset.attrs = attrs
     return dataset
-
-
-def _is_withheld(basis: Basis, test: Test, predicted: Predicted) -> bool:
-    """Whether no band of a measurement can be stated at the amplitude of a test."""
-    discrepancy = basis.discrepancy
-    if discrepancy is None or predicted.peak is None or basis.has_fitted(test):
-        return False
-    return not discrepancy.is_stated(float(np.median(predicted.peak)))
 
 
 def route_of(test: Test) -> Callable[[Source, Test], Predicted]:
@@ -214,8 +205,7 @@ def missed_in(basis: Basis, test: Test, gain: float | None = None, seed: int = 0
     discrepancy = basis.discrepancy
     if discrepancy is None or discrepancy.is_nothing or route_of(test) is predict_decay:
         return NOTHING  # of decays every record has an amplitude of its own
-    predicted = _by_few_draws(basis, test, gain, seed)
-    return discrepancy.at(None if predicted.peak is None else float(np.median(predicted.peak)))
+    return discrepancy.at(next(iter(_by_few_draws(basis, test, gain, seed).amplitudes), None))
 
 
 def _gain_for(basis: Basis, test: Test, request: Request) -> float | None:

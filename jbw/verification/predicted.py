@@ -51,6 +51,14 @@ class Predicted(NamedTuple):
     dataset: xr.Dataset  # measured values and bands
     peak: NDArray[np.float64] | None  # displacement of every draw [m], where the test tells it
     noise: RepeatNoise  # of one repeat
+    begins: tuple[float, ...] = ()  # displacement at the start of every free decay [m]
+
+    @property
+    def amplitudes(self) -> tuple[float, ...]:
+        """Largest displacement of every free decay, or the median over draws [m]; where known."""
+        if self.begins or self.peak is None:
+            return self.begins
+        return (float(np.median(self.peak)),)
 
     def extrapolation(self, basis: Basis) -> float | None:
         """Upper edge of the peak displacement over the largest that was fitted, where known."""

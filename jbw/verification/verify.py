@@ -29,6 +29,7 @@ from jbw.observables.dataset import Dataset
 from jbw.observables.decay import Decays
 from jbw.observables.drives import of_drive
 from jbw.quantities import MODES, derivative_order
+from jbw.report.messages import discrepancy as withholding
 from jbw.report.messages import verification as messages
 from jbw.verification.backbone import CARRIED_ON, amplitude_verification
 from jbw.verification.controlled import PLACE, predict_apart
@@ -51,6 +52,7 @@ from jbw.verification.predicted import ALIKE, Predicted, Source
 from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws
 from jbw.verification.reference_oscillators import Reference, of_run, references
 from jbw.verification.steady_motion import loop_validation
+from jbw.verification.withheld import is_withheld, without_band
 
 under_way = logging.getLogger("jbw.progress")
 NUM_FEW = 20  # of the draws, through long records
@@ -111,14 +113,16 @@ def _verify_free(
         first_mode = first_mode_alone(together, modes_of_draws(draws))
         return amplitude_verification(first_mode, num_fitted, draws, basis.laws)
 
-    order = derivative_order(together.records[0].response)
-    unit = float(np.mean(draws["omega_n"])) ** order * basis.y_peak
+    unit = float(np.mean(draws["omega_n"])) ** derivative_order(together.records[0].response)
     comparisons = attempts.make(messages.DECAYS_COMPARED, compared, ())
     for name, comparison in zip(decays.names, comparisons, strict=False):
-        if not comparison.attrs["fitted"] and unit > 0:
-            comparison.attrs["extrapolation"] = comparison.attrs["level"] / unit
-        comparison.attrs["discrepancy"] = int(not comparison.attrs["fitted"] and basis.misses)
-        groups[place("verification/decay", name)] = comparison
+        marked, begins = comparison.assign_attrs(discrepancy=0), comparison.attrs["level"] / unit
+        if not marked.attrs["fitted"]:
+            marked.attrs["discrepancy"] = int(basis.misses)
+            if basis.y_peak > 0:
+                marked.attrs["extrapolation"] = begins / basis.y_peak
+            marked = without_band(marked) if is_withheld(basis, (begins,)) else marked
+        groups[place("verification/decay", name)] = marked
     curves = attempts.make(messages.DECAY_CURVES, against_amplitude, None)
     return groups if curves is None else {**groups, "/verification/amplitude": curves}
 
@@ -173,7 +177,11 @@ def _verify_forced(
         extrapolation = predicted.extrapolation(basis)
         if extrapolation is not None and not attrs["fitted"]:
             attrs["extrapolation"] = extrapolation
-        groups[place(f"verification/{kind}", name)] = predicted.dataset.assign_attrs(attrs)
+        compared = predicted.dataset.assign_attrs(attrs)
+        withheld = not attrs["fitted"] and is_withheld(basis, predicted.amplitudes)
+        groups[place(f"verification/{kind}", name)] = (
+            without_band(compared) if withheld else compared
+        )
 
     def add_frf(motion: Motion) -> None:
         name = motion.test.name
@@ -352,8 +360,9 @@ def _coverage(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
         and np.isfinite(attrs.get("coverage", np.nan))
         and attrs.get("num_values", 0) >= LEAST_VALUES
     }
+    withheld = [name for name, attrs in tests.items() if attrs.get("withheld")]
     if not shares:
-        return []
+        return [_no_band(withheld)] if withheld else []
     worst = min(shares, key=lambda name: shares[name])
     values = {"test": worst, "share": shares[worst], "limit": LEAST_COVERAGE}
     remedy = {"line": put("identify", "offsets", "runs")}
@@ -362,4 +371,13 @@ def _coverage(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
     far = max(float(tests[name].get("nrmse", np.inf)) for name in shares)
     if not ok and far <= CLOSE:
         finding = amended(finding, "usable", messages.predicted_to(far))
+    if withheld:
+        sentence = withholding.bands_withheld(withheld)
+        finding = amended(finding, finding.status, sentence, withholding.FIT_THAT_LEVEL)
     return [finding]
+
+
+def _no_band(names: Sequence[str]) -> Finding:
+    """That no band of a held-out test can be stated, so that none is looked at."""
+    reason, action = withholding.bands_withheld(names), withholding.FIT_THAT_LEVEL
+    return Finding("held_out_coverage", "not assessed", reason, float("nan"), action)

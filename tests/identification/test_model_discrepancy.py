@@ -8,6 +8,7 @@ import pytest
 import xarray as xr
 from scipy import stats
 
+from jbw.errors import Attempts
 from jbw.identification.leaving_out import fits_without_each_run
 from jbw.identification.model_discrepancy import (
     NO_SCATTER,
@@ -29,6 +30,7 @@ from jbw.identification.model_discrepancy import (
     shift_of,
     widened,
 )
+from jbw.identification.selection import DecaySplit
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.space.box import box
 from jbw.measurement.records import Record, Test
@@ -37,8 +39,9 @@ from jbw.observables.decay import Decays
 from jbw.observables.decay_drift import drift_of
 from jbw.report.messages import discrepancy as messages
 from jbw.verification.decays import drifted
-from jbw.verification.predict import WITHHELD, Request, predict
+from jbw.verification.predict import Request, predict
 from jbw.verification.predictive_basis import Basis
+from jbw.verification.verify import _verify_free
 
 FS, OMEGA_N, ZETA, NOISE = 512.0, 2 * np.pi * 20.0, 4e-3, 1e-3
 BAND = (14.0, 26.0)
@@ -261,7 +264,7 @@ def test_a_band_far_beyond_what_was_fitted_is_withheld_in_words():
     _, bare, basis = learned(2e-4)
     far = decays((1e2,), name="far")  # the fitted records lie within a factor of 3.3
     found, before = (predict(one, far, Request(num_draws=20)) for one in (basis, bare))
-    assert found.attrs["noise"] == WITHHELD
+    assert found.attrs["noise"] == messages.WITHHELD
     assert "predictive_band" not in found
     assert not {"coverage", "half_width", "noise_std"} & set(found.attrs)
     assert found.attrs["nrmse"] > 0
@@ -271,6 +274,24 @@ def test_a_band_far_beyond_what_was_fitted_is_withheld_in_words():
     assert Discrepancy(nothing, nothing, {}, 1.0, 2.0).is_stated(1e3)
     missed = Discrepancy(nothing, nothing, {"sweep": Scatter(0.1)}, 1.0, 4.0)
     assert [missed.is_stated(y) for y in (0.24, 0.26, 15.9, 16.1)] == [False, True, True, False]
+
+
+def test_a_band_is_withheld_inside_a_campaign_as_of_a_test_brought_later():
+    _, _, basis = learned(2e-4)
+    fitted, unseen = decays(RUNS, 2e-4), decays((1e2, 0.7), 2e-4)
+    together = replace(fitted, records=(*fitted.records, *unseen.records))
+    names = tuple(f"decay {i + 1}" for i in range(len(together.records)))
+    split, reduced = DecaySplit(fitted, together, names), Decays.of(together, laws=())
+    groups = _verify_free(split, reduced, basis, lambda *_: {}, 0, Attempts())
+    far, near = (groups[f"/verification/decay/{name}"] for name in names[-2:])
+    assert (far.attrs["noise"], far.attrs["withheld"]) == (messages.WITHHELD, 1)
+    assert "predictive_band" not in far
+    assert not {"coverage", "half_width", "num_values"} & set(far.attrs)
+    assert "withheld" not in near.attrs
+    assert near.attrs["coverage"] >= 0.95
+    # One of a test's records is enough: the band of a test brought later is of all of them.
+    later = replace(unseen, name="later")
+    assert predict(basis, later, Request(num_draws=20)).attrs["noise"] == messages.WITHHELD
 
 
 def test_a_kind_that_was_not_left_out_takes_the_largest_share():
@@ -286,14 +307,24 @@ def test_what_cannot_be_scored_is_said():
     empty = model_discrepancy_of_runs(0)
     assert discrepancy_sentences(empty) == [messages.ONE_RUN]
     assert discrepancy_finding(empty, ()) is None
+    two = model_discrepancy_of_runs(0, num_runs=2)
+    assert discrepancy_sentences(two) == [messages.TWO_RUNS]
     assert discrepancy_sentences(model_discrepancy_of_runs(3)) == []
+    repeats = model_discrepancy_of_runs(3, y_high=1.05)
+    assert discrepancy_sentences(repeats) == [messages.ONE_LEVEL]
 
 
-def model_discrepancy_of_runs(count):
+def model_discrepancy_of_runs(count, *, num_runs=1, y_high=2.0):
     """A dataset as `model_discrepancy` gives it where so many runs show nothing."""
     nothing = np.zeros(4)
     return xr.Dataset(
         {"rest": ("kind", np.zeros(0)), "shift": (("run", "quantity"), np.zeros((count, 2)))},
         {"kind": np.zeros(0, str), "run": [f"run {i}" for i in range(count)]},
-        {"forced": nothing, "decays": nothing, "y_low": 1.0, "y_high": 1.0},
+        {
+            "forced": nothing,
+            "decays": nothing,
+            "y_low": 1.0,
+            "y_high": y_high,
+            "num_runs": max(count, num_runs),
+        },
     )

@@ -269,6 +269,7 @@ OF_TOPICS = {
         opening.NO_GRADES, opening.FITTED_NOW, opening.TORSION, opening.NONE_HELD_OUT,
         opening.fitted_errors(2, opening.relative_error(opening.span("1.2", "3.4"), "20 to 30 %")),
         opening.held_out_errors(1, opening.relative_error("2.1 %", ""), "98.5 %", "4 %"),
+        opening.held_out_errors(3, opening.relative_error("2.1 %", ""), "98.5 %", "4 %", 1),
         opening.fit_errors(1, opening.span("1.2", "1.2")),
         opening.not_identified(["alpha", "delta"], "60", ["alpha_delta"], "2"),
         opening.not_identified(["alpha"], "60"),
@@ -395,7 +396,11 @@ OF_TOPICS = {
         population.heading(6),
         population.caption(trend=True),
     ],
-    "discrepancy": constants(discrepancy),
+    "discrepancy": (
+        *constants(discrepancy),
+        discrepancy.bands_withheld(["far", "farther"]),
+        discrepancy.one_kind("sweeps"),
+    ),
     "watch": [
         watch.no_alarm(NUMBERS),
         watch.alarm("drift", "hit 31", "hit 27", "looser",

@@ -5,6 +5,7 @@ import pytest
 import xarray as xr
 from pasted import pasted
 
+from jbw.report.messages import discrepancy as messages
 from jbw.verification.verify import prediction_findings
 
 
@@ -90,3 +91,17 @@ def test_a_discrepancy_wider_than_a_linear_oscillators_error_refuses_the_law():
     # Wide by noise alone, or where the joint hardly acts: nothing is said.
     assert "law_replaced" not in findings(**{"sweep/a": {**wide, "discrepancy": 0}})
     assert "law_replaced" not in findings(**{"sweep/a": {**wide, "nrmse_linear": 0.0105}})
+
+
+def test_a_band_that_is_withheld_is_no_coverage_and_is_named():
+    withheld = {"nrmse": 0.3, "fitted": 0, "discrepancy": 1, "withheld": 1}
+    alone = findings(**{"decay/far": withheld})["held_out_coverage"]
+    assert alone.status == "not assessed"
+    assert alone.reason == messages.bands_withheld(["far"])
+    assert alone.action == messages.FIT_THAT_LEVEL
+    near = {**GOOD, "fitted": 0, "coverage": 0.985, "num_values": 1000}
+    beside = findings(**{"decay/far": withheld, "decay/near": near})["held_out_coverage"]
+    assert (beside.status, beside.number) == ("ok", 0.985)
+    assert beside.reason.endswith(alone.reason)
+    outside = findings(**{"decay/far": withheld, "decay/near": {**near, "coverage": 0.5}})
+    assert outside["held_out_coverage"].reason.endswith(alone.reason)

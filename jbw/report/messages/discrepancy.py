@@ -1,5 +1,7 @@
 """What is said of the model discrepancy: what a law misses of runs that its fit has not seen."""
 
+from collections.abc import Sequence
+
 from jbw.report.messages.message import listed, percent
 
 ONE_RUN = (
@@ -13,6 +15,39 @@ IN_BANDS = (
     "equivalent stiffness of a cubic spring does."
 )
 SHIFT_OF_RUN = "missed by the fit without it"
+
+TWO_RUNS = (
+    "What the law misses of tests that were not fitted cannot be scored: two runs were fitted, and "
+    "the fit without one of them knows one level alone. Bands of other tests hold the parameters "
+    "and the noise alone; add a run of another level."
+)
+ONE_LEVEL = (
+    "How the law predicts other levels cannot be scored: the fitted runs are of one amplitude; add "
+    "a run of another level."
+)
+WITHHELD = (
+    "withheld, and with it the band of a measurement: the law misses more than noise of runs that "
+    "are left out, and these tests lie farther from the fitted amplitudes than those are apart; "
+    "fit a test of their level"
+)
+FIT_THAT_LEVEL = "Fit a test of that level."
+
+
+def bands_withheld(names: Sequence[str]) -> str:
+    """Which held-out tests have no band, and why."""
+    return (
+        f"No band is stated for {listed(names)}: the law misses more than noise of runs that are "
+        "left out, and farther from the fitted amplitudes than those are apart nothing says how "
+        "much."
+    )
+
+
+def one_kind(kind: str) -> str:
+    """That no kind of test can be predicted from the others."""
+    return (
+        f"How the law predicts another kind of test cannot be scored: the fitted tests are {kind} "
+        "alone."
+    )
 
 
 def missed(

@@ -224,8 +224,11 @@ MESSAGES = (
         Check: the share of the values of every held-out test inside the 99 % band; at least 95
         %.
 
+        Where the law misses more than noise of runs that are left out, a test farther from the
+        fitted amplitudes than these are apart has no band: it is withheld, and the test named.
+
         Remedy: see leave_one_out and coloured_residual. Beyond the fitted amplitudes the bands
-        extrapolate; the report says how far.
+        extrapolate; the report says how far. Of a test without a band: fit one of its level.
         """,
         remedy="The intervals are too narrow for what was not fitted: the law does not hold there, "
         "or runs differ. {line}",

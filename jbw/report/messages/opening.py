@@ -103,11 +103,12 @@ def fitted_errors(count: int, errors: str) -> str:
     return f"RMS error of {_tests(count, 'fitted')}: {errors}."
 
 
-def held_out_errors(count: int, errors: str, coverage: str, width: str) -> str:
-    """Errors of held-out tests, and how much of their values the bands hold."""
+def held_out_errors(count: int, errors: str, coverage: str, width: str, withheld: int = 0) -> str:
+    """Errors of held-out tests, how much of their values the bands hold, how many have none."""
     half_width = f" (half width: {width} of the rms)" if width else ""
     band = f"; the 99 % bands hold {coverage} of the values{half_width}" if coverage else ""
-    return f"RMS error of {_tests(count, 'held-out')}: {errors}{band}."
+    without = f"; {withheld} of them without a band, which is withheld" if withheld else ""
+    return f"RMS error of {_tests(count, 'held-out')}: {errors}{band}{without}."
 
 
 def fit_errors(count: int, errors: str) -> str:

@@ -13,6 +13,7 @@ LOOPS = "Areas of the hysteresis loops"
 CYCLES = "Force loops, cycle by cycle"
 MODES_IN_STICK = "Modes with the joints in full stick"
 JOINTS = "Shares of the joints in every mode, at its largest motion"
+WITHHELD = "withheld"  # a band
 MATRIX_B = "Matrix B of the swept modes, rows over their largest"
 
 # Headings of columns, in two lines.

@@ -10,11 +10,6 @@ SLIP = "Z less that without slip"
 FORCE_PHASE = "phase of the force ahead of the displacement"
 SOURCE_UNIT = "unit of the run's source"
 ERROR_ALONE = "not known: band of the parameters and of the model discrepancy"
-WITHHELD = (
-    "withheld, and with it the band of a measurement: the law misses more than noise of runs that "
-    "are left out, and these tests lie farther from the fitted amplitudes than those are apart; "
-    "fit a test of their level"
-)
 OWN = "of this test, as fitted"
 ALIKE = "mean of the fitted tests of its kind"
 REPEATS = "scatter of the test's own repeats"

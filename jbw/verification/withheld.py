@@ -1,0 +1,24 @@
+"""Bands that are withheld: nothing says what the law misses at the amplitude of a test."""
+
+from collections.abc import Iterable
+
+import xarray as xr
+
+from jbw.report.messages.discrepancy import WITHHELD
+from jbw.verification.predictive_basis import Basis
+
+OF_BAND = ("coverage", "num_values", "half_width")
+
+
+def is_withheld(basis: Basis, amplitudes: Iterable[float]) -> bool:
+    """Whether no band can be stated of a test that was not fitted, by its amplitudes [m]."""
+    discrepancy = basis.discrepancy
+    return discrepancy is not None and not all(map(discrepancy.is_stated, amplitudes))
+
+
+def without_band(dataset: xr.Dataset) -> xr.Dataset:
+    """A test beside its prediction without the band of a measurement; `noise` says why."""
+    bands = [name for name in dataset.data_vars if "predictive" in str(name)]
+    bare = dataset.drop_vars(bands)
+    bare.attrs = {name: value for name, value in dataset.attrs.items() if name not in OF_BAND}
+    return bare.assign_attrs(noise=WITHHELD, withheld=1)
