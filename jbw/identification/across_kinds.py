@@ -18,6 +18,7 @@ import numpy as np
 import xarray as xr
 
 from jbw.identification.floors import rms
+from jbw.identification.leaving_out import identified_alone
 from jbw.identification.prepare import refit
 from jbw.identification.run_effects import errors_with_own_frequency
 from jbw.inference.fit.fitting import Fit
@@ -28,8 +29,6 @@ from jbw.report.messages import residuals as messages
 from jbw.report.messages import stages
 
 under_way = logging.getLogger("jbw.progress")
-# Times its standard deviation by all tests: a parameter that rests on the kind left out.
-WIDER = 5.0
 WORDS = {
     "sweep": "sweeps", "tones": "tones and curves", "loop": "loops", "decay": "decays",
 }  # fmt: skip
@@ -93,27 +92,18 @@ def across_kinds(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
     )  # fmt: skip
 
 
-def rests_on(predicted: xr.Dataset) -> dict[str, list[str]]:
-    """By kind the parameters that only its tests identify."""
-    return {
-        str(kind): [str(name) for name, x in zip(predicted["parameter"].values, row, strict=True)
-                    if not x < WIDER]
-        for kind, row in zip(predicted["kind"].values, predicted["wider"].values, strict=True)
-    }  # fmt: skip
-
-
 def across_kinds_sentence(predicted: xr.Dataset) -> str:
     """How well each kind of test is predicted from the others, in words."""
     kinds = across_kinds_record(predicted)
     errors = {kind: (row["error"], row["fitted"]) for kind, row in kinds.items()}
-    identified = {kind: row["rests_on"] for kind, row in kinds.items() if row["rests_on"]}
+    identified = {kind: row["rests_on"] for kind, row in kinds.items()}
     own_frequency = bool(predicted.attrs["own_frequency"])
     return messages.across_kinds(errors, identified, own_frequency=own_frequency)
 
 
 def across_kinds_record(predicted: xr.Dataset) -> dict[str, dict[str, Any]]:
     """The same in plain values, by kind."""
-    needed = rests_on(predicted)
+    needed = identified_alone(predicted["wider"])
     return {
         str(kind): {
             "error": float(predicted["error"].sel(kind=kind)),

@@ -19,7 +19,7 @@ from jaxtyping import Array, Float, Key
 from jbw.campaign.settings import Identify
 from jbw.errors import Attempts
 from jbw.identification import accuracy
-from jbw.identification.across_kinds import across_kinds, across_kinds_sentence
+from jbw.identification.across_kinds import across_kinds, across_kinds_sentence, kinds_of
 from jbw.identification.attachments import drive_sentences
 from jbw.identification.between_records import between_finding, between_records
 from jbw.identification.causes import cause_finding, causes, causes_sentence
@@ -77,6 +77,7 @@ from jbw.observables.observable import Drawn, Observable
 from jbw.oscillator.laws import laws_named
 from jbw.quantities import BY_NAME
 from jbw.report.messages import posterior as messages
+from jbw.report.messages.discrepancy import one_kind
 
 under_way = logging.getLogger("jbw.progress")
 STUCK = {"frozen_chain", "r_hat"}  # findings of a sampler that does not fit the posterior
@@ -454,6 +455,8 @@ def posterior_checks(
         if (predicted := across_kinds(best, prior, data)) is not None:
             groups["across_kinds"] = predicted
             words.append(across_kinds_sentence(predicted))
+        else:
+            words.extend(map(one_kind, kinds_of(data)))
         return None
 
     def each_record_alone() -> Finding | None:

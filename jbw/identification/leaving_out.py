@@ -40,6 +40,8 @@ from jbw.report.messages import stages
 under_way = logging.getLogger("jbw.progress")
 FitsWithout = Mapping[tuple[str, ...], Fit]  # by the runs that are left out
 MOVES = 4.0  # standard deviations of the change: beyond, the runs contradict each other
+# Times its standard deviation by all tests: a parameter that rests on what is left out.
+WIDER = 5.0
 LEAST_GAIN = 0.01  # of the variance: what a run must add for its absence to be judged
 
 
@@ -114,6 +116,11 @@ def leave_one_out(
             ),
             "fitted": ("run", fitted, {"units": "1", "long_name": "error with it"}),
             "z": (dims, z, {"units": "1", "long_name": messages.Z_SCORE}),
+            "wider": (
+                dims,
+                std / np.sqrt(variance),
+                {"units": "1", "long_name": messages.WIDER_WITHOUT},
+            ),
         },
         {"run": list(runs), "parameter": list(best.theta)},
     )
@@ -143,7 +150,19 @@ def left_out_sentence(left_out: xr.Dataset) -> str:
     """How well each run is predicted by the others, in words."""
     errors = [f"{error.run.item()} {100 * error.item():.2g} %" for error in left_out["error"]]
     proviso = messages.WITH_FREQUENCY * left_out["error"].attrs.get("own_frequency", 0)
-    return messages.each_session(proviso, errors)
+    return messages.each_session(proviso, errors, identified_alone(left_out["wider"]))
+
+
+def identified_alone(wider: xr.DataArray) -> dict[str, list[str]]:
+    """Parameters that only the tests left out identify, by what was left out.
+
+    `wider` holds their standard deviations without it over those with it.
+    """
+    left_out, parameters = (wider[str(dim)].values.tolist() for dim in wider.dims)
+    return {
+        name: [parameter for parameter, x in zip(parameters, row, strict=True) if not x < WIDER]
+        for name, row in zip(left_out, wider.values, strict=True)
+    }
 
 
 def consistency_finding(left_out: xr.Dataset, laws: Sequence[str] = ()) -> Finding:

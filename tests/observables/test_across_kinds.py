@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import xarray as xr
 from test_evidence import GAIN, PRIOR, curve, loop
 
 from jbw.campaign.settings import Identify
@@ -15,10 +16,12 @@ from jbw.identification.across_kinds import (
     without_kind,
 )
 from jbw.identification.assemble import assemble, measured
+from jbw.identification.leaving_out import identified_alone
 from jbw.identification.prepare import with_weights
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.space.box import box
 from jbw.observables.dataset import as_arrays, error_by_label, left_by_label, stacked
+from jbw.report.messages.residuals import identified_by
 
 CURVES = tuple(curve(level) for level in (5, 20, 60))
 
@@ -101,3 +104,15 @@ def test_a_kind_left_out_says_nothing():
     assert np.linalg.norm(without[rows]) < 1e-3 * np.linalg.norm(whole[rows])
     others = np.delete(np.arange(len(whole)), np.r_[rows])
     np.testing.assert_array_equal(whole[others], without[others])
+
+
+def test_what_alone_identifies_a_parameter_is_named():
+    wider = xr.DataArray(
+        [[1.2, 40.0], [np.inf, 4.9]],
+        {"run": ["low", "high"], "parameter": ["omega_n", "gamma"]},
+        ("run", "parameter"),
+    )
+    needed = identified_alone(wider)
+    assert needed == {"low": ["gamma"], "high": ["omega_n"]}
+    assert identified_by(needed) == " Identified: gamma by low alone; omega_n by high alone."
+    assert identified_by({"low": [], "high": []}) == ""

@@ -353,6 +353,8 @@ def test_leaving_a_run_out_is_a_fit_of_the_others():
     noise = NOISE / np.sqrt(4) * np.sqrt(2 * 36) / np.linalg.norm(force)
     assert float(found["error"][0]) == pytest.approx(noise, rel=0.5)
     np.testing.assert_allclose(found["std"][0], np.sqrt(np.diag(apart.covariance)), rtol=0.02)
+    with_it = np.sqrt(np.diag(best.covariance))
+    np.testing.assert_allclose(found["wider"], found["std"] / with_it, rtol=1e-12)
     assert consistency_finding(found).status == "ok"  # |z| < 4 over 15 numbers: p = 1e-3
 
 

@@ -177,7 +177,7 @@ EXAMPLES = {
         reading.own_path("/data"),
     ],
     "residuals": [
-        residuals.each_session("", ["day 1 2.3 %"]),
+        residuals.each_session("", ["day 1 2.3 %"], {"day 1": ["gamma"]}),
         residuals.outside_band("compliance (1e-6 m/N)", 0.4),
         residuals.neighbour(18.8, 0.01, 0.3, 0.5),
         residuals.usable_within(0.03, "sweep"),

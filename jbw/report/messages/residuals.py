@@ -8,6 +8,7 @@ ERROR_FROM_REST = "error predicted from the rest"
 SD_RATIO = "sd without the kind over that with it"
 WITH_FREQUENCY = ", with its own natural frequency"
 Z_SCORE = "change over its sd by chance"
+WIDER_WITHOUT = "sd without the run over that with it"
 WITHIN_BANDS = ", and the 99 % bands hold them"
 FIT_MISSED = "Fit the tests that are missed too, or look for what differs between them: jbw look."
 
@@ -23,18 +24,27 @@ def across_kinds(
         f"{kind} {percent(error)} ({percent(fitted)} as fitted)"
         for kind, (error, fitted) in errors.items()
     )
-    needed = "; ".join(f"{', '.join(names)} by {kind} alone" for kind, names in identified.items())
     proviso = " and their own natural frequency" if own_frequency else ""
-    known_by = f" Identified: {needed}." if needed else ""
     return (
         f"RMS error of each kind of test, predicted from the other kinds{proviso}: {listed}."
-        f"{known_by}"
+        f"{identified_by(identified)}"
     )
 
 
-def each_session(proviso: str, errors: Sequence[str]) -> str:
-    """RMS errors of sessions, predicted from the others."""
-    return f"RMS error of each session, predicted from the others{proviso}: {', '.join(errors)}."
+def identified_by(needed: Mapping[str, Sequence[str]]) -> str:
+    """Parameters that one kind of test or one session alone identifies; empty where none is."""
+    words = [f"{', '.join(names)} by {which} alone" for which, names in needed.items() if names]
+    return f" Identified: {'; '.join(words)}." if words else ""
+
+
+def each_session(
+    proviso: str, errors: Sequence[str], identified: Mapping[str, Sequence[str]]
+) -> str:
+    """RMS errors of sessions, predicted from the others, and what each alone identifies."""
+    return (
+        f"RMS error of each session, predicted from the others{proviso}: {', '.join(errors)}."
+        f"{identified_by(identified)}"
+    )
 
 
 def outside_band(terms: str, share: float) -> str:
