@@ -5,8 +5,10 @@
     done
     python notebooks/campaigns/table.py runs
 
-Errors are root mean squares over that of the record, of the joint's median, of the best linear and
-of the best cubic oscillator of the same fitted tests. The verdict is given by its three answers.
+Errors are root mean squares over that of the record in per cent, of the best linear oscillator, of
+the best cubic one and of the joint's median, all of the same fitted tests. What 99 % bands hold is
+of the values of tests that were held out; a band that is withheld is said. Of a run that fits all
+tests for use (`--final`) both are of the fit before. The verdict is given by its three answers.
 """
 
 import json
@@ -16,10 +18,13 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-ROW = "| {} | {} | {} | {} | {} | {} |"
+ROW = "| {} | {} | {} | {} | {} | {} | {} |"
 QUESTIONS = ("sampling", "law", "knowledge")
 ANSWERS = " / ".join(QUESTIONS)
-HEAD = ("structure", "identified [99 % interval]", "fitted", "left out", ANSWERS, "s")
+HEAD = (
+    "structure", "identified [99 % interval]", "fitted [%]", "held out [%]", "bands hold [%]",
+    ANSWERS, "time [s]",
+)  # fmt: skip
 # What each campaign's data know, with the factor and the unit it is written in.
 SHOWN = {
     "bolted_double_beam": {
@@ -61,6 +66,15 @@ def errors(tests: Iterable[dict[str, Any]]) -> str:
     return " / ".join(told)
 
 
+def held_by_bands(tests: Iterable[dict[str, Any]]) -> str:
+    """Least and largest share of values inside the bands of some tests, and bands withheld."""
+    rows = list(tests)
+    held = [100 * row["coverage"] for row in rows if row.get("coverage") is not None]
+    ends = dict.fromkeys(f"{share:.3g}" for share in (min(held), max(held))) if held else []
+    withheld = sum(bool(row.get("withheld")) for row in rows)
+    return ", ".join(filter(None, ["-".join(ends), f"{withheld} withheld" * (withheld > 0)])) or "-"
+
+
 def identified(parameters: dict[str, Any], shown: dict[str, tuple[float, str]]) -> str:
     """Mean and interval of what the data know."""
     told = []
@@ -77,11 +91,14 @@ def row(folder: Path) -> str:
     """One run as a row of the table."""
     summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
     tests, answers = summary["predictions"].values(), summary["verdict"]["answers"]
+    before = (summary.get("held_out_answer") or {}).get("predictions") or {}
+    held_out = [*(test for test in tests if not test["fitted"]), *before.values()]
     return ROW.format(
         summary["campaign"],
         identified(summary["steps"][summary["main"]]["parameters"], SHOWN[folder.name]),
         errors(test for test in tests if test["fitted"]),
-        errors(test for test in tests if not test["fitted"]),
+        errors(held_out),
+        held_by_bands(held_out),
         " / ".join(answers.get(name, {}).get("status", "not assessed") for name in QUESTIONS),
         f"{summary['wall_time_s']:.0f}",
     )
