@@ -57,6 +57,9 @@ from jbw.verification.withheld import is_withheld, without_band
 under_way = logging.getLogger("jbw.progress")
 NUM_FEW = 20  # of the draws, through long records
 BETTER = 1.1  # times the error of a simpler oscillator: beyond, that one is the better model
+# Root of 2: where a linear oscillator misses as much as the joint, noise may be all of that, and as
+# much noise is in the band.
+NOISE_BESIDE = 2**0.5
 LEAST_COVERAGE = 0.95  # of a 99 % band over a record
 LEAST_VALUES = 50  # of a record whose coverage says something
 REACH = float(norm.ppf(QUANTILES[-1]))  # standard deviations of a 99 % band
@@ -333,21 +336,25 @@ def _simpler(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> lis
 def _replaced(tests: Mapping[str, Mapping[str, Any]], laws: Sequence[str]) -> list[Finding]:
     """Whether the model discrepancy in a band is more than a linear oscillator would miss.
 
-    Nothing where the bands have no discrepancy. A test on which the joint does not beat the linear
-    oscillator says nothing here: `_simpler` looks at that.
+    Nothing where the bands have no discrepancy, or the joint hardly acts: the linear oscillator is
+    close, and no worse than the joint.
     """
-    ratios = {
-        name: attrs["half_width"] / REACH / attrs["nrmse_linear"]
+    limits = {
+        name: 1.0 if attrs["nrmse_linear"] > BETTER * attrs["nrmse"] else NOISE_BESIDE
         for name, attrs in tests.items()
         if attrs.get("discrepancy")
-        and attrs.get("nrmse_linear", np.nan) > BETTER * attrs["nrmse"]
+        and attrs.get("nrmse_linear", np.nan) > min(BETTER * attrs["nrmse"], CLOSE)
         and np.isfinite(attrs.get("half_width", np.nan))
+    }
+    ratios = {
+        name: tests[name]["half_width"] / REACH / tests[name]["nrmse_linear"] for name in limits
     }
     if not ratios:
         return []
-    worst = max(ratios, key=lambda name: ratios[name])
-    values, remedy = {"test": worst, "ratio": ratios[worst]}, {"another_law": another_law(laws)}
-    return [checked("law_replaced", ratios[worst] < 1, values, ratios[worst], remedy)]
+    worst = max(ratios, key=lambda name: ratios[name] / limits[name])
+    values = {"test": worst, "ratio": ratios[worst], "limit": limits[worst]}
+    remedy, ok = {"another_law": another_law(laws)}, ratios[worst] < limits[worst]
+    return [checked("law_replaced", ok, values, ratios[worst], remedy)]
 
 
 def _coverage(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:

@@ -130,7 +130,7 @@ OF_FINDINGS |= {
         {"test": "sweep", "fit_status": "fitted", "error": 0.2, "kind": "cubic", "simpler": 0.1,
          "limit": 1.1}, OTHER_LAW,
     ),
-    "law_replaced": ({"test": "sweep", "ratio": 1.2}, OTHER_LAW),
+    "law_replaced": ({"test": "sweep", "ratio": 1.2, "limit": 1.0}, OTHER_LAW),
     "held_out_coverage": ({"test": "sweep", "share": 0.81, "limit": 0.95},
                           {"line": 'Put under [identify]: `offsets = "runs"`.'}),
 }  # fmt: skip

@@ -88,6 +88,11 @@ def test_a_discrepancy_wider_than_a_linear_oscillators_error_refuses_the_law():
     assert "has replaced the law" in found.reason
     assert pasted(found.action).laws == ("bouc_wen", "cubic")
     assert findings(**{"sweep/a": {**wide, "half_width": 0.2}})["law_replaced"].status == "ok"
+    # As bad as the linear oscillator, and wider than by noise as large as that error.
+    bad = {**wide, "nrmse": 0.2, "half_width": 2.576 * 0.3}
+    assert findings(**{"sweep/a": bad})["law_replaced"].status == "failed"
+    by_noise = {**bad, "half_width": 2.576 * 0.25}
+    assert findings(**{"sweep/a": by_noise})["law_replaced"].status == "ok"
     # Wide by noise alone, or where the joint hardly acts: nothing is said.
     assert "law_replaced" not in findings(**{"sweep/a": {**wide, "discrepancy": 0}})
     assert "law_replaced" not in findings(**{"sweep/a": {**wide, "nrmse_linear": 0.0105}})

@@ -201,12 +201,12 @@ MESSAGES = (
     Message(
         "law_replaced",
         "The bands with the model discrepancy are widest on {test}: their standard deviation is "
-        "{ratio:.2g} times the error of the best linear oscillator; it must be less, or the "
-        "discrepancy has replaced the law.",
+        "{ratio:.2g} times the error of the best linear oscillator; it must be less than "
+        "{limit:.2g} times that, or the discrepancy has replaced the law.",
         """
         Check: where the law leaves more than noise on runs that were left out, the standard
         deviation of the bands of every held-out test over the error of the best linear
-        oscillator; less than 1.
+        oscillator; less than 1, or 1.4 where the joint misses as much as the linear oscillator.
 
         The bands of such tests include a model discrepancy: what the law misses of frequency and
         damping, by amplitude. Where that is as large as what a linear oscillator misses, the law
