@@ -1,0 +1,210 @@
+"""Do the intervals of two bolts hold the truth, and does the evidence tell one law from two?
+
+Two lapped beams with two bolts: sweeps through modes 1 to 3 at two levels each, 1 % of noise, bolts
+whose laws are drawn anew for each data set. The second bolt's delta is a stated ratio of the
+first's, all else is equal. Records are simulated on a grid of twice as many steps as the fit's.
+Every data set has the shapes of the first, whose programs serve them all.
+
+Intervals of one data set are dependent, and so a count of all of them scatters by more than the
+binomial test takes: the distance of the truth from the mean of all parameters together, a
+chi-square by chance, has a row of its own.
+
+    python benchmarks/joint_recovery.py [--first 0] [--number 20] [--delta-ratio 1.3] [--json FILE]
+"""
+
+from collections.abc import Mapping, Sequence
+from time import perf_counter
+from typing import Any
+
+import jax
+import numpy as np
+from scipy import stats
+from timing import Table, options, show
+
+import jbw
+from jbw.assembly.reduce import ReducedModel
+from jbw.campaign.joints import SeveralJoints
+from jbw.campaign.load import Campaign
+from jbw.campaign.settings import Identify
+from jbw.identification.assemble import assemble, measured_in
+from jbw.identification.joint import sample_joint
+from jbw.identification.one_mode_readings import joint_readings
+from jbw.identification.prepare import prepare
+from jbw.identification.tied_joints import tied_evidence
+from jbw.inference.generator import parts_of
+from jbw.inference.posterior.summary import scalars
+from jbw.inference.samplers.chunked_run import no_checkpoint
+from jbw.measurement.records import Record, Test
+from jbw.oscillator.laws.bouc_wen import BoucWenLaw
+from jbw.rig.assemblies import lapped_beams
+
+FS, DURATION, TO_HZ, ZETA, NOISE = 1024.0, 1.0, 320.0, 0.004, 0.01
+SUBSTEPS = 16  # of the fit: 0.6 rad of the fastest residual mode
+SCATTER = 0.2  # of the logarithm of each parameter of the laws from one data set to another
+LABELS = ("bolt_1", "bolt_2")
+LAWS = tuple(f"bouc_wen@{label}" for label in LABELS)
+MIDDLE = {"alpha": 7e6, "delta": 2.5e5, "gamma": 5e4}
+# Band [Hz] and forces [N] of the sweeps through each mode: slip from weak to strong.
+SWEEPS = {
+    "first": ((25.0, 40.0), (0.3, 1.5)),
+    "second": ((70.0, 105.0), (0.5, 2.5)),
+    "third": ((270.0, 330.0), (1.0, 5.0)),
+}
+CENTRAL = 0.99
+TAILS = (0.5 - CENTRAL / 2, 0.5 + CENTRAL / 2)
+OF_DATA_SETS = {
+    "seed": "d", "seconds": ".0f", "within 99 %": "d", "of": "d", "largest abs z": ".2f",
+    "p of all": ".2g", "k-hat": ".2f", "ln Z tied / Z own": ".1f", "preferred": "",
+}  # fmt: skip
+COLUMNS = {
+    "parameter": "", "intervals": "d", "within 99 %": "d", "mean z": ".2f", "sd of z": ".2f",
+    "p of the binomial test": ".2g",
+}  # fmt: skip
+EVIDENCE = {
+    "data sets": "d", "tied preferred": "d", "own preferred": "d", "weights trusted": "d",
+    "closest ln ratio": ".1f",
+}  # fmt: skip
+
+
+def reduced(bolts: Sequence[tuple[BoucWenLaw, ...]] = ((), ())) -> ReducedModel:
+    """Modes to 320 Hz and residual modes, with the laws of both bolts where they are given."""
+    return lapped_beams().with_laws(*bolts).reduced(to_hz=TO_HZ, zeta=ZETA)
+
+
+def drawn_truth(rng: np.random.Generator, delta_ratio: float) -> dict[str, float]:
+    """Parameters of both bolts' laws by name."""
+    first = {name: x * np.exp(SCATTER * rng.standard_normal()) for name, x in MIDDLE.items()}
+    second = first | {"delta": delta_ratio * first["delta"]}
+    return {
+        f"{name}@{label}": float(x)
+        for label, bolt in zip(LABELS, (first, second), strict=True)
+        for name, x in bolt.items()
+    }
+
+
+def sweep(band_hz: tuple[float, float], force: float) -> np.ndarray:
+    """A linear sweep with smooth ends, which leaves the last third to ring down."""
+    t = np.arange(int(DURATION * FS)) / FS
+    window = np.clip(t / 0.1, 0, 1) * np.clip((DURATION - t) / 0.3, 0, 1)
+    rate = (band_hz[1] - band_hz[0]) / (2 * DURATION)
+    phase = 2 * np.pi * (band_hz[0] * t + rate * t**2)
+    return force * np.sin(0.5 * np.pi * window) ** 2 * np.sin(phase)
+
+
+def made(seed: int, delta_ratio: float) -> tuple[Campaign, dict[str, float]]:
+    """A campaign in memory, and the truth by the names that it has for its parameters."""
+    rng = np.random.default_rng(seed)
+    truth = drawn_truth(rng, delta_ratio)
+    bolts = [(BoucWenLaw(*(truth[f"{name}@{label}"] for name in MIDDLE)),) for label in LABELS]
+    structure = reduced(bolts).structure()
+    tests = []
+    for name, (band_hz, forces) in SWEEPS.items():
+        for force in forces:
+            u = sweep(band_hz, force)
+            motion = jbw.simulate(structure, u, FS, hold="band_limited", substeps=2 * SUBSTEPS)
+            v = np.asarray(motion.v)
+            v = v + NOISE * np.std(v) * rng.standard_normal(len(v))
+            units = {"force": "N", "velocity": "m/s"}
+            label = f"{name}_{force:g}N"
+            record = Record(FS, {"force": u, "velocity": v}, units, label)
+            tests.append(Test("sweep", (record,), label, level=force, run="one"))
+    settings = Identify.of(
+        {"offsets": "none", "model_error": "none", "substeps": SUBSTEPS, "num_samples": 500}
+    )
+    model = reduced()
+    for i, name in enumerate(("n", "2", "3")):
+        truth[f"omega_{name}"] = float(model.omega[i])
+    truth |= dict.fromkeys(("zeta", "zeta_2", "zeta_3"), ZETA)
+    joints = SeveralJoints(model, LAWS)
+    return Campaign("bolts", None, tuple(tests), laws=LAWS, joints=joints, settings=settings), truth
+
+
+def tried(seed: int, delta_ratio: float) -> dict[str, Any]:
+    """One data set's answer: z-scores, intervals that hold the truth, and the evidence."""
+    campaign, truth = made(seed, delta_ratio)
+    began, keys = perf_counter(), jax.random.split(jax.random.key(seed), 4)
+    seen = measured_in(campaign, lambda _: None)
+    known = joint_readings(keys[0], seen).known
+    ready = prepare(parts_of(keys[1], 2), assemble(seen), campaign.settings, known)
+    tree = sample_joint(keys[2], ready, campaign.settings, no_checkpoint, "joint")
+    tied = tied_evidence(keys[3], ready, campaign.settings)
+    if tied is None:
+        raise RuntimeError("the bolts have laws of one kind, but nothing was compared")
+    draws = scalars(tree)
+    ends = {name: np.quantile(draws[name], TAILS) for name in truth}
+    away = np.array([x - np.mean(draws[name]) for name, x in truth.items()])
+    covariance = np.cov([np.ravel(draws[name]) for name in truth])
+    return {
+        "seed": seed,
+        "wall": perf_counter() - began,
+        "khat": float(tree.attrs["khat"]),
+        "z": {name: float((x - np.mean(draws[name])) / np.std(draws[name]))
+              for name, x in truth.items()},
+        "within": {name: bool(ends[name][0] <= x <= ends[name][1]) for name, x in truth.items()},
+        "square": float(away @ np.linalg.solve(covariance, away)),
+        "log_ratio": tied.log_ratio,
+        "known": tied.is_known,
+    }  # fmt: skip
+
+
+def preferred(answer: Mapping[str, Any]) -> str:
+    """Which the evidence prefers, one law for both bolts or a law for each."""
+    return "tied" if answer["log_ratio"] > 0 else "own"
+
+
+def line(answer: Mapping[str, Any]) -> tuple[Any, ...]:
+    """One row of the table of data sets."""
+    within, z = answer["within"].values(), answer["z"].values()
+    largest = max(map(abs, z))
+    by_chance = float(stats.chi2.sf(answer["square"], len(z)))
+    return (
+        answer["seed"], answer["wall"], sum(within), len(within), largest, by_chance,
+        answer["khat"], answer["log_ratio"], preferred(answer),
+    )  # fmt: skip
+
+
+def row(name: str, within: Sequence[bool], z: Sequence[float]) -> tuple[Any, ...]:
+    """Coverage of one parameter, or of all, with the exact binomial test of 99 %."""
+    chance = stats.binomtest(sum(within), len(within), CENTRAL).pvalue
+    return name, len(within), sum(within), float(np.mean(z)), float(np.std(z)), float(chance)
+
+
+def tables(answers: Sequence[Mapping[str, Any]]) -> list[Table]:
+    """All tables: data sets, coverage, the evidence, and every z-score."""
+    names = list(answers[0]["z"])
+    rows = [row(n, [a["within"][n] for a in answers], [a["z"][n] for a in answers]) for n in names]
+    every = [a[key][n] for key in ("within", "z") for a in answers for n in names]
+    half = len(every) // 2
+    rows.append(row("all, as if independent", every[:half], every[half:]))
+    p = np.array([stats.chi2.sf(a["square"], len(names)) for a in answers])
+    rows.append(row("all together", (p > 1 - CENTRAL).tolist(), stats.norm.isf(p).tolist()))
+    counts = [sum(preferred(a) == answer for a in answers) for answer in ("tied", "own")]
+    closest = min((a["log_ratio"] for a in answers), key=abs)
+    trusted = sum(a["known"] for a in answers)
+    scores = [(a["seed"], *a["z"].values()) for a in answers]
+    return [
+        Table("Data sets", OF_DATA_SETS, [line(answer) for answer in answers]),
+        Table("Intervals of own joints", COLUMNS, rows),
+        Table("Tied against own", EVIDENCE, [(len(answers), *counts, trusted, closest)]),
+        Table("z-scores", {"seed": "d", **dict.fromkeys(names, ".2f")}, scores),
+    ]
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    parser = options(__doc__)
+    parser.add_argument("--first", type=int, default=0, help="seed of the first data set")
+    parser.add_argument("--number", type=int, default=20, help="of data sets")
+    parser.add_argument("--delta-ratio", type=float, default=1.3, help="of the second bolt's delta")
+    chosen = parser.parse_args(arguments)
+    jbw.enable_x64()
+    print(" | ".join(OF_DATA_SETS), flush=True)
+    answers = []
+    for seed in range(chosen.first, chosen.first + chosen.number):
+        answers.append(tried(seed, chosen.delta_ratio))
+        cells = zip(line(answers[-1]), OF_DATA_SETS.values(), strict=True)
+        print(" | ".join(format(value, form) for value, form in cells), flush=True)
+    show(tables(answers), file=chosen.json)
+
+
+if __name__ == "__main__":
+    main()

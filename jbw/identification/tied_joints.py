@@ -1,0 +1,117 @@
+r"""Do several joints have one law, or each a law of its own? By the evidence of both.
+
+$$\ln\frac{Z_{tied}}{Z_{own}}, \qquad Z = \int L(\theta)\,\pi(\theta)\,d\theta \le L_{max}$$
+
+Both see the same values in the weights of the fit with laws of their own. The prior of a law that
+joints share is the one that a campaign with `same_as` has.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import jax
+from jaxtyping import Array, Key
+
+from jbw.campaign.settings import Identify
+from jbw.identification.assembled import ASSEMBLED, joint_bounds
+from jbw.identification.evidence import FAR_BELOW, Candidate, likelihood_at, place_of, under
+from jbw.identification.first_fit import inside
+from jbw.identification.prepare import Fitted
+from jbw.identification.unseen_runs import weighed_in
+from jbw.inference.fit.costly_fit import costly_fit
+from jbw.inference.posterior.verdict import GOOD_KHAT
+from jbw.inference.samplers.amis import WeighedPoints
+from jbw.inference.space.box import bounds_by_name, box
+from jbw.observables import dataset
+from jbw.oscillator.laws import law_named
+from jbw.quantities import joints_of, law_name, name_at, split
+
+Laws = tuple[str, ...]
+
+
+class TiedEvidence(NamedTuple):
+    """What the evidence says of one law for joints that have laws of one kind.
+
+    Attributes:
+        laws: Names of the laws with the joints that share each.
+        tied: The fit of these laws.
+        log_ratio: Log evidence of these laws less that of laws of their own [nats].
+        khat: Of the weights by which both were found, the larger; good below 0.7.
+        is_bound: Whether the ratio is at most so large, by the largest likelihood of these laws.
+    """
+
+    laws: Laws
+    tied: Fitted
+    log_ratio: float
+    khat: float
+    is_bound: bool
+
+    @property
+    def is_known(self) -> bool:
+        """Whether the weights can be trusted."""
+        return self.khat < GOOD_KHAT
+
+
+def tied_laws(laws: Laws) -> Laws:
+    """The same laws, each shared by all joints that have the same kinds of laws."""
+    kinds = {
+        joint: tuple(split(law)[0] for law in laws if joint in split(law)[1])
+        for joint in joints_of(laws)
+    }
+    sharing = {
+        of_joint: [joint for joint, others in kinds.items() if others == of_joint]
+        for of_joint in kinds.values()
+    }
+    return tuple(law_name(kind, joints) for group, joints in sharing.items() for kind in group)
+
+
+def tied_evidence(key: Key[Array, ""], own: Fitted, settings: Identify) -> TiedEvidence | None:
+    """Evidence of one law for all joints of a kind, beside the fit with laws of their own.
+
+    None where no two joints have laws of their own of one kind.
+    """
+    data = own.data
+    laws = tied_laws(data.laws)
+    if data.modes is None or data.modes.meet != ASSEMBLED or len(laws) == len(data.laws):
+        return None
+    tied = tied_fit(own, laws, settings)
+    keys = jax.random.split(key)
+    of_own = _weighed(keys[0], Candidate(data.laws, own))
+    most = likelihood_at(tied.fit, tied.data) - of_own.log_evidence
+    if most < -FAR_BELOW:
+        return TiedEvidence(laws, tied, most, of_own.khat, is_bound=True)
+    of_tied = _weighed(keys[1], Candidate(laws, tied))
+    log_ratio = of_tied.log_evidence - of_own.log_evidence
+    return TiedEvidence(laws, tied, log_ratio, max(of_own.khat, of_tied.khat), is_bound=False)
+
+
+def tied_fit(own: Fitted, laws: Laws, settings: Identify) -> Fitted:
+    """The fit of tied laws to the same data, from the fitted law of each joint in turn."""
+    data = under(laws, own.data)
+    assert data.modes is not None
+    own_names = {name for law in own.data.laws for name in law_named(law).names()}
+    bounds = {n: pair for n, pair in bounds_by_name(own.box).items() if n not in own_names}
+    theta = own.fit.theta
+    bounds |= joint_bounds(data.modes, data, settings.prior, theta.get("zeta", 0.01))
+    prior = box(bounds)
+    starts = {name: [theta[name]] * _most_joints(laws) for name in bounds if name in theta}
+    for law in laws:
+        kind, joints = split(law)
+        for name in law_named(kind).names():
+            values = [theta[name_at(name, j)] for j in joints if name_at(name, j) in theta]
+            starts[name_at(name, joints[0])] = [
+                values[i % len(values)] for i in range(_most_joints(laws))
+            ]
+    best = costly_fit(dataset.stacked, prior, data, starts=inside(starts, prior))
+    return replace(own, fit=best, box=prior, data=data, statements=(), findings=())
+
+
+def _most_joints(laws: Laws) -> int:
+    return max(len(split(law)[1]) for law in laws)
+
+
+def _weighed(key: Key[Array, ""], candidate: Candidate) -> WeighedPoints:
+    """Weighed points of a candidate's posterior about its fit."""
+    fitted = candidate.fitted
+    places = {"fit": lambda: place_of(fitted.fit, candidate)}
+    return weighed_in(key, fitted.box, fitted.data, places)
