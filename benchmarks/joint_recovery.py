@@ -143,7 +143,7 @@ def tried(seed: int, delta_ratio: float) -> dict[str, Any]:
         "within": {name: bool(ends[name][0] <= x <= ends[name][1]) for name, x in truth.items()},
         "square": float(away @ np.linalg.solve(covariance, away)),
         "log_ratio": tied.log_ratio,
-        "known": tied.is_known,
+        "known": tied.is_trusted,
     }  # fmt: skip
 
 

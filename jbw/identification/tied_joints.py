@@ -6,8 +6,9 @@ Both see the same values in the weights of the fit with laws of their own. The p
 joints share is the one that a campaign with `same_as` has.
 """
 
+from collections.abc import Mapping
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 from jaxtyping import Array, Key
@@ -23,10 +24,13 @@ from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.inference.samplers.amis import WeighedPoints
 from jbw.inference.space.box import bounds_by_name, box
 from jbw.observables import dataset
+from jbw.observables.modes import Modes
 from jbw.oscillator.laws import law_named
 from jbw.quantities import joints_of, law_name, name_at, split
 
 Laws = tuple[str, ...]
+PREFIX = "tied_"  # of attributes of the joints' group
+DECISIVE = 3.0  # nats, 20 to 1: from which the evidence tells
 
 
 class TiedEvidence(NamedTuple):
@@ -47,9 +51,47 @@ class TiedEvidence(NamedTuple):
     is_bound: bool
 
     @property
-    def is_known(self) -> bool:
+    def is_trusted(self) -> bool:
         """Whether the weights can be trusted."""
         return self.khat < GOOD_KHAT
+
+    @property
+    def answer(self) -> str:
+        """`tied` or `own`, which the evidence prefers by 20 to 1 at least, or `not told`."""
+        if not self.is_trusted or abs(self.log_ratio) < DECISIVE:
+            return "not told"
+        return "tied" if self.log_ratio > 0 else "own"
+
+    @property
+    def attrs(self) -> dict[str, Any]:
+        """The same in plain values, as attributes of the joints' group."""
+        facts = {
+            "laws": " + ".join(self.laws),
+            "log_evidence_ratio": self.log_ratio,
+            "khat": self.khat,
+            "is_bound": int(self.is_bound),
+            "is_trusted": int(self.is_trusted),
+            "answer": self.answer,
+        }
+        return {f"{PREFIX}{name}": value for name, value in facts.items()}
+
+
+def tied_record(attrs: Mapping[Any, Any]) -> dict[str, Any] | None:
+    """What the attributes of the joints' group say of one law for all; None where nothing does."""
+    facts = {
+        str(name).removeprefix(PREFIX): value
+        for name, value in attrs.items()
+        if str(name).startswith(PREFIX)
+    }
+    if not facts:
+        return None
+    numbers = {name: float(facts[name]) for name in ("log_evidence_ratio", "khat")}
+    return {
+        "laws": str(facts["laws"]).split(" + "),
+        **numbers,
+        **{name: bool(facts[name]) for name in ("is_bound", "is_trusted")},
+        "answer": str(facts["answer"]),
+    }
 
 
 def tied_laws(laws: Laws) -> Laws:
@@ -74,7 +116,7 @@ def tied_evidence(key: Key[Array, ""], own: Fitted, settings: Identify) -> TiedE
     laws = tied_laws(data.laws)
     if data.modes is None or data.modes.meet != ASSEMBLED or len(laws) == len(data.laws):
         return None
-    tied = tied_fit(own, laws, settings)
+    tied = tied_fit(own, laws, data.modes, settings)
     keys = jax.random.split(key)
     of_own = _weighed(keys[0], Candidate(data.laws, own))
     most = likelihood_at(tied.fit, tied.data) - of_own.log_evidence
@@ -85,14 +127,13 @@ def tied_evidence(key: Key[Array, ""], own: Fitted, settings: Identify) -> TiedE
     return TiedEvidence(laws, tied, log_ratio, max(of_own.khat, of_tied.khat), is_bound=False)
 
 
-def tied_fit(own: Fitted, laws: Laws, settings: Identify) -> Fitted:
+def tied_fit(own: Fitted, laws: Laws, modes: Modes, settings: Identify) -> Fitted:
     """The fit of tied laws to the same data, from the fitted law of each joint in turn."""
     data = under(laws, own.data)
-    assert data.modes is not None
     own_names = {name for law in own.data.laws for name in law_named(law).names()}
     bounds = {n: pair for n, pair in bounds_by_name(own.box).items() if n not in own_names}
     theta = own.fit.theta
-    bounds |= joint_bounds(data.modes, data, settings.prior, theta.get("zeta", 0.01))
+    bounds |= joint_bounds(modes, data, settings.prior, theta.get("zeta", 0.01))
     prior = box(bounds)
     starts = {name: [theta[name]] * _most_joints(laws) for name in bounds if name in theta}
     for law in laws:

@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 
 from jbw.inference.posterior.finding import ASKED
+from jbw.quantities import joints_of, split
 from jbw.report.cycles import motion_unit
 from jbw.report.messages import opening as messages
 from jbw.report.result import BACKBONE, laws_of, node
@@ -20,6 +21,7 @@ from jbw.report.words import grades, unseen_hysteresis
 Summary = Mapping[str, Any]
 LOW = 0.1  # of the largest displacement fitted: where the joint hardly slips
 MOST_SHOWN = 8
+LARGE_ODDS = 4  # digits from which odds are a power of ten
 JOINT_EFFECTS = ("frequency_change", "damping_added")
 # Pictures that may stand first, and where the tree has no readings of the records; of a joint whose
 # motion is prescribed its loops.
@@ -139,7 +141,36 @@ def joint_sentences(summary: Summary) -> list[str]:
             damped.append(messages.damped_by(mode["mode"], most, f"{100 * known[most]:.3g}"))
     unidentified = [messages.joints_unidentified(unknown)] if unknown else []
     said = [messages.sentence(damped)] if damped else []
-    return [messages.at_largest_motion(effects), *said, *unidentified]
+    return [messages.at_largest_motion(effects), *said, *unidentified, *tied_sentences(found)]
+
+
+def tied_sentences(found: Summary) -> list[str]:
+    """Whether joints of one kind of law share one, by evidence; nothing where none was compared."""
+    tied = found.get("tied")
+    if not tied:
+        return []
+    log_ratio, khat = tied["log_evidence_ratio"], tied["khat"]
+    joints = [joint for joint in joints_of(tied["laws"]) if _is_tied(joint, tied["laws"])]
+    odds = _odds(abs(log_ratio), at_least=tied["is_bound"])
+    if tied["answer"] == "tied":
+        return [messages.one_law(joints, odds)]
+    if tied["answer"] == "own":
+        return [messages.own_laws(joints, odds)]
+    preferred = "one law" if log_ratio > 0 else "laws of their own"
+    weak = messages.weak_evidence(odds, preferred)
+    reason = weak if tied["is_trusted"] else messages.rough_evidence(khat)
+    return [messages.law_not_told(joints, reason)]
+
+
+def _is_tied(joint: str, laws: Sequence[str]) -> bool:
+    return any(joint in joints and len(joints) > 1 for _, joints in map(split, laws))
+
+
+def _odds(nats: float, *, at_least: bool) -> str:
+    """Odds of so many nats in figures: `12`, or a power of ten where they are large."""
+    digits = nats / np.log(10)
+    odds = f"{np.exp(nats):.2g}" if digits < LARGE_ODDS else f"10^{digits:.0f}"
+    return f"at least {odds}" if at_least else odds
 
 
 def _per_cents(ends: Mapping[str, float]) -> str:

@@ -5,14 +5,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from time import perf_counter
 
+import jax
+import xarray as xr
+
 from jbw.campaign.gains import force_per_unit
 from jbw.campaign.load import Campaign
+from jbw.campaign.settings import Identify
 from jbw.errors import Attempts
 from jbw.identification.assemble import measured_in
+from jbw.identification.joint_answers import GROUP as JOINTS
 from jbw.identification.laplace import fit_alone
 from jbw.identification.paper.sequential_vs_joint import compare_routes
 from jbw.identification.prepare import Fitted
 from jbw.identification.procedure import Identification, Report, run_procedure
+from jbw.identification.tied_joints import tied_evidence, tied_laws
 from jbw.identification.usable import usable
 from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.inference.space.box import require_float64
@@ -33,6 +39,7 @@ from jbw.study.surroundings import constants_sentence
 from jbw.verification.verify import with_predictions
 
 logger = logging.getLogger("jbw")
+TIED_KEY = 300  # of the seed: of the evidence of one law for several joints
 
 
 def identify(
@@ -124,6 +131,7 @@ def drawn_study(order: Order, read: ReadCampaign, report: Report, keep: Keep) ->
         stages.IDENTIFIABILITY, lambda: look_again(posteriors, settings, report), None
     )
     tree = collect(measured, posteriors, seed, order.truth, attempts)
+    tree = with_tied(tree, posteriors, settings, seed, attempts)
     main = posteriors.main
     outside = attempts.make(
         stages.OUTSIDE_BAND,
@@ -140,6 +148,28 @@ def drawn_study(order: Order, read: ReadCampaign, report: Report, keep: Keep) ->
     return finished_study(
         order, read, identification, tree, identifiability=identifiability, compared=compared
     )
+
+
+def with_tied(
+    tree: xr.DataTree,
+    posteriors: Identification,
+    settings: Identify,
+    seed: int,
+    attempts: Attempts,
+) -> xr.DataTree:
+    """The tree whose joints' group says whether joints of one kind of law share one."""
+    fitted = posteriors.fitted
+    if fitted is None or JOINTS not in tree.children:
+        return tree
+    if tied_laws(fitted.data.laws) == fitted.data.laws:
+        return tree
+    attempts.report(stages.TIED)
+    key = jax.random.fold_in(jax.random.key(seed), TIED_KEY)
+    tied = attempts.make(stages.TIED, lambda: tied_evidence(key, fitted, settings), None)
+    if tied is None:
+        return tree
+    group = tree[JOINTS].to_dataset().assign_attrs(tied.attrs)
+    return xr.DataTree.from_dict({**tree.to_dict(), f"/{JOINTS}": group})
 
 
 def name_gain_unit(tests: Sequence[Test], found: Identification) -> str:

@@ -22,6 +22,7 @@ from jbw.identification.modal import ModalFit
 from jbw.identification.procedure import Identification
 from jbw.identification.run_effects import runs_summary
 from jbw.identification.step import Step
+from jbw.identification.tied_joints import tied_record
 from jbw.inference.posterior.finding import Verdict, answers
 from jbw.inference.posterior.summary import as_plain, correlations, summarise
 from jbw.measurement.records import INPUTS, Test
@@ -259,7 +260,11 @@ def _across_kinds(tree: xr.DataTree) -> dict[str, Any]:
 def _joints(tree: xr.DataTree) -> dict[str, Any]:
     """What each of several joints does to every mode; nothing of one."""
     group = node(tree, JOINTS)
-    return {} if group is None else {"joints": joints_record(group.to_dataset())}
+    if group is None:
+        return {}
+    tied = tied_record(group.attrs)
+    joints = joints_record(group.to_dataset())
+    return {"joints": joints if tied is None else {**(joints or {}), "tied": tied}}
 
 
 def _known(attrs: Mapping[Any, Any], name: str) -> float | None:

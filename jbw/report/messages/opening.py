@@ -83,6 +83,33 @@ def joints_unidentified(names: Sequence[str]) -> str:
     )
 
 
+def one_law(joints: Sequence[str], odds: str) -> str:
+    """That joints share a law by the evidence."""
+    return (
+        f"{' and '.join(joints)} have the same law: evidence {odds} to 1 against laws of their own."
+    )
+
+
+def own_laws(joints: Sequence[str], odds: str) -> str:
+    """That joints have laws that differ by the evidence."""
+    return f"{' and '.join(joints)} have laws that differ: evidence {odds} to 1 against one law."
+
+
+def law_not_told(joints: Sequence[str], reason: str) -> str:
+    """That the evidence does not tell whether joints share a law."""
+    return f"Whether {' and '.join(joints)} have the same law is not told: {reason}."
+
+
+def rough_evidence(khat: float) -> str:
+    """That the weights by which evidence was found cannot be trusted."""
+    return f"the weights of the evidence cannot be trusted, k-hat is {khat:.2g}"
+
+
+def weak_evidence(odds: str, preferred: str) -> str:
+    """That the evidence for one law or for laws of their own is weak."""
+    return f"the evidence is {odds} to 1 for {preferred}"
+
+
 def keeps_stiffness(percent: float, low: float, high: float) -> str:
     """How much of its stiffness a joint with prescribed motion keeps."""
     return f"keeps {percent:.3g} % [{low:.3g}, {high:.3g}] of its stiffness"
