@@ -3,13 +3,16 @@
 Two lapped beams with two bolts: sweeps through modes 1 to 3 at two levels each, 1 % of noise, bolts
 whose laws are drawn anew for each data set. The second bolt's delta is a stated ratio of the
 first's, all else is equal. Records are simulated on a grid of twice as many steps as the fit's.
+With `--loosened` each is measured twice, the second time with a tenth less preload of the second
+bolt, and the bolt that has changed is named by both posteriors.
 Every data set has the shapes of the first, whose programs serve them all.
 
 Intervals of one data set are dependent, and so a count of all of them scatters by more than the
 binomial test takes: the distance of the truth from the mean of all parameters together, a
 chi-square by chance, has a row of its own.
 
-    python benchmarks/joint_recovery.py [--first 0] [--number 20] [--delta-ratio 1.3] [--json FILE]
+    python benchmarks/joint_recovery.py [--first 0] [--number 20] [--delta-ratio 1.3]
+        [--loosened] [--json FILE]
 """
 
 from collections.abc import Mapping, Sequence
@@ -18,6 +21,7 @@ from typing import Any
 
 import jax
 import numpy as np
+import xarray as xr
 from scipy import stats
 from timing import Table, options, show
 
@@ -29,7 +33,7 @@ from jbw.campaign.settings import Identify
 from jbw.identification.assemble import assemble, measured_in
 from jbw.identification.joint import sample_joint
 from jbw.identification.one_mode_readings import joint_readings
-from jbw.identification.prepare import prepare
+from jbw.identification.prepare import Fitted, prepare
 from jbw.identification.tied_joints import tied_evidence
 from jbw.inference.generator import parts_of
 from jbw.inference.posterior.summary import scalars
@@ -37,12 +41,14 @@ from jbw.inference.samplers.chunked_run import no_checkpoint
 from jbw.measurement.records import Record, Test
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
 from jbw.rig.assemblies import lapped_beams
+from jbw.study.changed_joints import changed_joints
 
 FS, DURATION, TO_HZ, ZETA, NOISE = 1024.0, 1.0, 320.0, 0.004, 0.01
 SUBSTEPS = 16  # of the fit: 0.6 rad of the fastest residual mode
 SCATTER = 0.2  # of the logarithm of each parameter of the laws from one data set to another
 LABELS = ("bolt_1", "bolt_2")
 LAWS = tuple(f"bouc_wen@{label}" for label in LABELS)
+PRELOAD = 0.9  # of a loosened bolt: slip of as much less motion
 MIDDLE = {"alpha": 7e6, "delta": 2.5e5, "gamma": 5e4}
 # Band [Hz] and forces [N] of the sweeps through each mode: slip from weak to strong.
 SWEEPS = {
@@ -50,6 +56,7 @@ SWEEPS = {
     "second": ((70.0, 105.0), (0.5, 2.5)),
     "third": ((270.0, 330.0), (1.0, 5.0)),
 }
+EVIDENCE_KEY = 300  # of the seed
 CENTRAL = 0.99
 TAILS = (0.5 - CENTRAL / 2, 0.5 + CENTRAL / 2)
 OF_DATA_SETS = {
@@ -60,6 +67,10 @@ COLUMNS = {
     "parameter": "", "intervals": "d", "within 99 %": "d", "mean z": ".2f", "sd of z": ".2f",
     "p of the binomial test": ".2g",
 }  # fmt: skip
+CHANGED = {
+    "seed": "d", "seconds": ".0f", "named": "", "chi-square of bolt_1": ".1f", "of bolt_2": ".1f",
+}  # fmt: skip
+COUNTED = {"pairs": "d", "bolt_2 alone named": "d", "bolt_1 named": "d", "none named": "d"}
 EVIDENCE = {
     "data sets": "d", "tied preferred": "d", "own preferred": "d", "weights trusted": "d",
     "closest ln ratio": ".1f",
@@ -91,10 +102,19 @@ def sweep(band_hz: tuple[float, float], force: float) -> np.ndarray:
     return force * np.sin(0.5 * np.pi * window) ** 2 * np.sin(phase)
 
 
-def made(seed: int, delta_ratio: float) -> tuple[Campaign, dict[str, float]]:
+def loosened(truth: Mapping[str, float]) -> dict[str, float]:
+    """The second bolt with less preload."""
+    slip = {f"{name}@{LABELS[1]}": 1 / PRELOAD for name in ("delta", "gamma")}
+    return {name: value * slip.get(name, 1.0) for name, value in truth.items()}
+
+
+def made(
+    seed: int, delta_ratio: float, *, is_loose: bool = False
+) -> tuple[Campaign, dict[str, float]]:
     """A campaign in memory, and the truth by the names that it has for its parameters."""
-    rng = np.random.default_rng(seed)
-    truth = drawn_truth(rng, delta_ratio)
+    rng = np.random.default_rng([seed, int(is_loose)])
+    truth = drawn_truth(np.random.default_rng(seed), delta_ratio)
+    truth = loosened(truth) if is_loose else truth
     bolts = [(BoucWenLaw(*(truth[f"{name}@{label}"] for name in MIDDLE)),) for label in LABELS]
     structure = reduced(bolts).structure()
     tests = []
@@ -119,15 +139,38 @@ def made(seed: int, delta_ratio: float) -> tuple[Campaign, dict[str, float]]:
     return Campaign("bolts", None, tuple(tests), laws=LAWS, joints=joints, settings=settings), truth
 
 
-def tried(seed: int, delta_ratio: float) -> dict[str, Any]:
-    """One data set's answer: z-scores, intervals that hold the truth, and the evidence."""
-    campaign, truth = made(seed, delta_ratio)
-    began, keys = perf_counter(), jax.random.split(jax.random.key(seed), 4)
+def identified(seed: int, campaign: Campaign) -> tuple[Fitted, xr.DataTree]:
+    """The fit with own joints, and the posterior, as `jbw identify` has them."""
+    keys = jax.random.split(jax.random.key(seed), 3)
     seen = measured_in(campaign, lambda _: None)
     known = joint_readings(keys[0], seen).known
     ready = prepare(parts_of(keys[1], 2), assemble(seen), campaign.settings, known)
-    tree = sample_joint(keys[2], ready, campaign.settings, no_checkpoint, "joint")
-    tied = tied_evidence(keys[3], ready, campaign.settings)
+    return ready, sample_joint(keys[2], ready, campaign.settings, no_checkpoint, "joint")
+
+
+def compared(seed: int, delta_ratio: float) -> dict[str, Any]:
+    """Which bolts have changed by the posteriors of two data sets, one with a loosened bolt."""
+    began, drawn = perf_counter(), []
+    for is_loose in (False, True):
+        campaign, _ = made(seed, delta_ratio, is_loose=is_loose)
+        _, tree = identified(seed, campaign)
+        drawn.append({name: np.ravel(draws) for name, draws in scalars(tree).items()})
+    tight, loose = drawn
+    rows = changed_joints(tight, loose, LAWS)
+    return {
+        "seed": seed,
+        "wall": perf_counter() - began,
+        "named": [row["joint"] for row in rows if row["changed"]],
+        "chi_square": [row["chi_square"] for row in rows],
+    }
+
+
+def tried(seed: int, delta_ratio: float) -> dict[str, Any]:
+    """One data set's answer: z-scores, intervals that hold the truth, and the evidence."""
+    began, (campaign, truth) = perf_counter(), made(seed, delta_ratio)
+    ready, tree = identified(seed, campaign)
+    key = jax.random.fold_in(jax.random.key(seed), EVIDENCE_KEY)
+    tied = tied_evidence(key, ready, campaign.settings)
     if tied is None:
         raise RuntimeError("the bolts have laws of one kind, but nothing was compared")
     draws = scalars(tree)
@@ -190,20 +233,43 @@ def tables(answers: Sequence[Mapping[str, Any]]) -> list[Table]:
     ]
 
 
+def changed_line(answer: Mapping[str, Any]) -> tuple[Any, ...]:
+    """One row of the table of pairs."""
+    named = " and ".join(answer["named"]) or "none"
+    return answer["seed"], answer["wall"], named, *answer["chi_square"]
+
+
+def changed_tables(answers: Sequence[Mapping[str, Any]]) -> list[Table]:
+    """Every pair of data sets, and how often the loosened bolt was named."""
+    named = [answer["named"] for answer in answers]
+    first, second = LABELS
+    counts = (
+        sum(names == [second] for names in named), sum(first in names for names in named),
+        sum(not names for names in named),
+    )  # fmt: skip
+    return [
+        Table("Pairs of data sets", CHANGED, [changed_line(answer) for answer in answers]),
+        Table("The loosened bolt", COUNTED, [(len(answers), *counts)]),
+    ]
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = options(__doc__)
     parser.add_argument("--first", type=int, default=0, help="seed of the first data set")
     parser.add_argument("--number", type=int, default=20, help="of data sets")
     parser.add_argument("--delta-ratio", type=float, default=1.3, help="of the second bolt's delta")
+    parser.add_argument("--loosened", action="store_true", help="name the bolt that was loosened")
     chosen = parser.parse_args(arguments)
     jbw.enable_x64()
-    print(" | ".join(OF_DATA_SETS), flush=True)
+    columns = CHANGED if chosen.loosened else OF_DATA_SETS
+    answer_of, row_of = (compared, changed_line) if chosen.loosened else (tried, line)
+    print(" | ".join(columns), flush=True)
     answers = []
     for seed in range(chosen.first, chosen.first + chosen.number):
-        answers.append(tried(seed, chosen.delta_ratio))
-        cells = zip(line(answers[-1]), OF_DATA_SETS.values(), strict=True)
+        answers.append(answer_of(seed, chosen.delta_ratio))
+        cells = zip(row_of(answers[-1]), columns.values(), strict=True)
         print(" | ".join(format(value, form) for value, form in cells), flush=True)
-    show(tables(answers), file=chosen.json)
+    show((changed_tables if chosen.loosened else tables)(answers), file=chosen.json)
 
 
 if __name__ == "__main__":

@@ -25,6 +25,7 @@ from jbw.report.messages import differences as messages
 from jbw.report.result import read_result, unit_of
 from jbw.report.text import interval, number, typed
 from jbw.report.words import UNCOUNTED
+from jbw.study.changed_joints import changed_joints, joint_statements
 from jbw.study.one_joint import are_two_modes, of_draws, ratios, sentence
 from jbw.verification.backbone import curves
 from jbw.verification.predicted import carry
@@ -65,6 +66,7 @@ def differences(first: Path, second: Path) -> Difference:
     first_run, second_run = _opened("A", first), _opened("B", second)
     _require_comparable(first_run, second_run)
     parameters, apart = _parameters(first_run, second_run)
+    joints = changed_joints(_drawn(first_run), _drawn(second_run), first_run.basis.laws)
     backbones, rows = _along_amplitude(first_run, second_run)
     record = {
         "runs": {
@@ -80,6 +82,7 @@ def differences(first: Path, second: Path) -> Difference:
         "laws": list(first_run.basis.laws),
         "parameters": parameters,
         "backbone": rows,
+        **({"joints": joints} if joints else {}),
     }
     sentences = _statements(record, first_run, second_run, apart)
     return Difference(record | {"statements": sentences}, backbones)
@@ -229,7 +232,8 @@ def _statements(
     rows, runs = record["parameters"], record["runs"]
     identified = [row for row in rows if not row["of_prior"]]
     sure = [row for row in identified if _is_sure(row)]
-    sentences = [_differs(row) for row in sure] or [messages.NONE_DIFFERS]
+    sentences = joint_statements(record.get("joints", ()))
+    sentences += [_differs(row) for row in sure] or [messages.NONE_DIFFERS]
     if rest := [row["name"] for row in identified if row not in sure]:
         sentences.append(messages.may_be_same(rest))
     if of_prior := {row["name"]: row["of_prior"] for row in rows if row["of_prior"]}:

@@ -214,6 +214,25 @@ def test_a_campaign_file_is_identified_from_end_to_end(tmp_path, capsys):
     assert load_campaign(path).laws == two_bolts.LAWS
 
 
+@pytest.mark.slow
+def test_two_runs_name_the_bolt_that_was_loosened(tmp_path, capsys):
+    """A tenth less preload, and slip at a tenth less of motion: delta and gamma are larger."""
+    first, (alpha, delta, gamma) = two_bolts.BOLTS
+    bolts = {"tight": two_bolts.BOLTS, "loose": (first, (alpha, delta / 0.9, gamma / 0.9))}
+    for seed, (name, of_run) in enumerate(bolts.items()):
+        (tmp_path / name).mkdir()
+        path = two_bolts.written(tmp_path / name, bolts=of_run, seed=seed)
+        run(["identify", str(path), "--quick", "--out", str(tmp_path / f"run_{name}")])
+    capsys.readouterr()
+    run(["diff", *(str(tmp_path / f"run_{name}") for name in bolts), "--json"])
+    record = json.loads(capsys.readouterr().out)
+    assert {row["joint"]: row["changed"] for row in record["joints"]} == {
+        "bolt_1": False,
+        "bolt_2": True,
+    }
+    assert record["statements"][0].startswith("bolt_2 has changed: ")
+
+
 def test_what_knows_one_joint_refuses_several(stuck):
     for asked in (compare_laws, sbc, numpyro_model):
         with pytest.raises(ConfigError, match=r"one joint, but the campaign has .* 2 \[\["):

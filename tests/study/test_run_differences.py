@@ -11,6 +11,7 @@ from jbw.cli import run
 from jbw.errors import ConfigError
 from jbw.report.differences import probability_text
 from jbw.report.messages import differences as texts
+from jbw.study.changed_joints import changed_joints, joint_statements
 from jbw.study.differences import compared, differences
 
 COUNT = 1000
@@ -60,6 +61,50 @@ def test_the_probability_of_gaussians_is_the_closed_one():
         # The outermost of 1,000 draws cut the tails: 1 % of the interval's end.
         expected = norm.ppf([0.005, 0.5, 0.995], a - b, wide)
         np.testing.assert_allclose(found["difference"], expected, atol=0.02 * wide)
+
+
+def correlated(mean, covariance, seed):
+    """Draws whose mean and covariance are exactly those that are asked for."""
+    white = np.random.default_rng(seed).standard_normal((len(mean), COUNT))
+    white -= white.mean(axis=1, keepdims=True)
+    white = np.linalg.solve(np.linalg.cholesky(np.cov(white)), white)
+    return np.asarray(mean)[:, None] + np.linalg.cholesky(covariance) @ white
+
+
+def test_the_joint_that_has_changed_is_named_by_all_its_parameters():
+    """Along a ridge of two parameters each alone may be the same, and both together differ."""
+    laws = ("bouc_wen@bolt_1", "bouc_wen@bolt_2")
+    names = [f"{n}@bolt_{j}" for j in (1, 2) for n in ("alpha", "delta", "gamma")]
+    std = np.array([1e5, 4e3, 6e2] * 2)
+    ridge = np.array([[1.0, -0.9, 0.0], [-0.9, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    covariance = np.kron(np.eye(2), ridge) * np.outer(std, std)
+    mean = np.array([6e6, 3e5, 4e4, 6e6, 3e5, 4e4])
+    # Both by 1.5 standard errors of the difference, against the ridge.
+    away = np.array([0.2, -0.1, 0.3, 1.5, 1.5, 0.0]) * np.sqrt(2) * std
+    first, second = (
+        dict(zip(names, correlated(mean + x, covariance, seed), strict=True))
+        for seed, x in enumerate((away, 0 * away))
+    )
+    same, changed = changed_joints(first, second, laws)
+    # 1.5^2 (1, 1) R^-1 (1, 1) = 2 1.5^2 / (1 - 0.9); of the first joint by its own ridge.
+    assert changed["chi_square"] == pytest.approx(45.0, rel=1e-6)
+    expected = (0.04 + 0.01 - 2 * 0.9 * 0.02) / (1 - 0.81) + 0.09
+    assert same["chi_square"] == pytest.approx(expected, rel=1e-6)
+    assert changed["degrees_of_freedom"] == same["degrees_of_freedom"] == 3
+    assert (same["changed"], changed["changed"]) == (False, True)
+    # The survival function of chi-square with three degrees of freedom in closed form.
+    x = expected
+    p = 2 * norm.sf(np.sqrt(x)) + np.sqrt(2 * x / np.pi) * np.exp(-x / 2)
+    assert same["p"] == pytest.approx(p, rel=1e-6)
+    said = joint_statements([same, changed])
+    assert said[0] == texts.joint_changed("bolt_2", 45.0, 3)
+    assert said[1].startswith("Joints that may be the same: bolt_1 (p = ")
+
+
+def test_of_one_joint_no_joint_is_named(tmp_path):
+    first, second = (write_run(tmp_path / name, (126.0, 0.1)) for name in ("first", "second"))
+    assert "joints" not in differences(first, second).record
+    assert joint_statements([]) == []
 
 
 def test_a_tie_counts_as_half():

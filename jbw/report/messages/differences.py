@@ -27,6 +27,20 @@ def may_be_same(names: Sequence[str]) -> str:
     return f"May be the same: {', '.join(names)}."
 
 
+def joint_changed(joint: str, chi_square: float, degrees: int) -> str:
+    """That one of several joints has changed, by the chi-square of all its parameters."""
+    return (
+        f"{joint} has changed: of its parameters together chi-square is {chi_square:.3g} with "
+        f"{degrees} degrees of freedom."
+    )
+
+
+def joints_may_be_same(joints: Mapping[str, float]) -> str:
+    """Joints whose parameters differ by no more than chance, with its probability."""
+    shown = ", ".join(f"{joint} (p = {p:.2g})" for joint, p in joints.items())
+    return f"Joints that may be the same: {shown}."
+
+
 def of_prior(names: Mapping[str, Sequence[str]]) -> str:
     """Parameters of which a run holds its prior alone, with these runs."""
     shown = ", ".join(f"{name} ({' and '.join(runs)})" for name, runs in names.items())
