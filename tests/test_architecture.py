@@ -36,7 +36,7 @@ SEES = {
     "identification": MODEL | {"paper"},
     "verification": MODEL | {"identification"},
     "planning": MODEL | {"verification"},
-    "study": MODEL | {"identification", "verification", "report", "rig", "run"},
+    "study": MODEL | {"assembly", "identification", "verification", "report", "rig", "run"},
     "population": MODEL | {"verification", "report", "study"},
     "watch": MODEL - {"oscillator"}
     | {"identification", "population", "run", "study", "verification"},

@@ -16,6 +16,7 @@ from jbw.oscillator.laws.bouc_wen import BoucWenLaw
 from jbw.rig.assemblies import lapped_beams
 
 FS, DURATION, TO_HZ, ZETA = 512.0, 1.0, 120.0, 0.004
+NOISE = 0.01  # over the motion
 NAMES = ("bolt 1", "bolt 2")
 LABELS = ("bolt_1", "bolt_2")
 # alpha [N/m], delta and gamma [1/m]: delta times the bolts' motion reaches 0.3 to 2.
@@ -69,7 +70,7 @@ def stuck_motion(model, u):
     return np.fft.irfft(1j * omega[:, 0] * response * np.fft.rfft(u), len(u))
 
 
-def records(names=tuple(SWEEPS), *, bolts=BOLTS, noise_ratio=0.01, seed=1, weaker=1.0):
+def records(names=tuple(SWEEPS), *, bolts=BOLTS, noise_ratio=NOISE, seed=1, weaker=1.0):
     """Force and velocity at the tip by the name of the test."""
     model, rng = reduced(bolts), np.random.default_rng(seed)
     found = {}

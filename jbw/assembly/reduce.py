@@ -54,6 +54,9 @@ class ReducedModel:
         residual_flexibility: R_JJ = W^T K_s^-1 W - H Lambda^-1 H^T of the kept modes [m/N].
         flexibility: W^T K_s^-1 W, without rigid-body modes [m/N].
         notes: What was changed or assumed, a sentence each.
+        matrices: The model that was reduced.
+        shapes: Its kept modes [1/sqrt(kg)].
+        holds_joints: Whether its K holds the joints in full stick.
     """
 
     omega: Float[np.ndarray, " mode"]
@@ -66,7 +69,10 @@ class ReducedModel:
     num_kept: int
     residual_flexibility: Float[np.ndarray, "joint joint"]
     flexibility: Float[np.ndarray, "joint joint"]
-    notes: tuple[str, ...] = ()
+    notes: tuple[str, ...]
+    matrices: MatrixModel
+    shapes: Float[np.ndarray, "dof kept"]
+    holds_joints: bool
 
     @property
     def stiffness(self) -> Float[np.ndarray, " joint"]:
@@ -173,6 +179,9 @@ def reduce(
         residual_flexibility=basis.flexibility[:num, :num],
         flexibility=basis.whole[:num, :num],
         notes=(*model.notes, *_notes(model, modes, residual, limit), *damping_notes),
+        matrices=model,
+        shapes=modes.shapes,
+        holds_joints=holds_joints,
     )
 
 

@@ -27,13 +27,14 @@ class ConsistentUnits(NamedTuple):
     length: float  # [m]
     time: float  # [s]
     energy: float  # force x length [J]
+    names: tuple[str, str, str]  # of force, length and time
 
 
 SYSTEMS = {
-    "SI": ConsistentUnits(1.0, 1.0, 1.0),
-    "N-mm-t-s": ConsistentUnits(1e-3, 1.0, 1e-3),
-    "kN-mm-kg-ms": ConsistentUnits(1e-3, 1e-3, 1.0),
-    "lbf-in-s": ConsistentUnits(INCH, 1.0, POUND_FORCE * INCH),
+    "SI": ConsistentUnits(1.0, 1.0, 1.0, ("N", "m", "s")),
+    "N-mm-t-s": ConsistentUnits(1e-3, 1.0, 1e-3, ("N", "mm", "s")),
+    "kN-mm-kg-ms": ConsistentUnits(1e-3, 1e-3, 1.0, ("kN", "mm", "ms")),
+    "lbf-in-s": ConsistentUnits(INCH, 1.0, POUND_FORCE * INCH, ("lbf", "in", "s")),
 }
 
 

@@ -9,7 +9,6 @@ from jbw.cli.options import json_option, out_option, run_argument
 from jbw.cli.printing import answer
 from jbw.errors import ConfigError
 from jbw.report.messages import stages
-from jbw.report.messages.study import without_form
 
 
 @click.command()
@@ -82,7 +81,7 @@ def _write_brief(folder: Path, out: Path | None, json_: bool, *, interactive: bo
 @click.command()
 @run_argument
 @out_option("DIR/export")
-@click.option("--mass", type=float, default=1.0, help="Modal mass [kg]; 1 leaves forces per kg.")
+@click.option("--mass", type=float, help="Modal mass [kg]; by default 1, forces per kg.")
 @click.option("--y-max", type=float, help="Largest displacement [m]; by default that measured.")
 @click.option("--draw", type=int, help="Number of a draw, from 0 on; by default the best.")
 @click.option(
@@ -107,30 +106,28 @@ def export(
     write it in the form of other programs: the law in closed code where they take it, tables where
     not. --draws writes what to simulate over the posterior with: a folder a draw and manifest.json.
     All begin with the verdict of the run.
+
+    Of several joints beside matrices, each is written at its degrees of freedom, in the units of
+    the matrices: opensees, abaqus and nastran have all joints in one file, fmi2 and fmi3 one in a
+    folder each.
     """
     from jbw.cli.progress import computing
 
     with computing() as say:
         from jbw.report.result import read_result
-        from jbw.study import export as exporting
-        from jbw.study.export_files import chosen_programs, notes_on, write_export
-        from jbw.study.exports import PROGRAMS, USUAL, programs_named
+        from jbw.study.export_run import export_of_run
+        from jbw.study.exports import programs_named
         from jbw.study.store import claim
 
         programs_named(names)  # a slip of the pen is told before anything is computed
         say(f"Reading {folder}")
         summary, tree = read_result(folder)
         say(stages.COMPUTING_JOINT)
-        result = exporting.export(tree, summary=summary, **options)
-        programs = chosen_programs(names, result)
-        if fmu:
-            programs = dict.fromkeys((*programs, *chosen_programs(("fmi2", "fmi3"), result)))
-        draws = () if count is None else exporting.export_draws(tree, result, count)
+        made = export_of_run(tree, summary, names, fmu=fmu, count=count, **options)
         place = out or folder / "export"
-        say(f"Writing {', '.join(program.title for program in programs) or 'tables'} to {place}")
-        written = write_export(claim(place), result, tuple(programs), draws)
-    paths, notes = [str(path) for path in written], notes_on(programs)
-    skipped = [] if names else [PROGRAMS[name] for name in USUAL if PROGRAMS[name] not in programs]
-    notes += tuple(without_form(program.title) for program in skipped)
-    record = {"about": list(result.about), "files": paths, "notes": list(notes)}
-    answer(json_, record, *notes, saved="\n".join(paths))
+        titles = ", ".join(program.title for program in made.programs)
+        say(f"Writing {titles or 'tables'} to {place}")
+        written = made.write(claim(place))
+    paths = [str(path) for path in written]
+    record = {"about": list(made.about), "files": paths, "notes": list(made.notes)}
+    answer(json_, record, *made.notes, saved="\n".join(paths))

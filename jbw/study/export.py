@@ -18,6 +18,7 @@ from jbw.oscillator.parameters import Material
 from jbw.quantities import OSCILLATOR, Quantity, are_at_joints, joints_of
 from jbw.report.messages import study as messages
 from jbw.study.exported_draw import (
+    Bands,
     backbone_within,
     best_draw,
     density_of,
@@ -29,7 +30,14 @@ from jbw.study.exported_joint import Table, linear_parts, materials_of, skeleton
 from jbw.verification.backbone import curves
 from jbw.verification.bands import QUANTILES, band
 from jbw.verification.predicted import carry
-from jbw.verification.predictive_basis import Draws, Laws, basis_of, count_of, parameter_names
+from jbw.verification.predictive_basis import (
+    Basis,
+    Draws,
+    Laws,
+    basis_of,
+    count_of,
+    parameter_names,
+)
 
 NUM_DRAWS = 1000  # carried along the backbone
 NUM_AMPLITUDES = 100
@@ -61,6 +69,8 @@ class Export:
     products: dict[str, float]  # what weak motion knows, of the draw
     mass: float  # modal mass [kg]
     y_max: float  # largest displacement [m]
+    # Of the whole joint's parameters; those of one mode's joint where there are none.
+    quantities: tuple[Quantity, ...] = ()
 
 
 def export(
@@ -89,14 +99,12 @@ def export(
     """
     basis = basis_of(tree)
     laws, posterior = basis.laws, basis.posterior
-    draws = basis.thinned(max(2, posterior.sizes["chain"] * posterior.sizes["draw"]))
-    draws.pop("gain", None)
+    draws = every_draw(basis)
     if are_at_joints(laws):
         raise DataError(
-            "A run must be of one joint to be exported, but this has joints "
+            "A run must be of one joint for `export`, but this has joints "
             f"{', '.join(joints_of(laws))}.",
-            remedy="Take their parameters from `summary.json`, in newtons and metres, or draws "
-            "from `posterior.nc`.",
+            remedy="Call `export_joints`, which takes them all.",
         )
     if has_further_modes(posterior):
         warnings.warn(
@@ -104,7 +112,7 @@ def export(
             "units it is. The others are in `posterior.nc`.",
             stacklevel=2,
         )
-    _require_all(draws, laws)
+    require_all(draws, laws)
     y_max = basis.y_peak if y_max is None else y_max
     _require_positive(y_max=y_max, mass=mass)
     amplitude = y_max * np.arange(1, NUM_AMPLITUDES + 1) / NUM_AMPLITUDES
@@ -117,12 +125,20 @@ def export(
         number = stated_draw(draws, draw)
     exported = picked(draws, [number])
     theta = {name: float(values[0]) for name, values in exported.items()}
-    inside = bool(backbone_within(exported, amplitude, bands, laws)[0])
     return Export(
-        (*_verdict(summary or {}), *_origin(draws, number, draw, inside, laws, mass)),
+        (
+            *verdict_of(summary or {}),
+            messages.exported_draw(
+                number,
+                count_of(draws),
+                messages.HIGHEST_DENSITY if draw is None else messages.AS_ASKED,
+                mass,
+            ),
+            *origin(draws, number, exported, amplitude, bands, laws),
+        ),
         theta,
         list(_parameters(draws, number, some, laws, mass)),
-        _backbone(exported, amplitude, bands, laws, mass),
+        backbone_table(exported, amplitude, bands, laws, mass),
         static_loops(exported, y_max, laws, mass),
         {name: values for name, values in some.items() if name != "gain"},
         materials_of(theta, laws, mass, y_max),
@@ -148,15 +164,9 @@ def export_draws(tree: xr.DataTree, result: Export, count: int) -> tuple[tuple[i
     Raises:
         ConfigError: `count` is not from 1 to the number of draws.
     """
-    basis = basis_of(tree)
-    total = basis.posterior.sizes["chain"] * basis.posterior.sizes["draw"]
-    if not 1 <= count <= total:
-        raise ConfigError(
-            f"Argument `draws` must be 1 to {total}, the draws of the run, but it is {count}."
-        )
-    draws = basis.thinned(max(2, total))
-    numbers = [(2 * i + 1) * total // (2 * count) for i in range(count)]
-    some = picked({name: values for name, values in draws.items() if name != "gain"}, numbers)
+    draws = every_draw(basis_of(tree))
+    numbers = evenly_numbered(count_of(draws), count)
+    some = picked(draws, numbers)
     curves_of = skeletons(some, result.y_max, result.laws, result.mass)
     return tuple(
         (number, _of_draw(result, picked(some, [i]), number, curves_of[i]))
@@ -179,7 +189,33 @@ def _of_draw(result: Export, draw: Draws, number: int, skeleton: Table) -> Expor
     )
 
 
-def _require_all(draws: Draws, laws: Laws) -> None:
+def every_draw(basis: Basis) -> Draws:
+    """All draws of the main posterior beside what was held, without the gain of the source."""
+    sizes = basis.posterior.sizes
+    draws = basis.thinned(max(2, sizes["chain"] * sizes["draw"]))
+    draws.pop("gain", None)
+    return draws
+
+
+def evenly_numbered(total: int, count: int) -> list[int]:
+    """Numbers of so many draws of a posterior, each in the middle of its share.
+
+    Raises:
+        ConfigError: `count` is not from 1 to the number of draws.
+    """
+    if not 1 <= count <= total:
+        raise ConfigError(
+            f"Argument `draws` must be 1 to {total}, the draws of the run, but it is {count}."
+        )
+    return [(2 * i + 1) * total // (2 * count) for i in range(count)]
+
+
+def require_all(draws: Draws, laws: Laws) -> None:
+    """Raise for a posterior that lacks a parameter of the oscillator.
+
+    Raises:
+        DataError: It lacks one.
+    """
     needed = [name for name in parameter_names(laws) if name != "gain"]
     missing = [name for name in needed if name not in draws]
     if missing:
@@ -201,7 +237,7 @@ def _require_positive(**arguments: float) -> None:
 
 
 # -- what it is ------------------------------------------------------------------------------------
-def _verdict(summary: Mapping[str, Any]) -> Iterable[str]:
+def verdict_of(summary: Mapping[str, Any]) -> Iterable[str]:
     """The run's verdict and the first reason for it."""
     verdict = summary.get("verdict") or {}
     status = verdict.get("status", "not assessed")
@@ -215,17 +251,21 @@ def _verdict(summary: Mapping[str, Any]) -> Iterable[str]:
     yield printable(" ".join(words.replace(" :", ":").split()))
 
 
-def _origin(
-    draws: Draws, number: int, stated_draw_number: int | None, inside: bool, laws: Laws, mass: float
+def origin(
+    draws: Draws,
+    number: int,
+    exported: Draws,
+    amplitude: NDArray[np.float64],
+    bands: Bands,
+    laws: Laws,
 ) -> Iterable[str]:
-    """Which draw this is, and whether what the data know of it lies within the intervals of all."""
-    why = messages.HIGHEST_DENSITY if stated_draw_number is None else "as asked for"
-    yield messages.exported_draw(number, count_of(draws), why, mass)
+    """Whether what the data know of the exported draw lies within the intervals of all draws."""
     for name, unit, values in products_of(draws, laws):
         low, _, high = band(values)
         value = values[number]
         inside_own = bool(low <= value <= high)
         yield messages.within_interval(name, value, unit, low, high, inside=inside_own)
+    inside = bool(backbone_within(exported, amplitude, bands, laws)[0])
     yield messages.within_bands(inside=inside)
 
 
@@ -236,21 +276,22 @@ def _parameters(
     units = {quantity.name: quantity.unit for quantity in (*OSCILLATOR, *quantities_of(laws))}
     names = [name for name in units if name in draws]
     for name in names:
-        yield _row("jbw", name, units[name], float(draws[name][number]), draws[name])
+        yield parameter_row("jbw", name, units[name], float(draws[name][number]), draws[name])
     for name, unit, values in products_of(draws, laws):
-        yield _row("jbw, products", name, unit, float(values[number]), values)
+        yield parameter_row("jbw, products", name, unit, float(values[number]), values)
     theta = {name: float(draws[name][number]) for name in names}
     rows = zip(*(some[name] for name in names), strict=True)
     every = [_converted(dict(zip(names, map(float, row), strict=True)), laws, mass) for row in rows]
     for convention, exported in _converted(theta, laws, mass).items():
         for name, unit in exported.units.items():
             values = np.array([converted[convention].values[name] for converted in every])
-            yield _row(convention, name, unit, exported.values[name], values)
+            yield parameter_row(convention, name, unit, exported.values[name], values)
 
 
-def _row(
+def parameter_row(
     convention: str, name: str, unit: str, value: float, values: NDArray[np.float64]
 ) -> dict[str, Any]:
+    """A parameter of the exported draw, with standard deviation and quantiles of all draws."""
     facts = {"value": value, "sd": float(np.std(values))}
     facts |= dict(zip(MARKS, map(float, band(values)), strict=True))
     return {"convention": convention, "parameter": name, "unit": unit, **facts}
@@ -264,17 +305,22 @@ def _converted(theta: Mapping[str, float], laws: Laws, mass: float) -> Mapping[s
     return joint.laws[0].convert(theta["omega_n"], theta["zeta"], mass)
 
 
-def _backbone(
+def backbone_table(
     exported: Draws,
     amplitude: NDArray[np.float64],
-    bands: Mapping[str, NDArray[np.float64]],
+    bands: Bands,
     laws: Laws,
-    mass: float,
+    mass: float = 1.0,
 ) -> Table:
-    """Frequency, equivalent damping and force [N] in resonance, of one draw and of all."""
+    """Frequency, equivalent damping and force [N] in resonance, of one draw and of all.
+
+    As far as there are bands.
+    """
     table = {"amplitude_m": amplitude}
     curve_by_name = dict(zip(NAMES, carry(curves, exported, amplitude, laws), strict=True))
     for name, column in zip(NAMES, COLUMNS, strict=True):
+        if name not in bands:
+            continue
         scale = mass if name == "force" else 1.0
         table[column] = scale * curve_by_name[name][0]
         table |= {f"{column}_{m}": scale * q for m, q in zip(MARKS, bands[name], strict=True)}

@@ -13,6 +13,8 @@ from jbw.identification.procedure import Identification
 from jbw.inference.posterior.finding import Verdict
 from jbw.report.messages.instruments import BESIDE_MATRICES
 from jbw.report.opening import opening
+from jbw.study.assembly_group import GROUP as ASSEMBLY
+from jbw.study.assembly_group import assembly_group
 from jbw.study.identifiability import Identifiability, as_group
 from jbw.study.look import look_groups
 from jbw.study.order import Order, ReadCampaign
@@ -44,6 +46,8 @@ def finished_study(
     )
     record |= {"look": read.look.record, **(notes or {})}
     groups = look_groups(read.look, entered(read.measured))
+    if order.campaign.joints is not None:
+        groups[f"/{ASSEMBLY}"] = assembly_group(order.campaign.joints.model)
     tree = xr.DataTree.from_dict({**tree.to_dict(), **groups})
     record["opening"] = list(opening(record, tree))
     tree["procedure"] = xr.DataTree(steps_group(record))

@@ -11,11 +11,20 @@ NO_COMPILER = (
 )
 SLOW_LOOPS = "Steady loops under slow motion: the force of spring and joint, without any damper."
 BACKBONES = "Resonance frequency, equivalent damping and force against amplitude."
+BACKBONE_OF_FIRST_MODE = (
+    "Resonance frequency and equivalent damping of the first mode against its motion at the first "
+    "point."
+)
+LOOPS_OF_JOINTS = (
+    "Steady loops of every joint under slow motion: the force of its spring and laws [N, or N m] "
+    "against its motion [m, or rad]."
+)
 FMU = "Force of a joint after exact moves"
 FMU_FORCE = "force of the joint's laws"
 FMU_TOTAL = "the same with the spring and the dashpot beside it"
 NO_VERDICT = "the run states no verdict"
 HIGHEST_DENSITY = "of the highest posterior density"
+AS_ASKED = "as asked for"
 
 
 def step_2(y_rms: float, repeats: int) -> str:
@@ -77,6 +86,53 @@ def one_draw(number: int, mass: float) -> str:
     return f"Joint: draw {number}, from 0 on; modal mass {mass:g} kg."
 
 
+def exported_joints(number: int, count: int, why: str, system: str) -> str:
+    """Which draw an export of several joints holds, and its system of units."""
+    return f"Joints: draw {number} of {count}, from 0 on, {why}; units {system}."
+
+
+def one_of_joints_draws(number: int, system: str) -> str:
+    """The same of one of several exported draws."""
+    return f"Joints: draw {number}, from 0 on; units {system}."
+
+
+def mode_beside_matrices(mode: int, hz: float, model_hz: float, damping: float) -> str:
+    """Frequency and damping of a mode as identified, and the frequency that the matrices have."""
+    return (
+        f"Mode {mode} in full stick: {hz:.5g} Hz, where the matrices have {model_hz:.5g} Hz, and a "
+        f"damping ratio of {percent(damping, '.3g')}."
+    )
+
+
+def joint_place(
+    name: str,
+    motion: str,
+    unit: str,
+    stiffness: float,
+    stiffness_unit: str,
+    *,
+    is_held: bool,
+    has_law: bool,
+) -> str:
+    """Where a joint acts, and what of it the model's stiffness matrix holds already."""
+    place = f"Joint {name} moves by x = {motion} [{unit}]"
+    spring = f"{stiffness:.6g} {stiffness_unit} in full stick"
+    if not has_law:
+        beside = "which the model holds" if is_held else "which the model lacks: add it as a spring"
+        return f"{place}. It has no law and is not in these files: {spring}, {beside}."
+    if is_held:
+        return f"{place}, {spring}; the model holds that as a spring, which this replaces."
+    return f"{place}, {spring}; the model has no spring there."
+
+
+def joint_dashpot(name: str, hz: float, motion: float, unit: str) -> str:
+    """At which frequency and motion a dashpot loses as a joint does."""
+    return (
+        f"Dashpot of {name}: at {hz:.4g} Hz it loses as the joint does at {motion:.4g} {unit}, the "
+        "largest motion measured, in the mode that moved it most."
+    )
+
+
 def within_interval(
     name: str, value: float, unit: str, low: float, high: float, *, inside: bool
 ) -> str:
@@ -90,11 +146,13 @@ def within_bands(*, inside: bool) -> str:
     return f"Its backbone {'lies within' if inside else 'leaves'} the 99 % bands of all draws."
 
 
-def sliders(law: str, reach: float, least: float, most: float, error: float) -> str:
-    """How far and how well sliders represent a law [m]."""
+def sliders(
+    law: str, reach: float, least: float, most: float, error: float, unit: str = "m"
+) -> str:
+    """How far and how well sliders represent a law."""
     return (
-        f"Sliders represent {law} up to {reach:.4g} m, a spring beyond; from {least:.4g} to "
-        f"{most:.4g} m the loss per cycle is right to {error:.2g} %."
+        f"Sliders represent {law} up to {reach:.4g} {unit}, a spring beyond; from {least:.4g} to "
+        f"{most:.4g} {unit} the loss per cycle is right to {error:.2g} %."
     )
 
 

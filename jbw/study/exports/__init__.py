@@ -21,6 +21,7 @@ PROGRAMS: dict[str, Program] = {
     )
 }
 USUAL = ("opensees", "matlab")  # where nothing is asked for, as far as they take the laws
+USUAL_OF_JOINTS = ("opensees",)  # the same of several joints
 
 
 def programs_named(names: Sequence[str]) -> tuple[Program, ...]:

@@ -1,9 +1,24 @@
 """Abaqus/Standard: a user element of two nodes in C, with the exact moves, and its properties."""
 
+from dataclasses import replace
 from pathlib import Path
 
+from jbw.errors import ConfigError
 from jbw.study.export import Export
-from jbw.study.exports.program import Form, Paths, Program, forms_of, without_form, write_text
+from jbw.study.exported_joints import JointsExport
+from jbw.study.exports.program import (
+    Form,
+    OfJoints,
+    Paths,
+    Program,
+    forms_of,
+    nodes_of,
+    parameters_of,
+    require_nodes,
+    without_form,
+    write_template,
+    write_text,
+)
 
 
 def _facts(result: Export) -> dict[str, int | tuple[Form, ...]]:
@@ -21,4 +36,47 @@ def _card(folder: Path, result: Export) -> Paths:
     return (write_text(folder / "joint.inp", "abaqus/joint.inp", result, **_facts(result)),)
 
 
-ABAQUS = Program("abaqus", "Abaqus", _card, _code, without_form("c/laws"))
+def _joints_code(folder: Path, result: JointsExport) -> Paths:
+    """The element, which is the same of all joints."""
+    joint = replace(result.cards[0].joint, about=result.about)
+    facts = _facts(joint)
+    return (write_text(folder / "joint_uel.c", "abaqus/joint_uel.c", joint, **facts),)
+
+
+def _joints_card(folder: Path, result: JointsExport) -> Paths:
+    """Nodes, equations, elements and properties of all joints."""
+    joints = nodes_of(result)
+    first = joints[0].card.joint
+    forms = forms_of("c/laws", first)
+    facts = {
+        "about": result.about,
+        "joints": joints,
+        "laws": first.laws,
+        "memory": sum(form.memory for form in forms),
+        "parameters": [parameters_of(joint.card.joint) for joint in joints],
+    }
+    return (write_template(folder / "joints.inp", "abaqus/joints.inp", **facts),)
+
+
+def _require_one_element(result: JointsExport) -> None:
+    """Refuse joints with different laws: a job has one user subroutine."""
+    require_nodes(result)
+    first = result.cards[0]
+    for card in result.cards:
+        if card.joint.laws != first.joint.laws:
+            raise ConfigError(
+                f"Abaqus must be given joints with the same laws, but `{first.name}` has "
+                f"{', '.join(first.joint.laws)} and `{card.name}` {', '.join(card.joint.laws)}.",
+                why="A job has one user subroutine, which is written for one set of laws.",
+                remedy="Take another program: --to opensees,nastran,fmi3.",
+            )
+
+
+ABAQUS = Program(
+    "abaqus",
+    "Abaqus",
+    _card,
+    _code,
+    without_form("c/laws"),
+    OfJoints(_joints_card, _joints_code, _require_one_element),
+)

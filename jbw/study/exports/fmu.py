@@ -12,7 +12,8 @@ import subprocess
 import sys
 import uuid
 import zipfile
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -22,7 +23,9 @@ from jbw.errors import RunError
 from jbw.quantities import BY_NAME
 from jbw.report.messages import study as messages
 from jbw.study.export import Export
+from jbw.study.exported_joints import JointsExport
 from jbw.study.exports.program import (
+    OfJoints,
     Parameter,
     Paths,
     Program,
@@ -80,6 +83,31 @@ def _card(folder: Path, result: Export) -> Paths:
     parameters = parameters_of(result)
     more = {"description": DESCRIPTION, "units": units_of(parameters)}
     return (write_text(folder / "joint.ssv", "fmu/joint.ssv", result, **more),)
+
+
+def _joints_code(version: int, folder: Path, result: JointsExport) -> Paths:
+    """An FMU a joint in a folder of its own, in SI."""
+    return _each_joint(partial(_code, version), folder, result)
+
+
+def _joints_card(folder: Path, result: JointsExport) -> Paths:
+    """Values of the parameters a joint in a folder of its own, in SI."""
+    return _each_joint(_card, folder, result)
+
+
+def _each_joint(
+    write: Callable[[Path, Export], Paths], folder: Path, result: JointsExport
+) -> Paths:
+    paths = []
+    for card in result.cards:
+        own_folder = folder / card.name
+        own_folder.mkdir(exist_ok=True)
+        paths += write(own_folder, replace(card.in_si, about=result.about))
+    return tuple(paths)
+
+
+def _any(result: JointsExport) -> None:
+    """An FMU takes any joint: it knows neither nodes nor other joints."""
 
 
 def _variables(parameters: Iterable[Parameter]) -> Iterable[Variable]:
@@ -151,6 +179,6 @@ def compile_shared(source: Path, target: Path) -> bool:
 
 FMI2, FMI3 = (
     Program(f"fmi{version}", f"FMI {version}.0", _card, partial(_code, version),
-            without_form("c/laws"))
+            without_form("c/laws"), OfJoints(_joints_card, partial(_joints_code, version), _any))
     for version in (2, 3)
 )  # fmt: skip

@@ -1,28 +1,90 @@
 """Nastran: CBUSH1D with the joint's force as a table, and its equivalent damping as another."""
 
 from pathlib import Path
+from typing import NamedTuple
 
+from jbw.report.messages import study as messages
 from jbw.study.export import Export
-from jbw.study.exports.program import Paths, Program, mirrored, write_text
+from jbw.study.exported_joints import JointsExport
+from jbw.study.exports.program import (
+    JointNodes,
+    OfJoints,
+    Paths,
+    Program,
+    mirrored,
+    no_code,
+    nodes_of,
+    require_nodes,
+    write_template,
+    write_text,
+)
 
 FORCE, DAMPING = 1, 2  # tables
 
 
+class JointTables(NamedTuple):
+    """A joint of several, with its tables.
+
+    Attributes:
+        nodes: Its nodes.
+        linear: Fields of the stiffness at rest and of the dashpot at the largest motion.
+        force: Number of the table of force.
+        damping: Number of the table of the dashpot's coefficient.
+        tables: Number and fields of each.
+        note: At which frequency the dashpot loses what the joint does.
+    """
+
+    nodes: JointNodes
+    linear: tuple[str, str]
+    force: int
+    damping: int
+    tables: list[tuple[int, list[str]]]
+    note: str
+
+
 def _card(folder: Path, result: Export) -> Paths:
     """The element, its property and the tables."""
-    tables = [
+    tables = _tables(result, FORCE, DAMPING)
+    facts = {"tables": tables, "linear": _linear(result), "force": FORCE, "damping": DAMPING}
+    return (write_text(folder / "joint.bdf", "nastran/joint.bdf", result, **facts),)
+
+
+def _joints_card(folder: Path, result: JointsExport) -> Paths:
+    """Grid points, constraint equations, elements, properties and tables of all joints."""
+    joints = []
+    for nodes in nodes_of(result):
+        joint, card = nodes.card.joint, nodes.card
+        force, damping = 10 * nodes.node + FORCE, 10 * nodes.node + DAMPING
+        joints.append(
+            JointTables(
+                nodes,
+                _linear(joint),
+                force,
+                damping,
+                _tables(joint, force, damping),
+                messages.joint_dashpot(card.name, card.hz, joint.y_max, card.units.names[1]),
+            )
+        )
+    path = folder / "joints.bdf"
+    facts = {"about": result.about, "joints": joints, "ground": joints[0].nodes.ground}
+    return (write_template(path, "nastran/joints.bdf", field=_field, **facts),)
+
+
+def _tables(result: Export, force: int, damping: int) -> list[tuple[int, list[str]]]:
+    """Numbers and fields of the force and of the equivalent dashpot against displacement."""
+    return [
         (number, [_field(x) for x in mirrored(result.skeleton, column, odd=odd)])
         for number, column, odd in (
-            (FORCE, "tip_force_n", True),
-            (DAMPING, "damping_ns_m", False),
+            (force, "tip_force_n", True),
+            (damping, "damping_ns_m", False),
         )
     ]
-    linear = (
-        _field(result.skeleton["stiffness_n_m"][0]),
-        _field(result.skeleton["damping_ns_m"][-1]),
-    )
-    facts = {"tables": tables, "linear": linear, "force": FORCE, "damping": DAMPING}
-    return (write_text(folder / "joint.bdf", "nastran/joint.bdf", result, **facts),)
+
+
+def _linear(result: Export) -> tuple[str, str]:
+    """Stiffness at rest, and the dashpot that loses as the joint at its largest displacement."""
+    table = result.skeleton
+    return _field(table["stiffness_n_m"][0]), _field(table["damping_ns_m"][-1])
 
 
 def _field(value: float) -> str:
@@ -30,4 +92,6 @@ def _field(value: float) -> str:
     return f"{value:<16.9e}"
 
 
-NASTRAN = Program("nastran", "Nastran", _card)
+NASTRAN = Program(
+    "nastran", "Nastran", _card, joints=OfJoints(_joints_card, no_code, require_nodes)
+)

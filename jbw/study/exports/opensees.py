@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from jbw.oscillator.laws.masing import Masing
 from jbw.oscillator.oscillator import oscillator_of
@@ -9,9 +10,34 @@ from jbw.oscillator.parameters import Material, Scalar
 from jbw.report.messages import study as messages
 from jbw.study.export import Export
 from jbw.study.exported_joint import REACH, error_of_sliders, materials_of
-from jbw.study.exports.program import Paths, Program, write_text
+from jbw.study.exported_joints import JointsExport
+from jbw.study.exports.program import (
+    JointNodes,
+    OfJoints,
+    Paths,
+    Program,
+    no_code,
+    nodes_of,
+    require_nodes,
+    write_template,
+    write_text,
+)
 
 JOINT_TAG = 1  # of the material that is the whole joint
+
+
+class JointLines(NamedTuple):
+    """A joint of several, as commands.
+
+    Attributes:
+        nodes: Its nodes.
+        materials: Commands that make its material, whose tag is the number of its node.
+        notes: How well sliders represent its laws.
+    """
+
+    nodes: JointNodes
+    materials: tuple[str, ...]
+    notes: tuple[str, ...]
 
 
 def _card(folder: Path, result: Export) -> Paths:
@@ -20,23 +46,43 @@ def _card(folder: Path, result: Export) -> Paths:
     return (write_text(folder / "joint.tcl", "opensees/joint.tcl", result, **facts),)
 
 
-def _notes(result: Export) -> Iterator[str]:
+def _joints_card(folder: Path, result: JointsExport) -> Paths:
+    """Nodes, materials and elements of all joints."""
+    joints, parts = nodes_of(result), 1 + max(joint.node for joint in nodes_of(result))
+    lines = []
+    for joint in joints:
+        materials = joint.card.joint.materials
+        lines.append(
+            JointLines(
+                joint,
+                opensees_lines(materials, joint.node, parts),
+                tuple(_notes(joint.card.joint, joint.card.units.names[1])),
+            )
+        )
+        parts += len(materials)
+    path = folder / "joints.tcl"
+    return (write_template(path, "opensees/joints.tcl", about=result.about, joints=lines),)
+
+
+def _notes(result: Export, unit: str = "m") -> Iterator[str]:
     """Of each law that sliders stand for, how far and how well."""
     for law in oscillator_of(result.joint, result.laws).laws:
         if isinstance(law, Masing):
             error = 100.0 * error_of_sliders(law, result.y_max)
             most = result.y_max
-            yield messages.sliders(law.name, REACH * most, 0.1 * most, most, error)
+            yield messages.sliders(law.name, REACH * most, 0.1 * most, most, error, unit)
 
 
-def opensees_lines(materials: Sequence[Material]) -> tuple[str, ...]:
-    """Commands that make materials and set them in parallel, as material 1."""
-    tags = range(JOINT_TAG + 1, JOINT_TAG + 1 + len(materials))
+def opensees_lines(
+    materials: Sequence[Material], tag: int = JOINT_TAG, first: int = JOINT_TAG + 1
+) -> tuple[str, ...]:
+    """Commands that make materials from a first tag on, and set them in parallel."""
+    tags = range(first, first + len(materials))
     lines = [
-        _line(material.kind, tag, material.arguments)
-        for tag, material in zip(tags, materials, strict=True)
+        _line(material.kind, own_tag, material.arguments)
+        for own_tag, material in zip(tags, materials, strict=True)
     ]
-    return (*lines, _line("Parallel", JOINT_TAG, tuple(map(str, tags))))
+    return (*lines, _line("Parallel", tag, tuple(map(str, tags))))
 
 
 def _line(kind: str, tag: int, arguments: Iterable[Scalar | str]) -> str:
@@ -57,4 +103,10 @@ def _lacks(result: Export) -> tuple[str, ...]:
     return tuple(law for law in result.laws if not found(law))
 
 
-OPENSEES = Program("opensees", "OpenSees", _card, lacks=_lacks)
+OPENSEES = Program(
+    "opensees",
+    "OpenSees",
+    _card,
+    lacks=_lacks,
+    joints=OfJoints(_joints_card, no_code, require_nodes),
+)

@@ -1,7 +1,7 @@
 """What every program's export shares: its record, the joint's parameters and the templates."""
 
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -9,11 +9,13 @@ import jax
 import jinja2
 
 from jbw import __version__
+from jbw.assembly.dofs import ROTATIONS, TRANSLATIONS
 from jbw.errors import ConfigError
 from jbw.oscillator.laws import FAMILIES, law_named, quantities_of
 from jbw.oscillator.laws.stretch_path import UNIT_RULE
 from jbw.study.export import LINEAR, Export
 from jbw.study.exported_joint import Table
+from jbw.study.exported_joints import JointCard, JointsExport
 
 TABLES = "nastran, ansys, code_aster"  # what takes any law
 ENVIRONMENT = jinja2.Environment(
@@ -36,6 +38,25 @@ def _any_law(result: Export) -> tuple[str, ...]:
     return ()
 
 
+def no_code(folder: Path, result: JointsExport) -> Paths:
+    """Nothing: every draw changes all that is written."""
+    return ()
+
+
+class OfJoints(NamedTuple):
+    """How a program takes several joints at their degrees of freedom.
+
+    Attributes:
+        card: Writes what one draw of the parameters changes, into a folder.
+        code: Writes what no draw changes.
+        require: Refuses joints that the program cannot take beside each other.
+    """
+
+    card: Callable[[Path, JointsExport], Paths]
+    code: Callable[[Path, JointsExport], Paths]
+    require: Callable[[JointsExport], None]
+
+
 class Program(NamedTuple):
     """Another program that takes the joint; `jbw.study.exports` holds the register.
 
@@ -45,6 +66,7 @@ class Program(NamedTuple):
         card: Writes what one draw of the parameters changes, into a folder.
         code: Writes what no draw changes.
         lacks: Names of the joint's laws that it cannot take.
+        joints: The same of several joints; None where it takes one alone.
     """
 
     name: str
@@ -52,6 +74,7 @@ class Program(NamedTuple):
     card: Callable[[Path, Export], Paths]
     code: Callable[[Path, Export], Paths] = _nothing
     lacks: Callable[[Export], tuple[str, ...]] = _any_law
+    joints: OfJoints | None = None
 
 
 class Parameter(NamedTuple):
@@ -95,9 +118,93 @@ def require_law(program: Program, result: Export) -> None:
 
 def parameters_of(result: Export) -> tuple[Parameter, ...]:
     """Mass, spring and dashpot beside the joint, then the parameters of its laws."""
-    laws = quantities_of(result.laws)
+    quantities = result.quantities or (*LINEAR, *quantities_of(result.laws))
     values = {**result.linear, **result.joint}
-    return tuple(Parameter(q.name, values[q.name], q.unit, q.meaning) for q in (*LINEAR, *laws))
+    return tuple(Parameter(q.name, values[q.name], q.unit, q.meaning) for q in quantities)
+
+
+# -- several joints at their degrees of freedom ----------------------------------------------------
+DIRECTIONS = dict(zip((*TRANSLATIONS, *ROTATIONS), range(1, 7), strict=True))
+
+
+class JointNodes(NamedTuple):
+    """A joint between two further nodes, whose first displacement is its motion.
+
+    Attributes:
+        card: The joint.
+        ground: Number of the node that is held.
+        node: Number of the node whose displacement 1 is the joint's motion.
+        terms: Number of the node, number of the direction and factor of every degree of freedom.
+    """
+
+    card: JointCard
+    ground: int
+    node: int
+    terms: tuple[tuple[int, int, float], ...]
+
+
+def nodes_of(result: JointsExport) -> tuple[JointNodes, ...]:
+    """The joints with nodes of their own, numbered beyond those of the model.
+
+    Raises:
+        ConfigError: A degree of freedom of a joint has no number of node or direction.
+    """
+    ground = 10 ** max(3, len(str(result.assembly.highest_node)))
+    return tuple(
+        JointNodes(card, ground, ground + i, tuple(_numbered(card)))
+        for i, card in enumerate(result.cards, start=1)
+    )
+
+
+def _numbered(card: JointCard) -> Iterator[tuple[int, int, float]]:
+    for dof, weight in card.terms:
+        if not dof.node.isdecimal() or dof.direction not in DIRECTIONS:
+            raise ConfigError(
+                f"Joint `{card.name}` must be at numbered nodes in the directions "
+                f"{', '.join(DIRECTIONS)} for this program, but is at `{dof}`.",
+                remedy="Write units for co-simulation instead, which have no nodes: --to fmi3.",
+            )
+        yield int(dof.node), DIRECTIONS[dof.direction], weight
+
+
+def require_nodes(result: JointsExport) -> None:
+    """Refuse joints at nodes that have no numbers.
+
+    Raises:
+        ConfigError: A degree of freedom has none.
+    """
+    nodes_of(result)
+
+
+def require_joints(program: Program, result: JointsExport, takers: Iterable[str]) -> None:
+    """Refuse joints that a program cannot take.
+
+    Args:
+        program: The program.
+        result: The joints.
+        takers: Names of the programs that take several joints.
+
+    Raises:
+        ConfigError: It takes one joint alone, lacks a law of one, or cannot place one.
+    """
+    if program.joints is None:
+        raise ConfigError(
+            f"{program.title} must be given one joint, but the run has {len(result.cards)}.",
+            why="Its file names neither the joint nor its degrees of freedom.",
+            remedy=f"Take another program: --to {','.join(takers)}.",
+        )
+    for card in result.cards:
+        require_law(program, card.joint)
+    program.joints.require(result)
+
+
+def takes_joints(program: Program, result: JointsExport) -> bool:
+    """Whether a program takes the joints."""
+    try:
+        require_joints(program, result, ())
+    except ConfigError:
+        return False
+    return True
 
 
 # -- laws in closed code ---------------------------------------------------------------------------
@@ -128,14 +235,20 @@ def _form(folder: str, law: str, result: Export) -> Form:
 # -- texts -----------------------------------------------------------------------------------------
 def write_text(path: Path, template: str, result: Export, **more: Any) -> Path:
     """Write a template that is told the joint, whole."""
-    text = ENVIRONMENT.get_template(template).render(
+    return write_template(
+        path,
+        template,
         about=result.about,
         laws=result.laws,
         parameters=parameters_of(result),
         skeleton=result.skeleton,
-        version=__version__,
         **more,
     )
+
+
+def write_template(path: Path, template: str, **facts: Any) -> Path:
+    """Write a template that is told some facts, and jbw's version."""
+    text = ENVIRONMENT.get_template(template).render(version=__version__, **facts)
     path.write_text(text, encoding="utf-8")
     return path
 

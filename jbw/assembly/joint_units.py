@@ -1,0 +1,86 @@
+r"""Units of a joint in a consistent system: its motion x_j, its force and its laws' parameters.
+
+The motion $x_j = w_j^Tq$ is a length, or an angle where it is the rotation of one node less that
+of another. In units of $\ell$ metres, $e$ joules and $\tau$ seconds, x_j is in units of
+$X = \ell$ of a length and $X = 1$ of an angle, and the joint's force, which does work on x_j, in
+units of $e/X$.
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from jbw.assembly.dofs import ROTATIONS, TRANSLATIONS, Dof
+from jbw.assembly.units import system_named
+from jbw.units import measured
+
+Terms = Sequence[tuple[Dof, float]]
+
+
+class JointUnits(NamedTuple):
+    """Units of one joint's motion and force."""
+
+    motion: float  # [m, or rad]
+    force: float  # [N, or N m]
+    time: float  # [s]
+    length: float  # of the system [m]
+    names: tuple[str, str, str]  # of force, motion and time
+
+    def value(self, si: Any, unit: str, power_of_length: Any = 0.0) -> Any:
+        """A number in these units.
+
+        Args:
+            si: The same in SI, where forces are in newtons and motions in metres.
+            unit: Its SI unit there, such as `N/m`.
+            power_of_length: Its power of length in addition to the unit.
+        """
+        force, motion, time = _powers(unit)
+        scale = self.force**force * self.motion ** (motion + power_of_length) * self.time**time
+        return si / scale
+
+    def unit(self, unit: str) -> str:
+        """Name in these units of a unit in newtons, metres and seconds: `N/m` is `N m/rad`."""
+        powers = zip(self.names, _powers(unit), strict=True)
+        factors = [(name, power) for name, power in powers if power]
+        above = " ".join(_raised(name, p) for name, p in factors if p > 0) or "1"
+        below = " ".join(_raised(name, -p) for name, p in factors if p < 0)
+        if not below:
+            return above
+        several = " " in below
+        return f"{above}/({below})" if several else f"{above}/{below}"
+
+
+def joint_units(system: str, *, rotates: bool) -> JointUnits:
+    """Units of a joint that moves by a length, or that rotates."""
+    units = system_named(system)
+    force, length, time = units.names
+    if rotates:
+        names = (f"{force} {length}", "rad", time)
+        return JointUnits(1.0, units.energy, units.time, units.length, names)
+    names = (force, length, time)
+    return JointUnits(units.length, units.energy / units.length, units.time, units.length, names)
+
+
+def rotates(terms: Terms) -> bool:
+    """Whether a joint's motion is the rotation of nodes against each other, in radians."""
+    return all(dof.direction in ROTATIONS and abs(weight) == 1.0 for dof, weight in terms)
+
+
+def terms_in(units: JointUnits, terms: Terms) -> tuple[tuple[Dof, float], ...]:
+    """Factors of a joint's degrees of freedom where these are in the same system of units."""
+    si = {True: units.length, False: 1.0}
+    return tuple(
+        (dof, weight * si[dof.direction in TRANSLATIONS] / units.motion) for dof, weight in terms
+    )
+
+
+def _powers(unit: str) -> tuple[int, int, int]:
+    """Powers of force, motion and time in an SI unit."""
+    of_unit = measured(unit)
+    if of_unit is None:
+        raise ValueError(f"`{unit}` is no SI unit")
+    metre, kilogram, second = of_unit[1][:3]
+    return kilogram, metre - kilogram, second + 2 * kilogram
+
+
+def _raised(name: str, power: int) -> str:
+    return name if power == 1 else f"{name}^{power}"

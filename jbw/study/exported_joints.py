@@ -1,0 +1,380 @@
+r"""Several joints of a run for the program whose matrices they were identified with.
+
+A joint is what acts across its motion $x_j = w_j^Tq$, in physical units: the laws, and a spring
+that has the rest of the stiffness in full stick, $k_j - \sum_lK_l$. Its force $F_j$ acts on the
+degrees of freedom as $w_jF_j$. With the joint as an oscillator of unit mass with $\omega_n^2 = k_j$
+and without damping, everything that is written of one joint holds for it.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+
+from jbw.assembly.joint_units import JointUnits, Terms, joint_units, rotates, terms_in
+from jbw.errors import ConfigError
+from jbw.oscillator.laws import laws_named
+from jbw.oscillator.modes.assembled import laws_at, motion_name
+from jbw.quantities import MODES, OSCILLATOR, Quantity, split
+from jbw.report.messages import study as messages
+from jbw.study.assembly_group import Assembly, Place, assembly_of
+from jbw.study.export import (
+    LINEAR,
+    NAMES,
+    NUM_AMPLITUDES,
+    NUM_DRAWS,
+    Export,
+    backbone_table,
+    evenly_numbered,
+    every_draw,
+    origin,
+    parameter_row,
+    require_all,
+    verdict_of,
+)
+from jbw.study.exported_draw import best_draw, density_of, picked, products_of, stated_draw
+from jbw.study.exported_joint import Table, linear_parts, materials_of, skeletons, static_loops
+from jbw.verification.backbone import curves
+from jbw.verification.bands import band
+from jbw.verification.predicted import carry
+from jbw.verification.predictive_basis import Basis, Draws, Laws, basis_of, count_of
+
+SI = "SI"
+UNIT_MASS = 1.0  # laws of several joints are in newtons, not per modal mass
+FACTOR = LINEAR[0]._replace(unit="1", meaning="factor of the laws' forces")
+BACKBONE_NAMES = NAMES[:2]  # frequency and damping: a force belongs to one place of the structure
+
+
+class JointCard(NamedTuple):
+    """One joint of one draw.
+
+    Attributes:
+        name: As parameters bear it, such as `bolt_1`.
+        terms: Degrees of freedom and their factors, in the units of the model.
+        units: Of its motion and force in the system of the model.
+        hz: Frequency of the mode that moved it most, at which dashpots lose what it does [Hz].
+        joint: The joint in the units of the model.
+        in_si: The same in SI.
+    """
+
+    name: str
+    terms: Terms
+    units: JointUnits
+    hz: float
+    joint: Export
+    in_si: Export
+
+
+@dataclass(frozen=True)
+class JointsExport:
+    """Several joints as `write_joints` writes them.
+
+    Attributes:
+        about: The run's verdict, which draw this is and what each joint is, a line each.
+        parameters: Rows joint, parameter, unit, value, sd and quantiles.
+        backbone: Frequency and damping of the first mode against the motion of the first point.
+        loops: Steady loops of every joint under slow motion, in SI.
+        draws: Parameters of many draws by name.
+        joint: Parameters of this draw by name.
+        cards: The joints that have laws.
+        laws: Names of all laws with their joints.
+        assembly: Where they act.
+    """
+
+    about: tuple[str, ...]
+    parameters: list[dict[str, Any]]
+    backbone: Table
+    loops: Mapping[str, Sequence[Any]]
+    draws: Draws
+    joint: dict[str, float]
+    cards: tuple[JointCard, ...]
+    laws: Laws
+    assembly: Assembly
+
+
+def export_joints(
+    tree: xr.DataTree, *, draw: int | None = None, summary: Mapping[str, Any] | None = None
+) -> JointsExport:
+    """All joints of a run at the draw of highest posterior density, or at one that is asked for.
+
+    Args:
+        tree: The run's result.
+        draw: Number of a draw, from 0 on, chain after chain.
+        summary: The run's summary, for its verdict.
+
+    Raises:
+        DataError: The run does not hold the joints' degrees of freedom, a parameter or the density.
+        ConfigError: There is no such draw.
+    """
+    basis, assembly = basis_of(tree), assembly_of(tree)
+    laws, draws = basis.laws, every_draw(basis)
+    require_all(draws, laws)
+    amplitude = basis.y_peak * np.arange(1, NUM_AMPLITUDES + 1) / NUM_AMPLITUDES
+    some = basis.thinned(NUM_DRAWS)
+    every = carry(curves, some, amplitude, laws)[: len(BACKBONE_NAMES)]
+    bands = {name: band(values) for name, values in zip(BACKBONE_NAMES, every, strict=True)}
+    if draw is None:
+        number = best_draw(draws, density_of(tree), amplitude, bands, laws)
+    else:
+        number = stated_draw(draws, draw)
+    chosen = picked(draws, [number])
+    (cards,) = _cards(chosen, basis, assembly, tree)
+    which = messages.exported_joints(
+        number,
+        count_of(draws),
+        messages.HIGHEST_DENSITY if draw is None else messages.AS_ASKED,
+        assembly.units,
+    )
+    about = (
+        *verdict_of(summary or {}),
+        which,
+        *_modes(chosen, tree),
+        *origin(draws, number, chosen, amplitude, bands, laws),
+        *_places(assembly, cards),
+    )
+    return JointsExport(
+        about,
+        list(_parameters(draws, number, assembly, laws)),
+        backbone_table(chosen, amplitude, bands, laws),
+        _loops(cards),
+        some,
+        {name: float(values[0]) for name, values in chosen.items()},
+        cards,
+        laws,
+        assembly,
+    )
+
+
+def export_joints_draws(
+    tree: xr.DataTree, result: JointsExport, count: int
+) -> tuple[tuple[int, JointsExport], ...]:
+    """Evenly spaced draws of the posterior as exports of their own, with their numbers.
+
+    Raises:
+        ConfigError: `count` is not from 1 to the number of draws.
+    """
+    basis = basis_of(tree)
+    draws = every_draw(basis)
+    numbers = evenly_numbered(count_of(draws), count)
+    some = picked(draws, numbers)
+    cards = _cards(some, basis, result.assembly, tree)
+    system = result.assembly.units
+    return tuple(
+        (
+            number,
+            JointsExport(
+                (
+                    result.about[0],
+                    messages.one_of_joints_draws(number, system),
+                    *_modes(picked(some, [i]), tree),
+                    *_places(result.assembly, cards_of_draw),
+                ),
+                result.parameters,
+                result.backbone,
+                result.loops,
+                result.draws,
+                {name: float(values[i]) for name, values in some.items()},
+                cards_of_draw,
+                result.laws,
+                result.assembly,
+            ),
+        )
+        for i, (number, cards_of_draw) in enumerate(zip(numbers, cards, strict=True))
+    )
+
+
+def refuse_options_of_one_joint(**options: Any) -> None:
+    """Raise for options that have a meaning for one joint alone.
+
+    Raises:
+        ConfigError: One is stated.
+    """
+    for name, value in options.items():
+        if value is not None:
+            raise ConfigError(
+                f"Option `--{name.replace('_', '-')}` must be left out of a run with several "
+                f"joints, but it is {value:g}.",
+                why="Their laws are in newtons and metres, and each one's tables reach to the "
+                "largest motion that was measured of it.",
+                remedy="Leave it out.",
+            )
+
+
+# -- the joints ------------------------------------------------------------------------------------
+def _cards(
+    draws: Draws, basis: Basis, assembly: Assembly, tree: xr.DataTree
+) -> list[tuple[JointCard, ...]]:
+    """The joints that have laws, of every draw."""
+    count = count_of(draws)
+    per_joint = []
+    for place in assembly.places:
+        names = tuple(law for law in basis.laws if place.name in split(law)[1])
+        if names:
+            per_joint.append(_cards_of_joint(draws, place, names, assembly, tree))
+    return [tuple(cards[i] for cards in per_joint) for i in range(count)]
+
+
+def _cards_of_joint(
+    draws: Draws, place: Place, names: Laws, assembly: Assembly, tree: xr.DataTree
+) -> list[JointCard]:
+    is_rotation = rotates(place.terms)
+    units = joint_units(assembly.units, rotates=is_rotation)
+    reach, hz = _largest_motion(draws, place.name, tree)
+    in_si = _exports(draws, place, names, joint_units(SI, rotates=is_rotation), reach, hz)
+    in_units = _exports(draws, place, names, units, reach, hz)
+    terms = terms_in(units, place.terms)
+    return [
+        JointCard(place.name, terms, units, hz, joint, joint_in_si)
+        for joint, joint_in_si in zip(in_units, in_si, strict=True)
+    ]
+
+
+def _largest_motion(draws: Draws, name: str, tree: xr.DataTree) -> tuple[float, float]:
+    """Largest motion of a joint that was measured, and frequency of the mode that it was in."""
+    modes = tree["joints"].to_dataset()
+    shapes = [float(draws[motion_name(int(i), name)][0]) for i in modes["mode"].values]
+    motion = np.abs(shapes) * modes["amplitude"].values
+    largest = int(np.nanargmax(motion))
+    return float(motion[largest]), float(modes["frequency_hz"].values[largest])
+
+
+def _exports(
+    draws: Draws, place: Place, names: Laws, units: JointUnits, reach: float, hz: float
+) -> list[Export]:
+    """A joint of every draw as that of an oscillator of unit mass, in some units."""
+    laws = tuple(split(name)[0] for name in names)
+    plain, quantities = _plain(draws, place, names, units)
+    peak = float(units.value(reach, "m"))
+    tables = skeletons(plain, peak, laws, UNIT_MASS)
+    found = []
+    for i, table in enumerate(tables):
+        draw = picked(plain, [i])
+        theta = {name: float(values[0]) for name, values in draw.items()}
+        found.append(
+            Export(
+                about=(),
+                joint=theta,
+                parameters=[],
+                backbone={},
+                loop=static_loops(draw, peak, laws, UNIT_MASS),
+                draws={},
+                materials=materials_of(theta, laws, UNIT_MASS, peak),
+                laws=laws,
+                linear=linear_parts(theta, laws, UNIT_MASS),
+                skeleton=_losing_at(table, 2.0 * np.pi * hz * units.time),
+                products={p.name: float(p.values[0]) for p in products_of(draw, laws)},
+                mass=UNIT_MASS,
+                y_max=peak,
+                quantities=quantities,
+            )
+        )
+    return found
+
+
+def _plain(
+    draws: Draws, place: Place, names: Laws, units: JointUnits
+) -> tuple[Draws, tuple[Quantity, ...]]:
+    """Parameters of a joint's laws by their plain names in some units, and their table."""
+    count = count_of(draws)
+    values: Draws = {
+        "omega_n": np.full(count, np.sqrt(units.value(place.stiffness, "N/m"))),
+        "zeta": np.zeros(count),
+    }
+    _, spring, dashpot = LINEAR
+    table = [FACTOR, *(q._replace(unit=units.unit(q.unit)) for q in (spring, dashpot))]
+    laws = laws_at(draws, names, place.name)
+    for law, kind in zip(laws, laws_named(names), strict=True):
+        powers, parameters = law.powers_of_length(), law.parameters()
+        for quantity, at_joint in zip(type(law).table, kind.table, strict=True):
+            name = quantity.name
+            si = np.asarray(parameters[name], float)
+            values[name] = np.broadcast_to(
+                units.value(si, at_joint.unit, np.asarray(powers.get(name, 0.0))), count
+            )
+            table.append(quantity._replace(unit=units.unit(at_joint.unit)))
+    return values, tuple(table)
+
+
+def _losing_at(skeleton: Table, omega: float) -> Table:
+    """A skeleton whose dashpot loses at a frequency what it lost at that of its own stiffness."""
+    own = np.sqrt(skeleton["stiffness_n_m"])
+    return {**skeleton, "damping_ns_m": skeleton["damping_ns_m"] * own / omega}
+
+
+def modal_quantities(result: JointsExport) -> tuple[Quantity, ...]:
+    """Frequency and damping ratio of every mode that the tests drove."""
+    return _modal(result.joint)
+
+
+def _modal(theta: Mapping[str, Any]) -> tuple[Quantity, ...]:
+    quantities = (*OSCILLATOR[:2], *(q for mode in MODES for q in mode[:2]))
+    return tuple(q for q in quantities if q.name in theta)
+
+
+# -- words and tables ------------------------------------------------------------------------------
+def _modes(draw: Draws, tree: xr.DataTree) -> Iterable[str]:
+    """Frequency of every mode in full stick beside that of the matrices, and its damping ratio."""
+    model_hz = tree["joints"].to_dataset()["frequency_hz"].values
+    pairs = zip(_modal(draw)[::2], _modal(draw)[1::2], model_hz, strict=True)
+    for i, (omega, zeta, hz) in enumerate(pairs, start=1):
+        fitted_hz, ratio = float(draw[omega.name][0]) / (2 * np.pi), float(draw[zeta.name][0])
+        yield messages.mode_beside_matrices(i, fitted_hz, float(hz), ratio)
+
+
+def _places(assembly: Assembly, cards: Sequence[JointCard]) -> Iterable[str]:
+    """Of each joint its motion and its stiffness, and of one without a law that it has none."""
+    by_name = {card.name: card for card in cards}
+    for place in assembly.places:
+        units = joint_units(assembly.units, rotates=rotates(place.terms))
+        terms = terms_in(units, place.terms)
+        motion = " ".join(f"{weight:+.6g} ({dof})" for dof, weight in terms)
+        stiffness = float(units.value(place.stiffness, "N/m"))
+        yield messages.joint_place(
+            place.name,
+            motion.removeprefix("+"),
+            units.unit("m"),
+            stiffness,
+            units.unit("N/m"),
+            is_held=assembly.holds_joints,
+            has_law=place.name in by_name,
+        )
+
+
+def _parameters(
+    draws: Draws, number: int, assembly: Assembly, laws: Laws
+) -> Iterable[dict[str, Any]]:
+    """Rows of the modes, then of every joint's laws in SI and in the units of the model."""
+    for quantity in _modal(draws):
+        values = draws[quantity.name]
+        row = parameter_row(SI, quantity.name, quantity.unit, float(values[number]), values)
+        yield {"joint": "", **row}
+    for place in assembly.places:
+        names = tuple(law for law in laws if place.name in split(law)[1])
+        is_rotation = rotates(place.terms)
+        for system in dict.fromkeys((SI, assembly.units)) if names else ():
+            units = joint_units(system, rotates=is_rotation)
+            values, table = _plain(draws, place, names, units)
+            for quantity in table[len(LINEAR) :]:
+                of_draws = values[quantity.name]
+                row = parameter_row(
+                    system, quantity.name, quantity.unit, float(of_draws[number]), of_draws
+                )
+                yield {"joint": place.name, **row}
+
+
+def _loops(cards: Sequence[JointCard]) -> Mapping[str, Sequence[Any]]:
+    """Steady loops of every joint in SI, one below the other."""
+    names = ("joint", "motion_peak", "motion", "force")
+    columns: dict[str, list[Any]] = {name: [] for name in names}
+    for card in cards:
+        loop = card.in_si.loop
+        columns["joint"] += [card.name] * loop["force_n"].size
+        for name, of_joint in (
+            ("motion_peak", "y_peak_m"),
+            ("motion", "displacement_m"),
+            ("force", "force_n"),
+        ):
+            columns[name] += loop[of_joint].tolist()
+    return columns
