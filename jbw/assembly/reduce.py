@@ -18,6 +18,7 @@ import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Float
 
+from jbw.assembly.damping import ModalDamping, modal_damping
 from jbw.assembly.dofs import Dof, Place, weights_at
 from jbw.assembly.factorisation import Sparse
 from jbw.assembly.joint import Joint
@@ -31,7 +32,6 @@ _SLOWEST_RESIDUAL = 5.0  # times to_hz
 _STILL = 1e-9  # of the motion of its degrees of freedom: a joint that a mode does not move
 _PARALLEL = 1e-10  # 1 - |cos| of the weights of two joints
 _ROUND_OFF = 1e-6  # of energy shares beyond 1
-_COUPLED = 0.1  # off-diagonal damping that is warned of
 _PLAUSIBLE_HZ = (1e-2, 1e5)
 _SHOWN = 5
 
@@ -57,6 +57,8 @@ class ReducedModel:
         matrices: The model that was reduced.
         shapes: Its kept modes [1/sqrt(kg)].
         holds_joints: Whether its K holds the joints in full stick.
+        dashpots: Coefficient of a dashpot across each joint, whose part on the diagonal is in
+            `zeta` and whose coupling of modes `structure` has besides [N s/m].
     """
 
     omega: Float[np.ndarray, " mode"]
@@ -73,6 +75,7 @@ class ReducedModel:
     matrices: MatrixModel
     shapes: Float[np.ndarray, "dof kept"]
     holds_joints: bool
+    dashpots: Float[np.ndarray, " joint"]
 
     @property
     def stiffness(self) -> Float[np.ndarray, " joint"]:
@@ -165,12 +168,13 @@ def reduce(
     residual = residual_modes(basis.flexibility, basis.mass, np.diag(basis.whole), limit)
     shapes = np.hstack((modes.shapes, basis.shapes @ residual.combinations))
     omega = np.concatenate((modes.omega, residual.omega))
-    ratios, damping_notes = _damping(zeta, model, modes, omega.size)
+    H = across.T @ shapes
+    damping = _damping(zeta, model, stiffness, joints, across, modes)
     num = len(joints)
     return ReducedModel(
         omega=omega,
-        zeta=ratios,
-        H=across.T @ shapes,
+        zeta=_of_every_mode(damping, omega, H),
+        H=H,
         b=shapes.T @ push,
         c=seen @ shapes,
         joints=tuple(joints),
@@ -178,24 +182,32 @@ def reduce(
         num_kept=modes.omega.size,
         residual_flexibility=basis.flexibility[:num, :num],
         flexibility=basis.whole[:num, :num],
-        notes=(*model.notes, *_notes(model, modes, residual, limit), *damping_notes),
+        notes=(*model.notes, *_notes(model, modes, residual, limit), *damping.notes),
         matrices=model,
         shapes=modes.shapes,
         holds_joints=holds_joints,
+        dashpots=damping.dashpots,
     )
 
 
 def structure_of_joints(reduced: ReducedModel) -> Any:
-    """The `jbw.Structure` of a reduced model: one joint as numbers a mode, several as rows."""
-    from jbw.oscillator.modes.structure import Structure  # loads JAX
+    """The `jbw.Structure` of a reduced model: one joint as numbers a mode, several as rows.
+
+    Dashpots stand across the joints, and modes have what is left of the damping ratios.
+    """
+    from jbw.oscillator.laws.dashpot import Dashpot  # load JAX
+    from jbw.oscillator.modes.structure import Structure
 
     single = len(reduced.joints) == 1
     H = reduced.H[0] if single else reduced.H
-    laws: tuple = tuple(joint.laws for joint in reduced.joints)
+    laws: tuple = tuple(
+        (*joint.laws, Dashpot(float(d))) if d else joint.laws
+        for joint, d in zip(reduced.joints, reduced.dashpots, strict=True)
+    )
+    elastic = np.where(reduced.omega > 0, reduced.omega, np.inf)
+    zeta = reduced.zeta - reduced.dashpots @ reduced.H**2 / (2 * elastic)
     c = reduced.c[0] if len(reduced.outputs) == 1 else reduced.c
-    return Structure(
-        reduced.omega, reduced.zeta, H, H.T, reduced.b, c, laws[0] if single else laws
-    )  # fmt: skip
+    return Structure(reduced.omega, zeta, H, H.T, reduced.b, c, laws[0] if single else laws)
 
 
 class _ResidualBasis(NamedTuple):
@@ -232,10 +244,14 @@ def _stuck(stiffness: Sparse, joints: Sequence[Joint], across: np.ndarray) -> Sp
 
 
 def _damping(
-    zeta: float | Sequence[float] | None, model: MatrixModel, modes: StuckModes, size: int
-) -> tuple[np.ndarray, list[str]]:
-    """A damping ratio of every mode, 0 of rigid-body modes; residual modes take the last."""
-    num, notes = modes.omega.size, []
+    zeta: float | Sequence[float] | None,
+    model: MatrixModel,
+    stiffness: Sparse,
+    joints: Sequence[Joint],
+    across: np.ndarray,
+    modes: StuckModes,
+) -> ModalDamping:
+    """Stated damping ratios of the kept modes, or what the model's damping matrix has."""
     if zeta is None:
         if model.damping is None:
             raise ConfigError(
@@ -243,47 +259,40 @@ def _damping(
                 remedy="Give one ratio such as zeta=0.004, in a campaign file `damping = 0.004` "
                 "under [structure], or one a kept mode.",
             )
-        ratios, notes = _modal_damping(model.damping, modes)
-    else:
-        ratios = np.asarray(zeta, float)
-        if ratios.ndim == 0:
-            ratios = np.full(num, float(ratios))
-        if ratios.shape != (num,):
-            raise ConfigError(
-                f"Damping ratios must be one number, or {num}, one for each mode up to `to_hz`, "
-                f"but are {ratios.size}.",
-                remedy="Give one damping ratio, or one for every kept mode.",
-            )
-        if not (np.isfinite(ratios) & (ratios >= 0)).all():
-            raise ModelError(
-                f"Damping ratios must be finite and not negative, but are {ratios.tolist()}.",
-                remedy="Give ratios such as 0.004, not per cent.",
-            )
-    residual = np.full(size - num, ratios[-1])
-    return np.concatenate((np.where(modes.omega > 0, ratios, 0.0), residual)), notes
-
-
-def _modal_damping(damping: Sparse, modes: StuckModes) -> tuple[np.ndarray, list[str]]:
-    """zeta_i = phi_i^T C phi_i / (2 omega_i); a warning where C couples the modes."""
-    elastic = modes.omega > 0
-    reduced = modes.shapes.T @ (damping @ modes.shapes)
-    diagonal = np.diag(reduced)
-    if np.any(diagonal[elastic] < 0):
-        raise ModelError(
-            "The damping matrix must take energy from every mode, but gives energy to mode "
-            f"{int(np.argmax(elastic & (diagonal < 0))) + 1}.",
-            remedy="State the damping ratios by `zeta`.",
+        names = [joint.name for joint in joints]
+        return modal_damping(model.damping, model.mass, stiffness, across, modes, names)
+    num = modes.omega.size
+    ratios = np.asarray(zeta, float)
+    if ratios.ndim == 0:
+        ratios = np.full(num, float(ratios))
+    if ratios.shape != (num,):
+        raise ConfigError(
+            f"Damping ratios must be one number, or {num}, one for each mode up to `to_hz`, "
+            f"but are {ratios.size}.",
+            remedy="Give one damping ratio, or one for every kept mode.",
         )
-    zeta = np.where(elastic, diagonal / (2 * np.where(elastic, modes.omega, 1.0)), 0.0)
-    size = np.sqrt(np.where(diagonal > 0, diagonal, np.inf))
-    coupling = np.abs(reduced) / np.outer(size, size)
-    np.fill_diagonal(coupling, 0.0)
-    if coupling.max(initial=0.0) <= _COUPLED:
-        return zeta, []
-    i, j = np.unravel_index(np.argmax(coupling), coupling.shape)
-    note = messages.coupled_damping(int(min(i, j)) + 1, int(max(i, j)) + 1, coupling[i, j])
-    warnings.warn(messages.damping_of_joints(note), stacklevel=5)
-    return zeta, [note]
+    if not (np.isfinite(ratios) & (ratios >= 0)).all():
+        raise ModelError(
+            f"Damping ratios must be finite and not negative, but are {ratios.tolist()}.",
+            remedy="Give ratios such as 0.004, not per cent.",
+        )
+    ratios = np.where(modes.omega > 0, ratios, 0.0)
+    return ModalDamping(ratios, None, 0.0, np.zeros(len(joints)), ())
+
+
+def _of_every_mode(
+    damping: ModalDamping, omega: np.ndarray, H: np.ndarray
+) -> Float[np.ndarray, " mode"]:
+    """Damping ratios of the kept modes and of residual ones, which take the last.
+
+    By a damping matrix of mass, stiffness and dashpots those of residual modes are known too.
+    """
+    residual = omega[damping.zeta.size :]
+    if damping.mass_factor is None:
+        return np.concatenate((damping.zeta, np.full(residual.size, damping.zeta[-1])))
+    proportional = damping.mass_factor + damping.stiffness_factor * residual**2
+    felt = damping.dashpots @ H[:, damping.zeta.size :] ** 2
+    return np.concatenate((damping.zeta, (proportional + felt) / (2 * residual)))
 
 
 def _require_names(joints: Sequence[Joint], to_hz: float) -> None:

@@ -28,7 +28,7 @@ from jbw.inference.samplers.amis import WeighedPoints
 from jbw.inference.samplers.ladder import Places, choose
 from jbw.inference.samplers.weighed_points import weights_of
 from jbw.inference.space.box import Box
-from jbw.inference.space.problem import problem_of
+from jbw.inference.space.problem import Target, problem_of
 from jbw.inference.space.reparametrisation import Reparametrisation
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
@@ -161,7 +161,7 @@ def _by_points(
 def weighed_in(key: Key[Array, ""], prior: Box, data: Dataset, places: Places) -> WeighedPoints:
     """Points of a posterior, from those of the coordinates in which they are worth most."""
     looking, drawing = jax.random.split(key)
-    _, place, _ = choose(looking, dataset.log_likelihood, prior, data, places)
+    _, place, _ = choose(looking, Target(dataset.log_likelihood, prior, data), places)
     problem = problem_of(dataset.log_likelihood, prior, data, place)
     return amis.points(drawing, problem, size=SIZE, least=WORTH, most_rounds=ROUNDS[data.stepped])
 

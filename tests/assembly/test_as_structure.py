@@ -25,12 +25,13 @@ def push(t):
     return 20.0 * np.sin(2 * np.pi * 2.0 * t) * np.sin(np.pi * t / 2.0) ** 2
 
 
-def motion_of_the_matrices():
+def motion_of_the_matrices(damping=None):
     """Displacement of mass 1 and of the joint, by DOP853 on the matrices; u in straight lines."""
     stuck = BARE + STUCK * np.outer(ACROSS, ACROSS)
     values, shapes = np.linalg.eigh(MASS**0.5 @ stuck @ MASS**0.5 / np.outer(*[np.diag(MASS)] * 2))
     modal = np.diag(np.diag(MASS) ** 0.5) @ shapes
-    damping = modal @ np.diag(2 * ZETA * np.sqrt(values)) @ modal.T
+    if damping is None:
+        damping = modal @ np.diag(2 * ZETA * np.sqrt(values)) @ modal.T
     times = np.arange(NUM) / FS
     samples = push(times)
 
@@ -51,11 +52,12 @@ def motion_of_the_matrices():
     return samples, q[:, 0], q @ ACROSS
 
 
-def structure():
-    model = matrix_model(MASS, BARE, units="SI", dofs=[(n, "x") for n in (1, 2, 3)])
+def structure(zeta=ZETA, damping=None):
+    dofs = [(n, "x") for n in (1, 2, 3)]
+    model = matrix_model(MASS, BARE, units="SI", dofs=dofs, damping=damping)
     law = BoucWenLaw(ALPHA, DELTA, GAMMA)
     joint = Joint("bolt", across=("2:x", "3:x"), stiffness=STUCK, laws=law)
-    found = reduce(model, [joint], to_hz=20.0, input="1:x", outputs={"y": "1:x"}, zeta=ZETA)
+    found = reduce(model, [joint], to_hz=20.0, input="1:x", outputs={"y": "1:x"}, zeta=zeta)
     return found.structure()
 
 
@@ -68,6 +70,20 @@ def test_the_motion_is_that_of_the_matrices():
     # Order 4: the highest mode, 5.7 Hz, moves by 0.07 rad a step.
     np.testing.assert_allclose(response.y, y, atol=1e-6 * np.abs(y).max())
     np.testing.assert_allclose(response.x, x, atol=1e-6 * np.abs(x).max())
+
+
+@pytest.mark.slow  # an adaptive solver: dampers are not stepped
+def test_damping_of_the_cut_structure_is_exact_in_its_stuck_modes():
+    """C = b K of the structure whose joint is cut, which stuck modes do not diagonalise."""
+    damping = 0.01 * BARE
+    samples, y, x = motion_of_the_matrices(damping)
+    response = jbw.simulate(structure(None, damping), samples, FS, substeps=8)
+    # Of the adaptive solver's tolerance.
+    np.testing.assert_allclose(response.y, y, atol=1e-5 * np.abs(y).max())
+    np.testing.assert_allclose(response.x, x, atol=1e-5 * np.abs(x).max())
+    # What the dashpot couples matters: without it the motion is another one.
+    uncoupled = structure(0.01 * 5.0, None)
+    assert np.std(jbw.simulate(uncoupled, samples, FS, substeps=8).y - y) > 1e-2 * np.std(y)
 
 
 def test_the_law_of_a_joint_keeps_its_units():

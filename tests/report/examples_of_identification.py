@@ -102,6 +102,7 @@ EXAMPLES = {
         matrices.asymmetric("K", 1e-08, "17:x", "18:x"),
         matrices.reduced(4, "18.8, 30.1", 2, ["bolt_1", "bolt_2"]),
         matrices.coupled_damping(1, 2, 0.2),
+        matrices.dashpots({"bolt_1": -0.6}),
         matrices.damping_of_joints(matrices.coupled_damping(1, 2, 0.2)),
         matrices.massless(3),
         matrices.slowed(4000.0, 2, "infinity"),

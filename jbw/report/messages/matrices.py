@@ -1,6 +1,6 @@
 """Matrices of a model, and the modes that they are reduced to."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 
 def fixed_dofs(limit: float, count: int) -> str:
@@ -32,8 +32,18 @@ def reduced(count: int, frequencies: str, residual: int, joints: Sequence[str]) 
 def coupled_damping(first: int, second: int, share: float) -> str:
     """Modes that the damping matrix couples."""
     return (
-        f"The damping matrix couples modes {first} and {second} by {100 * share:.0f} % of their "
+        f"The damping matrix couples modes {first} and {second} by {100 * share:.3g} % of their "
         "own damping; its off-diagonal part is left out."
+    )
+
+
+def dashpots(by_joint: Mapping[str, float]) -> str:
+    """Dashpots across joints that a damping matrix holds [N s/m]."""
+    each = ", ".join(f"{d:.4g} N s/m across {name}" for name, d in by_joint.items())
+    return (
+        f"The damping matrix is one of mass and stiffness beside dashpots at the joints: {each}. "
+        "A `Structure` has them as they are; an identification has their part of each mode's "
+        "damping ratio alone."
     )
 
 

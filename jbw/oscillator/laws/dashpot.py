@@ -1,0 +1,51 @@
+r"""The dashpot across a joint, $g(v) = c\,v$, of a damping matrix that modes do not diagonalise.
+
+No campaign names it: across the joint of one mode it is that mode's damping ratio.
+"""
+
+from typing import ClassVar
+
+import jax.numpy as jnp
+from jaxtyping import Array, Complex
+
+from jbw.oscillator.damper import Damper
+from jbw.oscillator.law import Loop
+from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.steady.waveform import orders
+from jbw.quantities import Quantity
+
+
+class Dashpot(Damper):
+    r"""Linear damping $g(v) = c\,v$; below zero where modes have more of it than the joint.
+
+    Attributes:
+        c: Coefficient [1/s; across a joint in physical units N s/m].
+    """
+
+    name: ClassVar[str] = "dashpot"
+    table: ClassVar[tuple[Quantity, ...]] = (Quantity("c", "c", "1/s", "force over the velocity"),)
+
+    c: Scalar
+
+    def __call__(self, v: Scalar) -> Scalar:
+        """Force at the velocity v [N/kg]."""
+        return self.c * v
+
+    def drag(self, v: Scalar) -> Scalar:
+        """Slope dg/dv [1/s]."""
+        return self.c + 0.0 * v
+
+    def scaled(self, length: Scalar, stiffness: Scalar) -> "Dashpot":
+        """In units of displacement and stiffness, of which the unit of time follows."""
+        return Dashpot(self.c / jnp.sqrt(stiffness))
+
+    def harmonics_at(
+        self, omega: Scalar, q: Complex[Array, " harmonic"], max_turns: int
+    ) -> Complex[Array, " harmonic"]:
+        r"""$\mathrm{i}n\omega c\,q_n$."""
+        return self.c * jnp.asarray(1j * orders(q.shape[0])) * omega * q  # pyright: ignore[reportReturnType]
+
+    def loop_at(self, y_peak: Scalar, omega: Scalar) -> Loop:
+        r"""$\mathrm{Im}\,\kappa = c\,\omega$."""
+        damping = self.c * omega + 0.0 * jnp.asarray(y_peak)
+        return Loop(jnp.zeros_like(damping), damping)  # pyright: ignore[reportArgumentType]
