@@ -30,7 +30,8 @@ from jbw.report.messages import stages
 
 under_way = logging.getLogger("jbw.progress")
 WORDS = {
-    "sweep": "sweeps", "tones": "tones and curves", "loop": "loops", "decay": "decays",
+    "sweep": "sweeps and multisines", "tones": "tones and curves", "loop": "loops",
+    "decay": "decays",
 }  # fmt: skip
 
 

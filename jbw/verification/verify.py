@@ -290,7 +290,9 @@ def with_predictions(found: Verdict, tree: xr.DataTree) -> Verdict:
         if attrs.get("discrepancy") or attrs.get("coverage", 1.0) < LEAST_COVERAGE
     ]
     errors = [attrs["nrmse"] for attrs in unseen]
-    return within_unseen(found, fitted, errors, "held-out tests", missed=missed)
+    farther = len(fitted) + len(unseen) < len(compared)
+    near = f" within {CARRIED_ON:g} times the fitted amplitudes" if farther else ""
+    return within_unseen(found, fitted, errors, f"held-out tests{near}", missed=missed)
 
 
 def _predicted(tree: xr.DataTree) -> Mapping[str, Mapping[str, Any]]:
