@@ -79,7 +79,7 @@ FACTORS: dict[str, dict[str, float]] = {
 }
 TORSION = ("rotation", "angular velocity", "angular acceleration", "torque")
 
-TIME = r"^t$|\btime\b|\bzeit\b"  # in the name of a column of times
+TIME = r"^t(?:_(?:s|sec|ms|us))?$|\b(?:time|zeit)(?:\b|_)"  # in the name of a column of times
 # One spelling for the ways in which files write micro, powers and inverse seconds.
 SUPERSCRIPT = re.compile("[⁻⁺¹²³⁴]+")
 _RAISED = str.maketrans("⁻⁺¹²³⁴", "-+1234")

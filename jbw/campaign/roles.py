@@ -15,7 +15,7 @@ from jbw.units import TORSION, plain, quantity_of, si_unit
 Leaves = Mapping[str, Leaf]
 # A channel's name to its role, most telling first.
 HINTS = (
-    (r"^t$|time(?!r)|zeit", "time"),
+    (r"^t(?:_(?:s|sec|ms|us))?$|time(?!r)|zeit", "time"),
     (r"restoring|friction", "restoring_force"),
     (r"^freq|^f_?hz$|frequency|frequenz", "frequency"),
     (r"phase|^phi$", "phase"),

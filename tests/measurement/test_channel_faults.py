@@ -95,6 +95,25 @@ def test_printed_time_column_gives_the_round_rate(tmp_path, fs, form):
     assert record.fs == fs
 
 
+@pytest.mark.parametrize(("fs", "form"), [(512.0, "%.7g"), (1024.0, "%.7g"), (100.0, "%.6g")])
+def test_times_of_so_many_significant_digits_are_even(tmp_path, fs, form):
+    """As MATLAB and C write them: 9.876953, then 10.00195."""
+    times = [form % (n / fs) for n in range(6000)]
+    rows = "\n".join(f"{t},{v:.6f}" for t, v in zip(times, np.resize(LASER, 6000), strict=True))
+    (tmp_path / "a.csv").write_text("time,laser\n" + rows)
+    (record,) = read(tmp_path / "a.csv", {"time": "time", "velocity": "laser"}, UNITS_V)
+    assert record.fs == fs
+
+
+def test_a_jitter_of_more_than_the_digits_round_is_none_of_theirs(tmp_path):
+    rng = np.random.default_rng(0)
+    times = [f"{(n + 0.05 * x) / 512.0:.7g}" for n, x in enumerate(rng.standard_normal(6000))]
+    rows = "\n".join(f"{t},{v:.6f}" for t, v in zip(times, np.resize(LASER, 6000), strict=True))
+    (tmp_path / "a.csv").write_text("time,laser\n" + rows)
+    error = refused(tmp_path / "a.csv", {"time": "time", "velocity": "laser"}, UNITS_V)
+    assert "must be even" in error.what
+
+
 @pytest.mark.fault(9, 10)
 def test_unit_is_required_known_and_not_contradicted(tmp_path, h5):
     np.savez(tmp_path / "a.npz", laser=LASER)

@@ -21,6 +21,8 @@ REGULARITY = 1e-3  # of a sampling interval: the largest deviation of a sample f
 LOOSEST_SNAP = 2e-5  # relative: however coarse the times are printed
 SNAP = 5e-6  # relative: what six printed digits of a sampling interval lose
 
+SIGNIFICANT = range(4, 10)  # digits that programs print of a time
+LEAST_STEPS = 0.1  # of an interval: what the last of these digits is at most
 ADRIFT = 1.0  # intervals at most between a sample's time and its place
 MOST = 0.5  # of a record, in a part between gaps that is kept rather than resampled
 Repeats = list[NDArray[np.float64]]
@@ -307,14 +309,15 @@ def sampling_frequency(
             f"Time channel `{name}` must hold at least two samples on one axis, "
             f"but its shape is {time.shape}."
         )
-    rounding = _resolution(time)
+    roundings = _roundings(time)
+    rounding = float(roundings.max())
     time = np.asarray(time, dtype=np.float64)
     _require_steps(time, rounding, name, begins)
     mean_rate = (len(time) - 1) / (time[-1] - time[0])
     fs = snapped(mean_rate, min(2 * rounding / (time[-1] - time[0]), LOOSEST_SNAP))
     off = np.abs((time - time[0]) * fs - np.arange(len(time)))
-    if off.max() > REGULARITY + rounding * fs:
-        i = int(np.argmax(off > REGULARITY))
+    if np.any(uneven := off > REGULARITY + roundings * fs):
+        i = int(np.argmax(uneven))
         raise DataError(
             f"Time channel `{name}` must be even within {REGULARITY:g} of an interval at "
             f"{fs:.6g} Hz, but sample {i} is {off[i]:.3g} off and the worst {off.max():.3g}.",
@@ -323,6 +326,33 @@ def sampling_frequency(
             f"`resample = {proposed_rate(time):.9g}`, which says the error that it makes.",
         )
     return fs, mean_rate
+
+
+def _roundings(time: NDArray[np.floating]) -> NDArray[np.float64]:
+    """Rounding of every time of a column [s]: the column's, or that of its significant digits.
+
+    `%.7g` writes 9.876953 and 10.00195: rounded the more, the later. Digits that leave less than
+    ten steps between two samples are no rounding of an even clock that anyone can tell.
+    """
+    known = np.full(len(time), _resolution(time))
+    seconds = np.abs(np.asarray(time, np.float64))
+    written = seconds > 0
+    if not np.isfinite(seconds).all() or not np.any(written):
+        return known
+    size = 10 ** (np.floor(np.log10(seconds[written])) + 1)
+    interval = float(np.ptp(seconds)) / (len(seconds) - 1)
+    some = slice(None, None, 1 + len(size) // 1000)  # which say of most columns that it is none
+    for digits in SIGNIFICANT:
+        unit = size / 10.0**digits
+        if all(_are_whole(seconds[written][part] / unit[part]) for part in (some, WHOLE)):
+            if unit.max() <= LEAST_STEPS * interval:
+                known[written] = np.maximum(known[written], unit)
+            break
+    return known
+
+
+def _are_whole(steps: NDArray[np.float64]) -> bool:
+    return bool(np.all(np.abs(steps - np.round(steps)) < 1e-4))
 
 
 def _resolution(time: NDArray[np.floating]) -> float:
