@@ -170,8 +170,7 @@ def paper_words(seen: Measured) -> tuple[str, ...]:
         return ()
     others = " and ".join(name for name in seen.laws if name != PAPER_LAW)
     if PAPER_LAW not in seen.laws:
-        joint_clause = f"whose law is {others}" if others else "that has none"
-        return (messages.other_law(joint_clause),)
+        return (messages.other_law(others or "none"),)
     if not others:
         return ()
     return (messages.further_laws(others),)

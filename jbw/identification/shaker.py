@@ -126,7 +126,7 @@ def shaker_sentence(name: str, found: ShakerReading) -> str:
     """What was read of a test's shaker, in words."""
     shaker, turn = found.shaker, 2 * np.pi
     moved = ", ".join(
-        f"{w / turn:.4g} Hz ({z:.2%}) to {v / turn:.4g} Hz ({y:.2%})"
+        messages.mode_moves((w / turn, z), (v / turn, y))
         for w, z, v, y in zip(
             found.modes.omega, found.modes.zeta, found.omega, found.zeta, strict=True
         )

@@ -657,10 +657,10 @@ def hardening(y):
     [
         (turned, "scale", "gives out"),
         # exp(-8 s * 8 / 400 s): from the second cycle to the ninth, of ten.
-        (degrading, "span", "from the second to number 9 the force falls by 13%"),
+        (degrading, "span", "from the second to number 9 the force falls by 13 %"),
         # 2 mm, on a grid of gaps 0.06 mm apart, and what slips behind the contact.
         (with_a_gap, "laws", "travels freely over 1.92 of 6 mm"),
-        (drifting, "load_cell", "begins 12.4% of its half range away from zero and moves"),
+        (drifting, "load_cell", "begins 12.4 % of its half range away from zero and moves"),
     ],
 )
 def test_a_pasted_remedy_of_a_loop_cures(tmp_path, made, key, said):

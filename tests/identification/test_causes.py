@@ -112,11 +112,11 @@ def of_its_day(name, u, v):
     [
         (late, "s behind the input"),
         (by_another_clock, "ppm fast against the drive's"),
-        (turned, "sign turned"),
+        (turned, "sign reversed"),
         (thousandths, "as thousand"),
         (amplified, "times as large as by the others"),
         (shifted, "constant offset"),
-        (cut, "high cut off"),
+        (cut, "clipping of high"),
         (fed_through, "residual term"),
         (second_mode, "one more mode about 23"),
         (of_its_day, "of each test's own"),

@@ -63,7 +63,7 @@ def test_bands_hold_the_truth_in_noise_and_the_words_follow_them():
     near = diagnosis_sentences(diagnose(readings(0.7, 1.05 * masing_ratio(0.7), noise=1e-4)))
     assert "agree with sliders" in near[1]  # closed forms are of first order
     viscous = diagnosis_sentences(diagnose(readings(0.7, 1.0, noise=0.02)))
-    assert "damping that does not soften" in viscous[1]
+    assert "damping does not soften" in viscous[1]
     hard = diagnosis_sentences(diagnose(readings(1.0, 0.2, softening=-0.01, noise=0.02)))
     assert "hardens" in hard[1]
 
@@ -86,10 +86,10 @@ def test_damping_without_softening_is_told():
     rng = np.random.default_rng(0)
     still = 500.0 * (1 + 1e-6 * rng.normal(size=Y.size) / Y * Y[-1])
     grows = diagnosis_sentences(diagnose(AmplitudeCurve(Y, still, 0.003 + 1e-3 * Y / Y[-1])))
-    assert grows[1].endswith("as by Dahl's law or a damper.")
+    assert grows[1].endswith("as with Dahl's law or a damper.")
     noise = 1e-5 * rng.normal(size=Y.size)
     stuck = diagnosis_sentences(diagnose(AmplitudeCurve(Y, still, 0.003 + noise)))
-    assert stuck[1].endswith("as of sliders that all stick.")
+    assert stuck[1].endswith("as of sliders in full stick.")
 
 
 def test_few_readings_say_nothing():

@@ -11,15 +11,15 @@ from jbw.identification.procedure import paper_words
     ("laws", "says"),
     [
         (("bouc_wen",), None),
-        (("iwan4",), "left out, of a joint whose law is iwan4."),
-        (("masing_power", "cubic"), "left out, of a joint whose law is masing_power and cubic."),
-        ((), "left out, of a joint that has none."),
-        (("bouc_wen", "cubic"), "take what cubic adds for its own"),
+        (("iwan4",), "omitted: the joint has iwan4."),
+        (("masing_power", "cubic"), "omitted: the joint has masing_power and cubic."),
+        ((), "omitted: the joint has none."),
+        (("bouc_wen", "cubic"), "attribute the effect of cubic to it"),
     ],
 )
 def test_the_papers_steps_say_which_law_they_know(laws, says):
     seen = SimpleNamespace(linear=object(), probing=("a tone",), laws=laws)
     words = paper_words(seen)
-    assert (words == ()) if says is None else (says in words[0] and "Bouc-Wen's" in words[0])
+    assert (words == ()) if says is None else (says in words[0] and "Bouc-Wen" in words[0])
     for absent in ({"linear": None}, {"probing": ()}):  # without tests for them there are none
         assert paper_words(SimpleNamespace(**{**vars(seen), **absent})) == ()

@@ -12,8 +12,14 @@ EVEN = np.linspace(0.0, 1.0, 1001)  # its 99 % band is from 0.005 to 0.995
 @pytest.mark.parametrize(
     ("y_peak", "says"),
     [
-        (1e-3, "1.5 [1, 2] of the largest motion: not reached, the priors alone tell of K_T, F_S"),
-        (1.5e-3, "1 [0.67, 1.3] of the largest motion: perhaps reached, the priors tell of K_T"),
+        (
+            1e-3,
+            "1.5 [1, 2] of the largest motion: not reached, so that only the prior determines K_T",
+        ),
+        (
+            1.5e-3,
+            "of the largest motion: perhaps reached, so that the prior helps to determine K_T",
+        ),
         (3e-3, "0.5 [0.33, 0.67] of the largest motion: reached."),
     ],
 )
@@ -32,10 +38,10 @@ def test_a_gap_wider_than_all_motion_is_told_of_the_posterior():
              "gap": 2e-3 + 1e-3 * EVEN}  # fmt: skip
     (said,) = threshold_sentences(theta, 1e-3, ("gap_series",))
     assert "contact at 2.5 mm [2, 3], 2.5 [2, 3] of the largest motion: not reached" in said
-    assert "the priors alone tell of all that is behind the gap" in said
+    assert "only the prior determines all that is behind the gap" in said
     stop = {"stop_stiffness": 700.0, "stop_gap": 1e-3 + 1e-3 * EVEN}
     assert (
-        "not reached, the priors alone tell of its stiffness"
+        "not reached, so that only the prior determines its stiffness"
         in (threshold_sentences(stop, 1e-4, ("stop",))[0])
     )
 

@@ -126,7 +126,7 @@ def test_a_neighbour_is_taken_in_where_it_is_stated_or_suspected(modes):
     for (name, value), sd in zip(theta.items(), std, strict=True):
         # Beside noise the sweep's samples tell of what drove it between them to 1e-4.
         assert value == pytest.approx(truth[name], abs=4 * sd + 2e-4 * truth[name]), name
-    assert any("One linear neighbour at 20.8 Hz, zeta 1.50%" in said for said in ready.statements)
+    assert any("A linear mode at 20.8 Hz, zeta 1.50 %" in said for said in ready.statements)
     if not modes:
         bare = fitted(swept([MODE, NEAR], residuals="none")).fit.theta
         assert abs(bare["zeta"] / MODE[1] - 1) > 0.05  # what one mode makes of both

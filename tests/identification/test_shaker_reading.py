@@ -50,7 +50,7 @@ def test_the_modes_with_their_shaker_are_predicted():
     np.testing.assert_allclose(found.modes.residues[:, 0], SHAPE**2, rtol=1e-6)
     said = shaker_sentence("noise", found)
     assert "40 N/V" in said
-    assert f"18.78 Hz (1.00%) to {found.omega[0] / (2 * np.pi):.4g} Hz" in said
+    assert f"18.78 Hz (1.00 %) to {found.omega[0] / (2 * np.pi):.4g} Hz" in said
 
 
 def test_noise_that_begins_and_ends_in_motion_is_faded():

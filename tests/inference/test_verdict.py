@@ -331,7 +331,7 @@ def test_a_statement_of_use_quotes_what_no_fit_saw(fitted, unseen, status):
     (finding,) = judged.findings
     if unseen:
         assert "tests that no fit saw: " in finding.reason
-        assert "0.17 of the rms" in finding.reason or status == "usable"
+        assert ": 17 %, against" in finding.reason or status == "usable"
     if status == "failed":
         assert "Another law." in finding.action
     untouched = judge([checked("r_hat", True, "Mixed.", 1.0, "")])
@@ -341,19 +341,19 @@ def test_a_statement_of_use_quotes_what_no_fit_saw(fitted, unseen, status):
 @pytest.mark.parametrize(
     ("error", "coverage", "extrapolation", "discrepancy", "status", "says"),
     [
-        (0.024, 0.992, 1.0, 0, "usable", "held-out tests: 0.024 of the rms, against 0.018 of the"),
-        (0.024, 0.992, 1.0, 1, "usable", "held-out tests: 0.024 of the rms, against 0.018 of the"),
+        (0.024, 0.992, 1.0, 0, "usable", "held-out tests: 2.4 %, against 1.8 % of the"),
+        (0.024, 0.992, 1.0, 1, "usable", "held-out tests: 2.4 %, against 1.8 % of the"),
         # Noise and the errors of the parameters make it: a weak test, say.
-        (0.069, 0.992, 1.0, 0, "usable", "of the fitted ones, and the 99 % bands hold them."),
+        (0.069, 0.992, 1.0, 0, "usable", "of the fitted ones, and the 99 % bands contain them."),
         (
             0.069,
             0.992,
             1.0,
             1,
             "failed",
-            "0.069 of the rms, against 0.018 of the fitted ones, more",
+            "6.9 %, against 1.8 % of the fitted ones, more",
         ),
-        (0.069, 0.8, 1.0, 0, "failed", "0.069 of the rms, against 0.018 of the fitted ones, more"),
+        (0.069, 0.8, 1.0, 0, "failed", "6.9 %, against 1.8 % of the fitted ones, more"),
         (0.069, 0.8, 2.0, 0, "usable", "within this the law may be used"),  # twice the motion
     ],
 )

@@ -91,7 +91,14 @@ EXAMPLES = {
         instruments.attachment("voltage", 0.2, 0.03, at_drive_point=True),
         instruments.heavy(0.02),
         instruments.shaker_reading(
-            "voltage", 12.0, 0.1, 1.2, 1200.0, 0.02, 0.03, "18.8 Hz (1.00%) to 18.1 Hz (1.20%)"
+            "voltage",
+            12.0,
+            0.1,
+            1.2,
+            1200.0,
+            0.02,
+            0.03,
+            instruments.mode_moves((18.8, 0.01), (18.1, 0.012)),
         ),
         instruments.included([instruments.of_clock(1e-5)], []),
         instruments.included([], ["`gain_std` of force"]),
@@ -140,7 +147,7 @@ EXAMPLES = {
         paper_steps.wall_time(12.0, 30.0),
         paper_steps.product(12.0, 11.0, 13.0),
         paper_steps.left_out("There is no tone."),
-        paper_steps.other_law("whose law is iwan4"),
+        paper_steps.other_law("iwan4"),
         paper_steps.further_laws("cubic"),
     ],
     "posterior": [

@@ -23,10 +23,10 @@ NO_MODE = FaultText(
     "No mode in the bands of the tests moves a joint; all laws keep their prior.",
     remedy="Sweep a mode in which the energy shares are large.",
 )
-ONE_MODE = "One mode tells what all joints do together, and of none what it does by itself."
+ONE_MODE = "One mode determines the sum over all joints, and not what each contributes."
 EXCHANGEABLE = "Exchanging their laws changes no response, so that the posterior has two halves."
 SUM_OF_LAWS = (
-    "Single modes tell the sum of their laws alone; the difference shows only when several modes "
+    "Single modes determine only the sum of their laws; the difference shows when several modes "
     "move at once."
 )
 SAME_SAMPLES = "holds the same samples as"
@@ -135,7 +135,7 @@ def few_modes(laws: int, modes: int) -> FaultText:
     """Fewer swept modes than laws."""
     return FaultText(
         f"{laws} laws need {laws} swept modes at least, but the bands of the tests hold {modes}.",
-        "Every mode tells one number of all joints together.",
+        "Every mode determines one number, the sum over all joints.",
         "Sweep further modes, or tie joints by `same_as`.",
     )
 

@@ -2,14 +2,16 @@
 
 from collections.abc import Sequence
 
+from jbw.report.messages.message import percent
+
 Words = tuple[str, str]
 """What is wrong, and what to do about it."""
 
 
 def causes(explained: Sequence[tuple[float, str]]) -> str:
     """What would explain the residual, each with its share."""
-    shares = [f"{share:.0%} {text}" for share, text in explained]
-    return f"Of what the fit leaves would explain, each alone: {'; '.join(shares)}."
+    shares = [f"{text} ({percent(share, '.0f')})" for share, text in explained]
+    return f"Causes that would explain a part of the residual, each alone: {'; '.join(shares)}."
 
 
 def swapped(test: str) -> Words:
@@ -38,14 +40,14 @@ def clock(ppm: float, line: str) -> Words:
 def turned(test: str, line: str) -> Words:
     """A test whose sign is reversed, and the line that turns it."""
     return (
-        f"{test} with its sign turned",
-        f"Turn a channel of {test}, its input say. {line}",
+        f"{test} with its sign reversed",
+        f"Reverse the sign of one channel of {test}, for example its input. {line}",
     )
 
 
 def factor(test: str, size: float, unit: str | None, line: str, *, is_turned: bool) -> Words:
     """A test whose response is larger or smaller than by the others, as by a unit."""
-    sign = " and of the other sign" if is_turned else ""
+    sign = " and with the opposite sign" if is_turned else ""
     hint = f", as {unit} would be" if unit else ""
     return (
         f"{test} {size:.4g} times as large as by the others{sign}{hint}",
@@ -57,15 +59,15 @@ def offset(largest: float, line: str) -> Words:
     """A constant offset of the response, and the line that removes it."""
     return (
         f"a constant offset of the response, {largest:.3g} at most",
-        f"Measure AC coupled, or take the mean off. {line}",
+        f"Measure AC coupled, or remove the mean. {line}",
     )
 
 
 def clipping(tests: Sequence[str]) -> Words:
     """Tests whose responses are clipped."""
     return (
-        f"{', '.join(tests)} cut off at its largest value",
-        "Measure again with a wider range, or leave out what is cut off.",
+        f"clipping of {', '.join(tests)} at the largest value",
+        "Measure again with a wider range, or leave out what is clipped.",
     )
 
 
@@ -73,14 +75,15 @@ def residual_term(constant: float, line: str) -> Words:
     """The response of modes outside the band, and the line that fits it."""
     return (
         f"a residual term of the modes beyond the band, {constant:.3g} m per unit of the input",
-        f"Let the tests take it, or restrict the band. {line}",
+        f"Fit residual terms, or restrict the band. {line}",
     )
 
 
 def natural_frequencies(scatter: float, line: str) -> Words:
     """Natural frequencies that differ between tests, and the line that names their session."""
     return (
-        f"a natural frequency and damping of each test's own, scattering by {scatter:.2%}",
+        "a natural frequency and damping of each test's own, scattering by "
+        f"{percent(scatter, '.2f')}",
         f"Name the run of every test, and measure a noise record in each. {line}",
     )
 
@@ -89,6 +92,6 @@ def further_mode(hz: float, line: str) -> Words:
     """One more mode in the band, and the line of a band without it."""
     return (
         f"one more mode about {hz:.3g} Hz",
-        "State it by `modes` in [identify], restrict the `band` to one mode, or measure where the "
-        f"other is still.{line}",
+        "State it by `modes` in [identify], restrict the `band` to one mode, or measure in the "
+        f"node of the other.{line}",
     )

@@ -2,11 +2,13 @@
 
 from collections.abc import Sequence
 
+from jbw.report.messages.message import percent
+
 Estimate = tuple[float, float, float]
 """Lower end, median and upper end of an interval."""
 
 HARDENS = "The joint hardens: an elastic stiffness grows with amplitude."
-MORE_DAMPING = ": there is damping that does not soften"
+MORE_DAMPING = ": some of the damping does not soften the joint"
 SLIDERS = ": the data agree with sliders"
 
 
@@ -39,9 +41,10 @@ def _share(quantiles: Sequence[float]) -> str:
 def known_together(y: float, frequency: float, damping: float) -> str:
     """Half widths of frequency and damping, identified where parameters trade off."""
     return (
-        f"What they do together is known: at {1000.0 * y:.2g} mm the change of frequency to "
-        f"{frequency:.0%} and the damping to {damping:.0%} (half of the 99 % intervals); use "
-        "products and responses, no parameter alone, and no motion much larger."
+        f"Their joint effect is identified: at {1000.0 * y:.2g} mm the change of frequency to "
+        f"{percent(frequency, '.0f')} and the damping to {percent(damping, '.0f')} (half of "
+        "the 99 % intervals). Use products and responses, no single parameter, and stay near "
+        "the fitted amplitudes."
     )
 
 
@@ -82,8 +85,8 @@ def readings(count: int, range_mm: tuple[float, float], of_frequency: str, of_da
 
 def no_softening(*, grows: bool) -> str:
     """That no softening is seen, with damping that grows or without."""
-    likeness = "as by Dahl's law or a damper" if grows else "as of sliders that all stick"
-    return f"No softening is seen that damping could be compared with, {likeness}."
+    likeness = "as with Dahl's law or a damper" if grows else "as of sliders in full stick"
+    return f"No softening is seen to compare the damping with, {likeness}."
 
 
 def elastic_softening(share: Estimate) -> str:
@@ -125,5 +128,5 @@ def threshold(y: Estimate, y_peak: float, rests: str) -> str:
     if high <= y_peak:
         return f"{place}: reached"
     if low > y_peak:
-        return f"{place}: not reached, the priors alone tell of {rests}"
-    return f"{place}: perhaps reached, the priors tell of {rests} too"
+        return f"{place}: not reached, so that only the prior determines {rests}"
+    return f"{place}: perhaps reached, so that the prior helps to determine {rests}"

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+from jbw.report.messages.message import percent
+
 NOT_INCLUDED = (
     "`fs_std` and `gain_std` are not included: the tests have responses or sources of several "
     "kinds, whose calibrations scale no parameter alone. Identify tests of one kind each in "
@@ -39,18 +41,25 @@ def attachment(test: str, share: float, added: float, *, at_drive_point: bool) -
         else "with a standard deviation of "
     )
     return (
-        f"The shaker was read on {test}: its attachment predicts omega_n and zeta, {error}"
-        f"{share:.0%} of the change. It adds {added:+.2%} to the modal mass, by which the joint's "
-        "share of the stiffness differs too; that is left out."
+        f"The shaker was read on {test}: its attachment predicts omega_n and zeta, "
+        f"{error}{percent(share, '.0f')} of the change. It adds {percent(added, '+.2f')} to "
+        "the modal mass, by which the joint's share of the stiffness differs too; that is "
+        "left out."
     )
 
 
 def heavy(limit: float) -> str:
     """What to do where a shaker adds more than so much of the modal mass."""
     return (
-        f"Beyond {limit:.0%} that matters: fit the tests of either drive apart, or move the shaker "
-        "to where the mode moves less."
+        f"Beyond {percent(limit, '.0f')} that matters: fit the tests of either drive apart, "
+        "or move the shaker to where the mode moves less."
     )
+
+
+def mode_moves(before: tuple[float, float], after: tuple[float, float]) -> str:
+    """Frequency [Hz] and damping ratio of a mode, and those with a shaker."""
+    modes = (f"{hz:.4g} Hz ({percent(zeta, '.2f')})" for hz, zeta in (before, after))
+    return " to ".join(modes)
 
 
 def shaker_reading(
@@ -65,10 +74,10 @@ def shaker_reading(
 ) -> str:
     """What was read of a shaker: gain, attachment, residual force, and how the modes move."""
     return (
-        f"{name}: the shaker gives {gain:.4g} N/V and is attached by {mass:.3g} kg, {damping:.3g} "
-        f"N s/m and {stiffness:.4g} N/m, which leaves {leftover:.1%} of the force "
-        f"({leftover_gain:.1%} by its gain alone). Driven by voltage the structure's modes move "
-        f"from {moved}."
+        f"{name}: the shaker gives {gain:.4g} N/V and is attached by {mass:.3g} kg, "
+        f"{damping:.3g} N s/m and {stiffness:.4g} N/m, which leaves "
+        f"{percent(leftover, '.1f')} of the force ({percent(leftover_gain, '.1f')} by its "
+        f"gain alone). Driven by voltage the structure's modes move from {moved}."
     )
 
 

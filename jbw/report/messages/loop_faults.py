@@ -1,13 +1,13 @@
 """Faults of measured loops: what, why and remedy."""
 
-from jbw.report.messages.message import FaultText
+from jbw.report.messages.message import FaultText, percent
 
 
 def degrading(amplitude: float, number: int, change: float, keep: str, *, falls: bool) -> FaultText:
     """Equal cycles whose force changes, and how to keep the last."""
     return FaultText(
         f"Cycles of {amplitude:.3g} m differ: from the second to number {number} the force "
-        f"{'falls' if falls else 'rises'} by {change:.0%}.",
+        f"{'falls' if falls else 'rises'} by {percent(change, '.0f')}.",
         "The joint changes as it is loaded; most laws give equal cycles the same loop.",
         f"{keep}, its last cycles, and give other states tests and assemblies of their own; or fit "
         "how it wears with the law `bwbn`.",
@@ -27,12 +27,12 @@ def lopsided(ratio: float, *, positive: bool) -> FaultText:
 
 def begins_away(start: float) -> str:
     """Where a force begins over its half range."""
-    return f"begins {start:.1%} of its half range away from zero"
+    return f"begins {percent(start, '.1f')} of its half range away from zero"
 
 
 def drifts(drift: float) -> str:
     """By how much a force drifts over its half range."""
-    return f"moves by {drift:.1%} of it over equal cycles"
+    return f"moves by {percent(drift, '.1f')} of it over equal cycles"
 
 
 def off_centre(offset: str, moves: str) -> FaultText:

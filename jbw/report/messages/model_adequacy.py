@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from jbw.report.messages.discrepancy import missed
 from jbw.report.messages.message import Message, capital, percent
 
-OFFSETS = "The {quantity} that each of {count} runs asks for"
+OFFSETS = "The offset of the {quantity}"
 TREND = (
-    "with the size of its motion: beside what the law has, from the smallest to the largest by "
+    "on the amplitude of the {count} sessions: from the smallest to the largest the law lacks "
     "{change:+.2g} +- {std:.1g} {unit} (p = {p:.1g})."
 )
 
@@ -29,10 +29,9 @@ MESSAGES = (
     ),
     Message(
         "coloured_residual",
-        "In {coloured} of {count} tests the fit leaves more than noise, most of all in "
-        "{test}: {error:.2g} of its rms, in which neighbouring values are alike (correlation "
-        "{correlation:.2f}). So that intervals do not become too narrow, {counted:.2g} of its "
-        "values are counted as independent.",
+        "The residuals of {coloured} of {count} tests are coloured, most of all that of {test}: "
+        "RMS error {error:.2g %}, lag-one autocorrelation {correlation:.2f}. So that intervals do "
+        "not become too narrow, {counted:.2g %} of its values count as independent.",
         """
         Check: the lag-one autocorrelation of the residual; below 0.2, and below 3 / sqrt(n),
         which white noise of n values exceeds by chance only.
@@ -49,7 +48,7 @@ MESSAGES = (
         Remedy: try other laws (`jbw laws`), fit fewer levels (`hold_out`), restrict the `band`;
         or accept the discrepancy and quote its size.
         """,
-        remedy="The law misses something, or a second mode is in the band. {another_law}",
+        remedy="The law is inadequate, or a second mode lies in the band. {another_law}",
     ),
     Message(
         "repeatability",
@@ -69,7 +68,9 @@ MESSAGES = (
     ),
     Message(
         "cause",
-        lambda text, share: f"{capital(text)} would explain {share:.0%} of what the fit leaves.",
+        lambda text, share: (
+            f"{capital(text)} would explain {percent(share, '.0f')} of the residual."
+        ),
         """
         Check: where the residual exceeds the noise, the usual mistakes, each by one Gauss-Newton
         step beside the parameters: a delayed response, a test with its sign reversed or in
@@ -87,7 +88,7 @@ MESSAGES = (
     ),
     Message(
         "level_trend",
-        f"{OFFSETS} goes {TREND}",
+        f"{OFFSETS} depends {TREND}",
         """
         Check: where sessions have offsets of natural frequency and damping, whether the offsets
         depend on the size of the motion: a weighted slope over five sessions or more, by
@@ -101,8 +102,8 @@ MESSAGES = (
         residual without offsets. If levels were measured in rising order while the structure
         warmed up, measure them once in another order.
         """,
-        remedy="That is no scatter of runs: the law misses it. {another_law}",
-        passed=f"{OFFSETS} does not go {TREND}",
+        remedy="This is an error of the law, and no scatter of sessions. {another_law}",
+        passed=f"{OFFSETS} does not depend {TREND}",
     ),
     Message(
         "misfit",
@@ -117,8 +118,8 @@ MESSAGES = (
     ),
     Message(
         "leave_one_out",
-        "Without {test} the fit of {name} moves by {moves:.1f} standard deviations of such a "
-        "change, more than without any other run; it must be below {limit:g}.",
+        "Without {test} the estimate of {name} moves by {moves:.1f} standard deviations of such a "
+        "change, the most of all sessions; it must be below {limit:g}.",
         """
         Check: the change of the fit without each session, in standard deviations of such a
         change by chance; below 4.
@@ -129,10 +130,10 @@ MESSAGES = (
         Remedy: `hold_out` the levels that the law does not cover; name `run` and `assembly`
         where days differ.
         """,
-        remedy="The tests ask for different joints: leave this one out by `hold_out`, or doubt the "
+        remedy="The sessions contradict each other: hold this one out by `hold_out`, or doubt the "
         "law. {another_law}",
     ),
-    Message("leave_one_out.none", "No run alone adds to what the others know."),
+    Message("leave_one_out.none", "No single session adds information to the others."),
     Message(
         "records_apart",
         lambda count, name, scatter, others, within, beyond: (

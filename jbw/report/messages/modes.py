@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+from jbw.report.messages.message import percent
+
 NOT_COMMON = "one common joint is rejected, as far as the modes' own laws follow the data"
 MAY_BE_COMMON = "they may meet in one joint"
 LOSS_SHARE = "share in the joints' losses"
@@ -41,24 +43,23 @@ def still_mode(hz: float, ratio: str, low: float, high: float) -> str:
     """A mode that source or sensor do not see."""
     return (
         f"The mode at {hz:g} Hz does not take part: {ratio} lies within {low:.2g} and {high:.2g}. "
-        "The source or the sensor stands in its node; leave it out of `modes`, or measure "
-        "elsewhere."
+        "The source or the sensor lies in its node; leave it out of `modes`, or measure elsewhere."
     )
 
 
 def one_serves(factor: float) -> str:
     """The ratio of residuals from which one joint is rejected."""
     return (
-        f"One joint serves all modes in the free decays: of none it leaves {factor:g} times as "
-        "much as a joint of that mode's own."
+        "One joint fits the free decays of all modes: no residual is more than "
+        f"{factor:g} times that of an independent joint."
     )
 
 
 def left_by_joint(hz: float, shared: float, other: float) -> str:
     """Residuals of a mode with one joint for all modes, and with one of its own."""
     return (
-        f"about {hz:.4g} Hz it leaves {shared:.2g} of the motion, a joint of that mode's own "
-        f"{other:.2g}"
+        f"at {hz:.4g} Hz its residual is {percent(shared)} of the motion, that of an independent "
+        f"joint {percent(other)}"
     )
 
 
@@ -72,7 +73,7 @@ def rejected(clauses: str) -> str:
 
 def hardly_seen(name: str) -> str:
     """A mode with hardly any motion at the first point."""
-    return f"{name} is hardly seen at the first point: shares in it are not told."
+    return f"{name} hardly moves the first point: shares of its losses are not determined."
 
 
 def all_joints(name: str, change: Sequence[float], damping: Sequence[float]) -> str:

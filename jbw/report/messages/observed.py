@@ -1,5 +1,7 @@
 """What the fit of a kind of test says of it: its mode, its residual, its scatter."""
 
+from jbw.report.messages.message import percent
+
 COMPILING = "compile what sweeps are solved by"
 
 
@@ -22,14 +24,14 @@ def frequencies_scatter(count: int, scatter: float) -> str:
 def correlated(share: float, count: int) -> str:
     """The share of values that count as independent."""
     return (
-        f"Residuals are correlated: {share:.0%} of the {count} values of a record are counted as "
-        "independent."
+        f"Residuals are correlated: {percent(share, '.0f')} of the {count} values of a record "
+        "are counted as independent."
     )
 
 
 def left_of_motion(errors: str) -> str:
     """Residuals by mode, over their rms."""
-    return f"Of the motion in the free decays {errors} is left at the optimum, over its rms."
+    return f"Residual of the free decays at the optimum, over their rms: {errors}."
 
 
 def moves_joint(mode: int, hz: float, h: float, p: float) -> str:
@@ -50,6 +52,6 @@ def sign_of_motion(growth: float, *, is_clear: bool) -> str:
 def too_deep(label: str, count: int) -> str:
     """How often the force of nested loops may have been a guess."""
     return (
-        f"{label}: loops within loops are deeper than the law remembers; {count} times its force "
-        "may have been a guess until a larger loop closed."
+        f"{label}: nested loops are deeper than the memory of the law; {count} times its force may "
+        "have been a guess until a larger loop closed."
     )

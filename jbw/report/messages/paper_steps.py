@@ -11,7 +11,7 @@ CONDITIONAL = (
 def held_parameters(names: str, times: str, far: str) -> str:
     """What Step 4 takes as known, and how its gamma differs from that of all parameters."""
     return (
-        f"The paper's Step 4 takes {names} for exactly known; gamma holds only if they are. With "
+        f"The paper's Step 4 takes {names} as exactly known; gamma holds only if they are. With "
         f"all parameters free, gamma's standard deviation is {times} that of Step 4, and the two "
         f"means are {far} such deviations apart. Use the joint posterior."
     )
@@ -20,7 +20,7 @@ def held_parameters(names: str, times: str, far: str) -> str:
 def outside_interval(names: Sequence[str]) -> str:
     """Parameters whose means of the two routes differ."""
     return (
-        f"Of {', '.join(names)} the paper's steps give a mean outside the 99 % interval of the "
+        f"The paper's steps give means of {', '.join(names)} outside the 99 % interval of the "
         "joint posterior: trust the latter."
     )
 
@@ -36,9 +36,9 @@ def wall_time(cut_s: float, joint_s: float) -> str:
 def product(product: float, low: float, high: float) -> str:
     """The product that third harmonics determine, with its interval [1/(m s^2)]."""
     return (
-        f"Third harmonics tell lambda_3 and with it the product alpha*delta: {product:.6g} 1/(m "
-        f"s^2), 99 % interval [{low:.6g}, {high:.6g}]. They do not tell alpha and delta apart: "
-        "use the product, or the joint posterior."
+        "Third harmonics determine lambda_3 and with it the product alpha*delta: "
+        f"{product:.6g} 1/(m s^2), 99 % interval [{low:.6g}, {high:.6g}]. They do not "
+        "separate alpha and delta: use the product, or the joint posterior."
     )
 
 
@@ -47,14 +47,14 @@ def left_out(why: str) -> str:
     return f"Steps 3 and 4 are left out: {why}"
 
 
-def other_law(joint: str) -> str:
+def other_law(laws: str) -> str:
     """That the joint has none of the law of Steps 3 and 4."""
-    return f"The paper's Steps 3 and 4 know Bouc-Wen's law: left out, of a joint {joint}."
+    return f"The paper's Steps 3 and 4 need the Bouc-Wen law and are omitted: the joint has {laws}."
 
 
 def further_laws(others: str) -> str:
     """That the joint has laws that Steps 3 and 4 do not know."""
     return (
-        f"The paper's Steps 3 and 4 know Bouc-Wen's law alone and take what {others} adds for its "
-        "own; the joint posterior knows all laws."
+        f"The paper's Steps 3 and 4 know the Bouc-Wen law alone and attribute the effect of "
+        f"{others} to it; the joint posterior has all laws."
     )

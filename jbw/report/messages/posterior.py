@@ -81,8 +81,8 @@ def by_initial_fit(combinations: str) -> str:
 def products_sampled(most: Sequence[str], last: str, names: Sequence[str], meanings: str) -> str:
     """That products of parameters are sampled in their place."""
     return (
-        f"The data know {', '.join(most)} and {last} by their products alone: {', '.join(names)} "
-        f"are sampled in their place ({meanings})."
+        f"The data determine only products of {', '.join(most)} and {last}: {', '.join(names)} "
+        f"are sampled instead ({meanings})."
     )
 
 
@@ -94,6 +94,6 @@ def test_left_out(name: str, why: str) -> str:
 def widened(bounds: Sequence[str]) -> str:
     """Bounds that were moved before the posterior was sampled again."""
     return (
-        f"The posterior leant on a bound that the campaign does not state: {', '.join(bounds)}, "
-        "it was sampled again."
+        "Default prior bounds truncated the posterior, which was sampled again in wider ones: "
+        f"{', '.join(bounds)}."
     )

@@ -2,6 +2,8 @@
 
 from collections.abc import Sequence
 
+from jbw.report.messages.message import percent
+
 STATE_MASS = (
     "Points of a controller tell the damping with the modal mass alone: state `modal_mass` in "
     "[campaign]."
@@ -78,8 +80,8 @@ def harmonic_kept(tone: str) -> str:
 def large_harmonic(tone: str, ratio: float) -> str:
     """The share of the response that the third harmonic of the source makes."""
     return (
-        f"{tone}: the source's third harmonic put {ratio:.0%} of the joint's Y(3 omega) into the "
-        "response; what is left leans on H1(3 omega)."
+        f"{tone}: the source's third harmonic put {percent(ratio, '.0f')} of the joint's Y(3 "
+        "omega) into the response; what is left leans on H1(3 omega)."
     )
 
 

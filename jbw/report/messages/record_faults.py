@@ -99,7 +99,7 @@ def stopped(end: float, keep: str) -> FaultText:
     """That a recorder was stopped before the end of its file."""
     return FaultText(
         f"The response stands still from {end:.4g} s to the end of the record.",
-        "A recorder that was stopped fills up its file so; a structure rings on.",
+        "A stopped recorder fills its file like this; a structure keeps ringing.",
         f"{keep}.",
     )
 
@@ -108,7 +108,7 @@ def gaps(stretches: str, more: str, count: int, remedy: str) -> FaultText:
     """Gaps that a recorder filled with its last value."""
     return FaultText(
         f"The response stands still at {stretches}{more}, amid motion: {count} gap(s).",
-        "A recorder that lost samples fills them in so.",
+        "A recorder that lost samples fills the gaps like this.",
         remedy,
     )
 

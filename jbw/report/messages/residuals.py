@@ -9,8 +9,8 @@ SD_RATIO = "sd without the kind over that with it"
 WITH_FREQUENCY = ", with its own natural frequency"
 Z_SCORE = "change over its sd by chance"
 WIDER_WITHOUT = "sd without the run over that with it"
-WITHIN_BANDS = ", and the 99 % bands hold them"
-FIT_MISSED = "Fit the tests that are missed too, or look for what differs between them: jbw look."
+WITHIN_BANDS = ", and the 99 % bands contain them"
+FIT_MISSED = "Fit these tests too, or look for what differs between the tests: jbw look."
 
 
 def across_kinds(
@@ -50,39 +50,37 @@ def each_session(
 def outside_band(terms: str, share: float) -> str:
     """Residual constants that were fitted, and by how much they reduce chi-square."""
     return (
-        f"Modes outside the band are seen, and were taken in: {terms}. It takes {share:.0%} off "
-        'what the fit left; `residuals = "none"` in a test goes without.'
+        "Modes outside the band contribute to the response; residual terms were fitted: "
+        f'{terms}. They reduce chi-square by {percent(share, ".0f")}; `residuals = "none"` in '
+        "a test omits them."
     )
 
 
 def neighbour(hz: float, zeta: float, share: float, fall: float) -> str:
     """A linear mode beside that of the joint, and by how much it reduces chi-square."""
     return (
-        f"One linear neighbour at {hz:.4g} Hz, zeta {zeta:.2%}, with {share:.2g} times the gain "
-        f"of the joint's own mode, was taken in: chi-square falls by {fall:.0%}; "
-        '`residuals = "none"` in a test goes without.'
+        f"A linear mode at {hz:.4g} Hz, zeta {percent(zeta, '.2f')}, with {share:.2g} times "
+        "the gain of the joint's mode was added to the fit: chi-square falls by "
+        f'{percent(fall, ".0f")}; `residuals = "none"` in a test omits it.'
     )
 
 
 def usable_within(error: float, test: str) -> str:
     """The largest RMS error of a fitted test, within which the law may be used."""
     return (
-        f"The fit leaves {error:.2g} of {test}, and less of every other test: within this the law "
-        "may be used, for motions as large as those that were fitted."
+        f"RMS error of the fitted tests: at most {percent(error)} ({test}); within this the law "
+        "may be used up to the fitted amplitudes."
     )
 
 
 def worse_than_fitted(factor: float) -> str:
     """That tests without a part in the fit are missed by more than fitted ones."""
-    return (
-        f", more than {factor:g} times as much: what was not fitted is not predicted to the error "
-        "of what was"
-    )
+    return f", more than {factor:g} times as much: the law fits better than it predicts"
 
 
 def unseen_errors(tests: str, error: float, fitted: float, comparison: str) -> str:
     """RMS error of tests without a part in the fit, beside that of fitted ones."""
     return (
-        f"Error of {tests}: {error:.2g} of the rms, against {fitted:.2g} of the fitted "
-        f"ones{comparison}."
+        f"RMS error of {tests}: {percent(error)}, against {percent(fitted)} of the fitted ones"
+        f"{comparison}."
     )

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from jbw.report.messages.message import FaultText
+from jbw.report.messages.message import FaultText, percent
 
 NO_PHASE = FaultText(
     "The response is in phase with the input at every line.",
@@ -21,7 +21,8 @@ STATE_BAND = "State the frequencies around the mode, with no other between them.
 def drifting(tones: str, change: float) -> FaultText:
     """Tones that are not steady, and by how much they change."""
     return FaultText(
-        f"{tones}: the amplitude changes by {change:.1%} from one half of the record to the other.",
+        f"{tones}: the amplitude changes by {percent(change, '.1f')} from one half of the "
+        "record to the other.",
         "A transient is left, or the frequency is not exact.",
         "Raise settle, or correct tones.",
     )
@@ -103,9 +104,9 @@ def offset(ratio: float) -> FaultText:
 def already_moving(share: float) -> FaultText:
     """The motion at the start of a record over its usual motion."""
     return FaultText(
-        f"The record begins with {share:.0%} of its usual motion, but such a test is followed "
-        "from rest.",
-        "What the joint still knows of before is taken for a misfit of its law.",
+        f"The record begins with {percent(share, '.0f')} of its usual motion, but such a test "
+        "is followed from rest.",
+        "Memory of earlier motion would be taken for an error of the law.",
         "Set `settle` to the time in which free motion dies out, some 6 / (zeta omega_n), or let "
         "`span` begin where the structure is at rest.",
     )
@@ -142,8 +143,8 @@ def without_band(remedy: str) -> FaultText:
 def several_modes(share: float, low: float, high: float) -> FaultText:
     """The share of the power outside a band about the strongest resonance."""
     return FaultText(
-        f"{share:.0%} of the displacement's power lies outside {low:g} to {high:g} Hz, about the "
-        "strongest resonance.",
+        f"{percent(share, '.0f')} of the displacement's power lies outside {low:g} to "
+        f"{high:g} Hz, about the strongest resonance.",
         "One mode with a joint cannot follow several.",
         f"Put under [[test]]: `band = [{low:g}, {high:g}]`, or state the modes by [structure].",
     )

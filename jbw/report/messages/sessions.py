@@ -2,6 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
+from jbw.report.messages.message import percent
+
 OF_EACH_RUN = "Each run has offsets of omega_n and zeta of its own in the likelihood."
 SHARED_DAMPING = (
     "Each level has its own omega_n in the likelihood. All share zeta, which no repeats of one "
@@ -22,7 +24,7 @@ def of_each_level(scatter: float) -> str:
     """That levels have natural frequencies of their own, and by how much zeta scatters."""
     return (
         "Each level has its own omega_n in the likelihood, and zeta scatters between levels by "
-        f"{scatter:.1%} of itself, as it does between repeats of one level."
+        f"{percent(scatter, '.1f')} of itself, as it does between repeats of one level."
     )
 
 

@@ -107,4 +107,4 @@ def line_fit(test: str) -> str:
 
 def fitting_as(law: str) -> str:
     """By the weights of which law all are fitted."""
-    return f"Fitting all as {law} weighs the data, which leaves least"
+    return f"Fitting all laws with the weights of {law}, the law of the smallest residual"

@@ -41,7 +41,7 @@ def away_from_mode(test: str, share: float) -> str:
     """The share of the input's power about the mode."""
     return (
         f"Test `{test}` has {share:.2g} of its input's power within 25 % of the natural "
-        "frequency, so it hardly moves the mode that was identified: other modes may rule its "
+        "frequency, so it hardly moves the mode that was identified: other modes may dominate its "
         "response; choose a test around the mode."
     )
 
