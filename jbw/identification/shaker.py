@@ -131,13 +131,6 @@ def shaker_sentence(name: str, found: ShakerReading) -> str:
             found.modes.omega, found.modes.zeta, found.omega, found.zeta, strict=True
         )
     )
-    return messages.shaker_reading(
-        name,
-        shaker.gain,
-        shaker.mass,
-        shaker.damping,
-        shaker.stiffness,
-        shaker.leftover,
-        shaker.leftover_gain,
-        moved,
-    )
+    attachment = shaker.mass, shaker.damping, shaker.stiffness
+    residual = shaker.leftover, shaker.leftover_gain
+    return messages.shaker_reading(name, shaker.gain, attachment, residual, moved)

@@ -225,13 +225,9 @@ def same_joint_sentences(posterior: xr.Dataset, data: Dataset) -> list[str]:
                 continue
             low, _, high = np.quantile(other - first, QUANTILES)
             mean = np.exp([np.median(first), np.median(other)])
-            conclusion = (
-                messages.NOT_COMMON
-                if low > 0 or high < 0 else messages.MAY_BE_COMMON
-            )  # fmt: skip
-            sentences.append(
-                messages.compared(name, mean[0], mean[1], hz, np.exp(low), np.exp(high), conclusion)
-            )
+            ratio = float(np.exp(low)), float(np.exp(high))
+            conclusion = messages.NOT_COMMON if low > 0 or high < 0 else messages.MAY_BE_COMMON
+            sentences.append(messages.compared(name, mean[0], mean[1], hz, ratio, conclusion))
     return sentences
 
 

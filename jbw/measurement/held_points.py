@@ -51,7 +51,4 @@ def locked_sentence(test: Test) -> str:
     curve = curves_of_points(test)[0]
     order = np.argsort(curve.amplitude)
     y, hz = 1e3 * curve.amplitude[order], curve.freq_hz[order]
-    change = 100 * (hz[-1] / hz[0] - 1)
-    return messages.held_phase(
-        test.name, y[0], y[-1], test.locked_phase, hz[0], hz[-1], abs(change), falls=change < 0
-    )
+    return messages.held_phase(test.name, test.locked_phase, (y[0], y[-1]), (hz[0], hz[-1]))

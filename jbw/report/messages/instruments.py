@@ -65,19 +65,21 @@ def mode_moves(before: tuple[float, float], after: tuple[float, float]) -> str:
 def shaker_reading(
     name: str,
     gain: float,
-    mass: float,
-    damping: float,
-    stiffness: float,
-    leftover: float,
-    leftover_gain: float,
+    attachment: tuple[float, float, float],
+    residual: tuple[float, float],
     moved: str,
 ) -> str:
-    """What was read of a shaker: gain, attachment, residual force, and how the modes move."""
+    """What was read of a shaker.
+
+    Its gain [N/V], the attachment's mass [kg], damping [N s/m] and stiffness [N/m], the residual
+    of the force with and without the attachment, and how the modes move.
+    """
+    mass, damping, stiffness = attachment
+    with_attachment, by_gain = (percent(share, ".1f") for share in residual)
     return (
         f"{name}: the shaker gives {gain:.4g} N/V and is attached by {mass:.3g} kg, "
-        f"{damping:.3g} N s/m and {stiffness:.4g} N/m, which leaves "
-        f"{percent(leftover, '.1f')} of the force ({percent(leftover_gain, '.1f')} by its "
-        f"gain alone). Driven by voltage the structure's modes move from {moved}."
+        f"{damping:.3g} N s/m and {stiffness:.4g} N/m, which leaves {with_attachment} of the force "
+        f"({by_gain} by its gain alone). Driven by voltage the structure's modes move from {moved}."
     )
 
 

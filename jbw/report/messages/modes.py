@@ -30,9 +30,10 @@ def no_shared_joint(evidence: str) -> str:
 
 
 def compared(
-    name: str, first: float, other: float, hz: float, low: float, high: float, conclusion: str
+    name: str, first: float, other: float, hz: float, ratio: tuple[float, float], conclusion: str
 ) -> str:
-    """A number of a law in two modes, their ratio, and what follows."""
+    """A number of a law in two modes, the interval of their ratio, and what follows."""
+    low, high = ratio
     return (
         f"{name} is {first:.3g} in the first mode and {other:.3g} in that at {hz:g} Hz, their "
         f"ratio {low:.3g} to {high:.3g}: {conclusion}."

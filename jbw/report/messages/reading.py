@@ -91,21 +91,15 @@ def harmonic_in_noise(tone: str) -> str:
 
 
 def held_phase(
-    test: str,
-    first_mm: float,
-    last_mm: float,
-    phase: float,
-    first_hz: float,
-    last_hz: float,
-    change: float,
-    *,
-    falls: bool,
+    test: str, phase: float, amplitude_mm: tuple[float, float], hz: tuple[float, float]
 ) -> str:
-    """How the frequency at a phase goes with the amplitude."""
+    """How the frequency at a phase [degrees] changes from the first amplitude to the last."""
+    (first_mm, last_mm), (first_hz, last_hz) = amplitude_mm, hz
+    change = last_hz / first_hz - 1
     return (
         f"{test}: from {first_mm:.3g} to {last_mm:.3g} mm the frequency at {phase:g} degrees "
-        f"{'falls' if falls else 'rises'} from {first_hz:.5g} to {last_hz:.5g} Hz, by "
-        f"{change:.2g} %."
+        f"{'falls' if change < 0 else 'rises'} from {first_hz:.5g} to {last_hz:.5g} Hz, by "
+        f"{percent(abs(change))}."
     )
 
 
