@@ -15,8 +15,6 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
@@ -25,7 +23,7 @@ from scipy import stats
 from scipy.optimize import root_scalar
 
 from jbw.identification.prepare import refit
-from jbw.inference.fit.fitting import Fit
+from jbw.inference.fit.fitting import Fit, to_first_order
 from jbw.inference.posterior.finding import Finding
 from jbw.inference.space.box import Box
 from jbw.observables.dataset import Dataset, as_arrays, fractions_counted, left_by_label
@@ -108,26 +106,17 @@ def _only(record: str, data: Dataset) -> Dataset:
 
 def _known(fitted: Fit, data: Dataset) -> tuple[dict[str, float], dict[str, float]]:
     """The laws' products and zeta at a fit, and their standard deviations to first order."""
-    names = list(fitted.theta)
 
-    def quantities(x: Float[Array, " parameter"]) -> dict[str, Array]:
-        theta = {**as_arrays(fitted.theta, data), **dict(zip(names, x, strict=True))}
-        by_name = {"zeta": theta["zeta"]} if "zeta" in names else {}
+    def quantities(point: Mapping[str, Array]) -> dict[str, Array]:
+        theta = {**as_arrays(fitted.theta, data), **point}
+        by_name = {"zeta": theta["zeta"]} if "zeta" in point else {}
         for law in laws_named(data.laws):
             parameters = law.of(theta).parameters()
             for product in law.products:
                 by_name[product.quantity.name] = product.of({**theta, **parameters})
         return by_name
 
-    x = jnp.asarray(list(fitted.theta.values()))
-    values, slopes = quantities(x), jax.jacfwd(quantities)(x)
-    covariance = np.asarray(fitted.covariance)
-    std = {name: float(np.sqrt(row @ covariance @ row)) for name, row in _rows(slopes).items()}
-    return {name: float(value) for name, value in values.items()}, std
-
-
-def _rows(slopes: Mapping[str, Array]) -> dict[str, NDArray[np.float64]]:
-    return {name: np.asarray(row) for name, row in slopes.items()}
+    return to_first_order(quantities, fitted)
 
 
 def _scatter(

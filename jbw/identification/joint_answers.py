@@ -10,8 +10,7 @@ with $\kappa_j$ the complex stiffness of its laws and $k_j$ theirs at rest. Sums
 what a mode tells; a joint by itself is identified where its own K and L are.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import equinox as eqx
@@ -35,7 +34,6 @@ GROUP = "joints"
 SPREAD = 2.0  # of the ends of a 99 % interval: a joint that is known better is identified
 NO_LOSS = 1e-9  # of what a mode's joints take from its stiffness: losses of a spring
 MAIN = 0.5  # of a mode's losses: a joint that takes more is said to damp it
-STEP = 1e-4  # of a parameter, relative, in a difference quotient
 NUM_PHASES = 64  # of a loop that is kept
 
 
@@ -64,9 +62,11 @@ def joints_group(
     theta = {
         str(n): x.values.ravel() for n, x in posterior.data_vars.items() if n in law_parameters
     }
-    of_modes = partial(_of_modes, laws=data.laws, names=names, motion=motion, amplitude=amplitude)
+    driven_joints = _DrivenJoints(data.laws, names, *jax.device_put((motion, amplitude)))
     softening, losses = (
-        of_modes(theta) if about is None else _by_first_order(of_modes, theta, about)
+        np.asarray(_each_draw(jax.device_put(theta), driven_joints))
+        if about is None
+        else _by_first_order(theta, about, driven_joints)
     )
     omega = np.array([_values(posterior, data, DRIVEN[i][0]) for i in driven])
     lowered = np.sqrt(np.maximum(1 - softening.sum(axis=0) / omega**2, 0.0))
@@ -106,63 +106,58 @@ def _values(posterior: xr.Dataset, data: Dataset, name: str) -> np.ndarray:
     return np.atleast_1d(np.asarray(data.held[name]))
 
 
-def _of_modes(
-    theta: Mapping[str, np.ndarray],
-    laws: tuple[str, ...],
-    names: tuple[str, ...],
-    motion: Float[np.ndarray, "joint mode"],
-    amplitude: Float[np.ndarray, " mode"],
-) -> Float[np.ndarray, "two joint mode draw"]:
-    """K and L of every joint, mode and draw."""
-    arrays = jax.device_put((dict(theta), motion, amplitude))
-    return np.asarray(_each_draw(arrays[0], laws, names, *arrays[1:]))
+class _DrivenJoints(eqx.Module):
+    """The joints' laws, and the motion of every joint in the modes that tests drive."""
+
+    laws: tuple[str, ...] = eqx.field(static=True)
+    names: tuple[str, ...] = eqx.field(static=True)  # of the joints
+    motion: Float[Array, "joint mode"]
+    amplitude: Float[Array, " mode"]
 
 
 def _by_first_order(
-    of_modes: Callable[[Mapping[str, np.ndarray]], Float[np.ndarray, "two joint mode draw"]],
-    theta: Mapping[str, np.ndarray],
-    best_theta: Mapping[str, float],
+    theta: Mapping[str, np.ndarray], best_theta: Mapping[str, float], driven: _DrivenJoints
 ) -> Float[np.ndarray, "two joint mode draw"]:
-    r"""The same of draws about a fit, $f(\hat\theta) + \sum_i f_i\,\delta_i$, by differences f_i.
+    r"""K and L of draws about a fit, $f(\hat\theta) + \sum_i f_i\,\delta_i$, by derivatives f_i.
 
     Steps delta are of logarithms, times the fit, where nothing is zero or changes sign.
     """
     fit = {name: float(best_theta[name]) for name in theta}
-    steps = {name: STEP * (abs(value) or 1.0) for name, value in fit.items()}
-    sides = {name: np.full(2 * len(fit) + 1, value) for name, value in fit.items()}
-    for i, name in enumerate(fit):
-        sides[name][2 * i + 1] += steps[name]
-        sides[name][2 * i + 2] -= steps[name]
-    at_sides = of_modes(sides)
-    total = np.repeat(at_sides[..., :1], len(next(iter(theta.values()))), axis=-1)
-    for i, (name, draws) in enumerate(theta.items()):
-        slope = (at_sides[..., 2 * i + 1] - at_sides[..., 2 * i + 2]) / (2 * steps[name])
+    value, slopes = jax.device_get(_about(jax.device_put(fit), driven))
+    total = np.repeat(value[..., None], len(next(iter(theta.values()))), axis=-1)
+    for name, draws in theta.items():
         is_log = fit[name] > 0 and np.all(draws > 0)
         moved = fit[name] * np.log(draws / fit[name]) if is_log else draws - fit[name]
-        total = total + slope[..., None] * moved
+        total = total + slopes[name][..., None] * moved
     return total
 
 
 @eqx.filter_jit
+def _about(
+    theta: Mapping[str, Array], driven: _DrivenJoints
+) -> tuple[Float[Array, "two joint mode"], dict[str, Float[Array, "two joint mode"]]]:
+    """K and L at a point, and their derivatives by every parameter."""
+    return _at(theta, driven), jax.jacfwd(_at)(dict(theta), driven)
+
+
+@eqx.filter_jit
 def _each_draw(
-    theta: Mapping[str, Array],
-    laws: tuple[str, ...],
-    names: tuple[str, ...],
-    motion: Float[Array, "joint mode"],
-    amplitude: Float[Array, " mode"],
+    theta: Mapping[str, Array], driven: _DrivenJoints
 ) -> Float[Array, "two joint mode draw"]:
+    """K and L of every draw."""
+    return jax.vmap(lambda draw: _at(draw, driven), out_axes=-1)(dict(theta))
 
-    def at(draw: Mapping[str, Array]) -> Array:
-        rows = []
-        for joint, h in zip(names, motion, strict=True):
-            joint_laws = laws_at(draw, laws, joint)
-            loops = [law.loop(jnp.abs(h) * amplitude) for law in joint_laws]
-            at_rest = sum(law.stiffness() for law in joint_laws)
-            stiffness = sum(loop.stiffness for loop in loops)
-            rows.append((h**2 * (at_rest - stiffness), h**2 * sum(x.damping for x in loops)))
-        return jnp.stack([jnp.stack(by_joint) for by_joint in zip(*rows, strict=True)])
 
-    return jax.vmap(at, out_axes=-1)(dict(theta))
+def _at(theta: Mapping[str, Array], driven: _DrivenJoints) -> Float[Array, "two joint mode"]:
+    """K and L of every joint and mode."""
+    rows = []
+    for joint, h in zip(driven.names, driven.motion, strict=True):
+        laws = laws_at(theta, driven.laws, joint)
+        loops = [law.loop(jnp.abs(h) * driven.amplitude) for law in laws]
+        at_rest = sum(law.stiffness() for law in laws)
+        stiffness = sum(loop.stiffness for loop in loops)
+        rows.append((h**2 * (at_rest - stiffness), h**2 * sum(x.damping for x in loops)))
+    return jnp.stack([jnp.stack(by_joint) for by_joint in zip(*rows, strict=True)])
 
 
 def _loops(

@@ -16,6 +16,7 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Key
 
@@ -24,6 +25,7 @@ from jbw.errors import JbwError
 from jbw.identification.assemble import Measured, assemble, measured
 from jbw.identification.assembled import passes
 from jbw.identification.prepare import Fitted, prepare
+from jbw.inference.fit.fitting import to_first_order
 from jbw.inference.generator import parts_of
 from jbw.measurement.records import Test, drive_of
 from jbw.observables.modes import HARDLY_SEEN, Modes, gain_shares
@@ -35,7 +37,6 @@ from jbw.report.messages import joint as messages
 LAW = BoucWenLaw.name
 HALF = 0.5  # of a joint's stiffness in full stick: where that of its law begins
 WEAK = 0.3  # slip: beyond, modes do not read sums of the joints, and nothing is tested
-STEP = 1e-4  # relative, of a fitted parameter in a difference quotient
 
 under_way = logging.getLogger("jbw.progress")
 
@@ -122,21 +123,17 @@ def _reading(key: Key[Array, ""], mode: int, test: Test, seen: Measured, modes: 
     with_upper = replace(test, residuals="upper")
     prepared = measured([with_upper], settings, laws=(LAW,), gain=gain, report=lambda _: None)
     ready = prepare(parts_of(key, 2), assemble(prepared), settings, quick=True)
-    fit = ready.fit
-    here = _products(fit.theta)
-    slopes = []
-    for name, value in fit.theta.items():
-        step = STEP * (abs(value) or 1.0)
-        ahead, behind = (_products({**fit.theta, name: value + side}) for side in (step, -step))
-        slopes.append((ahead - behind) / (2 * step))
-    variance = np.einsum("ik,ij,jk->k", slopes, fit.covariance, slopes)
-    slip = float(BoucWenLaw.of(fit.theta).slip(ready.y_peak))
-    return _Reading(abs(c) * here, abs(c) * np.sqrt(variance), slip)
+    products, std = (
+        np.array(list(by_name.values())) for by_name in to_first_order(_products, ready.fit)
+    )
+    slip = float(BoucWenLaw.of(ready.fit.theta).slip(ready.y_peak))
+    return _Reading(abs(c) * products, abs(c) * std, slip)
 
 
-def _products(theta: Mapping[str, float]) -> Float[np.ndarray, " product"]:
+def _products(theta: Mapping[str, Array]) -> dict[str, Array]:
     """What weak motion tells of parameters, whatever coordinates they are in."""
-    return np.array([float(product) for product in BoucWenLaw.of(theta).weak_motion()])
+    softening, losses = BoucWenLaw.of(theta).weak_motion()
+    return {"softening": jnp.asarray(softening), "losses": jnp.asarray(losses)}
 
 
 def _known(starts: Sequence[Starts], laws: Sequence[str], modes: Modes) -> dict[str, float]:

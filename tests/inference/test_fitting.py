@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from jbw.errors import ConfigError, ModelError
-from jbw.inference.fit.fitting import fit
+from jbw.inference.fit.fitting import fit, to_first_order
 from jbw.inference.space.box import box
 
 TIME = np.linspace(0.0, 2.0, 60)
@@ -123,3 +123,16 @@ def test_a_sum_known_far_better_than_its_parts_leaves_a_covariance_that_can_be_f
     np.testing.assert_allclose(each, np.sqrt(2 / 3 / 12), rtol=1e-6)
     ones = np.array([1.0, 1.0, 1e-5])
     assert np.sqrt(ones @ got.covariance @ ones) == pytest.approx(precision, rel=0.2, abs=1e-7)
+
+
+def test_errors_of_quantities_are_those_of_their_gradients_by_hand():
+    found = fit(decay, BOX, (TIME, measured(1.3, 2.0)), starts=8, key=jax.random.key(0))
+    a, b = found.theta["rate"], found.theta["size"]
+    values, std = to_first_order(
+        lambda theta: {"product": theta["rate"] * theta["size"], "half": theta["rate"] / 2}, found
+    )
+    assert list(values) == list(std) == ["product", "half"]  # in the order that was asked
+    assert values == pytest.approx({"product": a * b, "half": a / 2}, rel=1e-14)
+    gradients = {"product": np.array([b, a]), "half": np.array([0.5, 0.0])}
+    want = {name: np.sqrt(g @ found.covariance @ g) for name, g in gradients.items()}
+    assert std == pytest.approx(want, rel=1e-12)

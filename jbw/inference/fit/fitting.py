@@ -58,6 +58,27 @@ class Fit:
         return 2 * self.cost, len(self.residual) - len(self.x)
 
 
+def to_first_order(
+    quantities: Callable[[Mapping[str, Array]], Mapping[str, Array]], best: Fit
+) -> tuple[dict[str, float], dict[str, float]]:
+    r"""Scalar quantities of the parameters at a fit, and their standard deviations by name.
+
+    $$\sigma_q = \sqrt{g^T C g}, \qquad g = \partial q / \partial\theta$$
+    """
+
+    def at(x: Float[Array, " parameter"]) -> dict[str, Array]:
+        return dict(quantities(dict(zip(best.theta, x, strict=True))))
+
+    x = jnp.asarray(list(best.theta.values()))
+    values, gradients = at(x), jax.device_get(jax.jacfwd(at)(x))
+
+    def std(g: Float[np.ndarray, " parameter"]) -> float:
+        return float(np.sqrt(g @ best.covariance @ g))
+
+    by_name = {name: float(value) for name, value in values.items()}
+    return by_name, {name: std(gradients[name]) for name in by_name}
+
+
 def fit(
     residual: Residual,
     box: Box,
