@@ -82,6 +82,7 @@ from jbw.observables.dataset import (
 from jbw.observables.decay_drift import LeftOutDecay
 from jbw.observables.drives import plain
 from jbw.observables.observable import OFFSETS, Row
+from jbw.observables.spectra import real_rows
 from jbw.report.messages import discrepancy as messages
 
 LEAST_RANGE = float(np.log(2.0))  # of the logarithm of amplitude: the least that a slope is over
@@ -656,7 +657,7 @@ def _rest(
 ) -> Rest:
     r"""A row's square beside what is expected of it, $N n + |M|^2$, and the variance of that."""
     moved = np.zeros((len(row), 0)) if uncertain is None else uncertain
-    real = np.concatenate([np.real(moved), np.imag(moved)]) if np.iscomplexobj(moved) else moved
+    real = real_rows(moved)
     count, of_errors, products = _count(row), float(np.sum(real**2)), real.T @ real
     of_noise = noise.square**2 * (1 / (count * fraction) + 1 / noise.known_by)
     of_both = 2 * noise.square / count * of_errors

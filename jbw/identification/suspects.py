@@ -13,7 +13,7 @@ from jaxtyping import Float
 from numpy.typing import NDArray
 
 from jbw.inference.posterior.remedies import put
-from jbw.observables.spectra import Row, Spectrum
+from jbw.observables.spectra import Row, Spectrum, real_rows
 from jbw.report.messages import causes as messages
 from jbw.report.messages.causes import Words
 
@@ -53,8 +53,7 @@ def three(x: float) -> float:
 
 def as_columns(*rows: Row) -> NDArray[np.float64]:
     """Rows as columns, of complex ones the real parts above the imaginary parts."""
-    table = np.stack(rows, axis=1)
-    return np.concatenate([np.real(table), np.imag(table)]) if np.iscomplexobj(table) else table
+    return real_rows(np.stack(rows, axis=1))
 
 
 def suspects(spectra: Spectra, slopes: Slopes, omega_n: float) -> Iterator[Suspect]:

@@ -5,13 +5,19 @@ record in time and a curve of harmonics differ by how they come from there.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Inexact
 
 Spectral = Complex[np.ndarray, " line"]
 Row = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
+
+
+def real_rows(table: Inexact[np.ndarray, "value column"]) -> Float[np.ndarray, "part column"]:
+    """Real parts above the imaginary parts; what is real stays as it is."""
+    values: Any = table
+    return np.concatenate([values.real, values.imag]) if np.iscomplexobj(values) else values
 
 
 class Spectrum(NamedTuple):
