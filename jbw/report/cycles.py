@@ -53,9 +53,14 @@ def _retained(row: Row) -> str:
     return percent(row["retained"]) if row["repeated"] else NOTHING
 
 
+def unit_of_motion(loops: Sequence[Row]) -> str:
+    """`rad` where all loops are of torque and rotation, else `m`."""
+    return "rad" if {loop.get("unit", "m") for loop in loops} == {"rad"} else "m"
+
+
 def _written(loops: Sequence[Row]) -> tuple[tuple[float, str], str]:
     """Factor and unit of the motion, and the unit of stiffness, of loops of one kind."""
-    unit = loops[0].get("unit", "m") if loops else "m"
+    unit = unit_of_motion(loops)
     largest = max((row["y"] for row in loops), default=1e-3)
     return motion_unit(largest, unit), "N m/rad" if unit == "rad" else "N/m"
 

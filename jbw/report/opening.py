@@ -13,7 +13,7 @@ import xarray as xr
 
 from jbw.inference.posterior.finding import ASKED
 from jbw.quantities import joints_of, split
-from jbw.report.cycles import motion_unit
+from jbw.report.cycles import motion_unit, unit_of_motion
 from jbw.report.messages import opening as messages
 from jbw.report.result import BACKBONE, laws_of, node
 from jbw.report.words import grades, unseen_hysteresis
@@ -67,8 +67,7 @@ def _rows(summary: Summary) -> Mapping[str, Any]:
 def _unit_of_motion(summary: Summary) -> str:
     """`rad` where all that the records show are loops of torque and rotation, else `m`."""
     look = summary.get("look") or {}
-    units = {loop.get("unit", "m") for loop in look.get("loops") or ()}
-    return "rad" if units == {"rad"} and not look.get("tests") else "m"
+    return "m" if look.get("tests") else unit_of_motion(look.get("loops") or ())
 
 
 def _has_mode(summary: Summary) -> bool:
