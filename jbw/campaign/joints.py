@@ -280,7 +280,7 @@ class SeveralJoints:
     laws: tuple[str, ...]
 
 
-def joints_of(
+def several_joints(
     spec: CampaignSpec, folder: Path, *, allow_outside: bool = False
 ) -> SeveralJoints | None:
     """The joints of a campaign with matrices; None of one joint.

@@ -12,7 +12,7 @@ from jbw.campaign.check import findings, unread
 from jbw.campaign.duplicates import held_twice, source_of
 from jbw.campaign.files import repeats_of
 from jbw.campaign.gains import Gain, force_per_unit, gain_of
-from jbw.campaign.joints import SeveralJoints, joints_of, refuse_unknown_shapes
+from jbw.campaign.joints import SeveralJoints, refuse_unknown_shapes, several_joints
 from jbw.campaign.schema import read_spec
 from jbw.campaign.settings import Identify, Structured, laws_of
 from jbw.campaign.tables import NOT_STATED, Assembly, Instruments, TestSpec
@@ -106,7 +106,7 @@ def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
     for fault in unread(spec):
         warnings.warn(f"{path.name}, [identify]: {fault.what} {fault.remedy}", stacklevel=2)
     folder, per_unit = path.resolve().parent, force_per_unit(spec)
-    joints = joints_of(spec, folder, allow_outside=allow_outside)
+    joints = several_joints(spec, folder, allow_outside=allow_outside)
     laws = spec.laws if joints is None else joints.laws
     tests = [
         load_test(test, folder, per_unit=per_unit, laws=laws, allow_outside=allow_outside)
