@@ -60,20 +60,6 @@ def falls(x: Reals) -> bool:
     return rms[-1] < FALLS * max(rms)
 
 
-def strongest_line(x: Reals, fs: float) -> float:
-    r"""Frequency of the strongest line [Hz], by the parabola through its logarithms.
-
-    $$f = \frac{f_s}{N}\Bigl(k + \frac{a - c}{2 (a - 2b + c)}\Bigr)$$
-
-    with a, b, c the logarithms of the lines k - 1, k, k + 1 under a Hann window.
-    """
-    x = x[np.isfinite(x)]
-    size = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(len(x))))
-    k = 1 + int(np.argmax(size[1:-1]))
-    a, b, c = np.log(np.maximum(size[k - 1 : k + 2], 1e-300))
-    return float(fs / len(x) * (k + 0.5 * (a - c) / (a - 2.0 * b + c)))
-
-
 def controlled_kind(roles: Mapping[str, Channel], series: Mapping[str, Leaf]) -> str:
     """Kind of a controlled test, where frequencies and amplitudes say so; else nothing.
 

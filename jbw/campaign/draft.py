@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbw.campaign.asked import Named
-from jbw.campaign.content import controlled_kind, course_of, falls, strongest_line
+from jbw.campaign.content import controlled_kind, course_of, falls
 from jbw.campaign.document import commented, toml
 from jbw.campaign.roles import (
     MOST_SAMPLES,
@@ -36,6 +36,7 @@ from jbw.measurement.recorders.facts import is_time
 from jbw.measurement.records import INPUTS, RESPONSES, Record, si_of
 from jbw.measurement.resampled import proposed_rate
 from jbw.measurement.response_checks import band_about_peak, height_within
+from jbw.measurement.spectra import strongest_line
 from jbw.report.messages import draft as messages
 from jbw.units import decibels, plain
 

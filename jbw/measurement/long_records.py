@@ -7,6 +7,7 @@ import numpy as np
 from jbw.measurement.kinds import Kind
 from jbw.measurement.records import Record
 from jbw.measurement.spans import span_line, start_of
+from jbw.measurement.spectra import strongest_line
 from jbw.report.messages import reading as messages
 
 LONG = 60_000  # samples from where on a fit takes minutes
@@ -45,8 +46,8 @@ def long_records(name: str, traits: Kind, record: Record) -> Iterator[str]:
         part = min(1.0, (ends[1] - ends[0]) * record.fs / total)
         line = span_line(*ends, start_of(record))
         proposals.append(messages.rests(ends[0], ends[1], part, line))
-    strongest = _strongest_hz(response, record.fs)
-    every = int(record.fs / (PER_CYCLE * strongest)) if strongest > 0 else 1
+    strongest = strongest_line(response, record.fs, lowest=DRIFTS)
+    every = int(record.fs / (PER_CYCLE * strongest))
     if every > 1:
         proposals.append(
             messages.oversampled(
@@ -55,13 +56,6 @@ def long_records(name: str, traits: Kind, record: Record) -> Iterator[str]:
         )
     if proposals:
         yield messages.long_record(name, total, proposals)
-
-
-def _strongest_hz(response: np.ndarray, fs: float) -> float:
-    """Frequency of the strongest line of a response [Hz], slower ones than drifts are made of."""
-    power = np.abs(np.fft.rfft(response * np.hanning(len(response)))) ** 2
-    power[:DRIFTS] = 0.0
-    return float(np.argmax(power) * fs / len(response))
 
 
 def _ordinal(number: int) -> str:

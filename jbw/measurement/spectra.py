@@ -274,6 +274,23 @@ def _warn_when_coarse(estimate: FRF) -> None:
     )
 
 
+def strongest_line(x: Reals, fs: float, *, window: Window = "hann", lowest: int = 1) -> float:
+    r"""Frequency of the strongest line of samples [Hz], by the parabola through its logarithms.
+
+    $$f = \frac{f_s}{N}\Bigl(k + \frac{a - c}{2 (a - 2b + c)}\Bigr)$$
+
+    with a, b, c the logarithms of the lines k - 1, k, k + 1 of the transform through a window; k is
+    at least `lowest`. A decay is strongest where it begins, which a Hann window would hide.
+    """
+    x = x[np.isfinite(x)]
+    weights = np.hanning(len(x)) if window == "hann" else np.ones(len(x))
+    size = np.abs(np.fft.rfft((x - x.mean()) * weights))
+    k = lowest + int(np.argmax(size[lowest:-1]))
+    a, b, c = np.log(np.maximum(size[k - 1 : k + 2], 1e-300))
+    bend = a - 2.0 * b + c
+    return float(fs / len(x) * (k + (0.5 * (a - c) / bend if bend else 0.0)))
+
+
 def half_power_bandwidth(freq: Reals, h: Complexes) -> float:
     """Width of the highest peak at half its power, linear between lines [Hz]; may be infinite."""
     power = np.abs(h) ** 2

@@ -29,6 +29,7 @@ from jbw.measurement.resonances import (
     read_curve,
     read_lines,
 )
+from jbw.measurement.spectra import strongest_line
 from jbw.observables.decay_envelopes import readings
 from jbw.observables.harmonic_groups import groups_of
 from jbw.observables.modal_starts import bands_of
@@ -200,9 +201,7 @@ def _of_decays(test: Test) -> Iterator[Reading]:
     """Along the envelopes of a test's decays, in its band or in one about its strongest line."""
     record = test.records[0]
     if test.band_hz is None:
-        samples = record.channels[record.response]
-        freq = np.fft.rfftfreq(len(samples), 1 / record.fs)
-        peak = freq[1 + int(np.argmax(np.abs(np.fft.rfft(samples))[1:]))]
+        peak = strongest_line(record.channels[record.response], record.fs, window="boxcar")
         test = replace(test, band_hz=((1 - WIDE) * peak, (1 + WIDE) * peak))
     order = derivative_order(record.response)
     for reading in readings(test):

@@ -8,11 +8,12 @@ from click.testing import CliRunner
 from corpus.dialects import v73
 
 from jbw.campaign.asked import answered, channels_named_by, still_doubtful
-from jbw.campaign.content import course_of, falls, strongest_line
+from jbw.campaign.content import course_of, falls
 from jbw.campaign.draft import start_campaign
 from jbw.campaign.files import repeats_of
 from jbw.campaign.schema import parse
 from jbw.cli import cli
+from jbw.measurement.spectra import strongest_line
 
 FS = 512.0
 T = np.arange(8192) / FS
