@@ -99,33 +99,37 @@ def measure(
     plans = [replace(p, repeats=repeats or p.repeats) for p in plans_named(rig, tests)]
     count = max(plan.repeats for plan in plans)
     days = specimen_of_days(specimen_of(joint), count, conditions)
-    joint_truth = {name: float(x) for name, x in as_oscillator(joint).parameters().items()}
-    gain, by_voltage = rig.gain, {}
-    if rig.shapes is not None:
-        shapes = of_day(rig.shapes, specimen_of(joint))
-        for law in as_oscillator(joint).laws:
-            joint_truth |= law_of_mode(law, shapes)
-        by_voltage = first_mode_truth(shapes, rig.armature)
-        gain = float(shapes.drive[0] * shapes.output[0])
     # Two tests at once: FFT, compiled loop and random numbers all release the interpreter's lock.
     with ThreadPoolExecutor(max_workers=2) as pool:
         by_plan = pool.map(lambda plan: record_test(plan, rig, days, conditions), plans)
         recorded = list(chain.from_iterable(by_plan))
+    truth = _truth_of(rig, joint)
     return RigCampaign(
         name=f"virtual rig, {rig.name}",
         folder=None,
         tests=tuple(test for test, _ in recorded),
-        settings=_settings(rig, plans, conditions, joint_truth),
+        settings=_settings(rig, plans, conditions, truth["joint"]),
         truth={
             "preset": rig.name,
-            "gain": gain,
-            "joint": joint_truth | by_voltage,
+            **truth,
             "days": [{"omega_n": day.omega_n, "zeta": day.zeta} for day in days],
             "conditions": asdict(conditions),
         },
         demands={test.name: demands for test, demands in recorded if demands},
         laws=tuple(law.name for law in joint.laws),
     )
+
+
+def _truth_of(rig: Preset, joint: Joint) -> dict[str, Any]:
+    """The gain, and the parameters that an identification of the joint is to find."""
+    parameters = {name: float(x) for name, x in as_oscillator(joint).parameters().items()}
+    if rig.shapes is None:
+        return {"gain": rig.gain, "joint": parameters}
+    shapes = of_day(rig.shapes, specimen_of(joint))
+    for law in as_oscillator(joint).laws:
+        parameters |= law_of_mode(law, shapes)
+    parameters |= first_mode_truth(shapes, rig.armature)
+    return {"gain": float(shapes.drive[0] * shapes.output[0]), "joint": parameters}
 
 
 def _settings(
