@@ -130,27 +130,27 @@ class ControlledPoints(Repeated):
                 "law.",
                 remedy="State `upper` or `both`, which all tests share.",
             )
-        groups = [
-            (ControlledGroup(number, quantity), values)
-            for number, (_, curves) in enumerate(family)
-            for quantity, values in _compared(curves, is_locked=is_locked)
-        ]
-        means = [values.mean(axis=0) for _, values in groups]
-        sizes = np.array([_size(row, mean) for (row, _), mean in zip(groups, means, strict=True)])
-        scales = [_first_scale(row, mean) for (row, _), mean in zip(groups, means, strict=True)]
-        lengths = np.array([len(mean) for mean in means], float)
-        inputs = [_mean_inputs(curves) for _, curves in family]
+        rows, values = zip(
+            *(
+                (ControlledGroup(number, quantity), of_repeats)
+                for number, (_, curves) in enumerate(family)
+                for quantity, of_repeats in _compared(curves, is_locked=is_locked)
+            ),
+            strict=True,
+        )
+        means = [of_repeats.mean(axis=0) for of_repeats in values]
+        scales = [_first_scale(row, mean) for row, mean in zip(rows, means, strict=True)]
+        omega, amplitude, phase = zip(*(_mean_inputs(curves) for _, curves in family), strict=True)
         forces = [_mean_force(curves) for _, curves in family]
-        names = [test.name for test, _ in family]
         moments = [_moments(curves, is_locked=is_locked) for _, curves in family]
-        longest = int(max(lengths))
+        longest = max(map(len, means))
         source = family[0][0].records[0]
-        data = cls(
-            omega=filled([test_inputs[0] for test_inputs in inputs], "edge"),
-            amplitude=filled([test_inputs[1] for test_inputs in inputs], "edge"),
-            phase=filled([test_inputs[2] for test_inputs in inputs], "edge"),
+        return cls(
+            omega=filled(omega, "edge"),
+            amplitude=filled(amplitude, "edge"),
+            phase=filled(phase, "edge"),
             load=filled(forces, "edge"),
-            counted=filled([np.ones(len(test_inputs[0])) for test_inputs in inputs]),
+            counted=filled([np.ones(len(points)) for points in omega]),
             mean=filled(means),
             scale=filled(scales, "edge"),
             mixed=jnp.zeros((len(means), longest)),
@@ -158,27 +158,14 @@ class ControlledPoints(Repeated):
                 np.stack([np.pad(m, ((0, longest - len(m)), (0, 0), (0, 0))) for m in moments])
             ),
             amplitude_std=jnp.asarray([test.amplitude_std for test, _ in family]),
-            size=jnp.asarray(sizes),
-            repeats=repeats(
-                within=np.array(
-                    [
-                        np.sum(((values - mean) / scale) ** 2)
-                        for (_, values), mean, scale in zip(groups, means, scales, strict=True)
-                    ]
-                ),
-                num_repeats=np.array([len(values) for _, values in groups]),
-                sizes=lengths,
-                labels=[f"{names[row.test]} {row.quantity}" for row, _ in groups],
-                runs=[run_of(family[row.test][0]) for row, _ in groups],
-                scale=sizes,
-            ),
-            rows=tuple(row for row, _ in groups),
+            size=jnp.asarray([_size(row, mean) for row, mean in zip(rows, means, strict=True)]),
+            repeats=_repeats_of([family[row.test][0] for row in rows], rows, values, scales),
+            rows=rows,
             is_locked=is_locked,
             unit_of_source="" if np.isnan(forces[0]).all() else source.units[source.source],
             laws=laws,
             residuals=residuals,
         )
-        return data
 
     @classmethod
     def design(
@@ -506,6 +493,28 @@ def _compared(
 def _near(phase: Any, first: Any) -> Float[np.ndarray, " point"]:
     """A phase less whole turns beside another [rad]."""
     return first + np.angle(np.exp(1j * (phase - first)))
+
+
+def _repeats_of(
+    tests: Sequence[Test],
+    rows: Sequence[ControlledGroup],
+    values: Sequence[np.ndarray],
+    scales: Sequence[np.ndarray],
+) -> RepeatedGroups:
+    """The repeats (repeat, point) of every group, whose scatter is over the scale of each point."""
+    means = [of_repeats.mean(axis=0) for of_repeats in values]
+    within = [
+        np.sum(((of_repeats - mean) / scale) ** 2)
+        for of_repeats, mean, scale in zip(values, means, scales, strict=True)
+    ]
+    return repeats(
+        within=np.array(within),
+        num_repeats=np.array([len(of_repeats) for of_repeats in values]),
+        sizes=np.array([len(mean) for mean in means], float),
+        labels=[f"{test.name} {row.quantity}" for test, row in zip(tests, rows, strict=True)],
+        runs=[run_of(test) for test in tests],
+        scale=np.array([_size(row, mean) for row, mean in zip(rows, means, strict=True)]),
+    )
 
 
 def _mean_inputs(curves: Sequence[ControlledCurve]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
