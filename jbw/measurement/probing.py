@@ -92,24 +92,14 @@ def third_order_kernel(
     y_1, y_3 = filtered.amplitudes[:, 0], filtered.amplitudes[:, 2]
     variance = filtered.variance[:, 2]
     if u is None:
-        if amplitude is None or not abs(amplitude) > 0:
-            raise DataError(
-                "The input's amplitude must be known, but neither `u` nor `amplitude` was given.",
-                why="H3 is Y(3 omega) over the cube of it.",
-                remedy="Measure the input beside the response, or give the demanded `amplitude`.",
-            )
-        u_1, u_3 = (np.full(len(y), complex(x)) for x in (amplitude, np.nan))
+        u_1, u_3 = _demanded(amplitude, len(y))
         relative = np.zeros(len(y))
     else:
         u = np.atleast_2d(channel(u, "u"))
         same_length(u=u, y=y)
         source = fitted(u)
+        _require_tone(source, omega)
         u_1, u_3 = source.amplitudes[:, 0], source.amplitudes[:, 2]
-        if np.any(np.abs(u_1) ** 2 <= NOISE_FLOOR**2 * source.variance[:, 0]):
-            raise DataError(
-                f"Channel `u` holds no tone at {omega / (2 * np.pi):.4g} Hz above its noise.",
-                remedy="Check `omega` (rad/s) and which channel is the input.",
-            )
         relative = 9 * source.variance[:, 0] / np.abs(u_1) ** 2
         if h1_3omega is not None:
             y_3 = y_3 - h1_3omega * u_3
@@ -131,6 +121,26 @@ def third_order_kernel(
         covariance=np.eye(2) * (std**2 if len(h3) > 1 else expected) / len(h3),
         above_noise=above, notes=_notes(omega, handling, ratio, above),
     )  # fmt: skip
+
+
+def _demanded(amplitude: complex | None, num_repeats: int) -> tuple[Complexes, Complexes]:
+    """Harmonics 1 and 3 of an input that was not measured, the third unknown."""
+    if amplitude is None or not abs(amplitude) > 0:
+        raise DataError(
+            "The input's amplitude must be known, but neither `u` nor `amplitude` was given.",
+            why="H3 is Y(3 omega) over the cube of it.",
+            remedy="Measure the input beside the response, or give the demanded `amplitude`.",
+        )
+    return np.full(num_repeats, complex(amplitude)), np.full(num_repeats, complex(np.nan))
+
+
+def _require_tone(source: Harmonics, omega: float) -> None:
+    """Refuse an input without a tone at the probing frequency."""
+    if np.any(np.abs(source.amplitudes[:, 0]) ** 2 <= NOISE_FLOOR**2 * source.variance[:, 0]):
+        raise DataError(
+            f"Channel `u` holds no tone at {omega / (2 * np.pi):.4g} Hz above its noise.",
+            remedy="Check `omega` (rad/s) and which channel is the input.",
+        )
 
 
 def peak_displacement(filtered: Harmonics) -> Reals:
