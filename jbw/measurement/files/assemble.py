@@ -65,19 +65,8 @@ def records_of(contents: Contents, path: Path, request: Wanted, digest: str) -> 
         provenance[f"unit of {role}"] = unit if factor == 1.0 else f"{unit}, times {factor:.10g}"
         if against:
             provenance[f"unit of {role}"] += f", by the campaign, against `{against}` of the file"
-        if request.remove_mean and role in CENTRED:
-            means = [float(row.mean()) for row in rows]
-            rows = [row - mean for row, mean in zip(rows, means, strict=True)]
-            provenance[f"mean of {role} removed"] = ", ".join(f"{mean:.6g}" for mean in means)
-        if request.window_s and role in RESPONSES:
-            rows = [unwindowed(row, request.window_s * fs, first) for row in rows]
-            provenance[f"window of {role} removed"] = f"exp(-t / {request.window_s:g} s)"
-        if request.lines_hz and role in RESPONSES:
-            parts = [without_lines(row, fs, request.lines_hz) for row in rows]
-            rows = [row for row, _ in parts]
-            provenance[f"lines of {role} removed"] = "; ".join(
-                lines_removed(lines) for _, lines in parts
-            )
+        rows, removed = _cleared(rows, role, fs, first, request)
+        provenance |= removed
         channels[role] = rows
         _require_one_motion(units)
         if is_curve and source:
@@ -108,6 +97,28 @@ def records_of(contents: Contents, path: Path, request: Wanted, digest: str) -> 
     if request.resample and "frequency" not in sources:
         channels = _of_one_length(channels)
     return _repeats(channels, Record(fs, {}, units, path.name, provenance))
+
+
+def _cleared(
+    rows: Repeats, role: str, fs: float, first: int, request: Wanted
+) -> tuple[Repeats, dict[str, str]]:
+    """Rows without their means, an analyser's window and steady lines, as asked; and what that was.
+
+    The rows begin with sample `first` of their record.
+    """
+    removed = {}
+    if request.remove_mean and role in CENTRED:
+        means = [float(row.mean()) for row in rows]
+        rows = [row - mean for row, mean in zip(rows, means, strict=True)]
+        removed[f"mean of {role} removed"] = ", ".join(f"{mean:.6g}" for mean in means)
+    if request.window_s and role in RESPONSES:
+        rows = [unwindowed(row, request.window_s * fs, first) for row in rows]
+        removed[f"window of {role} removed"] = f"exp(-t / {request.window_s:g} s)"
+    if request.lines_hz and role in RESPONSES:
+        parts = [without_lines(row, fs, request.lines_hz) for row in rows]
+        rows = [row for row, _ in parts]
+        removed[f"lines of {role} removed"] = "; ".join(lines_removed(lines) for _, lines in parts)
+    return rows, removed
 
 
 def _of_one_length(channels: Mapping[str, Repeats]) -> dict[str, Repeats]:
