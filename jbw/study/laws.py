@@ -30,7 +30,7 @@ from jbw.report.messages import stages
 from jbw.report.messages import study as messages
 from jbw.study.law_answers import compare_rows, statements
 from jbw.study.law_held_out import errors_across_kinds, errors_apart, held_out, unseen
-from jbw.study.law_rows import row_of, weigh
+from jbw.study.law_rows import Weighed, row_of, weigh
 from jbw.study.law_shapes import loops, residuals
 from jbw.study.look import look_groups, look_quietly
 from jbw.study.stack import law_groups, stack_of
@@ -107,14 +107,9 @@ def compare_laws(
     draws = {name: law.draws for name, law in weighed.items()}
     by_law = {name: law.left_out for name, law in weighed.items() if law.left_out is not None}
     runs = runs_of(candidates[0].fitted.data)
-    rows = {name: row_of(law) for name, law in weighed.items()}
-    scores = {name: np.array(list(law.elpd.values())) for name, law in by_law.items()}
-    compare_rows(rows, scores)
     y_peak = max(law.fitted.y_peak for law in named.values())
     highest = _highest(campaign, runs)
-    for name, law in by_law.items():
-        rows[name]["error_highest"] = law.error.get(highest) if highest else None
-        rows[name]["error_across"] = errors_across_kinds(named[name])
+    rows = _rows(weighed, by_law, highest)
     first = candidates[0].fitted
     lines = own_lines(first.data, {**_held(first.data), **first.fit.theta})
     readings = readings_of(candidates[0].fitted.data)
@@ -160,6 +155,18 @@ def compare_laws(
         }
     )
     return LawComparison(named, tree, record)
+
+
+def _rows(
+    weighed: Mapping[str, Weighed], by_law: Mapping[str, LeftOut], highest: str | None
+) -> dict[str, dict[str, Any]]:
+    """A row of every law, compared by scores of runs left out, with its errors on these."""
+    rows = {name: row_of(law) for name, law in weighed.items()}
+    compare_rows(rows, {name: np.array(list(law.elpd.values())) for name, law in by_law.items()})
+    for name, law in by_law.items():
+        rows[name]["error_highest"] = law.error.get(highest) if highest else None
+        rows[name]["error_across"] = errors_across_kinds(weighed[name].candidate)
+    return rows
 
 
 def _usual(campaign: Campaign) -> list[tuple[str, ...]]:
