@@ -1,7 +1,8 @@
 """The command on a fleet: `jbw population fleet.nc`."""
 
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 import numpy as np
@@ -10,6 +11,9 @@ from jbw.cli.options import json_option
 from jbw.cli.printing import NOT_TRUSTED, answer
 from jbw.cli.progress import computing
 from jbw.report.messages import population as messages
+
+if TYPE_CHECKING:
+    from jbw.population.population import Population
 
 NUM_PLACES = 25  # of the figure's band
 
@@ -66,23 +70,9 @@ def population(
         tree = new_unit(pooling, units, torque, seed=seed)
         backbone = new_backbone(pooling, units, torque, seed=seed)
         tree.dataset = backbone.assign_attrs(tree.attrs)
-        trend = "torque" in pooling.design.columns
-        torques = np.array(pooling.record["torque"], float)
-        torques_drawn = (
-            np.geomspace(torques.min(), torques.max(), NUM_PLACES) if trend else np.zeros(0)
-        )
-        if trend and torque is not None:
-            torques_drawn = np.sort(np.append(torques_drawn, torque))
-        ends = np.array([0.5, len(torques) + 0.5])
-        bands = [new(torque_drawn) for torque_drawn in torques_drawn] if trend else [new(None)] * 2
         sd = np.sqrt(np.diagonal(pooling.pooled.cov, axis1=1, axis2=2))
-        figure = population_figure(
-            pooling.record,
-            pooling.pooled.mean,
-            sd,
-            torques_drawn if trend else ends,
-            np.stack(bands, axis=1),
-        )
+        places, bands = _bands(pooling, torque, new)
+        figure = population_figure(pooling.record, pooling.pooled.mean, sd, places, bands)
         ahead = np.exp(new(torque)).T
         record: dict[str, Any] = {
             **pooling.record,
@@ -108,3 +98,16 @@ def population(
     saved = f"Population: {folder / 'population.html'}"
     answer(json_, record, shown, status, *record["statements"], saved=saved)
     return 0 if record["status"] == "ok" else NOT_TRUSTED
+
+
+def _bands(
+    pooling: "Population", torque: float | None, new: Callable[[float | None], np.ndarray]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Torques, or the ends of the row of units where no trend is known, and new units there."""
+    torques = np.array(pooling.record["torque"], float)
+    if "torque" not in pooling.design.columns:
+        return np.array([0.5, len(torques) + 0.5]), np.stack([new(None)] * 2, axis=1)
+    places = np.geomspace(torques.min(), torques.max(), NUM_PLACES)
+    if torque is not None:
+        places = np.sort(np.append(places, torque))
+    return places, np.stack([new(place) for place in places], axis=1)
