@@ -38,16 +38,6 @@ def enclosed_area(y: ArrayLike, force: ArrayLike) -> Reals:
     return np.pi * np.sum(k * (f_k * y_k.conj()).imag, axis=-1)
 
 
-def mean_cycle(
-    y: ArrayLike, force: ArrayLike, fs: float, omega: float, num_points: int = 256
-) -> tuple[Reals, Reals]:
-    """A cycle of a steady loop, y [m] and force [N/kg] at omega t from 0 to 2 pi, end excluded."""
-    y, force, fs = channel(y, "y"), channel(force, "force"), sampling(fs)
-    same_length(y=y, force=force)
-    at_phase, force_at_phase = mean_cycles(np.stack([y, force]), fs, omega, num_points)
-    return at_phase, force_at_phase
-
-
 def mean_cycles(x: Reals, fs: float, omega: float, num_points: int) -> Reals:
     """A cycle of every channel of shape (channel, time), at omega t from 0 to 2 pi, end excluded.
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from jbw.errors import ConfigError, DataError
-from jbw.measurement.loops import continued, differentiate, enclosed_area, integrate, mean_cycle
+from jbw.measurement.loops import continued, differentiate, enclosed_area, integrate, mean_cycles
 
 FS = 1024.0
 
@@ -50,7 +50,7 @@ def test_mean_cycle_averages_noise_away(golden):
     z = loop_force(y, np.sin(theta) > 0, case)
     rng = np.random.default_rng(1)
     noise = [std * rng.standard_normal((2, t.size)) for std in (1e-6, 1e-3)]
-    mean_y, force = mean_cycle(y + noise[0] + 0.01, z + noise[1], FS, omega, num_points=512)
+    mean_y, force = (mean_cycles(x, FS, omega, 512) for x in (y + noise[0] + 0.01, z + noise[1]))
     phase = 2 * np.pi * np.arange(512) / 512
     np.testing.assert_allclose(mean_y, [case["Y"] * np.cos(phase + 0.4)] * 2, atol=3e-7)
     # Error of the area pi Y std(Im F_1) = pi Y 1e-3 sqrt(2 / 16384), four of them.
@@ -114,7 +114,7 @@ def test_bad_input_is_refused():
     with pytest.raises(DataError, match="at least 8 samples"):
         enclosed_area(x[:7], x[:7])
     with pytest.raises(DataError, match="must last"):
-        mean_cycle(x, x, FS, 2 * np.pi)
+        mean_cycles(x[None], FS, 2 * np.pi, 256)
     for omega in (0.0, np.nan):
         with pytest.raises(ConfigError, match="`omega` must be positive"):
-            mean_cycle(x, x, FS, omega)
+            mean_cycles(x[None], FS, omega, 256)

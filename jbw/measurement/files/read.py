@@ -16,7 +16,7 @@ from jbw.errors import ConfigError, DataError, JbwError, did_you_mean, naming
 from jbw.measurement.checks import Fault, inspect
 from jbw.measurement.files.assemble import records_of
 from jbw.measurement.files.sampling import Wanted
-from jbw.measurement.files.tree import Contents, Leaf, names
+from jbw.measurement.files.tree import Contents
 from jbw.measurement.recorders import annotated
 from jbw.measurement.records import ROLES, Record
 
@@ -98,12 +98,6 @@ def records(path: Path, request: Wanted) -> tuple[Record, ...]:
     with naming(path.name), opened(path) as contents, path.open("rb") as stream:
         digest = hashlib.file_digest(stream, "sha256").hexdigest()
         return records_of(contents, path, request, digest)
-
-
-def channels_of(path: Path) -> dict[str, Leaf]:
-    """Every numeric array of a file: its path, shape, and what the file says of it."""
-    with opened(path) as contents:
-        return {name: item for name, item in names(contents.root) if isinstance(item, Leaf)}
 
 
 def report(record: Record, findings: Sequence[Fault]) -> None:

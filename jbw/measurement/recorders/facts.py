@@ -2,13 +2,13 @@
 
 import math
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
 
-from jbw.measurement.files.tree import Contents, Leaf, Node, Opaque, load
+from jbw.measurement.files.tree import Contents, Leaf, Opaque, load
 from jbw.units import is_unit, plain, titled
 
 MOST_VALUES = 4096  # that are read to learn one fact
@@ -61,14 +61,6 @@ def rate_of(increment: float) -> float | None:
 def positive(value: float) -> float | None:
     """A number that is positive and finite, or None."""
     return value if math.isfinite(value) and value > 0 else None
-
-
-def long_leaves(root: Node, least: int = 8) -> Iterator[tuple[str, Leaf]]:
-    """Top-level arrays of a tree that hold a series."""
-    if isinstance(root, Mapping):
-        for name, item in root.items():
-            if isinstance(item, Leaf) and max(item.shape, default=0) >= least:
-                yield str(name), item
 
 
 def stated(text: str, pattern: str) -> str:
