@@ -24,7 +24,7 @@ from jbw.measurement.checks import Fault, doubt, gathered, inspect, refusal, wor
 from jbw.measurement.clocks import untimely
 from jbw.measurement.controlled_checks import Control, uncontrolled
 from jbw.measurement.curves import forced_loop, response_curve
-from jbw.measurement.decay_checks import not_free
+from jbw.measurement.decay_checks import not_free, too_short
 from jbw.measurement.drive_noise import noisy_drive
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.long_records import long_records
@@ -304,6 +304,8 @@ def _stated(record: Record, test: TestSpec, spec: CampaignSpec) -> Iterator[Faul
     """
     if test.traits.is_free and test.band is None:
         yield from response_checks.bandless(record, test.settle)
+    elif test.traits.is_free and test.band is not None and test.band[1] < record.fs / 2:
+        yield from too_short(record, test.band, test.settle)
     driven = test.traits.is_transient and test.traits.is_driven
     if driven and test.band is None and spec.structure is None and spec.assembled is None:
         yield from response_checks.several_resonances(record)

@@ -87,7 +87,8 @@ def look(
     # What the records were mishandled by changes the numbers above: it is said beside them.
     doubted = [f"Doubtful: {doubt}" for doubt in record["doubts"]]
     answer(json_, record, *tables, *doubted, *record["statements"], *record["seen"], saved=saved)
-    following("identify", campaign)
+    # Of records none of which could be read, a fit says no more than a check.
+    following("identify" if record["tests"] or loops else "check", campaign)
 
 
 def tests_table(record: Row) -> Table:

@@ -24,6 +24,10 @@ from jbw.measurement.spans import left_out_from
 from jbw.report.messages import decay_faults as messages
 
 FEWEST_VALUES = 16  # of an envelope, before anything is said of it
+WIDENED, LOWEST = (
+    (1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0),
+    0.2,
+)  # times a band, and of its centre at least
 QUIET, LOUD = 0.1, 0.5  # of the largest response, before a blow and within a period after it
 FLAT = 0.05  # change of log X while a shaker holds the motion
 FALLS = 0.3  # change of log X in the time after it, as long as the held one, at the least
@@ -107,6 +111,46 @@ def course_of(record: Record, band: Sequence[float] | None, settle: float) -> Co
     half_s = chosen.half / record.fs
     outside = (1.5 * low - 0.5 * high, 1.5 * high - 0.5 * low)
     return Course(log, settle + time, half_s, across, chosen.centre_hz, outside, turn)
+
+
+def too_short(record: Record, band: tuple[float, float], settle: float) -> Iterator[Fault]:
+    """The refusal of a record that holds too few independent values in its band."""
+    size = record.num_samples - round(settle * record.fs)
+    count = _num_values(band, size, record.fs)
+    if count >= FEWEST_VALUES:
+        return
+    centre, half = (band[0] + band[1]) / 2, (band[1] - band[0]) / 2
+    wider = (
+        (float(f"{centre - k * half:.3g}"), float(f"{centre + k * half:.3g}")) for k in WIDENED
+    )
+    enough = (
+        (low, high)
+        for low, high in wider
+        if LOWEST * centre < low < high < record.fs / 2
+        and _num_values((low, high), size, record.fs) >= FEWEST_VALUES
+    )
+    remedy = "Measure longer, or shorten `settle`."
+    for low, high in enough:
+        remedy = (
+            f"Put under [[test]]: `band = [{low:g}, {high:g}]`, where no other mode lies in it."
+        )
+        break
+    yield refusal(
+        record.response,
+        f"The record has {count} independent values in `band` = [{band[0]:g}, {band[1]:g}] Hz "
+        f"after `settle`; at least {FEWEST_VALUES} are needed.",
+        f"It lasts {size / record.fs:.4g} s, {size / record.fs * centre:.3g} periods.",
+        remedy,
+    )
+
+
+def _num_values(band: tuple[float, float], size: int, fs: float) -> int:
+    """Independent values that a record of some samples has in a band."""
+    try:
+        chosen = band_filter(band, fs)
+    except DataError:  # a band that no record resolves
+        return 0
+    return max(0, -(-(size - 2 * chosen.half) // chosen.step))
 
 
 def not_free(record: Record, band: Sequence[float] | None, settle: float) -> Iterator[Fault]:

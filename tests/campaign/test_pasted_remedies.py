@@ -15,7 +15,7 @@ from jbw.campaign.schema import parse
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.files import tree
 from jbw.measurement.long_records import long_records
-from jbw.observables.decay_envelopes import filter_of
+from jbw.observables.decay_envelopes import envelopes, filter_of
 from jbw.units import decibels, quantity_of
 
 FS, HZ, RATE = 600.0, 30.0, 1.1
@@ -417,6 +417,23 @@ def test_a_decay_without_a_band_is_told_one_when_it_is_fitted(tmp_path):
     pasted(path, [refused.value.remedy])
     (test,) = load_campaign(path).tests
     assert filter_of(test).centre_hz == pytest.approx(HZ, rel=0.2)
+
+
+def test_a_band_too_narrow_for_the_record_is_widened(tmp_path):
+    path = written(tmp_path, lambda x, i: x[:1500], band="band = [29.0, 31.0]")
+    (fault,) = faults(path)
+    assert "values in `band` = [29, 31] Hz" in fault.what
+    pasted(path, [fault.remedy])
+    assert faults(path) == []
+    (test,) = load_campaign(path).tests
+    assert all(len(envelope) >= 16 * filter_of(test).step for envelope in envelopes(test))
+
+
+def test_of_four_periods_nothing_is_read(tmp_path):
+    path = written(tmp_path, lambda x, i: x[: round(4 * FS / HZ)], band="band = [25.0, 35.0]")
+    (fault,) = faults(path)
+    assert "4 periods" in fault.why
+    assert fault.remedy == "Measure longer, or shorten `settle`."
 
 
 @pytest.mark.parametrize("fs", [4096.0, 4.096e6])

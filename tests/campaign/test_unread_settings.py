@@ -81,8 +81,8 @@ def test_the_notebooks_campaigns_state_nothing_in_vain(path):
 
 
 def test_check_shows_it_and_loading_warns_of_it(tmp_path, capsys):
-    time = np.arange(512) / 256.0
-    wave = np.exp(-2.0 * time) * np.cos(60.0 * time)
+    time = np.arange(4096) / 256.0  # as long as its band asks for
+    wave = np.exp(-0.2 * time) * np.cos(60.0 * time)
     np.savetxt(tmp_path / "a.csv", np.c_[time, wave], delimiter=",", header="t,v", comments="")
     text = campaign('offsets = "runs"', "decay").replace("a.h5", "a.csv")
     units = 'units = { velocity = "m/s" }\nfs = 256.0\nband = [8.0, 11.0]\n[identify]'
