@@ -100,7 +100,8 @@ def written(folder, names=tuple(SWEEPS), *, tie="", **options):
     """The same as a campaign file with matrices and records; its path."""
     rig = lapped_beams()
     dofs = np.array([str(dof) for dof in rig.model.dofs], dtype=object)[:, None]
-    matrices = {"M": rig.model.mass, "K": rig.model.stiffness, "dofs": dofs}
+    nodes = [[float(node), *where] for node, where in rig.model.positions.items()]
+    matrices = {"M": rig.model.mass, "K": rig.model.stiffness, "dofs": dofs, "nodes": nodes}
     scipy.io.savemat(folder / "beams.mat", matrices)
     text = f"""[campaign]
 name = "bolts"

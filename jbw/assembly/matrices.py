@@ -1,6 +1,6 @@
 """Mass, stiffness and damping of a model in SI, as a value that is checked once."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -29,6 +29,7 @@ class MatrixModel:
         damping: C; None where the model has none.
         units: System in which the matrices were given.
         notes: What was changed or assumed, a sentence each.
+        positions: Where nodes lie [m]; None where that is not known.
     """
 
     mass: Sparse
@@ -37,6 +38,7 @@ class MatrixModel:
     damping: Sparse | None = None
     units: str = "SI"
     notes: tuple[str, ...] = ()
+    positions: Mapping[str, tuple[float, float, float]] | None = None
 
     @property
     def num_dofs(self) -> int:
@@ -61,6 +63,7 @@ def matrix_model(
     units: str,
     dofs: Sequence[Dof | tuple[Any, Any] | str] | None = None,
     damping: Any = None,
+    nodes: Mapping[str, tuple[float, float, float]] | None = None,
 ) -> MatrixModel:
     """A model of matrices, dense or sparse, with what `read_matrices` checks of files.
 
@@ -71,6 +74,7 @@ def matrix_model(
         dofs: Node and direction of every row, as pairs or "node:direction"; rows counted from 1,
             named "1:row", where there is no table.
         damping: C, if any.
+        nodes: Where nodes lie, in the unit of length of the matrices; for pictures alone.
 
     Raises:
         ConfigError: The system of units is unknown, or needs a table of degrees of freedom.
@@ -102,9 +106,13 @@ def matrix_model(
         matrices[name] = in_si(symmetric, rows, system, _POWER_OF_TIME[name])
         notes += [note] if note else []
     _require_semidefinite_mass(matrices["M"], rows)
+    positions = None if nodes is None else {
+        node: (system.length * x, system.length * y, system.length * z)
+        for node, (x, y, z) in nodes.items()
+    }  # fmt: skip
     return MatrixModel(
-        matrices["M"], matrices["K"], rows, matrices.get("C"), units, tuple(notes)
-    )  # fmt: skip
+        matrices["M"], matrices["K"], rows, matrices.get("C"), units, tuple(notes), positions
+    )
 
 
 def _row(dof: Dof | tuple[Any, Any] | str) -> Dof:

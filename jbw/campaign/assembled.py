@@ -14,7 +14,7 @@ from jbw.errors import ConfigError, did_you_mean
 from jbw.quantities import DEFAULT_LAWS, label, law_name
 from jbw.report.messages import campaign_faults as messages
 
-FILES = ("mass", "stiffness", "damping", "dofs")
+FILES = ("mass", "stiffness", "damping", "dofs", "nodes")
 
 
 def place(value: Any) -> AnyPlace:
@@ -88,7 +88,7 @@ class AssembledStructure(FileTable):
 
     matrices: MatrixFiles = key(
         ...,
-        "file with M and K (and C, dofs), or a file each; .mat, .npz, .mtx, .pch, .op4",
+        "file with M and K (and C, dofs, nodes), or a file each; .mat, .npz, .mtx, .pch, .op4",
         "beams.mat",
     )
     units: Annotated[str, values.OneOf(lambda: SYSTEMS)] = key(

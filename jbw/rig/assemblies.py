@@ -13,7 +13,7 @@ Reference:
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import accumulate, pairwise
 from typing import Any, NamedTuple, Self
 
 import numpy as np
@@ -115,7 +115,11 @@ def lapped_beams(
         Joint(f"bolt {j}", {f"{a}:ry": lever, f"{b}:ry": lever}, stiffness=k)
         for j, ((a, b), k) in enumerate(zip(bolts, stiffness, strict=True), 1)
     )
-    model = assembly.model(fixed=[(0, "z"), (0, "ry")])
+    along = [0.0, *accumulate(first)]
+    at = {a: (x, 0.0, 0.0) for a, x in zip(nodes_a, along, strict=True)}
+    lap = accumulate(second, initial=along[-2])
+    at |= {b: (x, 0.0, section.thickness) for b, x in zip(nodes_b, lap, strict=True)}
+    model = assembly.model(fixed=[(0, "z"), (0, "ry")], at=at)
     return JointedModel(model, joints, "1:z", {"tip": f"{nodes_b[-1]}:z"}, to_hz=1000.0)
 
 
@@ -169,7 +173,8 @@ def portal_frame(
     ]
     outputs = {"sway": f"{beam[0]}:x", "middle": f"{beam[elements // 2]}:z"}
     driven = {f"{first_column[elements // 2]}:x": 1.0}
-    return JointedModel(mesh.model(fixed), joints, driven, outputs, to_hz=400.0)
+    spatial = {node: (x, 0.0, z) for node, (x, z) in at.items()}
+    return JointedModel(mesh.model(fixed, spatial), joints, driven, outputs, to_hz=400.0)
 
 
 def plate_chain(
@@ -195,7 +200,7 @@ def plate_chain(
             rigid-body modes.
     """
     mesh = _Mesh()
-    names = []
+    names, at, start = [], {}, 0.0
     base = _numbers_from(elements)
     for j, length in enumerate(lengths, 1):
         nodes: list[Any] = [base * j + i for i in range(elements + 1)]
@@ -204,6 +209,8 @@ def plate_chain(
             deflections[0] = base * (j - 1) + elements  # shared with the plate before
         mesh.add_beam(nodes, [length / elements] * elements, section, deflections)
         names.append((nodes[0], nodes[-1]))
+        at |= {n: (start + length * i / elements, 0.0, 0.0) for i, n in enumerate(nodes)}
+        start += length
     joints = tuple(
         Joint(f"joint {j}", across=(f"{names[j - 1][1]}:ry", f"{names[j][0]}:ry"), stiffness=k)
         for j, k in enumerate(stiffness, 1)
@@ -211,7 +218,7 @@ def plate_chain(
     fixed = [(base, "z"), (base, "ry")] if clamped else []
     outputs = {"tip": f"{names[-1][1]}:z"}
     driven = f"{base + elements - 1}:z"
-    return JointedModel(mesh.model(fixed), joints, driven, outputs, to_hz=400.0)
+    return JointedModel(mesh.model(fixed, at), joints, driven, outputs, to_hz=400.0)
 
 
 def _numbers_from(elements: int) -> int:
@@ -279,14 +286,20 @@ class _Mesh:
         rows, factors = self._numbers(list(weights)), np.array(list(weights.values()))
         self._stiffness.append((rows, stiffness * np.outer(factors, factors)))
 
-    def model(self, fixed: Sequence[tuple[Any, str]]) -> MatrixModel:
-        """The matrices without the rows of fixed degrees of freedom."""
+    def model(
+        self,
+        fixed: Sequence[tuple[Any, str]],
+        at: Mapping[Any, tuple[float, float, float]] | None = None,
+    ) -> MatrixModel:
+        """The matrices without the rows of fixed degrees of freedom, and where nodes lie [m]."""
         free = [row for place, row in self._rows.items() if place not in set(fixed)]
         names = {row: Dof(str(node), direction) for (node, direction), row in self._rows.items()}
         mass, stiffness = (
             self._assembled(elements)[free][:, free] for elements in (self._mass, self._stiffness)
         )
-        return matrix_model(mass, stiffness, units="SI", dofs=[names[row] for row in free])
+        nodes = {str(node): position for node, position in (at or {}).items()}
+        dofs = [names[row] for row in free]
+        return matrix_model(mass, stiffness, units="SI", dofs=dofs, nodes=nodes)
 
     def _numbers(self, dofs: Sequence[tuple[Any, str]]) -> list[int]:
         return [self._rows.setdefault(dof, len(self._rows)) for dof in dofs]

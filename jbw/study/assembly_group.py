@@ -1,17 +1,23 @@
 """Where the joints of an assembled structure act, as a run's result keeps it."""
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
+import scipy.sparse as sp
 import xarray as xr
+from jaxtyping import Float
 
-from jbw.assembly.dofs import Dof, terms_of
-from jbw.assembly.joint_units import Terms
+from jbw.assembly.dofs import TRANSLATIONS, Dof, terms_of
+from jbw.assembly.joint_units import Terms, joint_units, rotates
 from jbw.assembly.reduce import ReducedModel
 from jbw.errors import DataError
 from jbw.quantities import label
 
 GROUP = "assembly"
+SI = "SI"
+SAME_PLACE = 1e-9  # of the structure's extent
+MOST_LINKS = 12  # a node: more are no mesh
 
 
 class Place(NamedTuple):
@@ -44,8 +50,12 @@ class Assembly(NamedTuple):
     highest_node: int
 
 
-def assembly_group(model: ReducedModel) -> xr.Dataset:
-    """Degrees of freedom and stiffness of every joint, with the model's units."""
+def assembly_group(model: ReducedModel, modes_hz: Sequence[float] = ()) -> xr.Dataset:
+    """Degrees of freedom and stiffness of every joint, with the model's units.
+
+    Where positions of nodes are known, those, the pairs of nodes that the stiffness couples, and
+    what the modes at some frequencies [Hz] move the nodes by, the largest by 1.
+    """
     terms = [terms_of(joint.weights, f"Joint `{joint.name}`") for joint in model.joints]
     dofs = list(dict.fromkeys(str(dof) for of_joint in terms for dof, _ in of_joint))
     weights = np.zeros((len(terms), len(dofs)))
@@ -54,12 +64,16 @@ def assembly_group(model: ReducedModel) -> xr.Dataset:
             row[dofs.index(str(dof))] += weight
     nodes = {dof.node for dof in model.matrices.dofs}
     highest = max((int(node) for node in nodes if node.isdecimal()), default=0)
+    units = [joint_units(SI, rotates=rotates(of_joint)) for of_joint in terms]
     stiffness = {"units": "N/m", "long_name": "stiffness in full stick"}
     weight = {"units": "1", "long_name": "factor of a degree of freedom in the joint's motion"}
     return xr.Dataset(
         {
             "weight": (("joint", "dof"), weights, weight),
             "stiffness": ("joint", model.stiffness, stiffness),
+            "motion_unit": ("joint", [of_joint.unit("m") for of_joint in units]),
+            "force_unit": ("joint", [of_joint.unit("N") for of_joint in units]),
+            **_geometry(model, modes_hz),
         },
         {"joint": [label(joint.name) for joint in model.joints], "dof": dofs},
         {
@@ -68,6 +82,49 @@ def assembly_group(model: ReducedModel) -> xr.Dataset:
             "highest_node": highest,
         },
     )
+
+
+def _geometry(model: ReducedModel, modes_hz: Sequence[float]) -> dict[str, Any]:
+    """Nodes, links and shapes to be drawn; nothing where positions are not known."""
+    positions = model.matrices.positions
+    if not positions:
+        return {}
+    nodes = {node: i for i, node in enumerate(positions)}
+    rows = np.array([nodes.get(dof.node, -1) for dof in model.matrices.dofs])
+    coupled = sp.coo_array(model.matrices.stiffness)
+    ends = np.sort(np.column_stack((rows[coupled.row], rows[coupled.col])), axis=1)
+    links = np.unique(ends[(ends[:, 0] >= 0) & (ends[:, 0] < ends[:, 1])], axis=0)
+    if len(links) > MOST_LINKS * len(nodes):  # a superelement couples all nodes with each other
+        links = links[:0]
+    moved = np.zeros((len(modes_hz), len(nodes), len(TRANSLATIONS)))
+    for i, hz in enumerate(modes_hz):
+        shape = model.shapes[:, int(np.argmin(np.abs(model.frequencies_hz - hz)))]
+        for row, dof, of_dof in zip(rows, model.matrices.dofs, shape, strict=True):
+            if row >= 0 and dof.direction in TRANSLATIONS:
+                moved[i, row, TRANSLATIONS.index(dof.direction)] = of_dof
+    moved = _with_coincident(moved, np.array(list(positions.values())))
+    largest = np.abs(moved).max(axis=(1, 2), keepdims=True)
+    return {
+        "node": ("node", list(nodes)),
+        "position": (("node", "axis"), np.array(list(positions.values())), {"units": "m"}),
+        "held": ("node", ~np.isin(np.arange(len(nodes)), rows)),
+        "link": (("link", "end"), links),
+        "deflection": (("mode", "node", "axis"), moved / np.where(largest > 0, largest, 1.0)),
+    }
+
+
+def _with_coincident(
+    moved: Float[np.ndarray, "mode node 3"], position: Float[np.ndarray, "node 3"]
+) -> Float[np.ndarray, "mode node 3"]:
+    """Nodes that only rotate share the deflection of another one at their place."""
+    is_still, near = np.all(moved == 0, axis=(0, 2)), SAME_PLACE * np.ptp(position, axis=0).max()
+    filled = moved.copy()
+    for node in np.flatnonzero(is_still):
+        is_there = np.abs(position - position[node]).max(axis=1) <= near
+        there = np.flatnonzero(is_there & ~is_still)
+        if there.size:
+            filled[:, node] = moved[:, there[0]]
+    return filled
 
 
 def assembly_of(tree: xr.DataTree) -> Assembly:

@@ -47,7 +47,8 @@ def finished_study(
     record |= {"look": read.look.record, **(notes or {})}
     groups = look_groups(read.look, entered(read.measured))
     if order.campaign.joints is not None:
-        groups[f"/{ASSEMBLY}"] = assembly_group(order.campaign.joints.model)
+        modes = tree["joints"].to_dataset()["frequency_hz"].values if "joints" in tree else ()
+        groups[f"/{ASSEMBLY}"] = assembly_group(order.campaign.joints.model, tuple(modes))
     tree = xr.DataTree.from_dict({**tree.to_dict(), **groups})
     record["opening"] = list(opening(record, tree))
     tree["procedure"] = xr.DataTree(steps_group(record))

@@ -296,3 +296,43 @@ def test_faulty_tables_are_refused(tmp_path, text, what):
     (tmp_path / "dofs.csv").write_text(text)
     with pytest.raises(DataError, match=what):
         read_matrices({"mass": M, "stiffness": K, "dofs": tmp_path / "dofs.csv"}, units="SI")
+
+
+# -- where nodes lie -------------------------------------------------------------------------------
+PLACES = [(1, 0.1, 0.0, 0.0), (2, 0.2, 0.0, 0.0), (101, 0.25, 0.0, 0.005)]
+IN_METRES = {str(node): tuple(where) for node, *where in PLACES}
+
+
+@pytest.mark.parametrize("kind", ["mat", "npz", "files", "memory"])
+def test_positions_of_nodes_are_read_beside_matrices(tmp_path, kind):
+    arrays = {"M": M, "K": K, "dofs": np.array(NAMES), "nodes": np.array(PLACES)}
+    source = tmp_path / f"beams.{kind}"
+    if kind == "mat":
+        scipy.io.savemat(source, arrays | {"dofs": np.array(NAMES, dtype=object)[:, None]})
+    elif kind == "npz":
+        np.savez(source, **arrays)
+    else:
+        table = tmp_path / "nodes.csv"
+        lines = [",".join(map(str, place)) for place in PLACES]
+        table.write_text("\n".join(["node,x,y,z", *lines]))
+        source = {"mass": M, "stiffness": K, "dofs": NAMES}
+        source["nodes"] = table if kind == "files" else PLACES
+    assert dict(same(read_matrices(source, units="SI")).positions) == IN_METRES
+
+
+def test_positions_are_in_the_unit_of_length_of_the_matrices():
+    model = read_matrices(
+        {"mass": M, "stiffness": K, "dofs": NAMES, "nodes": PLACES}, units="N-mm-t-s"
+    )
+    assert model.positions["101"] == pytest.approx((0.25e-3, 0.0, 5e-6))
+    assert read_matrices({"mass": M, "stiffness": K}, units="SI").positions is None
+
+
+@pytest.mark.parametrize("line", ["17,0.1,0.2", "17,0.1,0.2,here", "17,0.1,0.2,nan"])
+def test_a_faulty_line_of_positions_is_refused(tmp_path, line):
+    (tmp_path / "nodes.csv").write_text(f"node,x,y,z\n1,0,0,0\n{line}\n")
+    with pytest.raises(DataError, match=r"nodes\.csv must be node, x, y and z") as caught:
+        read_matrices({"mass": M, "stiffness": K, "nodes": tmp_path / "nodes.csv"}, units="SI")
+    cure = caught.value.remedy.partition("such as `")[2].partition("`")[0]
+    (tmp_path / "nodes.csv").write_text(f"node,x,y,z\n1,0,0,0\n{cure}\n")
+    read_matrices({"mass": M, "stiffness": K, "nodes": tmp_path / "nodes.csv"}, units="SI")

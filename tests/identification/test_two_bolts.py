@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import two_bolts
+import xarray as xr
 from exported import rows
 from full_model import joints_read, moved
 from pasted import pasted
@@ -207,7 +208,11 @@ def test_a_campaign_file_is_identified_from_end_to_end(tmp_path, capsys):
     summary = json.loads((out / "summary.json").read_text())
     assert [row["verdict"] for row in summary["joints"]["joints"]] == ["identified"] * 2
     run(["report", str(out)])
-    assert "Shares of the joints in every mode" in (out / "report.html").read_text()
+    page = (out / "report.html").read_text()
+    assert "Shares of the joints in every mode" in page
+    for drawn in ("extra_assembly", "extra_joint_loops"):
+        assert (out / "figures" / f"{drawn}.png").is_file()
+    assert "position" in xr.open_datatree(out / "posterior.nc")["assembly"]
     assert run(["export", str(out), "--to", "opensees"]) == 0
     joints = joints_read((out / "export" / "joints.tcl").read_text())
     assert [set(joint.weights) for joint in joints] == [{"3:ry", "101:ry"}, {"4:ry", "102:ry"}]

@@ -342,6 +342,8 @@ OF_TOPICS = {
         figures.model_residual("2.3 %"), figures.taken_by_slip("alpha"),
         figures.modal_amplitude("mm", several_joints=False),
         figures.modal_amplitude("mm", several_joints=True), figures.fold("mode 2", "3 mm"),
+        figures.mode_at(2, 90.47), figures.energy_of("bolt_1 8.2 %"),
+        figures.secant("1.2e+07", "N/m"),
         figures.loop_areas(4, "3 %"), figures.less_mean("alpha", "nuts"),
     ],
     "stages": [

@@ -9,6 +9,7 @@ import scipy.sparse as sp
 
 from jbw.assembly.dofs import Dof
 from jbw.assembly.factorisation import Sparse
+from jbw.assembly.files.node_table import Position
 
 
 @dataclass(frozen=True)
@@ -18,10 +19,12 @@ class MatrixFile:
     Attributes:
         matrices: By the name in the file; "" where the format has no names.
         dofs: By matrix, the degree of freedom of every row; under "" that of all matrices.
+        nodes: Position of every node; None where the file states none.
     """
 
     matrices: Mapping[str, Any]
     dofs: Mapping[str, Sequence[Dof]] = field(default_factory=dict)
+    nodes: Mapping[str, Position] | None = None
 
 
 def of_labels(

@@ -11,14 +11,23 @@ import scipy.sparse as sp
 
 from jbw.assembly.files.contents import MatrixFile
 from jbw.assembly.files.dof_table import DOFS, rows_of_table
+from jbw.assembly.files.node_table import NODES, positions
 
 
 def contents(path: Path) -> MatrixFile:
-    """Matrices of a .mat file, and its variable `dofs`: "node:direction", or [node, direction]."""
+    """Matrices of a .mat file, its variable `dofs`: "node:direction", or [node, direction].
+
+    `nodes`, where there is one, has rows [node, x, y, z].
+    """
     variables = _v73(path) if h5py.is_hdf5(path) else _v5(path)
     table = next((variables.pop(name) for name in list(variables) if name.lower() == DOFS), None)
+    nodes = next((variables.pop(name) for name in list(variables) if name.lower() == NODES), None)
     matrices = {name: x for name, x in variables.items() if sp.issparse(x) or _is_matrix(x)}
-    return MatrixFile(matrices, {} if table is None else {"": rows_of_table(table)})
+    return MatrixFile(
+        matrices,
+        {} if table is None else {"": rows_of_table(table)},
+        None if nodes is None else positions(nodes),
+    )
 
 
 def _is_matrix(variable: Any) -> bool:

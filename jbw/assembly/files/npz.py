@@ -7,15 +7,24 @@ import scipy.sparse as sp
 
 from jbw.assembly.files.contents import MatrixFile
 from jbw.assembly.files.dof_table import DOFS, rows_of_table
+from jbw.assembly.files.node_table import NODES, positions
 
 
 def contents(path: Path) -> MatrixFile:
-    """Matrices of an .npz file, and its array `dofs`: "node:direction", or [node, direction]."""
+    """Matrices of an .npz file, its array `dofs`: "node:direction", or [node, direction].
+
+    `nodes`, where there is one, has rows [node, x, y, z].
+    """
     with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
         names = list(archive.files)
         if {"format", "data", "shape"} <= set(names):
             return MatrixFile({"": sp.load_npz(path)})
         arrays = {name: archive[name] for name in names}
     table = next((arrays.pop(name) for name in names if name.lower() == DOFS), None)
+    nodes = next((arrays.pop(name) for name in list(arrays) if name.lower() == NODES), None)
     matrices = {name: x for name, x in arrays.items() if x.ndim == 2 and x.dtype.kind in "iufc"}
-    return MatrixFile(matrices, {} if table is None else {"": rows_of_table(table)})
+    return MatrixFile(
+        matrices,
+        {} if table is None else {"": rows_of_table(table)},
+        None if nodes is None else positions(nodes),
+    )

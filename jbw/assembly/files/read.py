@@ -1,6 +1,7 @@
 """Matrices of a finite-element program, from one file or from one each."""
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -12,6 +13,7 @@ from jbw.assembly.dofs import Dof
 from jbw.assembly.factorisation import Sparse
 from jbw.assembly.files.contents import MatrixFile
 from jbw.assembly.files.dof_table import read_table, rows_of_table
+from jbw.assembly.files.node_table import Position, positions, read_nodes
 from jbw.assembly.matrices import MatrixModel, matrix_model
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.report.messages import matrices as messages
@@ -43,8 +45,8 @@ def read_matrices(source: Source, *, units: str, dofs: Any = None) -> MatrixMode
 
     | format | what it holds |
     |---|---|
-    | `.mat`, v5 to v7.3 | variables M, K, C and `dofs`, dense or sparse |
-    | `.npz` | arrays M, K, C and `dofs`, or one matrix of `scipy.sparse.save_npz` |
+    | `.mat`, v5 to v7.3 | variables M, K, C, `dofs` and `nodes`, dense or sparse |
+    | `.npz` | arrays M, K, C, `dofs` and `nodes`, or one matrix of `scipy.sparse.save_npz` |
     | `.mtx`, Matrix Market | one matrix |
     | `.mtx` of Abaqus' `*MATRIX GENERATE` | one matrix, with node and direction of every row |
     | `.pch`, `.bdf` with DMIG entries of Nastran | matrices by name, with node and direction |
@@ -52,7 +54,8 @@ def read_matrices(source: Source, *, units: str, dofs: Any = None) -> MatrixMode
 
     Args:
         source: A file with all matrices, or {"mass": ..., "stiffness": ..., "damping": ...,
-            "dofs": ...} of files or arrays, the last two as needed.
+            "dofs": ..., "nodes": ...} of files or arrays, the last three as needed; `nodes` has the
+            columns node, x, y, z in the unit of length of the matrices, and is drawn in reports.
         units: Consistent system of the matrices: "SI", "N-mm-t-s", "kN-mm-kg-ms" or "lbf-in-s".
             No file states it.
         dofs: Table of node and direction: a text file with the columns row, node, direction, or
@@ -76,10 +79,11 @@ class _Matrix(NamedTuple):
 
 
 class _Parts(NamedTuple):
-    """Mass, stiffness and damping, if any, and a table for all of them, if any."""
+    """Mass, stiffness and damping, if any, a table for all of them and positions, if any."""
 
     matrices: tuple[_Matrix, _Matrix, _Matrix | None]
     table: Sequence[Dof] | None
+    nodes: Mapping[str, Position] | None
 
 
 def _parts(source: Source, dofs: Any) -> _Parts:
@@ -89,18 +93,20 @@ def _parts(source: Source, dofs: Any) -> _Parts:
         mass, stiffness = (_named(file, role, path.name) for role in ("mass", "stiffness"))
         damping = _named(file, "damping", path.name, required=False)
         table = _table(dofs) if dofs is not None else _common_table(file)
-        return _Parts((_required(mass), _required(stiffness), damping), table)
-    unknown = set(source) - {*_NAMES, "dofs"}
+        return _Parts((_required(mass), _required(stiffness), damping), table, file.nodes)
+    unknown = set(source) - {*_NAMES, "dofs", "nodes"}
     if unknown or not {"mass", "stiffness"} <= set(source):
         raise ConfigError(
-            "`matrices` must have the keys mass and stiffness, and may have damping and dofs, but "
-            f"has {', '.join(source) or 'none'}.",
+            "`matrices` must have the keys mass and stiffness, and may have damping, dofs and "
+            f"nodes, but has {', '.join(source) or 'none'}.",
             remedy='Write { mass = "M.mtx", stiffness = "K.mtx", dofs = "dofs.csv" }.',
         )
     mass, stiffness, damping = (_of_source(source.get(role), role) for role in _NAMES)
     table = dofs if dofs is not None else source.get("dofs")
     return _Parts(
-        (_required(mass), _required(stiffness), damping), None if table is None else _table(table)
+        (_required(mass), _required(stiffness), damping),
+        None if table is None else _table(table),
+        _nodes(source.get("nodes")),
     )
 
 
@@ -131,6 +137,7 @@ def _in_one_order(parts: _Parts) -> _Parts:
             None if damping is None else _placed(damping, table),
         ),
         table,
+        parts.nodes,
     )
 
 
@@ -146,6 +153,15 @@ def _table(table: Any) -> list[Dof]:
         path = Path(table)
         return _attempted(path, read_table)
     return rows_of_table(table)
+
+
+def _nodes(table: Any) -> Mapping[str, Position] | None:
+    """Positions of a file or in memory; None of none."""
+    if table is None:
+        return None
+    if isinstance(table, str | Path):
+        return _attempted(Path(table), read_nodes)
+    return positions(table)
 
 
 def _of_source(entry: Any, role: str) -> _Matrix | None:
@@ -232,13 +248,15 @@ def _without_fixed(parts: _Parts, units: str) -> MatrixModel:
     square = stiffness.ndim == 2 and stiffness.shape[0] == stiffness.shape[1] == mass.shape[0]
     fixed = np.flatnonzero(stiffness.diagonal() >= _FIXED) if square else np.array([])
     if fixed.size == 0:
-        return matrix_model(mass, stiffness, units=units, dofs=table, damping=damping)
+        return matrix_model(
+            mass, stiffness, units=units, dofs=table, damping=damping, nodes=parts.nodes
+        )
     free = np.setdiff1d(np.arange(stiffness.shape[0]), fixed)
     mass, stiffness = (matrix[free][:, free] for matrix in (mass, stiffness))
     damping = None if damping is None else damping[free][:, free]
     free_dofs = None if table is None else [table[i] for i in free.tolist()]
-    model = matrix_model(mass, stiffness, units=units, dofs=free_dofs, damping=damping)
-    note = messages.fixed_dofs(_FIXED, fixed.size)
-    return MatrixModel(
-        model.mass, model.stiffness, model.dofs, model.damping, units, (note, *model.notes)
+    model = matrix_model(
+        mass, stiffness, units=units, dofs=free_dofs, damping=damping, nodes=parts.nodes
     )
+    note = messages.fixed_dofs(_FIXED, fixed.size)
+    return replace(model, notes=(note, *model.notes))

@@ -32,6 +32,27 @@ SPEED = "speed, by the slowest parameter"
 RATE = "effective draws per second [1/s]"
 UNIFORM_RANKS = "99 % of uniform ranks, simultaneous"
 
+MODE = "mode [-]"
+LOSS_SHARE = "share in the joints' losses"
+ISOMETRIC = ("x and y, isometric", "height, isometric")
+MOTION, FORCE, FORCE_LESS_SECANT = "motion", "force", "force less secant"
+IDENTIFIED, UNIDENTIFIED = "identified", "unidentified"
+
+
+def mode_at(mode: int, hz: float) -> str:
+    """A mode by its number and frequency."""
+    return f"mode {mode}, {hz:.4g} Hz"
+
+
+def energy_of(shares: str) -> str:
+    """Joints with their shares in a mode's strain energy."""
+    return f"strain energy: {shares}"
+
+
+def secant(stiffness: str, unit: str) -> str:
+    """The slope from tip to tip of a loop."""
+    return f"secant {stiffness} {unit}"
+
 
 def model_residual(error: str) -> str:
     """Of the residual of a record."""

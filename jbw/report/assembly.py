@@ -1,0 +1,207 @@
+"""An assembled structure: its modes with its joints, and the loop of every joint."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+
+from jbw.errors import DataError
+from jbw.report import style
+from jbw.report.messages import figures as labels
+from jbw.report.result import branch
+from jbw.report.style import INK, MODEL, SOFT, Panels, finish, panels, plain, title
+from jbw.report.text import axis_label, length_unit, number, percent
+
+JOINTS, ASSEMBLY = "joints", "assembly"
+EXAGGERATED = 0.12  # largest deflection over the structure's largest extent
+MOST_MODES, COLUMNS = 6, 2
+MOST_NAMED = 3  # joints in a title
+ISOMETRIC = np.array([[np.sqrt(0.75), -np.sqrt(0.75), 0.0], [-0.5, -0.5, 1.0]])
+FLAT = 1e-9  # of the largest extent: a direction in which a structure is flat
+SMALLEST, LARGEST = 12.0, 160.0  # areas of the mark of a joint [pt^2]
+
+
+class View(NamedTuple):
+    """Two directions in which a structure is seen, and what they are called."""
+
+    directions: Float[np.ndarray, "2 3"]
+    names: tuple[str, str]
+
+
+def structure(tree: xr.DataTree, ax: Any = None) -> Panels:
+    """Which mode moves which joint?
+
+    Where the positions of nodes are known, the shape of every mode that the tests drive, joints in
+    full stick, over the structure at rest. The larger the mark of a joint, the larger its share in
+    the mode's strain energy; the largest shares are named. Without positions bars have the share of
+    each joint in the joints' losses in every mode, with 99 % intervals.
+
+    Panels: a mode each, in pairs; or one panel of bars.
+    """
+    joints = branch(tree, JOINTS, "energy_share", "loss_share", "frequency_hz")
+    group = branch(tree, ASSEMBLY, "weight")
+    if "position" not in group or not group.sizes.get("mode"):
+        return _bars(joints, ax)
+    count = min(joints.sizes["mode"], MOST_MODES)
+    columns = 1 if count == 1 else COLUMNS
+    lines = -(-count // columns)
+    axes = panels(ax, lines, columns, height=0.4 + 2.2 * lines)
+    view = view_of(group["position"].values, group["deflection"].values)
+    for i, panel in enumerate(axes.flat):
+        if i >= count:
+            panel.set_visible(False)
+            continue
+        mode = joints.isel(mode=i)
+        title(panel, _title(mode), size=8.0)
+        _draw_shape(panel, group, i, view)
+        _draw_joints(panel, group, mode, i, view)
+        panel.set_aspect("equal", adjustable="datalim")
+    across, up = (axis_label(name, "m") for name in view.names)
+    return finish(axes, ax, across, up)
+
+
+def view_of(
+    position: Float[np.ndarray, "node 3"], deflection: Float[np.ndarray, "mode node 3"]
+) -> View:
+    """Along the direction in which a flat structure neither extends nor moves, or isometric."""
+    extent = np.ptp(position, axis=0)
+    is_moved = np.abs(deflection).max(axis=(0, 1)) > FLAT
+    for along, seen in ((1, (0, 2)), (2, (0, 1)), (0, (1, 2))):
+        if extent[along] <= FLAT * extent.max() and not is_moved[along]:
+            first, second = ("xyz"[i] for i in seen)
+            return View(np.eye(3)[list(seen)], (first, second))
+    return View(ISOMETRIC, labels.ISOMETRIC)
+
+
+def _moved(group: xr.Dataset, mode: int, view: View) -> Float[np.ndarray, "node 2"]:
+    """Nodes of a mode's shape, as they are seen."""
+    position = group["position"].values
+    scale = EXAGGERATED * np.ptp(position, axis=0).max()
+    return (position + scale * group["deflection"].values[mode]) @ view.directions.T
+
+
+def _draw_shape(panel: Axes, group: xr.Dataset, mode: int, view: View) -> None:
+    """The structure at rest and in a mode: its links, or its nodes alone."""
+    at_rest, moved = group["position"].values @ view.directions.T, _moved(group, mode, view)
+    links = group["link"].values
+    for nodes, colour, width in ((at_rest, SOFT, 0.7), (moved, style.BLUE, 1.4)):
+        panel.add_collection(LineCollection(list(nodes[links]), colors=colour, linewidths=width))
+        panel.plot(*nodes.T, ".", color=colour, ms=2.0 if len(links) else 3.0)
+    held = at_rest[group["held"].values]
+    panel.plot(*held.T, "^", color=SOFT, ms=5)
+
+
+def _draw_joints(panel: Axes, group: xr.Dataset, joints: xr.Dataset, mode: int, view: View) -> None:
+    """A mark at each joint, the larger the larger its share in the strain energy."""
+    moved, nodes = _moved(group, mode, view), group["node"].values.tolist()
+    for i, name in enumerate(joints["joint"].values):
+        weights = group["weight"].sel(joint=name)
+        members = [str(dof).rpartition(":")[0] for dof in weights["dof"].values[weights != 0]]
+        places = [moved[nodes.index(node)] for node in members if node in nodes]
+        if not places:
+            continue
+        share = float(joints["energy_share"].sel(joint=name))
+        area = SMALLEST + (LARGEST - SMALLEST) * min(share, 1.0)
+        panel.scatter(
+            *np.mean(places, axis=0), s=area, color=_colour(i), zorder=3, edgecolors=INK,
+            linewidths=0.5, label=plain(name),
+        )  # fmt: skip
+
+
+def _title(joints: xr.Dataset) -> str:
+    """A mode, and the joints with the largest shares in its strain energy."""
+    shares = joints["energy_share"].values
+    largest = np.argsort(-shares, kind="stable")[:MOST_NAMED]
+    named = ", ".join(
+        f"{plain(joints['joint'].values[i])} {percent(shares[i], digits=2)}" for i in largest
+    )
+    mode = labels.mode_at(int(joints["mode"]), float(joints["frequency_hz"]))
+    return f"{mode}\n{labels.energy_of(named)}"
+
+
+def _colour(joint: int) -> str:
+    """Of a joint by its place among all."""
+    return style.LEVELS[(joint + 1) % len(style.LEVELS)]
+
+
+def _bars(joints: xr.Dataset, ax: Any) -> Panels:
+    """Shares in the joints' losses by mode, a bar a joint."""
+    axes = panels(ax, 1, 1, height=2.6)
+    panel = axes[0, 0]
+    names, modes = joints["joint"].values, joints["mode"].values
+    width = 0.8 / len(names)
+    for i, name in enumerate(names):
+        low, middle, high = 100 * joints["loss_share"].sel(joint=name).values.T
+        x = np.arange(len(modes)) + (i - (len(names) - 1) / 2) * width
+        error = np.abs([middle - low, high - middle])
+        panel.bar(
+            x, middle, width, yerr=error, label=plain(name), color=_colour(i),
+            error_kw={"ecolor": INK, "elinewidth": 0.8, "capsize": 2},
+        )  # fmt: skip
+    pairs = zip(modes, joints["frequency_hz"].values, strict=True)
+    panel.set_xticks(
+        np.arange(len(modes)), [labels.mode_at(int(mode), float(hz)) for mode, hz in pairs]
+    )
+    panel.set_ylim(0, 100)
+    panel.grid(False, axis="x")
+    return finish(axes, ax, labels.MODE, axis_label(labels.LOSS_SHARE, "%"))
+
+
+def joint_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
+    """What does every joint do at its largest motion?
+
+    The steady loop of each joint's laws at the posterior's medians, at the largest motion that the
+    tests moved it by; below, less the secant of the loop, which shows its opening. A joint that is
+    not identified by itself has a loop that other joints could have in its place.
+
+    Panels: a column a joint; the loop and the same less its secant.
+    """
+    joints = branch(tree, JOINTS, "motion", "loop", "identified")
+    names = joints["joint"].values
+    columns = min(len(names), 3)
+    lines = -(-len(names) // columns)
+    axes = panels(ax, 2 * lines, columns, height=4.0 * lines)
+    units = tree[ASSEMBLY].to_dataset() if ASSEMBLY in tree.children else None
+    for place in range(lines * columns):
+        line, column = divmod(place, columns)
+        pair = axes[2 * line : 2 * line + 2, column]
+        if place >= len(names):
+            for panel in pair:
+                panel.set_visible(False)
+            continue
+        _draw_loop(pair, joints.isel(joint=place), units)
+    return finish(axes, ax)
+
+
+def _draw_loop(pair: Panels, joint: xr.Dataset, units: xr.Dataset | None) -> None:
+    """A joint's loop, and the same less its secant."""
+    name = str(joint["joint"].values)
+    x, force = (np.append(joint[n].values, joint[n].values[0]) for n in ("motion", "loop"))
+    peak = int(np.argmax(np.abs(x)))
+    if x[peak] == 0:
+        raise DataError(f"Joint {name} does not move.")
+    slope = force[peak] / x[peak]
+    motion_unit, force_unit = (
+        ("m", "N")
+        if units is None
+        else (str(units[n].sel(joint=name).values) for n in ("motion_unit", "force_unit"))
+    )
+    factor, prefixed = length_unit(abs(x[peak]))
+    shown_unit = prefixed if motion_unit == "m" else f"{prefixed.removesuffix('m')}{motion_unit}"
+    verdict = labels.IDENTIFIED if bool(joint["identified"]) else labels.UNIDENTIFIED
+    title(pair[0], f"{plain(name)}, {verdict}")
+    for panel, values, what in (
+        (pair[0], force, labels.FORCE),
+        (pair[1], force - slope * x, labels.FORCE_LESS_SECANT),
+    ):
+        panel.plot(factor * x, values, color=MODEL, lw=1.2)
+        panel.axhline(0.0, color=SOFT, lw=0.6)
+        panel.set_ylabel(axis_label(what, force_unit))
+    pair[1].set_xlabel(axis_label(labels.MOTION, shown_unit))
+    pair[0].annotate(
+        labels.secant(number(slope), f"{force_unit}/{motion_unit}"), (0.03, 0.95),
+        xycoords="axes fraction", va="top", fontsize=7.5, color=INK,
+    )  # fmt: skip

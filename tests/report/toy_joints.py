@@ -1,0 +1,45 @@
+"""Made groups of two joints for the figures: three nodes in a row, two modes, a loop a joint."""
+
+import numpy as np
+import xarray as xr
+
+PHASE = np.linspace(0, 2 * np.pi, 64, endpoint=False)
+
+
+def joints():
+    """Shares, and loops that are ellipses about a slope of 2e6 N/m."""
+    peaks = np.array([[2e-6], [5e-6]])
+    x = peaks * np.cos(PHASE)
+    shares = np.array([[0.2, 0.01], [0.3, 0.04]])
+    band = np.stack([0.8 * shares, shares, 1.2 * shares], axis=-1)
+    unit = {"units": "1"}
+    return xr.Dataset(
+        {
+            "energy_share": (("joint", "mode"), shares, unit),
+            "loss_share": (("joint", "mode", "quantile"), band, unit),
+            "softening_share": (("joint", "mode", "quantile"), band, unit),
+            "frequency_hz": ("mode", [32.0, 90.0], {"units": "Hz"}),
+            "identified": ("joint", [True, False]),
+            "motion": (("joint", "phase"), x, {"units": "m"}),
+            "loop": (("joint", "phase"), 2e6 * x + 3.0 * np.sin(PHASE), {"units": "N"}),
+        },
+        {"joint": ["bolt_1", "bolt_2"], "mode": [1, 2]},
+    )
+
+
+def assembly():
+    """Three nodes along x that move along z, the first of them held."""
+    deflection = np.zeros((2, 3, 3))
+    deflection[:, 1:, 2] = [[0.4, 1.0], [-1.0, 0.8]]
+    return xr.Dataset(
+        {
+            "weight": (("joint", "dof"), [[0.0025, 0.0], [0.0, 0.0025]]),
+            "motion_unit": ("joint", ["m", "m"]),
+            "force_unit": ("joint", ["N", "N"]),
+            "position": (("node", "axis"), [[0.0, 0, 0], [0.3, 0, 0], [0.5, 0, 0]]),
+            "held": ("node", [True, False, False]),
+            "link": (("link", "end"), [[1, 2]]),
+            "deflection": (("mode", "node", "axis"), deflection),
+        },
+        {"joint": ["bolt_1", "bolt_2"], "dof": ["1:ry", "2:ry"], "node": ["0", "1", "2"]},
+    )
