@@ -140,6 +140,25 @@ def test_the_cubic_reference_finds_a_cubic_oscillator():
     assert found["cubic"].parameters["omega_n"] == pytest.approx(OMEGA_N, rel=1e-3)
 
 
+def test_the_cubic_reference_of_runs_with_offsets_contains_the_linear_one():
+    """Each level has a natural frequency of its own, up to seven half widths apart."""
+    curves = [held_curve(level) for level in (1.0, 2.0, 3.0)]
+    moved = [1.0, 1.01, 0.98]
+    for curve, ratio in zip(curves, moved, strict=True):
+        curve.records[0].channels["frequency"] *= ratio
+    data = Dataset.of([Points.of([steady.curve_group(curve) for curve in curves])])
+    scatter = np.array([0.02 * OMEGA_N, 1e-9])
+    data = replace(data, scatters=jnp.asarray(scatter[None]), scatter=jnp.asarray(scatter))
+    found = references(data, LINEAR, ("linear", "cubic"))
+    for reference in found.values():
+        shifts = [b[0] for b in reference.runs.values()]
+        own = reference.parameters["omega_n"] + np.array(shifts)
+        # A frequency axis that is stretched is a natural frequency that is: force over
+        # acceleration stays as it was.
+        np.testing.assert_allclose(own, OMEGA_N * np.array(moved), rtol=1e-3)
+        assert reference.parameters["gain"] == pytest.approx(GAIN, rel=0.01)
+
+
 def pushed():
     r"""A joint pushed once from rest: z = alpha / s (1 - exp(-s y)), s = gamma + delta."""
     y = np.linspace(0.0, 0.01, 801)

@@ -90,7 +90,7 @@ def references(
         if len(forced) == len(parts):
             by_kind[kind] = _spring(forced, known | held, kind)
         else:
-            start = by_kind["linear"].parameters if "linear" in by_kind else known
+            start = by_kind.get("linear") or Reference(dict(known), LAWS[kind])
             by_kind[kind] = _fitted(parts, held, start, y_peak, kind, data)
     return by_kind
 
@@ -98,12 +98,16 @@ def references(
 def _fitted(
     parts: Sequence[Observable],
     held: Mapping[str, float],
-    estimates: Mapping[str, float],
+    before: Reference,
     y_peak: float,
     kind: str,
     joint: Dataset,
 ) -> Reference:
-    """The oscillator of one kind with the least relative error, by run where the joint is so."""
+    """The oscillator of one kind with the least relative error, by run where the joint is so.
+
+    From one that it contains on, with that one's offsets: it cannot end worse.
+    """
+    estimates = before.parameters
     free = [name for name in used_by(parts, estimates) if name not in held]
     within = {name: bounds_about(estimates[name], *REACH[name]) for name in free}
     terms = bounds(estimates["omega_n"], neighbours_of(estimates))
@@ -115,19 +119,21 @@ def _fitted(
     data = Dataset.of([replace(part, laws=LAWS[kind]) for part in parts], held)
     # An error quoted to two digits needs no closer optimum.
     close = {"max_evaluations": 40, "tolerance": 1e-6}
-    best = costly_fit(stacked, box(within), data, starts=start, **close)
+    theta = start
+    if not before.runs:
+        theta = costly_fit(stacked, box(within), data, starts=start, **close).theta
     estimates = {name: estimates[name] for name in REACH if name in estimates}
     if not joint.has_offsets:
-        return Reference({**estimates, **held, **best.theta}, LAWS[kind])
+        return Reference({**estimates, **held, **theta}, LAWS[kind])
     data = replace(
         data, scatters=joint.scatters, scatter=jax.device_put(FREELY * np.asarray(joint.scatter))
     )
-    offsets: Mapping[str, Float[np.ndarray, " own"]] = {}
+    offsets = before.runs
     for _ in range(2):  # the second time about the offsets that the first one found
-        data = with_directions(best.theta, data, offsets)
-        best = costly_fit(stacked, box(within), data, starts=best.theta, **close)
-        offsets = best_offsets(best.theta, data)
-    return Reference({**estimates, **held, **best.theta}, LAWS[kind], offsets)
+        data = with_directions(theta, data, offsets)
+        theta = costly_fit(stacked, box(within), data, starts=theta, **close).theta
+        offsets = best_offsets(theta, data)
+    return Reference({**estimates, **held, **theta}, LAWS[kind], offsets)
 
 
 def _spring(forced: Sequence[Loops], estimates: Mapping[str, float], kind: str) -> Reference:
