@@ -87,19 +87,8 @@ PASTED = {
     ("report/messages/response_faults.py", "band"): CHECKS + "test_a_missing_band_is_pasted",
     ("report/messages/record_faults.py", "gaps"): CHECKS
     + "test_lines_of_a_curve_that_are_lost_are_masked",
-    ("measurement/clocks.py", "clock_ppm"): CHECKS + "test_a_pasted_clock_cures",
-    ("measurement/clocks.py", "delay"): DRIVEN,
-    ("measurement/controlled_checks.py", "conjugate"): POINTS,
-    ("measurement/controlled_checks.py", "jumps"): POINTS,
-    ("measurement/controlled_checks.py", "locked_phase"): POINTS,
-    ("measurement/controlled_checks.py", "phase_tolerance"): POINTS,
-    ("measurement/controlled_checks.py", "scale"): POINTS,
     ("measurement/decay_checks.py", "band"): CHECKS
     + "test_a_band_too_narrow_for_the_record_is_widened",
-    ("measurement/decay_checks.py", "lines_hz"): DECAYS,
-    ("measurement/decay_checks.py", "settle"): DECAYS,
-    ("measurement/decay_checks.py", "window_s"): DECAYS,
-    ("measurement/checks.py", "gaps"): CHECKS + "test_lines_of_a_curve_that_are_lost_are_masked",
     ("measurement/files/assemble.py", "scale"): CHECKS
     + "test_the_value_at_full_scale_is_told_as_a_line",
     ("measurement/files/assemble.py", "units"): LACKING,
