@@ -3,6 +3,8 @@
 What is found stops nothing here: a campaign is looked at channel by channel to its end.
 """
 
+import json
+import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -10,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from jbw.campaign.document import toml
 from jbw.campaign.duplicates import ResponseOrigin, held_twice, source_of
 from jbw.campaign.files import repeats_of
 from jbw.campaign.gains import force_per_unit, gain_of
@@ -43,6 +46,10 @@ READ_BY: dict[str, Callable[[Kind], bool]] = {
     "fit_repeats": lambda kind: kind.is_transient or kind.is_free,
     "substeps": lambda kind: kind.is_transient or kind.is_periodic or kind.is_free,
 }
+
+
+# A table of one role in a remedy: the factor or the unit of a channel.
+OF_ONE_ROLE = re.compile(r'(scale|units) = \{ (\w+) = (-?[\d.]+|"[^"]+") \}')
 
 
 @dataclass(frozen=True)
@@ -117,7 +124,7 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
                 stated = () if first or spoilt else tuple(_stated(item, test, spec))
                 codes |= {DataError.exit_code} if spoilt else set()
                 codes |= {ConfigError.exit_code} if worst(stated) == "error" else set()
-                named += [(item.name, fault) for fault in (*faults, *stated)]
+                named += [(item.name, beside_stated(f, test)) for f in (*faults, *stated)]
                 sources.append(source_of(item, test))
                 levels += [] if first else level_of(item, test)
                 held += item.num_samples * len(item.channels)
@@ -160,6 +167,22 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
     codes |= {DataError.exit_code} if worst(fault for _, fault in compared) == "error" else set()
     rows = list(_with(rows, compared))
     return Check(spec.name, tuple(rows), min(codes, default=0), (*seen, *proposed), joints)
+
+
+def beside_stated(fault: Fault, test: TestSpec) -> Fault:
+    """A fault whose remedy for one role stands beside what the test states of others.
+
+    A factor multiplies one that is stated: pasted over it, the line must not lose a calibration.
+    """
+
+    def whole(match: re.Match[str]) -> str:
+        key, role, value = match.groups()
+        stated = getattr(test, key)
+        if key == "scale":
+            return f"scale = {toml({**stated, role: stated.get(role, 1.0) * float(value)})}"
+        return f"units = {toml({**stated, role: json.loads(value)})}"
+
+    return replace(fault, remedy=OF_ONE_ROLE.sub(whole, fault.remedy))
 
 
 def _with(rows: Sequence[Row], faults: Sequence[tuple[str, Fault]]) -> Iterator[Row]:

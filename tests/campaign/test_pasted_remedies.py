@@ -745,3 +745,40 @@ units = { frequency = "Hz", force = "N", displacement = "m", phase = "rad" }
     assert sorted(found) == keys
     pasted(path, [fault.remedy])
     assert faults(path) == []
+
+
+def test_a_sign_that_is_turned_keeps_the_calibration_of_every_channel(tmp_path):
+    """A load cell of 1 kN a volt and a stroke in centimetres, stated as factors."""
+    path = written_loop(tmp_path, turned(STROKE))
+    stored = dict(np.load(tmp_path / "loop.npz"))
+    np.savez(tmp_path / "loop.npz", y=stored["y"] / 0.01, f=stored["f"] / 1e3)
+    path.write_text(path.read_text() + "scale = { displacement = 0.01, restoring_force = 1e3 }\n")
+    (fault,) = faults(path)
+    pasted(path, [fault.remedy])
+    assert faults(path) == []
+    (record,) = load_campaign(path).tests[0].records
+    sizes = [np.abs(record.channels[role]).max() for role in ("displacement", "restoring_force")]
+    expected = [np.abs(STROKE).max(), np.abs(stored["f"]).max()]
+    np.testing.assert_allclose(sizes, expected, rtol=1e-12)
+
+
+def test_a_phase_in_degrees_keeps_the_units_of_other_channels(tmp_path):
+    hz = np.linspace(17.0, 20.0, 61)
+    omega, natural = 2 * np.pi * hz, 2 * np.pi * 18.5
+    h = 1 / (natural**2 - omega**2 + 0.02j * natural * omega)
+    phase = np.degrees(np.angle(h))
+    np.savez(tmp_path / "frf.npz", f=hz, force=np.ones(61), y=np.abs(h) * 1e3, phase=phase)
+    path = tmp_path / "campaign.toml"
+    path.write_text("""[campaign]
+name = "curve"
+[[test]]
+kind = "frf"
+files = "frf.npz"
+channels = { frequency = "f", force = "force", displacement = "y", phase = "phase" }
+units = { frequency = "Hz", force = "N", displacement = "mm", phase = "rad" }
+""")
+    (fault,) = faults(path)
+    (line,) = re.findall(r"units = \{[^}]*\}", fault.remedy)
+    path.write_text(with_line(path.read_text(), line))
+    assert faults(path) == []
+    assert load_campaign(path).tests[0].records[0].units["displacement"] == "m"
