@@ -10,8 +10,8 @@ AMPLITUDE_ALONE = FaultText(
     "Name the channel `phase`, or one that holds the complex response.",
 )
 TWO_SOURCES = FaultText(
-    "`input` and `force` were both recorded; `input` is taken for what drives the test.",
-    "With its feed for the input, the shaker is part of the structure.",
+    "`input` and `force` were both recorded; `input` is taken as the source.",
+    "With the shaker's voltage or current as the source, the shaker is part of the structure.",
     'Say which with drive = "voltage" or drive = "force".',
 )
 ONE_RUN = "there is one run alone, which nothing can differ from"
@@ -93,7 +93,7 @@ def started_apart(size_s: float, delay_s: float, *, later: bool) -> FaultText:
     return FaultText(
         f"By the file the response was started {size_s:.6g} s {'after' if later else 'before'} "
         "the drive.",
-        "Samples of one number are then of two instants.",
+        "Samples of the same number were then taken at two instants.",
         f"Put under [[test]]: `delay = {delay_s:.9g}`, or export both from one instant on.",
     )
 

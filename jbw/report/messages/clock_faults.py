@@ -20,7 +20,7 @@ def lost_block(at_s: float, sign: str, keep: str) -> FaultText:
     """That a block is missing, what shows it, and how to keep what comes before it."""
     return FaultText(
         f"At {at_s:.3g} s {sign} lost a block of samples.",
-        "What comes after it is the response to another time of the drive.",
+        "The response after it belongs to another time of the drive.",
         f"{keep}, or export it again.",
     )
 
@@ -30,7 +30,7 @@ def another_clock(size: float, fast: str, change_s: float, ppm: float) -> FaultT
     return FaultText(
         f"The response's clock runs {size:.2g} ppm {fast} against the drive's: their lag changes "
         f"by {change_s:.2g} s along the record.",
-        "The phase then turns along the record, which reads as damping and as stiffness.",
+        "The phase then drifts along the record, which acts as damping and as stiffness.",
         f"Put under [[test]]: `clock_ppm = {ppm:.3g}`, which resamples the response, or record "
         "both by one clock.",
     )
@@ -41,7 +41,6 @@ def another_delay(way: str, size_s: float, stated_s: float, lag_s: float) -> Fau
     return FaultText(
         f"The response {way} the drive by {size_s:.2g} s; the campaign states a delay of "
         f"{stated_s:g} s.",
-        "A lag reads as damping, a lead takes damping away; a sensor coupled to alternating "
-        "current leads.",
+        "A lag acts as damping, a lead removes damping; the signal of an AC-coupled sensor leads.",
         f"Put under [[test]]: `delay = {lag_s:.3g}`, or correct the phase of the channels.",
     )

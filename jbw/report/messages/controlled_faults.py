@@ -45,7 +45,7 @@ def put_locked_phase(phase: float) -> str:
 def put_tolerance(tolerance: float) -> str:
     """The line of the tolerance of a phase that was held [degrees]."""
     return (
-        "Their measured phase counts, so that they are no error of the fit; points that were not "
+        "The fit uses their measured phase, so that the deviation is no error; points that were not "
         'steady are left out as NaN with gaps = "mask". Where they were: Put under [[test]]: '
         f"`phase_tolerance = {tolerance:g}`."
     )
@@ -56,7 +56,7 @@ def off_phase(points: str, error: float, held: float, remedy: str) -> FaultText:
     return FaultText(
         f"The phase of {points} lies up to {error:.3g} degrees from the {held:g} degrees that "
         "were to be held.",
-        "A backbone is measured at one phase; beside it frequency and force are others.",
+        "A backbone is measured at one phase; at another one frequency and force differ.",
         remedy,
     )
 

@@ -8,7 +8,7 @@ def late_blow(blow_s: float, settle_s: float, settle: str) -> FaultText:
     return FaultText(
         f"The blow comes {blow_s:.3g} s after the start of the record"
         + (f" and its `settle` of {settle_s:g} s." if settle_s > 0 else "."),
-        "What is before it is no free decay, and would be fitted as one.",
+        "The motion before it is no free decay, but would be fitted as one.",
         f"Put under [[test]]: `settle = {settle}`.",
     )
 
@@ -17,7 +17,7 @@ def still_driven(steady_s: float, settle: str) -> FaultText:
     """Until when a record was driven, and a `settle` after it [s]."""
     return FaultText(
         f"The motion is steady for the first {steady_s:.3g} s and decays only then.",
-        "It was still driven; fitted as a free decay that is a joint without damping.",
+        "It was still driven; a fit as a free decay would find a joint without damping.",
         f"Put under [[test]]: `settle = {settle}`.",
     )
 

@@ -10,12 +10,11 @@ NOT_INCLUDED = (
     "campaigns of their own."
 )
 LEFT_OUT = (
-    "Intervals leave out the errors of the recorder's clock and of its sensors' calibration, "
-    "which no record shows: state them under [campaign] by `fs_std` and `gain_std`, and they are "
-    "included."
+    "Intervals exclude the errors of the recorder's clock and of its sensors' calibration, "
+    "which no record shows: state them by `fs_std` and `gain_std` under [campaign] to include them."
 )
 BESIDE_MATRICES = (
-    "Intervals leave out the errors of the recorder's clock and of its sensors' calibration, "
+    "Intervals exclude the errors of the recorder's clock and of its sensors' calibration, "
     "which no record shows, and those of the model's shapes."
 )
 

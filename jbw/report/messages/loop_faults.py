@@ -10,7 +10,7 @@ def degrading(amplitude: float, number: int, change: float, keep: str, *, falls:
         f"{'falls' if falls else 'rises'} by {percent(change, '.0f')}.",
         "The joint changes as it is loaded; most laws give equal cycles the same loop.",
         f"{keep}, its last cycles, and give other states tests and assemblies of their own; or fit "
-        "how it wears with the law `bwbn`.",
+        "its wear with the law `bwbn`.",
     )
 
 
@@ -20,7 +20,7 @@ def lopsided(ratio: float, *, positive: bool) -> FaultText:
         f"The joint is {ratio:.2g} times as strong on the "
         f"{'positive' if positive else 'negative'} side as on the other.",
         "Every law but `square` gives both sides the same force.",
-        "A fit takes the mean of both sides; `square` beside the campaign's laws takes a small "
+        "A fit averages both sides; the law `square` beside the campaign's laws fits a small "
         "difference.",
     )
 

@@ -52,7 +52,7 @@ MESSAGES = (
     ),
     Message(
         "repeatability",
-        "Residual over the scatter of the repeats, worst of {count}: {test}, {error:.2g %} against "
+        "Residual and scatter of the repeats, the worst of {count}: {test}, {error:.2g %} against "
         "{scatter:.2g %}; it must be no larger.",
         """
         Check: the residual of the mean of every test's repeats beside the scatter of a single
@@ -64,7 +64,7 @@ MESSAGES = (
 
         Remedy: see coloured_residual; or accept the law and quote its error.
         """,
-        remedy="Quote this error as the law's, or try another. {another_law}",
+        remedy="Quote this as the error of the law, or try another law. {another_law}",
     ),
     Message(
         "cause",
@@ -156,8 +156,8 @@ MESSAGES = (
         Remedy: quote the wider interval; compare laws by `jbw laws`; fit records of one size
         alone.
         """,
-        remedy="Quote the wider interval, and look for what differs between the records, as the "
-        "size of the blow or its place: `jbw laws` tries laws that may hold in all of them.",
+        remedy="Quote the wider interval, and look for what differs between the records, such as "
+        "size or place of the blow: `jbw laws` tries laws that may hold in all of them.",
         passed="Fitted each by itself, the {count} records agree in what all of them say of "
         "{names:list}.",
     ),

@@ -38,7 +38,7 @@ def moves_joint(mode: int, hz: float, h: float, p: float) -> str:
     """By how much a mode moves the joint, and takes of its force, at the optimum."""
     return (
         f"Mode {mode}, at {hz:.4g} Hz, moves the joint by h = {h:.3g} and takes p = {p:.3g} of its "
-        "force, at the optimum, the first mode 1 and 1."
+        "force at the optimum, relative to the first mode."
     )
 
 

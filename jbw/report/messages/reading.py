@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from jbw.report.messages.message import percent
 
 STATE_MASS = (
-    "Points of a controller tell the damping with the modal mass alone: state `modal_mass` in "
-    "[campaign]."
+    "Controlled points determine the damping only if the modal mass is known: state "
+    "`modal_mass` in [campaign]."
 )
 CONJUGATED = "phase turned, from exp(-j omega t) to exp(j omega t)"
 STORE_NUMBERS = "Store the samples as a dataset of floats or integers."
@@ -81,7 +81,7 @@ def large_harmonic(tone: str, ratio: float) -> str:
     """The share of the response that the third harmonic of the source makes."""
     return (
         f"{tone}: the source's third harmonic put {percent(ratio, '.0f')} of the joint's Y(3 "
-        "omega) into the response; what is left leans on H1(3 omega)."
+        "omega) into the response; the corrected value depends on H1(3 omega)."
     )
 
 

@@ -33,7 +33,7 @@ def buried_harmonic(tones: str, size: float, noise: float) -> FaultText:
     return FaultText(
         f"{tones}: the third harmonic ({size:.2g} m) does not stand above the noise ({noise:.2g} "
         "m).",
-        "This record alone then says nothing of the joint's third-order kernel.",
+        "This record alone does not determine the joint's third-order kernel.",
         "Raise the level, measure longer, or leave the tone out.",
     )
 
