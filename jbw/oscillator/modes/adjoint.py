@@ -178,7 +178,7 @@ def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, 
     passing, by_move = _each(_moved_slopes, kernels, ends, moves, by_along)
     # The step's own change of what the modes do with the joints' forces.
     none = tuple(jnp.zeros_like(part) for part in q)
-    _, post = by_constants(driven, none, none, none, none, starts, passed)
+    _, post = by_constants(driven, (none, none), (none, none), starts, passed)
     parts = by_start, path_by, by_bend, bent_by, turns, passing, move_by, by_move
     return tuple(JointSlopes(*terms) for terms in zip(*parts, strict=True)), free_by, post
 
