@@ -475,6 +475,7 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
             "y_high": y_high,
             "omega_n": natural,
             "num_runs": len(sized_runs),
+            "noise_by_repeats": int(set(sizes) <= set(_noise_of_repeats(data))),
         },
     )
 
@@ -523,7 +524,8 @@ def discrepancy_finding(found: xr.Dataset, laws: Sequence[str]) -> Finding | Non
         return None
     discrepancy = discrepancy_in(found)
     if discrepancy.is_nothing:
-        return Finding("discrepancy", "ok", {}, 0.0)
+        entry = "" if found.attrs.get("noise_by_repeats", 1) else "discrepancy.no_repeats"
+        return Finding("discrepancy", "ok", {}, 0.0, entry=entry)
     shift, noise_std = found["shift"].values, found["noise_std"].values
     over_noise = np.where(np.isfinite(noise_std), np.abs(shift) / noise_std, 0.0)
     run = int(np.argmax(over_noise.max(axis=1)))

@@ -235,7 +235,8 @@ def test_the_right_law_leaves_no_discrepancy():
     found, bare, basis = learned(0.0)
     assert discrepancy_in(found).is_nothing
     assert discrepancy_sentences(found) == []
-    assert discrepancy_finding(found, ()).status == "ok"
+    finding = discrepancy_finding(found, ())
+    assert (finding.status, finding.entry) == ("ok", "discrepancy.no_repeats")
     unseen = decays((1.2, 0.7), name="unseen")
     before, after = (predict(one, unseen, Request(num_draws=50)) for one in (bare, basis))
     np.testing.assert_array_equal(before["predictive_band"], after["predictive_band"])

@@ -45,8 +45,8 @@ def put_locked_phase(phase: float) -> str:
 def put_tolerance(tolerance: float) -> str:
     """The line of the tolerance of a phase that was held [degrees]."""
     return (
-        "The fit uses their measured phase, so that the deviation is no error; points that were not "
-        'steady are left out as NaN with gaps = "mask". Where they were: Put under [[test]]: '
+        "The fit uses their measured phase, so that the deviation is no error; points that were "
+        'not steady are left out as NaN with gaps = "mask". Where they were: Put under [[test]]: '
         f"`phase_tolerance = {tolerance:g}`."
     )
 

@@ -200,6 +200,11 @@ MESSAGES = (
         "Runs that are left out show nothing beyond noise that the law misses.",
     ),
     Message(
+        "discrepancy.no_repeats",
+        "Runs that are left out are missed by no more than the fit leaves of the others, which "
+        "counts as noise, since no repeats tell the noise.",
+    ),
+    Message(
         "law_replaced",
         "The bands with the model discrepancy are widest on {test}: their standard deviation is "
         "{ratio:.2g} times the error of the best linear oscillator; it must be less than "
