@@ -67,7 +67,7 @@ def held_curve(level, cubic=0.0):
 def test_a_made_up_curve_is_met_at_its_truth():
     tests = [held_curve(level) for level in (1.0, 2.0)]
     compared = predict_curves(source(DRAWS, linear=ALONE), list(curves_of(tests).values()))
-    for level, (found, peak, noise) in zip((1.0, 2.0), compared, strict=True):
+    for level, (found, peak, noise, _) in zip((1.0, 2.0), compared, strict=True):
         assert noise.std is None
         np.testing.assert_allclose(peak, level / (2 * np.pi * 17.0) ** 2)
         # The joint carries 1e-6 N/kg at most, of a force of 0.04 N/kg at the resonance.
