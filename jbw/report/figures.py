@@ -71,7 +71,7 @@ def _entry(
 FIGURE_LIST = (
     _entry("figure_01_oscillator", "structure", diagrams.oscillator),
     _entry("figure_02_procedure", "structure", diagrams.procedure),
-    _entry("extra_assembly", "structure", assembly.structure),
+    _entry("extra_assembly", "tests", assembly.structure),
     _entry("extra_joint_loops", "tests", assembly.joint_loops),
     _entry("extra_look", "structure", looking.look_figure),
     _entry("figure_04_linear_frf", "structure", responses.linear_frf),

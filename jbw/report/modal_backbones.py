@@ -12,13 +12,14 @@ from jbw.oscillator.modes.backbone import ModalBackbone
 from jbw.oscillator.modes.structure import Structure, admitted
 from jbw.oscillator.steady.backbone import backbone
 from jbw.report.messages import figures as labels
-from jbw.report.style import INK, LEVELS, MODEL, SOFT, Panels, finish, panels, title
+from jbw.report.style import INK, LEVELS, MODEL, SOFT, Panels, finish, panels, stacks, title
 from jbw.report.text import length_unit, number
 
 TURN = 2 * np.pi
 ORDERS = (3, 5, 7)
 NEAR = 0.01  # of the harmonic's frequency: an internal resonance
-HEIGHT = 6.0
+ONE_LINE = 3  # modes side by side
+HEIGHT, HEIGHT_OF_LINE = 6.0, 5.0  # [in]
 
 Levels = Float[np.ndarray, " level"]
 
@@ -45,11 +46,12 @@ def draw_backbones(
 ) -> Panels:
     r"""Draw frequency, damping and deflection shape of every mode against amplitude.
 
-    A column a mode: its resonance frequency, its equivalent damping ratio and the first harmonics
-    $|q_i / X|$ of all modal coordinates over that of the joint's displacement. Of a structure with
-    an axis of joints X is the amplitude of the mode's own coordinate. Where a harmonic
-    meets another mode, $\omega_j = n\,\omega_i(X)$ within 1 %, stands which, as "1:3 with mode 3".
-    Where a backbone folds over it ends, and its title says at what amplitude.
+    A column a mode, three of them side by side: its resonance frequency, its equivalent damping
+    ratio and the first harmonics $|q_i / X|$ of all modal coordinates over that of the joint's
+    displacement. Of a structure with an axis of joints X is the amplitude of the mode's own
+    coordinate. Where a harmonic meets another mode, $\omega_j = n\,\omega_i(X)$ within 1 %, stands
+    which, as "1:3 with mode 3". Where a backbone folds over it ends, and its title says at what
+    amplitude.
 
     Args:
         structure: The modes and their joints.
@@ -76,8 +78,8 @@ def draw_backbones(
     structure = admitted(structure)
     omega_n = np.asarray(structure.omega_n)
     factor, unit = length_unit(float(levels[-1]))
-    axes = panels(ax, 3, len(omega_n), height=HEIGHT, sharex="col")
-    for mode, column in enumerate(axes.T):
+    axes, columns = _columns(ax, len(omega_n))
+    for mode, column in enumerate(columns):
         curve = curve_of(structure, levels, mode, num_harmonics)
         _draw(column, factor * levels, curve)
         title(column[0], _title(mode, curve, factor, unit))
@@ -85,7 +87,20 @@ def draw_backbones(
             _mark(column, interaction, factor, unit)
     ylabels = ("frequency [Hz]", "damping ratio [%]", "|q / X| [-]")
     several = np.ndim(structure.h) == 2
-    return finish(axes, ax, labels.modal_amplitude(unit, several), ylabels)
+    finish(axes, ax, labels.modal_amplitude(unit, several), ylabels)
+    return np.column_stack(columns)
+
+
+def _columns(ax: Any, num_modes: int) -> tuple[Panels, list[Panels]]:
+    """All axes, and three of them a mode: side by side, more than three modes in several lines."""
+    if ax is not None:
+        axes = panels(ax, 3, num_modes, height=HEIGHT)
+        return axes, list(axes.T)
+    height = HEIGHT if num_modes <= ONE_LINE else HEIGHT_OF_LINE
+    axes, columns = stacks(None, num_modes, 3, height=height, sharex="col")
+    for *_, lowest in columns:
+        lowest.tick_params(labelbottom=True)  # axes that are shared have it in the last line alone
+    return axes, [np.ravel(column) for column in columns]
 
 
 def curve_of(structure: Structure, levels: Levels, mode: int, num_harmonics: int) -> BackboneCurve:

@@ -57,6 +57,34 @@ def test_every_mode_has_a_column(monkeypatch):
     assert axes[2, 0].get_xlabel() == "amplitude at the joint [mm]"
 
 
+def test_titles_of_many_modes_stand_apart(monkeypatch):
+    """Six modes that all end early, in two lines of three columns."""
+
+    class Six:
+        omega_n = np.linspace(100.0, 900.0, 6)
+        h = np.ones((2, 6))
+
+    def motion(structure, levels, mode, num_harmonics):
+        values = np.full(5, structure.omega_n[mode])
+        return modal_backbones.BackboneCurve(values, 0.01 + 0 * values, np.ones((5, 6)), 5e-4)
+
+    monkeypatch.setattr(modal_backbones, "curve_of", motion)
+    monkeypatch.setattr(modal_backbones, "admitted", lambda structure: structure)
+    axes = draw_backbones(Six(), np.linspace(0.0, 1e-3, 5))
+    assert axes.shape == (3, 6)
+    figure = axes[0, 0].figure
+    figure.draw_without_rendering()
+    boxes = [panel._left_title.get_window_extent() for panel in axes[0]]
+    assert not any(a.overlaps(b) for i, a in enumerate(boxes) for b in boxes[i + 1 :])
+    assert max(box.x1 for box in boxes) <= figure.bbox.x1
+    # The fourth mode begins a line of its own, below the first.
+    assert axes[0, 3].get_position().y1 < axes[2, 0].get_position().y0
+    assert [axes[0, i].get_ylabel() for i in (0, 3)] == ["frequency [Hz]"] * 2
+    assert axes[2, 4].get_xlabel() == axes[2, 1].get_xlabel() == "amplitude of the mode [mm]"
+    given = figure.subplots(3, 6)
+    assert draw_backbones(Six(), np.linspace(0.0, 1e-3, 5), ax=given)[2, 5] is given[2, 5]
+
+
 def test_amplitudes_must_rise():
     with pytest.raises(ConfigError, match="two rising amplitudes or more"):
         draw_backbones(Linear(), [1e-3, 1e-4])
