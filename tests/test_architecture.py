@@ -176,6 +176,40 @@ def test_heavy_libraries_live_in_their_rooms():
     assert not told(wrong)
 
 
+# Files whose words stand beside the settings that they explain, as keys of a campaign or of a plan.
+OF_SETTINGS = ("campaign/settings", "campaign/tables", "report/messages")
+SAID_AT_ONCE = {"warn", "warning", "option", "argument", "command", "Field", "Quantity"}
+MOST_SENTENCES = 85  # outside the catalogue; it may only fall
+
+
+def sentences_of(tree):
+    """Strings of five words or more, but for docstrings and what is raised or warned of."""
+    skipped = set()
+    for node in ast.walk(tree):
+        called = ""
+        if isinstance(node, ast.Call):
+            called = getattr(node.func, "id", getattr(node.func, "attr", ""))
+        is_docstring = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+        is_refusal = isinstance(node, ast.Raise) or called.endswith("Error")
+        if is_docstring or is_refusal or called in SAID_AT_ONCE:
+            skipped |= set(ast.walk(node))
+    strings = [node for node in ast.walk(tree) if isinstance(node, ast.Constant)]
+    return [
+        node.value
+        for node in strings
+        if isinstance(node.value, str) and node not in skipped and node.value.count(" ") >= 4
+    ]
+
+
+def test_sentences_stand_in_the_catalogue():
+    held = {
+        name_of(path): sentences_of(parsed(path))
+        for path in FILES
+        if not name_of(path).startswith(OF_SETTINGS)
+    }
+    assert sum(map(len, held.values())) <= MOST_SENTENCES, told(held)
+
+
 def test_no_array_is_made_by_jax_at_import():
     """It would have the precision of that moment, and `enable_x64` may come later."""
     wrong = {}

@@ -11,6 +11,7 @@ from jbw.report.messages import (
     paper_steps,
     posterior,
     reading,
+    remedies,
     residuals,
     sessions,
     verification,
@@ -180,6 +181,9 @@ EXAMPLES = {
         reading.rounded_rate(1e-05),
         reading.resampled_to(512.0),
         reading.own_path("/data"),
+    ],
+    "remedies": [
+        remedies.beside_other_laws('Put under [joint]: `laws = ["bouc_wen", "cubic"]`.'),
     ],
     "residuals": [
         residuals.each_session("", ["day 1 2.3 %"], {"day 1": ["gamma"]}),
