@@ -84,6 +84,24 @@ def records(names=tuple(SWEEPS), *, bolts=BOLTS, noise_ratio=NOISE, seed=1, weak
     return found
 
 
+def impact_records(forces=(8.0, 20.0, 40.0), *, noise_ratio=0.01, seed=1):
+    """Velocities at the tip after smooth impacts of 14 ms at node 1."""
+    structure, rng = reduced(BOLTS).structure(), np.random.default_rng(seed)
+    t = np.arange(int(2.5 * FS)) / FS
+    pulse = np.where(t < 0.014, np.sin(np.pi * t / 0.014) ** 2, 0.0)
+    found = []
+    for force in forces:
+        v = np.asarray(jbw.simulate(structure, force * pulse, FS, substeps=32).v)
+        v = v + noise_ratio * np.std(v) * rng.standard_normal(len(v))
+        found.append(Record(FS, {"velocity": v}, {"velocity": "m/s"}))
+    return tuple(found)
+
+
+def impacts(**options):
+    """The same as a test of free decays of the first two modes."""
+    return Test("decay", impact_records(**options), "impacts", band_hz=(18.0, 130.0), settle=0.15)
+
+
 def campaign(names=tuple(SWEEPS), *, laws=LAWS, settings=None, **options):
     """The same as a campaign in memory."""
     tests = []

@@ -52,6 +52,7 @@ def assembled_modes(joints: SeveralJoints, tests: Sequence[Test], settings: Iden
         )
     _require_first_point(reduced.outputs[0], tests)
     driven = _driven_modes(reduced, tests)
+    _require_bands(tests, reduced.frequencies_hz[driven])
     order = [*driven, *(i for i in range(reduced.omega.size) if i not in driven)]
     points = tuple(dict.fromkeys(test.point for test in tests if test.point))
     if len(points) > MOST_POINTS:
@@ -98,16 +99,40 @@ def _require_laws(laws: Sequence[str]) -> None:
 
 def _require_kinds(tests: Sequence[Test]) -> None:
     for test in tests:
-        if not (test.traits.is_transient or test.traits.is_periodic):
+        if not (test.traits.is_transient or test.traits.is_periodic or test.traits.is_free):
             raise ConfigError(
-                f"[[test]] {test.name}: must be a sweep or a multisine where a structure has "
-                f"several joints, but is of kind `{test.kind}`, which they do not identify yet.",
+                f"[[test]] {test.name}: must be a sweep, a multisine or free decays where a "
+                f"structure has several joints, but is of kind `{test.kind}`, which they do not "
+                "identify yet.",
                 remedy="Leave the test out of the campaign file.",
+            )
+        if test.traits.is_free and test.point:
+            raise ConfigError(
+                f"[[test]] {test.name}: free decays must be measured at the first point of "
+                f"[structure] where it has several joints, but `point` is `{test.point}`.",
+                remedy="Leave the test out of the campaign file.",
+            )
+
+
+def _require_bands(tests: Sequence[Test], driven_hz: Float[np.ndarray, " mode"]) -> None:
+    """Refuse free decays whose band lacks a mode that is fitted: all of them ring at once."""
+    low_hz, high_hz = driven_hz.min(), driven_hz.max()
+    for test in tests:
+        if not test.traits.is_free or test.band_hz is None:
+            continue
+        low, high = test.band_hz
+        if not (low < low_hz and high_hz < high):
+            raise ConfigError(
+                f"[[test]] {test.name}: `band` must hold all modes that tests move, "
+                f"{', '.join(f'{hz:.4g}' for hz in driven_hz)} Hz, but is {low:g} to {high:g} Hz.",
+                why="The modes of a free decay ring at once, and all move the joints.",
+                remedy="Widen `band`, or leave the test out of the campaign file.",
             )
 
 
 def _require_sources(tests: Sequence[Test]) -> None:
     """Refuse sources of several kinds, and forces per modal mass, which matrices do not know."""
+    tests = [test for test in tests if not test.traits.is_free]
     drives = sorted({drive_of(test) for test in tests})
     if len(drives) > 1:
         raise ConfigError(
@@ -131,7 +156,7 @@ def _driven_modes(reduced: Any, tests: Sequence[Test]) -> list[int]:
     elastic = [i for i, hz in enumerate(frequencies) if hz > 0]
     windows = Modes(tuple(float(frequencies[i]) for i in elastic)).windows_hz
     passed = {i for test in tests for i, window in zip(elastic, windows, strict=True)
-              if passes(test, window)}  # fmt: skip
+              if _moves(test, window)}  # fmt: skip
     gains = np.abs(reduced.b * reduced.c[0])
     driven = sorted(passed)
     if not driven:
@@ -156,6 +181,16 @@ def _driven_modes(reduced: Any, tests: Sequence[Test]) -> list[int]:
     return [observed[0], *(i for i in driven if i != observed[0])]
 
 
+def _moves(test: Test, window_hz: tuple[float, float]) -> bool:
+    """Whether a mode moves in a test: its source passes through it, or its band holds it."""
+    if not test.traits.is_free:
+        return passes(test, window_hz)
+    if test.band_hz is None:
+        return False
+    low, high = test.band_hz
+    return low < sum(window_hz) / 2 < high
+
+
 def passes(test: Test, window_hz: tuple[float, float]) -> bool:
     """Whether a test's source has loud lines within a window, in the test's band."""
     record = test.records[0]
@@ -169,7 +204,8 @@ def passes(test: Test, window_hz: tuple[float, float]) -> bool:
 
 def known_gain(modes: Modes | None, tests: Sequence[Test]) -> float | None:
     """Gain of the first mode under a measured force [1/kg], by the model; None of others."""
-    if modes is None or modes.meet != ASSEMBLED or drive_of(tests[0]) in FED:
+    driven = [test for test in tests if not test.traits.is_free]
+    if modes is None or modes.meet != ASSEMBLED or not driven or drive_of(driven[0]) in FED:
         return None
     numbers = dict(modes.numbers)
     return numbers["push_1"] * numbers["seen_1"]

@@ -24,6 +24,7 @@ from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
 from jbw.observables.drives import by_secant, of_part, plain, told_by
 from jbw.observables.observable import AmplitudeCurve
+from jbw.oscillator.modes.assembled import is_assembled
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.backbone import backbone
 from jbw.quantities import MODAL, STUCK
@@ -82,7 +83,8 @@ def from_amplitude_curve(
     """
     curves = ((part, part.amplitude_curve()) for part in data.parts)
     part, curve = next(((p, c) for p, c in curves if c is not None), (None, None))
-    if part is None or curve is None or "zeta" not in prior.names:
+    of_model = is_assembled(data.held)  # several joints, of which one mode tells the sum alone
+    if part is None or curve is None or "zeta" not in prior.names or of_model:
         return {}
     indices = np.unique(np.linspace(0, len(curve.y) - 1, MOST_CURVE_POINTS).astype(int))
     thin = AmplitudeCurve(*(values[indices] for values in curve))

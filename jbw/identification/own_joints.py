@@ -17,6 +17,7 @@ from jbw.observables.dataset import Dataset, as_arrays
 from jbw.observables.decay import Decays, matched
 from jbw.observables.drives import of_part
 from jbw.observables.modal_decays import errors_by_mode
+from jbw.quantities import are_at_joints
 from jbw.report.messages import modes as messages
 
 CLEARLY = 1.25  # times what its own joint leaves of a mode
@@ -24,8 +25,10 @@ CLEARLY = 1.25  # times what its own joint leaves of a mode
 
 def own_joint_sentences(key: Key[Array, ""], best: Fit, data: Dataset) -> list[str]:
     """Whether free decays reject one joint for all modes, a sentence for each part of the data."""
+    if not data.laws or are_at_joints(data.laws):  # several joints are no question of one
+        return []
     parts = [part for part in data.parts if part.several]
-    return [_sentence(key, best, part, data) for part in parts if data.laws]
+    return [_sentence(key, best, part, data) for part in parts]
 
 
 def _sentence(key: Key[Array, ""], best: Fit, part: Any, data: Dataset) -> str:

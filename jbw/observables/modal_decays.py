@@ -35,7 +35,7 @@ from jbw.observables.modes import Modes
 from jbw.observables.observable import AmplitudeCurve, Laws, Rows, Theta
 from jbw.oscillator.law import Memory
 from jbw.oscillator.modes.parameters import structure_of
-from jbw.oscillator.modes.structure import Structure
+from jbw.oscillator.modes.structure import Memories, Structure, by_joint
 from jbw.oscillator.response import simulate
 from jbw.quantities import DEFAULT_LAWS, LETTER_OF, OSCILLATOR
 from jbw.report.messages import observed as messages
@@ -43,6 +43,7 @@ from jbw.report.messages import observed as messages
 STEPS_A_PERIOD = 20.0  # of the highest mode; of fewer, turns come and go within a step
 STEP = 1e-6  # of a mode's amplitude: differences by the start, beside rounding of 1e-10
 NUM_STEPS = 2  # to the best start that are looked at, each by one solve; a last one is taken
+TINY = np.finfo(float).tiny
 SHORTER = 0.25  # of a step: what is tried where the whole of it leaves more
 FIRST = tuple(quantity.name for quantity in OSCILLATOR)
 
@@ -157,6 +158,10 @@ class ModalDecays(Decays):
         begun = jnp.concatenate([start.state, start.shift[:, None]], axis=1)
         return replace(super().with_fitted_noise(theta, left), begun=begun)
 
+    def peaks_of_modes(self) -> tuple[float, ...]:
+        """Of every mode where the records begin."""
+        return tuple(np.max(np.asarray(self.amplitude), axis=0).tolist())
+
     def first_values(self) -> dict[str, float]:
         """Straight lines through frequency and damping of every mode against amplitude, at none."""
         values: dict[str, float] = {}
@@ -190,33 +195,72 @@ class MatchedEnvelopes(NamedTuple):
     amplitude: Float[Array, "*record mode"]
 
 
-def memory_at(structure: Structure, q: Array, v: Array) -> tuple[Memory, ...]:
-    r"""Memories of the laws on the steady loop of the present amplitude of the joint's motion.
+def memory_at(structure: Structure, q: Array, v: Array) -> Memories:
+    r"""Memories of the laws on the steady loops of the present amplitude of the joints' motion.
 
     $$X = \sum_i |h_i| \sqrt{q_i^2 + (\dot q_i/\omega_i)^2}, \qquad x = \sum_i h_i q_i$$
 
-    on the way down from X or up from -X, as x moves.
+    of every joint, on the way down from X or up from -X, as x moves.
     """
-    h, x, moves = structure.h, structure.h @ q, structure.h @ v
-    size = jnp.sum(jnp.abs(h) * jnp.hypot(q, v / structure.omega_n))
+    whole = by_joint(structure)
+    h = jnp.asarray(whole.h)
+    omega_n = jnp.maximum(jnp.asarray(structure.omega_n), TINY)  # of one at rest that is rigid
+    sizes, x, moves = jnp.abs(h) @ jnp.hypot(q, v / omega_n), h @ q, h @ v
 
-    def of_law(law: Any) -> Memory:
+    def of_law(law: Any, size: Array, x: Array, moves: Array) -> Memory:
         tip = law.at_tip(size)
         falling = law.move(size, tip, x - size)
         rising = law.move(-size, law.move(size, tip, -2.0 * size), x + size)
         return jax.tree.map(lambda up, down: jnp.where(moves > 0, up, down), rising, falling)
 
-    return tuple(of_law(law) for law in structure.laws)
+    memories = tuple(
+        tuple(of_law(law, sizes[j], x[j], moves[j]) for law in laws)
+        for j, laws in enumerate(joint_laws(whole))
+    )
+    return memories if jnp.ndim(structure.h) == 2 else memories[0]
+
+
+def joint_laws(structure: Structure) -> tuple[tuple[Any, ...], ...]:
+    """The laws of every joint of a structure that has an axis of joints."""
+    return structure.laws  # pyright: ignore[reportReturnType]
+
+
+def held_by_joints(structure: Structure, q: Array, v: Array) -> Float[Array, " mode"]:
+    r"""Where the forces of several joints hold every mode, $-\sum_j p_{ij} r_j / \omega_i^2$."""
+    h, p, omega_n = (jnp.asarray(x) for x in (structure.h, structure.p, structure.omega_n))
+    x, moves, memories = h @ q, h @ v, memory_at(structure, q, v)
+
+    def remainder(j: int) -> Array:
+        """What is left of joint j's force, whose stiffness of rest the modes hold already."""
+        pairs = zip(joint_laws(structure)[j], memories[j], strict=True)
+        forces = [law.force(x[j], moves[j], memory) - law.stiffness() * x[j]
+                  for law, memory in pairs]  # fmt: skip
+        return jnp.sum(jnp.stack(forces)) if forces else jnp.zeros(())
+
+    r = jnp.stack([remainder(j) for j in range(len(h))])
+    is_held = omega_n > 0
+    return jnp.where(is_held, -(p @ r) / jnp.where(is_held, omega_n, 1.0) ** 2, 0.0)
 
 
 def modal_envelopes(
     structure: Structure, own: Float[Array, " own"], data: ModalDecays
 ) -> Complex[Array, "mode step"]:
-    """What every mode adds to a record's envelope, from its own unknowns, as `Start`, on."""
-    q, over = jnp.split(own[:-1], 2)
-    v = 2 * np.pi * jnp.asarray(data.modes.hz) * over
+    r"""What every mode adds to a record's envelope, from its own unknowns, as `Start`, on.
+
+    Modes that do not ring, beside those of the decays, begin where the joints' forces hold them,
+    $q_i = -\sum_j p_{ij} r_j / \omega_i^2$; what they move is counted with the first.
+    """
+    num_ringing, c = len(data.modes.hz), jnp.asarray(structure.c)
+    y, over = jnp.split(own[:-1], 2)
+    rest = jnp.zeros(c.size - num_ringing)
+    q = jnp.concatenate([y / c[:num_ringing], rest])
+    rate = 2 * np.pi * jnp.asarray(data.modes.hz) * over
+    v = jnp.concatenate([rate / c[:num_ringing], rest])
+    if rest.size:
+        q = q.at[num_ringing:].set(held_by_joints(structure, q, v)[num_ringing:])
     start = (q, v, memory_at(structure, q, v))
-    per_mode = replace(structure, c=jnp.eye(len(data.modes.hz)))
+    seen = jnp.diag(c)[:num_ringing].at[0, num_ringing:].set(c[num_ringing:])
+    per_mode = replace(structure, c=seen)
     silence = jnp.zeros(data.num_samples)
     free = simulate(per_mode, silence, data.fs, hold="zero", initial=start, substeps=data.substeps)
     kernel = jnp.stack([data.taps.real, data.taps.imag])[:, None, :]

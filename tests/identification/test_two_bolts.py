@@ -23,6 +23,7 @@ from jbw.identification.coordinates import box_of
 from jbw.identification.joint_answers import joints_finding, joints_group
 from jbw.identification.laplace import fit_alone
 from jbw.inference.space.box import bounds_by_name
+from jbw.observables.decay import matched
 from jbw.observables.drives import told_by
 from jbw.oscillator.modes.parameters import structure_of
 from jbw.oscillator.oscillator import oscillator_of
@@ -121,10 +122,16 @@ def test_too_few_steps_for_the_residual_modes_are_refused_and_the_remedy_cures()
 
 
 def test_other_kinds_of_tests_and_laws_are_refused(stuck):
-    decay = replace(stuck, tests=(replace(stuck.tests[0], kind="decay"),))
-    with pytest.raises(ConfigError, match="must be a sweep or a multisine") as caught:
-        measured_in(decay, quietly)
+    loop = replace(stuck, tests=(replace(stuck.tests[0], kind="loop"),))
+    with pytest.raises(ConfigError, match="must be a sweep, a multisine or free") as caught:
+        measured_in(loop, quietly)
     assert "Leave the test out" in caught.value.remedy
+    free = replace(stuck.tests[0], kind="decay", band_hz=(18.0, 130.0), point="slip")
+    with pytest.raises(ConfigError, match="must be measured at the first point"):
+        measured_in(replace(stuck, tests=(*stuck.tests, free)), quietly)
+    narrow = replace(free, point="", band_hz=(18.0, 60.0))
+    with pytest.raises(ConfigError, match=r"must hold all modes.* 32\.16, 90\.47 Hz, but is 18 to"):
+        measured_in(replace(stuck, tests=(*stuck.tests, narrow)), quietly)
     slips = tuple(replace(test, point="tip") for test in stuck.tests)
     with pytest.raises(ConfigError, match="must be measured at `tip`, the first one"):
         measured_in(replace(stuck, tests=slips), quietly)
@@ -221,6 +228,48 @@ def test_a_campaign_file_is_identified_from_end_to_end(tmp_path, capsys):
     # What the model leaves of a record is its noise, 1 % of the motion.
     assert study.predict("first at 0.3 N").attrs["nrmse"] == pytest.approx(0.01, rel=0.2)
     assert load_campaign(path).laws == two_bolts.LAWS
+
+
+@pytest.mark.slow
+def test_free_decays_tell_modes_and_motion_of_the_bolts():
+    campaign = replace(two_bolts.campaign(bolts=None), tests=(two_bolts.impacts(),))
+    data = assemble(measured_in(campaign, quietly))
+    assert data.modes is not None
+    assert data.modes.hz == pytest.approx([32.158, 90.469], abs=1e-3)
+    assert data.held["gain"] == 1.0
+    (part,) = data.parts
+    # Bolts that slip lower the frequencies by less than a per cent.
+    first = part.first_values()
+    model = two_bolts.reduced()
+    assert first["omega_n"] == pytest.approx(model.omega[0], rel=0.01)
+    assert first["omega_2"] == pytest.approx(model.omega[1], rel=0.01)
+    assert part.peaks_of_modes() == pytest.approx(np.asarray(part.amplitude).max(axis=0))
+
+
+@pytest.mark.slow
+def test_the_truth_leaves_little_of_free_decays_but_noise():
+    """Modes that do not ring begin where the joints hold them: 0.2 % of the motion is missed."""
+    campaign = replace(two_bolts.campaign(bolts=None), tests=(two_bolts.impacts(noise_ratio=1e-6),))
+    data = assemble(measured_in(campaign, quietly))
+    left = np.asarray(matched({**data.held, **two_bolts.truth()}, data.parts[0]).residual)
+    measured = np.asarray(data.parts[0].envelope)
+    missed = np.linalg.norm(left, axis=1) / np.linalg.norm(measured, axis=1)
+    assert np.all(missed < 2e-3)
+
+
+@pytest.mark.release
+def test_a_fit_of_free_decays_alone_finds_the_truth_of_both_bolts():
+    campaign = replace(two_bolts.campaign(bolts=None), tests=(two_bolts.impacts(),))
+    found = fit_alone(measured_in(campaign, quietly), seed=0, report=quietly)
+    fit = found.main.fit
+    truth = two_bolts.truth()
+    assert set(fit.theta) == set(truth)
+    # In logarithms: alpha and delta are known to a tenth, along a ridge of one product.
+    values = np.array(list(fit.theta.values()))
+    away = np.log(values / np.array([truth[name] for name in fit.theta]))
+    covariance = fit.covariance / np.outer(values, values)
+    square = float(away @ np.linalg.solve(covariance, away))
+    assert square < stats.chi2.isf(RARE, len(values))
 
 
 @pytest.mark.slow
