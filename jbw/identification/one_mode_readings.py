@@ -131,9 +131,9 @@ def _reading(key: Key[Array, ""], mode: int, test: Test, seen: Measured, modes: 
 
 
 def _products(theta: Mapping[str, Array]) -> dict[str, Array]:
-    """What weak motion tells of parameters, whatever coordinates they are in."""
-    softening, losses = BoucWenLaw.of(theta).weak_motion()
-    return {"softening": jnp.asarray(softening), "losses": jnp.asarray(losses)}
+    """What weak motion tells, s and o by unit motion of the mode, in whatever coordinates."""
+    s, o = BoucWenLaw.of(theta).weak_motion()
+    return {"s": jnp.asarray(s), "o": jnp.asarray(o)}
 
 
 def _known(starts: Sequence[Starts], laws: Sequence[str], modes: Modes) -> dict[str, float]:
