@@ -71,6 +71,8 @@ class Export:
     y_max: float  # largest displacement [m]
     # Of the whole joint's parameters; those of one mode's joint where there are none.
     quantities: tuple[Quantity, ...] = ()
+    force_unit: str = "N"
+    motion_unit: str = "m"  # of the displacement across the joint
 
 
 def export(

@@ -268,6 +268,8 @@ def _exports(
                 mass=UNIT_MASS,
                 y_max=peak,
                 quantities=quantities,
+                force_unit=units.unit("N"),
+                motion_unit=units.unit("m"),
             )
         )
     return found

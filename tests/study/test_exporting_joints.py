@@ -2,6 +2,7 @@
 
 import ctypes
 import json
+import re
 import subprocess
 import zipfile
 from dataclasses import replace
@@ -258,6 +259,17 @@ def test_each_joint_has_an_fmu_of_its_own_in_si(tmp_path):
             assert 'unit="N/m"' in fmu.read("modelDescription.xml").decode()
 
 
+def test_an_fmu_of_a_rotation_says_its_units(tmp_path):
+    folder = written(tmp_path, frame("N-mm-t-s"), "fmi2")
+    with zipfile.ZipFile(folder / "left_link" / "joint_fmi2.fmu") as fmu:
+        description = fmu.read("modelDescription.xml").decode()
+        about = fmu.read("documentation/index.html").decode()
+    units = dict(re.findall(r'name="(\w+)"[^>]*?>\s*<Real[^>]*?unit="([^"]+)"', description))
+    expected = {"displacement": "rad", "velocity": "rad/s", "force": "N m", "alpha": "N m/rad"}
+    assert {name: units[name] for name in expected} == expected
+    assert "This is left_link in SI: its motion in rad, its force in N m." in about
+
+
 # -- draws and tables ------------------------------------------------------------------------------
 def test_draws_have_cards_and_a_manifest_of_every_joint(tmp_path):
     tree = tree_of(spread=0.05)
@@ -300,6 +312,7 @@ def test_tables_have_every_joint_and_matlab_can_name_them(tmp_path):
     )
 
 
+@pytest.mark.slow  # compiles the backbones of two more sets of laws
 def test_joints_of_a_tie_share_their_law_and_no_law_is_said(tmp_path):
     theta = {n: x for n, x in two_bolts.truth().items() if "bolt_2" not in n}
     text = (written(tmp_path, tree_of(laws=TIED, theta=theta)) / "joints.tcl").read_text()

@@ -125,6 +125,11 @@ def joint_place(
     return f"{place}, {spring}; the model has no spring there."
 
 
+def joint_in_si(name: str, motion_unit: str, force_unit: str) -> str:
+    """That a file of one joint is in SI, whatever the units of the matrices."""
+    return f"This is {name} in SI: its motion in {motion_unit}, its force in {force_unit}."
+
+
 def joint_dashpot(name: str, hz: float, motion: float, unit: str) -> str:
     """At which frequency and motion a dashpot loses as a joint does."""
     return (

@@ -20,7 +20,6 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from jbw.errors import RunError
-from jbw.quantities import BY_NAME
 from jbw.report.messages import study as messages
 from jbw.study.export import Export
 from jbw.study.exported_joints import JointsExport
@@ -60,7 +59,7 @@ def _code(version: int, folder: Path, result: Export) -> Paths:
     parameters = parameters_of(result)
     facts: dict[str, Any] = {"forms": forms_of("c/laws", result), "description": DESCRIPTION}
     facts["memory"] = sum(form.memory for form in facts["forms"])
-    facts["variables"] = tuple(_variables(parameters))
+    facts["variables"] = tuple(_variables(parameters, result))
     facts["units"] = units_of(facts["variables"])
     facts["token"] = str(uuid.uuid5(uuid.NAMESPACE_OID, repr((version, result.about, parameters))))
     path = folder / f"joint_fmi{version}.fmu"
@@ -102,7 +101,9 @@ def _each_joint(
     for card in result.cards:
         own_folder = folder / card.name
         own_folder.mkdir(exist_ok=True)
-        paths += write(own_folder, replace(card.in_si, about=result.about))
+        joint = card.in_si
+        in_si = messages.joint_in_si(card.name, joint.motion_unit, joint.force_unit)
+        paths += write(own_folder, replace(joint, about=(*result.about, in_si)))
     return tuple(paths)
 
 
@@ -110,13 +111,13 @@ def _any(result: JointsExport) -> None:
     """An FMU takes any joint: it knows neither nodes nor other joints."""
 
 
-def _variables(parameters: Iterable[Parameter]) -> Iterable[Variable]:
-    for name in ("displacement", "velocity"):
-        unit = BY_NAME[name].unit
+def _variables(parameters: Iterable[Parameter], result: Export) -> Iterable[Variable]:
+    motion = result.motion_unit
+    for name, unit in (("displacement", motion), ("velocity", f"{motion}/s")):
         yield Variable(name, 0.0, unit, f"{name} across the joint", "input", "continuous")
     laws, total = messages.FMU_FORCE, messages.FMU_TOTAL
     for name, meaning in (("force", laws), ("total_force", total)):
-        yield Variable(name, 0.0, "N", meaning, "output", "continuous")
+        yield Variable(name, 0.0, result.force_unit, meaning, "output", "continuous")
     for parameter in parameters:
         yield Variable(*parameter, "parameter", "fixed")
 
