@@ -22,6 +22,7 @@ from jbw.report.words import combination
 
 GROUP = "identifiability"
 LEAST = 1e-6  # of the prior's standard deviation: bars of less would squeeze the others
+LISTED = 3  # names of a long mixture that its label holds
 
 
 def information_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
@@ -66,11 +67,17 @@ def information_spectrum(tree: xr.DataTree, ax: Any = None) -> Panels:
 
 
 def _in_lines(text: str, most: int = 22) -> str:
-    """Break a combination after its signs where it is longer than a label should be."""
+    """Break a combination after its signs, and a list after its names, where a line is full.
+
+    Of a long list the first names stand, and how many more there are.
+    """
+    names = re.split(r", | and ", text)
+    if len(names) > LISTED + 1:
+        text = f"{', '.join(names[:LISTED])} and {len(names) - LISTED} more"
     lines = [""]
-    for part in re.split(r"(?<=[·/])", text):
+    for part in re.split(r"(?<=[·/])|(?<=, )|(?= and )", text):
         lines = [*lines, part] if len(lines[-1] + part) > most else [*lines[:-1], lines[-1] + part]
-    return "\n".join(filter(None, lines))
+    return "\n".join(line.strip() for line in lines if line)
 
 
 def _column(group: xr.Dataset, what: str) -> Float[np.ndarray, " quantity"]:

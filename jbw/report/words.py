@@ -89,8 +89,15 @@ def in_symbols(text: str, quantities: Names) -> str:
 
 def combination(text: str, quantities: Names) -> str:
     """Return a combination of parameters in symbols: alpha*delta^-1 as α·δ^−1."""
-    replaced = re.sub(r"[A-Za-z_]+", lambda match: symbol(match[0], quantities), text)
-    return replaced.replace("*", "·").replace("-", "−")
+    known = "".join(
+        rf"{re.escape(name)}(?!\w)|" for name in sorted(quantities, key=len, reverse=True)
+    )
+    signs = {"*": "·", "-": "−"}
+    return re.sub(
+        rf"(?<!\w)(?:{known}[A-Za-z]\w*)|[*-]",
+        lambda match: signs.get(match[0]) or symbol(match[0], quantities),
+        text,
+    )
 
 
 def unseen_hysteresis(summary: Mapping[str, Any]) -> str | None:

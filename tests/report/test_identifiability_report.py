@@ -13,6 +13,7 @@ from jbw.report.identifiability import (
     quantities_table,
 )
 from jbw.report.page import render_page
+from jbw.report.text import quantity
 from jbw.report.words import combination
 
 
@@ -53,6 +54,22 @@ def test_names_become_symbols_and_the_rest_stays():
     assert combination("alpha^(1/2)*omega_n/delta", {}) == "α^(1/2)·ωₙ/δ"
     assert combination("a mixture of gain and gamma", {}) == "a mixture of gain and γ"
     assert combination("offset - 0.5 zeta", {}) == "offset − 0.5 ζ"
+    assert combination("omega_2*zeta_2^-1", {}) == "ω₂·ζ₂^−1"
+    at_joint = {"delta@bolt-1": quantity("delta")}  # a name with a sign of its own
+    assert combination("delta@bolt-1/zeta", at_joint) == "δ/ζ"
+
+
+def test_long_mixtures_stay_beside_their_bars(known):
+    group = known["identifiability"].to_dataset()
+    names = "omega_n, zeta, omega_2, zeta_2, alpha@bolt_1, delta@bolt_1 and gamma@bolt_1"
+    group["direction_text"] = group["direction_text"].copy(
+        data=[f"a mixture of {names}"] * group.sizes["direction"]
+    )
+    directions, _ = information_spectrum(xr.DataTree.from_dict({"/identifiability": group})).flat
+    labels = {label.get_text() for label in directions.get_yticklabels()}
+    assert labels == {"a mixture of ωₙ, ζ, ω₂\nand 4 more"}
+    directions.figure.canvas.draw()
+    assert directions.get_position().width > 0.25
 
 
 def texts(shown):
