@@ -81,6 +81,7 @@ from jbw.observables.dataset import (
 )
 from jbw.observables.decay_drift import LeftOutDecay
 from jbw.observables.drives import plain
+from jbw.observables.effective_values import is_coloured
 from jbw.observables.observable import OFFSETS, Row
 from jbw.observables.spectra import real_rows
 from jbw.report.messages import discrepancy as messages
@@ -139,6 +140,7 @@ class Discrepancy:
     share: Mapping[str, Scatter]  # the rest over the rms of the response, by kind of test
     y_low: float  # smallest and largest amplitude of a run that was fitted [m]; 0 where not known
     y_high: float
+    in_noise: bool = False  # whether what counts as noise of the fitted tests hides some of it
 
     @property
     def is_nothing(self) -> bool:
@@ -163,9 +165,12 @@ class Discrepancy:
         """Whether the discrepancy can be stated at an amplitude [m].
 
         No farther from the amplitudes that were fitted, in the logarithm, than these are apart, or
-        one octave: runs left out show nothing of what lies beyond.
+        one octave: runs left out show nothing of what lies beyond. Where they show nothing since
+        what the law misses counts as noise, nothing grows, and no larger amplitude is stated.
         """
-        return self.is_nothing or growth(y, self.y_low, self.y_high) <= MOST_GROWN
+        if self.is_nothing:
+            return not (self.in_noise and y > ONE_LEVEL * self.y_high > 0)
+        return growth(y, self.y_low, self.y_high) <= MOST_GROWN
 
     def share_of(self, kind: str, missed: AtAmplitude) -> float:
         """Share of the response that a test of a kind leaves: its kind's, else the largest."""
@@ -476,6 +481,7 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
             "omega_n": natural,
             "num_runs": len(sized_runs),
             "noise_by_repeats": int(set(sizes) <= set(_noise_of_repeats(data))),
+            "hidden_in_noise": int(bool(fits) and _hides_in_noise(best, data)),
         },
     )
 
@@ -489,9 +495,9 @@ def discrepancy_in(found: xr.Dataset) -> Discrepancy:
     pairs = zip(names, rests, rests_beyond, strict=True)
     shares = {kind: Scatter(rest, 0, beyond) for kind, rest, beyond in pairs}
     forced, decays = (_missed_in(found.attrs[name]) for name in ("forced", "decays"))
-    return Discrepancy(
-        forced, decays, shares, float(found.attrs["y_low"]), float(found.attrs["y_high"])
-    )
+    y_low, y_high = float(found.attrs["y_low"]), float(found.attrs["y_high"])
+    in_noise = bool(found.attrs.get("hidden_in_noise", 0))
+    return Discrepancy(forced, decays, shares, y_low, y_high, in_noise)
 
 
 def _missed_in(numbers: Float[np.ndarray, " number"]) -> Missed:
@@ -629,6 +635,13 @@ def _noise_alike(best: Fit, data: Dataset) -> dict[str, NoiseSquares]:
             _count(row) * float(np.mean([square[x] for x in comparable])), known_by
         )
     return noise | _noise_of_repeats(data)
+
+
+def _hides_in_noise(best: Fit, data: Dataset) -> bool:
+    """Whether a residual without repeats is coloured: it counts as noise, and is the law's."""
+    repeated = _noise_of_repeats(data)
+    residuals = left_by_label(best.residual, data)
+    return any(is_coloured(row) for label, row in residuals.items() if label not in repeated)
 
 
 def _rests(

@@ -277,6 +277,19 @@ def test_a_band_far_beyond_what_was_fitted_is_withheld_in_words():
     assert [missed.is_stated(y) for y in (0.24, 0.26, 15.9, 16.1)] == [False, True, True, False]
 
 
+def test_no_band_is_stated_beyond_what_was_fitted_where_noise_hides_what_the_law_misses():
+    nothing = Missed(NO_SCATTER, NO_SCATTER)
+    hidden = Discrepancy(nothing, nothing, {}, 1.0, 4.0, in_noise=True)
+    # Within a level's own scatter of amplitudes a test is one of that level.
+    assert [hidden.is_stated(y) for y in (0.1, 3.9, 4.3, 4.5)] == [True, True, True, False]
+    assert replace(hidden, y_low=0.0, y_high=0.0).is_stated(4.5)  # no amplitude is known
+    # White residuals are noise; a linear law that hardening decays are fitted by leaves others.
+    assert learned(0.0)[0].attrs["hidden_in_noise"] == 0
+    found = learned(2e-4)[0]
+    assert found.attrs["hidden_in_noise"] == 1
+    assert discrepancy_in(found).in_noise
+
+
 def test_a_band_is_withheld_inside_a_campaign_as_of_a_test_brought_later():
     _, _, basis = learned(2e-4)
     fitted, unseen = decays(RUNS, 2e-4), decays((1e2, 0.7), 2e-4)

@@ -26,9 +26,8 @@ ONE_LEVEL = (
     "a run of another level."
 )
 WITHHELD = (
-    "withheld, and with it the band of a measurement: the law misses more than noise of runs that "
-    "are left out, and these tests lie farther from the fitted amplitudes than those are apart; "
-    "fit a test of their level"
+    "withheld, and with it the band of a measurement: the law misses more than noise, and no run "
+    "that is left out shows how much at the amplitude of these tests; fit a test of their level"
 )
 FIT_THAT_LEVEL = "Fit a test of that level."
 
@@ -36,9 +35,8 @@ FIT_THAT_LEVEL = "Fit a test of that level."
 def bands_withheld(names: Sequence[str]) -> str:
     """Which held-out tests have no band, and why."""
     return (
-        f"No band is stated for {listed(names)}: the law misses more than noise of runs that are "
-        "left out, and farther from the fitted amplitudes than those are apart nothing says how "
-        "much."
+        f"No band is stated for {listed(names)}: the law misses more than noise, and no run that "
+        "is left out shows how much at that amplitude."
     )
 
 
