@@ -335,10 +335,8 @@ def _places(assembly: Assembly, cards: Sequence[JointCard]) -> Iterable[str]:
         stiffness = float(units.value(place.stiffness, "N/m"))
         yield messages.joint_place(
             place.name,
-            motion.removeprefix("+"),
-            units.unit("m"),
-            stiffness,
-            units.unit("N/m"),
+            (motion.removeprefix("+"), units.unit("m")),
+            (stiffness, units.unit("N/m")),
             is_held=assembly.holds_joints,
             has_law=place.name in by_name,
         )

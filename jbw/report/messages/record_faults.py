@@ -75,9 +75,10 @@ def implausible(role: str, largest: float, guess: str) -> FaultText:
 
 
 def lost_samples(
-    count: int, total: int, value: float, first_s: float, low: float, high: float, remedy: str
+    count: int, total: int, value: float, first_s: float, others: tuple[float, float], remedy: str
 ) -> FaultText:
-    """The value that a logger writes for a lost sample, among all others."""
+    """The value that a logger writes for a lost sample, and the range of all others."""
+    low, high = others
     return FaultText(
         f"{count} of {total} samples are {value:.6g} in SI units, the first at {first_s:.4g} s; "
         f"all others lie between {low:.3g} and {high:.3g}.",

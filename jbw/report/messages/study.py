@@ -106,17 +106,15 @@ def mode_beside_matrices(mode: int, hz: float, model_hz: float, damping: float) 
 
 def joint_place(
     name: str,
-    motion: str,
-    unit: str,
-    stiffness: float,
-    stiffness_unit: str,
+    motion: tuple[str, str],
+    stiffness: tuple[float, str],
     *,
     is_held: bool,
     has_law: bool,
 ) -> str:
-    """Where a joint acts, and what of it the model's stiffness matrix holds already."""
-    place = f"Joint {name} moves by x = {motion} [{unit}]"
-    spring = f"{stiffness:.6g} {stiffness_unit} in full stick"
+    """Where a joint acts, and what of it the model's stiffness matrix holds; each with its unit."""
+    place = f"Joint {name} moves by x = {motion[0]} [{motion[1]}]"
+    spring = f"{stiffness[0]:.6g} {stiffness[1]} in full stick"
     if not has_law:
         beside = "which the model holds" if is_held else "which the model lacks: add it as a spring"
         return f"{place}. It has no law and is not in these files: {spring}, {beside}."
