@@ -15,9 +15,9 @@ from jbw.campaign.toml_slips import slip_of
 from jbw.campaign.written import require_file
 from jbw.errors import ConfigError
 from jbw.inference.density import Density
+from jbw.report.messages.campaign_faults import SEE_TOML
 
 MOST_BYTES = 2**20  # of a file that somebody wrote: some thousand tests
-OF_TOML = "See https://toml.io; strings need quotes, and each key stands once."
 LISTED = 20  # keys or errors that are told one by one
 # What pydantic refuses itself, in our words; a check of ours brings its own.
 SENTENCES = {
@@ -90,9 +90,9 @@ def document_of(source: str, file: str) -> dict[str, Any]:
         return tomllib.loads(source)
     except (ValueError, RecursionError) as error:  # not TOML, or a number of thousands of digits
         if isinstance(error, RecursionError):
-            reason, remedy = "nested too deeply", OF_TOML
+            reason, remedy = "nested too deeply", SEE_TOML
         else:
-            reason, remedy = slip_of(source, error) or (error, OF_TOML)
+            reason, remedy = slip_of(source, error) or (error, SEE_TOML)
         raise ConfigError(f"{file} is not valid TOML: {reason}.", remedy=remedy) from None
 
 

@@ -5,6 +5,9 @@ import tomllib
 from collections.abc import Callable
 from typing import NamedTuple
 
+from jbw.report.messages import campaign_faults as messages
+from jbw.report.messages.message import Template, written
+
 # What word processors, mail programs and web pages make of quotes, minus signs and blanks.
 DOUBLE, SINGLE = "“”„‟«»″", "\u2018\u2019\u201a\u201b\u2039\u203a\u2032"
 STRAIGHT = str.maketrans(
@@ -32,7 +35,7 @@ WORDS = {
 class Slip(NamedTuple):
     """A slip of the pen: what is wrong with a line, and the line without it."""
 
-    says: str
+    says: Template
     cured: Callable[[str], str]
 
 
@@ -57,22 +60,19 @@ def _with_whole_numbers(line: str) -> str:
 def _with_quotes(line: str) -> str:
     """The line whose bare words are in quotes, or are the constants that they mean."""
 
-    def written(match: re.Match[str]) -> str:
+    def quoted(match: re.Match[str]) -> str:
         value = WORDS.get(match[2]) or '"{}"'.format(match[2].replace("\\", "/"))
         return f"{match[1]}{value}"
 
-    return BARE.sub(written, line)
+    return BARE.sub(quoted, line)
 
 
 SLIPS = (
-    Slip("has typographic characters, {typed}, which TOML does not take", _with_straight_quotes),
-    Slip(
-        "has a backslash in double quotes, where it begins an escape such as \\n",
-        _with_forward_slashes,
-    ),
-    Slip("has a decimal comma, which separates two values", _with_decimal_points),
-    Slip("has a number that begins or ends with its point", _with_whole_numbers),
-    Slip("has a word without quotes", _with_quotes),
+    Slip(messages.typographic, _with_straight_quotes),
+    Slip(messages.BACKSLASH, _with_forward_slashes),
+    Slip(messages.DECIMAL_COMMA, _with_decimal_points),
+    Slip(messages.BARE_POINT, _with_whole_numbers),
+    Slip(messages.BARE_WORD, _with_quotes),
 )
 
 
@@ -93,11 +93,8 @@ def slip_of(source: str, error: Exception) -> tuple[str, str] | None:
         further = [
             i for i, other in enumerate(lines, 1) if i > number and slip.cured(other) != other
         ]
-        more = f" Mend line {further[0]} likewise." if further else ""
-        return (
-            f"line {number} {slip.says.format(typed=typed)}",
-            f"Write line {number} as `{cured.strip()}`.{more}",
-        )
+        says = written(slip.says, {"typed": typed})
+        return f"line {number} {says}", messages.mended(number, cured.strip(), further)
     return None
 
 
@@ -113,5 +110,5 @@ def _is_toml_to(number: int, lines: list[str]) -> bool:
 
 def _line_number(error: Exception, source: str) -> int:
     """The line at which a text was found to be no TOML, counted from one; its last, of its end."""
-    match = re.search(r"\(at line (\d+), column \d+\)", str(error))
+    match = re.search(r"\(at line (\d+),", str(error))
     return int(match[1]) if match else source.count("\n") + 1

@@ -23,6 +23,7 @@ from jbw.errors import ConfigError
 from jbw.inference.density import Density, density_of, is_distribution
 from jbw.measurement.kinds import KINDS
 from jbw.measurement.records import ROLES, si_of
+from jbw.report.messages.campaign_faults import decimal_points
 
 ALL = "all"  # of the repeats
 # What an escape in a path was written as, with a forward slash.
@@ -119,10 +120,7 @@ def bounds(value: Any) -> tuple[Any, Any]:
         hint = ""
         if len(pair) == 4 and all(isinstance(item, int) for item in pair):
             lower, lower_digits, upper, upper_digits = pair
-            hint = (
-                " A comma separates values; with decimal points they are "
-                f"[{lower}.{lower_digits}, {upper}.{upper_digits}]."
-            )
+            hint = " " + decimal_points(f"[{lower}.{lower_digits}, {upper}.{upper_digits}]")
         raise ValueError(f"must be [lower, upper] with lower < upper, but is {list(value)}.{hint}")
     return pair
 

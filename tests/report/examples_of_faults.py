@@ -15,6 +15,10 @@ EXCLUDE = 'leave the record out: `exclude = ["hit_3.mat"]`'
 KEEP_OR_EXCLUDE = f"{KEEP}, or {EXCLUDE}"
 EXAMPLES = {
     "campaign_faults": [
+        campaign_faults.typographic("“ ”"),
+        campaign_faults.mended(6, 'kind = "sweep"', []),
+        campaign_faults.mended(6, 'kind = "sweep"', [11]),
+        campaign_faults.decimal_points("[5.05, 40.0]"),
         campaign_faults.two_rates(1024.0, "b.mat", 512.0),
         campaign_faults.band_beyond(600.0, 512.0),
         campaign_faults.tone_beyond(200.0, 170.7),

@@ -32,7 +32,28 @@ SUM_OF_LAWS = (
 SAME_SAMPLES = "holds the same samples as"
 NO_TESTS = "[[test]]: at least one test is needed, each under its own [[test]]."
 GAIN_OR_MASS = "[campaign]: give gain or modal_mass, not both; they say the same."
+SEE_TOML = "See https://toml.io; strings need quotes, and each key stands once."
+BACKSLASH = "has a backslash in double quotes, where it begins an escape such as \\n"
+DECIMAL_COMMA = "has a decimal comma, which separates two values"
+BARE_POINT = "has a number that begins or ends with its point"
+BARE_WORD = "has a word without quotes"
 NO_JOINTS = "[structure] matrices: need a [[joint]] table for every joint, but there is none."
+
+
+def typographic(typed: str) -> str:
+    """What word processors put in the place of quotes, minus signs and blanks."""
+    return f"has typographic characters, {typed}, which TOML does not take"
+
+
+def mended(number: int, line: str, further: Sequence[int]) -> str:
+    """A line as TOML takes it, and the numbers of lines with the same slip behind it."""
+    more = f" Mend line {further[0]} likewise." if further else ""
+    return f"Write line {number} as `{line}`.{more}"
+
+
+def decimal_points(bounds: str) -> str:
+    """Two bounds that were written with decimal commas."""
+    return f"A comma separates values; with decimal points they are {bounds}."
 
 
 def two_rates(fs: float, other: str, other_fs: float) -> FaultText:
