@@ -87,14 +87,15 @@ PASTED = {
     ("report/messages/response_faults.py", "band"): CHECKS + "test_a_missing_band_is_pasted",
     ("report/messages/record_faults.py", "gaps"): CHECKS
     + "test_lines_of_a_curve_that_are_lost_are_masked",
-    ("measurement/decay_checks.py", "band"): CHECKS
+    ("report/messages/decay_faults.py", "band"): CHECKS
     + "test_a_band_too_narrow_for_the_record_is_widened",
     ("measurement/files/assemble.py", "scale"): CHECKS
     + "test_the_value_at_full_scale_is_told_as_a_line",
     ("measurement/files/assemble.py", "units"): LACKING,
     ("measurement/files/sampling.py", "channels"): LACKING,
-    ("measurement/files/sampling.py", "fs"): LACKING,
-    ("measurement/files/tree.py", "span"): CHECKS + "test_a_pasted_part_of_a_huge_channel_is_read",
+    ("report/messages/reading.py", "channels"): LACKING,
+    ("report/messages/reading.py", "fs"): LACKING,
+    ("report/messages/reading.py", "span"): CHECKS + "test_a_pasted_part_of_a_huge_channel_is_read",
     ("measurement/spans.py", "exclude"): CHECKS + "test_every_line_pasted_for_spoilt_samples_cures",
     ("measurement/spans.py", "span"): CHECKS + "test_every_line_pasted_for_spoilt_samples_cures",
     ("measurement/files/sampling.py", "resample"): FILES + "test_a_pasted_rate_cures",

@@ -129,19 +129,11 @@ def too_short(record: Record, band: tuple[float, float], settle: float) -> Itera
         if LOWEST * centre < low < high < record.fs / 2
         and _num_values((low, high), size, record.fs) >= FEWEST_VALUES
     )
-    remedy = "Measure longer, or shorten `settle`."
-    for low, high in enough:
-        remedy = (
-            f"Put under [[test]]: `band = [{low:g}, {high:g}]`, where no other mode lies in it."
-        )
-        break
-    yield refusal(
-        record.response,
-        f"The record has {count} independent values in `band` = [{band[0]:g}, {band[1]:g}] Hz "
-        f"after `settle`; at least {FEWEST_VALUES} are needed.",
-        f"It lasts {size / record.fs:.4g} s, {size / record.fs * centre:.3g} periods.",
-        remedy,
-    )
+    narrowest = next(enough, None)
+    remedy = messages.put_wider_band(*narrowest) if narrowest else messages.LONGER
+    length = size / record.fs, size / record.fs * centre
+    fault = messages.few_values(count, FEWEST_VALUES, band, length, remedy)
+    yield refusal(record.response, *fault)
 
 
 def _num_values(band: tuple[float, float], size: int, fs: float) -> int:

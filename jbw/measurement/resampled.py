@@ -149,7 +149,7 @@ def _without_pauses(time: Reals, begins: float) -> str:
     steps = np.diff(time)
     pauses = np.flatnonzero(steps > PAUSE * np.median(steps))
     line = unbroken_line(time, pauses, begins + float(time[0])) if len(pauses) else ""
-    return f"{line}, or measure at a higher rate." if line else "Measure at a higher rate."
+    return messages.part_or_higher_rate(line) if line else messages.HIGHER_RATE
 
 
 def proposed_rate(time: Reals) -> float:

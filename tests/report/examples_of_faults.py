@@ -74,6 +74,8 @@ EXAMPLES = {
         controlled_faults.jumps(["3 and 4"], controlled_faults.amplitude_jumps(1e-3, 3e-3)),
     ],
     "decay_faults": [
+        decay_faults.few_values(9, 16, (18.0, 20.0), (3.0, 57.0), decay_faults.LONGER),
+        decay_faults.put_wider_band(17.5, 20.5),
         decay_faults.late_blow(0.5, 0.0, "0.6"),
         decay_faults.still_driven(1.5, "1.6"),
         decay_faults.second_blow(2.21, 0.3, f"{KEEP_OR_EXCLUDE}.", grows=True),

@@ -164,6 +164,11 @@ EXAMPLES = {
         posterior.check_of(posterior.REPEATS),
     ],
     "reading": [
+        reading.times_or_rate('{ time = "t", velocity = "v" }'),
+        reading.resample_or_part("`resample = 1024.0`, good below 300 Hz", "`span = [0.0, 1.9]`"),
+        reading.part_or_higher_rate("Put under [[test]]: `span = [0.0, 1.9]`"),
+        reading.beginning(1e6, 2.7e8),
+        reading.beginning(None, 2.7e8),
         reading.rests(1.0, 3.0, 0.2, "Put under [[test]]: `span = [1.0, 3.0]`"),
         reading.oversampled(400.0, 18.8, "20th", 512.0, 20),
         reading.long_record("sweep", 4000000, ["a"]),

@@ -151,14 +151,13 @@ def _own_clock(
 def _without_rate(contents: Contents, sources: Sources, request: Wanted) -> DataError:
     """The refusal of samples whose rate nothing tells, with the columns that may be their times."""
     times = [name for name, _ in _unused_times(contents, sources)]
-    rate = "Put under [[test]]: `fs = HZ`, where HZ is the sampling frequency in hertz."
+    remedy = messages.STATE_RATE
     if times:
-        channels = _with_time(times[0], request)
-        rate = f"{PUT} `channels = {channels}`, or the rate in hertz: `fs = HZ`."
+        remedy = messages.times_or_rate(_with_time(times[0], request))
     return DataError(
         "the sampling frequency is missing.",
         why="Nothing in the file gives it, and it cannot be guessed.",
-        remedy=rate,
+        remedy=remedy,
     )
 
 
@@ -398,7 +397,7 @@ def _require_steps(time: NDArray[np.float64], rounding: float, name: str, begins
         resample = resample_line(time)
         remedy = f"{line}, or {resample}." if line else f"{PUT} {resample}."
         if line and not unbroken_line(time, gaps, begins, least=MOST):
-            remedy = f"{PUT} {resample}, or keep a part: {line.partition(': ')[2]}."
+            remedy = messages.resample_or_part(resample, line.partition(": ")[2])
         raise DataError(
             f"Time channel `{name}` must be even, but has {len(gaps)} gap(s): {listed}.",
             why=messages.EVEN,

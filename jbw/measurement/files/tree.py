@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
 from jbw.errors import DataError
+from jbw.report.messages import reading as messages
 
 # What ends as a sampling frequency is called, such as `_fs_hz` or `log_samplerate`.
 RATE = re.compile(
@@ -141,7 +142,7 @@ def load(source: Leaf, part: slice = WHOLE, dtype: DTypeLike | None = None) -> N
         raise DataError(
             f"A channel of shape {source.shape} takes {size / 2**30:.1f} GiB, "
             f"but at most {MAX_BYTES / 2**30:.0f} GiB are read at once.",
-            remedy=_a_part(source.fs, MAX_BYTES / (size / lengths[-1])),
+            remedy=messages.beginning(source.fs, MAX_BYTES / (size / lengths[-1])),
         )
     is_complex = np.issubdtype(array.dtype, np.complexfloating)
     if dtype is not None and not is_complex and not isinstance(array, np.ndarray):
@@ -163,13 +164,6 @@ def load(source: Leaf, part: slice = WHOLE, dtype: DTypeLike | None = None) -> N
     # In float64, so that integers do not wrap around.
     subtracted = load(source.minus, part)
     return np.subtract(loaded, subtracted, dtype=np.result_type(loaded, subtracted, np.float64))
-
-
-def _a_part(fs: float | None, most: float) -> str:
-    """What to do about a channel of more samples than are read at once."""
-    if not fs:
-        return f"Read at most {most:.0f} samples of it at once, by the key `span`."
-    return f"Put under [[test]]: `span = [0.0, {most / fs:.4g}]`, or another part that is as long."
 
 
 def optional(package: str, extra: str, path: Path) -> Any:

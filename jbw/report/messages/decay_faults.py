@@ -2,6 +2,26 @@
 
 from jbw.report.messages.message import FaultText
 
+LONGER = "Measure longer, or shorten `settle`."
+
+
+def few_values(
+    count: int, least: int, band: tuple[float, float], length: tuple[float, float], remedy: str
+) -> FaultText:
+    """Independent values of a record in its band [Hz], and its length in seconds and in periods."""
+    (low, high), (seconds, periods) = band, length
+    return FaultText(
+        f"The record has {count} independent values in `band` = [{low:g}, {high:g}] Hz after "
+        f"`settle`; at least {least} are needed.",
+        f"It lasts {seconds:.4g} s, {periods:.3g} periods.",
+        remedy,
+    )
+
+
+def put_wider_band(low: float, high: float) -> str:
+    """The line of a band that a record is long enough for [Hz]."""
+    return f"Put under [[test]]: `band = [{low:g}, {high:g}]`, where no other mode lies in it."
+
 
 def late_blow(blow_s: float, settle_s: float, settle: str) -> FaultText:
     """When the blow comes, and a `settle` after it [s]."""

@@ -20,6 +20,30 @@ MINE = (
 )
 EXPORT = "Export the record again."
 EVEN = "Spectra and sampled inputs need even samples."
+STATE_RATE = "Put under [[test]]: `fs = HZ`, where HZ is the sampling frequency in hertz."
+HIGHER_RATE = "Measure at a higher rate."
+
+
+def times_or_rate(channels: str) -> str:
+    """The line of channels with a column of times, or the rate."""
+    return f"Put under [[test]]: `channels = {channels}`, or the rate in hertz: `fs = HZ`."
+
+
+def resample_or_part(resample: str, part: str) -> str:
+    """The line of a rate, or that of a part without gaps."""
+    return f"Put under [[test]]: {resample}, or keep a part: {part}."
+
+
+def part_or_higher_rate(line: str) -> str:
+    """The line of a part without pauses, or what to measure."""
+    return f"{line}, or measure at a higher rate."
+
+
+def beginning(fs: float | None, most: float) -> str:
+    """How to read at most some samples of a channel of that sampling frequency [Hz], if known."""
+    if not fs:
+        return f"Read at most {most:.0f} samples of it at once, by the key `span`."
+    return f"Put under [[test]]: `span = [0.0, {most / fs:.4g}]`, or another part that is as long."
 
 
 def rests(start: float, end: float, share: float, keep: str) -> str:
