@@ -96,8 +96,10 @@ PASTED = {
     ("report/messages/reading.py", "channels"): LACKING,
     ("report/messages/reading.py", "fs"): LACKING,
     ("report/messages/reading.py", "span"): CHECKS + "test_a_pasted_part_of_a_huge_channel_is_read",
-    ("measurement/spans.py", "exclude"): CHECKS + "test_every_line_pasted_for_spoilt_samples_cures",
-    ("measurement/spans.py", "span"): CHECKS + "test_every_line_pasted_for_spoilt_samples_cures",
+    ("report/messages/remedies.py", "exclude"): CHECKS
+    + "test_every_line_pasted_for_spoilt_samples_cures",
+    ("report/messages/remedies.py", "span"): CHECKS
+    + "test_every_line_pasted_for_spoilt_samples_cures",
     ("measurement/files/sampling.py", "resample"): FILES + "test_a_pasted_rate_cures",
     ("report/messages/reading.py", "units_are"): FILES + "test_a_pasted_word_on_units_cures",
     ("measurement/resampled.py", "resample"): FILES + "test_a_rate_beyond_what_was_measured",

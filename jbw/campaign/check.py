@@ -38,6 +38,7 @@ from jbw.measurement.records import INPUTS, Record, is_sampled
 from jbw.quantities import FED
 from jbw.report.messages import campaign_faults as messages
 from jbw.report.messages.message import FaultText
+from jbw.report.messages.remedies import OF_ONE_ROLE
 
 # Settings that not every kind of test reads, and the traits of those that do.
 READ_BY: dict[str, Callable[[Kind], bool]] = {
@@ -46,10 +47,6 @@ READ_BY: dict[str, Callable[[Kind], bool]] = {
     "fit_repeats": lambda kind: kind.is_transient or kind.is_free,
     "substeps": lambda kind: kind.is_transient or kind.is_periodic or kind.is_free,
 }
-
-
-# A table of one role in a remedy: the factor or the unit of a channel.
-OF_ONE_ROLE = re.compile(r'(scale|units) = \{ (\w+) = (-?[\d.]+|"[^"]+") \}')
 
 
 @dataclass(frozen=True)

@@ -12,17 +12,11 @@ from jaxtyping import Bool, Int
 
 from jbw.measurement.channels import Reals
 from jbw.measurement.records import Record
+from jbw.report.messages import remedies
 
-PUT = "Put under [[test]]:"
 DIGITS = 6  # of a proposed span's ends, relative to its length
 LEAST = 0.05  # of a record, that is worth keeping
 SPAN = "span"  # in a record's provenance
-SPAN_LINE = re.compile(r"`span = \[([^,\]]+), ([^\]]+)\]`")
-EXCLUDE_LINE = re.compile(r"`exclude = (\[[^`]*\])`")
-LEFT_OUT = re.compile(
-    rf"{re.escape(PUT)} `exclude = [^`]*`(?:, or keep what comes before: `[^`]*`)?\."
-)
-WITHOUT = re.compile(r",? or leave the records? out: `exclude = [^`]*`")
 
 
 def span_words(span: tuple[float, float]) -> str:
@@ -45,7 +39,7 @@ def span_line(start: float, stop: float, begins: float = 0.0) -> str:
     # A time that is whole already must not move by round-off.
     first = np.ceil((begins + start) / unit - 1e-6) * unit
     last = np.floor((begins + stop) / unit + 1e-6) * unit
-    return f"{PUT} `span = [{_written(first)}, {_written(last)}]`"
+    return f"{remedies.PUT} {remedies.span(_written(first), _written(last))}"
 
 
 def _written(seconds: float) -> float:
@@ -102,7 +96,7 @@ def kept_part(record: Record, spoilt: Bool[np.ndarray, " time"]) -> str:
     if not np.isfinite(record.fs) or part.stop - part.start < max(2, LEAST * len(spoilt)):
         return f"{left_out(record)}."
     line = span_line(part.start / record.fs, part.stop / record.fs, start_of(record))
-    return f"{line}, which has none of them, or {exclude_line(record)}."
+    return remedies.part_or_leave_out(line, exclude_line(record))
 
 
 def kept_before(record: Record, at_s: float) -> str:
@@ -117,46 +111,47 @@ def left_out_from(record: Record, at_s: float) -> str:
     if at_s < LEAST * record.num_samples / record.fs:
         return f"{left_out(record)}."
     span = span_line(0.0, at_s, start_of(record)).partition(": ")[2]
-    return f"{left_out(record)}, or keep what comes before: {span}."
+    return remedies.leave_out_or_part_before(left_out(record), span)
 
 
 def left_out(record: Record) -> str:
     """What to put into the campaign file to leave a record out."""
     words, _, line = exclude_line(record).partition(": ")
-    return f"{PUT} {line}" if line else f"{words[0].upper()}{words[1:]}"
+    return f"{remedies.PUT} {line}" if line else f"{words[0].upper()}{words[1:]}"
 
 
 def exclude_line(record: Record) -> str:
     """How to leave a record out, in words and by its file where this holds no other."""
     name = record.name.partition(" + ")[0]
     if name and name in {Path(x).name for x in record.provenance.get("path", "").split("; ")}:
-        return f"leave the record out: `exclude = {toml_list([escape(name)])}`"
-    return "leave the record out by its number in `exclude`"
+        return remedies.leave_out(toml_list([escape(name)]))
+    return remedies.LEAVE_OUT_BY_NUMBER
 
 
-def of_all(remedies: Sequence[str], count: int) -> str:
+def of_all(of_records: Sequence[str], count: int) -> str:
     """The remedy that serves some of `count` records, of those of each.
 
     It keeps the span that they have in common and leaves out all that have none.
     """
-    spans = [match.group(1, 2) for remedy in remedies if (match := SPAN_LINE.search(remedy))]
+    spans = [match.group(1, 2) for remedy in of_records if (match := remedies.SPAN.search(remedy))]
     files = [
         file
-        for remedy in remedies
-        if (match := EXCLUDE_LINE.search(remedy))
+        for remedy in of_records
+        if (match := remedies.EXCLUDE.search(remedy))
         for file in json.loads(match[1])
     ]
     first = max((float(start) for start, _ in spans), default=0.0)
     last = min((float(stop) for _, stop in spans), default=0.0)
-    keeps = f"`span = [{first}, {last}]`" if first < last and len(spans) == len(remedies) else ""
-    leaves = f"`exclude = {toml_list(files)}`" if 0 < len(files) < count else ""
-    alone = f"{PUT} {keeps or leaves}." if keeps or leaves else "Leave the test out."
+    keeps = remedies.span(first, last) if first < last and len(spans) == len(of_records) else ""
+    leaves = remedies.exclude(toml_list(files)) if 0 < len(files) < count else ""
+    line = keeps or leaves
+    only_line = f"{remedies.PUT} {line}." if line else remedies.LEAVE_OUT_TEST
     if spans and not keeps:
-        return alone
-    remedy = SPAN_LINE.sub(keeps, remedies[0])
+        return only_line
+    remedy = remedies.SPAN.sub(keeps, of_records[0])
     if not leaves:
-        return LEFT_OUT.sub(alone, WITHOUT.sub("", remedy))
-    remedy = EXCLUDE_LINE.sub(lambda _: leaves, remedy)
+        return remedies.ONLY_LEFT_OUT.sub(only_line, remedies.OR_LEFT_OUT.sub("", remedy))
+    remedy = remedies.EXCLUDE.sub(lambda _: leaves, remedy)
     return remedy.replace("the record out:", "the records out:") if len(files) > 1 else remedy
 
 

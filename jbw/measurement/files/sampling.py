@@ -12,8 +12,9 @@ from jbw.measurement.files.paths import select
 from jbw.measurement.files.tree import WHOLE, Contents, Leaf, load, names
 from jbw.measurement.records import COUNTED, si_of
 from jbw.measurement.resampled import at_rate, from_uneven, proposed_rate, resample_line
-from jbw.measurement.spans import PUT, rows_of_span, toml_table, unbroken_line
+from jbw.measurement.spans import rows_of_span, toml_table, unbroken_line
 from jbw.report.messages import reading as messages
+from jbw.report.messages.remedies import PUT
 from jbw.units import TIME, plain
 
 SLOWEST, FASTEST = 1e-6, 1e12  # [Hz] sampling frequencies that recorders have

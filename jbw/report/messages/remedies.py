@@ -1,15 +1,52 @@
 """Remedies: the line to put into a campaign file, and when to draw more or by another sampler."""
 
 import json
+import re
 from typing import Any
+
+PUT = "Put under [[test]]:"
+LEAVE_OUT_BY_NUMBER = "leave the record out by its number in `exclude`"
+LEAVE_OUT_TEST = "Leave the test out."
+OTHER_LAWS = "Try other laws: jbw laws."
+# What the functions below write, to be found in a remedy again.
+SPAN = re.compile(r"`span = \[([^,\]]+), ([^\]]+)\]`")
+EXCLUDE = re.compile(r"`exclude = (\[[^`]*\])`")
+ONLY_LEFT_OUT = re.compile(
+    rf"{re.escape(PUT)} `exclude = [^`]*`(?:, or keep what comes before: `[^`]*`)?\."
+)
+OR_LEFT_OUT = re.compile(r",? or leave the records? out: `exclude = [^`]*`")
+# A table of one role: the factor or the unit of a channel.
+OF_ONE_ROLE = re.compile(r'(scale|units) = \{ (\w+) = (-?[\d.]+|"[^"]+") \}')
+
+
+def span(first: float, last: float) -> str:
+    """The key that keeps a part of a record [s]."""
+    return f"`span = [{first}, {last}]`"
+
+
+def exclude(files: str) -> str:
+    """The key that leaves files out, a list as TOML writes it."""
+    return f"`exclude = {files}`"
+
+
+def leave_out(files: str) -> str:
+    """How to leave a record out by its file."""
+    return f"leave the record out: {exclude(files)}"
+
+
+def part_or_leave_out(part_line: str, leaving_out: str) -> str:
+    """The line of a part without spoilt samples, or how to leave the record out."""
+    return f"{part_line}, which has none of them, or {leaving_out}."
+
+
+def leave_out_or_part_before(exclude_line: str, part: str) -> str:
+    """The line that leaves a record out, or the key that keeps what comes before."""
+    return f"{exclude_line}, or keep what comes before: {part}."
 
 
 def put(table: str, key: str, value: Any) -> str:
     """The sentence with a line of a campaign file: the key of a table and its value."""
     return f"Put under [{table}]: `{key} = {json.dumps(value)}`."
-
-
-OTHER_LAWS = "Try other laws: jbw laws."
 
 
 def beside_other_laws(line: str) -> str:
