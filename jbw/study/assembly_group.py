@@ -13,6 +13,7 @@ from jbw.assembly.joint_units import Terms, joint_units, rotates
 from jbw.assembly.reduce import ReducedModel
 from jbw.errors import DataError
 from jbw.quantities import label
+from jbw.report.messages import study as messages
 
 GROUP = "assembly"
 SI = "SI"
@@ -66,7 +67,7 @@ def assembly_group(model: ReducedModel, modes_hz: Sequence[float] = ()) -> xr.Da
     highest = max((int(node) for node in nodes if node.isdecimal()), default=0)
     units = [joint_units(SI, rotates=rotates(of_joint)) for of_joint in terms]
     stiffness = {"units": "N/m", "long_name": "stiffness in full stick"}
-    weight = {"units": "1", "long_name": "factor of a degree of freedom in the joint's motion"}
+    weight = {"units": "1", "long_name": messages.VARIABLES["weight"]}
     return xr.Dataset(
         {
             "weight": (("joint", "dof"), weights, weight),

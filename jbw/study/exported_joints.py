@@ -43,7 +43,7 @@ from jbw.verification.predictive_basis import Basis, Draws, Laws, basis_of, coun
 
 SI = "SI"
 UNIT_MASS = 1.0  # laws of several joints are in newtons, not per modal mass
-FACTOR = LINEAR[0]._replace(unit="1", meaning="factor of the laws' forces")
+FACTOR = LINEAR[0]._replace(unit="1", meaning=messages.LAW_FACTOR)
 BACKBONE_NAMES = NAMES[:2]  # frequency and damping: a force belongs to one place of the structure
 
 

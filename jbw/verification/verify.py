@@ -291,8 +291,8 @@ def with_predictions(found: Verdict, tree: xr.DataTree) -> Verdict:
     ]
     errors = [attrs["nrmse"] for attrs in unseen]
     farther = len(fitted) + len(unseen) < len(compared)
-    near = f" within {CARRIED_ON:g} times the fitted amplitudes" if farther else ""
-    return within_unseen(found, fitted, errors, f"held-out tests{near}", missed=missed)
+    held_out = messages.held_out_within(CARRIED_ON) if farther else messages.HELD_OUT
+    return within_unseen(found, fitted, errors, held_out, missed=missed)
 
 
 def _predicted(tree: xr.DataTree) -> Mapping[str, Mapping[str, Any]]:

@@ -215,6 +215,7 @@ EXAMPLES = {
     ],
     "verification": [
         verification.predicted_to(0.03),
+        verification.held_out_within(2.0),
         verification.comparison_of("sweep", "loop of "),
         verification.extrapolated("sweep", 0.002, 2.0, 0.001),
         verification.away_from_mode("sweep", 0.01),

@@ -24,6 +24,7 @@ FMU_FORCE = "force of the joint's laws"
 FMU_TOTAL = "the same with the spring and the dashpot beside it"
 NO_VERDICT = "the run states no verdict"
 HIGHEST_DENSITY = "of the highest posterior density"
+LAW_FACTOR = "factor of the laws' forces"
 AS_ASKED = "as asked for"
 
 
@@ -191,6 +192,7 @@ VARIABLES = {
     "extrapolation": "largest displacement over that fitted",
     "line": "error over rms of a linear oscillator of the session",
     "hopeless": "judged by its fit, the band is that of the fit",
+    "weight": "factor of a degree of freedom in the joint's motion",
 }
 """Long names of variables of results."""
 
