@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from jbw.errors import ConfigError, DataError
+from jbw.report.messages import matrices as messages
 
 TRANSLATIONS = ("x", "y", "z")
 ROTATIONS = ("rx", "ry", "rz")
@@ -134,11 +135,9 @@ def _unreadable(term: str, what: str) -> ConfigError:
 def _absent(dof: Dof, dofs: Sequence[Dof], what: str) -> ConfigError:
     directions = [other.direction for other in dofs if other.node == dof.node]
     if directions:
-        missing = f"node {dof.node} has no direction `{dof.direction}`"
-        remedy = f"Node {dof.node} has {', '.join(directions)}."
+        missing, remedy = messages.no_direction(dof.node, dof.direction, directions)
     else:
-        missing = f"there is no node {dof.node}"
-        remedy = f"The nearest nodes are {', '.join(_nearest(dof.node, dofs))}."
+        missing, remedy = messages.no_node(dof.node, _nearest(dof.node, dofs))
     return ConfigError(
         f"{what} must lie at degrees of freedom of the model, but {missing}.",
         why="A degree of freedom that is constrained or dependent has no row in the matrices.",

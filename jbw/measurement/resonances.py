@@ -18,6 +18,7 @@ from jbw.errors import DataError
 from jbw.measurement.channels import lines_within
 from jbw.measurement.records import Record
 from jbw.quantities import derivative_order
+from jbw.report.messages import reading as messages
 
 WIDE = 0.15  # of the peak's frequency, to either side: lines of the first fit
 HALF_WIDTHS = 6.0  # zeta omega_n to either side: lines of those that follow
@@ -60,7 +61,7 @@ def driven_lines(record: Record, band_hz: tuple[float, float] | None = None) -> 
         raise DataError(f"{_named(record)} has samples missing.")
     u, x = (record.channels[role] for role in (record.source, record.response))
     freq = np.fft.rfftfreq(len(u), 1 / record.fs)[1:]
-    too_few = f"{_named(record)} drives fewer than {LEAST_LINES} lines in its band."
+    too_few = messages.few_driven_lines(_named(record), LEAST_LINES)
     if len(freq) < LEAST_LINES:
         raise DataError(too_few)
     source, response = (np.fft.rfft(samples - np.mean(samples))[1:] for samples in (u, x))

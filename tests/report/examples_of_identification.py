@@ -102,6 +102,8 @@ EXAMPLES = {
         instruments.included([], ["`gain_std` of force"]),
     ],
     "matrices": [
+        *matrices.no_direction("17", "rx", ["x", "y", "z"]),
+        *matrices.no_node("17", ["16", "18"]),
         matrices.fixed_dofs(1e30, 12),
         matrices.shown("M, K", 120, 40),
         matrices.asymmetric("K", 1e-08, "17:x", "18:x"),
@@ -169,6 +171,9 @@ EXAMPLES = {
         reading.part_or_higher_rate("Put under [[test]]: `span = [0.0, 1.9]`"),
         reading.beginning(1e6, 2.7e8),
         reading.beginning(None, 2.7e8),
+        reading.against_file("mm", "m"),
+        reading.angle_of("displacement"),
+        reading.few_driven_lines("sweep_1.h5", 8),
         reading.rests(1.0, 3.0, 0.2, "Put under [[test]]: `span = [1.0, 3.0]`"),
         reading.oversampled(400.0, 18.8, "20th", 512.0, 20),
         reading.long_record("sweep", 4000000, ["a"]),

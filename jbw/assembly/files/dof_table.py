@@ -9,10 +9,10 @@ import numpy as np
 
 from jbw.assembly.dofs import Dof, dof_of
 from jbw.errors import DataError
+from jbw.report.messages.matrices import ROWS_OF_DOFS
 
 DOFS = "dofs"  # name of the table in files that hold several variables
 _SEPARATORS = re.compile(r"[,;\s]+")
-_REMEDY = "Write a line `row,node,direction` for each row of the matrices, such as `1,17,x`."
 
 
 def read_table(path: Path) -> list[Dof]:
@@ -46,7 +46,7 @@ def _order(header: Sequence[str], path: Path) -> list[int]:
     if -1 in order[1:]:
         raise DataError(
             f"{path.name} must have columns node and direction, but has {', '.join(header)}.",
-            remedy=_REMEDY,
+            remedy=ROWS_OF_DOFS,
         )
     return [column for column in order if column >= 0]
 
@@ -67,7 +67,7 @@ def rows_of_table(table: Any, name: str = DOFS) -> list[Dof]:
         raise DataError(
             f"Every line of {name} must have {len(rows[0])} columns, but line {shorter + 1} has "
             f"{len(rows[shorter])}.",
-            remedy=_REMEDY,
+            remedy=ROWS_OF_DOFS,
         )
     if rows and len(rows[0]) == 3:
         rows = _in_order(rows, name)
@@ -82,7 +82,8 @@ def _cells_of(row: Any, name: str) -> list[str]:
         columns = [_plain(cell) for cell in np.ravel(np.asarray(row))]
     if len(columns) not in (2, 3):
         raise DataError(
-            f"A line of {name} must be row, node and direction, but is {row!r}.", remedy=_REMEDY
+            f"A line of {name} must be row, node and direction, but is {row!r}.",
+            remedy=ROWS_OF_DOFS,
         )
     return columns
 
@@ -99,7 +100,7 @@ def _in_order(rows: list[list[str]], name: str) -> list[list[str]]:
         numbers = [int(row[0]) for row in rows]
     except ValueError:
         raise DataError(
-            f"The rows of {name} must be whole numbers, but one is not.", remedy=_REMEDY
+            f"The rows of {name} must be whole numbers, but one is not.", remedy=ROWS_OF_DOFS
         ) from None
     first = 0 if 0 in numbers else 1
     expected = range(first, first + len(rows))
@@ -109,6 +110,6 @@ def _in_order(rows: list[list[str]], name: str) -> list[list[str]]:
         raise DataError(
             f"The rows of {name} must be {first} to {first + len(rows) - 1}, each once, but row "
             f"{wrong[0]} is {'out of range' if out else 'missing'}.",
-            remedy=_REMEDY,
+            remedy=ROWS_OF_DOFS,
         )
     return [row[1:] for _, row in sorted(zip(numbers, rows, strict=True))]

@@ -62,9 +62,10 @@ def records_of(contents: Contents, path: Path, request: Wanted, digest: str) -> 
         if items[0].start_s is not None:
             provenance[f"start of {role}"] = f"{items[0].start_s:.9g} s"
         provenance[f"channel of {role}"] = (request.channels or {}).get(role, role)
-        provenance[f"unit of {role}"] = unit if factor == 1.0 else f"{unit}, times {factor:.10g}"
+        unit_words = unit if factor == 1.0 else f"{unit}, times {factor:.10g}"
         if against:
-            provenance[f"unit of {role}"] += f", by the campaign, against `{against}` of the file"
+            unit_words = messages.against_file(unit_words, against)
+        provenance[f"unit of {role}"] = unit_words
         rows, removed = _cleared(rows, role, fs, first, request)
         provenance |= removed
         channels[role] = rows
@@ -88,7 +89,7 @@ def records_of(contents: Contents, path: Path, request: Wanted, digest: str) -> 
                 )
             channels["phase"] = [np.angle(row) for row in rows]
             channels[role] = [np.abs(row) for row in rows]
-            units["phase"], provenance["phase"] = "rad", f"angle of the complex {role}"
+            units["phase"], provenance["phase"] = "rad", messages.angle_of(role)
     if request.conjugate and "phase" in channels:
         channels["phase"] = [-row for row in channels["phase"]]
         provenance["conjugate"] = messages.CONJUGATED

@@ -2,6 +2,21 @@
 
 from collections.abc import Mapping, Sequence
 
+ROWS_OF_DOFS = "Write a line `row,node,direction` for each row of the matrices, such as `1,17,x`."
+
+
+def no_direction(node: str, direction: str, directions: Sequence[str]) -> tuple[str, str]:
+    """A direction that a node lacks, and those that it has."""
+    return (
+        f"node {node} has no direction `{direction}`",
+        f"Node {node} has {', '.join(directions)}.",
+    )
+
+
+def no_node(node: str, nearest: Sequence[str]) -> tuple[str, str]:
+    """A node that a model lacks, and the nearest ones."""
+    return f"there is no node {node}", f"The nearest nodes are {', '.join(nearest)}."
+
 
 def fixed_dofs(limit: float, count: int) -> str:
     """Degrees of freedom that a large stiffness fixes."""

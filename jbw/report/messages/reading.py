@@ -46,6 +46,21 @@ def beginning(fs: float | None, most: float) -> str:
     return f"Put under [[test]]: `span = [0.0, {most / fs:.4g}]`, or another part that is as long."
 
 
+def against_file(unit: str, of_file: str) -> str:
+    """The unit of a campaign beside that of a file."""
+    return f"{unit}, by the campaign, against `{of_file}` of the file"
+
+
+def angle_of(role: str) -> str:
+    """Where a phase comes from."""
+    return f"angle of the complex {role}"
+
+
+def few_driven_lines(record: str, least: int) -> str:
+    """A record whose source drives too few lines."""
+    return f"{record} drives fewer than {least} lines in its band."
+
+
 def rests(start: float, end: float, share: float, keep: str) -> str:
     """Between which times a record moves [s], their share, and how to keep them."""
     return (
