@@ -85,6 +85,8 @@ PASTED = {
     ("report/messages/loop_faults.py", "laws"): LOOPS,
     ("report/messages/loop_faults.py", "load_cell"): LOOPS,
     ("report/messages/response_faults.py", "band"): CHECKS + "test_a_missing_band_is_pasted",
+    ("report/messages/record_faults.py", "kind"): CHECKS
+    + "test_a_curve_that_folds_is_told_its_kind",
     ("report/messages/record_faults.py", "gaps"): CHECKS
     + "test_lines_of_a_curve_that_are_lost_are_masked",
     ("report/messages/decay_faults.py", "band"): CHECKS

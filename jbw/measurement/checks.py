@@ -15,6 +15,7 @@ from jbw.measurement.spans import exclude_line, kept_part, of_all, span_line, st
 from jbw.report.messages import record_faults as messages
 
 LARGEST = 1e12  # beyond any SI value of a vibration test: what a flipped bit in a float makes
+FOLDS = 4  # turns of the frequency along a curve: more are lines out of order
 CLIP_RUN = 3  # equal samples at the extreme, in a row
 NEAR_TOP = 8.0  # converter steps below an extreme, in which unclipped peaks would lie too
 SAME = 1e-9  # of the range: values that round-off alone tells apart
@@ -54,7 +55,7 @@ def inspect(record: Record, *, masked: bool = False, is_curve: bool = True) -> t
         listed = ", ".join(f"`{role}` has {n}" for role, n in lengths.items())
         faults.append(refusal(next(iter(lengths)), *messages.unequal_lengths(listed)))
     if is_curve and "frequency" in record.channels:
-        faults += _ordered(record.channels["frequency"])
+        faults += _ordered(record)
     for role in record.channels:
         faults += _channel(record, role, masked)
     return tuple(sorted(faults, key=lambda fault: fault.severity))
@@ -151,11 +152,17 @@ def _channel(record: Record, role: str, masked: bool) -> Iterator[Fault]:
         yield from _signal(record, role)
 
 
-def _ordered(freq: Reals) -> Iterator[Fault]:
+def _ordered(record: Record) -> Iterator[Fault]:
+    freq = record.channels["frequency"]
     freq = freq[np.isfinite(freq)]
     steps = np.diff(freq)
     if not (np.all(freq > 0) and (np.all(steps > 0) or np.all(steps < 0))):
-        yield refusal("frequency", *messages.UNORDERED)
+        turns = np.count_nonzero(np.diff(np.sign(steps)))
+        back = min(np.count_nonzero(steps < 0), np.count_nonzero(steps > 0))
+        # One step back alone is a line out of place.
+        is_curve = np.all(freq > 0) and turns <= FOLDS and back > 1
+        is_folded = is_curve and "force" in record.channels
+        yield refusal("frequency", *(messages.FOLDED if is_folded else messages.UNORDERED))
 
 
 def _signal(record: Record, role: str) -> Iterator[Fault]:

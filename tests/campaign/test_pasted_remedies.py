@@ -709,6 +709,46 @@ def test_lines_of_a_curve_that_are_lost_are_masked(tmp_path):
     assert all("are not finite, and masked" in doubt.what for doubt in faults(path))
 
 
+def test_a_curve_that_folds_is_told_its_kind(tmp_path):
+    r"""A softening mode under one force, in closed form, measured along its fold.
+
+    $$(\omega_0^2 (1 - c a) - \omega^2)^2 + (2 \zeta \omega_0^2)^2 = (F / a)^2$$
+    """
+    natural, zeta, softening, force = 2 * np.pi * 20.0, 0.005, 50.0, 0.5
+    peak = force / (2 * zeta * natural**2)
+    a = peak * np.sin(np.linspace(0.05, 0.5 * np.pi, 60))
+    away = np.sqrt(np.maximum((force / a) ** 2 - (2 * zeta * natural**2) ** 2, 0.0))
+    stiffness = natural**2 * (1 - softening * a)
+    squares = np.concatenate([stiffness - away, (stiffness + away)[-2::-1]])
+    y = np.concatenate([a, a[-2::-1]])
+    stiffness = np.concatenate([stiffness, stiffness[-2::-1]])
+    phase = -np.arctan2(2 * zeta * natural**2, stiffness - squares)
+    hz = np.sqrt(squares) / (2 * np.pi)
+    assert np.count_nonzero(np.diff(np.sign(np.diff(hz)))) == 2  # it folds
+    np.savez(tmp_path / "s.npz", f=hz, force=np.full(len(hz), force), y=y, phase=phase)
+    path = tmp_path / "campaign.toml"
+    path.write_text("""[campaign]
+name = "curve"
+modal_mass = 1.0
+[[test]]
+kind = "frf"
+files = "s.npz"
+channels = { frequency = "f", force = "force", displacement = "y", phase = "phase" }
+units = { frequency = "Hz", force = "N", displacement = "m", phase = "rad" }
+""")
+    (fault,) = faults(path)
+    assert 'kind = "curve"' in fault.remedy
+    pasted(path, [fault.remedy])
+    assert faults(path) == []
+    (test,) = load_campaign(path).tests
+    np.testing.assert_allclose(test.records[0].channels["frequency"], hz)  # in its order
+    # A jumble of lines is no curve.
+    mixed = np.random.default_rng(0).permutation(len(hz))
+    np.savez(tmp_path / "s.npz", f=hz[mixed], force=np.full(len(hz), force), y=y, phase=phase)
+    path.write_text(path.read_text().replace('kind = "curve"', 'kind = "frf"'))
+    assert any("Sort the lines" in fault.remedy for fault in faults(path))
+
+
 RATIO = """[campaign]
 name = "curve"
 [[test]]

@@ -7,6 +7,12 @@ UNORDERED = FaultText(
     remedy="Sort the lines of the measured FRF and drop repeated ones and 0 Hz.",
 )
 
+FOLDED = FaultText(
+    "Frequencies must go one way, but turn back as along a curve that folds.",
+    "Sorted lines would mix the branches of the curve.",
+    'Put under [[test]]: `kind = "curve"`, which keeps the points in the order measured.',
+)
+
 
 def unequal_lengths(lengths: str) -> FaultText:
     """That channels have different lengths."""
