@@ -11,6 +11,9 @@ from jbw.identification.assemble import entered
 from jbw.identification.instruments import as_recorded, instruments_sentence, sensors_of
 from jbw.identification.procedure import Identification
 from jbw.inference.posterior.finding import Verdict
+from jbw.measurement.records import INPUTS, Test, drive_of
+from jbw.observables.drives import named
+from jbw.quantities import gain_unit
 from jbw.report.messages.instruments import BESIDE_MATRICES
 from jbw.report.opening import opening
 from jbw.study.assembly_group import GROUP as ASSEMBLY
@@ -83,3 +86,21 @@ def _with_instruments(tree: xr.DataTree, wide: xr.Dataset) -> xr.DataTree:
         "/posterior": recorded.assign(widened),
     }
     return xr.DataTree.from_dict({**tree.to_dict(), **groups})
+
+
+def name_gain_unit(tests: Sequence[Test], found: Identification) -> str:
+    """Write the unit of the gain, which the returned one of the source decides, into posteriors.
+
+    That of a force where none drives anything: of loops, whose modal mass free decays tell.
+    """
+    driven = [test for test in tests if not set(INPUTS).isdisjoint(test.records[0].channels)]
+    units = {drive_of(t): t.records[0].units[t.records[0].source] for t in reversed(driven)}
+    for step in found.steps.values():
+        draws = step.posterior["posterior"]
+        gains = {drive: named("gain", drive) for drive in units if named("gain", drive) in draws}
+        rest = [drive for drive in map(drive_of, driven) if drive not in gains]
+        if "gain" in draws:
+            draws["gain"].attrs["units"] = gain_unit(units[rest[0]] if rest else "N")
+        for drive, name in gains.items():
+            draws[name].attrs["units"] = gain_unit(units[drive])
+    return next(iter(units.values()), "")

@@ -1,7 +1,7 @@
 """`jbw.identify`: a campaign in; a posterior with its verdict, bands and summary out."""
 
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from time import perf_counter
 
@@ -22,14 +22,11 @@ from jbw.identification.tied_joints import tied_evidence, tied_laws
 from jbw.identification.usable import usable
 from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.inference.space.box import require_float64
-from jbw.measurement.records import INPUTS, Test, drive_of
-from jbw.observables.drives import named
 from jbw.observables.records import compile_beside
-from jbw.quantities import gain_unit
 from jbw.report.messages import stages
 from jbw.study.collect import collect
 from jbw.study.final import for_use
-from jbw.study.finishing import about_instruments, finished_study, with_main
+from jbw.study.finishing import about_instruments, finished_study, name_gain_unit, with_main
 from jbw.study.identifiability import look_again
 from jbw.study.look import look_quietly
 from jbw.study.order import Order, ReadCampaign
@@ -170,21 +167,3 @@ def with_tied(
         return tree
     group = tree[JOINTS].to_dataset().assign_attrs(tied.attrs)
     return xr.DataTree.from_dict({**tree.to_dict(), f"/{JOINTS}": group})
-
-
-def name_gain_unit(tests: Sequence[Test], found: Identification) -> str:
-    """Write the unit of the gain, which the returned one of the source decides, into posteriors.
-
-    That of a force where none drives anything: of loops, whose modal mass free decays tell.
-    """
-    driven = [test for test in tests if not set(INPUTS).isdisjoint(test.records[0].channels)]
-    units = {drive_of(t): t.records[0].units[t.records[0].source] for t in reversed(driven)}
-    for step in found.steps.values():
-        draws = step.posterior["posterior"]
-        gains = {drive: named("gain", drive) for drive in units if named("gain", drive) in draws}
-        rest = [drive for drive in map(drive_of, driven) if drive not in gains]
-        if "gain" in draws:
-            draws["gain"].attrs["units"] = gain_unit(units[rest[0]] if rest else "N")
-        for drive, name in gains.items():
-            draws[name].attrs["units"] = gain_unit(units[drive])
-    return next(iter(units.values()), "")

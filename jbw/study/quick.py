@@ -14,7 +14,7 @@ from jbw.observables import dataset
 from jbw.report.messages.opening import by_the_fit
 from jbw.report.opening import effect_sentence, fit_sentence, known_parameters
 from jbw.study.collect import run_attrs
-from jbw.study.finishing import about_instruments, finished_study, with_main
+from jbw.study.finishing import about_instruments, finished_study, name_gain_unit, with_main
 from jbw.study.identifiability import look
 from jbw.study.order import Order, ReadCampaign
 from jbw.study.study import Study
@@ -68,6 +68,7 @@ def fit_errors(found: Identification) -> dict[str, float]:
 def fit_lines(seen: Measured, ready: Fitted, seed: int) -> list[str]:
     """What a fit says while the posterior is yet to be drawn: the lines of a first answer."""
     identification = about_fit(jax.random.key(seed), seen, ready, perf_counter())
+    name_gain_unit(seen.tests, identification)
     tree = fit_tree(seen, identification)
     record: dict[str, Any] = {
         "main": "joint",

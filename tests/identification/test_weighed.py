@@ -19,7 +19,7 @@ from jbw.measurement.records import Record, Test
 from jbw.observables import dataset
 from jbw.observables.drives import told_by
 from jbw.oscillator.parameters import MOST_SOFTENING
-from jbw.study.identify import name_gain_unit
+from jbw.study.finishing import name_gain_unit
 
 FS, MASS, OMEGA_N, ZETA = 512.0, 1.7, 2 * np.pi * 20.0, 0.004
 
