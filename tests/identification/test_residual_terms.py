@@ -92,7 +92,7 @@ def test_a_mode_far_above_is_taken_in_where_the_fit_shows_it():
     # Its static part; across the sweep it grows by (18.8 / 75)^2 = 6 %, and it is measured to 3 %.
     assert theta["residual_upper"] == pytest.approx(UPPER, rel=0.15)
     assert theta["zeta"] == pytest.approx(MODE[1], rel=3e-3)
-    assert any("Modes outside the band are seen" in said for said in ready.statements)
+    assert any("Modes outside the band contribute" in said for said in ready.statements)
     bare = fitted(swept([MODE, ABOVE], residuals="none"))
     assert "residual_upper" not in bare.fit.theta
     # What the term is for: with it no bias, without it one of many standard errors.

@@ -188,7 +188,7 @@ def test_loops_deeper_than_a_law_remembers_are_told():
         (data,) = Records.reduce([under(u)], laws=("masing_power",), substeps=1)
         said = data.statements(SLIDING)
         assert len(said) == told
-    assert said[0].startswith("sweep: loops within loops are deeper than the law remembers")
+    assert said[0].startswith("sweep: nested loops are deeper than the memory of the law")
     (data,) = Records.reduce([under(dying())])
     assert data.statements(theta()) == []
     assert data.remembering(theta()) is data
