@@ -5,6 +5,7 @@ import tomllib
 from collections.abc import Callable
 from typing import NamedTuple
 
+from jbw.measurement.spans import toml_table
 from jbw.report.messages import campaign_faults as messages
 from jbw.report.messages.message import Template, written
 
@@ -19,6 +20,9 @@ DOUBLE_QUOTED = re.compile(r'"[^"]*"')
 COMMA = re.compile(r"(?<![\w.,\"'])([-+]?\d+),(\d+)(?![\w.])")
 POINT = re.compile(r"(?<![\w.\"'])(\d*)\.(\d*)(?![\w.\"'])")
 BARE = re.compile(r"""(=\s*)([A-Za-z_/~*][^\s"'#{}\[\],=]*)(?=\s*(?:[,}\]#]|$))""")
+# A key, or a role in its table, and the value; the head of a table.
+KEY = re.compile(r"\s*([\w-]+)(?:\.([\w-]+))?\s*=\s*(.*\S)\s*")
+HEAD = re.compile(r"\s*\[\s*([\w.-]+)\s*\]\s*")
 WORDS = {
     "true": "true",
     "false": "false",
@@ -82,6 +86,8 @@ def slip_of(source: str, error: Exception) -> tuple[str, str] | None:
     A slip is the cause where the text without it is TOML up to a later line.
     """
     number, lines = _line_number(error, source), source.split("\n")
+    if (twice := _stated_twice(number, lines)) is not None:
+        return twice
     line = lines[number - 1]
     for slip in SLIPS:
         cured = slip.cured(line)
@@ -96,6 +102,45 @@ def slip_of(source: str, error: Exception) -> tuple[str, str] | None:
         says = written(slip.says, {"typed": typed})
         return f"line {number} {says}", messages.mended(number, cured.strip(), further)
     return None
+
+
+def _stated_twice(number: int, lines: list[str]) -> tuple[str, str] | None:
+    """Two lines that state one key, and how to make one of them; None where there are none."""
+    if head := HEAD.fullmatch(lines[number - 1]):
+        opened = {match[1]: i for i, x in reversed([*enumerate(lines[: number - 1], 1)])
+                  if (match := HEAD.fullmatch(x))}  # fmt: skip
+        first = opened.get(head[1])
+        return None if first is None else messages.table_again(number, head[1], first)
+    begins = max(
+        (i for i, x in enumerate(lines[:number], 1) if x.lstrip().startswith("[")), default=0
+    )
+    stated = [(i, KEY.fullmatch(lines[i - 1])) for i in range(begins + 1, number + 1)]
+    last = stated[-1][1] if stated else None
+    same = [(i, key) for i, key in stated[:-1] if key and last and key[1] == last[1]]
+    if last is None or not same:
+        return None
+    other, first = same[-1]
+    if first[2] == last[2]:
+        return messages.key_again(number, last[1], other)
+    if first[2] and last[2]:  # two roles, each with a line of its own
+        return None
+    role, item, table = (last[2], last[3], first[3]) if last[2] else (first[2], first[3], last[3])
+    return _in_one_table(last[1], role, item, table, (other, number))
+
+
+def _in_one_table(
+    key: str, role: str, item: str, table: str, numbers: tuple[int, int]
+) -> tuple[str, str] | None:
+    """A line with all that two lines state of roles; a factor multiplies one that is stated."""
+    try:
+        stated, value = tomllib.loads(f"table = {table}\nitem = {item}").values()
+    except ValueError:
+        return None
+    if not isinstance(stated, dict):
+        return None
+    if key == "scale" and role in stated:
+        value = stated[role] * value
+    return messages.in_one_table(*numbers, key, f"{key} = {toml_table({**stated, role: value})}")
 
 
 def _is_toml_to(number: int, lines: list[str]) -> bool:

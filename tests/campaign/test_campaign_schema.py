@@ -139,6 +139,46 @@ def test_a_slip_against_toml_is_named_and_its_line_cures(old, new, says):
     parse("\n".join(lines))
 
 
+REMOVE = re.compile(r"remove line (\d+)")
+
+
+@pytest.mark.fault(52)
+@pytest.mark.parametrize(
+    ("stated", "pasted", "key", "values"),
+    [
+        ("scale = { velocity = 2.0 }", "scale.input = -1.0", "scale",
+         {"velocity": 2.0, "input": -1.0}),
+        ("scale = { velocity = 2.0 }", "scale.velocity = -0.5", "scale", {"velocity": -1.0}),
+        ("scale.input = -1.0", "scale = { velocity = 2.0 }", "scale",
+         {"velocity": 2.0, "input": -1.0}),
+    ],
+)  # fmt: skip
+def test_a_pasted_line_is_put_into_the_table_that_stands(stated, pasted, key, values):
+    """What `jbw` prints for one role, in a test that states another: one line for both."""
+    text = changed("level = 0.2", f"level = 0.2\n{stated}\n{pasted}")
+    message = refused(text)
+    assert "lines 9 and 10 both state `scale`" in message
+    ((number, line),) = WRITE.findall(message)
+    (removed,) = REMOVE.findall(message)
+    lines = text.split("\n")
+    lines[int(number) - 1] = line
+    del lines[int(removed) - 1]
+    assert getattr(parse("\n".join(lines)).tests[0], key) == values
+
+
+def test_a_key_or_a_table_that_stands_twice_is_named():
+    text = changed("level = 0.2", "level = 0.2\nsettle = 1.0\nsettle = 2.1")
+    assert "line 10 states `settle` again, after line 9. Keep one of lines" in " ".join(
+        refused(text).split()
+    )
+    roles = changed("level = 0.2", "level = 0.2\nscale.input = 2.0\nscale.velocity = “1.0”")
+    assert "line 10 has typographic characters" in refused(roles)
+    first = GOOD.split("\n").index("[identify]") + 1
+    again = refused(f"{GOOD}\n[identify]\nseed = 3\n")
+    assert f"opens [identify] again, after line {first}." in again
+    assert f"Put its keys below line {first}" in again
+
+
 def test_slips_in_several_lines_are_told_of():
     text = changed('"sweep"', "“sweep”").replace('"beam"', "“beam”")
     assert 'Write line 3 as `name = "beam"`. Mend line 6 likewise.' in refused(text)

@@ -51,6 +51,30 @@ def mended(number: int, line: str, further: Sequence[int]) -> str:
     return f"Write line {number} as `{line}`.{more}"
 
 
+def table_again(number: int, table: str, other: int) -> tuple[str, str]:
+    """A table that two lines open."""
+    return (
+        f"line {number} opens [{table}] again, after line {other}",
+        f"Put its keys below line {other}, and remove line {number}.",
+    )
+
+
+def key_again(number: int, key: str, other: int) -> tuple[str, str]:
+    """A key that two lines state."""
+    return (
+        f"line {number} states `{key}` again, after line {other}",
+        f"Keep one of lines {other} and {number}.",
+    )
+
+
+def in_one_table(other: int, number: int, key: str, line: str) -> tuple[str, str]:
+    """A key whose table two lines state, and the line for both."""
+    return (
+        f"lines {other} and {number} both state `{key}`",
+        f"Write line {other} as `{line}`, and remove line {number}.",
+    )
+
+
 def decimal_points(bounds: str) -> str:
     """Two bounds that were written with decimal commas."""
     return f"A comma separates values; with decimal points they are {bounds}."
