@@ -248,14 +248,17 @@ class Decays(Envelopes):
 
     def only(self, record: int, size: int) -> Self:
         """One record, the first values of it alone, with its own noise."""
+        return replace(self, **self.values_of(record, size))
+
+    def values_of(self, record: int, size: int) -> dict[str, Any]:
+        """What belongs to one record, the first values of it alone."""
         record_slice = slice(record, record + 1)
-        return replace(
-            self,
-            envelope=self.envelope[record_slice, :size],
-            noise_std=self.noise_std[record_slice],
-            counted=self.counted[record_slice],
-            names=self.names[record_slice],
-        )
+        return {
+            "envelope": self.envelope[record_slice, :size],
+            "noise_std": self.noise_std[record_slice],
+            "counted": self.counted[record_slice],
+            "names": self.names[record_slice],
+        }
 
     def halved(self) -> Self | None:
         """The decays with twice as many steps of the solver; None without a law, exact by any."""

@@ -147,10 +147,15 @@ class ModalDecays(Decays):
 
     def only(self, record: int, size: int) -> Self:
         """One record, the first values of it alone, and no longer a simulation than these take."""
-        record_slice, shortened = slice(record, record + 1), super().only(record, size)
-        num_samples = (shortened.envelope.shape[1] - 1) * self.stride + len(self.taps)
+        values = self.values_of(record, size)
+        num_samples = (values["envelope"].shape[1] - 1) * self.stride + len(self.taps)
+        return replace(self, **values, num_samples=num_samples)
+
+    def values_of(self, record: int, size: int) -> dict[str, Any]:
+        """What belongs to one record: where it begins, and what the decays of one mode have."""
+        record_slice = slice(record, record + 1)
         beginnings = {"begun": self.begun[record_slice], "amplitude": self.amplitude[record_slice]}
-        return replace(shortened, num_samples=num_samples, **beginnings)
+        return super().values_of(record, size) | beginnings
 
     def with_fitted_noise(self, theta: Theta, left: Rows) -> Self:
         """The decays with the noise of every record, looked for from their best starts on."""
