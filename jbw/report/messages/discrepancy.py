@@ -22,8 +22,8 @@ TWO_RUNS = (
     "and the noise alone; add a run of another level."
 )
 ONE_LEVEL = (
-    "Leaving runs out does not show how the law predicts other levels: every fitted run reaches the "
-    "same amplitude. Held-out tests of another level show it."
+    "Leaving runs out does not show how the law predicts other levels: every fitted run reaches "
+    "the same amplitude. Held-out tests of another level show it."
 )
 WITHHELD = (
     "withheld, and with it the band of a measurement: the law misses more than noise, and no run "
