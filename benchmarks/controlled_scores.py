@@ -23,6 +23,7 @@ from jbw import rig
 from jbw.campaign.settings import Identify
 from jbw.identification.assemble import assemble, measured
 from jbw.identification.prepare import prepare
+from jbw.inference.compiled import forget_when_many
 from jbw.inference.generator import parts_of
 from jbw.inference.samplers.sampling import sample
 from jbw.observables.dataset import log_likelihood
@@ -127,6 +128,7 @@ def score_campaigns(
         rows = []
         for seed in range(BLOCK * block, BLOCK * block + campaigns):
             rows.append(scored(CAMPAIGNS[name], seed))
+            forget_when_many()  # fifty campaigns with decays fill a process's mappings
             shown = " ".join(f"{n} {z:+.2f}" for n, z in rows[-1].z.items())
             report(f"{name} {seed}: {shown}; k-hat {rows[-1].khat:.2f}, {rows[-1].chi_square:.2f}")
         blocks.append(rows)
