@@ -65,7 +65,9 @@ def _rows(summary: Summary) -> Mapping[str, Any]:
 
 
 def _unit_of_motion(summary: Summary) -> str:
-    """`rad` where all that the records show are loops of torque and rotation, else `m`."""
+    """`rad` where all tests are of torque and rotation, else `m`."""
+    if "motion_unit" in summary:
+        return summary["motion_unit"]
     look = summary.get("look") or {}
     return "m" if look.get("tests") else unit_of_motion(look.get("loops") or ())
 

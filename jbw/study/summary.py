@@ -1,7 +1,7 @@
 """What `summary.json` holds of a study: its steps, verdict, predictions, inputs and versions."""
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict
 from importlib.metadata import version
 from time import perf_counter
@@ -69,6 +69,7 @@ def record_of(
         "across_kinds": _across_kinds(tree),
         "loops": _loops(tree),
         **_joints(tree),
+        **_turning(campaign.tests),
         "versions": {package: version(package) for package in VERSIONED},
         "seed": order.seed,
         "inputs": input_hashes(campaign),
@@ -76,6 +77,13 @@ def record_of(
         "command": order.command or " ".join(["jbw", *sys.argv[1:]]),
         "wall_time_s": round(perf_counter() - order.started, 2),
     }
+
+
+def _turning(tests: Iterable[Test]) -> dict[str, str]:
+    """The unit of the motion where every test is one of torsion; nothing where none is."""
+    units = {record.units.get(record.response, "") for test in tests for record in test.records}
+    turns = units and all(unit.startswith("rad") for unit in units)
+    return {"motion_unit": "rad"} if turns else {}
 
 
 def _assembly(campaign: Campaign) -> dict[str, Any]:

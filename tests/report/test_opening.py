@@ -10,9 +10,18 @@ from rich.console import Console
 from jbw.cli import run
 from jbw.cli.identify import short_lines
 from jbw.cli.printing import show
+from jbw.measurement.records import Record, Test
 from jbw.report.messages import opening as messages
-from jbw.report.opening import _following, joint_sentences, known_parameters, lead, opening
+from jbw.report.opening import (
+    _following,
+    _unit_of_motion,
+    joint_sentences,
+    known_parameters,
+    lead,
+    opening,
+)
 from jbw.study import resumable, store
+from jbw.study.summary import _turning
 
 QUANTILE = [0.005, 0.5, 0.995]
 
@@ -266,3 +275,17 @@ def test_a_cause_is_told_before_what_follows_from_it():
     ]
     assert _following({"verdict": {"findings": rows}}).endswith("Correct the clock.")
     assert _following({"verdict": {"findings": rows[:1]}}).endswith("Report each mode.")
+
+
+def test_decays_of_torsion_say_the_units_of_their_tables():
+    assert _unit_of_motion({"motion_unit": "rad", "look": {"tests": [{"name": "decay"}]}}) == "rad"
+    assert _unit_of_motion({"look": {"tests": [{"name": "decay"}]}}) == "m"
+
+
+@pytest.mark.parametrize(
+    ("units", "said"),
+    [(("rad/s", "rad/s"), {"motion_unit": "rad"}), (("rad/s", "m/s"), {}), (("m/s",), {})],
+)
+def test_a_summary_says_that_its_motion_is_a_rotation(units, said):
+    records = [Record(64.0, {"velocity": np.ones(8)}, {"velocity": unit}) for unit in units]
+    assert _turning([Test("decay", (record,)) for record in records]) == said
