@@ -3,15 +3,12 @@
 OpenSees runs in a process of its own: it keeps its model in the process, and speaks at its end.
 """
 
-import json
-import subprocess
-import sys
 from functools import cache
-from importlib.util import find_spec
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from in_opensees import commands_of, needs_opensees, ran
 from known_laws import THETA, law_of
 from test_exports_elsewhere import MASS, Y_MAX, assert_same, forces, result_of
 
@@ -21,19 +18,6 @@ from jbw.study.exports.opensees import opensees_lines
 
 # A zeroLength element between a held node and one that is moved; its force after every move.
 RUN = """
-import json, sys
-import openseespy.opensees as ops
-
-def word(one):
-    for kind in (int, float):
-        try:
-            return kind(one)
-        except ValueError:
-            pass
-    return one
-
-asked = json.load(sys.stdin)
-ops.wipe()
 ops.model("basic", "-ndm", 1, "-ndf", 1)
 ops.node(1, 0.0)
 ops.node(2, 0.0)
@@ -60,9 +44,7 @@ print(json.dumps(found))
 """
 pytestmark = [
     pytest.mark.slow,  # a few seconds each, of moves one by one
-    pytest.mark.skipif(
-        find_spec("openseespy") is None, reason="needs openseespy, which extra `test` has on Linux"
-    ),
+    needs_opensees,
 ]
 TURNS = np.concatenate([[0.0], 3e-3 * np.random.default_rng(1).uniform(-1, 1, 12), [3e-3, -3e-3]])
 STROKES = 5  # of them, where steps must be short
@@ -77,17 +59,12 @@ def path(steps):
 def in_opensees(folder, result, y):
     """Force of spring and joint along a path [N]."""
     (file,) = PROGRAMS["opensees"].card(folder, result)
-    return moved([line for line in file.read_text().splitlines() if line and line[0] != "#"], y)
+    return moved(commands_of(file.read_text()), y)
 
 
 def moved(lines, y):
     """Force of the materials that some commands make, along a path [N]."""
-    done = subprocess.run(
-        [sys.executable, "-c", RUN], input=json.dumps({"lines": [*lines], "y": [*y]}),
-        capture_output=True, text=True, timeout=120, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    return np.array(json.loads(done.stdout.splitlines()[-1]))
+    return ran(RUN, {"lines": [*lines], "y": [*y]}, timeout=120)
 
 
 def exact(result, laws, y):

@@ -3,16 +3,12 @@
 OpenSees runs in a process of its own: it keeps its model in the process, and speaks at its end.
 """
 
-import json
-import subprocess
-import sys
-from importlib.util import find_spec
-
 import numpy as np
 import pytest
 import scipy.signal
 import two_bolts
 from full_model import joints_read, moved
+from in_opensees import commands_of, needs_opensees, ran
 from joints_tree import tree_of
 
 from jbw.rig.assemblies import BAR, CLAMPING, lapped_beams
@@ -21,19 +17,6 @@ from jbw.study.exports import PROGRAMS
 
 # Beams along x that bend in x and z: their rotation about y is -dw/dx.
 RUN = """
-import json, sys
-import openseespy.opensees as ops
-
-def word(one):
-    for kind in (int, float):
-        try:
-            return kind(one)
-        except ValueError:
-            pass
-    return one
-
-asked = json.load(sys.stdin)
-ops.wipe()
 ops.model("basic", "-ndm", 3, "-ndf", 6)
 for node, x in asked["nodes"]:
     ops.node(node, x, 0.0, 0.0)
@@ -66,9 +49,7 @@ print(json.dumps(found))
 """
 pytestmark = [
     pytest.mark.slow,
-    pytest.mark.skipif(
-        find_spec("openseespy") is None, reason="needs openseespy, which extra `test` has on Linux"
-    ),
+    needs_opensees,
 ]
 FIRST, SECOND = (0.1, 0.1, 0.05, 0.04), (0.04, 0.08, 0.08, 0.08)  # elements of `lapped_beams`
 FACTOR, SAMPLES = 64, 80  # steps a sample; 0.16 s, in which both bolts slip
@@ -92,19 +73,14 @@ def test_opensees_moves_as_the_whole_matrices_do(tmp_path):
         "beams": [(100, 1), (1, 2), (2, 3), (3, 4), (101, 102), (102, 103), (103, 104), (104, 105)],
         "bolts": [(3, 101), (4, 102)],
         "clamping": CLAMPING,
-        "lines": [line for line in text.splitlines() if line and line[0] != "#"],
+        "lines": commands_of(text),
         "force": scipy.signal.resample(u, len(u) * FACTOR).tolist(),
         "h": 1 / (fs * FACTOR),
         "driven": 1,
         "tip": 105,
         "joints": [1001, 1002],
     }
-    done = subprocess.run(
-        [sys.executable, "-c", RUN], input=json.dumps(model),
-        capture_output=True, text=True, timeout=300, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stderr
-    found = np.array(json.loads(done.stdout.splitlines()[-1]))[FACTOR - 1 :: FACTOR]
+    found = ran(RUN, model, timeout=300)[FACTOR - 1 :: FACTOR]
     tip, bolts = found[:, 0], found[:, 1:]
     # Samples 1 on. OpenSees steps the law by Euler's rule backwards, 1 % of a step of that size.
     assert np.std(tip - velocity[1:]) < 5e-3 * np.std(velocity)
