@@ -420,7 +420,9 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
     everything_known = {**data.held, **best.theta}
     by_name = {plain(n): float(value) for n, value in reversed(everything_known.items())}
     natural = by_name.get("omega_n", 1.0)
-    amplitudes, noise = amplitudes_of_runs(data, natural), _noise_alike(best, data)
+    amplitudes, repeated = amplitudes_of_runs(data, natural), _noise_of_repeats(data)
+    residuals = left_by_label(best.residual, data)
+    noise = _noise_alike(residuals, data) | repeated
     y_high, slopes = max(amplitudes.values(), default=0.0), slopes_of(best, prior, data)
     shown: dict[str, LeftOutRun] = {}
     sizes = size_by_label(data)
@@ -442,7 +444,7 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
     missed_by_decays = _missed(free, len(fits) or len(free), natural)
     nothing = Missed(NO_SCATTER, NO_SCATTER)
     shares = _pooled(list(shown.values()))
-    for kind, share in _shares_as_fitted(best, data).items():
+    for kind, share in _shares_as_fitted(residuals, repeated, data).items():
         known_share = shares.get(kind, NO_SCATTER)
         shares[kind] = Scatter(max(share, known_share.std), 0, max(share, known_share.whole))
     everything = (*(missed or ()), *(missed_by_decays or ()), *shares.values())
@@ -480,8 +482,8 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
             "y_high": y_high,
             "omega_n": natural,
             "num_runs": len(sized_runs),
-            "noise_by_repeats": int(set(sizes) <= set(_noise_of_repeats(data))),
-            "hidden_in_noise": int(bool(fits) and _hides_in_noise(best, data)),
+            "noise_by_repeats": int(set(sizes) <= set(repeated)),
+            "hidden_in_noise": int(bool(fits) and _hides_in_noise(residuals, repeated)),
         },
     )
 
@@ -617,14 +619,13 @@ def _noise_of_repeats(data: Dataset) -> dict[str, NoiseSquares]:
     }
 
 
-def _noise_alike(best: Fit, data: Dataset) -> dict[str, NoiseSquares]:
-    """What noise would leave of each group, were it not fitted.
+def _noise_alike(residuals: Mapping[str, Row], data: Dataset) -> dict[str, NoiseSquares]:
+    """What noise would leave of each group, were it not fitted, where no repeats tell it.
 
-    By the scatter of its repeats, else as much a value as the fit leaves of other groups of its
-    kind, or of itself where there are no others: bands take that for noise.
+    As much a value as the fit leaves of other groups of its kind, or of itself where there are no
+    others: bands take that for noise.
     """
-    residuals, kinds = left_by_label(best.residual, data), _kinds(data)
-    fractions = fractions_counted(data)
+    kinds, fractions = _kinds(data), fractions_counted(data)
     square = {label: _square(row) / _count(row) for label, row in residuals.items()}
     noise = {}
     for label, row in residuals.items():
@@ -634,13 +635,11 @@ def _noise_alike(best: Fit, data: Dataset) -> dict[str, NoiseSquares]:
         noise[label] = NoiseSquares(
             _count(row) * float(np.mean([square[x] for x in comparable])), known_by
         )
-    return noise | _noise_of_repeats(data)
+    return noise
 
 
-def _hides_in_noise(best: Fit, data: Dataset) -> bool:
+def _hides_in_noise(residuals: Mapping[str, Row], repeated: NoiseOf) -> bool:
     """Whether a residual without repeats is coloured: it counts as noise, and is the law's."""
-    repeated = _noise_of_repeats(data)
-    residuals = left_by_label(best.residual, data)
     return any(is_coloured(row) for label, row in residuals.items() if label not in repeated)
 
 
@@ -691,10 +690,11 @@ def _sum_of(rests: Sequence[Rest]) -> Rest:
     return Rest(*np.sum(rests, axis=0).tolist())
 
 
-def _shares_as_fitted(best: Fit, data: Dataset) -> dict[str, float]:
+def _shares_as_fitted(
+    residuals: Mapping[str, Row], repeated: NoiseOf, data: Dataset
+) -> dict[str, float]:
     """What the fit leaves of groups beyond the scatter of their repeats, by kind."""
-    noise, residuals = _noise_of_repeats(data), left_by_label(best.residual, data)
-    rests = _rests({label: residuals[label] for label in noise}, noise, data)
+    rests = _rests({label: residuals[label] for label in repeated}, repeated, data)
     return {kind: share for kind, rest in rests.items() if (share := _share_of([rest], [1.0])) > 0}
 
 
