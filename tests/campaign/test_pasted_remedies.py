@@ -725,17 +725,9 @@ def test_a_curve_that_folds_is_told_its_kind(tmp_path):
     phase = -np.arctan2(2 * zeta * natural**2, stiffness - squares)
     hz = np.sqrt(squares) / (2 * np.pi)
     assert np.count_nonzero(np.diff(np.sign(np.diff(hz)))) == 2  # it folds
-    np.savez(tmp_path / "s.npz", f=hz, force=np.full(len(hz), force), y=y, phase=phase)
+    np.savez(tmp_path / "frf.npz", f=hz, force=np.full(len(hz), force), y=y, phase=phase)
     path = tmp_path / "campaign.toml"
-    path.write_text("""[campaign]
-name = "curve"
-modal_mass = 1.0
-[[test]]
-kind = "frf"
-files = "s.npz"
-channels = { frequency = "f", force = "force", displacement = "y", phase = "phase" }
-units = { frequency = "Hz", force = "N", displacement = "m", phase = "rad" }
-""")
+    path.write_text(AMPLITUDES.replace("[[test]]", "modal_mass = 1.0\n[[test]]"))
     (fault,) = faults(path)
     assert 'kind = "curve"' in fault.remedy
     pasted(path, [fault.remedy])
@@ -744,11 +736,19 @@ units = { frequency = "Hz", force = "N", displacement = "m", phase = "rad" }
     np.testing.assert_allclose(test.records[0].channels["frequency"], hz)  # in its order
     # A jumble of lines is no curve.
     mixed = np.random.default_rng(0).permutation(len(hz))
-    np.savez(tmp_path / "s.npz", f=hz[mixed], force=np.full(len(hz), force), y=y, phase=phase)
+    np.savez(tmp_path / "frf.npz", f=hz[mixed], force=np.full(len(hz), force), y=y, phase=phase)
     path.write_text(path.read_text().replace('kind = "curve"', 'kind = "frf"'))
     assert any("Sort the lines" in fault.remedy for fault in faults(path))
 
 
+AMPLITUDES = """[campaign]
+name = "curve"
+[[test]]
+kind = "frf"
+files = "frf.npz"
+channels = { frequency = "f", force = "force", displacement = "y", phase = "phase" }
+units = { frequency = "Hz", force = "N", displacement = "m", phase = "rad" }
+"""
 RATIO = """[campaign]
 name = "curve"
 [[test]]
@@ -772,14 +772,7 @@ def test_a_pasted_remedy_of_a_curve_cures(tmp_path, sign, conjugate, keys):
     phase = np.unwrap(np.angle(h))
     np.savez(tmp_path / "frf.npz", f=hz, force=np.ones(61), y=np.abs(h), phase=phase)
     path = tmp_path / "campaign.toml"
-    path.write_text("""[campaign]
-name = "curve"
-[[test]]
-kind = "frf"
-files = "frf.npz"
-channels = { frequency = "f", force = "force", displacement = "y", phase = "phase" }
-units = { frequency = "Hz", force = "N", displacement = "m", phase = "rad" }
-""")
+    path.write_text(AMPLITUDES)
     (fault,) = faults(path)
     found = [line.split(" = ")[0] for _, line in PUT.findall(fault.remedy)]
     assert sorted(found) == keys
@@ -809,14 +802,7 @@ def test_a_phase_in_degrees_keeps_the_units_of_other_channels(tmp_path):
     phase = np.degrees(np.angle(h))
     np.savez(tmp_path / "frf.npz", f=hz, force=np.ones(61), y=np.abs(h) * 1e3, phase=phase)
     path = tmp_path / "campaign.toml"
-    path.write_text("""[campaign]
-name = "curve"
-[[test]]
-kind = "frf"
-files = "frf.npz"
-channels = { frequency = "f", force = "force", displacement = "y", phase = "phase" }
-units = { frequency = "Hz", force = "N", displacement = "mm", phase = "rad" }
-""")
+    path.write_text(AMPLITUDES.replace('displacement = "m"', 'displacement = "mm"'))
     (fault,) = faults(path)
     (line,) = re.findall(r"units = \{[^}]*\}", fault.remedy)
     path.write_text(with_line(path.read_text(), line))
