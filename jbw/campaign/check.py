@@ -35,10 +35,11 @@ from jbw.measurement.loop_checks import degrading, off_centre, travels_freely
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
 from jbw.measurement.plausibility import doubts, swapped
 from jbw.measurement.records import INPUTS, Record, is_sampled
+from jbw.measurement.spans import toml_list
 from jbw.quantities import FED
 from jbw.report.messages import campaign_faults as messages
 from jbw.report.messages.message import FaultText
-from jbw.report.messages.remedies import OF_ONE_ROLE
+from jbw.report.messages.remedies import EXCLUDE, OF_ONE_ROLE, exclude
 
 # Settings that not every kind of test reads, and the traits of those that do.
 READ_BY: dict[str, Callable[[Kind], bool]] = {
@@ -134,7 +135,7 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
                 failures.setdefault(item.args, item)
             else:
                 raise item
-        test_faults = gathered(named, repeats)
+        test_faults = [beside_excluded(fault, test) for fault in gathered(named, repeats)]
         codes |= {failure.exit_code for failure in failures.values()}
         if small_records and worst(test_faults) != "error":
             seen += seen_in(test, small_records)
@@ -160,7 +161,11 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
                 )
             )
             failed = []
-    compared = [*held_twice(sources), *against_levels(levels)]
+    by_name = {test.name: test for test in spec.tests}
+    repeated = (
+        (name, beside_excluded(fault, by_name[name])) for name, fault in held_twice(sources)
+    )
+    compared = [*repeated, *against_levels(levels)]
     codes |= {DataError.exit_code} if worst(fault for _, fault in compared) == "error" else set()
     rows = list(_with(rows, compared))
     return Check(spec.name, tuple(rows), min(codes, default=0), (*seen, *proposed), joints)
@@ -180,6 +185,16 @@ def beside_stated(fault: Fault, test: TestSpec) -> Fault:
         return f"units = {toml({**stated, role: json.loads(value)})}"
 
     return replace(fault, remedy=OF_ONE_ROLE.sub(whole, fault.remedy))
+
+
+def beside_excluded(fault: Fault, test: TestSpec) -> Fault:
+    """A fault whose remedy leaves out what the test leaves out already, and further records."""
+
+    def whole(match: re.Match[str]) -> str:
+        further = [file for file in json.loads(match[1]) if file not in test.exclude]
+        return exclude(toml_list([*test.exclude, *further]))
+
+    return replace(fault, remedy=EXCLUDE.sub(whole, fault.remedy))
 
 
 def _with(rows: Sequence[Row], faults: Sequence[tuple[str, Fault]]) -> Iterator[Row]:

@@ -5,6 +5,7 @@ predicted from itself. Links and copies are the same samples, and so is a part o
 """
 
 import hashlib
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
@@ -13,7 +14,9 @@ import numpy as np
 from jbw.campaign.tables import TestSpec
 from jbw.measurement.checks import Fault, doubt, refusal
 from jbw.measurement.records import Record
+from jbw.measurement.spans import LEAST, exclude_line, is_by_file, of_all, put_line, span_line
 from jbw.report.messages import campaign_faults as messages
+from jbw.report.messages.remedies import LEAVE_OUT_BY_NUMBER
 
 # Of a record, in common with another: a fifth makes intervals too narrow by a tenth; beyond one
 # half it is the same record.
@@ -32,6 +35,7 @@ class ResponseOrigin(NamedTuple):
     span_s: tuple[float, float]  # first and last second of it
     band_hz: tuple[float, float]
     tones_hz: tuple[float, ...]
+    leaving_out: str = LEAVE_OUT_BY_NUMBER
 
 
 def source_of(record: Record, test: TestSpec) -> ResponseOrigin:
@@ -53,11 +57,37 @@ def source_of(record: Record, test: TestSpec) -> ResponseOrigin:
     length = 0.0 if is_curve else record.num_samples / record.fs
     band = test.band or (0.0, np.inf)
     return ResponseOrigin(test.name, record.name, role, digest.hexdigest(), channel,
-                  (start, start + length), band, test.tones)  # fmt: skip
+                  (start, start + length), band, test.tones, exclude_line(record))  # fmt: skip
+
+
+class Repetition(NamedTuple):
+    """A record whose samples an earlier one of the campaign holds, all or in part."""
+
+    source: ResponseOrigin
+    other: ResponseOrigin
+    severity: Callable[..., Fault]
+    relation: str  # of the second to the first, in words
+    is_part: bool  # by spans of one channel
 
 
 def held_twice(sources: Sequence[ResponseOrigin]) -> Iterator[tuple[str, Fault]]:
     """The second test of every record that a campaign holds twice, and the refusal."""
+    repetitions = list(_repetitions(sources))
+    of_test: dict[str, list[ResponseOrigin]] = {}
+    for source in sources:
+        of_test.setdefault(source.test, []).append(source)
+    by_test: dict[tuple[str, Callable[..., Fault]], list[Repetition]] = {}
+    for repetition in repetitions:
+        by_test.setdefault((repetition.source.test, repetition.severity), []).append(repetition)
+    remedies = {key: _remedy(alike, of_test[key[0]]) for key, alike in by_test.items()}
+    for source, other, severity, relation, _ in repetitions:
+        listed = [f"`{holder.record}` of test `{holder.test}`" for holder in (source, other)]
+        remedy = remedies[source.test, severity]
+        fault_text = messages.twice(listed[0], relation, listed[1], remedy)
+        yield source.test, severity(source.role, *fault_text)
+
+
+def _repetitions(sources: Sequence[ResponseOrigin]) -> Iterator[Repetition]:
     by_digest: dict[str, list[ResponseOrigin]] = {}
     by_channel: dict[tuple[str, str, str], list[ResponseOrigin]] = {}
     for source in sources:
@@ -67,19 +97,36 @@ def held_twice(sources: Sequence[ResponseOrigin]) -> Iterator[tuple[str, Fault]]
         shared = {other: _shared(source, other) for other in same_channel}
         other, share = max(shared.items(), key=lambda pair: pair[1], default=(source, 0.0))
         if first is not None:
-            yield source.test, _fault(refusal, source, first, messages.SAME_SAMPLES)
+            yield Repetition(source, first, refusal, messages.SAME_SAMPLES, is_part=False)
         elif share > DOUBTED:
             severity = refusal if share > MOST_SHARED else doubt
-            yield source.test, _fault(severity, source, other, f"shares {share:.0%} with")
+            yield Repetition(source, other, severity, messages.shares(share), is_part=True)
         same_samples.append(source)
         same_channel.append(source)
 
 
-def _fault(
-    severity: Callable[..., Fault], source: ResponseOrigin, other: ResponseOrigin, what: str
-) -> Fault:
-    listed = [f"`{holder.record}` of test `{holder.test}`" for holder in (source, other)]
-    return severity(source.role, *messages.twice(listed[0], what, listed[1]))
+def _remedy(repetitions: Sequence[Repetition], of_test: Sequence[ResponseOrigin]) -> str:
+    """What cures the repetitions of one test: a span, its records left out, or the whole test."""
+    by_file = Counter(source.leaving_out for source in of_test)
+    if any(is_by_file(x.source.leaving_out) and by_file[x.source.leaving_out] > 1
+           for x in repetitions):  # fmt: skip
+        return messages.FILES_ONCE  # one name, which would leave both out
+    return of_all([_of_one(repetition) for repetition in repetitions], len(of_test))
+
+
+def _of_one(repetition: Repetition) -> str:
+    """What cures one repetition: the part that no other test holds, or the record left out."""
+    source = repetition.source
+    left_out = f"{put_line(source.leaving_out)}."
+    if not repetition.is_part:
+        return left_out
+    (first, last), (begin, end) = source.span_s, repetition.other.span_s
+    before, after = (first, min(last, begin)), (max(first, end), last)
+    start, stop = max(before, after, key=lambda part: part[1] - part[0])
+    if stop - start < LEAST * (last - first):
+        return left_out
+    part = span_line(start - first, stop - first, first)
+    return messages.rest_or_leave_out(part, source.leaving_out)
 
 
 def _use_the_same(source: ResponseOrigin, other: ResponseOrigin) -> bool:

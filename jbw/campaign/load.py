@@ -8,7 +8,7 @@ from math import isnan
 from pathlib import Path
 from textwrap import shorten
 
-from jbw.campaign.check import findings, unread
+from jbw.campaign.check import beside_excluded, beside_stated, findings, unread
 from jbw.campaign.duplicates import held_twice, source_of
 from jbw.campaign.files import repeats_of
 from jbw.campaign.gains import Gain, force_per_unit, gain_of
@@ -117,7 +117,9 @@ def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
         for named, test in zip(spec.tests, tests, strict=True)
         for record in test.records
     ]
-    for name, fault in held_twice(sources):
+    by_name = {test.name: test for test in spec.tests}
+    for name, repeated in held_twice(sources):
+        fault = beside_excluded(repeated, by_name[name])
         if fault.severity == "error":
             raise DataError(fault.what, why=fault.why, remedy=fault.remedy)
         warnings.warn(f"Test {name}: {fault.what} {fault.remedy}", stacklevel=2)
@@ -160,10 +162,12 @@ def load_test(
         if isinstance(item, JbwError):
             raise item
         faults = findings(item, test, loaded[:1], per_unit=gain, laws=laws)
-        report(item, [fault for fault in faults if fault.severity == "error"])
+        errors = [beside_stated(fault, test) for fault in faults if fault.severity == "error"]
+        report(item, [beside_excluded(fault, test) for fault in errors])
         doubts += [(item.name, fault) for fault in faults]
         loaded.append(item)
-    for fault in gathered(doubts, len(loaded)):
+    for gathered_fault in gathered(doubts, len(loaded)):
+        fault = beside_excluded(beside_stated(gathered_fault, test), test)
         warning = f"Test {test.name}, channel `{fault.channel}`: {fault.what} {fault.remedy}"
         warnings.warn(warning.rstrip(), stacklevel=3)
     facts = {name: getattr(test, name) for name in SAME}

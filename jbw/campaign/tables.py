@@ -302,7 +302,7 @@ def _contradictions(test: TestSpec) -> Iterator[str]:
     if not is_curve and test.gaps == "mask":
         yield (
             f"gaps: kind `{test.kind}` needs every sample, only {curves} can mask; "
-            "keep a clean part with span, or drop the repeat with exclude."
+            "keep a clean part by `span`, or leave the record out by `exclude`."
         )
     if test.resample and is_curve:
         yield f"resample: for records in time, not for kind {curves}."

@@ -116,7 +116,17 @@ def left_out_from(record: Record, at_s: float) -> str:
 
 def left_out(record: Record) -> str:
     """What to put into the campaign file to leave a record out."""
-    words, _, line = exclude_line(record).partition(": ")
+    return put_line(exclude_line(record))
+
+
+def is_by_file(leaving_out: str) -> bool:
+    """Whether a record is left out by the name of its file."""
+    return remedies.EXCLUDE.search(leaving_out) is not None
+
+
+def put_line(leaving_out: str) -> str:
+    """How to leave a record out, as a sentence that begins with the line where there is one."""
+    words, _, line = leaving_out.partition(": ")
     return f"{remedies.PUT} {line}" if line else f"{words[0].upper()}{words[1:]}"
 
 

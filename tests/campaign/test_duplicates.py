@@ -163,3 +163,53 @@ def test_other_tones_of_a_record_are_other_data(tones, is_same):
         for name, own in (("a", (5.0,)), ("b", tones))
     )
     assert len(list(held_twice([first, second]))) == is_same
+
+
+def remedies(path):
+    return [f.remedy for row in check_campaign(path).rows for f in row.findings
+            if f.severity == "error"]  # fmt: skip
+
+
+def pasted(path, test, line):
+    """The line in the table of a test, in the place of one of the same key."""
+    head, name, rest = path.read_text().partition(f'name = "{test}"\n')
+    key = line.partition(" = ")[0]
+    table, mark, others = rest.partition("[[test]]")
+    kept = "".join(x for x in table.splitlines(True) if not x.startswith(f"{key} ="))
+    path.write_text(f"{head}{name}{line}\n{kept}{mark}{others}")
+
+
+def test_records_of_two_tests_are_left_out_of_the_second_by_one_line(folder):
+    """What the test leaves out already stays out."""
+    for seed in (2, 3):
+        np.savez(folder / f"run_{seed}.npz", **record(seed))
+    first = table('["run_1.npz", "run_2.npz"]', "a")
+    path = campaign(folder, first, table('"run_*.npz"', "b", 'exclude = ["run_3.npz"]'))
+    told = remedies(path)
+    line = 'exclude = ["run_3.npz", "run_1.npz", "run_2.npz"]'
+    assert told == [f"Put under [[test]]: `{line}`."] * 2
+    pasted(path, "b", line)
+    assert refused(path) == []
+    names = [[record.name for record in test.records] for test in load_campaign(path).tests]
+    assert names == [["run_1.npz", "run_2.npz"], ["run_0.npz"]]
+
+
+def test_a_test_of_which_all_records_are_in_another_is_left_out(folder):
+    path = campaign(folder, table('"run_*.npz"', "a"), table('"run_1.npz"', "b"))
+    assert remedies(path) == ["Leave the test out."]
+
+
+def test_a_file_that_is_named_twice_is_not_excluded_by_its_name(folder):
+    (folder / "sub").mkdir()
+    path = campaign(folder, table('["run_1.npz", "sub/../run_1.npz"]', "a"))
+    assert remedies(path) == ["Name each file once in `files`."]
+
+
+def test_the_part_that_no_other_test_holds_is_told_as_a_span(folder):
+    first = table('"run_1.npz"', "a", "span = [0.0, 10.0]")
+    path = campaign(folder, first, table('"run_1.npz"', "b", "span = [4.0, 14.0]"))
+    line = "span = [10.0, 14.0]"
+    assert remedies(path) == [f"Put under [[test]]: `{line}`, which no other test holds."]
+    pasted(path, "b", line)
+    assert refused(path) == []
+    assert [test.records[0].num_samples for test in load_campaign(path).tests] == [1000, 400]

@@ -30,6 +30,7 @@ SUM_OF_LAWS = (
     "move at once."
 )
 SAME_SAMPLES = "holds the same samples as"
+FILES_ONCE = "Name each file once in `files`."
 NO_TESTS = "[[test]]: at least one test is needed, each under its own [[test]]."
 GAIN_OR_MASS = "[campaign]: give gain or modal_mass, not both; they say the same."
 SEE_TOML = "See https://toml.io; strings need quotes, and each key stands once."
@@ -204,13 +205,23 @@ def exchanged(test: str, ratio: float, other: str, smaller: float) -> FaultText:
     )
 
 
-def twice(first: str, relation: str, second: str) -> FaultText:
+def twice(first: str, relation: str, second: str, remedy: str) -> FaultText:
     """A record that two tests hold."""
     return FaultText(
         f"{first} {relation} {second}.",
         "A record that counts twice makes intervals too narrow, and predicts itself.",
-        "Leave one of them out of `files`, drop it with exclude, or state other spans.",
+        remedy,
     )
+
+
+def shares(share: float) -> str:
+    """What a record has in common with another, as a share of the shorter."""
+    return f"shares {share:.0%} with"
+
+
+def rest_or_leave_out(part_line: str, leaving_out: str) -> str:
+    """The line of the part that no other test holds, or how to leave the record out."""
+    return f"{part_line}, which no other test holds, or {leaving_out}."
 
 
 def several_assemblies(count: int, names: Sequence[str]) -> str:
