@@ -95,6 +95,7 @@ MOST_GROWN = 3.0  # of a standard deviation by the logarithm of the amplitude: t
 # those of its derivatives.
 FEWEST_FITS = 3
 MOST_WIDENED = 3.0  # n / (n - 2) of three runs: fewer say no more
+COUNTS = 1e-3  # of the response at resonance: linearity of a good sensor, which hides less
 ONE_LEVEL = 1.1  # of amplitudes: within, runs are repeats of one level
 
 
@@ -481,6 +482,7 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
             "y_low": min(positive, default=0.0),
             "y_high": y_high,
             "omega_n": natural,
+            "zeta": by_name.get("zeta", 1.0),
             "num_runs": len(sized_runs),
             "noise_by_repeats": int(set(sizes) <= set(repeated)),
             "hidden_in_noise": int(bool(fits) and _hides_in_noise(residuals, repeated)),
@@ -527,7 +529,11 @@ def _missed(shown: Sequence[LeftOutRun], num_fits: int, natural: float) -> Misse
 
 
 def discrepancy_finding(found: xr.Dataset, laws: Sequence[str]) -> Finding | None:
-    """What the law misses of runs that were left out; None where none can be left out."""
+    """What the law misses of runs that were left out; None where none can be left out.
+
+    A change of frequency by omega_n times e, or of damping by e, moves the response at resonance by
+    e / zeta of itself.
+    """
     if not found.sizes["run"]:
         return None
     discrepancy = discrepancy_in(found)
@@ -538,17 +544,21 @@ def discrepancy_finding(found: xr.Dataset, laws: Sequence[str]) -> Finding | Non
     over_noise = np.where(np.isfinite(noise_std), np.abs(shift) / noise_std, 0.0)
     run = int(np.argmax(over_noise.max(axis=1)))
     forced = discrepancy.forced if any(x.whole for x in discrepancy.forced) else discrepancy.decays
-    shares = {kind: share.whole for kind, share in discrepancy.share.items()}
+    rest = max((share.whole for share in discrepancy.share.values()), default=0.0)
+    of_modes = max(forced.frequency.whole, forced.damping.whole) / found.attrs["zeta"]
+    if (error := max(of_modes, rest)) < COUNTS:
+        values = {"error": error, "limit": COUNTS}
+        return Finding("discrepancy", "ok", values, error, entry="discrepancy.small")
     values = {
         "frequency": forced.frequency.whole,
         "damping": forced.damping.whole,
-        "rest": max(shares.values(), default=0.0),
+        "rest": rest,
         "run": str(found["run"].values[run]),
         "run_frequency": float(shift[run, 0] / found.attrs["omega_n"]),
         "run_damping": float(shift[run, 1]),
     }
     remedy = {"another_law": another_law(laws)}
-    largest = max(values["frequency"], values["damping"], values["rest"])
+    largest = max(forced.frequency.whole, forced.damping.whole, rest)
     return Finding("discrepancy", "usable", values, largest, remedy)
 
 

@@ -165,8 +165,8 @@ def of_all(of_records: Sequence[str], count: int) -> str:
     return remedy.replace("the record out:", "the records out:") if len(files) > 1 else remedy
 
 
-def toml_list(names: Sequence[str]) -> str:
-    """Names of files as TOML writes a list of them."""
+def toml_list(names: Sequence[str | int]) -> str:
+    """Names of files, or numbers of repeats, as TOML writes a list of them."""
     return json.dumps(list(names), ensure_ascii=False)
 
 

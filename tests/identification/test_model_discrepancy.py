@@ -253,6 +253,15 @@ def test_bands_of_stronger_decays_hold_what_a_wrong_law_misses():
     assert (finding.code, finding.status) == ("discrepancy", "usable")
     assert finding.values["frequency"] == discrepancy.decays.frequency.whole
     assert "of the natural frequency" in finding.reason
+    # A thousandth of it is in the bands, and no fault of the law.
+    shrunk = found.assign(rest=1e-3 * found["rest"], rest_beyond=1e-3 * found["rest_beyond"])
+    factors = np.tile([1e-3, 1.0, 1e-3], 2)  # of each standard deviation; powers stay
+    shrunk.attrs |= {kind: factors * found.attrs[kind] for kind in ("forced", "decays")}
+    small = discrepancy_finding(shrunk, ())
+    assert (small.status, small.entry) == ("ok", "discrepancy.small")
+    largest = max(discrepancy.decays.frequency.whole, discrepancy.decays.damping.whole)
+    # zeta is the fitted one, which hardening moves by some per cent.
+    assert small.values["error"] == pytest.approx(1e-3 * largest / ZETA, rel=0.05)
     unseen = decays((1.2, 0.9, 0.35), hardening, name="unseen")
     before, after = (predict(one, unseen, Request(num_draws=100)).attrs for one in (bare, basis))
     assert before["coverage"] < 0.8

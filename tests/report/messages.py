@@ -103,6 +103,7 @@ OF_FINDINGS = {
          "run_frequency": -1.46e-4, "run_damping": 1.95e-4},
         OTHER_LAW,
     ),
+    "discrepancy.small": ({"error": 3e-4, "limit": 1e-3}, {}),
     "discrepancy.no_repeats": ({}, {}),
     "chi_square": ({"ratio": 9.0, "low": 0.2, "high": 5.0}, {}),
     "no_hysteresis.drag": (DRAG, {"law": "quadratic_damping"}),

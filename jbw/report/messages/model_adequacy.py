@@ -192,12 +192,18 @@ MESSAGES = (
         amplitudes. Bands of tests that were not fitted include what it misses: within the fitted
         amplitudes as runs left out show it, beyond them growing with the square of the amplitude
         and with the distance in its logarithm. A law that misses nothing beyond noise has the
-        bands of its parameters and the noise.
+        bands of its parameters and the noise. What is below 0.1 % of the response at resonance is
+        in the bands and no fault of the law: sensors are not linear to less.
 
         Remedy: compare laws by `jbw laws`; fit the levels that are to be predicted.
         """,
         "Compare laws, or predict within the fitted amplitudes. {another_law}",
         "Runs that are left out show nothing beyond noise that the law misses.",
+    ),
+    Message(
+        "discrepancy.small",
+        "The law misses {error:.2g %} of the response at resonance of runs that are left out: more "
+        "than noise, but less than the {limit:.2g %} from which it counts. The bands include it.",
     ),
     Message(
         "discrepancy.no_repeats",
