@@ -91,7 +91,7 @@ def controlled_kind(roles: Mapping[str, Channel], series: Mapping[str, Leaf]) ->
     driven = y if force is None else force
     if y.max() < GROWS * y.min() or driven.max() < GROWS * driven.min():
         return ""
-    together = spearmanr(y, hz if force is None else force).statistic
+    together = float(np.asarray(spearmanr(y, hz if force is None else force))[0])
     shifts = 0 < np.ptp(hz) < SHIFTS * hz.max()
     return "backbone" if shifts and abs(together) > FOLLOWS else ""
 
