@@ -24,6 +24,7 @@ from jbw.inference.groups.offsets import Estimate
 from jbw.inference.groups.scatter import Levels, Spread, draw_offsets, scatter_grid
 from jbw.inference.posterior.summary import QUANTILES
 from jbw.inference.space.box import Box
+from jbw.measurement.records import belongs_to
 from jbw.observables.dataset import (
     Dataset,
     by_label,
@@ -34,7 +35,7 @@ from jbw.observables.dataset import (
     with_directions,
 )
 from jbw.observables.drives import plain
-from jbw.observables.observable import OFFSETS, Observable, assemblies_of, belongs_to
+from jbw.observables.observable import OFFSETS, Observable, assemblies_of
 from jbw.quantities import BY_NAME
 from jbw.report.messages import sessions as messages
 

@@ -153,6 +153,11 @@ class Test:
         return self.traits.is_periodic and self.periods > 1
 
 
+def belongs_to(label: str, name: str) -> bool:
+    """Whether a run, or a group of data, is that of a name: it has it, or that and more."""
+    return label == name or label.startswith(f"{name} ")
+
+
 def is_sampled(record: Record) -> bool:
     """Whether its samples have a time: those of a curve have none, nor may those of a loop."""
     return record.fs == record.fs and record.provenance.get("fs") != COUNTED

@@ -34,11 +34,6 @@ Drawn = Mapping[str, Float[np.ndarray, "..."]]  # parameters by name, and what w
 Laws = tuple[str, ...]
 
 
-def belongs_to(label: str, name: str) -> bool:
-    """Whether a run, or a group of data, is that of a name: it has it, or that and more."""
-    return label == name or label.startswith(f"{name} ")
-
-
 class AmplitudeCurve(NamedTuple):
     """Equivalent frequency [rad/s] and damping against the amplitude y [m], as read off data."""
 

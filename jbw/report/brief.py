@@ -26,7 +26,7 @@ from jbw.report.messages import brief as messages
 from jbw.report.opening import opening
 from jbw.report.result import BACKBONE, laws_of, names_of, node
 from jbw.report.style import GREEN, INK, ORANGE, RC, SOFT, VERMILLION
-from jbw.report.tables import every_test
+from jbw.report.tables import every_test, tests_of_records
 from jbw.report.text import NOTHING, interval, length_unit, number, percent, unit_text
 from jbw.report.words import badge, in_symbols, law_words
 
@@ -221,7 +221,16 @@ def _measured(summary: Summary, tree: xr.DataTree) -> Cells:
     """What was measured: the tests of a kind and level on one line."""
     read = {row["test"]: row for row in (summary.get("look") or {}).get("tests") or []}
     families: dict[tuple[str, float, bool], list[dict[str, Any]]] = {}
-    for row in every_test(summary, tree):
+    every = every_test(summary, tree)
+    records = tests_of_records(every)
+    worst: dict[str, float] = {}
+    for row in every:
+        if (test := records.get(row["test"])) is not None:
+            worst[test["test"]] = max(row.get("nrmse") or 0.0, worst.get(test["test"], 0.0))
+    for row in every:
+        if row["test"] in records:
+            continue
+        row["nrmse"] = worst.get(row["test"], row.get("nrmse"))
         level = row.get("level")
         key = str(row.get("kind") or ""), float("nan" if level is None else level)
         families.setdefault((*key, bool(row.get("fitted"))), []).append(row)

@@ -18,24 +18,27 @@ DOTS = {"ls": "", "marker": ".", "ms": 4}
 def look_figure(tree: xr.DataTree, ax: Any = None) -> Panels:
     """Is the structure nonlinear, before any model?
 
-    Left, the response of every driven test about its resonance, displacement over source: that of
-    a linear structure is one curve for all levels. Middle and right, frequency and damping of every
-    record, each read as a linear oscillator's, against the motion: a linear structure's do not
-    change with it. Each colour is a test, or the tests of one kind and level on several days.
+    Left, where a test is driven, the response of each about its resonance, displacement over
+    source: that of a linear structure is one curve for all levels. Beside it frequency and damping
+    of every record, each read as a linear oscillator's, against the motion: a linear structure's do
+    not change with it. Each colour is a test, or the tests of one kind and level on several days.
     """
     look = node(tree, "look")
     if look is None or not look.children:
         raise DataError("The result has no readings of the records by themselves.")
     tests = [group.to_dataset() for group in look.children.values()]
-    axes = panels(ax, 1, 3, height=3.4, width_ratios=[1.2, 1, 1])
+    is_driven = any("response" in test for test in tests)
+    widths = [1.2, 1, 1] if is_driven or ax is not None else [1, 1]
+    axes = panels(ax, 1, len(widths), height=3.4, width_ratios=widths)
     factor, unit = length_unit(max(float(test["y"].max()) for test in tests))
     names = _families(tests)
     shown = list(dict.fromkeys(names))
     colours = [style.LEVELS[shown.index(name) % len(style.LEVELS)] for name in names]
-    _responses(axes[0, 0], tests, colours)
+    if len(widths) > 2:
+        _responses(axes[0, 0], tests, colours)
     for only, name, scale, label in (
-        (axes[0, 1], "frequency_hz", 1.0, "frequency [Hz]"),
-        (axes[0, 2], "damping", 100.0, "damping ratio [%]"),
+        (axes[0, -2], "frequency_hz", 1.0, "frequency [Hz]"),
+        (axes[0, -1], "damping", 100.0, "damping ratio [%]"),
     ):
         for test, family, colour in zip(tests, names, colours, strict=True):
             called = plain(family) if shown.index(family) < MOST_NAMED else "_further"

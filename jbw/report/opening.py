@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 
 from jbw.inference.posterior.finding import ASKED
+from jbw.measurement.kinds import KINDS
 from jbw.quantities import joints_of, split
 from jbw.report.cycles import motion_unit, unit_of_motion
 from jbw.report.messages import opening as messages
@@ -198,7 +199,7 @@ def _misfits(summary: Summary) -> Iterator[str]:
     before = ((summary.get("held_out_answer") or {}).get("predictions") or {}).values()
     fitted_last = [row for row in before if row.get("nrmse")]
     if fitted:
-        yield messages.fitted_errors(len(fitted), _errors(fitted))
+        yield messages.fitted_errors(len(fitted), _errors(fitted), _noun(fitted))
     else:
         yield messages.NO_ERRORS
     if fitted_last:
@@ -216,14 +217,22 @@ def _of_held_out(tests: Sequence[Summary]) -> str:
     return messages.held_out_errors(
         len(tests), _errors(tests), _span(inside, 3) if inside else "",
         _span(widths) if inside and widths else "",
-        sum(bool(row.get("withheld")) for row in tests),
+        sum(bool(row.get("withheld")) for row in tests), _noun(tests),
     )  # fmt: skip
+
+
+def _noun(tests: Sequence[Summary]) -> str:
+    """What is predicted one by one: a test, or where there are free decays a record."""
+    is_free = (KINDS[kind].is_free for row in tests if (kind := row.get("kind")) in KINDS)
+    return "record" if any(is_free) else "test"
 
 
 def fit_sentence(summary: Summary) -> str:
     """RMS error of the fitted tests by the fit alone, where nothing was drawn yet."""
     errors = list((summary.get("quick") or {}).values())
-    return messages.fit_errors(len(errors), _span(errors)) if errors else messages.NO_FIT_ERROR
+    if not errors:
+        return messages.NO_FIT_ERROR
+    return messages.fit_errors(len(errors), _span(errors), _noun(summary.get("tests") or ()))
 
 
 def _errors(tests: Sequence[Summary]) -> str:

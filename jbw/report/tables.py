@@ -1,6 +1,6 @@
 """The tables of a run: what each column shows of the summary or of the tree."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from itertools import product
 from typing import Any
@@ -10,6 +10,7 @@ import xarray as xr
 
 from jbw.errors import DataError
 from jbw.inference.thresholds import BEYOND
+from jbw.measurement.records import belongs_to
 from jbw.report.loops import BAND_SDS, MILLI, enclosed_areas
 from jbw.report.messages import tables as notes
 from jbw.report.responses import resonance_window
@@ -143,7 +144,7 @@ def table_of_tests(summary: Summary, tree: xr.DataTree | None = None) -> Table:
 
     Where all tests are fitted in the end, those held out before are there with both errors.
     """
-    rows = sorted(every_test(summary, tree), key=_in_order)
+    rows = sorted(with_records(every_test(summary, tree)), key=_in_order)
     before = (summary.get("held_out_answer") or {}).get("predictions") or {}
     of_kinds = [
         {"test": f"all {kind}", "nrmse": row["error"], "rests_on": row["rests_on"]}
@@ -193,12 +194,37 @@ def every_test(summary: Summary, tree: xr.DataTree | None = None) -> list[dict[s
     return [*rows, *({"test": name, **row} for name, row in predicted.items())]
 
 
+def tests_of_records(rows: Sequence[Summary]) -> dict[str, Summary]:
+    """The row of its test for every record that has one of its own, as free decays have."""
+    return {
+        row["test"]: test
+        for test in rows
+        if test.get("nrmse") is None
+        for row in rows
+        if row is not test
+        and row.get("kind") == test.get("kind")
+        and belongs_to(row["test"], test["test"])
+    }
+
+
+def with_records(rows: Sequence[Summary]) -> list[dict[str, Any]]:
+    """Rows in which the records of a test stand in its place, where each has a row of its own."""
+    tests = tests_of_records(rows)
+    replaced = {test["test"] for test in tests.values()}
+    sessions = {
+        name: {"run": test.get("run"), "assembly": test.get("assembly"), "is_record": True}
+        for name, test in tests.items()
+    }
+    return [{**sessions.get(row["test"], {}), **row} for row in rows if row["test"] not in replaced]
+
+
 def _in_order(row: Summary) -> tuple[str, float, str]:
     return str(row.get("kind") or ""), float(row.get("level") or 0.0), str(row["test"])
 
 
 def _tests_counted(rows: list[dict[str, Any]]) -> str:
-    return "1 test" if len(rows) == 1 else f"{len(rows)} tests"
+    noun = "record" if any(row.get("is_record") for row in rows) else "test"
+    return notes.counted(len(rows), noun)
 
 
 def inside(row: Summary) -> str:

@@ -15,8 +15,7 @@ from jbw.identification.across_kinds import across_kinds
 from jbw.identification.evidence import Candidate
 from jbw.identification.floors import rms
 from jbw.inference.thresholds import BEYOND
-from jbw.measurement.records import Test
-from jbw.observables.observable import belongs_to
+from jbw.measurement.records import Test, belongs_to
 from jbw.report.messages import study as messages
 from jbw.verification.predict import Request, predict
 from jbw.verification.predicted import is_measured

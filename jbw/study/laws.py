@@ -22,9 +22,8 @@ from jbw.identification.unseen_runs import LeftOut, runs_of
 from jbw.identification.without_offsets import compared, without_offsets
 from jbw.inference.posterior.summary import evenly_spaced, scalars
 from jbw.inference.space.box import require_float64
-from jbw.measurement.records import Test
+from jbw.measurement.records import Test, belongs_to
 from jbw.observables.dataset import Dataset
-from jbw.observables.observable import belongs_to
 from jbw.oscillator.laws import FAMILIES, LAWS, laws_named
 from jbw.report.messages import stages
 from jbw.report.messages import study as messages

@@ -75,6 +75,7 @@ def fit_lines(seen: Measured, ready: Fitted, seed: int) -> list[str]:
         "steps": {"joint": step_record(identification.main, {})},
         "verdict": verdict_record(identification.main.verdict),
         "quick": fit_errors(identification),
+        "tests": [{"kind": test.kind} for test in seen.tests],
     }
     return [
         by_the_fit(known_parameters(record)),

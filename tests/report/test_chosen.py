@@ -8,7 +8,7 @@ from jbw.errors import ConfigError, DataError
 from jbw.report.chosen import chosen_names, selected
 from jbw.report.figures import FIGURES
 from jbw.report.responses import softening
-from jbw.report.tables import every_test
+from jbw.report.tables import every_test, table_of_tests, with_records
 
 
 def campaign(*tests):
@@ -106,3 +106,25 @@ def test_one_list_tells_of_every_test_whether_it_was_fitted():
     )
     (read,) = every_test({}, old)
     assert read["fitted"] == 0
+
+
+def test_records_of_decays_stand_in_the_place_of_their_test():
+    """A test of one record without a number of its own stays, and so does one without a row."""
+    of_decays = {"kind": "decay", "fitted": 1, "run": "monday"}
+    summary = {
+        "tests": [
+            {"test": "soft", "repeats": 2, **of_decays},
+            {"test": "softer", "repeats": 1, **of_decays},
+            {"test": "hard", "repeats": 3, **of_decays},
+        ],
+        "predictions": {
+            name: {"kind": "decay", "fitted": True, "nrmse": 0.01}
+            for name in ("soft 1", "soft 2", "softer")
+        },
+    }
+    rows = with_records(every_test(summary))
+    assert [row["test"] for row in rows] == ["softer", "hard", "soft 1", "soft 2"]
+    assert {row["run"] for row in rows} == {"monday"}
+    assert "repeats" not in rows[-1]
+    (section,) = table_of_tests(summary).sections
+    assert section.heading == "Fitted (4 records)"

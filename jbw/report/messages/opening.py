@@ -125,22 +125,25 @@ def change(what: str, start: str, interval: str, *, lowers: bool) -> str:
     return f"{'lowers' if lowers else 'raises'} the {what} from {start} to {interval}"
 
 
-def fitted_errors(count: int, errors: str) -> str:
-    """Errors of the fitted tests."""
-    return f"RMS error of {_tests(count, 'fitted')}: {errors}."
+def fitted_errors(count: int, errors: str, noun: str = "test") -> str:
+    """Errors of the fitted tests, or of their records."""
+    return f"RMS error of {_tests(count, 'fitted', noun)}: {errors}."
 
 
-def held_out_errors(count: int, errors: str, coverage: str, width: str, withheld: int = 0) -> str:
+def held_out_errors(
+    count: int, errors: str, coverage: str, width: str, withheld: int = 0, noun: str = "test"
+) -> str:
     """Errors of held-out tests, how much of their values the bands hold, how many have none."""
     half_width = f" (half width: {width} of the rms)" if width else ""
     band = f"; the 99 % bands hold {coverage} of the values{half_width}" if coverage else ""
     without = f"; {withheld} of them without a band, which is withheld" if withheld else ""
-    return f"RMS error of {_tests(count, 'held-out')}: {errors}{band}{without}."
+    return f"RMS error of {_tests(count, 'held-out', noun)}: {errors}{band}{without}."
 
 
-def fit_errors(count: int, errors: str) -> str:
-    """Errors of the fitted tests before the posterior is drawn."""
-    return f"RMS error of {_tests(count, 'fitted')}: {errors}; no other test is predicted yet."
+def fit_errors(count: int, errors: str, noun: str = "test") -> str:
+    """Errors of the fitted tests, or of their records, before the posterior is drawn."""
+    fitted = _tests(count, "fitted", noun)
+    return f"RMS error of {fitted}: {errors}; no other test is predicted yet."
 
 
 def relative_error(error: str, linear: str) -> str:
@@ -191,5 +194,5 @@ def headline(identified: Sequence[str], *, quick: bool) -> str:
     return f"Identified{by}, mean [99 % interval]: {'; '.join(identified) or 'nothing'}"
 
 
-def _tests(count: int, which: str) -> str:
-    return f"the {which} test" if count == 1 else f"the {count} {which} tests"
+def _tests(count: int, which: str, noun: str = "test") -> str:
+    return f"the {which} {noun}" if count == 1 else f"the {count} {which} {noun}s"

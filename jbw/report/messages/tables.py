@@ -47,3 +47,8 @@ def beyond(reach: float) -> str:
 def laws(campaign: str) -> str:
     """Of a comparison of laws."""
     return f"Laws of the joint: {campaign}"
+
+
+def counted(count: int, noun: str) -> str:
+    """So many things of a kind."""
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
