@@ -231,6 +231,12 @@ def law_name(law: str, joints: Iterable[str]) -> str:
     return name_at(law, TIED.join(joints))
 
 
+def natural(name: str) -> list[tuple[int, int | str]]:
+    """Sorting key with numbers by value, so that run_2 comes before run_10."""
+    parts = re.split(r"(\d+)", name)
+    return [(1, int(part)) if part.isdecimal() else (0, part) for part in parts]
+
+
 def split(law: str) -> tuple[str, tuple[str, ...]]:
     """Name of a law itself, and the joints that have it; none of a law of the only joint."""
     plain, _, joints = law.partition(AT)

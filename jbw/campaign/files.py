@@ -14,6 +14,7 @@ from jbw.measurement.files.read import records
 from jbw.measurement.files.sampling import Wanted
 from jbw.measurement.records import Record
 from jbw.measurement.resampled import on_one_clock
+from jbw.quantities import natural
 
 DATA_FOLDER = "$JBW_DATA"
 Part = tuple[Path, Wanted]  # a file, and what to take from it
@@ -145,7 +146,9 @@ def _matching(pattern: str, folder: Path) -> list[Path]:
     else:
         anchor = Path(literal.anchor) if Path(pattern).is_absolute() else folder
         matches = anchor.glob(str(literal.relative_to(anchor)))
-    if files := sorted((path for path in matches if path.is_file()), key=_natural):
+    if files := sorted(
+        (path for path in matches if path.is_file()), key=lambda path: natural(path.name)
+    ):
         return files
     names = sorted(str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file())
     guess = did_you_mean(pattern, names)
@@ -154,9 +157,3 @@ def _matching(pattern: str, folder: Path) -> list[Path]:
         f"`files` = {pattern!r} matches nothing in `{folder}`.",
         remedy=f"{guess}Found: {', '.join(names[:10]) or 'nothing'}{more}.",
     )
-
-
-def _natural(path: Path) -> list[tuple[int, int | str]]:
-    """Sorting key with numbers by value, so that run_2 comes before run_10."""
-    parts = re.split(r"(\d+)", path.name)
-    return [(1, int(part)) if part.isdecimal() else (0, part) for part in parts]

@@ -151,8 +151,8 @@ def verification_sweep(tree: xr.DataTree, ax: Any = None, part: Part = "chosen")
 def verification_decay(tree: xr.DataTree, ax: Any = None) -> Panels:
     """Does the model follow the free decays, fitted and held out?
 
-    From the left: the whole record in the band of the mode, some late periods, and what is left
-    less the model's median. Of a held-out record the model sees the first part, up to the dashed
+    From the left: the whole record in the band of the mode, some late periods, and the residual
+    of the model's median. Of a held-out record the model sees the first part, up to the dashed
     line, and predicts the rest; an error of frequency builds up towards its end.
 
     Panels: for each record a row of three (3 axes a record), held-out records first, 6 at most.

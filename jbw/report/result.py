@@ -11,9 +11,9 @@ import xarray as xr
 from jaxtyping import Float
 
 from jbw.errors import DataError, reason_of
-from jbw.quantities import BY_NAME, GAINS, Quantity, in_dialect
+from jbw.quantities import BY_NAME, GAINS, Quantity, in_dialect, natural
 from jbw.report.style import plain
-from jbw.report.text import quantity, symbol, unit_text
+from jbw.report.text import about, quantity, symbol, unit_text
 from jbw.run.integrity import MARK, SEAL, damaged, unsealed
 
 TURN = 360.0  # degrees
@@ -97,7 +97,7 @@ def tests(tree: xr.DataTree, path: str, *needed: str) -> list[tuple[str, xr.Data
     if parent is None or not parent.children:
         raise DataError(f"The result has no test under /{path.strip('/')}.")
     groups = [(name, branch(tree, f"{path}/{name}", *needed)) for name in parent.children]
-    return sorted(groups, key=lambda test: float(test[1].attrs.get("level", 0.0)))
+    return sorted(groups, key=lambda test: (about(test[1].attrs.get("level")), natural(test[0])))
 
 
 def verified(tree: xr.DataTree, attribute: str) -> list[tuple[str, str, xr.Dataset]]:

@@ -11,6 +11,7 @@ import xarray as xr
 from jbw.errors import DataError
 from jbw.inference.thresholds import BEYOND
 from jbw.measurement.records import belongs_to
+from jbw.quantities import natural
 from jbw.report.loops import BAND_SDS, MILLI, enclosed_areas
 from jbw.report.messages import tables as notes
 from jbw.report.responses import resonance_window
@@ -30,6 +31,7 @@ from jbw.report.table import (
 from jbw.report.text import (
     NOTHING,
     Names,
+    about,
     number,
     percent,
     seconds,
@@ -218,8 +220,8 @@ def with_records(rows: Sequence[Summary]) -> list[dict[str, Any]]:
     return [{**sessions.get(row["test"], {}), **row} for row in rows if row["test"] not in replaced]
 
 
-def _in_order(row: Summary) -> tuple[str, float, str]:
-    return str(row.get("kind") or ""), float(row.get("level") or 0.0), str(row["test"])
+def _in_order(row: Summary) -> tuple[Any, ...]:
+    return str(row.get("kind") or ""), about(row.get("level")), natural(str(row["test"]))
 
 
 def _tests_counted(rows: list[dict[str, Any]]) -> str:

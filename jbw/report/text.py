@@ -76,6 +76,11 @@ def axis_label(what: str, unit: str) -> str:
     return f"{what} [{unit_text(unit) or '-'}]"
 
 
+def about(level: float | None) -> float:
+    """A level to two digits: repeats of one level have the same."""
+    return float(f"{level or 0.0:.2g}")
+
+
 def number(value: Any, sd: Any = None, digits: int = 3) -> str:
     """A number to two digits of its `sd`, or to `digits` of its own; a dash where undefined."""
     value, sd = _float(value), _float(sd)
