@@ -3,6 +3,7 @@
 import re
 import tomllib
 from collections.abc import Callable
+from math import prod
 from typing import NamedTuple
 
 from jbw.measurement.spans import toml_table
@@ -134,12 +135,15 @@ def _in_one_table(
     """A line with all that two lines state of roles; a factor multiplies one that is stated."""
     try:
         stated, value = tomllib.loads(f"table = {table}\nitem = {item}").values()
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
     if not isinstance(stated, dict):
         return None
     if key == "scale" and role in stated:
-        value = stated[role] * value
+        factors = (stated[role], value)
+        if not all(isinstance(factor, int | float) for factor in factors):
+            return None
+        value = prod(factors)
     return messages.in_one_table(*numbers, key, f"{key} = {toml_table({**stated, role: value})}")
 
 
@@ -148,6 +152,8 @@ def _is_toml_to(number: int, lines: list[str]) -> bool:
     source = "\n".join(lines)
     try:
         tomllib.loads(source)
+    except RecursionError:  # nested too deeply further down
+        return False
     except ValueError as error:
         return _line_number(error, source) > number
     return True

@@ -179,6 +179,17 @@ def test_a_key_or_a_table_that_stands_twice_is_named():
     assert f"Put its keys below line {first}" in again
 
 
+@pytest.mark.parametrize("factors", ['{ input = "2" }\nscale.input = "3"',
+                                     '{ input = "ab" }\nscale.input = 1000000000'])  # fmt: skip
+def test_a_role_that_has_two_factors_of_text_is_refused(factors):
+    assert "not valid TOML" in refused(changed("level = 0.2", f"level = 0.2\nscale = {factors}"))
+
+
+def test_a_slip_before_what_is_nested_too_deeply_is_refused():
+    """The text without the slip is read as far as Python follows it."""
+    assert "not valid TOML" in refused(f"seed = .5\ndeep = {'[' * 5000}\n")
+
+
 def test_slips_in_several_lines_are_told_of():
     text = changed('"sweep"', "“sweep”").replace('"beam"', "“beam”")
     assert 'Write line 3 as `name = "beam"`. Mend line 6 likewise.' in refused(text)
