@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from jbw.campaign.settings import SPRING
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.lanes import at_points
-from jbw.inference.posterior.finding import Finding, Verdict, amended, checked, judge, qualified
+from jbw.inference.posterior.finding import Amendment, Finding, checked, usable_within
 from jbw.inference.posterior.remedies import put
 from jbw.inference.posterior.summary import evenly_spaced
 from jbw.observables.dataset import Dataset, by_label, halved, log_likelihood
@@ -127,42 +127,42 @@ def explained(first: Fit, data: Dataset) -> tuple[float, int] | None:
     return total, int(sum(sizes.values())) - len(first.x)
 
 
-def within_misfit(found: Verdict, error: Mapping[str, float]) -> Verdict:
-    """A verdict in which misfit that is small, and counted by the likelihood, is usable.
+def within_misfit(error: Mapping[str, float]) -> Amendment | None:
+    """That misfit which is small, and counted by the likelihood, is usable; None where it is large.
 
     A law that leaves more than noise of long or precise records, but a few per cent of each, is
     wrong in what it leaves and right in the rest; the intervals have this in them.
     """
     worst = max(error, key=lambda label: np.nan_to_num(error[label], nan=np.inf), default=None)
     if worst is None or not error[worst] <= CLOSE:
-        return found
-    return qualified(found, OF_MISFIT, messages.usable_within(error[worst], worst))
+        return None
+    return usable_within(OF_MISFIT, messages.usable_within(error[worst], worst))
 
 
 def within_unseen(
-    found: Verdict,
+    codes: tuple[str, ...],
     fitted: Sequence[float],
     unseen: Sequence[float],
     which: str,
     *,
     missed: Sequence[float] | None = None,
-) -> Verdict:
-    """A verdict whose statements of use quote the errors of tests that a fit did not see.
+) -> Amendment | None:
+    """Errors of tests that a fit did not see, quoted where findings say that the law is usable.
 
     Errors are relative to the rms of their tests. Where those that the bands do not hold exceed the
     fitted ones by a factor of 1.5 in rms, what was usable within the fitted error is not.
 
     Args:
-        found: The verdict.
+        codes: Codes of the findings that quote them.
         fitted: Errors of the tests as they were fitted.
-        unseen: Errors of tests as predicted by a fit without them; nothing changes where there are
+        unseen: Errors of tests as predicted by a fit without them; None follows where there are
             none.
         which: What these tests are, for the sentence: "held-out tests".
         missed: Those of the unseen ones that the bands do not hold, or hold by the model
             discrepancy alone; all when None.
     """
     if not len(fitted) or not len(unseen):
-        return found
+        return None
     missed = unseen if missed is None else missed
     fitted_error, beyond = rms(fitted), rms(unseen)
     holds = not len(missed) or rms(missed) <= MOST_BEYOND * fitted_error
@@ -172,14 +172,8 @@ def within_unseen(
     elif beyond > MOST_BEYOND * fitted_error:
         comparison = messages.WITHIN_BANDS
     sentence = messages.unseen_errors(which, beyond, fitted_error, comparison)
-    return judge(
-        amended(
-            finding, "usable" if holds else "failed", sentence, "" if holds else messages.FIT_MISSED
-        )
-        if finding.status == "usable" and finding.code in OF_USE
-        else finding
-        for finding in found.findings
-    )
+    status, remedy = ("usable", "") if holds else ("failed", messages.FIT_MISSED)
+    return Amendment(codes, "usable", status, sentence, remedy)
 
 
 def rms(values: Sequence[float]) -> float:

@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
-from jbw.inference.posterior.finding import Finding, Verdict, qualified
+from jbw.inference.posterior.finding import Amendment, Finding, usable_within
 from jbw.inference.posterior.summary import QUANTILES, evenly_spaced
 from jbw.inference.posterior.verdict import bands_finding
 from jbw.oscillator.laws import quantities_of
@@ -138,28 +138,27 @@ def _effects(
 
 
 def within_response(
-    found: Verdict,
     posterior: xr.Dataset,
     held: Mapping[str, Any],
     y_peak: float,
     laws: tuple[str, ...] = DEFAULT_LAWS,
-) -> Verdict:
-    """A verdict in which what trades for each other is usable where its effect is known.
+) -> Amendment | None:
+    """That parameters which trade for each other are usable where their effect is known.
 
     By the 99 % intervals of the change of frequency and of the damping at the largest displacement
     fitted: what is left open there moves no response up to it.
     """
     theta = _joint_draws(posterior, held, laws)
     if theta is None or not laws or y_peak <= 0:
-        return found
+        return None
     shift, added = map(np.asarray, _effects(theta, y_peak, laws))
     spans = []
     for values in (shift, theta["zeta"] + added):
         low, middle, high = np.quantile(values, QUANTILES)
         spans.append(float((high - low) / (2 * abs(middle))))
     if not all(span <= KNOWN for span in spans):
-        return found
-    return qualified(found, ("unidentified",), messages.known_together(y_peak, *spans))
+        return None
+    return usable_within(("unidentified",), messages.known_together(y_peak, *spans))
 
 
 def effects_sentence(found: Effects, y_peak: float) -> str:

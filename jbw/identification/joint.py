@@ -60,8 +60,8 @@ from jbw.identification.step import Step, attrs, finished, means_of
 from jbw.identification.widening import ending, widened
 from jbw.inference.fit.valley import about_valley
 from jbw.inference.generator import parts_of
-from jbw.inference.posterior.finding import Finding
-from jbw.inference.posterior.verdict import Verdict, enough, verdict
+from jbw.inference.posterior.finding import Amendment, Finding
+from jbw.inference.posterior.verdict import enough, verdict
 from jbw.inference.samplers.chunked_run import Keep, Until, no_checkpoint
 from jbw.inference.samplers.ladder import ROUNDS, Places, Sizes, climb
 from jbw.inference.samplers.register import sampler_named
@@ -127,21 +127,31 @@ def joint_step(
         chi_square=ready.chi_square,
         ending=ending(ready.box, ready.data.laws),
     )
+    findings = [*by_chains.findings, *ready.findings, *findings]
     step = finished(
         name, posterior, ready.box, ready.fit, started,
-        findings=[*by_chains.findings, *ready.findings, *findings],
+        findings=findings,
+        amendments=amendments_of(posterior, groups, ready),
         statements=[*ready.statements, *drawn(posterior.attrs), *words],
         held=ready.data.held,
     )  # fmt: skip
+    advice = stuck(step.posterior, findings)
+    return replace(step, statements=(*step.statements, *advice)), ready.data
+
+
+def amendments_of(
+    posterior: xr.DataTree, groups: Mapping[str, xr.Dataset], ready: Fitted
+) -> list[Amendment | None]:
+    """What the errors of the fit, of fits without each run, and the response say of findings."""
     residuals = dataset.left_by_label(ready.fit.residual, ready.data)
-    judged = accuracy.within_misfit(step.verdict, dataset.error_by_label(residuals, ready.data))
+    amendments = [accuracy.within_misfit(dataset.error_by_label(residuals, ready.data))]
     if (left_out := groups.get("leave_one_out")) is not None:
         errors = left_out["fitted"].values.tolist(), left_out["error"].values.tolist()
-        judged = accuracy.within_unseen(judged, *errors, messages.EACH_FROM_OTHERS)
-    draws, y_peak = posterior["posterior"].to_dataset(), ready.y_peak
-    judged = within_response(judged, draws, ready.data.held, y_peak, ready.data.laws)
-    advice = stuck(step.posterior, judged)
-    return replace(step, verdict=judged, statements=(*step.statements, *advice)), ready.data
+        amendments.append(
+            accuracy.within_unseen(accuracy.OF_MISFIT, *errors, messages.EACH_FROM_OTHERS)
+        )
+    draws, data = posterior["posterior"].to_dataset(), ready.data
+    return [*amendments, within_response(draws, data.held, ready.y_peak, data.laws)]
 
 
 def without_absent_joint(key: Key[Array, ""], ready: Fitted) -> Fitted | None:
@@ -281,9 +291,9 @@ def are_enough(
     return bands is None or bands.status != "failed"
 
 
-def stuck(posterior: xr.DataTree, judged: Verdict) -> list[str]:
+def stuck(posterior: xr.DataTree, findings: Iterable[Finding]) -> list[str]:
     """What to do where elliptical slices do not mix, in words; nothing where they do."""
-    failed = {finding.code for finding in judged.findings if finding.status != "ok"}
+    failed = {finding.code for finding in findings if finding.status != "ok"}
     if posterior.attrs.get("sampler") != "elliptical_slice" or not failed & STUCK:
         return []
     return [messages.TOO_CURVED]

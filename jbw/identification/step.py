@@ -8,7 +8,7 @@ from typing import Any
 import xarray as xr
 
 from jbw.inference.fit.fitting import Fit
-from jbw.inference.posterior.verdict import Finding, Verdict, judge
+from jbw.inference.posterior.finding import Amendment, Finding, Verdict, judge
 from jbw.inference.space.box import Box
 from jbw.oscillator.laws import quantities_of, vocabulary
 from jbw.oscillator.modes.parameters import own_quantities
@@ -58,10 +58,11 @@ def finished(
     started: float,
     *,
     findings: Iterable[Finding],
+    amendments: Iterable[Amendment | None] = (),
     statements: Iterable[str] = (),
     held: Mapping[str, Any] | None = None,
 ) -> Step:
-    """Judge a posterior by its findings, and put it beside its origin.
+    """Judge a posterior by its findings and their amendments, and put it beside its origin.
 
     `started` is the `perf_counter()` at the start of the step.
     """
@@ -72,7 +73,7 @@ def finished(
     return Step(
         name,
         posterior,
-        judge(tuple(findings)),
+        judge(findings, amendments),
         fit,
         box,
         tuple(sentences),

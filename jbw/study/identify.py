@@ -20,6 +20,7 @@ from jbw.identification.prepare import Fitted
 from jbw.identification.procedure import Identification, Report, run_procedure
 from jbw.identification.tied_joints import tied_evidence, tied_laws
 from jbw.identification.usable import usable
+from jbw.inference.posterior.finding import judge
 from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.inference.space.box import require_float64
 from jbw.observables.records import compile_beside
@@ -33,7 +34,7 @@ from jbw.study.order import Order, ReadCampaign
 from jbw.study.quick import first_answer, fit_lines
 from jbw.study.study import Study
 from jbw.study.surroundings import constants_sentence
-from jbw.verification.verify import with_predictions
+from jbw.verification.verify import prediction_findings, within_predictions
 
 logger = logging.getLogger("jbw")
 TIED_KEY = 300  # of the seed: of the evidence of one law for several joints
@@ -140,7 +141,8 @@ def drawn_study(order: Order, read: ReadCampaign, report: Report, keep: Keep) ->
     compared = attempts.make(stages.ROUTES, lambda: compare_routes(posteriors), {})
     statements = [*read.left_out, *main.statements, outside, *attempts.said]
     statements.append(about_instruments(order, read))
-    verdict = with_predictions(main.verdict, tree)
+    findings = [*main.verdict.findings, *prediction_findings(tree)]
+    verdict = judge(findings, [within_predictions(tree)])
     identification = with_main(posteriors, verdict, list(filter(None, statements)))
     return finished_study(
         order, read, identification, tree, identifiability=identifiability, compared=compared

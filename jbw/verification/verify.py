@@ -16,12 +16,12 @@ import xarray as xr
 from scipy.stats import norm
 
 from jbw.errors import Attempts
-from jbw.identification.accuracy import CLOSE, another_law, within_unseen
+from jbw.identification.accuracy import CLOSE, OF_USE, another_law, within_unseen
 from jbw.identification.assemble import Measured, entered
 from jbw.identification.model_discrepancy import NOTHING, AtAmplitude
 from jbw.identification.procedure import Identification
 from jbw.identification.selection import DecaySplit, Sweeps, loop_tests
-from jbw.inference.posterior.finding import Finding, Verdict, amended, checked, judge
+from jbw.inference.posterior.finding import Amendment, Finding, amended, checked
 from jbw.inference.posterior.remedies import put
 from jbw.inference.posterior.summary import QUANTILES
 from jbw.measurement.records import Test, drive_of
@@ -268,14 +268,13 @@ def _compared_sweeps(names: set[str], sweeps: Sweeps | None) -> tuple[set[str], 
     return names, [*sweeps.held_out, *rest]
 
 
-def with_predictions(found: Verdict, tree: xr.DataTree) -> Verdict:
-    """A verdict with what the predictions of tests say, which its statements of use quote.
+def within_predictions(tree: xr.DataTree) -> Amendment | None:
+    """The errors of predictions, quoted where findings say that the law is usable.
 
     Held-out tests of motions up to a little more than those that were fitted are quoted; further
     ones are an extrapolation. Those that the bands do not hold without a model discrepancy decide
     on the use.
     """
-    found = judge([*found.findings, *prediction_findings(tree)])
     tests = _predicted(tree).values()
     compared = [attrs for attrs in tests if np.isfinite(attrs["nrmse"])]
     fitted = [attrs["nrmse"] for attrs in compared if attrs.get("fitted")]
@@ -292,7 +291,7 @@ def with_predictions(found: Verdict, tree: xr.DataTree) -> Verdict:
     errors = [attrs["nrmse"] for attrs in unseen]
     farther = len(fitted) + len(unseen) < len(compared)
     held_out = messages.held_out_within(CARRIED_ON) if farther else messages.HELD_OUT
-    return within_unseen(found, fitted, errors, held_out, missed=missed)
+    return within_unseen(OF_USE, fitted, errors, held_out, missed=missed)
 
 
 def _predicted(tree: xr.DataTree) -> Mapping[str, Mapping[str, Any]]:

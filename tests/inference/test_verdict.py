@@ -7,13 +7,13 @@ from pasted import lines_of, pasted
 from scipy.signal import lfilter
 from scipy.stats import truncnorm
 
-from jbw.identification.accuracy import within_misfit, within_unseen
-from jbw.inference.posterior.finding import ASKED_BY, answers, checked, qualified
+from jbw.identification.accuracy import OF_USE, within_misfit, within_unseen
+from jbw.inference.posterior.finding import ASKED_BY, answers, checked, usable_within
 from jbw.inference.posterior.remedies import more_draws, put_bounds, wider
 from jbw.inference.posterior.verdict import Finding, judge, leaning, verdict
 from jbw.inference.space.box import box
 from jbw.report.messages.findings import explanations
-from jbw.verification.verify import with_predictions
+from jbw.verification.verify import prediction_findings, within_predictions
 
 BOX = box({"alpha": (1.0, 2.0), "delta": (1.0, 2.0)})
 
@@ -301,18 +301,19 @@ def test_the_worst_of_the_findings_is_the_verdict():
 @pytest.mark.parametrize(("error", "status"), [(0.049, "usable"), (0.051, "failed")])
 def test_misfit_is_usable_up_to_a_twentieth_of_every_test(error, status):
     found = looked_at(r_hat="ok", coloured_residual="failed", repeatability="ok")
-    judged = within_misfit(found, {"weak": 0.01, "strong": error})
+    judged = judge(found.findings, [within_misfit({"weak": 0.01, "strong": error})])
     assert judged.status == status
     assert ("within this the law may be used" in judged.findings[1].reason) == (status == "usable")
 
 
 def test_no_other_failure_becomes_usable():
     found = looked_at(coloured_residual="failed", simpler_model="failed", r_hat="failed")
-    judged = within_misfit(found, {"sweep": 0.01})
+    judged = judge(found.findings, [within_misfit({"sweep": 0.01})])
     assert judged.status == "failed"
     assert [one.status for one in judged.findings] == ["usable", "failed", "failed"]
-    assert within_misfit(found, {"sweep": np.nan}) == found
-    assert qualified(found, ("r_hat",), "Yet.").findings[2].reason == "Seen r_hat. Yet."
+    assert judge(found.findings, [within_misfit({"sweep": np.nan})]) == found
+    judged = judge(found.findings, [usable_within(("r_hat",), "Yet.")])
+    assert judged.findings[2].reason == "Seen r_hat. Yet."
 
 
 @pytest.mark.parametrize(
@@ -325,8 +326,8 @@ def test_no_other_failure_becomes_usable():
 )
 def test_a_statement_of_use_quotes_what_no_fit_saw(fitted, unseen, status):
     found = judge([checked("coloured_residual", False, "Coloured.", 0.4, "Another law.")])
-    usable = within_misfit(found, {"sweep": 0.018})
-    judged = within_unseen(usable, fitted, unseen, "tests that no fit saw")
+    unseen_errors = within_unseen(OF_USE, fitted, unseen, "tests that no fit saw")
+    judged = judge(found.findings, [within_misfit({"sweep": 0.018}), unseen_errors])
     assert judged.status == status
     (finding,) = judged.findings
     if unseen:
@@ -335,7 +336,8 @@ def test_a_statement_of_use_quotes_what_no_fit_saw(fitted, unseen, status):
     if status == "failed":
         assert "Another law." in finding.action
     untouched = judge([checked("r_hat", True, "Mixed.", 1.0, "")])
-    assert within_unseen(untouched, fitted, unseen, "tests") == untouched
+    amendment = within_unseen(OF_USE, fitted, unseen, "tests")
+    assert judge(untouched.findings, [amendment]) == untouched
 
 
 @pytest.mark.parametrize(
@@ -361,7 +363,6 @@ def test_a_statement_of_use_quotes_held_out_tests(
     error, coverage, extrapolation, discrepancy, status, says
 ):
     found = judge([checked("coloured_residual", False, "Coloured.", 0.4, "Another law.")])
-    usable = within_misfit(found, {"sweep": 0.018})
     attrs = {
         "strong": {"fitted": 1, "nrmse": 0.018, "coverage": 0.99},
         "weak": {
@@ -370,7 +371,9 @@ def test_a_statement_of_use_quotes_held_out_tests(
         },
     }  # fmt: skip
     groups = {f"/verification/sweeps/{n}": xr.Dataset(attrs=a) for n, a in attrs.items()}
-    judged = with_predictions(usable, xr.DataTree.from_dict(groups))
+    tree = xr.DataTree.from_dict(groups)
+    amendments = [within_misfit({"sweep": 0.018}), within_predictions(tree)]
+    judged = judge([*found.findings, *prediction_findings(tree)], amendments)
     (finding,) = [each for each in judged.findings if each.code == "coloured_residual"]
     assert finding.status == status
     assert says in finding.reason

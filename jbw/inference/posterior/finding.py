@@ -2,9 +2,10 @@
 
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import reduce
 from html import escape
 from textwrap import shorten
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -100,11 +101,38 @@ class Verdict:
         return first_line(self.status, statuses)
 
 
-def judge(findings: Iterable[Finding]) -> Verdict:
-    """The verdict that follows from findings; not assessed without any."""
-    findings = tuple(findings)
-    statuses: set[Status] = {finding.status for finding in findings}
-    return Verdict(worst_of(statuses), findings)
+class Amendment(NamedTuple):
+    """What a check says of the findings of others.
+
+    Attributes:
+        codes: Codes of the findings that are amended.
+        before: Status of the findings that are amended; those of another status stay.
+        status: Status that they get.
+        sentence: Sentence that is added to their reasons.
+        remedy: Remedy that is added to theirs.
+    """
+
+    codes: tuple[str, ...]
+    before: Status
+    status: Status
+    sentence: str
+    remedy: str = ""
+
+    def applied_to(self, finding: Finding) -> Finding:
+        """The finding, amended where this is about it."""
+        if finding.code not in self.codes or finding.status != self.before:
+            return finding
+        return amended(finding, self.status, self.sentence, self.remedy)
+
+
+def judge(findings: Iterable[Finding], amendments: Iterable[Amendment | None] = ()) -> Verdict:
+    """The verdict that follows from findings, amended in order; not assessed without any."""
+    in_order = [amendment for amendment in amendments if amendment is not None]
+    judged = tuple(
+        reduce(lambda finding, amendment: amendment.applied_to(finding), in_order, finding)
+        for finding in findings
+    )
+    return Verdict(worst_of({finding.status for finding in judged}), judged)
 
 
 def worst_of(statuses: Collection[Status]) -> Status:
@@ -115,14 +143,9 @@ def worst_of(statuses: Collection[Status]) -> Status:
     return "not assessed"
 
 
-def qualified(verdict: Verdict, codes: Collection[str], limits: str) -> Verdict:
-    """A verdict in which failed findings of some codes are usable within stated limits."""
-    return judge(
-        amended(finding, "usable", limits)
-        if finding.code in codes and finding.status == "failed"
-        else finding
-        for finding in verdict.findings
-    )
+def usable_within(codes: tuple[str, ...], limits: str) -> Amendment:
+    """That failed findings of some codes are usable within stated limits."""
+    return Amendment(codes, "failed", "usable", limits)
 
 
 def amended(finding: Finding, status: Status, sentence: str, remedy: str = "") -> Finding:
