@@ -30,6 +30,6 @@ def chains(apart, sampler):
 )
 def test_slices_that_do_not_mix_point_to_nuts(apart, sampler, told):
     tree = chains(apart, sampler)
-    words = stuck(tree, verdict(tree, PRIOR))
+    words = stuck(tree, verdict(tree, PRIOR).findings)
     assert bool(words) is told
     assert all('sampler = "nuts"' in sentence for sentence in words)
