@@ -109,7 +109,7 @@ def bases(campaign: Campaign) -> tuple[Basis, Basis]:
     """What predicts by the fit of a campaign, without the model discrepancy and with it."""
     seen = measured_in(campaign, lambda said: None, campaign.tests)
     found = fit_alone(seen, seed=0, report=lambda said: None)
-    ready = found.fitted
+    ready = found.joint.fitted
     fits = fits_without_each_run(ready.fit, ready.box, ready.data)
     missed = model_discrepancy(ready.fit, ready.box, ready.data, fits)
     tree = fit_tree(seen, found)

@@ -14,7 +14,8 @@ from made_runs import a_tree
 
 from jbw.identification.joint import draw_noise_std
 from jbw.identification.paper.sequential_vs_joint import compare_routes
-from jbw.identification.procedure import Identification
+from jbw.identification.paper_route import PaperRoute
+from jbw.identification.procedure import Posteriors
 from jbw.measurement.records import Record, Test
 from jbw.observables import harmonic_groups as steady
 from jbw.observables.dataset import Dataset
@@ -313,7 +314,10 @@ def test_the_routes_stand_side_by_side():
         "opening_nuts": a_step({"alpha": 500.0, "delta": 300.0}, gamma=(33.0, 0.1)),
         "joint": a_step({}, alpha=(510.0, 5.0), gamma=(32.4, 0.2)),
     }
-    found = compare_routes(Identification(steps=steps))  # pyright: ignore
+    checks, joint = SimpleNamespace(wall_s=0.5), steps.pop("joint")
+    draws = joint.posterior["posterior"].to_dataset()
+    joint = SimpleNamespace(draws=draws, held={}, wall_s=1.5)
+    found = compare_routes(None, Posteriors(joint, checks, paper=PaperRoute(steps=steps)))  # pyright: ignore
     gamma = found["parameters"]["gamma"]
     assert gamma["sd_ratio"] == pytest.approx(2.0)
     assert gamma["difference"] == pytest.approx(3.0)
@@ -323,7 +327,7 @@ def test_the_routes_stand_side_by_side():
     said = " ".join(found["statements"])
     assert "standard deviation is 2 times that of Step 4" in said
     assert "the two means are 3 such deviations apart" in said
-    assert compare_routes(Identification(steps={"joint": steps["joint"]})) == {}  # pyright: ignore
+    assert compare_routes(None, Posteriors(joint, checks)) == {}  # pyright: ignore
 
 
 def test_a_name_with_a_slash_is_one_level_of_the_tree():

@@ -25,18 +25,21 @@ from scipy.special import softmax
 
 from jbw.identification.accuracy import residual_finding
 from jbw.identification.assemble import Measured, Report, assemble
+from jbw.identification.checks import Checks, seen_hysteresis
 from jbw.identification.equivalent import effects
-from jbw.identification.joint import law_variables, seen_hysteresis
+from jbw.identification.free_decays import FreeDecays, decays_in
+from jbw.identification.gain_units import with_gain_units
+from jbw.identification.joint import JointPosterior, law_variables
 from jbw.identification.joint_answers import GROUP as JOINTS
 from jbw.identification.joint_answers import joints_finding, joints_group, joints_words
 from jbw.identification.one_mode_readings import joint_readings, with_readings
 from jbw.identification.prepare import Fitted, prepare
-from jbw.identification.procedure import Identification, decays_in
-from jbw.identification.step import Step, attrs
+from jbw.identification.procedure import Posteriors
+from jbw.identification.step import attrs
 from jbw.identification.widening import ending
 from jbw.inference.fit.costly_fit import evaluator, from_search, to_search
 from jbw.inference.generator import generator, parts_of
-from jbw.inference.posterior.finding import Finding, judge
+from jbw.inference.posterior.finding import Finding
 from jbw.inference.posterior.summary import LAPLACE
 from jbw.inference.posterior.verdict import bounds_findings
 from jbw.inference.samplers.truncated_gaussian import mixture_within
@@ -56,8 +59,8 @@ NOTHING = 1e-9  # of the scatter of runs: room for no offset
 LEAST = 12.0  # over the squared width of the box: the precision of the prior alone
 
 
-def fit_alone(seen: Measured, *, seed: int, report: Report) -> Identification:
-    """The procedure as far as a fit of all tests, and the Gaussian about it in place of draws.
+def fit_alone(seen: Measured, *, seed: int, report: Report) -> Posteriors:
+    """A fit of all tests, and the Gaussian about it in place of draws.
 
     Raises:
         DataError: If there is nothing that the joint can be fitted to.
@@ -67,23 +70,21 @@ def fit_alone(seen: Measured, *, seed: int, report: Report) -> Identification:
     report(stages.least_squares(len(data.labels)))
     readings = joint_readings(key, seen)
     ready = prepare(parts_of(key, 2), data, seen.settings, readings.known, quick=True)
-    return about_fit(key, seen, with_readings(ready, readings), started)
+    ready = with_readings(ready, readings)
+    return about_fit(key, seen, replace(ready, wall_s=perf_counter() - started))
 
 
-def about_fit(key: Key[Array, ""], seen: Measured, ready: Fitted, started: float) -> Identification:
-    """What a fit says by itself, in the form of a procedure that was run to its end."""
-    return Identification(
-        linear=seen.linear,
-        sweeps=seen.sweeps,
-        data=ready.data,
-        decays=seen.decays,
-        decay_data=None if seen.decays is None else decays_in(ready.data),
-        steps={"joint": laplace_step(key, ready, started)},
-    )
+def about_fit(key: Key[Array, ""], seen: Measured, ready: Fitted) -> Posteriors:
+    """What a fit says by itself, in the form of posteriors that were drawn."""
+    started = perf_counter()
+    tree = with_gain_units(laplace_tree(key, ready), seen.tests)
+    joint = JointPosterior("joint", tree, ready, ready.wall_s + perf_counter() - started)
+    in_fit = None if seen.decays is None else decays_in(ready.data)
+    return Posteriors(joint, checks_of_fit(joint), FreeDecays(in_fit))
 
 
-def laplace_step(key: Key[Array, ""], ready: Fitted, started: float) -> Step:
-    """A fit with draws of the Gaussian about it, and the verdict that these are not assessed."""
+def laplace_tree(key: Key[Array, ""], ready: Fitted) -> xr.DataTree:
+    """Draws of the Gaussian about a fit, in the groups of a sampler."""
     lp, theta = laplace_draws(key, ready)
     low_high, meaning = bounds_by_name(ready.box), attrs(ready.data.laws)
     dims, shape = ("chain", "draw"), (NUM_CHAINS, NUM_DRAWS)
@@ -106,30 +107,26 @@ def laplace_step(key: Key[Array, ""], ready: Fitted, started: float) -> Step:
         }
     )
     tree.attrs |= {"sampler": LAPLACE, "num_chains": NUM_CHAINS, "num_samples": NUM_DRAWS}
-    joints = joints_group(tree["posterior"].to_dataset(), ready.data, ready.fit.theta)
-    if joints is not None:
-        tree[JOINTS] = xr.DataTree(joints)
-    finding = joints_finding(joints)
+    return tree
+
+
+def checks_of_fit(joint: JointPosterior) -> Checks:
+    """That the draws are not assessed, and what the fit by itself says against its laws."""
+    started, ready = perf_counter(), joint.fitted
+    joints = joints_group(joint.draws, ready.data, ready.fit.theta)
+    of_joints = joints_finding(joints)
     sentences = [] if ready.fit.weak is None else [messages.by_fit(ready.fit.weak.text)]
     sentences += [
         messages.at_bound(parameter, side) for parameter, side in ready.fit.at_bound.items()
     ]
-    return Step(
-        "joint",
-        tree,
-        judge(
-            [
-                not_sampled(),
-                *([] if finding is None else [finding]),
-                *doubts_of_fit(tree["posterior"].to_dataset(), ready),
-            ]
-        ),
-        ready.fit,
-        ready.box,
-        (*ready.statements, *sentences, *joints_words(joints)),
-        {name: float(value) for name, value in ready.data.held.items()},
-        perf_counter() - started,
-    )
+    findings = [
+        not_sampled(),
+        *([] if of_joints is None else [of_joints]),
+        *doubts_of_fit(joint.draws, ready),
+    ]
+    statements = (*ready.statements, *sentences, *joints_words(joints))
+    groups = {} if joints is None else {JOINTS: joints}
+    return Checks(tuple(findings), (), statements, groups, perf_counter() - started)
 
 
 def doubts_of_fit(drawn: xr.Dataset, ready: Fitted) -> list[Finding]:

@@ -63,6 +63,7 @@ class Fitted:
     # Of the first fit over the groups whose noise repeats tell, and its degrees of freedom.
     chi_square: tuple[float, int] | None = None
     findings: tuple[Finding, ...] = ()  # of the same, for the verdict
+    wall_s: float = 0.0  # that it took, compiling included
 
     @property
     def y_peak(self) -> float:

@@ -1,46 +1,50 @@
-"""The procedure of the paper on one campaign: Steps 2, 3 and 4, and the joint posterior.
+"""What an identification ends as: its posteriors, and what was fitted.
 
-All of it, or as far as one posterior before anything is drawn: density, prior, data, fit.
+Or as far as one posterior before anything is drawn: density, prior, data, fit.
 """
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Key, PyTree
 
-from jbw.errors import Attempts, ConfigError, DataError
-from jbw.identification.assemble import Measured, Report, assemble
-from jbw.identification.joint import joint_step
+from jbw.errors import ConfigError, DataError
+from jbw.identification.assemble import Measured, Report
+from jbw.identification.checks import Checks, step_of
+from jbw.identification.free_decays import FreeDecays
+from jbw.identification.joint import JointPosterior
 from jbw.identification.linear import PooledFit
 from jbw.identification.linear_step import LinearStep
-from jbw.identification.one_mode_readings import joint_readings
 from jbw.identification.paper import kernel, step3, step4
+from jbw.identification.paper_route import PaperRoute
 from jbw.identification.prepare import Fitted, fit_joint, refit
 from jbw.identification.selection import DecaySplit, Sweeps
 from jbw.identification.step import Step, means_of
 from jbw.inference.fit.fitting import Fit
-from jbw.inference.generator import parts_of
-from jbw.inference.posterior.finding import Finding, judge
-from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
+from jbw.inference.posterior.finding import Verdict
 from jbw.inference.space.box import Box
 from jbw.inference.space.problem import LogLikelihood
-from jbw.measurement.records import drive_of
 from jbw.observables.dataset import Dataset, log_likelihood
 from jbw.observables.decay import Decays
-from jbw.observables.forms import by_form
 from jbw.observables.records import Records
 from jbw.quantities import DEFAULT_LAWS
-from jbw.report.messages import paper_steps as messages
 from jbw.report.messages import stages
 
 logger = logging.getLogger("jbw")
 STEPS = ("joint", "third_order", "opening")
-PAPER_LAW = "bouc_wen"  # of Steps 3 and 4
-READINGS_KEY = 200  # of the seed: of single modes, where there are several joints
-DECAY_KEY = 100  # of the seed: the paper's steps draw the same with decays and without
+
+
+@dataclass(frozen=True)
+class Posteriors:
+    """What was drawn from a campaign and checked, before it is judged."""
+
+    joint: JointPosterior
+    checks: Checks  # of the joint posterior
+    free: FreeDecays = field(default_factory=FreeDecays)
+    paper: PaperRoute = field(default_factory=PaperRoute)
 
 
 @dataclass(frozen=True)
@@ -73,124 +77,22 @@ class Identification:
         return self.steps.get("decay") or self.main
 
 
-def run_procedure(
-    seen: Measured,
-    *,
-    seed: int = 0,
-    report: Report = logger.info,
-    keep: Keep = no_checkpoint,
-    at_fit: Callable[[Fitted], None] = lambda ready: None,
+def identified(
+    seen: Measured, posteriors: Posteriors, judged: Verdict, statements: Sequence[str]
 ) -> Identification:
-    """Run every step that the tests of a campaign allow.
-
-    Free decays are part of the joint posterior; beside other tests they have one of their own too,
-    to compare with. `report` is called with one sentence at every stage; `keep` says where the
-    chains of each posterior outlive the process. `at_fit` is called with the fit of the joint
-    posterior before anything is drawn from it.
-
-    Raises:
-        DataError: If there is nothing that the joint can be fitted to.
-    """
-    keys = iter(parts_of(jax.random.key(seed), 16))
-    identification = Identification(linear=seen.linear, sweeps=seen.sweeps, decays=seen.decays)
-    words = paper_words(seen)
-    if words:
-        report(words[0])
-    if seen.linear is not None and seen.probing and PAPER_LAW in seen.laws:
-        try:
-            kernel_fit, steps = _paper_steps(seen, seen.linear.pooled, keys, report, keep)
-        except DataError as error:
-            if seen.settings.strict:
-                raise
-            report(messages.left_out(" ".join(str(error).split())))
-        else:
-            identification = replace(identification, kernel=kernel_fit, steps=_told(words, steps))
-    data = assemble(seen)
-    report(stages.joint_posterior(len(data.labels)))
-    readings = joint_readings(jax.random.fold_in(jax.random.key(seed), READINGS_KEY), seen)
-    step, data = joint_step(
-        next(keys),
-        data,
-        identification.steps,
-        seen.settings,
-        keep=keep,
-        at_fit=at_fit,
-        readings=readings,
+    """The posteriors of a campaign, the joint one with its verdict and all that is said of it."""
+    free, paper, joint = posteriors.free, posteriors.paper, posteriors.joint
+    main = step_of(joint, posteriors.checks, judged, statements)
+    beside = {} if free.step is None else {free.step.name: free.step}
+    return Identification(
+        linear=seen.linear,
+        kernel=paper.kernel,
+        sweeps=seen.sweeps,
+        data=joint.fitted.data,
+        decays=seen.decays,
+        decay_data=free.data,
+        steps={**paper.steps, main.name: main, **beside},
     )
-    identification = replace(
-        identification, data=data, steps=identification.steps | _told(words, {"joint": step})
-    )
-    if seen.decays is None:
-        return identification
-    unseen = any(
-        finding.code == "no_joint" and finding.status != "ok" for finding in step.verdict.findings
-    )
-    if not unseen and not all(test.traits.is_free for test in seen.tests):
-        report(stages.FREE_DECAYS)
-        key = jax.random.fold_in(jax.random.key(seed), DECAY_KEY)
-        free = replace(seen, chosen=tuple(test for test in seen.chosen if test.traits.is_free))
-        attempts = Attempts(report)
-        free_posterior = attempts.make(
-            stages.FREE_POSTERIOR,
-            lambda: joint_step(key, assemble(free), {}, seen.settings, name="decay", keep=keep),
-            None,
-        )
-        if free_posterior is None:
-            identification = replace(
-                identification, steps=_compared_with_nothing(identification.steps, attempts.said)
-            )
-        else:
-            step, data = free_posterior
-            identification = replace(identification, steps={**identification.steps, "decay": step})
-    return replace(identification, decay_data=decays_in(data))
-
-
-def decays_in(data: Dataset) -> Decays | None:
-    """The envelopes of free decays among what was fitted."""
-    return next((part for part in data.parts if isinstance(part, Decays)), None)
-
-
-def _compared_with_nothing(steps: Mapping[str, Step], sentences: Sequence[str]) -> dict[str, Step]:
-    """Steps whose joint posterior says that there is no second one to compare it with."""
-    joint, reason = steps["joint"], " ".join(sentences)
-    missing = Finding("second_posterior", "usable", {"reason": reason}, float("nan"))
-    return {**steps, "joint": replace(joint, verdict=judge([*joint.verdict.findings, missing]))}
-
-
-def _told(words: tuple[str, ...], steps: Mapping[str, Step]) -> dict[str, Step]:
-    """Steps that begin with some words."""
-    return {
-        name: replace(step, statements=(*words, *step.statements)) for name, step in steps.items()
-    }
-
-
-def paper_words(seen: Measured) -> tuple[str, ...]:
-    """What the paper's Steps 3 and 4 are to the laws of this joint; nothing where they suit."""
-    if seen.linear is None or not seen.probing:
-        return ()
-    others = " and ".join(name for name in seen.laws if name != PAPER_LAW)
-    if PAPER_LAW not in seen.laws:
-        return (messages.other_law(others or "none"),)
-    if not others:
-        return ()
-    return (messages.further_laws(others),)
-
-
-def _paper_steps(
-    seen: Measured, linear: PooledFit, keys: Iterator[Key[Array, ""]], report: Report, keep: Keep
-) -> tuple[step3.KernelFit, dict[str, Step]]:
-    """Steps 3 and 4 by the paper's cut, as far as the tests allow them."""
-    report(stages.kernel(len(seen.probing)))
-    kernel_fit = step3.fit_kernel(next(keys), seen.probing, linear, seen.settings)
-    steps = step3.third_order_steps(next(keys), kernel_fit, seen.settings, keep=keep)
-    drive = drive_of(seen.linear.test) if seen.linear is not None else ""
-    if swept := by_form([test for test in seen.swept if drive_of(test) == drive]):
-        # One record form, the one with the most levels: the curve of gamma is of one solve.
-        report(stages.STEP_4)
-        records = Records.of(max(swept, key=len), substeps=seen.settings.substeps)
-        held = steps["third_order_nuts"]
-        steps |= step4.opening_steps(next(keys), records, linear, held, seen.settings, keep=keep)
-    return kernel_fit, steps
 
 
 @dataclass(frozen=True)

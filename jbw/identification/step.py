@@ -66,17 +66,20 @@ def finished(
 
     `started` is the `perf_counter()` at the start of the step.
     """
-    sentences = [*statements]
-    if fit.weak is not None:
-        sentences.append(messages.by_initial_fit(fit.weak.text))
-    sentences += [messages.at_bound(parameter, side) for parameter, side in fit.at_bound.items()]
     return Step(
         name,
         posterior,
         judge(findings, amendments),
         fit,
         box,
-        tuple(sentences),
+        (*statements, *fit_sentences(fit)),
         {name: float(value) for name, value in (held or {}).items()},
         perf_counter() - started,
     )
+
+
+def fit_sentences(fit: Fit) -> list[str]:
+    """What a fit that draws started from leaves open: a direction, parameters at their bounds."""
+    open_direction = [] if fit.weak is None else [messages.by_initial_fit(fit.weak.text)]
+    bounds = [messages.at_bound(parameter, side) for parameter, side in fit.at_bound.items()]
+    return [*open_direction, *bounds]

@@ -18,8 +18,7 @@ import xarray as xr
 from jaxtyping import Array, Float, Key
 
 from jbw.identification.assemble import Measured, single_records
-from jbw.identification.joint import law_variables
-from jbw.identification.procedure import Identification
+from jbw.identification.joint import JointPosterior, law_variables
 from jbw.inference.generator import generator, parts_of
 from jbw.inference.space.box import Box, bounds_by_name
 from jbw.observables.dataset import Dataset
@@ -45,24 +44,21 @@ Groups = dict[str, xr.Dataset]
 Draws = Mapping[str, Float[np.ndarray, " draw"]]
 
 
-def arviz_groups(seen: Measured, found: Identification, seed: int) -> Groups:
-    """All of ArviZ's groups of the main posterior, by path; nothing without a joint posterior."""
-    if found.data is None:
-        return {}
-    step, data = found.main, found.data
-    posterior = step.posterior["posterior"].to_dataset()
+def arviz_groups(seen: Measured, joint: JointPosterior, seed: int) -> Groups:
+    """All of ArviZ's groups of the joint posterior, by path."""
+    posterior, data, box = joint.draws, joint.fitted.data, joint.fitted.box
     shape = posterior.sizes["chain"], posterior.sizes["draw"]
     keys = parts_of(jax.random.fold_in(jax.random.key(seed), KEY), 3)
-    splits = splits_of(step.fit.theta, data, single_records(seen))
+    splits = splits_of(joint.fitted.fit.theta, data, single_records(seen))
     if all(split is None for split in splits):  # nothing but what was read off a record before
         return {}
-    theta = {name: posterior[name].values.ravel() for name in step.box.names}
+    theta = {name: posterior[name].values.ravel() for name in box.names}
     noise = noise_of(posterior)
     flat = {label: values.ravel() for label, values in noise.items()}
     records = records_of(keys[0], theta, flat, data, splits)
     meaning = {str(name): values.attrs for name, values in posterior.data_vars.items()}
-    prior = prior_draws(keys[1], step.box, data, meaning)
-    some = {name: prior[name].values[0, :NUM_PREDICTED] for name in step.box.names}
+    prior = prior_draws(keys[1], box, data, meaning)
+    some = {name: prior[name].values[0, :NUM_PREDICTED] for name in box.names}
     silent = {label: np.full(NUM_PREDICTED, SILENCE) for label in noise}
     with np.errstate(invalid="ignore", over="ignore"):  # where the motion cannot be solved
         before = records_of(keys[2], some, silent, at_large(data), splits)
@@ -72,7 +68,7 @@ def arviz_groups(seen: Measured, found: Identification, seed: int) -> Groups:
     predicted = _joined(records, "predicted").reshape(*shape, -1)
     likelihood = _joined(records, "log_likelihood") - _joined(records, "reference")
     groups = {
-        "log_prior": log_prior(posterior, step.box, records, data),
+        "log_prior": log_prior(posterior, box, records, data),
         "log_likelihood": _of_records(likelihood.reshape(*shape, -1), coords, LIKELIHOOD),
         "observed_data": _of_records(_joined(records, "observed"), coords, RESPONSE),
         "posterior_predictive": _of_records(predicted, coords, RESPONSE),

@@ -3,68 +3,56 @@
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+import jax
 import numpy as np
 import xarray as xr
 
 from jbw.errors import Attempts
 from jbw.identification.assemble import Measured
+from jbw.identification.joint import JointPosterior
+from jbw.identification.joint_answers import GROUP as JOINTS
 from jbw.identification.linear_step import LinearStep, linear_dataset, modes_dataset
 from jbw.identification.paper import step3, step4
 from jbw.identification.paper.step3 import KernelFit
-from jbw.identification.procedure import Identification
+from jbw.identification.procedure import Posteriors
 from jbw.identification.selection import Sweeps, probing_tests
 from jbw.identification.step import Step
-from jbw.inference.posterior.finding import Verdict
+from jbw.identification.tied_joints import tied_evidence, tied_laws
 from jbw.inference.posterior.summary import running_mean
 from jbw.measurement.records import Test
-from jbw.observables.dataset import Dataset
+from jbw.observables.decay import Decays
 from jbw.quantities import DEFAULT_LAWS, derivative_order
 from jbw.report.messages import stages
 from jbw.report.messages import study as messages
 from jbw.study.arviz_groups import arviz_groups, created
+from jbw.study.order import Order
 from jbw.verification.backbone import backbone_group
 from jbw.verification.bands import QUANTILE_AXIS, polar
 from jbw.verification.in_time import predict_motion
 from jbw.verification.predictive_basis import NUM_DRAWS, basis_attrs, basis_of, decay_attrs
 from jbw.verification.verify import Groups, verify
 
+TIED_KEY = 300  # of the seed: of the evidence of one law for several joints
 SPECTRUM = 4.2  # of the tone: the highest frequency of its spectrum shown
 
 
 def collect(
-    measured: Measured,
-    posteriors: Identification,
-    seed: int,
-    truth: Mapping[str, float] | None,
-    attempts: Attempts,
+    order: Order, measured: Measured, posteriors: Posteriors, attempts: Attempts
 ) -> xr.DataTree:
-    """Posteriors, verification and validation as the tree that is saved as `posterior.nc`.
+    """Posteriors, verification and validation, labelled, with units.
 
     What stands beside the posteriors and cannot be made is left out, and `attempts` says so.
     """
-    tests, main = measured.tests, posteriors.main
-    facts = xr.Dataset(attrs=main.posterior.attrs | run_attrs(tests, posteriors))
-    groups: Groups = {"/": facts}
-    if posteriors.linear is not None:
-        groups["/steps/linear"] = linear_dataset(posteriors.linear)
-        modes = modes_dataset(posteriors.linear)
-        groups |= {} if modes is None else {"/modes": modes}
-    for name, step in posteriors.steps.items():
-        place = "" if name == main.name else f"/steps/{name}"
-        groups |= {f"{place}/{part}": ds for part, ds in _groups(step, truth or {}).items()}
-    linear, kernel, sweeps = posteriors.linear, posteriors.kernel, posteriors.sweeps
+    tests, joint, seed = measured.tests, posteriors.joint, order.seed
+    groups = _drawn_groups(measured, posteriors, order.truth or {})
+    linear, kernel, sweeps = measured.linear, posteriors.paper.kernel, measured.sweeps
+    steps = posteriors.paper.steps
     if linear is not None and kernel is not None:
         groups |= attempts.make(
-            stages.KERNEL,
-            lambda: _kernel_groups(tests, linear, kernel, posteriors.steps),
-            {},
+            stages.KERNEL, lambda: _kernel_groups(tests, linear, kernel, steps), {}
         )
     if sweeps is not None:
-        groups |= attempts.make(
-            stages.ENERGY,
-            lambda: _conv_of_velocity(posteriors.steps, sweeps),
-            {},
-        )
+        groups |= attempts.make(stages.ENERGY, lambda: _conv_of_velocity(steps, sweeps), {})
     basis = basis_of(xr.DataTree.from_dict(groups))
     groups |= attempts.make(
         stages.TESTS,
@@ -80,32 +68,64 @@ def collect(
         groups["/verification/backbone"] = curve
     drawn = {name: created(groups[name]) for name in ("/posterior", "/sample_stats")}
     by_record: Groups = {}
-    if not sees_no_joint(main.verdict):  # of a linear structure single records say nothing
+    if not posteriors.checks.sees_no_joint:  # single records say nothing of a linear structure
         attempts.report(stages.SINGLE_RECORDS)
         by_record = attempts.make(
-            stages.RECORD_LIKELIHOOD, lambda: arviz_groups(measured, posteriors, seed), {}
+            stages.RECORD_LIKELIHOOD, lambda: arviz_groups(measured, joint, seed), {}
         )
-    return xr.DataTree.from_dict(groups | drawn | by_record)
+    groups |= drawn | by_record
+    return xr.DataTree.from_dict(groups | _tied_joints(order, joint, groups, attempts))
 
 
-def sees_no_joint(verdict: Verdict) -> bool:
-    """Whether a posterior is of a structure in which no joint is seen."""
-    return any(row.code == "no_joint" and row.status != "ok" for row in verdict.findings)
+def _drawn_groups(measured: Measured, posteriors: Posteriors, truth: Mapping[str, float]) -> Groups:
+    """Step 2 and every posterior, the joint one at the root."""
+    joint = posteriors.joint
+    facts = joint.tree.attrs | run_attrs(measured.tests, joint, posteriors.free.data)
+    groups: Groups = {"/": xr.Dataset(attrs=facts)}
+    if measured.linear is not None:
+        groups["/steps/linear"] = linear_dataset(measured.linear)
+        modes = modes_dataset(measured.linear)
+        groups |= {} if modes is None else {"/modes": modes}
+    free = posteriors.free.step
+    drawn = {f"/steps/{name}": groups_in(step.posterior) for name, step in
+             posteriors.paper.steps.items()}  # fmt: skip
+    drawn[""] = {**groups_in(joint.tree), **posteriors.checks.groups}
+    drawn |= {} if free is None else {f"/steps/{free.name}": groups_in(free.posterior)}
+    for place, parts in drawn.items():
+        groups |= {f"{place}/{name}": part for name, part in _with_truth(parts, truth).items()}
+    return groups
 
 
-def run_attrs(tests: Sequence[Test], found: Identification) -> dict[str, Any]:
+def groups_in(tree: xr.DataTree) -> Groups:
+    """The groups of one posterior by name."""
+    return {name: node.to_dataset() for name, node in tree.children.items()}
+
+
+def _tied_joints(order: Order, joint: JointPosterior, groups: Groups, attempts: Attempts) -> Groups:
+    """The joints' group that says whether joints of one kind of law share one; of one, nothing."""
+    fitted, place = joint.fitted, f"/{JOINTS}"
+    if place not in groups or tied_laws(fitted.data.laws) == fitted.data.laws:
+        return {}
+    attempts.report(stages.TIED)
+    key = jax.random.fold_in(jax.random.key(order.seed), TIED_KEY)
+    settings = order.campaign.settings
+    tied = attempts.make(stages.TIED, lambda: tied_evidence(key, fitted, settings), None)
+    return {} if tied is None else {place: groups[place].assign_attrs(tied.attrs)}
+
+
+def run_attrs(
+    tests: Sequence[Test], joint: JointPosterior, decays: Decays | None
+) -> dict[str, Any]:
     """What predictions start from besides draws, as `basis_of` reads it from the result."""
-    posterior = found.main.posterior["posterior"].to_dataset()
+    posterior = joint.draws
     omega_n = float(posterior["omega_n"].mean()) if "omega_n" in posterior else 1.0
-    decays = [] if found.decay_data is None else [found.decay_data]
-    data = found.data or Dataset.of(decays)
-    attrs = basis_attrs(tests, data, found.main.held, omega_n)
-    return attrs | (decay_attrs(decays[0]) if decays else {})
+    attrs = basis_attrs(tests, joint.fitted.data, joint.held, omega_n)
+    return attrs | ({} if decays is None else decay_attrs(decays))
 
 
-def _groups(step: Step, truth: Mapping[str, float]) -> Groups:
+def _with_truth(parts: Groups, truth: Mapping[str, float]) -> Groups:
     """The groups of one posterior, the truth beside the draws where it is known."""
-    groups = {name: node.to_dataset() for name, node in step.posterior.children.items()}
+    groups = dict(parts)
     posterior = groups["posterior"].copy()
     for name in posterior.data_vars:
         if name in truth:

@@ -1,7 +1,6 @@
 """The last lines of every identification: instruments, summary, opening sentences, the tree."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping
 from time import perf_counter
 from typing import Any
 
@@ -10,17 +9,15 @@ import xarray as xr
 from jbw.identification.assemble import entered
 from jbw.identification.instruments import as_recorded, instruments_sentence, sensors_of
 from jbw.identification.procedure import Identification
-from jbw.inference.posterior.finding import Verdict
-from jbw.measurement.records import INPUTS, Test, drive_of
-from jbw.observables.drives import named
-from jbw.quantities import gain_unit
 from jbw.report.messages.instruments import BESIDE_MATRICES
 from jbw.report.opening import opening
 from jbw.study.assembly_group import GROUP as ASSEMBLY
 from jbw.study.assembly_group import assembly_group
-from jbw.study.identifiability import Identifiability, as_group
+from jbw.study.comparisons import Comparisons
+from jbw.study.identifiability import as_group
 from jbw.study.look import look_groups
-from jbw.study.order import Order, ReadCampaign
+from jbw.study.order import Order
+from jbw.study.prepared import PreparedTests
 from jbw.study.study import Study
 from jbw.study.summary import record_of, steps_group, widened_by_instruments
 from jbw.verification.predictive_basis import AS_RECORDED
@@ -28,79 +25,61 @@ from jbw.verification.predictive_basis import AS_RECORDED
 
 def finished_study(
     order: Order,
-    read: ReadCampaign,
+    prepared: PreparedTests,
     identification: Identification,
-    tree: xr.DataTree,
+    comparisons: Comparisons,
     *,
-    identifiability: Identifiability | None,
-    compared: Mapping[str, Any] | None = None,
     notes: Mapping[str, Any] | None = None,
 ) -> Study:
     """The study of what was identified, as `posterior.nc` and `summary.json` hold it.
 
-    `compared` is the comparison of the routes, `notes` what else stands in the summary.
+    `notes` is what else stands in the summary.
     """
-    sensors = sensors_of(read.measured.chosen)
+    measured = prepared.measured
+    sensors = sensors_of(measured.chosen)
     wide = widened_by_instruments(order.campaign, sensors, identification, order.seed)
+    groups = measured_groups(order, prepared, comparisons.tree, wide)
+    tree = xr.DataTree.from_dict(groups)
+    facts = record_of(order, measured, identification, tree, compared=comparisons.routes, wide=wide)
+    facts |= {"look": prepared.look.record, **(notes or {})}
+    record = {**facts, "opening": list(opening(facts, tree))}
+    groups["/procedure"] = steps_group(record)
+    if (known := comparisons.identifiability) is not None:
+        groups["/identifiability"] = as_group(known)
+        record["identifiability"] = known.summary()
+    record["wall_time_s"] = round(perf_counter() - order.started, 2)
+    return Study(xr.DataTree.from_dict(groups), record, order.campaign, identification)
+
+
+def measured_groups(
+    order: Order, prepared: PreparedTests, tree: xr.DataTree, wide: xr.Dataset | None
+) -> dict[str, xr.Dataset]:
+    """Groups of the tree, the instruments' errors in it, and what was seen without a model.
+
+    `wide` is the main posterior with the stated errors of the instruments, None where none are.
+    """
+    groups: dict[str, xr.Dataset] = {str(path): group for path, group in tree.to_dict().items()}
     if wide is not None:
-        tree = _with_instruments(tree, wide)
-    record = record_of(
-        order, read.measured, identification, tree, compared=compared or {}, wide=wide
-    )
-    record |= {"look": read.look.record, **(notes or {})}
-    groups = look_groups(read.look, entered(read.measured))
+        groups |= _with_instruments(tree["posterior"].to_dataset(), wide)
+    groups |= look_groups(prepared.look, entered(prepared.measured))
     if order.campaign.joints is not None:
         modes = tree["joints"].to_dataset()["frequency_hz"].values if "joints" in tree else ()
         groups[f"/{ASSEMBLY}"] = assembly_group(order.campaign.joints.model, tuple(modes))
-    tree = xr.DataTree.from_dict({**tree.to_dict(), **groups})
-    record["opening"] = list(opening(record, tree))
-    tree["procedure"] = xr.DataTree(steps_group(record))
-    if identifiability is not None:
-        tree["identifiability"] = xr.DataTree(as_group(identifiability))
-        record["identifiability"] = identifiability.summary()
-    record["wall_time_s"] = round(perf_counter() - order.started, 2)
-    return Study(tree, record, order.campaign, identification)
+    return groups
 
 
-def with_main(
-    identification: Identification, verdict: Verdict, statements: Sequence[str]
-) -> Identification:
-    """The identification with this verdict and these statements of its main posterior."""
-    main = replace(identification.main, verdict=verdict, statements=tuple(statements))
-    return replace(identification, steps={**identification.steps, main.name: main})
-
-
-def about_instruments(order: Order, read: ReadCampaign) -> str:
+def about_instruments(order: Order, prepared: PreparedTests) -> str:
     """What the intervals include of the errors of sensors and clock."""
     if order.campaign.joints is not None:
         return BESIDE_MATRICES
-    return instruments_sentence(order.campaign.instruments, sensors_of(read.measured.chosen))
+    sensors = sensors_of(prepared.measured.chosen)
+    return instruments_sentence(order.campaign.instruments, sensors)
 
 
-def _with_instruments(tree: xr.DataTree, wide: xr.Dataset) -> xr.DataTree:
-    """The tree with the instruments' errors in its posterior, and that of the records beside it."""
-    recorded = tree["posterior"].to_dataset()
+def _with_instruments(recorded: xr.Dataset, wide: xr.Dataset) -> dict[str, xr.Dataset]:
+    """The posterior with the instruments' errors, and that of the records beside it."""
     widened = {n: wide[n].assign_attrs(x.attrs) for n, x in recorded.data_vars.items()}
-    groups = {
+    return {
         f"/{AS_RECORDED}": as_recorded(recorded, wide),
         "/posterior": recorded.assign(widened),
     }
-    return xr.DataTree.from_dict({**tree.to_dict(), **groups})
-
-
-def name_gain_unit(tests: Sequence[Test], found: Identification) -> str:
-    """Write the unit of the gain, which the returned one of the source decides, into posteriors.
-
-    That of a force where none drives anything: of loops, whose modal mass free decays tell.
-    """
-    driven = [test for test in tests if not set(INPUTS).isdisjoint(test.records[0].channels)]
-    units = {drive_of(t): t.records[0].units[t.records[0].source] for t in reversed(driven)}
-    for step in found.steps.values():
-        draws = step.posterior["posterior"]
-        gains = {drive: named("gain", drive) for drive in units if named("gain", drive) in draws}
-        rest = [drive for drive in map(drive_of, driven) if drive not in gains]
-        if "gain" in draws:
-            draws["gain"].attrs["units"] = gain_unit(units[rest[0]] if rest else "N")
-        for drive, name in gains.items():
-            draws[name].attrs["units"] = gain_unit(units[drive])
-    return next(iter(units.values()), "")

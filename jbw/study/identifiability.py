@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from jbw.campaign.load import Campaign
 from jbw.campaign.settings import Identify
-from jbw.identification.assemble import measured_in
+from jbw.identification.assemble import Report, measured_in
 from jbw.identification.coordinates import combinations
 from jbw.identification.prepare import Fitted, fit_joint
-from jbw.identification.procedure import Identification, Report
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.fit.identifiability import (
     Sensitivity,
@@ -150,16 +149,12 @@ def _of_data(fitted: Fitted) -> Fit:
 
 
 def look_again(
-    found: Identification, settings: Identify, report: Report = logger.info
-) -> Identifiability | None:
-    """What the fit said and what the draws say of the main posterior; None if it is no joint's."""
-    fitted = found.fitted
-    if fitted is None:
-        return None
+    fitted: Fitted, posterior: xr.Dataset, settings: Identify, report: Report = logger.info
+) -> Identifiability:
+    """What the fit said and what the draws say of the joint posterior."""
     before = look(fitted, with_profiles=settings.profiles, report=report)
     box, products = fitted.box, before.products
-    group = found.main.posterior["posterior"].to_dataset()
-    draws = {name: group[name].values for name in box.names}
+    draws = {name: posterior[name].values for name in box.names}
     looked_at = (*map(alone, box.names), *products)
     narrowed = contraction(draws, as_wide(box, fitted.data.stated), looked_at)
     values = {product.name: value_of(product, draws) for product in looked_at}

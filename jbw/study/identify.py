@@ -2,42 +2,33 @@
 
 import logging
 from collections.abc import Mapping
-from dataclasses import replace
+from functools import partial
 from time import perf_counter
 
 import jax
-import xarray as xr
 
-from jbw.campaign.gains import force_per_unit
 from jbw.campaign.load import Campaign
-from jbw.campaign.settings import Identify
-from jbw.errors import Attempts
-from jbw.identification.assemble import measured_in
-from jbw.identification.joint_answers import GROUP as JOINTS
-from jbw.identification.laplace import fit_alone
-from jbw.identification.paper.sequential_vs_joint import compare_routes
-from jbw.identification.prepare import Fitted
-from jbw.identification.procedure import Identification, Report, run_procedure
-from jbw.identification.tied_joints import tied_evidence, tied_laws
-from jbw.identification.usable import usable
+from jbw.identification.assemble import Report
+from jbw.identification.checks import check_joint
+from jbw.identification.free_decays import free_decays
+from jbw.identification.joint import draw_joint, fit_problem, joint_problem
+from jbw.identification.paper_route import paper_route
+from jbw.identification.procedure import Posteriors, identified
+from jbw.inference.generator import parts_of
 from jbw.inference.posterior.finding import judge
 from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.inference.space.box import require_float64
-from jbw.observables.records import compile_beside
-from jbw.report.messages import stages
-from jbw.study.collect import collect
+from jbw.study.comparisons import compare
 from jbw.study.final import for_use
-from jbw.study.finishing import about_instruments, finished_study, name_gain_unit, with_main
-from jbw.study.identifiability import look_again
-from jbw.study.look import look_quietly
-from jbw.study.order import Order, ReadCampaign
-from jbw.study.quick import first_answer, fit_lines
+from jbw.study.finishing import about_instruments, finished_study
+from jbw.study.order import Order
+from jbw.study.prepared import prepare_tests
+from jbw.study.quick import first_answer, report_fit
 from jbw.study.study import Study
-from jbw.study.surroundings import constants_sentence
 from jbw.verification.verify import prediction_findings, within_predictions
 
 logger = logging.getLogger("jbw")
-TIED_KEY = 300  # of the seed: of the evidence of one law for several joints
+NUM_KEYS, NUM_PARTS = 16, 5  # of the seed: for the paper's steps and the joint posterior; of that
 
 
 def identify(
@@ -50,7 +41,7 @@ def identify(
     command: str | None = None,
     quick: bool = False,
 ) -> Study:
-    """Identify the joint from a campaign: the procedure, verification and validation.
+    """Identify the joint from a campaign: every line is a stage, and no result changes later.
 
     While it goes on, `report` is told what the fit says by itself: parameters with 99 % intervals,
     frequency and damping at small and large motion. With `quick` it ends there, in seconds.
@@ -76,96 +67,32 @@ def identify(
         Fig. 2, the procedure.
     """
     require_float64()
-    seed = campaign.settings.seed if seed is None else seed
-
-    def once(campaign: Campaign, keep: Keep) -> Study:
-        order = Order(campaign, seed, truth, command, perf_counter())
-        read = read_campaign(campaign, report)
-        if quick:
-            fit = fit_alone(read.measured, seed=seed, report=report)
-            name_gain_unit(read.measured.tests, fit)
-            return first_answer(order, read, fit)
-        return drawn_study(order, read, report, keep)
-
     if campaign.settings.final and not quick:
-        return for_use(once, campaign, keep, report)
-    return once(campaign, keep)
-
-
-def read_campaign(campaign: Campaign, report: Report) -> ReadCampaign:
-    """The tests that can be used, a look at them without a model, and what each step takes.
-
-    All of this comes before anything is sampled: what is wrong with a record then costs no result.
-    """
-    gain = force_per_unit(campaign)
-    several = campaign.joints is not None
-    several |= campaign.structure is not None and len(campaign.structure.modes) > 1
-    tests, left_out = usable(campaign.tests, campaign.settings, gain, several_modes=several)
-    for sentence in left_out:
-        report(sentence)
-    if not several:
-        compile_beside(tests, campaign.laws)
-    report(stages.READING_RECORDS)
-    look = look_quietly(replace(campaign, tests=tests))
-    return ReadCampaign(measured_in(campaign, report, tests), look, tuple(left_out))
-
-
-def drawn_study(order: Order, read: ReadCampaign, report: Report, keep: Keep) -> Study:
-    """The posteriors of a campaign, the checks of the main one, and every test predicted."""
-    settings, seed, measured = order.campaign.settings, order.seed, read.measured
-
-    def answer_of_fit(ready: Fitted) -> None:
-        lines = Attempts(report).make(
-            stages.ANSWER_OF_FIT, lambda: fit_lines(measured, ready, seed), []
-        )
-        for line in (*lines, stages.DRAWING):
-            report(line)
-
-    posteriors = run_procedure(measured, seed=seed, report=report, keep=keep, at_fit=answer_of_fit)
-    source_unit = name_gain_unit(measured.tests, posteriors)
-    # From here on the posterior is drawn: what cannot be made of it is left out and said.
-    attempts = Attempts(report)
-    identifiability = attempts.make(
-        stages.IDENTIFIABILITY, lambda: look_again(posteriors, settings, report), None
-    )
-    tree = collect(measured, posteriors, seed, order.truth, attempts)
-    tree = with_tied(tree, posteriors, settings, seed, attempts)
-    main = posteriors.main
-    outside = attempts.make(
-        stages.OUTSIDE_BAND,
-        lambda: constants_sentence(
-            main.posterior["posterior"].to_dataset(), main.held, source_unit
-        ),
-        None,
-    )
-    compared = attempts.make(stages.ROUTES, lambda: compare_routes(posteriors), {})
-    statements = [*read.left_out, *main.statements, outside, *attempts.said]
-    statements.append(about_instruments(order, read))
-    findings = [*main.verdict.findings, *prediction_findings(tree)]
-    verdict = judge(findings, [within_predictions(tree)])
-    identification = with_main(posteriors, verdict, list(filter(None, statements)))
-    return finished_study(
-        order, read, identification, tree, identifiability=identifiability, compared=compared
-    )
-
-
-def with_tied(
-    tree: xr.DataTree,
-    posteriors: Identification,
-    settings: Identify,
-    seed: int,
-    attempts: Attempts,
-) -> xr.DataTree:
-    """The tree whose joints' group says whether joints of one kind of law share one."""
-    fitted = posteriors.fitted
-    if fitted is None or JOINTS not in tree.children:
-        return tree
-    if tied_laws(fitted.data.laws) == fitted.data.laws:
-        return tree
-    attempts.report(stages.TIED)
-    key = jax.random.fold_in(jax.random.key(seed), TIED_KEY)
-    tied = attempts.make(stages.TIED, lambda: tied_evidence(key, fitted, settings), None)
-    if tied is None:
-        return tree
-    group = tree[JOINTS].to_dataset().assign_attrs(tied.attrs)
-    return xr.DataTree.from_dict({**tree.to_dict(), f"/{JOINTS}": group})
+        again = partial(identify, seed=seed, truth=truth, report=report, command=command)
+        return for_use(lambda part, kept: again(part, keep=kept), campaign, keep, report)
+    seed = campaign.settings.seed if seed is None else seed
+    order = Order(campaign, seed, truth, command, perf_counter())
+    prepared = prepare_tests(campaign, report)  # usable, fitted and held out; Step 2
+    if quick:
+        return first_answer(order, prepared, report)
+    measured = prepared.measured
+    keys = iter(parts_of(jax.random.key(seed), NUM_KEYS))
+    paper = paper_route(measured, keys, report, keep)  # Steps 3 and 4 by the paper's cut
+    problem = joint_problem(measured, paper.means, seed=seed, report=report)
+    key = parts_of(next(keys), NUM_PARTS)
+    fit = fit_problem(key[:2], problem)  # starts, noise, run effects, coordinates, solver steps
+    report_fit(measured, fit, seed, report)
+    posterior = draw_joint(key[2:4], problem, fit, keep=keep)  # Eq. (37), all parameters updated
+    checks = check_joint(key[4], posterior)  # findings of the chains, the fit and the posterior
+    free = free_decays(measured, posterior, checks, seed=seed, report=report, keep=keep)
+    posteriors = Posteriors(posterior, checks, free, paper)
+    comparisons = compare(order, prepared, posteriors, report)  # every test predicted
+    findings = *checks.findings, *free.findings, *prediction_findings(comparisons.tree)
+    verdict = judge(findings, [*checks.amendments, within_predictions(comparisons.tree)])
+    sentences = (
+        *prepared.left_out, *paper.statements, *checks.statements, *comparisons.statements,
+        about_instruments(order, prepared),
+    )  # fmt: skip
+    statements = [sentence for sentence in sentences if sentence]
+    identification = identified(measured, posteriors, verdict, statements)
+    return finished_study(order, prepared, identification, comparisons)

@@ -1,12 +1,9 @@
-"""What an identification was asked for, and the campaign as it was read."""
+"""What an identification was asked for."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
 
 from jbw.campaign.load import Campaign
-from jbw.identification.assemble import Measured
-from jbw.study.look import Look
 
 
 @dataclass(frozen=True)
@@ -26,11 +23,3 @@ class Order:
     truth: Mapping[str, float] | None
     command: str | None
     started: float
-
-
-class ReadCampaign(NamedTuple):
-    """A campaign as it was read: what each step takes, a look without a model, what is left out."""
-
-    measured: Measured
-    look: Look
-    left_out: tuple[str, ...]

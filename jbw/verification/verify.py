@@ -19,7 +19,7 @@ from jbw.errors import Attempts
 from jbw.identification.accuracy import CLOSE, OF_USE, another_law, within_unseen
 from jbw.identification.assemble import Measured, entered
 from jbw.identification.model_discrepancy import NOTHING, AtAmplitude
-from jbw.identification.procedure import Identification
+from jbw.identification.procedure import Posteriors
 from jbw.identification.selection import DecaySplit, Sweeps, loop_tests
 from jbw.inference.posterior.finding import Amendment, Finding, amended, checked
 from jbw.inference.posterior.remedies import put
@@ -68,7 +68,7 @@ Groups = dict[str, xr.Dataset]
 
 
 def verify(
-    measured: Measured, found: Identification, basis: Basis, seed: int, attempts: Attempts
+    measured: Measured, posteriors: Posteriors, basis: Basis, seed: int, attempts: Attempts
 ) -> Groups:
     """Every test beside the model and the oscillators without hysteresis, by path in the tree.
 
@@ -81,16 +81,14 @@ def verify(
         kinds = [kind for kind in measured.settings.compare_with if data.laws or kind != "linear"]
         return references(data, mean, kinds) if kinds else {}
 
-    groups: Groups = {}
-    if found.data is not None:
-        attempts.report(messages.EVERY_TEST)
-        draws = basis.draws(NUM_DRAWS, seed=seed)
-        source = Source(basis, draws, seed=seed)
-        others = attempts.make(messages.WITHOUT_HYSTERESIS, partial(simpler, draws, found.data), {})
-        groups |= _verify_forced(source, others, measured, found, attempts)
-    if found.decays is not None and found.decay_data is not None:
+    attempts.report(messages.EVERY_TEST)
+    draws, data = basis.draws(NUM_DRAWS, seed=seed), posteriors.joint.fitted.data
+    source = Source(basis, draws, seed=seed)
+    others = attempts.make(messages.WITHOUT_HYSTERESIS, partial(simpler, draws, data), {})
+    groups = _verify_forced(source, others, measured, attempts)
+    if measured.decays is not None and (reduced := posteriors.free.data) is not None:
         attempts.report(messages.FREE_DECAYS)
-        groups |= _verify_free(found.decays, found.decay_data, basis, simpler, seed, attempts)
+        groups |= _verify_free(measured.decays, reduced, basis, simpler, seed, attempts)
     return groups
 
 
@@ -141,19 +139,18 @@ def _verify_forced(
     source: Source,
     simpler: Mapping[str, Reference],
     measured: Measured,
-    identification: Identification,
     attempts: Attempts,
 ) -> Groups:
     """Verification and validation on every test but free decays."""
     tests = measured.tests
     natural_hz = float(np.mean(source.draws["omega_n"])) / (2 * np.pi)
     loops: tuple[Test, ...] = ()
-    if identification.linear is not None:
-        natural_hz = identification.linear.natural_hz
+    if measured.linear is not None:
+        natural_hz = measured.linear.natural_hz
         loops = loop_tests(tests, natural_hz)
     fitted = {name for name, is_fitted in entered(measured).items() if is_fitted}
-    names, sweeps = _compared_sweeps(fitted, identification.sweeps)
-    unseen = () if identification.sweeps is None else identification.sweeps.held_out
+    names, sweeps = _compared_sweeps(fitted, measured.sweeps)
+    unseen = () if measured.sweeps is None else measured.sweeps.held_out
     # Of the first mode as Step 2 has it, then of those beside it.
     bands = [(NEAR[0] * natural_hz, NEAR[1] * natural_hz), *bands_of_modes(source.draws)[1:]]
     basis = source.basis

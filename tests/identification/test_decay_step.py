@@ -11,9 +11,10 @@ from decays import TRUTH, decay_test
 import jbw
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
+from jbw.identification.checks import joint_step
 from jbw.identification.coordinates import box_of
 from jbw.identification.first_fit import from_amplitude_curve
-from jbw.identification.joint import joint_step
+from jbw.identification.joint import JointProblem
 from jbw.identification.prepare import prepare
 from jbw.identification.selection import decay_tests
 from jbw.inference.posterior.summary import summarise
@@ -108,7 +109,7 @@ def test_split_holds_later_records_out():
 @pytest.mark.slow
 def test_posterior_covers_the_truth():
     settings = Identify(num_chains=2, num_samples=600, coordinates="products")
-    step, _ = joint_step(jax.random.key(1), dataset(decay_test()), {}, settings)
+    step, _ = joint_step(jax.random.key(1), JointProblem(dataset(decay_test()), settings))
     rows = summarise(step.posterior, step.box)
     for name in ("omega_n", "zeta", "softening", "opening"):
         assert abs(rows[name]["mean"] - TRUTH[name]) < 3.5 * rows[name]["sd"], name

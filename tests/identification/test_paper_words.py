@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from jbw.identification.procedure import paper_words
+from jbw.identification.paper_route import paper_words
 
 
 @pytest.mark.parametrize(

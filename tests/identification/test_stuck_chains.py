@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jbw.identification.joint import stuck
+from jbw.identification.checks import stuck
 from jbw.inference.posterior.verdict import verdict
 from jbw.inference.space.box import box
 

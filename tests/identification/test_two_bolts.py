@@ -166,10 +166,10 @@ def standardised(fit):
 def test_a_fit_of_two_modes_finds_the_truth_of_both_bolts():
     seen = measured_in(two_bolts.campaign(), quietly)
     found = fit_alone(seen, seed=0, report=quietly)
-    fit = found.main.fit
+    fit = found.joint.fitted.fit
     # Of ten parameters, chi-square by chance.
     assert standardised(fit) < stats.chi2.isf(RARE, len(fit.theta))
-    group = joints_group(found.main.posterior["posterior"].to_dataset(), found.data, fit.theta)
+    group = joints_group(found.joint.draws, found.joint.fitted.data, fit.theta)
     assert group is not None
     assert group["identified"].values.all()
     assert joints_finding(group).status == "ok"
@@ -183,8 +183,8 @@ def test_weak_sweeps_of_one_mode_tell_the_sum_of_the_bolts_alone():
     bolts = (two_bolts.BOLTS[0],) * 2
     weak = two_bolts.campaign(("first",), bolts=bolts, weaker=8.0)
     found = fit_alone(measured_in(weak, quietly), seed=0, report=quietly)
-    posterior = found.main.posterior["posterior"].to_dataset()
-    group = joints_group(posterior, found.data, found.main.fit.theta)
+    fitted = found.joint.fitted
+    group = joints_group(found.joint.draws, fitted.data, fitted.fit.theta)
     assert group is not None
     assert not group["identified"].values.any()
     finding = joints_finding(group)
@@ -268,7 +268,7 @@ def test_the_truth_leaves_little_of_free_decays_but_noise():
 def test_a_fit_of_free_decays_alone_finds_the_truth_of_both_bolts():
     campaign = replace(two_bolts.campaign(bolts=None), tests=(two_bolts.impacts(),))
     found = fit_alone(measured_in(campaign, quietly), seed=0, report=quietly)
-    fit = found.main.fit
+    fit = found.joint.fitted.fit
     truth = two_bolts.truth()
     assert set(fit.theta) == set(truth)
     # In logarithms: alpha and delta are known to a tenth, along a ridge of one product.

@@ -1,7 +1,5 @@
 """The modal mass of loops beside other tests: a free decay tells it, a shaker's feed does not."""
 
-from types import SimpleNamespace
-
 import jax
 import numpy as np
 import pytest
@@ -13,13 +11,13 @@ from jbw.identification.accuracy import explained
 from jbw.identification.assemble import assemble, measured
 from jbw.identification.coordinates import box_of
 from jbw.identification.first_fit import first_fit
+from jbw.identification.gain_units import with_gain_units
 from jbw.inference.posterior.verdict import verdict
 from jbw.inference.space.box import bounds_by_name
 from jbw.measurement.records import Record, Test
 from jbw.observables import dataset
 from jbw.observables.drives import told_by
 from jbw.oscillator.parameters import MOST_SOFTENING
-from jbw.study.finishing import name_gain_unit
 
 FS, MASS, OMEGA_N, ZETA = 512.0, 1.7, 2 * np.pi * 20.0, 0.004
 
@@ -104,10 +102,11 @@ def test_the_posterior_names_the_unit_of_the_gain(tests, unit):
     names = ["gain", "gain_voltage"][: len(tests) if len(tests) > 2 else 1]
     draws = xr.Dataset({name: (("chain", "draw"), np.ones((1, 1))) for name in names})
     tree = xr.DataTree.from_dict({"posterior": draws})
-    name_gain_unit(tests, SimpleNamespace(steps={"joint": SimpleNamespace(posterior=tree)}))
-    assert tree["posterior"]["gain"].attrs["units"] == unit
+    named = with_gain_units(tree, tests)["posterior"]
+    assert named["gain"].attrs["units"] == unit
     if len(tests) > 2:
-        assert tree["posterior"]["gain_voltage"].attrs["units"] == "N/kg/V"
+        assert named["gain_voltage"].attrs["units"] == "N/kg/V"
+    assert not tree["posterior"]["gain"].attrs
 
 
 def tone(hz, level=2.0):

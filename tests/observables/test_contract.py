@@ -11,7 +11,8 @@ from guests import RingDown
 
 from jbw.campaign.settings import Identify
 from jbw.identification.assemble import assemble, measured
-from jbw.identification.joint import joint_step
+from jbw.identification.checks import joint_step
+from jbw.identification.joint import JointProblem
 from jbw.identification.prepare import prepare
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.kinds import register as register_kind
@@ -231,7 +232,7 @@ def test_a_kind_of_ones_own_is_identified_without_a_change_to_jbw(known_kind):
         num_chains=2, num_warmup=100, num_samples=200, substeps=2,
         prior={"alpha": (500.0, 6000.0), "delta": (20.0, 400.0), "gamma": (34.9, 35.1)},
     )  # fmt: skip
-    step, _ = joint_step(jax.random.key(0), data, {}, settings)
+    step, _ = joint_step(jax.random.key(0), JointProblem(data, settings))
     draws = step.posterior["posterior"].to_dataset()
     product = (draws["alpha"] * draws["delta"]).values
     truth = TRUTH["alpha"] * TRUTH["delta"]

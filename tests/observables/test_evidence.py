@@ -11,7 +11,8 @@ import xarray as xr
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError, DataError
 from jbw.identification.assemble import assemble, measured
-from jbw.identification.joint import joint_step
+from jbw.identification.checks import joint_step
+from jbw.identification.joint import JointProblem
 from jbw.identification.leaving_out import (
     consistency_finding,
     fits_without_each_run,
@@ -393,7 +394,7 @@ def test_hold_out_and_fit_choose_the_tests(mixed):
 @pytest.mark.slow
 def test_the_joint_posterior_of_curves_and_a_loop_holds_the_truth(mixed):
     settings = Identify(prior=PRIOR, num_chains=4, num_samples=400, num_warmup=200)
-    step, _ = joint_step(jax.random.key(0), mixed, {}, settings)
+    step, _ = joint_step(jax.random.key(0), JointProblem(mixed, settings))
     draws = step.posterior["posterior"].to_dataset()
     for name, value in TRUTH.items():
         z = (float(draws[name].mean()) - value) / float(draws[name].std())

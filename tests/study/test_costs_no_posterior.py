@@ -7,9 +7,9 @@ from toy_campaign import FS, PLAIN, integrated, write_toy
 
 import jbw
 from jbw.errors import Attempts, DataError
-from jbw.identification import joint, procedure
+from jbw.identification import checks, free_decays
 from jbw.report import figures
-from jbw.study import collect, identify
+from jbw.study import collect, comparisons
 from jbw.verification import verify
 
 DECAY = """
@@ -60,9 +60,9 @@ def test_comparisons_that_fail_leave_the_posterior_and_are_named(tmp_path, monke
         (verify, "references"),
         (collect, "backbone_group"),
         (collect, "arviz_groups"),
-        (identify, "look_again"),
-        (joint, "leave_one_out"),
-        (joint, "response_finding"),
+        (comparisons, "look_again"),
+        (checks, "leave_one_out"),
+        (checks, "response_finding"),
     ):
         monkeypatch.setattr(place, name, failing)
     found = jbw.identify(jbw.load_campaign(path), seed=1, report=lambda _: None)
@@ -95,12 +95,12 @@ def test_a_second_posterior_that_fails_costs_the_first_one_nothing(tmp_path, mon
             file["velocity"] = v + 1e-4 * rng.standard_normal(len(v))
     text = path.read_text().replace("\n[identify]", DECAY.format(fs=FS) + "\n[identify]")
     path.write_text(text)
-    drawn = procedure.joint_step
+    drawn = free_decays.joint_step
 
     def step(*args, name="joint", **options):
         return failing() if name == "decay" else drawn(*args, name=name, **options)
 
-    monkeypatch.setattr(procedure, "joint_step", step)
+    monkeypatch.setattr(free_decays, "joint_step", step)
     found = jbw.identify(jbw.load_campaign(path), seed=1, report=lambda _: None)
     codes = {one.code: one for one in found.verdict.findings}
     assert "infs or NaNs" in codes["second_posterior"].reason

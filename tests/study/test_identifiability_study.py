@@ -14,9 +14,6 @@ from jbw.campaign.settings import Identify
 from jbw.cli import run
 from jbw.identification.coordinates import combinations
 from jbw.identification.prepare import prepare
-from jbw.identification.procedure import Identification
-from jbw.identification.step import Step
-from jbw.inference.posterior.verdict import judge
 from jbw.inference.space.box import value_of
 from jbw.observables.dataset import Dataset
 from jbw.observables.line_fit import LineReading
@@ -92,12 +89,7 @@ def test_starts_that_differ_by_nothing_reached_the_same_optimum():
 def after(weak, draws):
     """The answer after sampling, from draws made here."""
     shaped = {name: (("chain", "draw"), values.reshape(2, -1)) for name, values in draws.items()}
-    tree = xr.DataTree.from_dict({"/posterior": xr.Dataset(shaped)})
-    fitted = weak.fitted
-    step = Step("joint", tree, judge([]), fitted.fit, fitted.box, (), {}, 0.0)
-    found = look_again(Identification(data=fitted.data, steps={"joint": step}), Identify())
-    assert found is not None
-    return found
+    return look_again(weak.fitted, xr.Dataset(shaped), Identify())
 
 
 def test_after_sampling_the_box_is_told_from_the_data(weak):

@@ -258,10 +258,10 @@ def test_an_identification_looks_before_it_samples(monkeypatch):
         raise DataError("Nothing is seen.")
 
     monkeypatch.setattr("jbw.study.look.look", look_fails)
-    monkeypatch.setattr("jbw.study.identify.run_procedure", lambda *_, **__: said.append("sampled"))
+    monkeypatch.setattr("jbw.study.identify.fit_problem", lambda *_, **__: said.append("fitted"))
     good, left_out, told = linear(0.3, name="good"), linear(0.3, name="left out"), []
     monkeypatch.setattr(
-        "jbw.study.identify.usable", lambda tests, *_, **__: ((good,), ("One less.",))
+        "jbw.study.prepared.usable", lambda tests, *_, **__: ((good,), ("One less.",))
     )
     with pytest.raises(DataError, match="Nothing is seen"):
         identify(Campaign("two", None, (good, left_out)), report=told.append)

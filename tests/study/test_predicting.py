@@ -24,7 +24,6 @@ from made_runs import (
 
 from jbw.campaign.load import Campaign
 from jbw.errors import ConfigError, DataError
-from jbw.identification.procedure import Identification
 from jbw.measurement.records import Test
 from jbw.study.collect import run_attrs
 from jbw.study.store import save_result
@@ -214,9 +213,9 @@ def test_a_run_writes_what_predictions_read_back(tmp_path):
     test, tree = a_test(0.01), a_tree(same(SILENT))
     data = SimpleNamespace(parts=(), scatter=(0.3, 1e-3), laws=("bouc_wen",), modes=None)
     decays = SimpleNamespace(fraction=0.7, shift_std=0.02, substeps=3)
-    joint = SimpleNamespace(posterior=tree, held={"gain": 0.5})
-    found = Identification(data=data, decay_data=decays, steps={"joint": joint})  # pyright: ignore
-    tree.attrs = run_attrs([test], found)
+    draws = tree["posterior"].to_dataset()
+    joint = SimpleNamespace(draws=draws, held={"gain": 0.5}, fitted=SimpleNamespace(data=data))
+    tree.attrs = run_attrs([test], joint, decays)  # pyright: ignore
     tree.to_netcdf(tmp_path / "posterior.nc", engine="h5netcdf")
     with xr.open_datatree(tmp_path / "posterior.nc", engine="h5netcdf") as stored:
         basis = basis_of(stored.load())

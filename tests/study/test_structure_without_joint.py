@@ -8,7 +8,7 @@ from linear_campaign import write_linear
 from toy_campaign import TRUTH
 
 import jbw
-from jbw.identification import joint
+from jbw.identification import checks, joint
 from jbw.observables.dataset import log_likelihood, stacked
 from jbw.verification import decays
 
@@ -42,7 +42,8 @@ def answered(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         for function in (log_likelihood, stacked):
             patch.setattr(function, "solver", counted(function))
-        patch.setattr(joint, "without_joint", counted_question)
+        for asking in (joint, checks):
+            patch.setattr(asking, "without_joint", counted_question)
         patch.setattr(decays, "_entered", counted_entry)
         path = write_linear(tmp_path_factory.mktemp("linear"))
         study = jbw.identify(jbw.load_campaign(path), seed=1, report=said.append)

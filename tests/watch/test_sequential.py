@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -13,8 +14,9 @@ from scipy.stats import multivariate_t
 import jbw
 from jbw import rig
 from jbw.campaign.settings import Identify
-from jbw.identification.assemble import measured
-from jbw.identification.procedure import run_procedure
+from jbw.identification.assemble import assemble, measured
+from jbw.identification.checks import joint_step
+from jbw.identification.joint import JointProblem
 from jbw.inference.lanes import at_points
 from jbw.measurement.records import Record, Test
 from jbw.observables import dataset
@@ -173,7 +175,8 @@ def test_a_run_that_was_written_and_loaded_takes_one_record_more(tmp_path):
     after_record = updated(loaded, hits[3:], report=lambda sentence: None)["posterior"]
 
     settings = Identify(**{**draws, "fit_repeats": 4})
-    all_ = run_procedure(measured(every.tests, settings, laws=every.laws)).main.posterior
+    problem = JointProblem(assemble(measured(every.tests, settings, laws=every.laws)), settings)
+    all_ = joint_step(jax.random.key(0), problem)[0].posterior
     # 1,000 draws, of which a third count and move, beside as many anew: means to 0.06 sd and sds
     # to 5 %; four of these. The fourth hit moves gamma by an sd.
     for name in ("omega_n", "zeta", "alpha_delta", "alpha_gamma"):

@@ -4,9 +4,10 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+import xarray as xr
 
-from jbw.identification.linear_step import NAMES
-from jbw.identification.procedure import Identification
+from jbw.identification.linear_step import NAMES, LinearStep
+from jbw.identification.procedure import Posteriors
 from jbw.identification.step import Step
 from jbw.report.messages import paper_steps as messages
 
@@ -16,7 +17,7 @@ PRODUCTS = {"alpha_delta": "delta", "alpha_gamma": "gamma"}
 Moments = dict[str, tuple[float, float]]
 
 
-def compare_routes(found: Identification) -> dict[str, Any]:
+def compare_routes(linear: LinearStep | None, posteriors: Posteriors) -> dict[str, Any]:
     """Every parameter that both routes give, side by side; empty without a cut.
 
     The mean and sd of either route, `sd_ratio`, the joint posterior's sd over the cut's, and
@@ -25,47 +26,43 @@ def compare_routes(found: Identification) -> dict[str, Any]:
     Reference:
         Section 3, Steps 2-4, against all parameters set to update.
     """
-    joint = found.steps.get("joint")
-    if joint is None or not CUT.keys() & found.steps.keys():
+    steps, joint = posteriors.paper.steps, posteriors.joint
+    if not CUT.keys() & steps.keys():
         return {}
-    cut, both = _cut(found), _draws_of(joint)
+    cut, both = _cut(linear, steps), _moments(joint.draws, joint.held)
     rows = {name: _row(cut[name], both[name]) for name in cut if name in both}
     walls = {
-        "cut": sum(found.steps[name].wall_s for name in CUT if name in found.steps),
-        "joint": joint.wall_s,
+        "cut": sum(steps[name].wall_s for name in CUT if name in steps),
+        "joint": joint.wall_s + posteriors.checks.wall_s,
     }
     return {
         "parameters": rows,
-        "statements": _statements(rows, walls, found.steps),
+        "statements": _statements(rows, walls, steps),
         "wall_time_s": {name: round(wall, 2) for name, wall in walls.items()},
     }
 
 
-def _cut(identification: Identification) -> Moments:
+def _cut(linear: LinearStep | None, steps: Mapping[str, Step]) -> Moments:
     """Mean and sd of every parameter by the step of the paper that identifies it."""
     moments: Moments = {}
-    if identification.linear is not None:
-        mean, variance = (
-            identification.linear.pooled.mean,
-            np.diag(identification.linear.pooled.covariance),
-        )
+    if linear is not None:
+        mean, variance = linear.pooled.mean, np.diag(linear.pooled.covariance)
         pairs = zip(mean.tolist(), np.sqrt(variance).tolist(), strict=True)
         moments = dict(zip(NAMES, pairs, strict=True))
     for name, names in CUT.items():
-        if name not in identification.steps:
+        if name not in steps:
             continue
-        draws = _draws_of(identification.steps[name])
+        draws = _moments(steps[name].posterior["posterior"].to_dataset(), steps[name].held)
         # A step's own parameter also fixes its product with alpha, which it holds or draws.
         names = {*names, *(p for p, factor in PRODUCTS.items() if factor in names)}
         moments |= {parameter: draws[parameter] for parameter in draws if parameter in names}
     return moments
 
 
-def _draws_of(step: Step) -> Moments:
-    """Mean and sd of the parameters of a step, and of the products with alpha."""
-    posterior = step.posterior["posterior"].to_dataset()
+def _moments(posterior: xr.Dataset, held: Mapping[str, float]) -> Moments:
+    """Mean and sd of the parameters of a posterior, and of the products with alpha."""
     draws = {str(n): np.ravel(v.values) for n, v in posterior.data_vars.items() if v.ndim == 2}
-    alpha = draws.get("alpha", step.held.get("alpha"))
+    alpha = draws.get("alpha", held.get("alpha"))
     for product, factor in PRODUCTS.items():
         if factor in draws and alpha is not None:
             draws[product] = alpha * draws[factor]

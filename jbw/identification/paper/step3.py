@@ -133,14 +133,19 @@ def fit_kernel(key: Key, tests: Sequence[Test], linear: PooledFit, settings: Ide
 
 
 def third_order_steps(
-    key: Key, step: KernelFit, settings: Identify, *, keep: Keep = no_checkpoint
+    key: Key,
+    step: KernelFit,
+    settings: Identify,
+    *,
+    keep: Keep = no_checkpoint,
+    statements: Sequence[str] = (),
 ) -> dict[str, Step]:
     """Posterior of zeta, alpha and delta by (36): NUTS, the paper's walk, and a tuned walk.
 
     NUTS and the tuned walk go along the ridge alpha*delta, from wall to wall of the box, with the
     noise integrated out; the paper's walk in the box itself, with the noise as estimated. All
     chains start dispersed, so that their comparison can tell: the paper's chain, started at one
-    optimum, agrees with itself and says nothing.
+    optimum, agrees with itself and says nothing. What is said of each begins with `statements`.
 
     Reference:
         Eqs. (35), (36).
@@ -159,7 +164,7 @@ def third_order_steps(
         steps[name] = finished(
             name, tree, step.box, step.fit, started,
             findings=verdict(tree, step.box, chi_square=step.fit.chi_square).findings,
-            statements=(_product_sentence(tree), *notes),
+            statements=(*statements, _product_sentence(tree), *notes),
         )  # fmt: skip
     return steps
 

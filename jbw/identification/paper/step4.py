@@ -4,7 +4,7 @@ With one parameter left, the misfit of each level is a smooth function of gamma:
 at Chebyshev nodes give it everywhere, and every sampler then runs on the series.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from time import perf_counter
 from typing import NamedTuple
@@ -174,8 +174,11 @@ def opening_steps(
     settings: Identify,
     *,
     keep: Keep = no_checkpoint,
+    statements: Sequence[str] = (),
 ) -> dict[str, Step]:
     """Posterior of gamma by NUTS and by the paper's walk, Steps 2 and 3 held at their means.
+
+    What is said of each begins with `statements`.
 
     Reference:
         Eqs. (37), (41), (42).
@@ -185,7 +188,6 @@ def opening_steps(
     means = means_of(third_order.posterior)
     curve, best, prior, held = fit_opening(fit_key, records, linear, means, settings)
     chi_square = (2 * best.cost, records.mean.size)
-    statements = (messages.CONDITIONAL,)
     steps = {}
     for draw_key, (name, options) in zip(keys, SAMPLERS.items(), strict=True):
         tree = sample(
@@ -197,7 +199,7 @@ def opening_steps(
         steps[name] = finished(
             name, tree, prior, best, started,
             findings=(*verdict(tree, prior, chi_square=chi_square).findings, finding),
-            statements=statements, held=held,
+            statements=(*statements, messages.CONDITIONAL), held=held,
         )  # fmt: skip
         started = perf_counter()
     return steps

@@ -1,0 +1,451 @@
+"""What a joint posterior is checked for: findings, sentences, and arrays to keep beside its draws.
+
+A check is a function of what the checks read, `CheckedPosterior`, and leaves an `Outcome`. One that
+fails is left out, and the finding on incomplete checks says so.
+"""
+
+import logging
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property, partial
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Array, Key
+
+from jbw.errors import Attempts
+from jbw.identification import accuracy
+from jbw.identification.across_kinds import across_kinds, across_kinds_sentence, kinds_of
+from jbw.identification.attachments import drive_sentences
+from jbw.identification.between_records import between_finding, between_records
+from jbw.identification.causes import cause_finding, causes, causes_sentence
+from jbw.identification.equivalent import (
+    Effects,
+    effects,
+    effects_sentence,
+    hysteresis_finding,
+    response_finding,
+    within_response,
+)
+from jbw.identification.joint import (
+    JointPosterior,
+    JointProblem,
+    draw_joint,
+    every_parameter,
+    fit_problem,
+)
+from jbw.identification.joint_answers import GROUP as JOINTS
+from jbw.identification.joint_answers import joints_finding, joints_group, joints_words
+from jbw.identification.leaving_out import (
+    consistency_finding,
+    fits_without_each_run,
+    leave_one_out,
+    left_out_sentence,
+)
+from jbw.identification.model_discrepancy import (
+    discrepancy_finding,
+    discrepancy_sentences,
+    model_discrepancy,
+)
+from jbw.identification.no_joint import joint_finding, may_be_absent, without_joint
+from jbw.identification.only_drag import drag_finding, may_be_drag, with_drag
+from jbw.identification.own_joints import own_joint_sentences
+from jbw.identification.prepare import Fitted
+from jbw.identification.reached import threshold_sentences
+from jbw.identification.run_effects import runs_dataset, runs_sentence
+from jbw.identification.stated_modes import (
+    one_joint_sentences,
+    participation_sentences,
+    same_joint_sentences,
+)
+from jbw.identification.step import Step, fit_sentences
+from jbw.identification.widening import ending
+from jbw.inference.generator import parts_of
+from jbw.inference.posterior.finding import Amendment, Finding, Verdict, judge
+from jbw.inference.posterior.verdict import verdict
+from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
+from jbw.observables import dataset
+from jbw.observables.dataset import Dataset
+from jbw.observables.drives import of_part
+from jbw.report.messages import posterior as messages
+from jbw.report.messages.discrepancy import one_kind
+
+under_way = logging.getLogger("jbw.progress")
+STUCK = {"frozen_chain", "r_hat"}  # findings of a sampler that does not fit the posterior
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What one check leaves."""
+
+    finding: Finding | None = None  # None where nothing speaks for the posterior or against it
+    statements: Sequence[str] = ()  # sentences for the reader
+    groups: Mapping[str, xr.Dataset] = field(default_factory=dict)  # to keep beside the draws
+
+
+@dataclass(frozen=True)
+class Checks:
+    """What the checks of a posterior say."""
+
+    findings: tuple[Finding, ...]  # of the chains, the fit and the posterior
+    amendments: tuple[Amendment | None, ...]  # what the errors of the fit say of findings
+    statements: tuple[str, ...]  # what the fit, the sampler and the checks say, a sentence each
+    groups: Mapping[str, xr.Dataset]  # labelled arrays to keep beside the draws, by name
+    wall_s: float
+
+    @property
+    def sees_no_joint(self) -> bool:
+        """Whether the posterior is of a structure in which no joint is seen."""
+        return any(row.code == "no_joint" and row.status != "ok" for row in self.findings)
+
+
+@dataclass(frozen=True)
+class CheckedPosterior:
+    """What the checks read."""
+
+    key: Key[Array, ""]
+    draws: xr.Dataset
+    fitted: Fitted
+
+    @property
+    def data(self) -> Dataset:
+        """What was fitted."""
+        return self.fitted.data
+
+    @cached_property
+    def residuals(self) -> dict[str, np.ndarray]:
+        """Residuals of the fit by group of data."""
+        return dataset.left_by_label(self.fitted.fit.residual, self.data)
+
+    @cached_property
+    def error(self) -> dict[str, Any]:
+        """Error of the fit by group of data, over the rms of the group."""
+        return dataset.error_by_label(self.residuals, self.data)
+
+    @cached_property
+    def theta(self) -> Mapping[str, Any]:
+        """Parameters of the fit."""
+        return dataset.as_arrays(self.fitted.fit.theta, self.data)
+
+    @cached_property
+    def without_each_run(self) -> Any:
+        """The fit again without each run."""
+        return fits_without_each_run(self.fitted.fit, self.fitted.box, self.data)
+
+
+Check = Callable[[CheckedPosterior], Outcome]
+
+
+def check_joint(key: Key[Array, ""], posterior: JointPosterior) -> Checks:
+    """Findings of the chains, of the fit and of the posterior, and what else the checks leave."""
+    started, ready, tree = perf_counter(), posterior.fitted, posterior.tree
+    checked = CheckedPosterior(key, posterior.draws, ready)
+    outcomes = posterior_checks(checked)
+    by_chains = verdict(
+        tree, ready.box, chi_square=ready.chi_square, ending=ending(ready.box, ready.data.laws)
+    )
+    of_checks = [outcome.finding for outcome in outcomes if outcome.finding is not None]
+    findings = (*by_chains.findings, *ready.findings, *of_checks)
+    groups = groups_of(outcomes)
+    statements = (
+        *ready.statements,
+        *drawn(tree.attrs),
+        *(sentence for outcome in outcomes for sentence in outcome.statements),
+        *fit_sentences(ready.fit),
+        *stuck(tree, findings),
+    )
+    amendments = amendments_of(checked, groups)
+    return Checks(findings, amendments, statements, groups, perf_counter() - started)
+
+
+def groups_of(outcomes: Iterable[Outcome]) -> dict[str, xr.Dataset]:
+    """Labelled arrays of some checks, by name."""
+    return {name: group for outcome in outcomes for name, group in outcome.groups.items()}
+
+
+def amendments_of(
+    checked: CheckedPosterior, groups: Mapping[str, xr.Dataset]
+) -> tuple[Amendment | None, ...]:
+    """What the errors of the fit, of fits without each run, and the response say of findings."""
+    of_unseen, ready, data = None, checked.fitted, checked.data
+    if (left_out := groups.get("leave_one_out")) is not None:
+        errors = left_out["fitted"].values.tolist(), left_out["error"].values.tolist()
+        of_unseen = accuracy.within_unseen(accuracy.OF_MISFIT, *errors, messages.EACH_FROM_OTHERS)
+    of_response = within_response(checked.draws, data.held, ready.y_peak, data.laws)
+    return accuracy.within_misfit(checked.error), of_unseen, of_response
+
+
+def posterior_checks(checked: CheckedPosterior) -> list[Outcome]:
+    """What every check leaves, in the order in which a reader wants it."""
+    attempts = Attempts()
+
+    def made(checks: Mapping[str, Check]) -> list[Outcome]:
+        return [attempts.make(what, partial(c, checked), Outcome()) for what, c in checks.items()]
+
+    def logged(checks: Mapping[str, Check]) -> list[Outcome]:
+        outcomes = []
+        for label, check in checks.items():
+            under_way.info("check of %s", label)
+            outcomes += made({messages.check_of(label): check})
+        return outcomes
+
+    outcomes = logged(OF_FIT)
+    misses = any(x.finding is not None and x.finding.status != "ok" for x in outcomes)
+    outcomes += logged(OF_DRAWS)
+    if misses:
+        outcomes += logged({messages.CAUSES: lack_of_fit})
+    outcomes += made(OF_RUNS_AND_JOINTS)
+    outcomes += made({messages.statement_on(topic): say for topic, say in STATEMENTS.items()})
+    added = attempts.make(messages.JOINT_EFFECT, partial(effects_in, checked), None)
+    if added is not None:
+        is_one = JOINTS not in groups_of(outcomes)
+        sentences = (effects_sentence(added, checked.fitted.y_peak),) if is_one else ()
+        outcomes.append(Outcome(statements=sentences))
+        outcomes += logged(effect_checks(added, misses=misses))
+    outcomes += made({messages.THRESHOLDS: thresholds_reached})
+    outcomes += logged(OF_OTHER_TESTS)
+    return [*outcomes, Outcome(incomplete_finding(attempts.said))]
+
+
+def residual_of_fit(checked: CheckedPosterior) -> Outcome:
+    """Whether the residuals are white."""
+    counted, data = dataset.fractions_counted(checked.data), checked.data
+    return Outcome(accuracy.residual_finding(checked.residuals, counted, checked.error, data.laws))
+
+
+def shape_of_fit(checked: CheckedPosterior) -> Outcome:
+    """Whether the fit follows the groups whose observable says what is too much."""
+    return Outcome(accuracy.shape_finding(checked.error, checked.data))
+
+
+def repeats_of_tests(checked: CheckedPosterior) -> Outcome:
+    """Whether the fit misses a test by more than its repeats scatter."""
+    return Outcome(accuracy.repeatability_finding(checked.error, checked.data))
+
+
+def solver_steps(checked: CheckedPosterior) -> Outcome:
+    """Whether the solver's steps are fine enough."""
+    sampled = checked.draws[list(checked.fitted.box.names)]
+    return Outcome(accuracy.solver_finding(sampled, checked.data))
+
+
+def response_bands(checked: CheckedPosterior) -> Outcome:
+    """Whether chains agree on frequency and damping against amplitude."""
+    data, y_peak = checked.data, checked.fitted.y_peak
+    return Outcome(response_finding(checked.draws, data.held, y_peak, data.laws))
+
+
+def lack_of_fit(checked: CheckedPosterior) -> Outcome:
+    """What the residuals look like, where the fit misses the tests."""
+    why = causes(checked.fitted.fit, checked.data)
+    return Outcome(cause_finding(why), (causes_sentence(why),) if why else ())
+
+
+def offsets_of_runs(checked: CheckedPosterior) -> Outcome:
+    """Offsets of omega_n and zeta from run to run, where there are any."""
+    runs = runs_dataset(checked.key, checked.draws, checked.fitted.box.names, checked.data)
+    return Outcome() if runs is None else Outcome(None, (runs_sentence(runs),), {"runs": runs})
+
+
+def shares_of_joints(checked: CheckedPosterior) -> Outcome:
+    """What each of several joints does to every mode; nothing of one."""
+    joints = joints_group(checked.draws, checked.data)
+    if joints is None:
+        return Outcome()
+    return Outcome(joints_finding(joints), tuple(joints_words(joints)), {JOINTS: joints})
+
+
+def of_tests(checked: CheckedPosterior) -> Outcome:
+    """What the kinds of tests say of their fit."""
+    theta, parts = checked.theta, checked.data.parts
+    return Outcome(statements=[x for part in parts for x in part.statements(of_part(theta, part))])
+
+
+def of_drives(checked: CheckedPosterior) -> Outcome:
+    """What drives with a frequency and damping of their own say."""
+    return Outcome(statements=tuple(drive_sentences(checked.theta, checked.data)))
+
+
+def participation(checked: CheckedPosterior) -> Outcome:
+    """How much of the joint's motion every mode has."""
+    return Outcome(statements=tuple(participation_sentences(checked.draws, checked.data.modes)))
+
+
+def one_joint(checked: CheckedPosterior) -> Outcome:
+    """Whether modes have one joint in common."""
+    ready = checked.fitted
+    return Outcome(statements=tuple(one_joint_sentences(ready.fit, ready.box, ready.data)))
+
+
+def difference_of_joints(checked: CheckedPosterior) -> Outcome:
+    """How far the joints of uncoupled modes differ."""
+    return Outcome(statements=tuple(same_joint_sentences(checked.draws, checked.data)))
+
+
+def joint_of_each_mode(checked: CheckedPosterior) -> Outcome:
+    """Whether each mode fits better with a joint of its own."""
+    sentences = own_joint_sentences(checked.key, checked.fitted.fit, checked.data)
+    return Outcome(statements=tuple(sentences))
+
+
+def effects_in(checked: CheckedPosterior) -> Effects | None:
+    """What the joint does to frequency and damping at the largest displacement fitted."""
+    data, y_peak = checked.data, checked.fitted.y_peak
+    return effects(checked.draws, data.held, y_peak, data.laws)
+
+
+def thresholds_reached(checked: CheckedPosterior) -> Outcome:
+    """Which thresholds of the laws the tests reach."""
+    theta = every_parameter(checked.draws, checked.data)
+    sentences = threshold_sentences(theta, checked.fitted.y_peak, checked.data.laws)
+    return Outcome(statements=tuple(sentences))
+
+
+def each_test_left_out(checked: CheckedPosterior) -> Outcome:
+    """Every run as predicted by a fit without it."""
+    ready = checked.fitted
+    left_out = leave_one_out(ready.fit, ready.box, ready.data, checked.without_each_run)
+    if left_out is None:
+        return Outcome()
+    finding = consistency_finding(left_out, ready.data.laws)
+    return Outcome(finding, (left_out_sentence(left_out),), {"leave_one_out": left_out})
+
+
+def left_beyond_noise(checked: CheckedPosterior) -> Outcome:
+    """The model discrepancy: what the law misses of tests beyond their noise."""
+    ready = checked.fitted
+    missed = model_discrepancy(ready.fit, ready.box, ready.data, checked.without_each_run)
+    finding = discrepancy_finding(missed, ready.data.laws)
+    return Outcome(finding, tuple(discrepancy_sentences(missed)), {"discrepancy": missed})
+
+
+def each_kind_left_out(checked: CheckedPosterior) -> Outcome:
+    """Every kind of test as predicted by a fit to the others."""
+    ready = checked.fitted
+    if (predicted := across_kinds(ready.fit, ready.box, ready.data)) is None:
+        return Outcome(statements=tuple(map(one_kind, kinds_of(ready.data))))
+    return Outcome(None, (across_kinds_sentence(predicted),), {"across_kinds": predicted})
+
+
+def each_record_alone(checked: CheckedPosterior) -> Outcome:
+    """Whether fits to single records agree."""
+    ready = checked.fitted
+    if (between := between_records(ready.fit, ready.box, ready.data)) is None:
+        return Outcome()
+    return Outcome(between_finding(between), groups={"between_records": between})
+
+
+OF_FIT: dict[str, Check] = {
+    messages.RESIDUAL: residual_of_fit,
+    messages.SHAPE: shape_of_fit,
+    messages.REPEATS: repeats_of_tests,
+}
+OF_DRAWS: dict[str, Check] = {
+    messages.SOLVER_STEPS: solver_steps,
+    messages.RESPONSE_BANDS: response_bands,
+}
+OF_RUNS_AND_JOINTS: dict[str, Check] = {
+    messages.OFFSETS: offsets_of_runs,
+    messages.JOINT_SHARES: shares_of_joints,
+}
+STATEMENTS: dict[str, Check] = {
+    "tests": of_tests,
+    "drives": of_drives,
+    messages.PARTICIPATION: participation,
+    messages.ONE_JOINT: one_joint,
+    messages.JOINT_DIFFERENCE: difference_of_joints,
+    messages.JOINT_OF_MODES: joint_of_each_mode,
+}
+OF_OTHER_TESTS: dict[str, Check] = {
+    messages.WITHOUT_EACH_TEST: each_test_left_out,
+    messages.DISCREPANCY: left_beyond_noise,
+    messages.WITHOUT_EACH_KIND: each_kind_left_out,
+    messages.EACH_RECORD: each_record_alone,
+}
+
+
+def effect_checks(added: Effects, *, misses: bool) -> dict[str, Check]:
+    """Checks of what the joint adds: hysteresis, or drag in its place, and whether it is seen."""
+
+    def hysteresis(checked: CheckedPosterior) -> Outcome:
+        return Outcome(seen_hysteresis(added, checked.fitted, misses=misses))
+
+    def joint(checked: CheckedPosterior) -> Outcome:
+        ready = checked.fitted
+        without = without_joint(ready.fit, ready.box, ready.data)
+        return Outcome(joint_finding(without, added, ready.y_peak))
+
+    checks: dict[str, Check] = {messages.HYSTERESIS: hysteresis}
+    return checks | ({messages.JOINT_SEEN: joint} if may_be_absent(added) else {})
+
+
+def seen_hysteresis(added: Effects, ready: Fitted, *, misses: bool) -> Finding | None:
+    """Whether hysteresis is seen, or drag fits as well; None where nothing speaks against it."""
+    finding = hysteresis_finding(added, ready.y_peak, ready.data.laws, misses=misses)
+    return finding or seen_drag(added, ready, misses=misses)
+
+
+def seen_drag(added: Effects, ready: Fitted, *, misses: bool) -> Finding | None:
+    """Whether drag fits as well as the laws of hysteresis; None where these soften as slip does."""
+    best, data, y_peak = ready.fit, ready.data, ready.y_peak
+    zeta = {**data.held, **best.theta}["zeta"]
+    if data.modes is not None or not may_be_drag(added, zeta, data.laws):
+        return None
+    damping = float(zeta * np.median(added.damping))
+    drag = with_drag(best, ready.box, data, damping, y_peak)
+    return drag_finding(drag, added, y_peak, misses=misses)
+
+
+def incomplete_finding(said: Sequence[str]) -> Finding | None:
+    """Checks that could not be made, in the sentences on them; None where all were."""
+    if not said:
+        return None
+    return Finding("incomplete_checks", "not assessed", {"sentences": said}, float(len(said)))
+
+
+def drawn(facts: Mapping[Any, Any]) -> list[str]:
+    """How the ladder drew: coordinates, evaluations and evidence, in words."""
+    if "coordinates" not in facts:
+        return []
+    counted = facts["num_evaluations"]
+    sentences = [messages.sampler(facts["sampler"], counted, facts["coordinates"])]
+    if "log_evidence" in facts:
+        sentences += [messages.evidence(facts["log_evidence"], facts["log_evidence_error"])]
+    return [" ".join(sentences)]
+
+
+def stuck(posterior: xr.DataTree, findings: Iterable[Finding]) -> list[str]:
+    """What to do where elliptical slices do not mix, in words; nothing where they do."""
+    failed = {finding.code for finding in findings if finding.status != "ok"}
+    if posterior.attrs.get("sampler") != "elliptical_slice" or not failed & STUCK:
+        return []
+    return [messages.TOO_CURVED]
+
+
+def joint_step(
+    key: Key[Array, ""], problem: JointProblem, *, name: str = "joint", keep: Keep = no_checkpoint
+) -> tuple[Step, Dataset]:
+    """A joint posterior that is judged by its own checks, and the dataset as it was sampled.
+
+    The dataset has the offsets of the runs, effective values and solver steps that the fit found.
+    """
+    keys = parts_of(key, 5)
+    ready = fit_problem(keys[:2], problem)
+    posterior = draw_joint(keys[2:4], problem, ready, keep=keep, name=name)
+    checks = check_joint(keys[4], posterior)
+    judged = judge(checks.findings, checks.amendments)
+    return step_of(posterior, checks, judged, checks.statements), posterior.fitted.data
+
+
+def step_of(
+    posterior: JointPosterior, checks: Checks, judged: Verdict, statements: Sequence[str]
+) -> Step:
+    """A posterior with its verdict and all that is said of it."""
+    groups = {name: xr.DataTree(group) for name, group in checks.groups.items()}
+    fitted = posterior.fitted
+    return Step(
+        posterior.name, posterior.tree.assign(groups), judged, fitted.fit, fitted.box,
+        tuple(statements), posterior.held, posterior.wall_s + checks.wall_s,
+    )  # fmt: skip

@@ -1,0 +1,42 @@
+"""The unit of a gain: of the returned force per mass over the source, which the tests decide."""
+
+from collections.abc import Container, Sequence
+
+import xarray as xr
+
+from jbw.measurement.records import INPUTS, Test, drive_of
+from jbw.observables.drives import named
+from jbw.quantities import gain_unit
+
+
+def source_units(tests: Sequence[Test]) -> dict[str, str]:
+    """Unit of what drives the tests, by drive; of the first test of each, the last drive first."""
+    return {drive_of(test): test.records[0].units[test.records[0].source] for test in
+            reversed(driven(tests))}  # fmt: skip
+
+
+def driven(tests: Sequence[Test]) -> list[Test]:
+    """Tests whose records have what drives them."""
+    return [test for test in tests if not set(INPUTS).isdisjoint(test.records[0].channels)]
+
+
+def gain_units(tests: Sequence[Test], names: Container[str]) -> dict[str, str]:
+    """Unit of every gain among the names of parameters.
+
+    That of a force where none drives anything: of loops, whose modal mass free decays tell.
+    """
+    sources = source_units(tests)
+    own = {drive: named("gain", drive) for drive in sources if named("gain", drive) in names}
+    units = {name: gain_unit(sources[drive]) for drive, name in own.items()}
+    if "gain" not in names:
+        return units
+    rest = [drive_of(test) for test in driven(tests) if drive_of(test) not in own]
+    return {"gain": gain_unit(sources[rest[0]] if rest else "N"), **units}
+
+
+def with_gain_units(tree: xr.DataTree, tests: Sequence[Test]) -> xr.DataTree:
+    """A posterior whose gains have the units of the tests' sources."""
+    draws = tree["posterior"].to_dataset()
+    units = gain_units(tests, draws)
+    gains = {name: draws[name].assign_attrs(units=unit) for name, unit in units.items()}
+    return tree.assign(posterior=xr.DataTree(draws.assign(gains)))

@@ -1,0 +1,44 @@
+"""The tests of a campaign before anything is fitted: usable, looked at, split."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+from jbw.campaign.gains import force_per_unit
+from jbw.campaign.load import Campaign
+from jbw.identification.assemble import Measured, Report, measured_in
+from jbw.identification.usable import usable
+from jbw.observables.records import compile_beside
+from jbw.report.messages import stages
+from jbw.study.look import Look, look_quietly
+
+
+class PreparedTests(NamedTuple):
+    """The tests of a campaign, before anything is fitted.
+
+    Attributes:
+        measured: Tests that are fitted and held out, Step 2, and what the model is made of.
+        look: What the records say without a model.
+        left_out: A sentence for every test that cannot be used.
+    """
+
+    measured: Measured
+    look: Look
+    left_out: tuple[str, ...]
+
+
+def prepare_tests(campaign: Campaign, report: Report) -> PreparedTests:
+    """The tests that can be used, a look at them without a model, and what each step takes.
+
+    All of this comes before anything is sampled: what is wrong with a record then costs no result.
+    """
+    gain = force_per_unit(campaign)
+    several = campaign.joints is not None
+    several |= campaign.structure is not None and len(campaign.structure.modes) > 1
+    tests, left_out = usable(campaign.tests, campaign.settings, gain, several_modes=several)
+    for sentence in left_out:
+        report(sentence)
+    if not several:
+        compile_beside(tests, campaign.laws)
+    report(stages.READING_RECORDS)
+    look = look_quietly(replace(campaign, tests=tests))
+    return PreparedTests(measured_in(campaign, report, tests), look, tuple(left_out))
