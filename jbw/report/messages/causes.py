@@ -84,7 +84,8 @@ def natural_frequencies(scatter: float, line: str) -> Words:
     return (
         "a natural frequency and damping of each test's own, scattering by "
         f"{percent(scatter, '.2f')}",
-        f"Name the run of every test, and measure a noise record in each. {line}",
+        "If all tests are of one assembly, the law misses this: compare others by `jbw laws`. Else "
+        f"name the run of every test, and measure a noise record in each. {line}",
     )
 
 

@@ -212,9 +212,9 @@ MESSAGES = (
     ),
     Message(
         "law_replaced",
-        "The bands with the model discrepancy are widest on {test}: their standard deviation is "
-        "{ratio:.2g} times the error of the best linear oscillator; it must be less than "
-        "{limit:.2g} times that, or the discrepancy has replaced the law.",
+        "The bands with the model discrepancy are widest on {test}: their standard deviation over "
+        "the error of the best linear oscillator is {ratio:.3g}; it must be less than {limit:.3g}, "
+        "or the discrepancy has replaced the law.",
         """
         Check: where the law leaves more than noise on runs that were left out, the standard
         deviation of the bands of every held-out test over the error of the best linear
