@@ -16,8 +16,8 @@ import xarray as xr
 from jbw.assembly.joint_units import JointUnits, Terms, joint_units, rotates, terms_in
 from jbw.errors import ConfigError
 from jbw.oscillator.laws import laws_named
-from jbw.oscillator.modes.assembled import laws_at, motion_name
-from jbw.quantities import MODES, OSCILLATOR, Quantity, split
+from jbw.oscillator.modes.assembled import laws_at, motion_in
+from jbw.quantities import MODES, OSCILLATOR, Quantity, motion_factors_in, split
 from jbw.report.messages import study as messages
 from jbw.study.assembly_group import Assembly, Place, assembly_of
 from jbw.study.export import (
@@ -232,10 +232,13 @@ def _cards_of_joint(
 
 
 def _largest_motion(draws: Draws, name: str, tree: xr.DataTree) -> tuple[float, float]:
-    """Largest motion of a joint that was measured, and frequency of the mode that it was in."""
+    """Largest motion of a joint that was measured, and frequency of the mode that it was in.
+
+    By the draw that moves it most, where shapes are uncertain.
+    """
     modes = tree["joints"].to_dataset()
-    shapes = [float(draws[motion_name(int(i), name)][0]) for i in modes["mode"].values]
-    motion = np.abs(shapes) * modes["amplitude"].values
+    shapes = [np.max(np.abs(motion_in(draws, int(i), name))) for i in modes["mode"].values]
+    motion = np.array(shapes) * modes["amplitude"].values
     largest = int(np.nanargmax(motion))
     return float(motion[largest]), float(modes["frequency_hz"].values[largest])
 
@@ -317,12 +320,14 @@ def _modal(theta: Mapping[str, Any]) -> tuple[Quantity, ...]:
 
 # -- words and tables ------------------------------------------------------------------------------
 def _modes(draw: Draws, tree: xr.DataTree) -> Iterable[str]:
-    """Frequency of every mode in full stick beside that of the matrices, and its damping ratio."""
+    """Frequency of every mode in full stick and motion of joints beside those of the matrices."""
     model_hz = tree["joints"].to_dataset()["frequency_hz"].values
     pairs = zip(_modal(draw)[::2], _modal(draw)[1::2], model_hz, strict=True)
     for i, (omega, zeta, hz) in enumerate(pairs, start=1):
         fitted_hz, ratio = float(draw[omega.name][0]) / (2 * np.pi), float(draw[zeta.name][0])
         yield messages.mode_beside_matrices(i, fitted_hz, float(hz), ratio)
+    for name, factor in motion_factors_in(draw).items():
+        yield messages.motion_beside_matrices(factor.meaning, float(draw[name][0]))
 
 
 def _places(assembly: Assembly, cards: Sequence[JointCard]) -> Iterable[str]:
@@ -346,7 +351,7 @@ def _parameters(
     draws: Draws, number: int, assembly: Assembly, laws: Laws
 ) -> Iterable[dict[str, Any]]:
     """Rows of the modes, then of every joint's laws in SI and in the units of the model."""
-    for quantity in _modal(draws):
+    for quantity in (*_modal(draws), *motion_factors_in(draws).values()):
         values = draws[quantity.name]
         row = parameter_row(SI, quantity.name, quantity.unit, float(values[number]), values)
         yield {"joint": "", **row}

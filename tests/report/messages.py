@@ -368,6 +368,7 @@ OF_TOPICS = {
         study.exported_joints(12, 400, study.AS_ASKED, "N-mm-t-s"),
         study.one_of_joints_draws(12, "N-mm-t-s"),
         study.mode_beside_matrices(2, 90.47, 91.2, 0.0021),
+        study.motion_beside_matrices("motion of bolt_1 in mode 2", 1.0432),
         study.joint_place("bolt", ("1 (17:x) -1 (112:x)", "mm"), (1.5e4, "N/mm"),
                           is_held=True, has_law=True),
         study.joint_place("bolt", ("1 (17:x) -1 (112:x)", "mm"), (1.5e4, "N/mm"),

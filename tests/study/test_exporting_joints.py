@@ -312,6 +312,24 @@ def test_tables_have_every_joint_and_matlab_can_name_them(tmp_path):
     )
 
 
+def test_joints_of_uncertain_shapes_reach_as_far_as_each_draw_moves_them(tmp_path):
+    """Mode 1 moves the second bolt by PEAK, and so does mode 2 by the matrices."""
+    factor = {"motion_factor_2@bolt_2": 1.25}
+    tree = tree_of(theta=two_bolts.truth() | factor)
+    result = export_joints(tree)
+    first, second = result.cards
+    # Mode 1 moves the first bolt by 0.99 of what it moves the second.
+    H = two_bolts.reduced().H
+    assert first.in_si.y_max == pytest.approx(PEAK * abs(H[0, 0] / H[1, 0]), rel=1e-12)
+    assert second.in_si.y_max == pytest.approx(1.25 * PEAK, rel=1e-12)
+    assert (
+        "Motion of bolt_2 in mode 2 over that of the matrices is 1.25; a model with these matrices "
+        "lacks this factor."
+    ) in result.about
+    (row,) = [row for row in result.parameters if row["parameter"] in factor]
+    assert (row["value"], row["unit"]) == (1.25, "1")
+
+
 @pytest.mark.slow  # compiles the backbones of two more sets of laws
 def test_joints_of_a_tie_share_their_law_and_no_law_is_said(tmp_path):
     theta = {n: x for n, x in two_bolts.truth().items() if "bolt_2" not in n}

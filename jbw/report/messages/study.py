@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from jbw.report.messages.message import percent
+from jbw.report.messages.message import capital, percent
 
 STEP_2_DRAWS = "Step 2 draws from the Gaussian of its fit."
 NO_COMPILER = (
@@ -103,6 +103,11 @@ def mode_beside_matrices(mode: int, hz: float, model_hz: float, damping: float) 
         f"Mode {mode} in full stick: {hz:.5g} Hz, where the matrices have {model_hz:.5g} Hz, and a "
         f"damping ratio of {percent(damping, '.3g')}."
     )
+
+
+def motion_beside_matrices(what: str, factor: float) -> str:
+    """A joint's motion in a mode over that of the matrices, which a model with these lacks."""
+    return f"{capital(what)} is {factor:.4g}; a model with these matrices lacks this factor."
 
 
 def joint_place(
