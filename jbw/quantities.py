@@ -248,6 +248,26 @@ def are_at_joints(laws: Iterable[Any]) -> bool:
     return any(isinstance(law, str) and AT in law for law in laws)
 
 
+MOTION_FACTOR = "motion_factor"
+_LOWERED = str.maketrans("0123456789", "₀₁₂₃₄₅₆₇₈₉")
+
+
+def motion_factor(mode: int, joint: str) -> Quantity:
+    """A joint's motion in a mode over that of the model's matrices; `mode` is 1 for the first."""
+    number = str(mode).translate(_LOWERED)
+    return Quantity(
+        name_at(f"{MOTION_FACTOR}_{mode}", joint), f"f{number} {joint}", "1",
+        f"motion of {joint} in mode {mode} over that of the matrices", 0.0, is_open=True,
+    )  # fmt: skip
+
+
+def motion_factors_in(names: Iterable[Any]) -> dict[str, Quantity]:
+    """The factors on motions of joints among names, by name."""
+    stated = [re.fullmatch(rf"{MOTION_FACTOR}_(\d+){AT}(\w+)", str(name)) for name in names]
+    found = (motion_factor(int(match[1]), match[2]) for match in stated if match)
+    return {quantity.name: quantity for quantity in found}
+
+
 def joints_of(laws: Iterable[str]) -> tuple[str, ...]:
     """Names of all joints that have laws, in the order of their laws."""
     return tuple(dict.fromkeys(joint for law in laws for joint in split(law)[1]))

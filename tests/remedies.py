@@ -49,8 +49,8 @@ PASTED = {
     ("report/messages/campaign_faults.py", "delay"): DRIVEN,
     ("report/messages/campaign_faults.py", "same_as"): JOINTS
     + "test_label_switching_is_refused_and_the_remedy_cures",
-    ("campaign/joints.py", "shapes"): JOINTS
-    + "test_what_matrices_tell_is_refused_beside_them_and_the_remedy_cures",
+    ("identification/uncertain_shapes.py", "shapes"): "identification/test_uncertain_shapes.py::"
+    "test_a_prior_of_a_factor_needs_uncertain_shapes_and_the_remedy_cures",
     ("identification/assembled.py", "compare_with"): BOLTS
     + "test_springs_of_one_joint_are_no_reference_and_the_remedy_is_taken",
     ("identification/assembled.py", "substeps"): BOLTS

@@ -4,6 +4,8 @@ The truth is a structure of the same reduced model under the same input, on a gr
 steps; noise is white. What reduction itself costs is shown in tests/assembly.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import scipy.io
 
@@ -40,11 +42,14 @@ def truth(bolts=BOLTS):
     }  # fmt: skip
 
 
-def reduced(bolts=None):
-    """Modes to 120 Hz, with laws where bolts have numbers."""
+def reduced(bolts=None, factors=1.0):
+    """Modes to 120 Hz, with laws where bolts have numbers; factors on the bolts' motion in them."""
     rig = lapped_beams()
     laws = [()] * 2 if bolts is None else [BoucWenLaw(*numbers) for numbers in bolts]
-    return rig.with_laws(*laws).reduced(to_hz=TO_HZ, zeta=ZETA)
+    model = rig.with_laws(*laws).reduced(to_hz=TO_HZ, zeta=ZETA)
+    H = model.H.copy()
+    H[:, : model.num_kept] *= factors
+    return replace(model, H=H)
 
 
 def sweep(band_hz, force):
@@ -70,9 +75,11 @@ def stuck_motion(model, u):
     return np.fft.irfft(1j * omega[:, 0] * response * np.fft.rfft(u), len(u))
 
 
-def records(names=tuple(SWEEPS), *, bolts=BOLTS, noise_ratio=NOISE, seed=1, weaker=1.0):
+def records(
+    names=tuple(SWEEPS), *, bolts=BOLTS, factors=1.0, noise_ratio=NOISE, seed=1, weaker=1.0
+):
     """Force and velocity at the tip by the name of the test."""
-    model, rng = reduced(bolts), np.random.default_rng(seed)
+    model, rng = reduced(bolts, factors), np.random.default_rng(seed)
     found = {}
     for name in names:
         band, forces = SWEEPS[name]
@@ -102,7 +109,7 @@ def impacts(**options):
     return Test("decay", impact_records(**options), "impacts", band_hz=(18.0, 130.0), settle=0.15)
 
 
-def campaign(names=tuple(SWEEPS), *, laws=LAWS, settings=None, **options):
+def campaign(names=tuple(SWEEPS), *, laws=LAWS, settings=None, uncertain=False, **options):
     """The same as a campaign in memory."""
     tests = []
     for name, (level, u, v) in records(names, **options).items():
@@ -110,7 +117,7 @@ def campaign(names=tuple(SWEEPS), *, laws=LAWS, settings=None, **options):
         record = Record(FS, channels, units, name)
         tests.append(Test("sweep", (record,), name, level=level, run="one"))
     stated = Identify.of({"offsets": "none", "model_error": "none", **(settings or {})})
-    joints = SeveralJoints(reduced(), laws)
+    joints = SeveralJoints(reduced(), laws, uncertain)
     return Campaign("bolts", None, tuple(tests), laws=laws, joints=joints, settings=stated)
 
 

@@ -274,10 +274,12 @@ class SeveralJoints:
     Attributes:
         model: Its modes and joints.
         laws: Names of the joints' laws with the joints that share each.
+        uncertain: Whether the joints' motion in the modes is uncertain, and not the model's.
     """
 
     model: ReducedModel
     laws: tuple[str, ...]
+    uncertain: bool = False
 
 
 def several_joints(
@@ -301,7 +303,8 @@ def several_joints(
     model = None if checked is None else checked.model
     if model is None:
         model = reduced_model(spec, folder, allow_outside=allow_outside)
-    return SeveralJoints(model, laws_by_joint(spec.joints))
+    uncertain = spec.assembled.shapes == "uncertain"
+    return SeveralJoints(model, laws_by_joint(spec.joints), uncertain)
 
 
 def _refuse_stated_twice(spec: CampaignSpec) -> None:
@@ -323,12 +326,6 @@ def _refuse_stated_twice(spec: CampaignSpec) -> None:
             "[structure], but are stated.",
             why="How they spread over the parameters of several joints is not known yet.",
             remedy="Leave them out.",
-        )
-    if spec.assembled is not None and spec.assembled.shapes == "uncertain":
-        raise ConfigError(
-            'A campaign with `shapes = "uncertain"` can be checked, but not identified yet.',
-            why="The identification takes the joints' motion in every mode from the model.",
-            remedy='Put under [structure]: `shapes = "model"`.',
         )
 
 

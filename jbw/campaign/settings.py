@@ -21,6 +21,8 @@ from jbw.quantities import (
     POINTS,
     RESIDUAL_TERMS,
     Quantity,
+    joints_of,
+    motion_factor,
     must_be,
 )
 
@@ -300,6 +302,8 @@ def law_errors(
         quantity.name: quantity for mode in MODES[: num_modes - 1] for quantity in mode[:-1]
     }
     quantities |= {quantity.name: quantity for point in POINTS for quantity in point[:num_modes]}
+    at_joints = [motion_factor(i + 1, j) for j in joints_of(laws) for i in range(num_modes)]
+    quantities |= {quantity.name: quantity for quantity in at_joints}
     if tuple(laws) != DEFAULT_LAWS or set(prior) - set(quantities):
         from jbw.oscillator.laws import quantities_of
         from jbw.oscillator.modes.parameters import own_quantities

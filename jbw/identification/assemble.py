@@ -20,6 +20,7 @@ from jbw.identification.attachments import foretold, require_one_unit
 from jbw.identification.linear_step import LinearStep, linear_step
 from jbw.identification.selection import DecaySplit, Sweeps
 from jbw.identification.stated_modes import modes_of, require_driven, with_own_constants
+from jbw.identification.uncertain_shapes import require_inferred, with_shape_priors
 from jbw.inference.space.stated import StatedDensities
 from jbw.measurement.records import Test, drive_of
 from jbw.observables.dataset import Dataset
@@ -92,6 +93,8 @@ def measured(
         modes = modes_of(structure, tests, settings)
     else:
         laws, modes = joints.laws, assembled_modes(joints, tests, settings)
+        require_inferred(modes, laws, settings.prior)
+        settings = with_shape_priors(modes, laws, settings)
         gain = known_gain(modes, tests)
     tests = with_own_constants(modes, tests)
     chosen = selection.fitted(tests, settings)

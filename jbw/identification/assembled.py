@@ -11,6 +11,7 @@ from jaxtyping import Float
 from jbw.campaign.joints import SeveralJoints
 from jbw.campaign.settings import MOST_MODES, MOST_POINTS, Identify
 from jbw.errors import ConfigError, DataError
+from jbw.identification.uncertain_shapes import shape_factors, shape_prior
 from jbw.measurement.channels import lines_within
 from jbw.measurement.records import Test, drive_of
 from jbw.observables.dataset import Dataset
@@ -71,7 +72,13 @@ def assembled_modes(joints: SeveralJoints, tests: Sequence[Test], settings: Iden
         {"": rows[reduced.outputs[0]], **{point: rows[point] for point in points}},
     )
     hz = tuple(float(reduced.frequencies_hz[i]) for i in driven)
-    return Modes(hz, points=points, meet=ASSEMBLED, numbers=tuple(numbers.items()))
+    return Modes(
+        hz,
+        points=points,
+        meet=ASSEMBLED,
+        numbers=tuple(numbers.items()),
+        uncertain=joints.uncertain,
+    )
 
 
 def _require_first_point(first: str, tests: Sequence[Test]) -> None:
@@ -237,7 +244,9 @@ def with_steps(parts: Sequence, modes: Modes | None, settings: Identify) -> list
 def joint_bounds(
     modes: Modes, data: Dataset, stated: Mapping[str, tuple[float, float]], zeta: float
 ) -> Bounds:
-    """Wide bounds of the laws at every joint, by its stiffness in full stick and its motion.
+    """Wide bounds of the laws at every joint, and bounds of the factors on its motion.
+
+    Those of the laws are by the joint's stiffness in full stick and its largest motion.
 
     Raises:
         ConfigError: Bounds that a campaign states leave the joint stiffer than in full stick.
@@ -261,7 +270,8 @@ def joint_bounds(
                     f"{bounds[parameter][1]:g}.",
                     remedy="Lower its upper bound, or raise `stiffness`.",
                 )
-    return bounds
+    factors = shape_factors(modes, data.laws)
+    return bounds | {name: stated.get(name, shape_prior()) for name in factors}
 
 
 def _largest_motion(modes: Modes, data: Dataset, joint: str) -> float:

@@ -15,6 +15,7 @@ from jbw.campaign.settings import Identify
 from jbw.identification.coordinates import box_of
 from jbw.identification.stated_modes import unknown_signs, with_signs
 from jbw.identification.thresholds_crossed import log_evidence, other_sides
+from jbw.identification.uncertain_shapes import first_factors
 from jbw.inference.fit.costly_fit import costly_fit, from_search
 from jbw.inference.fit.fitting import Fit, fit
 from jbw.inference.generator import generator
@@ -27,7 +28,7 @@ from jbw.observables.observable import AmplitudeCurve
 from jbw.oscillator.modes.assembled import is_assembled
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.backbone import backbone
-from jbw.quantities import MODAL, STUCK
+from jbw.quantities import MODAL, STUCK, motion_factors_in
 from jbw.report.messages import stages as messages
 
 under_way = logging.getLogger("jbw.progress")
@@ -59,7 +60,7 @@ def first_fit(
     Where it is to be `quick`, other starts are tried only if the first leaves more than 15 % of the
     rms of a group. Force loops are solved without a time loop, so all starts are tried on them.
     """
-    values = {**told_by(data.parts, data.held), **(known or {})}
+    values = {**first_factors(data), **told_by(data.parts, data.held), **(known or {})}
     prior = box_of(settings, data, values)
     values = {**from_amplitude_curve(key, data, prior, values), **values}
     if unknown_signs(prior, data):
@@ -125,7 +126,8 @@ def fit_from(
             return ends[0]
     start = middle_but(known, prior)
     guessed = by_secant(data.parts)
-    sure = {q.name: known[q.name] for q in STUCK if q.name in known.keys() - guessed}
+    names = [*(quantity.name for quantity in STUCK), *motion_factors_in(known)]
+    sure = {name: known[name] for name in names if name in known.keys() - guessed}
     points = screened(key, prior, start, sure)
     under_way.info(messages.PRIOR_POINTS, NUM_SCREENED + 1)
     likelihood = at_points(dataset.log_likelihood, points, data).sum(axis=1)

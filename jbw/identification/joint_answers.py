@@ -6,8 +6,9 @@ the joint's steady loop takes from the mode's stiffness and adds to its losses
 $$K_{ji} = H_{ji}^2\,\big(k_j - \mathrm{Re}\,\kappa_j(|H_{ji}|a)\big), \qquad
   L_{ji} = H_{ji}^2\,\mathrm{Im}\,\kappa_j(|H_{ji}|a)$$
 
-with $\kappa_j$ the complex stiffness of its laws and $k_j$ theirs at rest. Sums over joints are
-what a mode tells; a joint by itself is identified where its own K and L are.
+with $\kappa_j$ the complex stiffness of its laws and $k_j$ theirs at rest; where shapes are
+uncertain, $H_{ji}$ is that of each draw. Sums over joints are what a mode tells; a joint by itself
+is identified where its own K and L are.
 """
 
 from collections.abc import Mapping, Sequence
@@ -25,9 +26,9 @@ from jbw.inference.posterior.finding import Finding
 from jbw.inference.posterior.summary import QUANTILES
 from jbw.observables.dataset import Dataset
 from jbw.oscillator.laws import quantities_of
-from jbw.oscillator.modes.assembled import STIFFNESS, laws_at, motion_name
+from jbw.oscillator.modes.assembled import STIFFNESS, laws_at, motion_in
 from jbw.oscillator.modes.parameters import DRIVEN
-from jbw.quantities import joints_of, name_at, split
+from jbw.quantities import joints_of, motion_factors_in, name_at, split
 from jbw.report.messages import modes as messages
 
 GROUP = "joints"
@@ -42,10 +43,11 @@ def joints_group(
 ) -> xr.Dataset | None:
     """Shares of every joint in every driven mode, and what all do together; None of one joint.
 
-    Variables over `joint` and `mode`: `energy_share` in full stick, `loss_share` and
-    `softening_share` of what the joints do together, at the largest motion measured of the mode,
-    with quantiles; over `mode`: `frequency_hz`, `amplitude`, `frequency_change` and `damping_added`
-    of all joints together; over `joint`: `identified`, `motion` and `loop` at its largest motion.
+    Variables over `joint` and `mode`: `energy_share` in full stick, by the median of uncertain
+    shapes, `loss_share` and `softening_share` of what the joints do together, at the largest motion
+    measured of the mode, with quantiles; over `mode`: `frequency_hz`, `amplitude`,
+    `frequency_change` and `damping_added` of all joints together; over `joint`: `identified`,
+    `motion` and `loop` at its largest motion.
 
     Draws of a Gaussian `about` a fit are propagated by first order: where the tests tell a sum of
     joints alone, they leave the narrow curved valley along which it stays the same.
@@ -56,13 +58,11 @@ def joints_group(
     names = joints_of(data.laws)
     numbers = dict(modes.numbers)
     driven = range(len(modes.hz))
-    motion = np.array([[numbers[motion_name(i + 1, joint)] for i in driven] for joint in names])
     amplitude = largest_amplitudes(modes, data)
-    law_parameters = {quantity.name for quantity in quantities_of(data.laws)}
-    theta = {
-        str(n): x.values.ravel() for n, x in posterior.data_vars.items() if n in law_parameters
-    }
-    driven_joints = _DrivenJoints(data.laws, names, *jax.device_put((motion, amplitude)))
+    of_joints = {quantity.name for quantity in quantities_of(data.laws)}
+    of_joints |= motion_factors_in(posterior).keys()
+    theta = {str(n): x.values.ravel() for n, x in posterior.data_vars.items() if n in of_joints}
+    driven_joints = _DrivenJoints(data.laws, names, *jax.device_put((numbers, amplitude)))
     softening, losses = (
         np.asarray(_each_draw(jax.device_put(theta), driven_joints))
         if about is None
@@ -72,9 +72,11 @@ def joints_group(
     lowered = np.sqrt(np.maximum(1 - softening.sum(axis=0) / omega**2, 0.0))
     added = losses.sum(axis=0) / (2 * (omega * lowered) ** 2)
     k = np.array([numbers[name_at(STIFFNESS, joint)] for joint in names])
+    medians = {name: float(np.median(x)) for name, x in theta.items()}
+    likely = numbers | medians
+    motion = np.array([[motion_in(likely, i + 1, joint) for i in driven] for joint in names])
     shares = k[:, None] * motion**2 / (2 * np.pi * np.array(modes.hz)) ** 2
     largest = np.nanmax(np.abs(motion) * amplitude, axis=1)
-    medians = {name: float(np.median(x)) for name, x in theta.items()}
     x, force = _loops(medians, data.laws, names, largest)
     return xr.Dataset(
         {
@@ -107,11 +109,11 @@ def _values(posterior: xr.Dataset, data: Dataset, name: str) -> np.ndarray:
 
 
 class _DrivenJoints(eqx.Module):
-    """The joints' laws, and the motion of every joint in the modes that tests drive."""
+    """The joints' laws, the numbers of the model, and how far tests drove its modes."""
 
     laws: tuple[str, ...] = eqx.field(static=True)
     names: tuple[str, ...] = eqx.field(static=True)  # of the joints
-    motion: Float[Array, "joint mode"]
+    numbers: dict[str, Float[Array, ""]]
     amplitude: Float[Array, " mode"]
 
 
@@ -151,7 +153,10 @@ def _each_draw(
 def _at(theta: Mapping[str, Array], driven: _DrivenJoints) -> Float[Array, "two joint mode"]:
     """K and L of every joint and mode."""
     rows = []
-    for joint, h in zip(driven.names, driven.motion, strict=True):
+    everything = {**driven.numbers, **theta}
+    modes = range(1, driven.amplitude.size + 1)
+    for joint in driven.names:
+        h = jnp.stack([motion_in(everything, i, joint) for i in modes])
         laws = laws_at(theta, driven.laws, joint)
         loops = [law.loop(jnp.abs(h) * driven.amplitude) for law in laws]
         at_rest = sum(law.stiffness() for law in laws)

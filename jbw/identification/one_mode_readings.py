@@ -6,7 +6,8 @@ $$s_i = \alpha\delta\,|c_i| = \sum_j B_{ij}S_j, \qquad o_i = \alpha\gamma\,|c_i|
 
 of a mode of unit modal mass, with alpha, delta and gamma by the displacement of the first point.
 The chi-square of the least squares tests whether these joints explain these modes, where more modes
-were read than there are laws, and all of them in weak motion.
+were read than there are laws, and all of them in weak motion. B is that of the model: uncertain
+shapes start there, and nothing is tested.
 """
 
 import logging
@@ -87,7 +88,8 @@ def joint_readings(key: Key[Array, ""], seen: Measured) -> Readings:
                     ("value", "std"))  # fmt: skip
     starts = [starts_of(joints, hz, values[:, k], stds[:, k]) for k in range(2)]
     is_weak = max(reading.slip for reading in read.values()) <= WEAK
-    statements = _statements(starts, len(read)) if is_weak else ()
+    is_tested = is_weak and not modes.uncertain
+    statements = _statements(starts, len(read)) if is_tested else ()
     return Readings(_known(starts, seen.laws, modes), statements)
 
 

@@ -7,17 +7,26 @@ from typing import Any
 
 import xarray as xr
 
+from jbw.campaign.settings import MOST_MODES
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.finding import Amendment, Finding, Verdict, judge
 from jbw.inference.space.box import Box
 from jbw.oscillator.laws import quantities_of, vocabulary
 from jbw.oscillator.modes.parameters import own_quantities
-from jbw.quantities import LINEAR, MODAL, RESIDUAL_TERMS, attrs_of
+from jbw.quantities import (
+    LINEAR,
+    MODAL,
+    RESIDUAL_TERMS,
+    attrs_of,
+    joints_of,
+    motion_factor,
+)
 from jbw.report.messages import posterior as messages
 
 
 def attrs(laws: tuple[str, ...] = ()) -> dict[str, dict[str, str]]:
     """Attributes of the variables of a posterior, by name: units, symbol and meaning."""
+    factors = (motion_factor(i, j) for j in joints_of(laws) for i in range(1, MOST_MODES + 1))
     return attrs_of(
         [
             *LINEAR,
@@ -26,6 +35,7 @@ def attrs(laws: tuple[str, ...] = ()) -> dict[str, dict[str, str]]:
             *vocabulary().values(),
             *quantities_of(laws),
             *own_quantities(laws),
+            *factors,
         ]
     )
 

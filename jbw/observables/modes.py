@@ -48,6 +48,7 @@ class Modes(NamedTuple):
     # joints of a reduced model.
     meet: str = "common"
     numbers: tuple[tuple[str, float], ...] = ()  # of that model, by name
+    uncertain: bool = False  # whether joints move in its modes by other factors than it says
 
     @property
     def names(self) -> tuple[Names, ...]:

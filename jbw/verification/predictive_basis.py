@@ -29,7 +29,14 @@ from jbw.observables.harmonic_groups import family_of, response_held
 from jbw.observables.observable import OFFSETS, run_of
 from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.modes.parameters import own_quantities
-from jbw.quantities import ATTACHED, DEFAULT_LAWS, MODAL, MODES, RESIDUAL_TERMS
+from jbw.quantities import (
+    ATTACHED,
+    DEFAULT_LAWS,
+    MODAL,
+    MODES,
+    RESIDUAL_TERMS,
+    motion_factors_in,
+)
 
 AS_RECORDED = "as_recorded"  # draws as the records know them, where stated errors widened them
 NUM_DRAWS = 100  # outer quantiles of 99 % bands need about as many
@@ -218,6 +225,7 @@ def thin(
     terms = (term.name for term in (*RESIDUAL_TERMS, *MODAL, *own_quantities(laws)))
     others = (quantity.name for quantity in ATTACHED)
     names = [name for name in (*parameter_names(laws), *terms, *others) if name in posterior]
+    names += motion_factors_in(posterior)
     return {**fixed, **{name: posterior[name].values.ravel()[keep] for name in names}}
 
 

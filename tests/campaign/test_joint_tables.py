@@ -6,7 +6,6 @@ import re
 import numpy as np
 import pytest
 import scipy.io
-from pasted import lines_of
 
 from jbw.campaign.check import check_campaign
 from jbw.campaign.joints import SeveralJoints, reduced_model, starts_of
@@ -190,12 +189,15 @@ def test_what_matrices_tell_is_refused_beside_them_and_the_remedy_cures(folder):
         with pytest.raises(ConfigError, match=says) as caught:
             load_campaign(written(folder, f"[campaign]\n{line}\n{text}"))
         assert caught.value.remedy.startswith("Leave ")
+
+
+def test_shapes_are_those_of_the_model_unless_they_are_uncertain(folder):
+    text = STRUCTURE + BOLTS + TESTS
     uncertain = text.replace("damping = 0.004", 'damping = 0.004\nshapes = "uncertain"')
-    with pytest.raises(ConfigError, match="not identified yet") as caught:
-        load_campaign(written(folder, uncertain))
-    ((table, line),) = lines_of(caught.value.remedy)
-    assert table == "structure"
-    load_campaign(written(folder, uncertain.replace('shapes = "uncertain"', line)))
+    for stated, answer in ((text, False), (uncertain, True)):
+        campaign = load_campaign(written(folder, stated))
+        assert campaign.joints is not None
+        assert campaign.joints.uncertain is answer
 
 
 def frame(**changes):

@@ -7,10 +7,11 @@ $$\ddot q_i + 2\zeta_i\omega_i\dot q_i + \omega_i^2q_i + \sum_jH_{ji}r_j = \frac
   \qquad x_j = \sum_iH_{ji}q_i, \qquad y_o = \sum_ic_{oi}q_i$$
 
 `push_i` is b_i, `seen_i` is c_i of the first point, `seen_i@tip` that of another one, and
-`motion_i@bolt_1` is H_ji. `model_omega_i` and `model_zeta_i` are of the reduced model, and hold for
-modes after those that are driven, residual ones among them. The `gain` g is that of the first mode,
-as in a structure of one joint: g = b_1 c_1 where the source is a force. `stiffness@bolt_1` is k_j
-in full stick.
+`motion_i@bolt_1` is H_ji of the model, by which `motion_factor_i@bolt_1` is multiplied where the
+model's shapes are uncertain. `model_omega_i` and `model_zeta_i` are of the reduced model, and hold
+for modes after those that are driven, residual ones among them. The `gain` g is that of the first
+mode, as in a structure of one joint: g = b_1 c_1 where the source is a force. `stiffness@bolt_1` is
+k_j in full stick.
 """
 
 from collections.abc import Mapping, Sequence
@@ -23,7 +24,7 @@ from jaxtyping import Array, Float
 from jbw.oscillator.law import Law
 from jbw.oscillator.laws import laws_named
 from jbw.oscillator.modes.structure import Structure
-from jbw.quantities import joints_of, name_at, split
+from jbw.quantities import MOTION_FACTOR, joints_of, name_at, split
 
 PUSH, SEEN, MOTION, STIFFNESS = "push", "seen", "motion", "stiffness"
 OMEGA, ZETA = "model_omega", "model_zeta"
@@ -76,6 +77,16 @@ def motion_name(mode: int, joint: str) -> str:
     return name_at(numbered(MOTION, mode), joint)
 
 
+def factor_name(mode: int, joint: str) -> str:
+    """Name of the factor on a joint's motion in a mode."""
+    return name_at(numbered(MOTION_FACTOR, mode), joint)
+
+
+def motion_in(theta: Mapping[str, Any], mode: int, joint: str) -> Any:
+    """H_ji, that of the model times its factor where there is one."""
+    return theta[motion_name(mode, joint)] * theta.get(factor_name(mode, joint), 1.0)
+
+
 def is_assembled(names: Any) -> bool:
     """Whether names of parameters have the numbers of a reduced model beside them."""
     return FIRST_PUSH in names
@@ -88,7 +99,11 @@ def num_modes(theta: Mapping[str, Any]) -> int:
 
 def rows(theta: Mapping[str, Any], names: Sequence[str]) -> Float[Array, " mode"]:
     """Numbers of all modes by their names."""
-    return jnp.stack(jnp.broadcast_arrays(*(jnp.asarray(theta[name], float) for name in names)))
+    return _stacked([theta[name] for name in names])
+
+
+def _stacked(values: Sequence[Any]) -> Float[Array, " mode"]:
+    return jnp.stack(jnp.broadcast_arrays(*(jnp.asarray(value, float) for value in values)))
 
 
 def assembled_structure(
@@ -112,7 +127,7 @@ def assembled_structure(
         for k, name in enumerate((OMEGA, ZETA))
     )
     joints = joints_of(laws) or joints_in(theta)[:1]
-    H = jnp.stack([rows(theta, [motion_name(i, joint) for i in modes]) for joint in joints])
+    H = jnp.stack([_stacked([motion_in(theta, i, joint) for i in modes]) for joint in joints])
     b = rows(theta, [numbered(PUSH, i) for i in modes])
     c = rows(theta, [seen_name(i) for i in modes])
     b = b / (b[0] * theta[seen_name(1)])
@@ -151,6 +166,6 @@ def first_mode_laws(theta: Mapping[str, Any], laws: tuple[str, ...]) -> tuple[La
     c = theta[seen_name(1)]
     felt = []
     for joint in joints_of(laws):
-        h = theta[motion_name(1, joint)]
+        h = motion_in(theta, 1, joint)
         felt += [law.scaled(jnp.abs(h / c), h**-2.0) for law in laws_at(theta, laws, joint)]
     return tuple(felt)

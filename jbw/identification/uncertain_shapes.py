@@ -1,0 +1,118 @@
+r"""Shapes of a model that are uncertain: a factor on the motion of every joint in every mode.
+
+$$H_{ji} = f_{ji}\,H_{ji}^{model}, \qquad \ln f_{ji} \sim N(0, 0.1^2)$$
+
+A factor that all modes share changes no motion, for the joint's law takes it up:
+
+$$H_{ji} \to s\,H_{ji}, \qquad F_j(x) \to F_j(x/s)/s$$
+
+Of the joints that share a law one factor is therefore held at 1: in their home mode, where they
+have the largest energy share $k_jH_{ji}^2/\omega_i^2$ of all modes that tests drive. Modes that no
+test drives and residual modes keep the model's motion, and so does a joint in a mode that hardly
+moves it.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+from jbw.campaign.settings import Identify
+from jbw.errors import ConfigError
+from jbw.inference.density import Density
+from jbw.inference.space.stated import StatedDensities
+from jbw.observables.dataset import Dataset
+from jbw.observables.modes import Modes
+from jbw.oscillator.modes.assembled import OMEGA, STIFFNESS, factor_name, motion_name, numbered
+from jbw.quantities import joints_of, motion_factors_in, name_at, split
+
+SPREAD = 0.1  # standard deviation of the logarithm of a factor
+HARDLY_MOVED = 1e-4  # of the largest energy share in a mode: a hundredth of the motion
+Place = tuple[str, int]  # a joint and a mode, which is 1 for the first
+
+
+@cache
+def shape_prior() -> Density:
+    """Prior of a factor that a campaign does not state."""
+    return Density("LogNormal", (0.0, SPREAD))
+
+
+def home_modes(modes: Modes, laws: Sequence[str]) -> dict[str, Place]:
+    """Of the joints of every law, the joint and mode whose factor is held, by the joints' names."""
+    shares = _energy_shares(modes, joints_of(laws))
+    homes: dict[str, Place] = {}
+    for joints in dict.fromkeys(split(law)[1] for law in laws):
+        places = [place for place in shares if place[0] in joints]
+        home = max(places, key=lambda place: shares[place])
+        homes |= dict.fromkeys(joints, home)
+    return homes
+
+
+def shape_factors(modes: Modes, laws: Sequence[str]) -> tuple[str, ...]:
+    """Names of the factors that are inferred; none where the shapes are the model's."""
+    if not modes.uncertain:
+        return ()
+    shares = _energy_shares(modes, joints_of(laws))
+    homes = set(home_modes(modes, laws).values())
+    largest = {
+        mode: max(share for (_, other), share in shares.items() if other == mode)
+        for _, mode in shares
+    }
+    return tuple(
+        factor_name(mode, joint)
+        for (joint, mode), share in shares.items()
+        if (joint, mode) not in homes and share > HARDLY_MOVED * largest[mode]
+    )
+
+
+def _energy_shares(modes: Modes, joints: Sequence[str]) -> dict[Place, float]:
+    """Share of every joint in the strain energy of every mode that tests drive."""
+    numbers = dict(modes.numbers)
+    return {
+        (joint, mode): numbers[name_at(STIFFNESS, joint)]
+        * (numbers[motion_name(mode, joint)] / numbers[numbered(OMEGA, mode)]) ** 2
+        for joint in joints
+        for mode in range(1, len(modes.hz) + 1)
+    }
+
+
+def first_factors(data: Dataset) -> dict[str, float]:
+    """Where factors begin: at the model's shapes."""
+    return {} if data.modes is None else dict.fromkeys(shape_factors(data.modes, data.laws), 1.0)
+
+
+def with_shape_priors(modes: Modes, laws: Sequence[str], settings: Identify) -> Identify:
+    """Settings with a prior of every factor, that of a campaign where it states one."""
+    priors = dict.fromkeys(shape_factors(modes, laws), shape_prior())
+    return settings.model_copy(update={"prior": {**priors, **settings.prior}})
+
+
+def with_stated_priors(settings: Identify, data: Dataset) -> Dataset:
+    """Data with the densities that the settings state of what is not held."""
+    stated = {name: prior for name, prior in settings.prior.items() if name not in data.held}
+    return replace(data, stated=StatedDensities.of(stated))
+
+
+def require_inferred(modes: Modes, laws: Sequence[str], prior: Mapping[str, Any]) -> None:
+    """Refuse a stated prior of a factor that is not inferred.
+
+    Raises:
+        ConfigError: There is one.
+    """
+    names = shape_factors(modes, laws)
+    stated = [name for name in motion_factors_in(prior) if name not in names]
+    if not stated:
+        return
+    if not modes.uncertain:
+        raise ConfigError(
+            f"[identify.prior] `{stated[0]}` needs shapes that are uncertain, but they are the "
+            "model's.",
+            remedy='Put under [structure]: `shapes = "uncertain"`, or leave the prior out.',
+        )
+    raise ConfigError(
+        f"[identify.prior] `{stated[0]}` must be of a factor that is inferred, "
+        f"{', '.join(names) or 'of which there is none'}, but it is of another.",
+        why="A joint's motion is the model's in its home mode, in modes that no test drives, and "
+        "in modes that hardly move it.",
+        remedy="Leave it out.",
+    )
