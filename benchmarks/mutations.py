@@ -403,8 +403,8 @@ MUTATIONS = (
         "if x is not None",
         RECORDERS,
     ),
-    Mutation("measurement/checks.py", "away > FAR * (high - low)", "away > 0.0", LOST),
-    Mutation("measurement/checks.py", "2 * len(others) < len(x)", "not len(others)", LOST),
+    Mutation("measurement/checks/channels.py", "away > FAR * (high - low)", "away > 0.0", LOST),
+    Mutation("measurement/checks/channels.py", "2 * len(others) < len(x)", "not len(others)", LOST),
     # -- held-out answers, each kind of test from the others, and where a fit begins
     Mutation("study/final.py", "return min(held, final", "return max(held, final", FINAL),
     Mutation("study/final.py", 'ASKED["law"]', 'ASKED["sampling"]', FINAL),

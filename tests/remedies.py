@@ -105,7 +105,7 @@ PASTED = {
     ("measurement/files/sampling.py", "resample"): FILES + "test_a_pasted_rate_cures",
     ("report/messages/reading.py", "units_are"): FILES + "test_a_pasted_word_on_units_cures",
     ("measurement/resampled.py", "resample"): FILES + "test_a_rate_beyond_what_was_measured",
-    ("measurement/response_checks.py", "conjugate"): CURVES,
+    ("measurement/checks/responses.py", "conjugate"): CURVES,
     ("report/messages/response_faults.py", "kind"): POINTS,
     ("report/messages/response_faults.py", "level"): DRIVEN,
     ("report/messages/response_faults.py", "remove_mean"): DRIVEN,

@@ -22,18 +22,19 @@ from jbw.campaign.tables import TestSpec
 from jbw.campaign.together import Level, against_levels, level_of
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.inference.samplers.register import SAMPLERS
-from jbw.measurement import response_checks
-from jbw.measurement.checks import Fault, doubt, gathered, inspect, refusal, worst
-from jbw.measurement.clocks import untimely
-from jbw.measurement.controlled_checks import Control, uncontrolled
+from jbw.measurement.checks import responses
+from jbw.measurement.checks.channels import inspect
+from jbw.measurement.checks.clocks import untimely
+from jbw.measurement.checks.controlled import Control, uncontrolled
+from jbw.measurement.checks.decays import not_free, too_short
+from jbw.measurement.checks.drive_noise import noisy_drive
+from jbw.measurement.checks.faults import Fault, doubt, gathered, refusal, worst
+from jbw.measurement.checks.long_records import long_records
+from jbw.measurement.checks.loops import degrading, off_centre, travels_freely
+from jbw.measurement.checks.plausibility import doubts, swapped
 from jbw.measurement.curves import forced_loop, response_curve
-from jbw.measurement.decay_checks import not_free, too_short
-from jbw.measurement.drive_noise import noisy_drive
 from jbw.measurement.kinds import KINDS, Kind
-from jbw.measurement.long_records import long_records
-from jbw.measurement.loop_checks import degrading, off_centre, travels_freely
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
-from jbw.measurement.plausibility import doubts, swapped
 from jbw.measurement.records import INPUTS, Record, is_sampled
 from jbw.measurement.spans import toml_list
 from jbw.quantities import FED
@@ -338,17 +339,17 @@ def _stated(record: Record, test: TestSpec, spec: CampaignSpec) -> Iterator[Faul
     A look reads decays without a band, and an identification leaves them out.
     """
     if test.traits.is_free and test.band is None:
-        yield from response_checks.bandless(record, test.settle)
+        yield from responses.bandless(record, test.settle)
     elif test.traits.is_free and test.band is not None and test.band[1] < record.fs / 2:
         yield from too_short(record, test.band, test.settle)
     driven = test.traits.is_transient and test.traits.is_driven
     if driven and test.band is None and spec.structure is None and spec.assembled is None:
-        yield from response_checks.several_resonances(record)
+        yield from responses.several_resonances(record)
     if test.traits.is_prescribed:
         yield from travels_freely(forced_loop(record), spec.laws)
         yield from off_centre(forced_loop(record), test.load_cell)
     if not (test.traits.is_free or test.traits.is_controlled):
-        yield from response_checks.level_unlike(record, test.level)
+        yield from responses.level_unlike(record, test.level)
 
 
 def _believable(
@@ -362,14 +363,14 @@ def _believable(
         yield from untimely(record, test.delay, is_sweep=False) if driven else ()
     elif traits.is_transient and driven:
         yield from swapped(record)
-        yield from response_checks.already_moving(record, test.band, test.settle)
+        yield from responses.already_moving(record, test.band, test.settle)
         yield from untimely(record, test.delay, is_sweep=True)
     elif traits.is_steady:
         dwell = test.dwell if traits.is_stepped else None
-        yield from response_checks.unsteady(record, test.tones, test.settle, dwell)
+        yield from responses.unsteady(record, test.tones, test.settle, dwell)
     elif traits.is_curve:
         phase = record.channels.get("phase", np.zeros(1))
-        if in_degrees := list(response_checks.phase_in_degrees(phase)):
+        if in_degrees := list(responses.phase_in_degrees(phase)):
             # A phase of another unit tells nothing of signs or of a backbone.
             yield from in_degrees
         elif traits.is_controlled:
@@ -382,9 +383,9 @@ def _believable(
                 ),
             )
         else:
-            yield from response_checks.impassive(response_curve(record))
+            yield from responses.impassive(response_curve(record))
     elif traits.is_prescribed:
-        yield from response_checks.gives_energy(forced_loop(record))
+        yield from responses.gives_energy(forced_loop(record))
         yield from degrading(forced_loop(record), laws)
     elif traits.is_free:
         yield from not_free(record, test.band, test.settle)

@@ -8,9 +8,9 @@ from scipy.stats import spearmanr
 
 from jbw.campaign.roles import MOST_SAMPLES, Channel
 from jbw.measurement.channels import Reals
+from jbw.measurement.checks.responses import LOCKED
 from jbw.measurement.files.tree import Leaf, load
 from jbw.measurement.records import INPUTS, RESPONSES, si_of
-from jbw.measurement.response_checks import LOCKED
 
 PARTS = 16  # of a record, each with a spectrum of its own
 LEAST = 64  # samples of a part

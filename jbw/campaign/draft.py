@@ -26,6 +26,7 @@ from jbw.campaign.roles import (
 from jbw.campaign.settings import Identify
 from jbw.campaign.tables import Head, TestSpec
 from jbw.errors import ConfigError, DataError, JbwError, RunError
+from jbw.measurement.checks.responses import band_about_peak, height_within
 from jbw.measurement.files.assemble import Wanted
 from jbw.measurement.files.paths import select
 from jbw.measurement.files.read import READERS, opened, records
@@ -35,7 +36,6 @@ from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.recorders.facts import is_time
 from jbw.measurement.records import INPUTS, RESPONSES, Record, si_of
 from jbw.measurement.resampled import proposed_rate
-from jbw.measurement.response_checks import band_about_peak, height_within
 from jbw.measurement.spectra import strongest_line
 from jbw.report.messages import draft as messages
 from jbw.units import decibels, plain

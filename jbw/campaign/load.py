@@ -17,7 +17,7 @@ from jbw.campaign.schema import read_spec
 from jbw.campaign.settings import Identify, Structured, laws_of
 from jbw.campaign.tables import NOT_STATED, Assembly, Instruments, TestSpec
 from jbw.errors import DataError, JbwError
-from jbw.measurement.checks import Fault, gathered
+from jbw.measurement.checks.faults import Fault, gathered
 from jbw.measurement.files.read import report
 from jbw.measurement.records import Record, Test
 from jbw.quantities import DEFAULT_LAWS

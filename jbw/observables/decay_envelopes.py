@@ -15,6 +15,7 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from jbw.errors import DataError
+from jbw.measurement.checks.responses import bandless
 from jbw.measurement.demodulation import (
     BandFilter,
     DecayReading,
@@ -23,7 +24,6 @@ from jbw.measurement.demodulation import (
     read_decay,
 )
 from jbw.measurement.records import Test
-from jbw.measurement.response_checks import bandless
 from jbw.observables.observable import Laws, Observable
 from jbw.observables.samples import substeps_for
 from jbw.quantities import DEFAULT_LAWS, derivative_order

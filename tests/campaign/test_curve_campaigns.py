@@ -5,10 +5,10 @@ import pytest
 
 from jbw.campaign.load import load_campaign
 from jbw.errors import ConfigError, DataError
+from jbw.measurement.checks.responses import impassive
 from jbw.measurement.curves import displacement_of, response_curve
 from jbw.measurement.files.read import read
 from jbw.measurement.records import Record
-from jbw.measurement.response_checks import impassive
 
 FREQ = np.linspace(78.0, 82.0, 81)
 OMEGA, OMEGA_N = 2 * np.pi * FREQ, 2 * np.pi * 80.0

@@ -13,8 +13,8 @@ from jbw.campaign.files import repeats_of
 from jbw.campaign.load import load_campaign
 from jbw.campaign.schema import parse
 from jbw.errors import ConfigError, DataError
+from jbw.measurement.checks.long_records import long_records
 from jbw.measurement.files import tree
-from jbw.measurement.long_records import long_records
 from jbw.observables.decay_envelopes import envelopes, filter_of
 from jbw.units import decibels, quantity_of
 

@@ -11,10 +11,10 @@ from jbw.campaign.check import check_campaign
 from jbw.campaign.draft import start_campaign, write_campaign
 from jbw.cli import run
 from jbw.errors import DataError
-from jbw.measurement.decay_checks import course_of
+from jbw.measurement.checks.decays import course_of
+from jbw.measurement.checks.responses import band_about_peak, level_unlike
 from jbw.measurement.demodulation import band_filter
 from jbw.measurement.records import Record
-from jbw.measurement.response_checks import band_about_peak, level_unlike
 
 FS, HERTZ = 512.0, 18.8
 

@@ -5,7 +5,7 @@ import pytest
 
 from jbw.campaign.check import findings
 from jbw.campaign.tables import TestSpec
-from jbw.measurement.decay_checks import course_of, noise_time_constant
+from jbw.measurement.checks.decays import course_of, noise_time_constant
 from jbw.measurement.files.assemble import unwindowed
 from jbw.measurement.records import Record
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from jbw.errors import DataError, naming
-from jbw.measurement.checks import inspect
+from jbw.measurement.checks.channels import inspect
 from jbw.measurement.files.assemble import records_of
 from jbw.measurement.files.read import report
 from jbw.measurement.files.sampling import Wanted, sampling_frequency

@@ -1,17 +1,13 @@
-"""Checks after reading: each finds one fault of a channel and says what to do about it."""
+"""Checks of every channel after reading: each finds one fault and says what to do about it."""
 
-import re
-import warnings
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Iterator
 
 import numpy as np
 
 from jbw.measurement.channels import Reals
+from jbw.measurement.checks.faults import Fault, doubt, refusal
 from jbw.measurement.records import RESPONSES, Record
-from jbw.measurement.spans import exclude_line, kept_part, of_all, span_line, start_of
+from jbw.measurement.spans import exclude_line, kept_part, span_line, start_of
 from jbw.report.messages import record_faults as messages
 
 LARGEST = 1e12  # beyond any SI value of a vibration test: what a flipped bit in a float makes
@@ -33,20 +29,6 @@ PLAUSIBLE = {"displacement": 0.5, "velocity": 20.0, "acceleration": 2e4}  # [m],
 GUESS = {"displacement": "mm or um", "velocity": "mm/s or um/s", "acceleration": "mm/s^2"}
 
 
-@dataclass(frozen=True)
-class Fault:
-    """One thing wrong, or doubtful, in one channel."""
-
-    severity: str  # `error` when the record cannot be used, `warning` when it is doubtful
-    channel: str  # the role it was found in
-    what: str  # what was found, with numbers
-    why: str = ""  # why it matters
-    remedy: str = ""  # what to do
-
-
-refusal, doubt = partial(Fault, "error"), partial(Fault, "warning")
-
-
 def inspect(record: Record, *, masked: bool = False, is_curve: bool = True) -> tuple[Fault, ...]:
     """All that the checks find, errors first; `masked` samples that are NaN are not refused."""
     # `is_curve` tells whether frequencies, where there are any, are the lines of a curve.
@@ -59,70 +41,6 @@ def inspect(record: Record, *, masked: bool = False, is_curve: bool = True) -> t
     for role in record.channels:
         faults += _channel(record, role, masked)
     return tuple(sorted(faults, key=lambda fault: fault.severity))
-
-
-LEAVES_OUT = re.compile(r"`(?:span|exclude) = \[")
-NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
-
-
-def gathered(found: Iterable[tuple[str, Fault]], count: int) -> list[Fault]:
-    """Faults of `count` records by their names: doubts that differ in numbers alone are one.
-
-    It says of how many records, and from where to where the numbers reach.
-    """
-    by_pattern: dict[tuple[str, ...], list[tuple[str, Fault]]] = {}
-    for name, fault in found:
-        record_name = name if _of_one_record(fault) else ""
-        key = fault.severity, fault.channel, NUMBER.sub("#", fault.what), record_name
-        by_pattern.setdefault(key, []).append((name, fault))
-    return [_together(pattern_faults, count) for pattern_faults in by_pattern.values()]
-
-
-def _of_one_record(fault: Fault) -> bool:
-    """Whether a fault is cured record by record, and not by a key of its whole test."""
-    of_test = "Put under [[test]]" in fault.remedy or LEAVES_OUT.search(fault.remedy)
-    return fault.severity == "error" and not of_test
-
-
-@contextmanager
-def told_together(test: str, count: int) -> Iterator[None]:
-    """Warnings that the records of a test give one by one, as one each."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        yield
-    doubts = [("", doubt("", str(warning.message))) for warning in caught]
-    for fault in gathered(doubts, count):
-        warnings.warn(f"Test {test}: {fault.what}", stacklevel=4)
-
-
-def _together(faults: Sequence[tuple[str, Fault]], count: int) -> Fault:
-    (name, first), *others = faults
-    # Of a key that all records share the value is told that serves every one.
-    remedies = [fault.remedy for _, fault in faults]
-    leaves_out = LEAVES_OUT.search(first.remedy)
-    remedy = of_all(remedies, count) if leaves_out else max(remedies, key=_numbers)
-    if not others:
-        return replace(first, what=f"{name}: {first.what}" if name else first.what, remedy=remedy)
-    columns = zip(*(NUMBER.findall(fault.what) for _, fault in faults), strict=True)
-    reach = iter([_reach(column) for column in columns])
-    first_with_reach = NUMBER.sub(lambda _: next(reach), first.what)
-    what = f"{min(len(faults), count)} of {count} records: {first_with_reach}"
-    return replace(first, what=what, remedy=remedy)
-
-
-def _numbers(text: str) -> list[float]:
-    return [float(number) for number in NUMBER.findall(text)]
-
-
-def _reach(numbers: Sequence[str]) -> str:
-    """The least to the largest of numbers as they were written."""
-    least, most = min(numbers, key=float), max(numbers, key=float)
-    return least if float(least) == float(most) else f"{least} to {most}"
-
-
-def worst(faults: Iterable[Fault]) -> str:
-    """`error`, `warning` or `ok`: the worst of the faults."""
-    return min((fault.severity for fault in faults), default="ok")
 
 
 def _channel(record: Record, role: str, masked: bool) -> Iterator[Fault]:

@@ -14,7 +14,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from jbw.measurement.channels import Reals
-from jbw.measurement.checks import Fault, doubt
+from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.records import INPUTS, Record
 from jbw.report.messages import record_faults as messages
 

@@ -16,10 +16,10 @@ from scipy.stats import chi2
 from jbw.errors import DataError
 from jbw.measurement.breaks import breaks_of
 from jbw.measurement.channels import Reals, whole_up
-from jbw.measurement.checks import Fault, doubt, refusal
+from jbw.measurement.checks.faults import Fault, doubt, refusal
+from jbw.measurement.checks.responses import about_peak, undecaying
 from jbw.measurement.demodulation import band_filter, decay_steps, demodulate
 from jbw.measurement.records import Record
-from jbw.measurement.response_checks import about_peak, undecaying
 from jbw.measurement.spans import left_out_from
 from jbw.report.messages import decay_faults as messages
 

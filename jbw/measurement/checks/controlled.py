@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbw.measurement.channels import Reals
-from jbw.measurement.checks import Fault, doubt, refusal
+from jbw.measurement.checks.faults import Fault, doubt, refusal
 from jbw.measurement.curves import ControlledCurve, controlled_curve
 from jbw.measurement.records import INPUTS, Record
 from jbw.report.messages import controlled_faults as messages

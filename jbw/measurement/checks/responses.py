@@ -7,7 +7,7 @@ import numpy as np
 
 from jbw.errors import JbwError
 from jbw.measurement.channels import Reals, lines_within
-from jbw.measurement.checks import Fault, doubt, refusal
+from jbw.measurement.checks.faults import Fault, doubt, refusal
 from jbw.measurement.curves import ForcedLoop, MeasuredCurve, displacement_of
 from jbw.measurement.harmonics import NOISE_FLOOR, Harmonics, harmonics
 from jbw.measurement.records import INPUTS, Record

@@ -23,10 +23,10 @@ from scipy.stats import f as f_distribution
 from jbw.errors import DataError
 from jbw.measurement.breaks import MOST_A_PERIOD, breaks_of, turn_at
 from jbw.measurement.channels import Reals
-from jbw.measurement.checks import Fault, doubt
+from jbw.measurement.checks.faults import Fault, doubt
+from jbw.measurement.checks.responses import about_peak
 from jbw.measurement.records import Record
 from jbw.measurement.resonances import driven_lines, swept
-from jbw.measurement.response_checks import about_peak
 from jbw.measurement.spans import kept_before
 from jbw.measurement.spectra import averaged
 from jbw.quantities import derivative_order

@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from jbw.measurement.channels import Reals
-from jbw.measurement.checks import Fault, doubt
+from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.curves import ForcedLoop
 from jbw.measurement.loop_cycles import (
     FEWEST,

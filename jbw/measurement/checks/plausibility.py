@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from jbw.errors import DataError
 from jbw.measurement.channels import Complexes, Reals, lines_within
-from jbw.measurement.checks import Fault, doubt
+from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.records import INPUTS, Record
 from jbw.measurement.spectra import FRF, frf, half_power_bandwidth, stands_out
 from jbw.report.messages import record_faults as messages

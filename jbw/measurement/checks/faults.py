@@ -1,0 +1,87 @@
+"""A fault of a record: what it is, why it matters, what to do; faults of several records as one."""
+
+import re
+import warnings
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+
+from jbw.measurement.spans import of_all
+
+LEAVES_OUT = re.compile(r"`(?:span|exclude) = \[")
+NUMBER = re.compile(r"(?<![\w.])[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?")
+
+
+@dataclass(frozen=True)
+class Fault:
+    """One thing wrong, or doubtful, in one channel."""
+
+    severity: str  # `error` when the record cannot be used, `warning` when it is doubtful
+    channel: str  # the role it was found in
+    what: str  # what was found, with numbers
+    why: str = ""  # why it matters
+    remedy: str = ""  # what to do
+
+
+refusal, doubt = partial(Fault, "error"), partial(Fault, "warning")
+
+
+def gathered(found: Iterable[tuple[str, Fault]], count: int) -> list[Fault]:
+    """Faults of `count` records by their names: doubts that differ in numbers alone are one.
+
+    It says of how many records, and from where to where the numbers reach.
+    """
+    by_pattern: dict[tuple[str, ...], list[tuple[str, Fault]]] = {}
+    for name, fault in found:
+        record_name = name if _of_one_record(fault) else ""
+        key = fault.severity, fault.channel, NUMBER.sub("#", fault.what), record_name
+        by_pattern.setdefault(key, []).append((name, fault))
+    return [_together(pattern_faults, count) for pattern_faults in by_pattern.values()]
+
+
+def _of_one_record(fault: Fault) -> bool:
+    """Whether a fault is cured record by record, and not by a key of its whole test."""
+    of_test = "Put under [[test]]" in fault.remedy or LEAVES_OUT.search(fault.remedy)
+    return fault.severity == "error" and not of_test
+
+
+@contextmanager
+def told_together(test: str, count: int) -> Iterator[None]:
+    """Warnings that the records of a test give one by one, as one each."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        yield
+    doubts = [("", doubt("", str(warning.message))) for warning in caught]
+    for fault in gathered(doubts, count):
+        warnings.warn(f"Test {test}: {fault.what}", stacklevel=4)
+
+
+def _together(faults: Sequence[tuple[str, Fault]], count: int) -> Fault:
+    (name, first), *others = faults
+    # Of a key that all records share the value is told that serves every one.
+    remedies = [fault.remedy for _, fault in faults]
+    leaves_out = LEAVES_OUT.search(first.remedy)
+    remedy = of_all(remedies, count) if leaves_out else max(remedies, key=_numbers)
+    if not others:
+        return replace(first, what=f"{name}: {first.what}" if name else first.what, remedy=remedy)
+    columns = zip(*(NUMBER.findall(fault.what) for _, fault in faults), strict=True)
+    reach = iter([_reach(column) for column in columns])
+    first_with_reach = NUMBER.sub(lambda _: next(reach), first.what)
+    what = f"{min(len(faults), count)} of {count} records: {first_with_reach}"
+    return replace(first, what=what, remedy=remedy)
+
+
+def _numbers(text: str) -> list[float]:
+    return [float(number) for number in NUMBER.findall(text)]
+
+
+def _reach(numbers: Sequence[str]) -> str:
+    """The least to the largest of numbers as they were written."""
+    least, most = min(numbers, key=float), max(numbers, key=float)
+    return least if float(least) == float(most) else f"{least} to {most}"
+
+
+def worst(faults: Iterable[Fault]) -> str:
+    """`error`, `warning` or `ok`: the worst of the faults."""
+    return min((fault.severity for fault in faults), default="ok")
