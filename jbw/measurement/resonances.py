@@ -6,9 +6,11 @@ $$(\omega_n^2 + 2j\zeta\omega_n\omega)\,Y - g\,U - \sum_{k=-1}^{1} (j\omega)^k c
   = \omega^2\,Y$$
 
 whose constants c stand for the states in which the record begins and ends; a response curve has
-none. What a joint does shows as readings that change with the amplitude.
+none. Points of a controlled test are read one by one. What a joint does shows as readings that
+change with the amplitude.
 """
 
+from collections.abc import Iterator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -16,7 +18,8 @@ from jaxtyping import Bool, Complex, Float, Int
 
 from jbw.errors import DataError
 from jbw.measurement.channels import lines_within
-from jbw.measurement.records import Record
+from jbw.measurement.curves import ControlledCurve, controlled_curve
+from jbw.measurement.records import Record, Test
 from jbw.quantities import derivative_order
 from jbw.report.messages import reading as messages
 
@@ -177,3 +180,46 @@ def _weighed(envelope: Complex[np.ndarray, " value"]) -> float:
     """
     size = np.abs(envelope)
     return float(np.sum(size**3) / np.sum(size**2))
+
+
+def curves_of_points(test: Test) -> list[ControlledCurve]:
+    """The points of every record of a controlled test, those that were lost left out."""
+    held = test.locked_phase if test.traits.is_locked else float("nan")
+    curves = [controlled_curve(record, held) for record in test.records]
+    return [curve.at(curve.valid) for curve in curves]
+
+
+def readings_of_points(test: Test, gain: float | None) -> list[Reading]:
+    r"""Frequency and damping at the amplitude of every point, by the force per unit mass g F.
+
+    $$\omega_r^2 = \omega^2 + \frac{g F \cos\varphi}{Y}, \qquad
+      2\zeta\,\omega_r\,\omega = -\frac{g F \sin\varphi}{Y}$$
+
+    Raises:
+        DataError: No force or phase was measured, or `gain` [1/kg] is not known.
+    """
+    curves = curves_of_points(test)
+    if any(curve.force is None or curve.phase is None for curve in curves):
+        raise DataError(f"Test {test.name} has no force, or no phase to it.")
+    if gain is None:
+        raise DataError(messages.STATE_MASS)
+    return [reading for curve in curves for reading in _readings(curve, gain)]
+
+
+def _readings(curve: ControlledCurve, gain: float) -> Iterator[Reading]:
+    force, phase = np.asarray(curve.force), np.asarray(curve.phase)
+    omega, pull = 2 * np.pi * curve.freq_hz, gain * force / curve.amplitude
+    squared = omega**2 + pull * np.cos(phase)
+    natural = np.sqrt(np.where(squared > 0, squared, np.nan))
+    damping = -pull * np.sin(phase) / (2 * natural * omega)
+    is_finite = np.isfinite(natural)
+    rows = (curve.amplitude[is_finite], natural[is_finite] / (2 * np.pi), damping[is_finite])
+    yield from map(Reading, *(row.tolist() for row in rows))
+
+
+def locked_sentence(test: Test) -> str:
+    """How the frequency at the phase that is held goes with the amplitude."""
+    curve = curves_of_points(test)[0]
+    order = np.argsort(curve.amplitude)
+    y, hz = 1e3 * curve.amplitude[order], curve.freq_hz[order]
+    return messages.held_phase(test.name, test.locked_phase, (y[0], y[-1]), (hz[0], hz[-1]))

@@ -10,7 +10,7 @@ from jaxtyping import Array, Bool, Float
 
 from jbw.errors import DataError
 from jbw.measurement.curves import ForcedLoop, forced_loop
-from jbw.measurement.loop_cycles import readings_of_cycles
+from jbw.measurement.loops import readings_of_cycles
 from jbw.measurement.records import Test
 from jbw.observables.observable import Laws, SteadyLines, Theta, run_of
 from jbw.observables.repeated import Repeated

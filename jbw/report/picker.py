@@ -1,17 +1,154 @@
-"""A page to choose the band and the modes on the spectra of a campaign's tests."""
+"""A page to choose the band and the modes on the spectra of a campaign's tests, and their peaks."""
 
 import json
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
+import numpy as np
+from jaxtyping import Float
 from markupsafe import Markup
+from scipy.signal import find_peaks
 
 from jbw.errors import DataError, printable
-from jbw.measurement.records import Test
-from jbw.measurement.shown_spectra import Peak, ShownSpectrum, peaks_of, shown, spectrum_of
+from jbw.measurement.records import Record, Test
+from jbw.measurement.resonances import swept
 from jbw.report.page import ENVIRONMENT
 
+NUM_SHOWN = 1500  # lines of a spectrum that are shown, the largest of each stretch
+NEAR_LINES = 9  # whose mean power stands for a line, for single lines scatter
+# Decades by which a peak stands above what surrounds it: the mean power of nine lines of noise
+# scatters by a third, its extremes over thousands of lines lie up to 0.6 decades apart.
+STANDS_OUT = 0.8
+LEAST = 1e-4  # of the largest of a spectrum: below, a peak is noise
+MOST_PEAKS = 8
+APART = 0.05  # relative: peaks of several tests that lie closer are one mode
+ABOUT = 0.15  # of a peak's frequency to either side: its band, up to half-way to its neighbours
+SLOWEST = 3.0  # periods in a record: below, a drift of the mean is no mode
 DIGITS = 5  # of a frequency and of a size on the page
+
+Lines = Float[np.ndarray, " line"]
+
+
+class ShownSpectrum(NamedTuple):
+    """The response as it was measured along frequency, over the source where a test has one."""
+
+    freq_hz: Lines
+    size: Lines
+
+
+class Peak(NamedTuple):
+    """A peak, and the band about it in which no other peak lies."""
+
+    freq_hz: float
+    band_hz: tuple[float, float]
+    tests: tuple[str, ...]  # in which it stands out
+
+
+def spectrum_of(test: Test) -> ShownSpectrum | None:
+    """Spectrum of a test's response, of the mean power of its repeats; None of tones and loops.
+
+    Of a response curve the curve itself. Of a driven test the ratio to the source, between the
+    ends of what this sweeps.
+    """
+    if test.traits.is_controlled:
+        return None
+    if test.traits.is_curve:
+        return _of_curves(test)
+    if test.traits.is_prescribed or test.traits.is_steady:
+        return None
+    spectra = [_powers(record, is_driven=test.traits.is_driven) for record in test.records]
+    freq = spectra[0][0]
+    response, source = (
+        np.mean([np.interp(freq, spectrum[0], spectrum[i]) for spectrum in spectra], axis=0)
+        for i in (1, 2)
+    )
+    is_shown = freq * test.records[0].num_samples / test.records[0].fs >= SLOWEST
+    if test.traits.is_driven:
+        is_shown &= swept(source) & (source > 0)
+    if not is_shown.any():
+        return None
+    return ShownSpectrum(freq[is_shown], np.sqrt(response[is_shown] / source[is_shown]))
+
+
+def peaks_of(spectra: dict[str, ShownSpectrum]) -> list[Peak]:
+    """Peaks that stand out of any of the spectra, from low to high, each with a band of its own."""
+    peaks: list[tuple[float, float, str]] = []
+    for name, (freq, size) in spectra.items():
+        log = np.log10(np.maximum(size, size.max() * 1e-12))
+        indices, properties = find_peaks(
+            log, height=log.max() + np.log10(LEAST), prominence=STANDS_OUT
+        )
+        peaks += [
+            (float(freq[i]), float(rise), name)
+            for i, rise in zip(indices, properties["prominences"], strict=True)
+        ]
+    modes = sorted(_together(peaks), key=lambda mode: -max(peak[1] for peak in mode))[:MOST_PEAKS]
+    centres = sorted((_centre(mode), mode) for mode in modes)
+    ends = [0.0, *(centre for centre, _ in centres), np.inf]
+    return [
+        Peak(centre, _band(before, centre, after), tuple(dict.fromkeys(peak[2] for peak in mode)))
+        for before, (centre, mode), after in zip(ends, centres, ends[2:], strict=False)
+    ]
+
+
+def _together(
+    peaks: Sequence[tuple[float, float, str]],
+) -> Iterator[list[tuple[float, float, str]]]:
+    """Peaks of one mode: along the frequency each close to the one before."""
+    mode: list[tuple[float, float, str]] = []
+    for peak in sorted(peaks):
+        if mode and peak[0] > (1 + APART) * mode[-1][0]:
+            yield mode
+            mode = []
+        mode.append(peak)
+    if mode:
+        yield mode
+
+
+def _centre(mode: Sequence[tuple[float, float, str]]) -> float:
+    return float(np.median([freq for freq, _, _ in mode]))
+
+
+def _band(before: float, centre: float, after: float) -> tuple[float, float]:
+    """About a peak, up to half-way to the peaks beside it, to three digits [Hz]."""
+    low = max((1 - ABOUT) * centre, 0.5 * (before + centre))
+    high = min((1 + ABOUT) * centre, 0.5 * (centre + after))
+    return float(f"{low:.3g}"), float(f"{high:.3g}")
+
+
+def _powers(record: Record, *, is_driven: bool) -> tuple[Lines, Lines, Lines]:
+    """Frequencies [Hz], power of the response there and of the source, 1 without one."""
+    freq = np.fft.rfftfreq(record.num_samples, 1 / record.fs)[1:]
+    response = _power(record.channels[record.response])
+    source = _power(record.channels[record.source]) if is_driven else np.ones_like(freq)
+    return freq, response, source
+
+
+def _power(samples: Float[np.ndarray, " time"]) -> Lines:
+    """Squares of a transform's lines less the mean's, each the mean of those beside it.
+
+    Zero stands where a sample is missing.
+    """
+    x = np.where(np.isfinite(samples), samples - np.nanmean(samples), 0.0)
+    squares = np.abs(np.fft.rfft(x)[1:]) ** 2 * (2.0 / len(x)) ** 2
+    return np.convolve(squares, np.ones(NEAR_LINES) / NEAR_LINES, "same")
+
+
+def _of_curves(test: Test) -> ShownSpectrum:
+    first = test.records[0]
+    freq = np.asarray(first.channels["frequency"], float)
+    size = np.mean([np.abs(record.channels[record.response]) for record in test.records], axis=0)
+    order = np.argsort(freq)
+    is_usable = np.isfinite(size[order]) & (freq[order] > 0)
+    return ShownSpectrum(freq[order][is_usable], size[order][is_usable])
+
+
+def shown(spectrum: ShownSpectrum) -> ShownSpectrum:
+    """The largest line of every stretch, so that no peak is lost."""
+    width = -(-len(spectrum.size) // NUM_SHOWN)
+    starts = range(0, len(spectrum.size), width)
+    largest = [start + int(np.argmax(spectrum.size[start : start + width])) for start in starts]
+    return ShownSpectrum(spectrum.freq_hz[largest], spectrum.size[largest])
 
 
 def render_picker(campaign: str, tests: Sequence[Test]) -> str:

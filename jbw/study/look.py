@@ -18,16 +18,17 @@ from jbw.campaign.gains import force_per_unit, gain_of
 from jbw.campaign.load import Campaign
 from jbw.errors import DataError
 from jbw.measurement.curves import ForcedLoop, forced_loop
-from jbw.measurement.held_points import locked_sentence, readings_of_points
-from jbw.measurement.loop_cycles import readings_of_cycles
+from jbw.measurement.loops import readings_of_cycles
 from jbw.measurement.nonlinearity import coherence_at_resonance, seen_in
 from jbw.measurement.records import INPUTS, Test, drive_of
 from jbw.measurement.resonances import (
     WIDE,
     Reading,
     driven_lines,
+    locked_sentence,
     read_curve,
     read_lines,
+    readings_of_points,
 )
 from jbw.measurement.spectra import strongest_line
 from jbw.observables.decay_envelopes import readings

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jbw.measurement.curves import ForcedLoop
-from jbw.measurement.loop_cycles import (
+from jbw.measurement.loops import (
     drift_of,
     lopsided,
     passages,

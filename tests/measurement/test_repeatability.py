@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jbw.errors import DataError
-from jbw.measurement.repeatability import repeatability
+from jbw.measurement.nonlinearity import repeatability
 
 T = np.arange(2000) / 500
 CLEAN = np.sin(2 * np.pi * (8 * T + T**2)) * np.sin(np.pi * T / 4) ** 2

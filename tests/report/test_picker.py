@@ -13,8 +13,7 @@ from test_browser import CHROMIUM, browse
 from jbw.cli.look import look
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.records import Record, Test
-from jbw.measurement.shown_spectra import NUM_SHOWN, peaks_of, shown, spectrum_of
-from jbw.report.picker import render_picker
+from jbw.report.picker import NUM_SHOWN, peaks_of, render_picker, shown, spectrum_of
 
 FS, SIZE = 512.0, 8192
 MODES_HZ, ZETA = (20.0, 51.0), 0.005

@@ -15,7 +15,7 @@ import numpy as np
 from jbw.measurement.channels import Reals
 from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.curves import ForcedLoop
-from jbw.measurement.loop_cycles import (
+from jbw.measurement.loops import (
     FEWEST,
     cycles_of,
     drift_of,
