@@ -60,15 +60,15 @@ STARTS = "identification/test_first_fit.py"
 LOST = "measurement/test_lost_samples.py"
 RECORDER = "measurement/recorders"
 MUTATIONS = (
-    Mutation("watch/torque.py", "(1 / num + 1 / reference.num)", "(1 / num)", FEW),
+    Mutation("watch/statement.py", "(1 / num + 1 / reference.num)", "(1 / num)", FEW),
     Mutation(
-        "watch/torque.py",
+        "watch/statement.py",
         "residual_square.min() * (1 + 1 / reference.num)",
         "residual_square.min()",
         FEW,
     ),
-    Mutation("watch/torque.py", "** (-(freedom + 1) / 2)", "** (-freedom / 2)", FEW),
-    Mutation("watch/torque.py", "slopes, reference.num - 1", "slopes, reference.num", FEW),
+    Mutation("watch/statement.py", "** (-(freedom + 1) / 2)", "** (-freedom / 2)", FEW),
+    Mutation("watch/statement.py", "slopes, reference.num - 1", "slopes, reference.num", FEW),
     Mutation(
         "watch/change_point.py",
         "both = np.array([np.log(hazard), np.log1p(-hazard)])",

@@ -83,7 +83,7 @@ def watch(
         trend_at = None
         if fleet is not None:
             from jbw.population.fleet import read_fleet
-            from jbw.watch.trend import trend_of
+            from jbw.watch.readings import trend_of
 
             trend_at = partial(trend_of, read_fleet(fleet), report=say)
         wishes = Wishes(**wished)

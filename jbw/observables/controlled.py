@@ -34,7 +34,7 @@ from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import RepeatedGroups, filled, repeats
 from jbw.observables.residual_terms import receptance, taken
 from jbw.oscillator.oscillator import oscillator_of
-from jbw.oscillator.steady.controlled import force_at, tone_at_phase
+from jbw.oscillator.steady.backbone import force_at, tone_at_phase
 from jbw.quantities import DEFAULT_LAWS, Motion, derivative_order
 
 HALF_WIDTH = 0.01  # of a frequency, until a fit tells the damping

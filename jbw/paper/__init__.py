@@ -35,16 +35,16 @@ if TYPE_CHECKING:
     from jbw.paper.equivalent import simulate_equivalent as simulate_equivalent
     from jbw.paper.equivalent import smoothed_harmonics as smoothed_harmonics
     from jbw.paper.equivalent import square_wave as square_wave
-    from jbw.paper.harmonic_filtering import estimated_kernel as estimated_kernel
-    from jbw.paper.harmonic_filtering import harmonic_amplitudes as harmonic_amplitudes
-    from jbw.paper.harmonic_filtering import harmonic_response as harmonic_response
     from jbw.paper.impulse import impulse_1 as impulse_1
     from jbw.paper.impulse import impulse_2 as impulse_2
     from jbw.paper.impulse import impulse_3 as impulse_3
     from jbw.paper.kernels import cubic_kernel as cubic_kernel
     from jbw.paper.kernels import cubic_stiffness as cubic_stiffness
+    from jbw.paper.kernels import estimated_kernel as estimated_kernel
     from jbw.paper.kernels import h1 as h1
     from jbw.paper.kernels import h3 as h3
+    from jbw.paper.kernels import harmonic_amplitudes as harmonic_amplitudes
+    from jbw.paper.kernels import harmonic_response as harmonic_response
     from jbw.paper.kernels import softened_receptance as softened_receptance
     from jbw.paper.kernels import third_harmonic as third_harmonic
     from jbw.paper.likelihoods import Repeats as Repeats
@@ -116,8 +116,8 @@ _NAMES = {
     ),
     "kernels": (
         "h1", "h3", "cubic_kernel", "cubic_stiffness", "third_harmonic", "softened_receptance",
+        "harmonic_response", "harmonic_amplitudes", "estimated_kernel",
     ),
-    "harmonic_filtering": ("harmonic_response", "harmonic_amplitudes", "estimated_kernel"),
     "likelihoods": (
         "log_posterior", "with_noise", "gaussian_log_likelihood", "map_estimate", "Repeats",
         "repeats", "kernel_log_likelihood", "response_log_likelihood",

@@ -18,8 +18,7 @@ from jbw.report.messages import watch as messages
 from jbw.study.study import campaign_of
 from jbw.watch.log import Entry, append, locked_log, read_log, set_aside
 from jbw.watch.readings import PER_AMPLITUDE, common_amplitude, names_of, reading
-from jbw.watch.statement import as_plain, sentence, state
-from jbw.watch.torque import Trend
+from jbw.watch.statement import Trend, as_plain, sentence, state
 
 FORMAT = 1
 FALSE_ALARMS = 1e-3  # rate of false alarms, where none is stated

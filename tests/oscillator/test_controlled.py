@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
 from jbw import BoucWen
-from jbw.oscillator.steady.controlled import force_at, tone_at_phase
+from jbw.oscillator.steady.backbone import force_at, tone_at_phase
 
 OMEGA_N, ZETA = 2 * np.pi * 18.8, 0.003
 # One that softens less than it damps, and one whose S-curves fold.

@@ -7,7 +7,7 @@ from jax.test_util import check_grads
 
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.probing import third_order_kernel
-from jbw.paper.harmonic_filtering import estimated_kernel, harmonic_amplitudes, harmonic_response
+from jbw.paper.kernels import estimated_kernel, harmonic_amplitudes, harmonic_response
 
 FS, OMEGA = 512.0, 2 * np.pi * 6.3
 T = np.arange(1700) / FS

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from jbw.population.population import statements
 from jbw.population.record import status_of
-from jbw.population.statements import statements
 from jbw.report.messages import population
 
 

@@ -10,7 +10,7 @@ from scipy.stats import t as student
 
 from jbw.watch.change_point import Belief, run_length
 from jbw.watch.hotelling import ReferenceReadings
-from jbw.watch.torque import Trend, torque_after
+from jbw.watch.statement import Trend, torque_after
 
 NUM_REFERENCES, NUM = 6, 3
 

@@ -14,10 +14,9 @@ from jbw.measurement.records import Record, Test
 from jbw.population.coordinates import Pooled
 from jbw.population.population import Population
 from jbw.population.prior import CovariateDesign
-from jbw.watch import trend
+from jbw.watch import readings
 from jbw.watch.hotelling import ReferenceReadings
-from jbw.watch.statement import as_plain, sentence, state
-from jbw.watch.torque import PLACES, Trend, torque_after, words_of
+from jbw.watch.statement import PLACES, Trend, as_plain, sentence, state, torque_after, words_of
 
 SLOPE = np.array([0.8, -0.4])  # of frequency [Hz] and ln zeta on ln torque
 COVARIANCE = np.array([[4e-4, 1e-4], [1e-4, 9e-4]])
@@ -124,10 +123,10 @@ def trend_at(monkeypatch):
 
     def found(torque=8.0, amplitudes=(0.3, 0.2), **of_fleet):
         fleet, population = a_fleet(**of_fleet)
-        monkeypatch.setattr(trend, "population_of", lambda fleet, report: population)
+        monkeypatch.setattr(readings, "population_of", lambda fleet, report: population)
         record = Record(FS, {"velocity": np.zeros(4096)}, {"velocity": "m/s"}, "hit")
         test = Test("decay", (record,), "impacts", band_hz=BAND, settle=SETTLE)
-        return trend.trend_of(fleet, torque, amplitudes, test, report=said.append)
+        return readings.trend_of(fleet, torque, amplitudes, test, report=said.append)
 
     said: list[str] = []
     found.said = said

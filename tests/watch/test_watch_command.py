@@ -11,7 +11,7 @@ import xarray as xr
 from jbw.cli import run
 from jbw.report.messages import watch
 from jbw.watch.hotelling import power
-from jbw.watch.torque import Trend
+from jbw.watch.statement import Trend
 
 FS, SECONDS, F_HZ = 512.0, 8.0, 20.3
 NUM = 20  # references
@@ -137,7 +137,7 @@ def test_an_alarm_is_stated_as_a_torque_where_a_fleet_is_known(call, tmp_path, m
     slopes = np.tile([4e-3 / 0.3, -0.077 / 0.3], (10, 1))
     monkeypatch.setattr("jbw.population.fleet.read_fleet", lambda path: path)
     monkeypatch.setattr(
-        "jbw.watch.trend.trend_of",
+        "jbw.watch.readings.trend_of",
         lambda units, torque, amplitudes, test, report: Trend(8.0, slopes, 4.0, 12.0),
     )
     code, answer, _ = call("loose", options=("--population", str(fleet)))
