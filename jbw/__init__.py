@@ -80,7 +80,6 @@ if TYPE_CHECKING:
     from jbw.population.prediction import new_backbone as new_backbone
     from jbw.population.prediction import new_units as new_units
     from jbw.report import plots as plots
-    from jbw.report.citation import citation as citation
     from jbw.report.modal_backbones import draw_backbones as draw_backbones
     from jbw.study.calibration import sbc as sbc
     from jbw.study.compare import compare as compare
@@ -119,7 +118,6 @@ _HOME = {
     "Test": "measurement.records",
     "attached": "oscillator.attachment",
     "backbone": "oscillator.steady.backbone",
-    "citation": "report.citation",
     "compare": "study.compare",
     "compare_laws": "study.laws",
     "dimensionless": "oscillator.dimensionless",
@@ -189,7 +187,7 @@ _ROOMS = {
     "steps": "jbw.identification.paper.steps",
 }
 
-__all__ = [*_HOME, *_ROOMS, "enable_x64"]  # pyright: ignore[reportUnsupportedDunderAll]
+__all__ = [*_HOME, *_ROOMS, "citation", "enable_x64"]  # pyright: ignore[reportUnsupportedDunderAll]
 
 
 def enable_x64() -> None:
@@ -197,6 +195,21 @@ def enable_x64() -> None:
     import jax
 
     jax.config.update("jax_enable_x64", True)
+
+
+def citation() -> str:
+    """How to cite this version of jbw, and the paper whose method it implements.
+
+    Returns:
+        The text of `CITATION.cff`, in the Citation File Format that Zenodo, Zotero and most forges
+        of software read.
+    """
+    from pathlib import Path
+
+    package = Path(__file__).parent
+    packed = package / "CITATION.cff"  # into the wheel; in a clone it lies beside the package
+    file = packed if packed.is_file() else package.parent / "CITATION.cff"
+    return file.read_text(encoding="utf-8")
 
 
 def __getattr__(name: str) -> Any:

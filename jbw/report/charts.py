@@ -1,11 +1,15 @@
-"""The interactive page: responses, loops and curves of a run, read from the report's axes."""
+"""The interactive page: responses, loops and curves of a run, read from the report's axes.
+
+Curves have fewer points there: their extremes stay, their size does not.
+"""
 
 import html
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 import xarray as xr
+from jaxtyping import Float
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.colors import to_hex, to_rgb
@@ -31,6 +35,7 @@ HERTZ = "frequency [Hz]"
 DASHES = {"-": "solid", "--": "dash", "-.": "dashdot", ":": "dot"}
 Trace = dict[str, Any]
 Drawn = Iterable[tuple[str, Axes]]
+Values = Float[np.ndarray, " point"]
 
 
 class Chart(NamedTuple):
@@ -183,3 +188,49 @@ def _groups(tree: xr.DataTree) -> Drawn:
 
 def _backbone(tree: xr.DataTree) -> Drawn:
     return zip(("Backbone: frequency", "Backbone: damping"), backbone(tree).flat, strict=True)
+
+
+class CurvePoints(NamedTuple):
+    """A curve or the outline of a band, not a number between its parts."""
+
+    x: Values
+    y: Values
+
+
+def shared_limit(sizes: Sequence[int], total: int) -> int:
+    """The most points a curve may have so that all together have `total` at most; two at least."""
+    low, high = 2, max([2, *sizes])
+    while low < high:
+        middle = (low + high + 1) // 2
+        fits = sum(min(size, middle) for size in sizes) <= total
+        low, high = (middle, high) if fits else (low, middle - 1)
+    return low
+
+
+def decimated(points: CurvePoints, most: int) -> CurvePoints:
+    """The least and the largest ordinate of every stretch, in their order, `most` points or so.
+
+    Each part between values that are no numbers keeps its first and last point, so that a band
+    stays closed and a gap stays a gap; a curve of `most` points or fewer is returned as it is.
+    """
+    size = len(points.x)
+    if size <= most:
+        return points
+    width = max(1, int(np.ceil(2 * size / max(most, 1))))  # two points remain of each stretch
+    gaps = np.flatnonzero(~(np.isfinite(points.x) & np.isfinite(points.y)))
+    ends = np.concatenate([[-1], gaps, [size]])
+    indices = [gaps]
+    for start, stop in zip(ends[:-1] + 1, ends[1:], strict=True):
+        part = points.y[start:stop]
+        if len(part):
+            indices.append(start + _extremes(part, width))
+    order = np.unique(np.concatenate(indices))
+    return CurvePoints(points.x[order], points.y[order])
+
+
+def _extremes(y: Values, width: int) -> np.ndarray:
+    """Places of the least and the largest value of every stretch, and of both ends."""
+    starts = np.arange(0, len(y), width)
+    padded = np.append(y, np.full(-len(y) % width, y[-1])).reshape(-1, width)
+    extremes = (starts + padded.argmin(axis=1), starts + padded.argmax(axis=1))
+    return np.minimum(np.concatenate([[0], *extremes, [len(y) - 1]]), len(y) - 1)

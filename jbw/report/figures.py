@@ -31,7 +31,6 @@ from jbw.report import (
     posterior,
     records,
     responses,
-    stabilisation,
     style,
 )
 
@@ -75,7 +74,7 @@ FIGURE_LIST = (
     _entry("extra_joint_loops", "tests", assembly.joint_loops),
     _entry("extra_look", "structure", looking.look_figure),
     _entry("figure_04_linear_frf", "structure", responses.linear_frf),
-    _entry("extra_stabilisation", "structure", stabilisation.diagram),
+    _entry("extra_stabilisation", "structure", responses.stabilisation_diagram),
     _entry("figure_05_softening", "structure", responses.softening),
     _entry("figure_06_third_harmonic", "tests", kernel.harmonic_spectrum),
     _entry("figure_07_third_order_posterior", "posterior", posterior.third_order_densities),

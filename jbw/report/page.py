@@ -16,9 +16,8 @@ from markupsafe import Markup
 
 from jbw.errors import ConfigError, DataError, printable, reason_of
 from jbw.report import tables
-from jbw.report.charts import charts_of, shown_text
+from jbw.report.charts import CurvePoints, charts_of, decimated, shared_limit, shown_text
 from jbw.report.cycles import cycles_table
-from jbw.report.decimation import CurvePoints, decimated, shared_limit
 from jbw.report.figures import FIGURE_LIST, GROUPS, ReportFigure, drawing, svg
 from jbw.report.identifiability import directions_table, quantities_table
 from jbw.report.messages import opening as messages

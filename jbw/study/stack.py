@@ -17,8 +17,7 @@ import xarray as xr
 from jbw.errors import DataError
 from jbw.identification.evidence import Candidate
 from jbw.measurement.records import Test
-from jbw.report.law_page import render_laws
-from jbw.report.laws import laws_figure
+from jbw.report.laws import laws_figure, render_laws
 from jbw.report.messages.laws import ACROSS, OUTWARD, WITHIN
 from jbw.study.law_answers import weights_for
 from jbw.study.store import write_figure, write_json, writing

@@ -15,8 +15,7 @@ from matplotlib.figure import Figure
 from jbw.cli.result import report
 from jbw.errors import ConfigError, DataError
 from jbw.report import page
-from jbw.report.charts import charts_of, traces
-from jbw.report.decimation import CurvePoints, decimated, shared_limit
+from jbw.report.charts import CurvePoints, charts_of, decimated, shared_limit, traces
 from jbw.report.page import render_interactive, write_interactive
 from jbw.report.style import plain
 

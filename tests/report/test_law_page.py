@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jbw.report.law_page import law_backbones, laws_sheet, render_laws
 from jbw.report.law_table import law_order
+from jbw.report.laws import law_backbones, laws_sheet, render_laws
 from jbw.report.messages.laws import not_distinguished
 
 HOSTILE = "<script>alert(1)</script> $x_{"
