@@ -9,7 +9,7 @@ analog force on a specimen (`integrator`), which a generator plays (`generator`)
 what the sensors make of it (`record_test`, `conditions`).
 """
 
-from jbw.rig.acquisition import RigCampaign, measure
+from jbw.rig.acquisition import RigCampaign, measure, write
 from jbw.rig.assemblies import BeamSection, JointedModel, lapped_beams, plate_chain, portal_frame
 from jbw.rig.generator import Noise, Sweep
 from jbw.rig.prescribed_motion import Held, HeldPoints, Locked, s_curve
@@ -26,7 +26,6 @@ from jbw.rig.presets import (
 )
 from jbw.rig.structure import Armature, Shapes, law_of_mode, modal_truth
 from jbw.rig.tightening import Tightening, measure_fleet, tightened
-from jbw.rig.writing import write
 
 __all__ = [
     "CONTROLLED",
