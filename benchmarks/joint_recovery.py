@@ -41,7 +41,7 @@ from jbw.inference.samplers.chunked_run import no_checkpoint
 from jbw.measurement.records import Record, Test
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
 from jbw.rig.assemblies import lapped_beams
-from jbw.study.changed_joints import changed_joints
+from jbw.study.joints_of_two_runs import changed_joints
 
 FS, DURATION, TO_HZ, ZETA, NOISE = 1024.0, 1.0, 320.0, 0.004, 0.01
 SUBSTEPS = 16  # of the fit: 0.6 rad of the fastest residual mode

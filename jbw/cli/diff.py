@@ -34,7 +34,7 @@ def diff(first: Path, second: Path, figure: Path | None, json_: bool) -> None:
             remedy="Name it so, for example diff.png.",
         )
     with computing() as say:
-        from jbw.report.differences import backbone_table, backbones_figure, parameters_table
+        from jbw.report.changes import backbone_table, backbones_figure, parameters_table
         from jbw.study.differences import differences
         from jbw.study.store import write_figure
 

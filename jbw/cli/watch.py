@@ -74,8 +74,8 @@ def watch(
     else with 3 where a record cannot be compared. Options other than --add are for the first call.
     """
     with computing() as say:
+        from jbw.report.changes import watch_figure, watch_sheet, watch_table
         from jbw.report.sheet import render_sheet
-        from jbw.report.watch import watch_figure, watch_sheet, watch_table
         from jbw.study.store import write_figure, writing
         from jbw.watch.watch import FEW, Wishes
         from jbw.watch.watch import watch as add

@@ -25,8 +25,14 @@ from jbw.report.messages import differences as messages
 from jbw.report.result import read_result, unit_of
 from jbw.report.text import interval, number, typed
 from jbw.report.words import UNCOUNTED
-from jbw.study.changed_joints import changed_joints, joint_statements
-from jbw.study.one_joint import are_two_modes, of_draws, ratios, sentence
+from jbw.study.joints_of_two_runs import (
+    are_two_modes,
+    changed_joints,
+    joint_statements,
+    of_draws,
+    ratios,
+    sentence,
+)
 from jbw.verification.backbone import curves
 from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Basis, basis_of, parameter_names
