@@ -28,9 +28,17 @@ from jbw.oscillator.laws import FAMILIES, LAWS, laws_named
 from jbw.report.messages import stages
 from jbw.report.messages import study as messages
 from jbw.study.law_answers import compare_rows, statements
-from jbw.study.law_held_out import errors_across_kinds, errors_apart, held_out, unseen
-from jbw.study.law_rows import Weighed, row_of, weigh
-from jbw.study.law_shapes import loops, residuals
+from jbw.study.law_rows import (
+    Weighed,
+    errors_across_kinds,
+    errors_apart,
+    held_out,
+    loops,
+    residuals,
+    row_of,
+    unseen,
+    weigh,
+)
 from jbw.study.look import look_groups, look_quietly
 from jbw.study.stack import law_groups, stack_of
 from jbw.verification.backbone import HERTZ, RATIO, curves
