@@ -115,7 +115,7 @@ def export(
 
     with computing() as say:
         from jbw.report.result import read_result
-        from jbw.study.export_run import export_of_run
+        from jbw.study.export_files import export_of_run
         from jbw.study.exports import programs_named
         from jbw.study.store import claim
 

@@ -1,22 +1,30 @@
-"""The files that `jbw export` writes: tables, other programs' files and cards of draws."""
+"""The export of a run, of one joint or of several: tables, programs' files and cards of draws."""
 
 import csv
 import json
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
-from jbw.quantities import AT
+from jbw.quantities import AT, are_at_joints
 from jbw.report.messages import study as messages
-from jbw.study.export import Export
-from jbw.study.exported_joints import JointsExport, modal_quantities
+from jbw.study.export import Export, export, export_draws
+from jbw.study.exported_joints import (
+    JointsExport,
+    export_joints,
+    export_joints_draws,
+    modal_quantities,
+    refuse_options_of_one_joint,
+)
 from jbw.study.exports import PROGRAMS, USUAL, USUAL_OF_JOINTS, programs_named
 from jbw.study.exports.fmu import compiler
 from jbw.study.exports.program import (
-    OfJoints,
+    Paths,
     Program,
     commented,
     parameters_of,
@@ -24,23 +32,10 @@ from jbw.study.exports.program import (
     require_law,
     takes_joints,
 )
+from jbw.verification.predictive_basis import laws_of_run
 
-LOOP = messages.SLOW_LOOPS
-BACKBONE = messages.BACKBONES
-
-
-class Numbered(NamedTuple):
-    """A draw as an export of its own, and its number in the posterior."""
-
-    number: int
-    result: Export
-
-
-class NumberedJoints(NamedTuple):
-    """The same of several joints."""
-
-    number: int
-    result: JointsExport
+FMUS = ("fmi2", "fmi3")
+Columns = Mapping[str, Sequence[Any] | NDArray[np.float64]]
 
 
 def chosen_programs(names: Sequence[str], result: Export) -> tuple[Program, ...]:
@@ -73,22 +68,23 @@ def write_export(
 
     if programs is None:
         programs = chosen_programs((), result)
-    parameters = result.parameters
-    rows = [row.values() for row in parameters]
-    paths = [_write_rows(folder / "parameters.csv", result.about, list(parameters[0]), rows)]
-    for name, what, table in (
-        ("backbone.csv", BACKBONE, result.backbone),
-        ("loop.csv", LOOP, result.loop),
-    ):
-        paths.append(_write_table(folder / name, (*result.about, what), table))
+    tables = {
+        "backbone.csv": (messages.BACKBONES, result.backbone),
+        "loop.csv": (messages.SLOW_LOOPS, result.loop),
+    }
+    paths = _write_tables(folder, result, tables)
     matlab = {"about": np.array(result.about, object), "joint": result.joint}
     matlab |= {"draws": result.draws, "backbone": result.backbone, "loop": result.loop}
     savemat(folder / "jbw.mat", matlab, oned_as="column")
     paths.append(folder / "jbw.mat")
     for program in programs:
         paths += [*program.code(folder, result), *program.card(folder, result)]
-    if draws := [Numbered(*draw) for draw in draws]:
-        paths.append(_write_draws(folder, result, programs, draws))
+    if draws := list(draws):
+        rows = _draw_rows(folder, draws, [program.card for program in programs], _values_of_joint)
+        units = {row["parameter"]: row["unit"] for row in result.parameters
+                 if row["convention"].startswith("jbw")}  # fmt: skip
+        units |= {parameter.name: parameter.unit for parameter in parameters_of(result)}
+        paths.append(_write_manifest(folder, result, programs, units, rows))
     return tuple(dict.fromkeys(paths))
 
 
@@ -123,14 +119,11 @@ def write_joints(
 
     if programs is None:
         programs = chosen_programs_of_joints((), result)
-    rows = [row.values() for row in result.parameters]
-    header = list(result.parameters[0])
-    paths = [_write_rows(folder / "parameters.csv", result.about, header, rows)]
-    for name, what, table in (
-        ("backbone.csv", messages.BACKBONE_OF_FIRST_MODE, result.backbone),
-        ("loop.csv", messages.LOOPS_OF_JOINTS, result.loops),
-    ):
-        paths.append(_write_table(folder / name, (*result.about, what), table))
+    tables = {
+        "backbone.csv": (messages.BACKBONE_OF_FIRST_MODE, result.backbone),
+        "loop.csv": (messages.LOOPS_OF_JOINTS, result.loops),
+    }
+    paths = _write_tables(folder, result, tables)
     loops = {name: np.asarray(column) for name, column in result.loops.items() if name != "joint"}
     matlab = {
         "about": np.array(result.about, object),
@@ -141,15 +134,20 @@ def write_joints(
     }
     savemat(folder / "jbw.mat", matlab, oned_as="column", long_field_names=True)
     paths.append(folder / "jbw.mat")
-    for joints in _of_joints(programs):
-        paths += [*joints.code(folder, result), *joints.card(folder, result)]
-    if numbered := [NumberedJoints(*draw) for draw in draws]:
-        paths.append(_write_joints_draws(folder, result, programs, numbered))
+    takers = [program.joints for program in programs if program.joints is not None]
+    for taker in takers:
+        paths += [*taker.code(folder, result), *taker.card(folder, result)]
+    if draws := list(draws):
+        rows = _draw_rows(folder, draws, [taker.card for taker in takers], _values_of_joints)
+        units = {
+            "modes": {q.name: q.unit for q in modal_quantities(result)},
+            "joints": {
+                card.name: {p.name: p.unit for p in parameters_of(card.joint)}
+                for card in result.cards
+            },
+        }
+        paths.append(_write_manifest(folder, result, programs, units, rows))
     return tuple(dict.fromkeys(paths))
-
-
-def _of_joints(programs: Iterable[Program]) -> list[OfJoints]:
-    return [program.joints for program in programs if program.joints is not None]
 
 
 def _as_fields(by_name: Mapping[str, Any]) -> dict[str, Any]:
@@ -165,80 +163,55 @@ def notes_on(programs: Iterable[Program]) -> tuple[str, ...]:
     return (messages.NO_COMPILER,)
 
 
-def _write_joints_draws(
-    folder: Path,
-    result: JointsExport,
-    programs: Sequence[Program],
-    draws: Sequence[NumberedJoints],
-) -> Path:
-    """A card of every program for each draw, and manifest.json, which says what each is."""
-    rows = []
-    for i, numbered in enumerate(draws, start=1):
-        draw_folder = folder / "draws" / f"{i:04d}"
-        draw_folder.mkdir(parents=True)
-        cards = {
-            path
-            for joints in _of_joints(programs)
-            for path in joints.card(draw_folder, numbered.result)
-        }
-        rows.append(
-            {
-                "folder": draw_folder.relative_to(folder).as_posix(),
-                "draw": numbered.number,
-                "weight": 1.0 / len(draws),
-                "modes": {
-                    q.name: numbered.result.joint[q.name] for q in modal_quantities(numbered.result)
-                },
-                "joints": {
-                    card.name: {p.name: p.value for p in parameters_of(card.joint)}
-                    for card in numbered.result.cards
-                },
-                "files": sorted(path.relative_to(draw_folder).as_posix() for path in cards),
-            }
-        )
-    units = {
-        card.name: {p.name: p.unit for p in parameters_of(card.joint)} for card in result.cards
-    }
-    manifest = {
-        "about": result.about,
-        "laws": result.laws,
-        "programs": [program.name for program in programs],
-        "units": {
-            "modes": {q.name: q.unit for q in modal_quantities(result)},
-            "joints": units,
+def _values_of_joint(draw: Export) -> dict[str, Any]:
+    """Parameters and products of a draw of one joint."""
+    parameters = {parameter.name: parameter.value for parameter in parameters_of(draw)}
+    of_mode = {name: draw.joint[name] for name in ("omega_n", "zeta")}
+    return {"parameters": parameters | of_mode, "products": draw.products}
+
+
+def _values_of_joints(draw: JointsExport) -> dict[str, Any]:
+    """Parameters of a draw, those of the modes and of each joint."""
+    return {
+        "modes": {q.name: draw.joint[q.name] for q in modal_quantities(draw)},
+        "joints": {
+            card.name: {p.name: p.value for p in parameters_of(card.joint)} for card in draw.cards
         },
-        "draws": rows,
     }
-    return _write_json(folder / "manifest.json", manifest)
 
 
-def _write_draws(
-    folder: Path, result: Export, programs: Sequence[Program], draws: Sequence[Numbered]
-) -> Path:
-    """A card of every program for each draw, and manifest.json, which says what each is."""
+def _draw_rows[Exported](
+    folder: Path,
+    draws: Sequence[tuple[int, Exported]],
+    cards: Sequence[Callable[[Path, Exported], Paths]],
+    values_of: Callable[[Exported], dict[str, Any]],
+) -> list[dict[str, Any]]:
+    """Write a card of every program for each draw; what each draw is, for the manifest."""
     rows = []
-    for i, numbered in enumerate(draws, start=1):
+    for i, (number, draw) in enumerate(draws, start=1):
         draw_folder = folder / "draws" / f"{i:04d}"
         draw_folder.mkdir(parents=True)
-        cards = {
-            path for program in programs for path in program.card(draw_folder, numbered.result)
-        }
+        files = {path for card in cards for path in card(draw_folder, draw)}
         rows.append(
             {
                 "folder": draw_folder.relative_to(folder).as_posix(),
-                "draw": numbered.number,
+                "draw": number,
                 "weight": 1.0 / len(draws),
-                "parameters": {
-                    parameter.name: parameter.value for parameter in parameters_of(numbered.result)
-                }
-                | {name: numbered.result.joint[name] for name in ("omega_n", "zeta")},
-                "products": numbered.result.products,
-                "files": sorted(path.name for path in cards),
+                **values_of(draw),
+                "files": sorted(path.relative_to(draw_folder).as_posix() for path in files),
             }
         )
-    units = {row["parameter"]: row["unit"] for row in result.parameters
-             if row["convention"].startswith("jbw")}  # fmt: skip
-    units |= {parameter.name: parameter.unit for parameter in parameters_of(result)}
+    return rows
+
+
+def _write_manifest(
+    folder: Path,
+    result: Export | JointsExport,
+    programs: Sequence[Program],
+    units: Mapping[str, Any],
+    rows: Sequence[Mapping[str, Any]],
+) -> Path:
+    """Write manifest.json, which says what each draw is."""
     manifest = {
         "about": result.about,
         "laws": result.laws,
@@ -246,18 +219,24 @@ def _write_draws(
         "units": units,
         "draws": rows,
     }
-    return _write_json(folder / "manifest.json", manifest)
-
-
-def _write_json(path: Path, value: Mapping[str, Any]) -> Path:
-    path.write_text(json.dumps(value, indent=1, ensure_ascii=False), encoding="utf-8")
+    path = folder / "manifest.json"
+    path.write_text(json.dumps(manifest, indent=1, ensure_ascii=False), encoding="utf-8")
     return path
 
 
-def _write_table(
-    path: Path, notes: Iterable[str], table: Mapping[str, Sequence[Any] | NDArray[np.float64]]
-) -> Path:
-    return _write_rows(path, notes, list(table), zip(*table.values(), strict=True))
+def _write_tables(
+    folder: Path,
+    result: Export | JointsExport,
+    tables: Mapping[str, tuple[str, Columns]],
+) -> list[Path]:
+    """Write parameters.csv, and each table under its name with what it is."""
+    header = list(result.parameters[0])
+    rows = [row.values() for row in result.parameters]
+    paths = [_write_rows(folder / "parameters.csv", result.about, header, rows)]
+    for name, (what, table) in tables.items():
+        columns = zip(*table.values(), strict=True)
+        paths.append(_write_rows(folder / name, (*result.about, what), list(table), columns))
+    return paths
 
 
 def _write_rows(
@@ -269,3 +248,77 @@ def _write_rows(
         writer.writerow(header)
         writer.writerows(rows)
     return path
+
+
+class RunExport(NamedTuple):
+    """What an export holds, and what writes it.
+
+    Attributes:
+        about: The run's verdict and what is exported, a line each.
+        programs: Whose files are written.
+        notes: What must be said of them.
+        write: Writes all of it into a folder and returns the files.
+    """
+
+    about: tuple[str, ...]
+    programs: tuple[Program, ...]
+    notes: tuple[str, ...]
+    write: Callable[[Path], tuple[Path, ...]]
+
+
+def export_of_run(
+    tree: xr.DataTree,
+    summary: Mapping[str, Any],
+    names: Sequence[str] = (),
+    *,
+    fmu: bool = False,
+    count: int | None = None,
+    mass: float | None = None,
+    y_max: float | None = None,
+    draw: int | None = None,
+) -> RunExport:
+    """The export of a run's joint, or of all its joints.
+
+    Args:
+        tree: The run's result.
+        summary: Its summary.
+        names: Programs; none takes the usual ones.
+        fmu: Whether FMUs are written as well.
+        count: How many draws get cards of their own; none by default.
+        mass: Modal mass [kg] of one joint.
+        y_max: Largest displacement [m] of one joint.
+        draw: Number of the draw.
+
+    Raises:
+        ConfigError: A program is not known or cannot take the joint, or an option has no meaning.
+        DataError: The run lacks what an export needs.
+    """
+    if are_at_joints(laws_of_run(tree)):
+        refuse_options_of_one_joint(mass=mass, y_max=y_max)
+        joints = export_joints(tree, draw=draw, summary=summary)
+        chosen = partial(chosen_programs_of_joints, result=joints)
+        programs = _with_fmus(chosen, names, fmu=fmu)
+        draws = () if count is None else export_joints_draws(tree, joints, count)
+        write = partial(write_joints, result=joints, programs=programs, draws=draws)
+        usual = USUAL_OF_JOINTS
+        about = joints.about
+    else:
+        of_mass = {} if mass is None else {"mass": mass}
+        joint = export(tree, y_max=y_max, draw=draw, summary=summary, **of_mass)
+        programs = _with_fmus(partial(chosen_programs, result=joint), names, fmu=fmu)
+        draws = () if count is None else export_draws(tree, joint, count)
+        write = partial(write_export, result=joint, programs=programs, draws=draws)
+        usual = USUAL
+        about = joint.about
+    taken = [program.name for program in programs]
+    skipped = [] if names else [name for name in usual if name not in taken]
+    formless = (messages.without_form(PROGRAMS[name].title) for name in skipped)
+    return RunExport(about, programs, (*notes_on(programs), *formless), write)
+
+
+def _with_fmus(
+    chosen: Callable[[Sequence[str]], tuple[Program, ...]], names: Sequence[str], *, fmu: bool
+) -> tuple[Program, ...]:
+    """The chosen programs, and FMUs where they are asked for."""
+    programs = chosen(names)
+    return tuple(dict.fromkeys((*programs, *chosen(FMUS)))) if fmu else programs

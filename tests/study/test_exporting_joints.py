@@ -28,8 +28,7 @@ from jbw.errors import ConfigError, DataError
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
 from jbw.rig.assemblies import lapped_beams, portal_frame
 from jbw.study.export import export
-from jbw.study.export_files import chosen_programs_of_joints
-from jbw.study.export_run import export_of_run
+from jbw.study.export_files import chosen_programs_of_joints, export_of_run
 from jbw.study.exported_joints import export_joints
 from jbw.study.exports.fmu import compiler
 
