@@ -109,7 +109,7 @@ def check(campaign: Path, figures: Path | None, json_: bool, allow_outside: bool
 
         try:
             with telling(drawing_records(str(figures))):
-                from jbw.report.overview import save_overviews  # loads matplotlib
+                from jbw.report.looking import save_overviews  # loads matplotlib
 
                 count = len(save_overviews(_first_records(campaign, allow_outside), figures))
         except OSError as error:
@@ -130,7 +130,7 @@ def _shakers(campaign: Path, allow_outside: bool) -> list[str]:
     tests = {test.name: test for test in read_spec(campaign).tests}
     if not any("drive_point" in test.channels for test in tests.values()):
         return []
-    from jbw.study.shakers import read_of_shaker  # loads what fits
+    from jbw.study.look import read_of_shaker  # loads what fits
 
     records = _first_records(campaign, allow_outside)
     return [

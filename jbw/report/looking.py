@@ -1,18 +1,32 @@
-"""What records show without a model, as a figure."""
+"""What records show without a model: every channel in time and in frequency, and all tests."""
 
+import re
+from collections.abc import Iterable
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
 from matplotlib.axes import Axes
+from scipy.signal import ShortTimeFFT, welch
+from scipy.signal.windows import hann
 
 from jbw.errors import DataError
+from jbw.measurement.records import Record
 from jbw.report import style
+from jbw.report.records import Samples, extremes
 from jbw.report.result import node
-from jbw.report.style import Panels, finish, log_y, panels, plain, title
-from jbw.report.text import axis_label, length_unit
+from jbw.report.style import Panels, finish, log_y, panels, plain, shade, title
+from jbw.report.text import axis_label, length_unit, unit_text
 
 MOST_NAMED = 12  # tests in a legend
 DOTS = {"ls": "", "marker": ".", "ms": 4}
+COLUMNS = 400  # of a spectrogram, and extremes drawn of a channel
+LONGEST, SHORTEST = 1024, 32  # windows of a spectrogram [samples]
+WINDOWS = 24  # of a spectrogram, end to end, in a short record
+RANGE = 90.0  # that a spectrogram shows below its largest value [dB]
+CURVE = "frequency"  # channel of a record that is a measured response curve
+COLOURS = (style.BLUE, style.VERMILLION, style.GREEN, style.INK)
 
 
 def look_figure(tree: xr.DataTree, ax: Any = None) -> Panels:
@@ -69,3 +83,121 @@ def _responses(only: Axes, tests: list[xr.Dataset], colours: list[str]) -> None:
     title(only, "" if driven else "no driven test")
     if driven:
         log_y(only)
+
+
+def channel_overview(record: Record, ax: Any = None) -> Panels:
+    """Draw every channel over time, its power spectral density and its spectrogram, a row each."""
+    if CURVE in record.channels:
+        return _curve(record, ax)
+    names = list(record.channels)
+    axes = panels(ax, len(names), 3, height=0.5 + 1.9 * len(names), width_ratios=[1.1, 1, 1.3])
+    for row, name, colour in zip(axes, names, COLOURS * len(names), strict=False):
+        time_history(record, name, row[0], colour=colour)
+        power_spectrum(record, name, row[1], colour=colour)
+        spectrogram(record, name, row[2])
+    what = f"{record.name}: {record.num_samples} samples at {record.fs:.7g} Hz"
+    title(axes[0, 0], plain(what.removeprefix(": ")), size=8)
+    return axes
+
+
+def time_history(
+    record: Record, channel: str, ax: Axes | None = None, *, colour: str = style.BLUE
+) -> Axes:
+    """Draw a channel over time, as extremes where it is long; gaps stay empty."""
+    only: Axes = panels(ax, 1, 1, height=2.4)[0, 0]
+    samples = np.asarray(record.channels[channel], float)
+    time = np.arange(samples.size) / record.fs
+    if samples.size > 2 * COLUMNS:
+        # A slow motion's extremes lie close together: the edge keeps them visible.
+        ends = extremes(time, samples, samples, COLUMNS)
+        shade(only, *ends, colour, channel, alpha=0.8, lw=0.6)
+    else:
+        only.plot(time, samples, color=colour, lw=0.8, label=channel)
+    only.set(xlabel="time [s]", ylabel=_label(record, channel))
+    only.margins(x=0)
+    return only
+
+
+def power_spectrum(
+    record: Record, channel: str, ax: Axes | None = None, *, colour: str = style.BLUE
+) -> Axes:
+    """Draw a channel's power spectral density, Welch's estimate with Hann windows."""
+    only: Axes = panels(ax, 1, 1, height=2.4)[0, 0]
+    samples = _complete(record, channel)
+    # An eighth of the record: fine lines, and some averages.
+    freq, power = welch(samples, record.fs, nperseg=max(8, samples.size // 8))
+    only.loglog(freq[1:], np.maximum(power[1:], np.finfo(float).tiny), color=colour, lw=0.8)
+    only.set(xlabel="frequency [Hz]", ylabel=f"density [{_density_unit(record, channel)}]")
+    only.margins(x=0)
+    return only
+
+
+def spectrogram(record: Record, channel: str, ax: Axes | None = None) -> Axes:
+    """Draw a channel's spectrogram, 90 dB below its largest value at most."""
+    only: Axes = panels(ax, 1, 1, height=3.0)[0, 0]
+    samples = _complete(record, channel)
+    wished = 2 ** int(np.log2(max(samples.size / WINDOWS, 1)))
+    size = min(max(wished, SHORTEST), LONGEST, samples.size)
+    hop = max(1, size // 4, -(-samples.size // COLUMNS))
+    transform = ShortTimeFFT(hann(size, sym=False), hop, record.fs, scale_to="psd")
+    time = transform.t(samples.size)
+    inside = (time >= 0) & (time <= samples.size / record.fs)
+    power = transform.spectrogram(samples)[1:, inside]
+    level = 10.0 * np.log10(np.maximum(power, np.finfo(float).tiny))
+    top = float(level.max())
+    image = only.pcolormesh(
+        time[inside], transform.f[1:], level, shading="nearest", cmap="viridis", rasterized=True,
+        vmin=max(top - RANGE, float(level.min())), vmax=top,
+    )  # fmt: skip
+    only.set(yscale="log", xlabel="time [s]", ylabel="frequency [Hz]")
+    only.grid(False)
+    bar = only.figure.colorbar(image, ax=only, pad=0.02)
+    bar.set_label(f"dB re {_density_unit(record, channel)}", fontsize=8)
+    bar.ax.tick_params(labelsize=8)
+    return only
+
+
+def _complete(record: Record, channel: str) -> Samples:
+    """Return a channel less its mean, zero where a sample is missing."""
+    samples = np.asarray(record.channels[channel], float)
+    is_finite = np.isfinite(samples)
+    return np.where(
+        is_finite, samples - (samples[is_finite].mean() if is_finite.any() else 0.0), 0.0
+    )
+
+
+def _curve(record: Record, ax: Any) -> Panels:
+    names = [name for name in record.channels if name != CURVE]
+    axes = panels(ax, len(names), 1, height=0.5 + 1.7 * len(names), sharex=True)
+    freq = np.asarray(record.channels[CURVE], float)
+    for only, name, colour in zip(axes[:, 0], names, COLOURS * len(names), strict=False):
+        only.plot(freq, record.channels[name], ".-", color=colour, lw=0.8, ms=3)
+        only.set_ylabel(_label(record, name))
+    title(axes[0, 0], plain(record.name), size=8)
+    return finish(axes, ax, "frequency [Hz]")
+
+
+def _label(record: Record, channel: str) -> str:
+    return axis_label(plain(channel.replace("_", " ")), record.units.get(channel, ""))
+
+
+def _density_unit(record: Record, channel: str) -> str:
+    unit = unit_text(record.units.get(channel, "")) or "1"
+    return f"{unit}²/Hz" if unit.isalnum() else f"({unit})²/Hz"
+
+
+def save_overviews(
+    records: Iterable[tuple[str, Record]], folder: Path, dpi: int = 110
+) -> list[Path]:
+    """Write one PNG a test and return the paths, given each test's name and one of its records."""
+    folder.mkdir(parents=True, exist_ok=True)
+    written = []
+    for place, (name, record) in enumerate(records, start=1):
+        path = folder / f"{place:02d}_{re.sub(r'[^\w.-]+', '_', name)}.png"
+        try:
+            channel_overview(record)[0, 0].figure.savefig(path, dpi=dpi, facecolor="white")
+        except OSError:
+            path.unlink(missing_ok=True)  # what a full disk left of it
+            raise
+        written.append(path)
+    return written

@@ -16,11 +16,13 @@ from jaxtyping import Complex, Float
 
 from jbw.campaign.gains import force_per_unit, gain_of
 from jbw.campaign.load import Campaign
-from jbw.errors import DataError
+from jbw.campaign.tables import TestSpec
+from jbw.errors import DataError, JbwError
+from jbw.identification.shaker import read_shaker, shaker_sentence
 from jbw.measurement.curves import ForcedLoop, forced_loop
 from jbw.measurement.loops import readings_of_cycles
 from jbw.measurement.nonlinearity import coherence_at_resonance, seen_in
-from jbw.measurement.records import INPUTS, Test, drive_of
+from jbw.measurement.records import INPUTS, Record, Test, drive_of
 from jbw.measurement.resonances import (
     WIDE,
     Reading,
@@ -38,6 +40,7 @@ from jbw.observables.modes import Modes
 from jbw.observables.samples import on_time
 from jbw.quantities import UNIT_OF, derivative_order, per
 from jbw.report.messages.look import NO_OSCILLATOR
+from jbw.report.messages.study import no_shaker
 from jbw.study.look_words import statements
 from jbw.verification.places import place
 
@@ -325,3 +328,15 @@ def _shown(
     unit = next((record.units[role] for role in INPUTS if role in record.units), "N")
     shown = omega[near] / (2 * np.pi), np.abs(y[near] / source[near])
     return ShownResponse(*shown, per(UNIT_OF["displacement"], unit))
+
+
+def read_of_shaker(spec: TestSpec, record: Record) -> str:
+    """The shaker's attachment and the mode that it moves; or why they cannot be read."""
+    test = Test(
+        spec.kind, (record,), name=spec.name, band_hz=spec.band, periods=spec.periods,
+        settle=spec.settle,
+    )  # fmt: skip
+    try:
+        return shaker_sentence(spec.name, read_shaker(test))
+    except JbwError as error:
+        return no_shaker(spec.name, " ".join(str(error).split()))

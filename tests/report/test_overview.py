@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from jbw.cli.check import check
 from jbw.measurement.files.hdf5 import write_hdf5
 from jbw.measurement.records import Record
-from jbw.report.overview import channel_overview, power_spectrum, spectrogram, time_history
+from jbw.report.looking import channel_overview, power_spectrum, spectrogram, time_history
 
 FS, TONE, PEAK = 512.0, 24.0, 0.3
 UNITS = {"input": "V", "velocity": "m/s"}
