@@ -1,34 +1,61 @@
-"""`jbw.population_of`: what a fleet says of its units, of their scatter and of their trends.
+r"""`jbw.population_of`: what a fleet says of its units, of their scatter and of their trends.
 
-What a population states are sentences of the catalogue, with the numbers of its record.
+Whether a unit belongs with the others is judged by the population that those alone have. Under a
+scatter T the line of all units but k is normal in closed form, and so is where it expects the
+summary of unit k,
+
+$$m_k\,|\,T, m_{-k} \sim N(x_k B_{-k},\ S_k), \qquad S_k = T + C_k + x_k P_{-k}^{-1} x_k^T, \qquad
+  P_k = E\big[P(\chi^2_d > r^T S_k^{-1} r)\,\big|\,m_{-k}\big]$$
+
+with r the unit's distance from there. Draws of T are those of all units, each weighed by
+$1/p(m_k | T, m_{-k})$, the weights smoothed by a Pareto tail. For a unit that may be another, and
+where that tail is too heavy, the population without it is sampled, of normal summaries: draws of a
+scatter that one unit made large hardly reach what it is without.
+
+Reference:
+    Vehtari, Gelman and Gabry (2017), Statistics and Computing 27, 1413.
 """
 
 import logging
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import xarray as xr
+from jaxtyping import Array, Float, Key
+from scipy.special import softmax
+from scipy.stats import chi2
 
 from jbw.errors import ConfigError, DataError
+from jbw.inference.samplers.importance import smooth
 from jbw.inference.space.box import require_float64
 from jbw.oscillator.laws import laws_named
-from jbw.population.belonging import belonging
 from jbw.population.coordinates import Pooled, laws_of, pooled, units_of_fleet
-from jbw.population.model import FULL, ROUGH, sampler
-from jbw.population.prior import TORQUE, WRENCH, CovariateDesign, Prior, design_of, prior_of
-from jbw.population.record import FEWEST_FREE, Pooling, own_over_scatter, record_of
-from jbw.population.trend import mask_of
-from jbw.report.messages import population
+from jbw.population.model import FULL, ROUGH, UnitPosteriors, sampler
+from jbw.population.prior import (
+    TORQUE,
+    CovariateDesign,
+    Prior,
+    design_of,
+    precision_of,
+    prior_of,
+)
+from jbw.population.record import OWN, Pooling, own_over_scatter, record_of, statements
+from jbw.population.trend import bent, mask_of
 from jbw.report.messages import population as messages
 
 logger = logging.getLogger("jbw")
 Report = Callable[[str], None]
-ODD = 0.01  # probability, over the number of units, from which one does not belong
-OWN = 2.0  # a unit's own error over the scatter, above which its normal summary stands for it
-TOGETHER = 0.95  # correlation of torque and number of the tightening that hides one by the other
-Record = Mapping[str, Any]
+HEAVY = 0.7  # Pareto's k-hat, from which weights are not to be trusted
+# From which probability a unit is beyond doubt: in the scatter that it made large itself, one that
+# is far off in one coordinate lies at chi-square = d - 1 + n, 0.2 and less.
+BEYOND_DOUBT = 0.3
+# Up to which one is sampled anew whatever k-hat says: chains that missed the tail do not show it.
+DOUBTFUL = 0.05
+LENGTHS = (500, 1000, 1)  # of a population without a unit
+BATCH = 20  # draws side by side
 
 
 class Population(NamedTuple):
@@ -130,100 +157,63 @@ def require_torque(design: CovariateDesign, torque: float | None) -> None:
         )
 
 
-def statements(record: Record) -> list[str]:
-    """Sentences of a record: how far to trust it first, then what it says."""
-    topics = (_few_units, _failed, _confounded, _no_logarithm, _trends, _ratios, _runs, _odd,
-              _stands, _weak, _saturates, _wrench)  # fmt: skip
-    return [sentence for topic in topics for sentence in topic(record)]
+def belonging(
+    key: Key[Array, ""],
+    units: UnitPosteriors,
+    design: CovariateDesign,
+    prior: Prior,
+    draws: dict[str, np.ndarray],
+    report: Callable[[str], Any],
+) -> Float[np.ndarray, " unit"]:
+    """Probability that a unit of the others' population lies as far from its line as each does."""
+    log_density, far = left_out(units, design, prior, draws)
+    probability, doubted = np.zeros(len(units.mean)), []
+    for k, unit_log_density in enumerate(log_density.T):
+        weights, k_hat = smooth(-unit_log_density)
+        probability[k] = np.sum(softmax(weights) * far[:, k])
+        limit = BEYOND_DOUBT if k_hat > HEAVY else DOUBTFUL
+        doubted += [k] if probability[k] < limit else []
+    plain = units._replace(weighed=np.zeros(len(probability), bool))
+    drawn = sampler(plain, design, prior, LENGTHS)
+    for number, k in enumerate(doubted, start=1):
+        report(messages.without_stage(number, len(doubted)))
+        others = drawn(key, (np.arange(len(probability)) != k).astype(float))
+        probability[k] = np.mean(left_out(units, design, prior, others)[1][:, k])
+    return probability
 
 
-def _few_units(record: Record) -> Iterator[str]:
-    num, columns = len(record["units"]), record["columns"]
-    free = num - len(columns)
-    if record["status"] == "not assessed":
-        yield population.mostly_prior(num, free, trend=len(columns) > 1)
-    elif free < FEWEST_FREE:
-        yield population.wide_intervals(num, free)
-    if record["status"] == "failed":
-        sampling = record["sampling"]
-        yield population.not_converged(sampling["r_hat"], sampling["divergences"])
+def left_out(
+    units: UnitPosteriors, design: CovariateDesign, prior: Prior, draws: dict[str, np.ndarray]
+) -> tuple[Float[np.ndarray, "draw unit"], Float[np.ndarray, "draw unit"]]:
+    """Of every unit by the others, draw by draw of T: its log density, and P of one as far off."""
+    m, c = jnp.asarray(units.mean), jnp.asarray(units.cov)
+    d = m.shape[1]
+    before = jnp.asarray(precision_of(prior, design))
+    at_zero = jnp.asarray(np.ravel(prior.mean / prior.sd**2))
+
+    def of_draw(drawn: dict[str, Array]) -> tuple[Array, Array]:
+        rows = _rows(design, d, drawn.get("u"))
+        weighed = jnp.swapaxes(rows, 1, 2) @ jnp.linalg.inv(drawn["scatter"] + c)
+        tells, pull = weighed @ rows, jnp.einsum("kij,kj->ki", weighed, m)
+        # What all tell, less what the unit does: its line without it.
+        others = jnp.linalg.inv(before + tells.sum(0) - tells)
+        line = jnp.einsum("kij,kj->ki", others, at_zero + pull.sum(0) - pull)
+        off = m - jnp.einsum("kij,kj->ki", rows, line)
+        spread = drawn["scatter"] + c + rows @ others @ jnp.swapaxes(rows, 1, 2)
+        squares = jnp.einsum("ki,ki->k", off, jnp.linalg.solve(spread, off[..., None])[..., 0])
+        return -0.5 * (squares + jnp.linalg.slogdet(spread)[1]), squares
+
+    flat = {n: v.reshape(-1, *v.shape[2:]) for n, v in draws.items() if n in ("scatter", "u")}
+    log_density, squares = jax.jit(
+        lambda all_draws: jax.lax.map(of_draw, all_draws, batch_size=BATCH)
+    )({name: jnp.asarray(values) for name, values in flat.items()})
+    return np.asarray(log_density), chi2.sf(np.asarray(squares), d)
 
 
-def _failed(record: Record) -> Iterator[str]:
-    if failed := record["failed"]:
-        yield population.failed_runs(failed, len(record["units"]))
-
-
-def _confounded(record: Record) -> Iterator[str]:
-    correlation = record["correlation"]
-    if correlation is not None and abs(correlation) > TOGETHER:
-        yield population.confounded(correlation)
-
-
-def _no_logarithm(record: Record) -> Iterator[str]:
-    for name, units in record["no_logarithm"].items():
-        yield population.no_logarithm(name, units)
-
-
-def _trends(record: Record) -> Iterator[str]:
-    for name, row in record["parameters"].items():
-        slope = row.get("slope_torque")
-        if slope is not None and not _holds_zero(slope):
-            yield population.trend(name, slope, rises=slope["q005"] > 0)
-
-
-def _ratios(record: Record) -> Iterator[str]:
-    for name, slope in record["ratios"].items():
-        yield population.ratio_trend(name, slope, depends=not _holds_zero(slope))
-
-
-def _runs(record: Record) -> Iterator[str]:
-    scattering = [
-        (name, row["run_scatter"], row["scatter"]["median"])
-        for name, row in record["parameters"].items()
-        if row["run_scatter"] is not None
-    ]
-    if scattering:
-        yield population.scatter(scattering)
-
-
-def _odd(record: Record) -> Iterator[str]:
-    limit = ODD / len(record["units"])
-    if odd := [name for name, p in record["belongs"].items() if p < limit]:
-        yield population.outliers(odd)
-
-
-def _stands(record: Record) -> Iterator[str]:
-    num, weighed = len(record["units"]), record["weighed"]
-    if weighed:
-        yield population.weighed(len(weighed), num, min(weighed.values()))
-    if rest := [name for name in record["units"] if name not in weighed]:
-        yield population.approximated(rest)
-
-
-def _weak(record: Record) -> Iterator[str]:
-    weak = [n for n, row in record["parameters"].items() if row["own_over_scatter"] > OWN]
-    if weak:
-        yield population.weak(weak, OWN)
-
-
-def _saturates(record: Record) -> Iterator[str]:
-    if (torque := record.get("saturation_torque")) is not None:
-        yield population.saturates(record["saturating"], torque)
-
-
-def _wrench(record: Record) -> Iterator[str]:
-    """Berkson's error of a torque that is set, and the attenuation of one that is read."""
-    if TORQUE not in record["columns"]:
-        return
-    rows = record["parameters"].items()
-    name, slope = max(
-        ((name, abs(row["slope_torque"]["median"])) for name, row in rows), key=lambda pair: pair[1]
-    )
-    attenuation = WRENCH**2 / (np.var(np.log(record["torque"])) + WRENCH**2)
-    yield population.wrench(name, WRENCH, WRENCH * slope, float(attenuation))
-
-
-def _holds_zero(slope: Mapping[str, float]) -> bool:
-    """Whether a 99 % interval holds zero."""
-    return slope["q005"] <= 0.0 <= slope["q995"]
+def _rows(design: CovariateDesign, d: int, u: Array | None) -> Float[Array, "unit d coefficient"]:
+    """The coordinates of every unit as a product with the line, coordinate by coordinate."""
+    x = jnp.repeat(jnp.asarray(design.x)[:, None], d, axis=1)
+    if u is not None:
+        j = design.columns.index(TORQUE)
+        x = x.at[..., j].add(bent(design.x[:, j], u)[:, None] * design.saturates)
+    return jnp.einsum("kip,ij->kijp", x, jnp.eye(d)).reshape(len(x), d, -1)

@@ -1,7 +1,7 @@
-"""What a population says in numbers, as `population.json` holds them."""
+"""What a population says in numbers, as `population.json` holds them, and in sentences of these."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -11,14 +11,19 @@ from jaxtyping import Float
 from jbw.inference.posterior.summary import QUANTILES
 from jbw.population.coordinates import Pooled, laws_of, monomials_of, parameters_of, unit_names
 from jbw.population.model import UnitPosteriors, log_weights
-from jbw.population.prior import TORQUE, CovariateDesign, Prior
+from jbw.population.prior import TORQUE, WRENCH, CovariateDesign, Prior
 from jbw.population.trend import expected
 from jbw.population.unit import GAIN
+from jbw.report.messages import population as messages
 
 FEWEST = 3  # units, below which a scatter is its prior's
 FEWEST_FREE = 3  # degrees of freedom, below which a trend's intervals are
 GOOD_R_HAT, FEW_DIVERGENT = 1.01, 0.002
 Draws = dict[str, np.ndarray]
+ODD = 0.01  # probability, over the number of units, from which one does not belong
+OWN = 2.0  # a unit's own error over the scatter, above which its normal summary stands for it
+TOGETHER = 0.95  # correlation of torque and number of the tightening that hides one by the other
+Record = Mapping[str, Any]
 
 
 class Pooling(NamedTuple):
@@ -171,3 +176,104 @@ def status_of(record: Mapping[str, Any]) -> str:
     good = sampling["r_hat"] < GOOD_R_HAT
     few = sampling["divergences"] <= FEW_DIVERGENT * sampling["num_draws"]
     return "ok" if good and few else "failed"
+
+
+def statements(record: Record) -> list[str]:
+    """Sentences of a record: how far to trust it first, then what it says."""
+    topics = (
+        _few_units, _failed, _confounded, _without_logarithm, _trends, _ratio_trends, _runs, _odd,
+        _stands, _weak, _saturates, _wrench,
+    )  # fmt: skip
+    return [sentence for topic in topics for sentence in topic(record)]
+
+
+def _few_units(record: Record) -> Iterator[str]:
+    num, columns = len(record["units"]), record["columns"]
+    free = num - len(columns)
+    if record["status"] == "not assessed":
+        yield messages.mostly_prior(num, free, trend=len(columns) > 1)
+    elif free < FEWEST_FREE:
+        yield messages.wide_intervals(num, free)
+    if record["status"] == "failed":
+        sampling = record["sampling"]
+        yield messages.not_converged(sampling["r_hat"], sampling["divergences"])
+
+
+def _failed(record: Record) -> Iterator[str]:
+    if failed := record["failed"]:
+        yield messages.failed_runs(failed, len(record["units"]))
+
+
+def _confounded(record: Record) -> Iterator[str]:
+    correlation = record["correlation"]
+    if correlation is not None and abs(correlation) > TOGETHER:
+        yield messages.confounded(correlation)
+
+
+def _without_logarithm(record: Record) -> Iterator[str]:
+    for name, units in record["no_logarithm"].items():
+        yield messages.no_logarithm(name, units)
+
+
+def _trends(record: Record) -> Iterator[str]:
+    for name, row in record["parameters"].items():
+        slope = row.get("slope_torque")
+        if slope is not None and not _holds_zero(slope):
+            yield messages.trend(name, slope, rises=slope["q005"] > 0)
+
+
+def _ratio_trends(record: Record) -> Iterator[str]:
+    for name, slope in record["ratios"].items():
+        yield messages.ratio_trend(name, slope, depends=not _holds_zero(slope))
+
+
+def _runs(record: Record) -> Iterator[str]:
+    scattering = [
+        (name, row["run_scatter"], row["scatter"]["median"])
+        for name, row in record["parameters"].items()
+        if row["run_scatter"] is not None
+    ]
+    if scattering:
+        yield messages.scatter(scattering)
+
+
+def _odd(record: Record) -> Iterator[str]:
+    limit = ODD / len(record["units"])
+    if odd := [name for name, p in record["belongs"].items() if p < limit]:
+        yield messages.outliers(odd)
+
+
+def _stands(record: Record) -> Iterator[str]:
+    num, weighed = len(record["units"]), record["weighed"]
+    if weighed:
+        yield messages.weighed(len(weighed), num, min(weighed.values()))
+    if rest := [name for name in record["units"] if name not in weighed]:
+        yield messages.approximated(rest)
+
+
+def _weak(record: Record) -> Iterator[str]:
+    weak = [n for n, row in record["parameters"].items() if row["own_over_scatter"] > OWN]
+    if weak:
+        yield messages.weak(weak, OWN)
+
+
+def _saturates(record: Record) -> Iterator[str]:
+    if (torque := record.get("saturation_torque")) is not None:
+        yield messages.saturates(record["saturating"], torque)
+
+
+def _wrench(record: Record) -> Iterator[str]:
+    """Berkson's error of a torque that is set, and the attenuation of one that is read."""
+    if TORQUE not in record["columns"]:
+        return
+    rows = record["parameters"].items()
+    name, slope = max(
+        ((name, abs(row["slope_torque"]["median"])) for name, row in rows), key=lambda pair: pair[1]
+    )
+    attenuation = WRENCH**2 / (np.var(np.log(record["torque"])) + WRENCH**2)
+    yield messages.wrench(name, WRENCH, WRENCH * slope, float(attenuation))
+
+
+def _holds_zero(slope: Mapping[str, float]) -> bool:
+    """Whether a 99 % interval holds zero."""
+    return slope["q005"] <= 0.0 <= slope["q995"]

@@ -63,7 +63,7 @@ def quick(units, design, prior, lengths):
 @pytest.fixture
 def without_nuts(monkeypatch):
     monkeypatch.setattr("jbw.population.population.sampler", quick)
-    monkeypatch.setattr("jbw.population.belonging.sampler", quick)
+    monkeypatch.setattr("jbw.population.population.sampler", quick)
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +78,7 @@ def plain(tmp_path_factory):
     fleet = made(tmp_path_factory.mktemp("quick"))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("jbw.population.population.sampler", quick)
-        patch.setattr("jbw.population.belonging.sampler", quick)
+        patch.setattr("jbw.population.population.sampler", quick)
         return fleet, jbw.population_of(fleet, summaries=True)
 
 

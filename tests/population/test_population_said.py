@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from jbw.population.population import statements
-from jbw.population.record import status_of
+from jbw.population.record import statements, status_of
 from jbw.report.messages import population
 
 
