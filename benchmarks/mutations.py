@@ -241,8 +241,8 @@ MUTATIONS = (
     ),
     Mutation("watch/hotelling.py", "change**2 * num / (num + 1)", "change**2", HOTELLING),
     Mutation("watch/hotelling.py", "np.maximum(values, 0.0)", "np.abs(values)", HOTELLING),
-    Mutation("inference/posterior/compare.py", "np.hypot(*errors)", "np.sum(errors)", COMPARISON),
-    Mutation("inference/posterior/compare.py", "value < GOOD_R_HAT", "value < 9.0", COMPARISON),
+    Mutation("study/compare.py", "np.hypot(*errors)", "np.sum(errors)", COMPARISON),
+    Mutation("study/compare.py", "value < GOOD_R_HAT", "value < 9.0", COMPARISON),
     Mutation(
         "inference/fit/information.py",
         "(upper - lower) / math.sqrt(12)",

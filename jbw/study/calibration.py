@@ -14,9 +14,8 @@ from jbw.campaign.load import Campaign
 from jbw.errors import ConfigError
 from jbw.identification.procedure import Report
 from jbw.identification.step import attrs
-from jbw.inference.calibration.own_prior import Prior, Simulate, own_model
 from jbw.inference.calibration.record import Calibration
-from jbw.inference.calibration.replications import Model, calibrate
+from jbw.inference.calibration.replications import Model, Prior, Simulate, calibrate, own_model
 from jbw.inference.samplers.register import SAMPLERS, Sampler, options_of, sampler_named
 from jbw.inference.space.box import require_float64
 from jbw.inference.space.problem import LogLikelihood

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 from scipy.stats import norm
 
-from jbw.inference.posterior.compare import (
+from jbw.study.compare import (
     QUANTITIES,
     distance,
     distances,

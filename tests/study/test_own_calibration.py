@@ -9,7 +9,7 @@ from scipy import stats
 
 import jbw
 from jbw.errors import ConfigError
-from jbw.inference.calibration.own_prior import own_model
+from jbw.inference.calibration.replications import own_model
 from jbw.inference.samplers.chains import draws_of
 from jbw.inference.space.problem import problem_of
 from jbw.inference.space.reparametrisation import in_box
