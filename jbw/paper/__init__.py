@@ -17,18 +17,14 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from jbw.paper.branches import branch as branch
     from jbw.paper.coefficients import Smoothing as Smoothing
+    from jbw.paper.coefficients import branch as branch
     from jbw.paper.coefficients import closed_loop_stiffness as closed_loop_stiffness
     from jbw.paper.coefficients import loading_force as loading_force
     from jbw.paper.coefficients import smoothed_force as smoothed_force
     from jbw.paper.coefficients import smoothing as smoothing
     from jbw.paper.coefficients import smoothing_error as smoothing_error
     from jbw.paper.coefficients import unloading_force as unloading_force
-    from jbw.paper.divergence import coefficient_of_variation as coefficient_of_variation
-    from jbw.paper.divergence import kl_draws as kl_draws
-    from jbw.paper.divergence import kl_joint as kl_joint
-    from jbw.paper.divergence import kl_normal as kl_normal
     from jbw.paper.equivalent import EquivalentResponse as EquivalentResponse
     from jbw.paper.equivalent import equivalent_acceleration as equivalent_acceleration
     from jbw.paper.equivalent import equivalent_force as equivalent_force
@@ -88,14 +84,17 @@ if TYPE_CHECKING:
     from jbw.paper.table import equations as equations
     from jbw.paper.walk import STEP_SIZE as STEP_SIZE
     from jbw.paper.walk import Walk as Walk
+    from jbw.paper.walk import coefficient_of_variation as coefficient_of_variation
+    from jbw.paper.walk import kl_draws as kl_draws
+    from jbw.paper.walk import kl_joint as kl_joint
+    from jbw.paper.walk import kl_normal as kl_normal
     from jbw.paper.walk import random_walk as random_walk
 
 # Files of this room to the public names in them, in the order of the paper's sections.
 _NAMES = {
-    "branches": ("branch",),
     "coefficients": (
-        "Smoothing", "smoothing", "smoothing_error", "loading_force", "unloading_force",
-        "smoothed_force", "closed_loop_stiffness",
+        "branch", "Smoothing", "smoothing", "smoothing_error", "loading_force",
+        "unloading_force", "smoothed_force", "closed_loop_stiffness",
     ),
     "equivalent": (
         "square_wave", "equivalent_force", "equivalent_acceleration", "smoothed_harmonics",
@@ -126,8 +125,10 @@ _NAMES = {
         "kernel_residual", "kernel_objective", "kernel_constraints", "kernel_energy",
         "convergence", "response_misfit", "opening_constraints",
     ),
-    "walk": ("random_walk", "Walk", "STEP_SIZE"),
-    "divergence": ("coefficient_of_variation", "kl_normal", "kl_draws", "kl_joint"),
+    "walk": (
+        "random_walk", "Walk", "STEP_SIZE", "coefficient_of_variation", "kl_normal", "kl_draws",
+        "kl_joint",
+    ),
     "table": ("equations", "Equation"),
 }  # fmt: skip
 _HOME = {name: file for file, names in _NAMES.items() for name in names}

@@ -1,5 +1,10 @@
-"""Cubic polynomials that bound the loop and replace the hysteretic force, Eqs. (7)-(13)."""
+r"""Branches of the steady loop, and the cubic polynomials that replace them, Eqs. (3)-(13).
 
+Branches are closed forms or Taylor polynomials; the cubic polynomials bound the loop and replace
+the hysteretic force.
+"""
+
+import math
 import warnings
 from functools import partial
 from typing import Literal, get_args
@@ -18,14 +23,73 @@ from jbw.oscillator.checks import (
     require_finite,
 )
 from jbw.oscillator.laws.hysteresis import steady_loop
-from jbw.oscillator.laws.relaxation import unloading_lag
+from jbw.oscillator.laws.relaxation import phi, unloading_lag
 from jbw.oscillator.oscillator import BoucWen
-from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.parameters import Hysteresis, Scalar
 from jbw.oscillator.steady.waveform import gauss_legendre_between
 
+Path = Literal[1, 2, 3, 4]
 Variant = Literal["least_squares", "chebyshev", "taylor_least_squares", "printed", "printed_closed"]
 _NUM_NODES = 48
 _STRONG = 1.0  # delta Y: from here on the loop is no small departure from a line
+# The fits are in units of Y and alpha Y: d = delta Y, g = gamma Y, eta = y_open/Y, s = y/Y. They
+# return lambda_0..lambda_3 of s - eta - lag; the line is in the span, so only the lag is fitted.
+Coefficients = tuple[Array, Array, Array, Array]
+
+
+def branch(
+    joint: Hysteresis,
+    y: Real[ArrayLike, "..."],
+    y_open: Real[ArrayLike, "..."],
+    path: Path,
+    order: int | None = None,
+) -> Float[Array, "..."]:
+    r"""Hysteretic force Z_i(y) on one of the four paths of the loop.
+
+    $$Z_1 = \alpha\,\phi(\delta-\gamma, y-y_0), \quad Z_2 = -\alpha\,\phi(\delta+\gamma, y_0-y)$$
+    $$Z_3 = -\alpha\,\phi(\delta-\gamma, -y_0-y), \quad Z_4 = \alpha\,\phi(\delta+\gamma, y+y_0)$$
+
+    with phi(c, x) = (1 - exp(-c x))/c, the closed form of the paper's infinite sums. Unloading
+    runs over Z_1 (path AC, z > 0) and Z_2 (CD, z < 0), loading over Z_3 (DB) and Z_4 (BA); each
+    formula may be evaluated off its own path.
+
+    Args:
+        joint: Bouc-Wen parameters with nu = 1.
+        y: Displacement [m].
+        y_open: Threshold y_0 at which z vanishes on unloading [m].
+        path: 1 to 4, as in the equations.
+        order: Degree of the Taylor polynomial about the threshold (the paper uses 3); None for
+            the closed form.
+
+    Returns:
+        Hysteretic force [N/kg].
+
+    Raises:
+        ModelError: `nu` is not 1, or a concrete argument is not finite.
+        ConfigError: `path` is not 1 to 4, or `order` is below 1.
+
+    Reference:
+        Eqs. (3)-(6), as printed.
+    """
+    require_closed_form(joint)
+    require_finite(joint, y=y, y_open=y_open)
+    if path not in (1, 2, 3, 4):
+        raise ConfigError(f"Argument `path` must be 1, 2, 3 or 4, but it is {path}.")
+    if order is not None and order < 1:
+        raise ConfigError(f"Argument `order` must be at least 1, but it is {order}.")
+    y, y_open = jnp.asarray(y), jnp.asarray(y_open)
+    rate = joint.delta - joint.gamma if path in (1, 3) else joint.delta + joint.gamma
+    sign = 1.0 if path in (1, 4) else -1.0
+    distance = {1: y - y_open, 2: y_open - y, 3: -y_open - y, 4: y + y_open}[path]
+    relaxed = phi(rate, distance) if order is None else _taylor(rate, distance, order)
+    return jnp.asarray(sign * joint.alpha * relaxed)
+
+
+def _taylor(c: Scalar, x: Array, order: int) -> Array:
+    """Taylor polynomial of phi(c, x) about x = 0, the sum of (-c)^(n-1) x^n / n!."""
+    c = jnp.asarray(c)
+    terms = ((-c) ** (n - 1) * x**n / math.factorial(n) for n in range(1, order + 1))
+    return sum(terms, jnp.zeros_like(x))
 
 
 class Smoothing(eqx.Module):
@@ -288,11 +352,6 @@ def smoothing_error(
     y = s * peak
     z = alpha * (y - y_0 - unloading_lag(y, y_0, delta, gamma))
     return y_peak * jnp.sum(weights * (z - unloading_force(broadcast, y)) ** 2, axis=-1)
-
-
-# The fits are in units of Y and alpha Y: d = delta Y, g = gamma Y, eta = y_open/Y, s = y/Y. They
-# return lambda_0..lambda_3 of s - eta - lag; the line is in the span, so only the lag is fitted.
-Coefficients = tuple[Array, Array, Array, Array]
 
 
 def _least_squares(d: Array, g: Array, eta: Array) -> Coefficients:

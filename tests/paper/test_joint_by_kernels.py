@@ -10,8 +10,7 @@ from jax.test_util import check_grads
 from scipy.integrate import solve_ivp
 
 from jbw.oscillator.oscillator import BoucWen
-from jbw.paper.branches import branch
-from jbw.paper.coefficients import Smoothing, smoothing
+from jbw.paper.coefficients import Smoothing, branch, smoothing
 from jbw.paper.equivalent import (
     equivalent_acceleration,
     simulate_equivalent,

@@ -9,9 +9,9 @@ from scipy.integrate import quad, solve_ivp
 from jbw.errors import ConfigError, ModelError
 from jbw.oscillator.laws.hysteresis import steady_loop
 from jbw.oscillator.oscillator import BoucWen
-from jbw.paper.branches import branch
 from jbw.paper.coefficients import (
     Smoothing,
+    branch,
     loading_force,
     smoothed_force,
     smoothing,

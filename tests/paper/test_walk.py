@@ -9,8 +9,14 @@ from scipy.integrate import quad
 from scipy.stats import truncnorm
 
 from jbw.errors import ConfigError, DataError
-from jbw.paper.divergence import coefficient_of_variation, kl_draws, kl_joint, kl_normal
-from jbw.paper.walk import STEP_SIZE, random_walk
+from jbw.paper.walk import (
+    STEP_SIZE,
+    coefficient_of_variation,
+    kl_draws,
+    kl_joint,
+    kl_normal,
+    random_walk,
+)
 
 PRIOR = {"x": (0.0, 1.0)}
 
