@@ -40,8 +40,8 @@ def test_a_simpler_oscillator_that_predicts_better_is_named_with_its_error():
     found = findings(**{"sweep/low": low, "sweep/high": high})["simpler_model"]
     assert found.status == "failed"
     assert found.number == pytest.approx(0.24 / 0.062)
-    assert found.reason.startswith("On high (never fitted) the joint's error is 0.24 of the record")
-    assert "best cubic oscillator 0.062" in found.reason
+    assert (found.values["test"], found.values["kind"]) == ("high", "cubic")
+    assert (found.values["error"], found.values["simpler"]) == (0.24, 0.062)
     assert pasted(found.action).laws == ("bouc_wen", "cubic")
 
 

@@ -26,7 +26,7 @@ MESSAGES = (
     Message(
         "calibration_coverage",
         "The 99 % interval of {name} holds the truth in {share:.4g %} of {count} replications; the "
-        "interval of that share, {low:.4g %} to {high:.4g %}, does not hold 99 %.",
+        "confidence interval of that share, {low:.4g %} to {high:.4g %}, excludes 99 %.",
         """
         Check: the share of simulated truths inside the central 99 % interval of their posterior;
         99 % must be inside the Clopper-Pearson interval of that share, all quantities together.

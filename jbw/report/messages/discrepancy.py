@@ -59,7 +59,7 @@ def missed(
     """What a law misses, and how the run lies on which it shows most."""
     parts = [f"{percent(frequency)} of the natural frequency"] if frequency else []
     parts += [f"{percent(damping)} of critical damping"] if damping else []
-    parts += [f"{percent(rest)} of the response otherwise"] if rest else []
+    parts += [f"{percent(rest)} of the response in shape"] if rest else []
     changes = []
     if run_frequency:
         size, side = percent(abs(run_frequency)), _side(run_frequency)
@@ -67,10 +67,10 @@ def missed(
     if run_damping:
         size, side = percent(abs(run_damping)), _side(run_damping)
         changes.append(f"its damping ratio is {size} of critical {side}")
-    most = f" It shows most on {run}: {listed(changes)} than predicted." if changes else ""
+    most = f" Largest on {run}: {listed(changes)} than predicted." if changes else ""
     return (
-        f"The law misses more than noise of runs that are left out: {listed(parts)}, as standard "
-        f"deviations over the fitted amplitudes.{most}"
+        f"Predictions of runs left out of the fit err by more than noise: by {listed(parts)} "
+        f"(standard deviations over the fitted amplitudes).{most}"
     )
 
 

@@ -10,9 +10,9 @@ TRUNCATED = (
 MESSAGES = (
     Message(
         "no_joint",
-        "No joint is seen: at {y:.2g} m, the largest motion fitted, it changes the natural "
+        "No joint is detected: at {y:.2g} m, the largest motion fitted, it changes the natural "
         "frequency by less than {frequency:.2g %} and adds less than {damping:.2g %} of zeta "
-        "to the damping; without it chi-square grows by {growth:.2g} alone.",
+        "to the damping; without it chi-square grows by only {growth:.2g}.",
         """
         Check: the growth of chi-square when the oscillator is fitted without the joint to the
         same data with the same weights; more than so many parameters reach by chance at a
@@ -55,9 +55,10 @@ MESSAGES = (
         "unidentified_joints",
         lambda joints: (
             f"{'Joint' if len(joints) == 1 else 'Joints'} {', '.join(joints)} "
-            f"{'is' if len(joints) == 1 else 'are'} unidentified: the tests do not tell what "
-            f"{'it does' if len(joints) == 1 else 'each does'} within a factor of two. That is no "
-            "sign of a small effect; what all joints do together to each mode is told."
+            f"{'is' if len(joints) == 1 else 'are'} not identified: the effect of "
+            f"{'this joint' if len(joints) == 1 else 'each'} is uncertain by a factor of two or "
+            "more, which does not mean that it is small. The effect of all joints together on each "
+            "mode is identified."
         ),
         """
         Check: of each of several joints, the change of frequency and the damping that it alone

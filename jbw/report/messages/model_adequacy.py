@@ -163,9 +163,9 @@ MESSAGES = (
     ),
     Message(
         "simpler_model",
-        "On {test} ({fit_status}) the joint's error is {error:.2g} of the record, that of the best "
-        "{kind} oscillator {simpler:.2g}; it must be below {limit:g} times that, here as on every "
-        "other test.",
+        "RMS error on {test} ({fit_status}): {error:.2g %} of the record's rms by the law of the "
+        "joint, {simpler:.2g %} by the best {kind} oscillator; on every test the former must be "
+        "below {limit:g} times the latter.",
         """
         Check: the error of every test against that of the best linear and (with `compare_with =
         ["linear", "cubic"]`) cubic oscillator of the same tests; less than 1.1 times theirs.
@@ -198,17 +198,17 @@ MESSAGES = (
         Remedy: compare laws by `jbw laws`; fit the levels that are to be predicted.
         """,
         "Compare laws, or predict within the fitted amplitudes. {another_law}",
-        "Runs that are left out show nothing beyond noise that the law misses.",
+        "Predictions of runs left out of the fit err by no more than noise.",
     ),
     Message(
         "discrepancy.small",
-        "The law misses {error:.2g %} of the response at resonance of runs that are left out: more "
-        "than noise, but less than the {limit:.2g %} from which it counts. The bands include it.",
+        "Predictions of runs left out of the fit err by {error:.2g %} of the response at resonance: "
+        "more than noise, but less than the limit of {limit:.2g %}. The bands include it.",
     ),
     Message(
         "discrepancy.no_repeats",
-        "Runs that are left out are missed by no more than the fit leaves of the others, which "
-        "counts as noise, since no repeats tell the noise.",
+        "Predictions of runs left out of the fit err by no more than the residual of the fit, which "
+        "counts as noise because no test has repeats.",
     ),
     Message(
         "law_replaced",
@@ -248,7 +248,7 @@ MESSAGES = (
     Message(
         "no_hysteresis",
         lambda y, damping, frequency: (
-            f"No hysteresis is seen: at {y:.2g} mm the joint adds {_change(damping)} of zeta "
+            f"No hysteresis is detected: at {y:.2g} mm the joint adds {_change(damping)} of zeta "
             f"to the damping, but its change of the natural frequency, {_change(frequency)}, "
             "includes zero. Damping by the square of the velocity does the same."
         ),
@@ -273,11 +273,11 @@ MESSAGES = (
     Message(
         "no_hysteresis.drag",
         lambda growth, least, number, y, frequency, damping: (
-            f"No hysteresis is seen: damping by the square of the velocity, with {number} "
-            f"parameters less, {_fits(growth)}. At {y:.2g} mm the fitted joint adds "
+            f"No hysteresis is detected: damping proportional to the square of the velocity, with "
+            f"{number} parameters fewer, {_fits(growth)}. At {y:.2g} mm the fitted joint adds "
             f"{_change(damping)} of zeta to the damping and changes the natural frequency by "
-            f"{_change(frequency)}; slip that adds so much damping lowers it more. Use no "
-            "parameter of the joint, and no response beyond that motion."
+            f"{_change(frequency)}; slip that adds so much damping would lower it more. Do not use "
+            "the joint's parameters, nor responses beyond that motion."
         ),
         remedy='Try damping without hysteresis. Put under [joint]: `laws = ["{law}"]`.',
         passed="Damping by the square of the velocity, in place of hysteresis, makes chi-square "
@@ -290,7 +290,7 @@ def _fits(growth: float) -> str:
     """How well a law with fewer parameters fits, by the growth of chi-square."""
     if growth < 0.0:
         return f"fits better: chi-square falls by {-growth:.2g}"
-    return f"fits as well: chi-square grows by {growth:.2g} alone"
+    return f"fits as well: chi-square grows by only {growth:.2g}"
 
 
 def _others(scatters: Sequence[tuple[str, float]]) -> str:

@@ -52,6 +52,6 @@ def sign_of_motion(growth: float, *, is_clear: bool) -> str:
 def too_deep(label: str, count: int) -> str:
     """How often the force of nested loops may have been a guess."""
     return (
-        f"{label}: nested loops are deeper than the memory of the law; {count} times its force may "
-        "have been a guess until a larger loop closed."
+        f"{label}: the motion nests more loops than the law remembers; {count} times its force may "
+        "be approximate until a larger loop closes."
     )
