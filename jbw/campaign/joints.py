@@ -340,9 +340,12 @@ def refuse_unknown_shapes(spec: CampaignSpec) -> None:
     raise ConfigError(
         "A campaign with [[joint]] tables but no matrices can be checked, but its joints cannot be "
         "identified yet.",
-        why="The identification takes the joints' motion in every mode from a model.",
-        remedy="Read with `jbw check` which joints the tests tell apart, state `matrices` under "
-        "[structure], or one joint under [joint] and its modes in place of them.",
+        why="The identification takes modes of unit mass, and the joints' motion in them, from a "
+        "model.",
+        remedy="Read with `jbw check` which joints the tests tell apart. State `matrices` of a "
+        "model under [structure], or of measured modes of unit mass: M the unit matrix, K with "
+        "(2 pi f)^2 on its diagonal, `dofs` with i:x for mode i, and `holds_joints = true`; "
+        '`input`, `points` and `weights` are then shapes, such as { "1:x" = 0.8, "2:x" = -0.3 }.',
     )
 
 

@@ -160,10 +160,42 @@ def test_shapes_of_measured_modes_have_a_separability(folder):
     assert check.joints.separability is None
 
 
-def test_several_joints_of_measured_modes_are_not_identified_in_silence(folder):
+def test_joints_of_measured_modes_are_refused_and_the_modes_as_matrices_are_taken(folder):
+    def lines_of(remedy):
+        return re.findall(r"`(holds_joints = \w+)`", remedy)
+
     with pytest.raises(ConfigError, match="cannot be identified yet") as caught:
         load_campaign(written(folder, MEASURED + SHAPES + TESTS))
     assert "jbw check" in caught.value.remedy
+    (line,) = lines_of(caught.value.remedy)
+    # The first two modes of the beams, as if they were measured.
+    model = lapped_beams().reduced()
+    places = ["1:x", "2:x"]
+    np.savez(folder / "modes.npz", M=np.eye(2), K=np.diag(model.omega[:2] ** 2), dofs=places)
+
+    def shape(row):
+        return (
+            "{ "
+            + ", ".join(f'"{n}" = {x!r}' for n, x in zip(places, row.tolist(), strict=True))
+            + " }"
+        )
+
+    text = f"""[structure]
+matrices = "modes.npz"
+units = "SI"
+{line}
+to_hz = 120.0
+damping = 0.004
+input = {shape(model.b[:2])}
+points = {{ tip = {shape(model.c[0, :2])} }}
+"""
+    for joint, row in zip(model.joints, model.H[:, :2], strict=True):
+        text += f'[[joint]]\nname = "{joint.name}"\nstiffness = {joint.stiffness}\n'
+        text += f"weights = {shape(row)}\n"
+    joints = load_campaign(written(folder, text + TESTS)).joints
+    assert joints is not None
+    np.testing.assert_allclose(joints.model.omega, model.omega[:2], rtol=1e-12)
+    np.testing.assert_allclose(np.abs(joints.model.H), np.abs(model.H[:, :2]), rtol=1e-12)
 
 
 def test_a_campaign_with_matrices_has_its_laws_at_its_joints(folder):
