@@ -46,6 +46,8 @@ PASTED = {
     + "test_damping_that_nothing_states_is_refused_and_the_remedy_cures",
     ("assembly/reduce.py", "holds_joints"): JOINTS
     + "test_joints_that_k_does_not_hold_are_refused_and_the_remedy_cures",
+    ("campaign/joints.py", "holds_joints"): JOINTS
+    + "test_joints_of_measured_modes_are_refused_and_the_modes_as_matrices_are_taken",
     ("report/messages/campaign_faults.py", "delay"): DRIVEN,
     ("report/messages/campaign_faults.py", "same_as"): JOINTS
     + "test_label_switching_is_refused_and_the_remedy_cures",
@@ -55,6 +57,8 @@ PASTED = {
     + "test_springs_of_one_joint_are_no_reference_and_the_remedy_is_taken",
     ("identification/assembled.py", "substeps"): BOLTS
     + "test_too_few_steps_for_the_residual_modes_are_refused_and_the_remedy_cures",
+    ("study/laws_at_joints.py", "laws"): "study/test_laws_at_joints.py::"
+    "test_joints_without_a_law_are_refused_and_the_remedy_cures",
     ("campaign/settings.py", "laws"): "oscillator/test_bwbn.py::"
     "test_the_remedy_of_steady_motion_is_taken",
     ("identification/accuracy.py", "laws"): OF_A_RUN,

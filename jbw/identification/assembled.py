@@ -35,7 +35,7 @@ def assembled_modes(joints: SeveralJoints, tests: Sequence[Test], settings: Iden
         DataError: The tests drive no mode of the model, or too many.
     """
     reduced = joints.model
-    _require_laws(joints.laws)
+    require_known_laws(joints.laws)
     _require_kinds(tests)
     _require_sources(tests)
     if "cubic" in settings.compare_with:
@@ -91,7 +91,12 @@ def _require_first_point(first: str, tests: Sequence[Test]) -> None:
         )
 
 
-def _require_laws(laws: Sequence[str]) -> None:
+def require_known_laws(laws: Sequence[str]) -> None:
+    """Refuse laws that several joints do not identify.
+
+    Raises:
+        ConfigError: One is a damper, or changes with every cycle.
+    """
     for name in laws:
         plain, joints = split(name)
         kind = law_named(plain)

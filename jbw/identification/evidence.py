@@ -22,12 +22,15 @@ from jaxtyping import Array, Key
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError, JbwError
 from jbw.identification.assemble import Measured, Report, assemble
+from jbw.identification.assembled import ASSEMBLED, require_known_laws
 from jbw.identification.first_fit import first_fit
 from jbw.identification.floors import rms
 from jbw.identification.joint import with_derived
+from jbw.identification.one_mode_readings import joint_readings
 from jbw.identification.prepare import Fitted, refined, refit, reweight
 from jbw.identification.residual_terms import terms_of, with_terms
 from jbw.identification.step import attrs
+from jbw.identification.uncertain_shapes import with_shape_priors, with_stated_priors
 from jbw.inference.compiled import forget_when_many
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.fit.valley import about_valley
@@ -41,7 +44,9 @@ from jbw.inference.space.reparametrisation import Reparametrisation, along_logar
 from jbw.inference.space.ridge import along_ridge
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
+from jbw.oscillator.laws.bouc_wen import BoucWenLaw
 from jbw.oscillator.modes.parameters import NAMES
+from jbw.quantities import law_name, split
 from jbw.report.messages import stages as messages
 from jbw.report.messages.laws import IN_FIRST_MODE, OF_EACH_MODE
 
@@ -99,13 +104,15 @@ def candidates(
     itself, and in the first mode alone. What cannot be fitted is returned by name with the reason.
     """
     data, settings = assemble(seen), alike(seen.settings)
+    known = joint_starts(key, seen)
     fits: list[Candidate] = []
     refused: dict[str, str] = {}
     for laws, meet in trials(sets, seen):
         report(f"Fitting {name_of(laws, meet)}")
         forget_when_many()
         try:
-            prior, first, weighed_data = first_fit(key, under(laws, data, meet), settings)
+            tried, own_settings = tried_under(laws, data, meet, settings)
+            prior, first, weighed_data = first_fit(key, tried, own_settings, known)
         except JbwError as error:
             refused[name_of(laws, meet)] = str(error)
         else:
@@ -119,13 +126,43 @@ def candidates(
             break
         report(messages.fitting_as(best.name))
         best_fitted = best.fitted
-        # With the signs of modes.
-        unweighed = replace(under(best.laws, data, best.meet), held=best_fitted.data.held)
+        # With the signs of modes, and the priors of these laws.
+        unweighed = replace(
+            under(best.laws, data, best.meet),
+            held=best_fitted.data.held,
+            stated=best_fitted.data.stated,
+        )
         ready = reweight(key, unweighed, best_fitted.box, best_fitted.fit, settings)
         weighing = replace(best, fitted=ready)
         keys = jax.random.split(key, len(fits))
         fits = [again(k, candidate, ready) for k, candidate in zip(keys, fits, strict=True)]
     return fits, refused
+
+
+def tried_under(
+    laws: Laws, data: Dataset, meet: str, settings: Identify
+) -> tuple[Dataset, Identify]:
+    """The same data under other laws, and the settings with the priors that go with them.
+
+    Raises:
+        ConfigError: Several joints do not identify one of them.
+    """
+    tried = under(laws, data, meet)
+    if data.modes is None or data.modes.meet != ASSEMBLED:
+        return tried, settings
+    require_known_laws(laws)
+    settings = with_shape_priors(data.modes, laws, settings)
+    return with_stated_priors(settings, tried), settings
+
+
+def joint_starts(key: Key[Array, ""], seen: Measured) -> dict[str, float]:
+    """Starts of Bouc-Wen laws at several joints, from each mode alone; none of one joint."""
+    if seen.joints is None:
+        return {}
+    groups = dict.fromkeys(split(law)[1] for law in seen.laws)
+    laws = tuple(law_name(BoucWenLaw.name, joints) for joints in groups)
+    joints = replace(seen.joints, laws=laws)
+    return joint_readings(key, replace(seen, laws=laws, joints=joints)).known
 
 
 def alike(settings: Identify) -> Identify:
@@ -178,10 +215,13 @@ def under(laws: Laws, data: Dataset, meet: str = "") -> Dataset:
 
 
 def with_modes_of(one: Candidate, data: Dataset) -> Dataset:
-    """The data with what a candidate holds of modes at the joint: signs, and shapes if measured."""
+    """The data with what a candidate holds of modes at the joint, and its stated priors.
+
+    It holds signs, and shapes where they were measured.
+    """
     apart = {n: x for n, x in data.held.items() if n not in OF_JOINT}
     of_joint = {n: x for n, x in one.fitted.data.held.items() if n in OF_JOINT}
-    return replace(data, held=apart | of_joint)
+    return replace(data, held=apart | of_joint, stated=one.fitted.data.stated)
 
 
 def name_of(laws: Laws, meet: str = "") -> str:

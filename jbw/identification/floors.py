@@ -15,6 +15,7 @@ from jbw.inference.space.box import bounds_about, box
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
 from jbw.observables.drives import plain, used_by
+from jbw.oscillator.modes.assembled import is_assembled
 from jbw.quantities import LINEAR, STUCK
 
 PLAIN = {"omega_n": (0.5, 1.5), "zeta": (1e-2, 1e2), "gain": (0.1, 10.0)}  # times the joint's
@@ -44,7 +45,8 @@ def own_lines(data: Dataset, known: Mapping[str, float]) -> dict[str, float]:
     within = {name: pair for name, pair in within.items() if name not in data.held}
     if not parts or not within:
         return {}
-    held = {name: float(value) for name, value in data.held.items() if name in REACH}
+    of_model = is_assembled(data.held)
+    held = {name: float(value) for name, value in data.held.items() if of_model or name in REACH}
     linear = Dataset.of(parts, held)
     runs = tuple(dict.fromkeys(linear.runs))
     return {run: _own_line(run, runs, linear, within, known) for run in runs}

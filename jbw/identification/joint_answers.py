@@ -11,6 +11,7 @@ uncertain, $H_{ji}$ is that of each draw. Sums over joints are what a mode tells
 is identified where its own K and L are.
 """
 
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -25,8 +26,9 @@ from jbw.identification.assembled import ASSEMBLED, largest_amplitudes
 from jbw.inference.posterior.finding import Finding
 from jbw.inference.posterior.summary import QUANTILES
 from jbw.observables.dataset import Dataset
+from jbw.observables.modes import Modes
 from jbw.oscillator.laws import quantities_of
-from jbw.oscillator.modes.assembled import STIFFNESS, laws_at, motion_in
+from jbw.oscillator.modes.assembled import STIFFNESS, factor_name, laws_at, motion_in
 from jbw.oscillator.modes.parameters import DRIVEN
 from jbw.quantities import joints_of, motion_factors_in, name_at, split
 from jbw.report.messages import modes as messages
@@ -47,7 +49,8 @@ def joints_group(
     shapes, `loss_share` and `softening_share` of what the joints do together, at the largest motion
     measured of the mode, with quantiles; over `mode`: `frequency_hz`, `amplitude`,
     `frequency_change` and `damping_added` of all joints together; over `joint`: `identified`,
-    `motion` and `loop` at its largest motion.
+    `motion` and `loop` at its largest motion. Where shapes are uncertain, `motion_factor` over
+    `joint` and `mode` with quantiles: the motion over that of the model, 1 where that is held.
 
     Draws of a Gaussian `about` a fit are propagated by first order: where the tests tell a sum of
     joints alone, they leave the narrow curved valley along which it stays the same.
@@ -96,6 +99,7 @@ def joints_group(
             "identified": ("joint", _identified(names, data.laws, softening, losses)),
             "motion": (("joint", "phase"), x, _words("m", "relative motion")),
             "loop": (("joint", "phase"), force, _words("N", messages.LOOP_FORCE)),
+            **_factors(posterior, modes, names),
         },
         {"joint": list(names), "mode": [i + 1 for i in driven], "quantile": list(QUANTILES)},
     )  # fmt: skip
@@ -203,6 +207,22 @@ def _bands(draws: Float[np.ndarray, "joint mode draw"]) -> tuple[tuple[str, ...]
     return ("joint", "mode", "quantile"), _quantiles(draws)
 
 
+def _factors(posterior: xr.Dataset, modes: Modes, names: Sequence[str]) -> dict[str, Any]:
+    """Factors on the motion of every joint in every mode; nothing where shapes are the model's."""
+    if not modes.uncertain:
+        return {}
+    size = posterior["omega_n"].size if "omega_n" in posterior else 1
+    draws = [
+        [
+            posterior[name].values.ravel() if (name := factor_name(i + 1, joint)) in posterior
+            else np.ones(size)
+            for i in range(len(modes.hz))
+        ]
+        for joint in names
+    ]  # fmt: skip
+    return {"motion_factor": (*_bands(np.array(draws)), _words("1", messages.MOTION_FACTOR))}
+
+
 def _identified(
     names: Sequence[str],
     laws: Sequence[str],
@@ -251,7 +271,20 @@ def joints_words(group: xr.Dataset | None) -> list[str]:
     named = ", ".join(str(joint) for joint, is_identified in identified.items() if is_identified)
     if named:
         sentences.append(messages.identified(named))
-    return sentences
+    return sentences + _shape_words(group)
+
+
+def _shape_words(group: xr.Dataset) -> list[str]:
+    """By what factor modes move the joints, where the model's shapes are uncertain."""
+    if "motion_factor" not in group:
+        return []
+    factors = group["motion_factor"]
+    sentences = []
+    for joint, mode in itertools.product(group["joint"].values, group["mode"].values):
+        low, middle, high = factors.sel(joint=joint, mode=mode).values.tolist()
+        if low < high:
+            sentences.append(messages.moved_by_factor(int(mode), str(joint), middle, low, high))
+    return [*sentences, messages.LAWS_BY_MODEL]
 
 
 def _who_damps(mode: int, of_mode: xr.Dataset) -> list[str]:

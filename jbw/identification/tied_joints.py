@@ -15,14 +15,16 @@ from jaxtyping import Array, Key
 
 from jbw.campaign.settings import Identify
 from jbw.identification.assembled import ASSEMBLED, joint_bounds
-from jbw.identification.evidence import FAR_BELOW, Candidate, likelihood_at, place_of, under
+from jbw.identification.evidence import (
+    FAR_BELOW,
+    Candidate,
+    likelihood_at,
+    place_of,
+    tried_under,
+)
 from jbw.identification.first_fit import inside
 from jbw.identification.prepare import Fitted
-from jbw.identification.uncertain_shapes import (
-    first_factors,
-    with_shape_priors,
-    with_stated_priors,
-)
+from jbw.identification.uncertain_shapes import first_factors
 from jbw.identification.unseen_runs import weighed_in
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.posterior.verdict import GOOD_KHAT
@@ -134,8 +136,7 @@ def tied_evidence(key: Key[Array, ""], own: Fitted, settings: Identify) -> TiedE
 
 def tied_fit(own: Fitted, laws: Laws, modes: Modes, settings: Identify) -> Fitted:
     """The fit of tied laws to the same data, from the fitted law of each joint in turn."""
-    settings = with_shape_priors(modes, laws, settings)
-    data = with_stated_priors(settings, under(laws, own.data))
+    data, settings = tried_under(laws, own.data, "", settings)
     own_names = {name for law in own.data.laws for name in law_named(law).names()}
     bounds = {n: pair for n, pair in bounds_by_name(own.box).items() if n not in own_names}
     theta = own.fit.theta

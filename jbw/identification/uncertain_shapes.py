@@ -82,9 +82,14 @@ def first_factors(data: Dataset) -> dict[str, float]:
 
 
 def with_shape_priors(modes: Modes, laws: Sequence[str], settings: Identify) -> Identify:
-    """Settings with a prior of every factor, that of a campaign where it states one."""
-    priors = dict.fromkeys(shape_factors(modes, laws), shape_prior())
-    return settings.model_copy(update={"prior": {**priors, **settings.prior}})
+    """Settings with a prior of every factor under some laws, and of no other.
+
+    Where the campaign states one, its own.
+    """
+    names, factors = shape_factors(modes, laws), motion_factors_in(settings.prior)
+    stated = {n: x for n, x in settings.prior.items() if n in names or n not in factors}
+    priors = dict.fromkeys(names, shape_prior())
+    return settings.model_copy(update={"prior": {**priors, **stated}})
 
 
 def with_stated_priors(settings: Identify, data: Dataset) -> Dataset:

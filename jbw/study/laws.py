@@ -10,7 +10,6 @@ import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 
-from jbw.campaign.joints import require_one_joint
 from jbw.campaign.load import Campaign
 from jbw.identification import evidence
 from jbw.identification.assemble import Report, entered, measured_in
@@ -39,6 +38,7 @@ from jbw.study.law_rows import (
     unseen,
     weigh,
 )
+from jbw.study.laws_at_joints import trials_at_joints
 from jbw.study.look import look_groups, look_quietly
 from jbw.study.stack import law_groups, stack_of
 from jbw.verification.backbone import HERTZ, RATIO, curves
@@ -102,8 +102,13 @@ def compare_laws(
         DataError: A campaign with nothing to fit.
     """
     require_float64()
-    require_one_joint(campaign.joints, "A comparison of laws")
-    sets = _usual(campaign) if laws is None else _chosen(laws)
+    chosen = None if laws is None else _chosen(laws)
+    tried: list[str] = []
+    if campaign.joints is None:
+        sets = _usual(campaign) if chosen is None else chosen
+    else:
+        sets, sentence = trials_at_joints(campaign.laws, chosen)
+        tried.append(sentence)
     settings = campaign.settings
     seen = measured_in(campaign, report)
     keys = jax.random.split(jax.random.key(settings.seed if seed is None else seed), 3)
@@ -148,7 +153,7 @@ def compare_laws(
     posterior = draws[best]["posterior"].to_dataset()
     offsets = runs_dataset(keys[0], posterior, best_fit.box.names, best_fit.data)
     scatter = [] if offsets is None else [f"Under {best}: {runs_sentence(offsets)}"]
-    record["statements"] = [*diagnosis_words, *statements(record), *scatter]
+    record["statements"] = [*tried, *diagnosis_words, *statements(record), *scatter]
     tree = xr.DataTree.from_dict(
         {
             "/scores": _scores(by_law, runs, lines),

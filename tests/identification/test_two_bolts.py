@@ -29,7 +29,6 @@ from jbw.oscillator.modes.parameters import structure_of
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.rig.assemblies import lapped_beams
 from jbw.study.calibration import sbc
-from jbw.study.laws import compare_laws
 from jbw.study.numpyro_model import numpyro_model
 from jbw.verification.predict import Request, predict
 from jbw.verification.predictive_basis import basis_of
@@ -332,6 +331,6 @@ def test_the_whole_matrices_with_the_exported_joints_move_within_the_predicted_b
 
 
 def test_what_knows_one_joint_refuses_several(stuck):
-    for asked in (compare_laws, sbc, numpyro_model):
+    for asked in (sbc, numpyro_model):
         with pytest.raises(ConfigError, match=r"one joint, but the campaign has .* 2 \[\["):
             asked(stuck)

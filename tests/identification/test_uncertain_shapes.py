@@ -14,7 +14,8 @@ from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
 from jbw.identification.assemble import assemble, measured_in
 from jbw.identification.coordinates import box_of
-from jbw.identification.joint_answers import joints_group
+from jbw.identification.evidence import tried_under
+from jbw.identification.joint_answers import joints_group, joints_words
 from jbw.identification.laplace import fit_alone
 from jbw.identification.uncertain_shapes import first_factors, home_modes, shape_factors
 from jbw.inference.space.box import bounds_by_name
@@ -113,12 +114,35 @@ def test_shares_of_joints_are_by_the_motion_of_every_draw(data):
         low, middle, high = np.moveaxis(group[name].values, -1, 0)
         np.testing.assert_allclose(low, high, rtol=1e-9)
         np.testing.assert_allclose(low, middle, rtol=1e-9)
+    low, middle, high = np.quantile(s, [0.005, 0.5, 0.995])
+    np.testing.assert_allclose(
+        group["motion_factor"].sel(joint="bolt_2"), [[low, middle, high]] * 2, rtol=1e-12
+    )
+    np.testing.assert_array_equal(group["motion_factor"].sel(joint="bolt_1"), 1.0)
+    words = joints_words(group)
+    said = f"Mode 2 moves bolt_2 by 1 [{low:.3g}, {high:.3g}] times its motion by the matrices."
+    assert said in words
+    assert not any("moves bolt_1" in sentence for sentence in words)
     # A joint that moves more in one mode takes more of its losses.
     more = {"motion_factor_1@bolt_2": (("chain", "draw"), 1.1 * s)}
     moved = joints_group(posterior.assign(more), data)
     assert moved is not None
     share = moved["loss_share"].sel(joint="bolt_2", mode=1, quantile=0.5)
     assert float(share) > 1.05 * float(group["loss_share"].sel(share.coords))
+
+
+def test_other_laws_have_the_priors_of_their_own_factors(seen, data):
+    for laws, names in (
+        ((), ()),
+        (("cubic@bolt_2",), ("motion_factor_2@bolt_2",)),
+        (TIED, ("motion_factor_1@bolt_1", *FACTORS)),
+    ):
+        tried, settings = tried_under(laws, data, "", seen.settings)
+        assert tried.laws == laws
+        assert tried.stated.names == names
+        assert tuple(motion_factors_in(settings.prior)) == names
+    with pytest.raises(ConfigError, match="is a damper"):
+        tried_under(("quadratic_damping@bolt_1",), data, "", seen.settings)
 
 
 def test_predictions_take_the_factors_of_the_draws():

@@ -129,6 +129,7 @@ EXAMPLES = {
         modes.damped_by(2, "bolt_1", 0.8, 0.7, 0.9),
         modes.numbered(2, 30.1),
         modes.identified("bolt_1"),
+        modes.moved_by_factor(2, "bolt_1", 0.923, 0.901, 0.946),
         modes.outside_band(30.0, 15.0, 23.0),
     ],
     "observed": [

@@ -198,6 +198,10 @@ OF_TOPICS = {
     ],
     "laws": [
         laws.OF_EACH_MODE, laws.IN_FIRST_MODE,
+        *(
+            laws.tried_at_joints(["linear", "bouc_wen"], ["bouc_wen@bolt_1"], 4, which, 12)
+            for which in (laws.EVERY, laws.NONE, laws.NEITHER)
+        ),
         laws.best_by_predictions("bouc_wen", 6),
         laws.best_by_evidence("bouc_wen", 1, 5),
         laws.best_by_evidence("bouc_wen", 3, 5),

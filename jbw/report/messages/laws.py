@@ -9,6 +9,26 @@ OF_EACH_MODE = " of each mode"
 IN_FIRST_MODE = " in the first mode"
 
 
+EVERY, NONE, NEITHER = "every law", "no law", "neither"  # what was tried at one joint alone
+
+
+def tried_at_joints(
+    alike: Sequence[str], own: Sequence[str], num_changed: int, which: str, most: int
+) -> str:
+    """Which laws were tried where there are several joints."""
+    sentences = [f"Laws tried at all joints alike: {', '.join(alike)}."] if alike else []
+    sentences += [f"As they are: {', '.join(own)}."] if own else []
+    sentences += {
+        EVERY: [f"Each law at one joint, the others keeping theirs: {num_changed} further."],
+        NONE: [
+            f"One joint that sticks, the others keeping theirs: {num_changed} further; with every "
+            f"law at one joint there would be more than {most}."
+        ],
+        NEITHER: ["No joint was changed by itself."],
+    }[which]
+    return " ".join(sentences)
+
+
 def best_by_predictions(law: str, num_sessions: int) -> str:
     """The best law, where sessions are enough to compare predictions."""
     return f"Best law: {law}, by the predictions of {num_sessions} held-out sessions."

@@ -99,6 +99,21 @@ def numbered(mode: int, hz: float) -> str:
     return f"Mode {mode}, at {hz:.4g} Hz,"
 
 
+MOTION_FACTOR = "motion over that of the matrices"
+LAWS_BY_MODEL = (
+    "The matrices' shapes are uncertain: every other motion of a joint is theirs, and its laws are "
+    "in units of that."
+)
+
+
+def moved_by_factor(mode: int, joint: str, factor: float, low: float, high: float) -> str:
+    """What a mode moves a joint by, over what the model's matrices say, with a 99 % interval."""
+    return (
+        f"Mode {mode} moves {joint} by {factor:.3g} [{low:.3g}, {high:.3g}] times its motion by "
+        "the matrices."
+    )
+
+
 def identified(joints: str) -> str:
     """Joints that are identified by themselves."""
     return f"Identified by themselves: {joints}."

@@ -1,0 +1,91 @@
+"""Laws of several joints side by side: which sets are tried, and which the data ask for."""
+
+import pytest
+import two_bolts
+from pasted import lines_of
+
+from jbw.campaign.load import load_with_doubts
+from jbw.errors import ConfigError
+from jbw.study.laws import compare_laws
+from jbw.study.laws_at_joints import MOST, trials_at_joints
+
+OWN = two_bolts.LAWS
+TIED = ("bouc_wen@bolt_1=bolt_2",)
+THREE = tuple(f"bouc_wen@bolt_{i}" for i in (1, 2, 3))
+
+
+def test_every_law_is_tried_at_all_joints_and_at_each():
+    sets, sentence = trials_at_joints(OWN, [("jenkins", "cubic"), ()])
+    assert sets == (
+        ("jenkins@bolt_1", "cubic@bolt_1", "jenkins@bolt_2", "cubic@bolt_2"),
+        (),
+        OWN,
+        TIED,
+        ("jenkins@bolt_1", "cubic@bolt_1", "bouc_wen@bolt_2"),
+        ("bouc_wen@bolt_2",),
+        ("bouc_wen@bolt_1", "jenkins@bolt_2", "cubic@bolt_2"),
+        ("bouc_wen@bolt_1",),
+    )
+    assert sentence == (
+        "Laws tried at all joints alike: jenkins + cubic, linear. As they are: bouc_wen@bolt_1 + "
+        "bouc_wen@bolt_2, bouc_wen@bolt_1=bolt_2. Each law at one joint, the others keeping "
+        "theirs: 4 further."
+    )
+
+
+def test_joints_that_share_a_law_change_together():
+    sets, _ = trials_at_joints(TIED, [("jenkins",)])
+    assert sets == (("jenkins@bolt_1=bolt_2",), TIED)
+    mixed = ("bouc_wen@a=b", "cubic@c")
+    assert trials_at_joints(mixed, [("jenkins",)]).sets == (
+        ("jenkins@a=b", "jenkins@c"),
+        mixed,
+        ("jenkins@a=b", "cubic@c"),
+        ("bouc_wen@a=b", "jenkins@c"),
+    )
+
+
+def test_too_many_sets_leave_the_joints_that_stick():
+    sets, sentence = trials_at_joints(THREE, None)
+    assert len(sets) <= MOST
+    for joint in range(3):
+        assert tuple(law for i, law in enumerate(THREE) if i != joint) in sets
+    assert "One joint that sticks, the others keeping theirs: 3 further" in sentence
+    many = tuple(f"bouc_wen@bolt_{i}" for i in range(20))
+    sets, sentence = trials_at_joints(many, None)
+    assert len(sets) == 6  # five usual ones, of which one is the campaign's, and one law for all
+    assert sentence.endswith("No joint was changed by itself.")
+
+
+def test_laws_that_name_their_joints_are_tried_as_they_are():
+    stated = ("jenkins@bolt_1", "bouc_wen@bolt_2")
+    assert trials_at_joints(OWN, [stated]).sets == (stated, OWN, TIED)
+    with pytest.raises(ConfigError, match="but names `bolt_7`") as caught:
+        trials_at_joints(OWN, [("jenkins@bolt_7",)])
+    assert "bolt_1, bolt_2" in caught.value.remedy
+
+
+def test_joints_without_a_law_are_refused_and_the_remedy_cures(tmp_path):
+    path = two_bolts.written(tmp_path, bolts=None)
+    text = path.read_text()
+    path.write_text(text.replace("[[joint]]\n", "[[joint]]\nlaws = []\n"))
+    with pytest.raises(ConfigError, match="needs a joint that has one") as caught:
+        compare_laws(load_with_doubts(path)[0])
+    ((table, line),) = lines_of(caught.value.remedy)
+    path.write_text(text.replace(f"[{table}]\n", f"[{table}]\n{line}\n", 1))
+    assert trials_at_joints(load_with_doubts(path)[0].laws, None).sets
+
+
+@pytest.mark.slow
+def test_bolts_that_differ_ask_for_laws_of_their_own():
+    campaign = two_bolts.campaign(("first",))
+    compared = compare_laws(campaign, TIED, report=lambda _: None)
+    rows = compared.record["laws"]
+    own, tied = " + ".join(OWN), TIED[0]
+    assert {name: row["answer"] for name, row in rows.items()} == {own: "best", tied: "worse"}
+    # Chi-square: what is left is the noise of the records, 1 % of the motion.
+    assert rows[own]["error"] == pytest.approx(two_bolts.NOISE, rel=0.05)
+    assert rows[tied]["error"] > 1.1 * two_bolts.NOISE
+    assert compared.record["statements"][0].startswith("As they are: ")
+    predicted = compared.predict(campaign.tests[0])
+    assert predicted.attrs["nrmse"] == pytest.approx(two_bolts.NOISE, rel=0.2)
