@@ -41,7 +41,7 @@ def identify(
     command: str | None = None,
     quick: bool = False,
 ) -> Study:
-    """Identify the joint from a campaign: every line is a stage, and no result changes later.
+    """Identify the joint from a campaign: the procedure, verification and validation.
 
     While it goes on, `report` is told what the fit says by itself: parameters with 99 % intervals,
     frequency and damping at small and large motion. With `quick` it ends there, in seconds.

@@ -5,9 +5,7 @@ oscillator predicts better, or where tests that no fit saw leave its bands.
 """
 
 import json
-import logging
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -17,14 +15,13 @@ from scipy.stats import norm
 
 from jbw.errors import Attempts
 from jbw.identification.accuracy import CLOSE, OF_USE, another_law, within_unseen
-from jbw.identification.assemble import Measured, entered
-from jbw.identification.model_discrepancy import NOTHING, AtAmplitude
+from jbw.identification.assemble import Measured
 from jbw.identification.procedure import Posteriors
-from jbw.identification.selection import DecaySplit, Sweeps, loop_tests
+from jbw.identification.selection import DecaySplit
 from jbw.inference.posterior.finding import Amendment, Finding, amended, checked
 from jbw.inference.posterior.remedies import put
 from jbw.inference.posterior.summary import QUANTILES
-from jbw.measurement.records import Test, drive_of
+from jbw.measurement.records import drive_of
 from jbw.observables.dataset import Dataset
 from jbw.observables.decay import Decays
 from jbw.observables.drives import of_drive
@@ -32,30 +29,15 @@ from jbw.quantities import MODES, derivative_order
 from jbw.report.messages import discrepancy as withholding
 from jbw.report.messages import verification as messages
 from jbw.verification.backbone import CARRIED_ON, amplitude_verification
-from jbw.verification.controlled import PLACE, predict_apart
-from jbw.verification.curves import curves_of, predict_curves
 from jbw.verification.decays import verify_decays
-from jbw.verification.groups import has_groups_alone
-from jbw.verification.in_time import (
-    NEAR,
-    Motion,
-    bands_of_modes,
-    compare_frfs,
-    compare_records,
-    most_driven,
-    motion_of,
-)
+from jbw.verification.forced import verify_forced
 from jbw.verification.modal_decays import first_mode_alone, modes_of_draws
 from jbw.verification.places import place
-from jbw.verification.predict import missed_in, route_of
-from jbw.verification.predicted import ALIKE, Predicted, Source
+from jbw.verification.predicted import ALIKE, Source
 from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws
 from jbw.verification.reference_oscillators import Reference, of_run, references
-from jbw.verification.steady_motion import loop_validation
 from jbw.verification.withheld import is_withheld, without_band
 
-under_way = logging.getLogger("jbw.progress")
-NUM_FEW = 20  # of the draws, through long records
 BETTER = 1.1  # times the error of a simpler oscillator: beyond, that one is the better model
 # Root of 2: where a linear oscillator misses as much as the joint, noise may be all of that, and as
 # much noise is in the band.
@@ -85,7 +67,7 @@ def verify(
     draws, data = basis.draws(NUM_DRAWS, seed=seed), posteriors.joint.fitted.data
     source = Source(basis, draws, seed=seed)
     others = attempts.make(messages.WITHOUT_HYSTERESIS, partial(simpler, draws, data), {})
-    groups = _verify_forced(source, others, measured, attempts)
+    groups = verify_forced(source, others, measured, attempts)
     if measured.decays is not None and (reduced := posteriors.free.data) is not None:
         attempts.report(messages.FREE_DECAYS)
         groups |= _verify_free(measured.decays, reduced, basis, simpler, seed, attempts)
@@ -133,136 +115,6 @@ def _freely(draws: Draws, decays: Decays) -> tuple[Any, ...]:
     held = {ratio.name: 1.0 for _, _, ratio, *_ in MODES if ratio.name in draws}
     names = [quantity.name for mode in MODES for quantity in mode[:2] if quantity.name in draws]
     return Dataset.of([decays], held), "omega_n", "zeta", *names
-
-
-def _verify_forced(
-    source: Source,
-    simpler: Mapping[str, Reference],
-    measured: Measured,
-    attempts: Attempts,
-) -> Groups:
-    """Verification and validation on every test but free decays."""
-    tests = measured.tests
-    natural_hz = float(np.mean(source.draws["omega_n"])) / (2 * np.pi)
-    loops: tuple[Test, ...] = ()
-    if measured.linear is not None:
-        natural_hz = measured.linear.natural_hz
-        loops = loop_tests(tests, natural_hz)
-    fitted = {name for name, is_fitted in entered(measured).items() if is_fitted}
-    names, sweeps = _compared_sweeps(fitted, measured.sweeps)
-    unseen = () if measured.sweeps is None else measured.sweeps.held_out
-    # Of the first mode as Step 2 has it, then of those beside it.
-    bands = [(NEAR[0] * natural_hz, NEAR[1] * natural_hz), *bands_of_modes(source.draws)[1:]]
-    basis = source.basis
-    groups: Groups = {}
-
-    def missed(test: Test) -> AtAmplitude:
-        """The model discrepancy in a test's bands; the noise of what was fitted includes it."""
-        return NOTHING if test.name in names else missed_in(basis, test, seed=source.seed)
-
-    def beside(
-        test: Test, num_draws: int = NUM_DRAWS, discrepancy: AtAmplitude | None = None
-    ) -> Source:
-        """What a test is compared with: all of its own run, where that was fitted."""
-        model_discrepancy = missed(test) if discrepancy is None else discrepancy
-        return replace(
-            source,
-            draws=basis.draws_for(test, num_draws, seed=source.seed, missed=model_discrepancy),
-            references=of_run(simpler, basis.run_of(test), drive_of(test)),
-            model_error=basis.model_error(test, model_discrepancy),
-        )
-
-    def add(kind: str, name: str, test: Test, predicted: Predicted) -> None:
-        attrs = {"noise": predicted.noise.says, **marks(test)}
-        extrapolation = predicted.extrapolation(basis)
-        if extrapolation is not None and not attrs["fitted"]:
-            attrs["extrapolation"] = extrapolation
-        compared = predicted.dataset.assign_attrs(attrs)
-        withheld = not attrs["fitted"] and is_withheld(basis, predicted.amplitudes)
-        groups[place(f"verification/{kind}", name)] = (
-            without_band(compared) if withheld else compared
-        )
-
-    def add_frf(motion: Motion) -> None:
-        name = motion.test.name
-        band_hz = most_driven(motion.test.records[0], bands)
-        frf = compare_frfs(motion, band_hz).assign_attrs(marks(motion.test))
-        groups[place("verification/frf", name)] = frf
-
-    def marks(test: Test) -> dict[str, Any]:
-        flags = {"fitted": int(test.name in names), "offsets": int(len(basis.scatter) > 0)}
-        missed = not flags["fitted"] and basis.misses
-        return {**flags, "scatter": int(basis.scatters(test)), "discrepancy": int(missed)}
-
-    def add_sweep(test: Test) -> None:
-        test_source = beside(test)
-        motion = motion_of(test_source, test)
-        attempt(test, partial(add_frf, motion), "frequency response of ")
-        predicted = Predicted(compare_records(test_source, motion), motion.peak, motion.noise)
-        shown = predicted.dataset.assign_attrs(seen=int(all(test is not other for other in unseen)))
-        add("sweep", test.name, test, predicted._replace(dataset=shown))
-
-    def add_response(test: Test) -> None:
-        draws = beside(test, NUM_FEW, NOTHING)
-        add_frf(motion_of(replace(draws, references={}), test, substeps=1))
-
-    def add_curves(same: Sequence[str], discrepancy: AtAmplitude) -> None:
-        together = [curves[name] for name in same]
-        compared = predict_curves(beside(together[0].test, discrepancy=discrepancy), together)
-        for name, curve, predicted in zip(same, together, compared, strict=True):
-            add("curve", name, curve.test, predicted)
-
-    def add_test(test: Test) -> None:
-        predicted = route_of(test)(beside(test, NUM_FEW if test.is_cyclic else NUM_DRAWS), test)
-        add(test.kind, test.name, test, predicted)
-
-    def add_points(test: Test) -> None:
-        for name, predicted in predict_apart(beside(test), test):
-            add(PLACE, name, test, predicted)
-
-    def add_validation(test: Test) -> None:
-        validated = loop_validation(test, beside(test, discrepancy=NOTHING).draws, basis.laws)
-        marked = validated.assign_attrs(scatter=int(basis.scatters(test)))
-        groups[place("validation/loops", test.name)] = marked
-
-    def attempt(test: Test, build: Callable[[], None], what: str = "") -> None:
-        under_way.info("%s", test.name)
-        attempts.make(messages.comparison_of(test.name, what), build, None)
-
-    for test in sweeps:
-        attempt(test, partial(add_sweep, test))
-    for test in tests:
-        if test.traits.is_broadband and not test.is_cyclic:
-            attempt(test, partial(add_response, test), "frequency response of ")
-    # Fitted tones of a level make a curve apart from the others.
-    validating = {test.name for test in loops}
-    rest = [test for test in tests if test.name not in validating]
-    curves = curves_of([test for test in rest if test.name in names])
-    curves |= curves_of([test for test in rest if test.name not in names], " (held out)")
-    names_by_conditions: dict[tuple[str | None, str, AtAmplitude], list[str]] = {}
-    for name, curve in curves.items():
-        place_of = basis.run_of(curve.test), drive_of(curve.test), missed(curve.test)
-        names_by_conditions.setdefault(place_of, []).append(name)
-    for (_, _, discrepancy), same in names_by_conditions.items():
-        attempt(curves[same[0]].test, partial(add_curves, same, discrepancy), "curve of ")
-    for test in tests:
-        if test.traits.is_prescribed or test.is_cyclic or has_groups_alone(test):
-            attempt(test, partial(add_test, test))
-        elif test.traits.is_controlled:
-            attempt(test, partial(add_points, test))
-    for test in loops:
-        attempt(test, partial(add_validation, test), "loop of ")
-    return groups
-
-
-def _compared_sweeps(names: set[str], sweeps: Sweeps | None) -> tuple[set[str], list[Test]]:
-    """What was fitted, less other levels' sweeps, and repeats that no fit saw, else fitted ones."""
-    if sweeps is None:
-        return names, []
-    others = {test.name for test in sweeps.held_out}
-    names = names - (others - {test.name for test in sweeps.fitted})
-    rest = [test for test in sweeps.fitted if test.name not in names & others]
-    return names, [*sweeps.held_out, *rest]
 
 
 def within_predictions(tree: xr.DataTree) -> Amendment | None:

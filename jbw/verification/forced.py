@@ -1,0 +1,226 @@
+"""Every test but free decays beside the model: records, responses, curves, points and loops."""
+
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from jbw.errors import Attempts
+from jbw.identification.assemble import Measured, entered
+from jbw.identification.model_discrepancy import NOTHING, AtAmplitude
+from jbw.identification.selection import Sweeps, loop_tests
+from jbw.measurement.records import Test, drive_of
+from jbw.report.messages import verification as messages
+from jbw.verification.controlled import PLACE, predict_apart
+from jbw.verification.curves import Curve, curves_of, predict_curves
+from jbw.verification.groups import has_groups_alone
+from jbw.verification.in_time import (
+    NEAR,
+    Motion,
+    bands_of_modes,
+    compare_frfs,
+    compare_records,
+    most_driven,
+    motion_of,
+)
+from jbw.verification.places import place
+from jbw.verification.predict import missed_in, route_of
+from jbw.verification.predicted import Predicted, Source
+from jbw.verification.predictive_basis import NUM_DRAWS, Basis
+from jbw.verification.reference_oscillators import Reference, of_run
+from jbw.verification.steady_motion import loop_validation
+from jbw.verification.withheld import is_withheld, without_band
+
+under_way = logging.getLogger("jbw.progress")
+NUM_FEW = 20  # of the draws, through long records
+FRF = "frequency response of "
+Placed = Iterator[tuple[str, xr.Dataset]]  # by path in the tree
+
+
+@dataclass(frozen=True)
+class ForcedTests:
+    """What the comparisons of tests have in common.
+
+    Attributes:
+        source: Draws of a further run, and what they predict with.
+        simpler: Oscillators without hysteresis, by kind.
+        fitted: Names of the tests that the fit has seen, and of which no repeat is left.
+        unseen: Sweeps of which no repeat was fitted.
+        bands_hz: Of the first mode as Step 2 has it, then of those beside it.
+        attempts: What is said of a comparison that cannot be made.
+    """
+
+    source: Source
+    simpler: Mapping[str, Reference]
+    fitted: set[str]
+    unseen: tuple[Test, ...]
+    bands_hz: list[tuple[float, float]]
+    attempts: Attempts
+
+    @property
+    def basis(self) -> Basis:
+        """What predictions start from."""
+        return self.source.basis
+
+    def attempted(
+        self, test: Test, build: Callable[[], Placed], what: str = ""
+    ) -> dict[str, xr.Dataset]:
+        """The groups that a comparison makes, or made before it failed."""
+        under_way.info("%s", test.name)
+        made: dict[str, xr.Dataset] = {}
+        what = messages.comparison_of(test.name, what)
+        self.attempts.make(what, lambda: made.update(build()), None)
+        return made
+
+    def missed(self, test: Test) -> AtAmplitude:
+        """The model discrepancy in a test's bands; the noise of what was fitted includes it."""
+        if test.name in self.fitted:
+            return NOTHING
+        return missed_in(self.basis, test, seed=self.source.seed)
+
+    def beside(
+        self, test: Test, num_draws: int = NUM_DRAWS, discrepancy: AtAmplitude | None = None
+    ) -> Source:
+        """What a test is compared with: all of its own run, where that was fitted."""
+        basis, seed = self.basis, self.source.seed
+        missed = self.missed(test) if discrepancy is None else discrepancy
+        return replace(
+            self.source,
+            draws=basis.draws_for(test, num_draws, seed=seed, missed=missed),
+            references=of_run(self.simpler, basis.run_of(test), drive_of(test)),
+            model_error=basis.model_error(test, missed),
+        )
+
+    def marks(self, test: Test) -> dict[str, Any]:
+        """Whether a test was fitted, and what its bands have in them."""
+        flags = {
+            "fitted": int(test.name in self.fitted), "offsets": int(len(self.basis.scatter) > 0)
+        }  # fmt: skip
+        missed = not flags["fitted"] and self.basis.misses
+        scatter = int(self.basis.scatters(test))
+        return {**flags, "scatter": scatter, "discrepancy": int(missed)}
+
+    def marked(
+        self, kind: str, name: str, test: Test, predicted: Predicted
+    ) -> tuple[str, xr.Dataset]:
+        """A prediction in its place, without bands where none can be stated."""
+        attrs = {"noise": predicted.noise.says, **self.marks(test)}
+        extrapolation = predicted.extrapolation(self.basis)
+        if extrapolation is not None and not attrs["fitted"]:
+            attrs["extrapolation"] = extrapolation
+        compared = predicted.dataset.assign_attrs(attrs)
+        withheld = not attrs["fitted"] and is_withheld(self.basis, predicted.amplitudes)
+        where = place(f"verification/{kind}", name)
+        return where, without_band(compared) if withheld else compared
+
+    def frf(self, motion: Motion) -> Placed:
+        """The frequency response of a record in the band that it drives most."""
+        test = motion.test
+        band_hz = most_driven(test.records[0], self.bands_hz)
+        frf = compare_frfs(motion, band_hz).assign_attrs(self.marks(test))
+        yield place("verification/frf", test.name), frf
+
+    def sweep(self, test: Test) -> Placed:
+        """A sweep in time and by its frequency response."""
+        source = self.beside(test)
+        motion = motion_of(source, test)
+        yield from self.attempted(test, partial(self.frf, motion), FRF).items()
+        predicted = Predicted(compare_records(source, motion), motion.peak, motion.noise)
+        seen = int(all(test is not other for other in self.unseen))
+        shown = predicted._replace(dataset=predicted.dataset.assign_attrs(seen=seen))
+        yield self.marked("sweep", test.name, test, shown)
+
+    def response(self, test: Test) -> Placed:
+        """The frequency response of random motion, by few draws."""
+        source = replace(self.beside(test, NUM_FEW, NOTHING), references={})
+        yield from self.frf(motion_of(source, test, substeps=1))
+
+    def curves(self, named: Mapping[str, Curve], discrepancy: AtAmplitude) -> Placed:
+        """Curves of one run and drive, predicted together."""
+        together = list(named.values())
+        source = self.beside(together[0].test, discrepancy=discrepancy)
+        compared = predict_curves(source, together)
+        for (name, curve), predicted in zip(named.items(), compared, strict=True):
+            yield self.marked("curve", name, curve.test, predicted)
+
+    def whole(self, test: Test) -> Placed:
+        """A test by the one route of its kind."""
+        source = self.beside(test, NUM_FEW if test.is_cyclic else NUM_DRAWS)
+        yield self.marked(test.kind, test.name, test, route_of(test)(source, test))
+
+    def points(self, test: Test) -> Placed:
+        """The points of a controlled test."""
+        for name, predicted in predict_apart(self.beside(test), test):
+            yield self.marked(PLACE, name, test, predicted)
+
+    def loop(self, test: Test) -> Placed:
+        """A held tone at the resonance, by its loop: the paper's validation."""
+        draws = self.beside(test, discrepancy=NOTHING).draws
+        validated = loop_validation(test, draws, self.basis.laws)
+        marked = validated.assign_attrs(scatter=int(self.basis.scatters(test)))
+        yield place("validation/loops", test.name), marked
+
+
+def verify_forced(
+    source: Source, simpler: Mapping[str, Reference], measured: Measured, attempts: Attempts
+) -> dict[str, xr.Dataset]:
+    """Verification and validation on every test but free decays, by path in the tree."""
+    natural_hz = float(np.mean(source.draws["omega_n"])) / (2 * np.pi)
+    loops: tuple[Test, ...] = ()
+    if measured.linear is not None:
+        natural_hz = measured.linear.natural_hz
+        loops = loop_tests(measured.tests, natural_hz)
+    entries = {name for name, is_fitted in entered(measured).items() if is_fitted}
+    fitted, sweeps = _compared_sweeps(entries, measured.sweeps)
+    unseen = () if measured.sweeps is None else tuple(measured.sweeps.held_out)
+    bands = [(NEAR[0] * natural_hz, NEAR[1] * natural_hz), *bands_of_modes(source.draws)[1:]]
+    forced = ForcedTests(source, simpler, fitted, unseen, bands, attempts)
+    groups: dict[str, xr.Dataset] = {}
+    for test in sweeps:
+        groups |= forced.attempted(test, partial(forced.sweep, test))
+    for test in measured.tests:
+        if test.traits.is_broadband and not test.is_cyclic:
+            groups |= forced.attempted(test, partial(forced.response, test), FRF)
+    validating = {test.name for test in loops}
+    others = [test for test in measured.tests if test.name not in validating]
+    for (_, _, discrepancy), named in _curves_together(forced, others).items():
+        first = next(iter(named.values())).test
+        build = partial(forced.curves, named, discrepancy)
+        groups |= forced.attempted(first, build, "curve of ")
+    for test in measured.tests:
+        if test.traits.is_prescribed or test.is_cyclic or has_groups_alone(test):
+            groups |= forced.attempted(test, partial(forced.whole, test))
+        elif test.traits.is_controlled:
+            groups |= forced.attempted(test, partial(forced.points, test))
+    for test in loops:
+        groups |= forced.attempted(test, partial(forced.loop, test), "loop of ")
+    return groups
+
+
+def _curves_together(
+    forced: ForcedTests, tests: Sequence[Test]
+) -> dict[tuple[str | None, str, AtAmplitude], dict[str, Curve]]:
+    """Curves by run, drive and model discrepancy; fitted tones of a level apart from the others."""
+    curves = curves_of([test for test in tests if test.name in forced.fitted])
+    held_out = [test for test in tests if test.name not in forced.fitted]
+    curves |= curves_of(held_out, " (held out)")
+    together: dict[tuple[str | None, str, AtAmplitude], dict[str, Curve]] = {}
+    for name, curve in curves.items():
+        test = curve.test
+        conditions = forced.basis.run_of(test), drive_of(test), forced.missed(test)
+        together.setdefault(conditions, {})[name] = curve
+    return together
+
+
+def _compared_sweeps(names: set[str], sweeps: Sweeps | None) -> tuple[set[str], list[Test]]:
+    """What was fitted, less other levels' sweeps, and repeats that no fit saw, else fitted ones."""
+    if sweeps is None:
+        return names, []
+    others = {test.name for test in sweeps.held_out}
+    names = names - (others - {test.name for test in sweeps.fitted})
+    rest = [test for test in sweeps.fitted if test.name not in names & others]
+    return names, [*sweeps.held_out, *rest]
