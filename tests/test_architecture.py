@@ -210,6 +210,26 @@ def test_sentences_stand_in_the_catalogue():
     assert sum(map(len, held.values())) <= MOST_SENTENCES, told(held)
 
 
+PAGE = 45  # lines of the body of `identify`
+
+
+def test_identify_stands_on_one_page():
+    """Its body, the docstring aside: a line a stage, no loop, no `replace` of what was made."""
+    (function,) = [
+        node
+        for node in parsed(ROOT / "study" / "identify.py").body
+        if isinstance(node, ast.FunctionDef)
+    ]
+    body = function.body[1:]
+    assert body[-1].end_lineno - body[0].lineno + 1 <= PAGE
+    loops = ast.For | ast.While | ast.Try | ast.FunctionDef
+    names = {node.id for node in ast.walk(function) if isinstance(node, ast.Name)}
+    assert not [
+        node for statement in body for node in ast.walk(statement) if isinstance(node, loops)
+    ]
+    assert "replace" not in names
+
+
 def test_no_array_is_made_by_jax_at_import():
     """It would have the precision of that moment, and `enable_x64` may come later."""
     wrong = {}
