@@ -6,7 +6,7 @@ What is found stops nothing here: a campaign is looked at channel by channel to 
 import json
 import re
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -93,83 +93,113 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
     """
     path = Path(path)
     spec, folder = read_spec(path), path.resolve().parent
+    joints, of_joints, refused = _checked_joints(spec, folder, allow_outside=allow_outside)
+    tests = [_checked_test(test, spec, folder, allow_outside=allow_outside) for test in spec.tests]
+    of_tables = [("[identify]", fault) for fault in unread(spec)]
+    of_tables += [(STRUCTURE, fault) for fault in of_joints]
     rows = [
-        Row("[identify]", fault.channel, "", "", None, 0, fault.severity, (fault,))
-        for fault in unread(spec)
+        *(Row(name, x.channel, "", "", None, 0, x.severity, (x,)) for name, x in of_tables),
+        *(row for test in tests for row in test.rows),
     ]
-    codes, seen, proposed = set(), [], []
-    try:
-        joints, joint_faults = check_joints(spec, folder, allow_outside=allow_outside)
-        codes |= {ConfigError.exit_code} if worst(joint_faults) == "error" else set()
-    except JbwError as error:
-        joints, joint_faults = None, [refusal("matrices", error.what, error.why, error.remedy)]
-        codes.add(error.exit_code)
-    for fault in joint_faults:
-        rows.append(Row(STRUCTURE, fault.channel, "", "", None, 0, fault.severity, (fault,)))
-    sources: list[ResponseOrigin] = []
-    levels: list[Level] = []
-    for test in spec.tests:
-        named: list[tuple[str, Fault]] = []
-        failures: dict[tuple[str, ...], JbwError] = {}
-        first: list[Record] = []
-        small_records: list[Record] = []
-        repeats = held = 0
-        for item in repeats_of(test, folder, allow_outside=allow_outside):
-            if isinstance(item, Record):
-                repeats += 1
-                per_unit = gain_of(force_per_unit(spec), test.driven_by)
-                faults = findings(item, test, first, per_unit=per_unit, laws=spec.laws)
-                spoilt = worst(faults) == "error"
-                stated = () if first or spoilt else tuple(_stated(item, test, spec))
-                codes |= {DataError.exit_code} if spoilt else set()
-                codes |= {ConfigError.exit_code} if worst(stated) == "error" else set()
-                named += [(item.name, beside_stated(f, test)) for f in (*faults, *stated)]
-                sources.append(source_of(item, test))
-                levels += [] if first else level_of(item, test)
-                held += item.num_samples * len(item.channels)
-                small_records = [*small_records, item] if held <= MOST_SAMPLES else []
-                # Its head alone, so that a huge campaign is never held in memory.
-                proposed += [] if first or spoilt else long_records(test.name, test.traits, item)
-                empty = {role: x[:0].copy() for role, x in item.channels.items()}
-                first = first or [replace(item, channels=empty)]
-            elif isinstance(item, ConfigError | DataError):
-                failures.setdefault(item.args, item)
-            else:
-                raise item
-        test_faults = [beside_excluded(fault, test) for fault in gathered(named, repeats)]
-        codes |= {failure.exit_code for failure in failures.values()}
-        if small_records and worst(test_faults) != "error":
-            seen += seen_in(test, small_records)
-        fs = first[0].fs if first and is_sampled(first[0]) else None
-        # What could not be read is told once a test, in its first channel's row.
-        failed = [
-            refusal("", failure.what, failure.why, failure.remedy) for failure in failures.values()
-        ]
-        for role, channel in test.channels.items():
-            row_faults = [fault for fault in test_faults if fault.channel == role] + failed
-            row_faults.sort(key=lambda fault: fault.severity)
-            unit = test.units.get(role, "")
-            rows.append(
-                Row(
-                    test.name,
-                    channel,
-                    role,
-                    unit,
-                    fs,
-                    repeats,
-                    worst(row_faults),
-                    tuple(row_faults),
-                )
-            )
-            failed = []
+    sources = [source for test in tests for source in test.sources]
+    levels = [level for test in tests for level in test.levels]
     by_name = {test.name: test for test in spec.tests}
     repeated = (
         (name, beside_excluded(fault, by_name[name])) for name, fault in held_twice(sources)
     )
     compared = [*repeated, *against_levels(levels)]
+    codes = refused.union(*(test.codes for test in tests))
     codes |= {DataError.exit_code} if worst(fault for _, fault in compared) == "error" else set()
-    rows = list(_with(rows, compared))
-    return Check(spec.name, tuple(rows), min(codes, default=0), (*seen, *proposed), joints)
+    seen = [sentence for test in tests for sentence in test.seen]
+    proposed = [sentence for test in tests for sentence in test.proposed]
+    rows = tuple(_with(rows, compared))
+    return Check(spec.name, rows, min(codes, default=0), (*seen, *proposed), joints)
+
+
+def _checked_joints(
+    spec: CampaignSpec, folder: Path, *, allow_outside: bool
+) -> tuple[JointsCheck | None, Sequence[Fault], set[int]]:
+    """Several joints and their faults, with the exit codes that these ask for."""
+    try:
+        joints, faults = check_joints(spec, folder, allow_outside=allow_outside)
+    except JbwError as error:
+        refused = refusal("matrices", error.what, error.why, error.remedy)
+        return None, [refused], {error.exit_code}
+    return joints, faults, {ConfigError.exit_code} if worst(faults) == "error" else set()
+
+
+@dataclass
+class _CheckedTest:
+    """What the repeats of a test say, one after the other, so that none is held in memory."""
+
+    rows: list[Row] = field(default_factory=list)
+    codes: set[int] = field(default_factory=set)  # exit codes that its faults ask for
+    named: list[tuple[str, Fault]] = field(default_factory=list)  # faults by the repeat's name
+    failures: dict[tuple[str, ...], JbwError] = field(default_factory=dict)  # of repeats not read
+    first: list[Record] = field(default_factory=list)  # head of the first repeat
+    small_records: list[Record] = field(default_factory=list)  # all repeats, where they are few
+    repeats: int = 0
+    held: int = 0  # samples of all repeats
+    sources: list[ResponseOrigin] = field(default_factory=list)
+    levels: list[Level] = field(default_factory=list)
+    proposed: list[str] = field(default_factory=list)
+    seen: list[str] = field(default_factory=list)
+
+    def take(self, record: Record, test: TestSpec, spec: CampaignSpec) -> None:
+        """Look at one repeat."""
+        per_unit = gain_of(force_per_unit(spec), test.driven_by)
+        faults = findings(record, test, self.first, per_unit=per_unit, laws=spec.laws)
+        spoilt = worst(faults) == "error"
+        stated = () if self.first or spoilt else tuple(_stated(record, test, spec))
+        self.codes |= {DataError.exit_code} if spoilt else set()
+        self.codes |= {ConfigError.exit_code} if worst(stated) == "error" else set()
+        self.named += [(record.name, beside_stated(f, test)) for f in (*faults, *stated)]
+        self.sources.append(source_of(record, test))
+        self.repeats += 1
+        self.held += record.num_samples * len(record.channels)
+        self.small_records = [*self.small_records, record] if self.held <= MOST_SAMPLES else []
+        if self.first:
+            return
+        self.levels += level_of(record, test)
+        self.proposed += [] if spoilt else long_records(test.name, test.traits, record)
+        # Its head alone, so that a huge campaign is never held in memory.
+        empty = {role: x[:0].copy() for role, x in record.channels.items()}
+        self.first = [replace(record, channels=empty)]
+
+
+def _checked_test(
+    test: TestSpec, spec: CampaignSpec, folder: Path, *, allow_outside: bool
+) -> _CheckedTest:
+    """Every repeat of a test, and a row for every channel of it."""
+    checked = _CheckedTest()
+    for item in repeats_of(test, folder, allow_outside=allow_outside):
+        if isinstance(item, Record):
+            checked.take(item, test, spec)
+        elif isinstance(item, ConfigError | DataError):
+            checked.failures.setdefault(item.args, item)
+        else:
+            raise item
+    named = gathered(checked.named, checked.repeats)
+    faults = [beside_excluded(fault, test) for fault in named]
+    failures = checked.failures.values()
+    checked.codes |= {failure.exit_code for failure in failures}
+    if checked.small_records and worst(faults) != "error":
+        checked.seen += seen_in(test, checked.small_records)
+    fs = checked.first[0].fs if checked.first and is_sampled(checked.first[0]) else None
+    # What could not be read is told once a test, in its first channel's row.
+    failed = [refusal("", failure.what, failure.why, failure.remedy) for failure in failures]
+    for role, channel in test.channels.items():
+        own = sorted(
+            [*(fault for fault in faults if fault.channel == role), *failed],
+            key=lambda fault: fault.severity,
+        )
+        unit, repeats = test.units.get(role, ""), checked.repeats
+        checked.rows.append(
+            Row(test.name, channel, role, unit, fs, repeats, worst(own), tuple(own))
+        )
+        failed = []
+    checked.small_records.clear()
+    return checked
 
 
 def beside_stated(fault: Fault, test: TestSpec) -> Fault:
