@@ -58,9 +58,9 @@ if TYPE_CHECKING:
     from jbw.oscillator.modes.structure import internal_resonances as internal_resonances
     from jbw.oscillator.oscillator import BoucWen as BoucWen
     from jbw.oscillator.oscillator import Oscillator as Oscillator
+    from jbw.oscillator.periodic import shooting as shooting
     from jbw.oscillator.response import Response as Response
     from jbw.oscillator.response import simulate as simulate
-    from jbw.oscillator.shooting import shooting as shooting
     from jbw.oscillator.steady.backbone import backbone as backbone
     from jbw.oscillator.steady.backbone import frequency_response as frequency_response
     from jbw.oscillator.steady.continuation import response_curve as response_curve
@@ -159,7 +159,7 @@ _HOME = {
     "reduce": "assembly.reduce",
     "response_curve": "oscillator.steady.continuation",
     "sbc": "study.calibration",
-    "shooting": "oscillator.shooting",
+    "shooting": "oscillator.periodic",
     "simulate": "oscillator.response",
     "smoothing": "paper.coefficients",
     "steady_cycle": "oscillator.steady.cycle",

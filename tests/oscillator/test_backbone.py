@@ -7,7 +7,7 @@ import pytest
 
 from jbw.errors import ModelError
 from jbw.oscillator.oscillator import BoucWen
-from jbw.oscillator.shooting import shooting
+from jbw.oscillator.periodic import shooting
 from jbw.oscillator.steady.backbone import backbone, frequency_response
 from jbw.oscillator.steady.balance import dimensionless, linear_response, newton
 from jbw.oscillator.steady.continuation import response_curve

@@ -13,8 +13,8 @@ from scipy.optimize import brentq, root
 from jbw.errors import ModelError
 from jbw.oscillator.laws.springs import Cubic, Polynomial
 from jbw.oscillator.oscillator import BoucWen
+from jbw.oscillator.periodic import shooting
 from jbw.oscillator.response import simulate
-from jbw.oscillator.shooting import shooting
 from jbw.oscillator.steady.backbone import backbone, frequency_response
 from jbw.oscillator.steady.balance import imbalance, refined
 from jbw.oscillator.steady.continuation import response_curve

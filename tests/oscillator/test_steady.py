@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from jbw.errors import ConfigError, ModelError
 from jbw.oscillator.oscillator import BoucWen
-from jbw.oscillator.shooting import shooting
+from jbw.oscillator.periodic import shooting
 from jbw.oscillator.steady.cycle import steady_cycle, steady_state
 from jbw.paper.kernels import h1
 

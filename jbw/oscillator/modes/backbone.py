@@ -19,7 +19,6 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix
 from jaxtyping import Array, ArrayLike, Complex, Float, Real
 
 from jbw.errors import ConfigError, ModelError
@@ -32,6 +31,7 @@ from jbw.oscillator.checks import (
 )
 from jbw.oscillator.modes.balance import dynamic_stiffness, joint_forces
 from jbw.oscillator.modes.structure import Structure, admitted, by_joint, map_joint_laws
+from jbw.oscillator.newton import newton_root
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.steady.waveform import num_turns, orders
 
@@ -233,16 +233,11 @@ def _to(
 
 def _newton(options: BackboneOptions, structure: Structure, start: Point, amplitude: Array):
     """Newton's iteration at one amplitude."""
-    solution = optimistix.root_find(
-        lambda point, args: _imbalance(options, args[0], point, args[1]),
-        optimistix.Newton(rtol=_TOLERANCE, atol=_TOLERANCE),
-        start,
-        (structure, amplitude),
-        max_steps=_MAX_NEWTON,
-        throw=False,
-    )
-    converged = solution.result == optimistix.RESULTS.successful
-    return solution.value, converged & jnp.all(jnp.isfinite(solution.value))
+    point, converged = newton_root(
+        lambda point, args: _imbalance(options, args[0], point, args[1]), start,
+        (structure, amplitude), tolerance=_TOLERANCE, max_steps=_MAX_NEWTON,
+    )  # fmt: skip
+    return point, converged & jnp.all(jnp.isfinite(point))
 
 
 class Units(NamedTuple):

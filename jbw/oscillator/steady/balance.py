@@ -13,7 +13,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix
 from jaxtyping import Array, ArrayLike, Bool, Complex, Float, Int, Shaped
 
 from jbw.oscillator.checks import require_periodic
@@ -21,6 +20,7 @@ from jbw.oscillator.damper import Damper
 from jbw.oscillator.law import Law, map_laws
 from jbw.oscillator.modes.balance import modal_imbalance, modal_response, modal_units
 from jbw.oscillator.modes.structure import Structure
+from jbw.oscillator.newton import newton_root
 from jbw.oscillator.oscillator import Joint, Oscillator, as_oscillator
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.steady.waveform import num_turns, orders
@@ -223,16 +223,11 @@ def newton(
     joint: Unit, omega: Scalar, start: Packed, max_turns: int
 ) -> tuple[Packed, Bool[Array, ""]]:
     """Newton's iteration for the residual from `start`, at full load."""
-    solution = optimistix.root_find(
-        lambda packed, problem: residual(packed, problem, max_turns),
-        optimistix.Newton(rtol=_TOLERANCE, atol=_TOLERANCE),
-        start,
-        (joint, omega),
-        max_steps=_MAX_NEWTON,
-        throw=False,
-    )
-    converged = solution.result == optimistix.RESULTS.successful
-    return solution.value, converged & jnp.all(jnp.isfinite(solution.value))
+    packed, converged = newton_root(
+        partial(residual, max_turns=max_turns), start, (joint, omega),
+        tolerance=_TOLERANCE, max_steps=_MAX_NEWTON,
+    )  # fmt: skip
+    return packed, converged & jnp.all(jnp.isfinite(packed))
 
 
 def _dynamic_stiffness(

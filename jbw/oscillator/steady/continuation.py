@@ -7,13 +7,13 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-import optimistix
 from jaxtyping import Array, Complex, Float
 
 from jbw.errors import ModelError
 from jbw.oscillator.checks import require_concrete, require_sense
 from jbw.oscillator.modes.balance import StructureHarmonics, modes_of, of_one_joint
 from jbw.oscillator.modes.structure import Structure, admitted, by_joint
+from jbw.oscillator.newton import newton_root
 from jbw.oscillator.oscillator import Joint, as_oscillator
 from jbw.oscillator.steady.balance import (
     Packed,
@@ -186,18 +186,11 @@ def _advance(
         off = jnp.dot(direction, (tried - predicted) / scale)
         return jnp.append(_equations(unit, tried, max_turns), off)
 
-    solution = optimistix.root_find(
-        on_plane,
-        optimistix.Newton(rtol=_TOLERANCE, atol=_TOLERANCE),
-        predicted,
-        max_steps=_MAX_NEWTON,
-        throw=False,
-    )
-    tried = solution.value
+    tried, converged = newton_root(on_plane, predicted, tolerance=_TOLERANCE, max_steps=_MAX_NEWTON)
     ahead = _tangent(unit, tried, direction, max_turns)
     near = jnp.linalg.norm((tried - predicted) / scale) < arc
     turns = most_turns(unpack(_harmonics(unit, tried)))
-    good = (solution.result == optimistix.RESULTS.successful) & near & (turns <= max_turns)
+    good = converged & near & (turns <= max_turns)
     return tried, ahead, good & jnp.all(jnp.isfinite(ahead))
 
 

@@ -1,0 +1,35 @@
+"""Newton's iteration for a root, differentiable in its arguments by the implicit function."""
+
+from collections.abc import Callable
+from typing import Any
+
+import optimistix
+from jaxtyping import Array, Bool, Float
+
+
+def newton_root(
+    function: Callable[[Any, Any], Any],
+    start: Float[Array, "..."],
+    args: Any = None,
+    *,
+    tolerance: float,
+    max_steps: int,
+) -> tuple[Float[Array, "..."], Bool[Array, ""]]:
+    """The root of function(x, args) from `start`, and whether the iteration converged.
+
+    Args:
+        function: Vanishes at the root.
+        start: Where the iteration begins.
+        args: What the root is differentiable in.
+        tolerance: Relative and absolute.
+        max_steps: Iterations at most.
+    """
+    solution = optimistix.root_find(
+        function,
+        optimistix.Newton(rtol=tolerance, atol=tolerance),
+        start,
+        args,
+        max_steps=max_steps,
+        throw=False,
+    )
+    return solution.value, solution.result == optimistix.RESULTS.successful
