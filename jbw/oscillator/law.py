@@ -42,6 +42,7 @@ class Law(eqx.Module):
     Attributes:
         name: Name in a campaign, `[joint] laws = ["bouc_wen"]`; a class variable.
         table: Every parameter's name, symbol, unit, meaning and least value; a class variable.
+        fields: Fields that hold parameters of other names, by these; a class variable.
         products: Products of them that weak motion identifies; a class variable.
         coordinates: Other parameters to sample in, by name; a class variable.
         degrades: Whether every cycle changes the joint for good; a class variable. Tip, loop and
@@ -50,6 +51,7 @@ class Law(eqx.Module):
 
     name: ClassVar[str]
     table: ClassVar[tuple[Quantity, ...]]
+    fields: ClassVar[Mapping[str, str]] = {}
     products: ClassVar[tuple[Monomial, ...]] = ()
     coordinates: ClassVar[Mapping[str, Coordinates]] = {}
     usual: ClassVar[Mapping[str, tuple[str, tuple[float, float]]]] = {}
@@ -64,7 +66,7 @@ class Law(eqx.Module):
     @classmethod
     def build(cls, theta: Mapping[str, Any]) -> Self:
         """The law from a dictionary of its parameters, which may hold others too."""
-        return cls(**{name: theta[name] for name in cls.names()})
+        return cls(**{cls.fields.get(name, name): theta[name] for name in cls.names()})
 
     @classmethod
     def of(cls, theta: Mapping[str, Any]) -> Self:
@@ -76,7 +78,7 @@ class Law(eqx.Module):
 
     def parameters(self) -> dict[str, Any]:
         """Values of the parameters by name, the inverse of `build`."""
-        return {name: getattr(self, name) for name in self.names()}
+        return {name: getattr(self, self.fields.get(name, name)) for name in self.names()}
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:

@@ -1,7 +1,7 @@
 r"""Viscous controls: the forces $c\,v|v|$ and $c\,v^3$ of the velocity."""
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, Self
+from typing import ClassVar
 
 import jax.numpy as jnp
 import numpy as np
@@ -39,17 +39,9 @@ class QuadraticDamping(Damper):
     table: ClassVar[tuple[Quantity, ...]] = (
         Quantity("quadratic_damping", "c_v", "1/m", "force over the square of the velocity", 0.0),
     )
+    fields: ClassVar[Mapping[str, str]] = {"quadratic_damping": "c"}
 
     c: Scalar
-
-    @classmethod
-    def build(cls, theta: Mapping[str, Any]) -> Self:
-        """The damper of `quadratic_damping`."""
-        return cls(theta["quadratic_damping"])
-
-    def parameters(self) -> dict[str, Any]:
-        """Values by name."""
-        return {"quadratic_damping": self.c}
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
@@ -121,17 +113,9 @@ class CubicDamping(Damper):
     table: ClassVar[tuple[Quantity, ...]] = (
         Quantity("cubic_damping", "c_v3", "s/m^2", "force over the cube of the velocity", 0.0),
     )
+    fields: ClassVar[Mapping[str, str]] = {"cubic_damping": "c"}
 
     c: Scalar
-
-    @classmethod
-    def build(cls, theta: Mapping[str, Any]) -> Self:
-        """The damper of `cubic_damping`."""
-        return cls(theta["cubic_damping"])
-
-    def parameters(self) -> dict[str, Any]:
-        """Values by name."""
-        return {"cubic_damping": self.c}
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:

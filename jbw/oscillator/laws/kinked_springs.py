@@ -1,7 +1,7 @@
 r"""Springs whose slope or curvature jumps at some displacements: stops, and the force of y|y|."""
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple, Self
+from typing import ClassVar, NamedTuple
 
 import jax.numpy as jnp
 from jax.lax import stop_gradient
@@ -131,17 +131,9 @@ class Quadratic(KinkedSpring):
     table: ClassVar[tuple[Quantity, ...]] = (
         Quantity("quadratic", "c₂", "1/(m s^2)", "stiffness by the size of the displacement"),
     )
+    fields: ClassVar[Mapping[str, str]] = {"quadratic": "c"}
 
     c: Scalar
-
-    @classmethod
-    def build(cls, theta: Mapping[str, Any]) -> Self:
-        """The spring of `quadratic`."""
-        return cls(theta["quadratic"])
-
-    def parameters(self) -> dict[str, Any]:
-        """Values by name."""
-        return {"quadratic": self.c}
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
@@ -178,18 +170,10 @@ class Stop(KinkedSpring):
         Quantity("stop_stiffness", "K_P", "1/s^2", "stiffness of the stop"),
         Quantity("stop_gap", "δ_P", "m", "displacement at which the stop begins to act", 0.0),
     )
+    fields: ClassVar[Mapping[str, str]] = {"stop_stiffness": "k", "stop_gap": "gap"}
 
     k: Scalar
     gap: Scalar
-
-    @classmethod
-    def build(cls, theta: Mapping[str, Any]) -> Self:
-        """The stop of `stop_stiffness` and `stop_gap`."""
-        return cls(theta["stop_stiffness"], theta["stop_gap"])
-
-    def parameters(self) -> dict[str, Any]:
-        """Values by name."""
-        return {"stop_stiffness": self.k, "stop_gap": self.gap}
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:

@@ -1,7 +1,7 @@
 r"""Springs: smooth restoring forces $f(y)$ without memory, per unit mass."""
 
 from collections.abc import Mapping
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar
 
 import equinox as eqx
 import jax
@@ -105,17 +105,9 @@ class Cubic(Spring):
     table: ClassVar[tuple[Quantity, ...]] = (
         Quantity("cubic", "λ₃", "1/(m^2 s^2)", "cubic stiffness beside the joint"),
     )
+    fields: ClassVar[Mapping[str, str]] = {"cubic": "lambda_3"}
 
     lambda_3: Scalar
-
-    @classmethod
-    def build(cls, theta: Mapping[str, Any]) -> Self:
-        """The spring of `cubic`."""
-        return cls(theta["cubic"])
-
-    def parameters(self) -> dict[str, Any]:
-        """Values by name."""
-        return {"cubic": self.lambda_3}
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
@@ -142,17 +134,9 @@ class Quintic(Spring):
     table: ClassVar[tuple[Quantity, ...]] = (
         Quantity("quintic", "k₅", "1/(m^4 s^2)", "quintic stiffness beside the joint"),
     )
+    fields: ClassVar[Mapping[str, str]] = {"quintic": "k_5"}
 
     k_5: Scalar
-
-    @classmethod
-    def build(cls, theta: Mapping[str, Any]) -> Self:
-        """The spring of `quintic`."""
-        return cls(theta["quintic"])
-
-    def parameters(self) -> dict[str, Any]:
-        """Values by name."""
-        return {"quintic": self.k_5}
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
@@ -183,17 +167,9 @@ class Square(Spring):
     table: ClassVar[tuple[Quantity, ...]] = (
         Quantity("square", "k₂", "1/(m s^2)", "stiffness gained by displacement, an even force"),
     )
+    fields: ClassVar[Mapping[str, str]] = {"square": "k_2"}
 
     k_2: Scalar
-
-    @classmethod
-    def build(cls, theta: Mapping[str, Any]) -> Self:
-        """The spring of `square`."""
-        return cls(theta["square"])
-
-    def parameters(self) -> dict[str, Any]:
-        """Values by name."""
-        return {"square": self.k_2}
 
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
