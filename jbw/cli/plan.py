@@ -85,7 +85,7 @@ def plan(
 
 def _plan_fleet(torques: str, scatter: float, json_: bool) -> None:
     """The table of designs of a fleet."""
-    from jbw.population.design import fleet_designs
+    from jbw.planning.plan import fleet_designs
 
     try:
         low, high = map(float, torques.split(":"))

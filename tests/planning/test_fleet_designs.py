@@ -8,7 +8,7 @@ from scipy.stats import linregress
 
 from jbw.cli import run
 from jbw.errors import ConfigError
-from jbw.population.design import fleet_designs
+from jbw.planning.plan import fleet_designs
 
 # Sd of the slope, half of its 99 % interval, half of that of a new assembly; 2 to 12 N m.
 TABLE = {
