@@ -71,8 +71,8 @@ def population(
         backbone = new_backbone(pooling, units, torque, seed=seed)
         tree.dataset = backbone.assign_attrs(tree.attrs)
         sd = np.sqrt(np.diagonal(pooling.pooled.cov, axis1=1, axis2=2))
-        places, bands = _bands(pooling, torque, new)
-        figure = population_figure(pooling.record, pooling.pooled.mean, sd, places, bands)
+        grid, bands = _bands(pooling, torque, new)
+        figure = population_figure(pooling.record, pooling.pooled.mean, sd, grid, bands)
         ahead = np.exp(new(torque)).T
         record: dict[str, Any] = {
             **pooling.record,
@@ -107,7 +107,7 @@ def _bands(
     torques = np.array(pooling.record["torque"], float)
     if "torque" not in pooling.design.columns:
         return np.array([0.5, len(torques) + 0.5]), np.stack([new(None)] * 2, axis=1)
-    places = np.geomspace(torques.min(), torques.max(), NUM_PLACES)
+    grid = np.geomspace(torques.min(), torques.max(), NUM_PLACES)
     if torque is not None:
-        places = np.sort(np.append(places, torque))
-    return places, np.stack([new(place) for place in places], axis=1)
+        grid = np.sort(np.append(grid, torque))
+    return grid, np.stack([new(place) for place in grid], axis=1)

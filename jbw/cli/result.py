@@ -123,11 +123,11 @@ def export(
         say(f"Reading {folder}")
         summary, tree = read_result(folder)
         say(stages.COMPUTING_JOINT)
-        made = export_of_run(tree, summary, names, fmu=fmu, count=count, **options)
+        exported = export_of_run(tree, summary, names, fmu=fmu, count=count, **options)
         place = out or folder / "export"
-        titles = ", ".join(program.title for program in made.programs)
+        titles = ", ".join(program.title for program in exported.programs)
         say(f"Writing {titles or 'tables'} to {place}")
-        written = made.write(claim(place))
+        written = exported.write(claim(place))
     paths = [str(path) for path in written]
-    record = {"about": list(made.about), "files": paths, "notes": list(made.notes)}
-    answer(json_, record, *made.notes, saved="\n".join(paths))
+    record = {"about": list(exported.about), "files": paths, "notes": list(exported.notes)}
+    answer(json_, record, *exported.notes, saved="\n".join(paths))

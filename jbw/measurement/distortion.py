@@ -257,15 +257,16 @@ def _fitted(
     return hz, amplitudes[0] * turn, amplitudes[1] * turn, std, stray
 
 
-def largest_share(found: SweptHarmonics, order: int) -> tuple[float, float, float]:
+def largest_share(harmonics: SweptHarmonics, order: int) -> tuple[float, float, float]:
     """Largest harmonic of an order over the largest fundamental, its noise, and where [Hz].
 
     What the source's own harmonic may make of itself is taken off: its share times the largest
     response over the source.
     """
-    size = np.abs(found.response[0])
-    row, source = np.abs(found.response[order - 1]), np.abs(found.source[order - 1])
-    passed = np.max(size / np.abs(found.source[0])) * source
+    size = np.abs(harmonics.response[0])
+    row, source = np.abs(harmonics.response[order - 1]), np.abs(harmonics.source[order - 1])
+    passed = np.max(size / np.abs(harmonics.source[0])) * source
     excess: Float[np.ndarray, " window"] = np.where(np.isfinite(row), row - passed, -np.inf)
     i = int(np.argmax(excess))
-    return max(float(excess[i] / size.max()), 0.0), float(found.std[i] / size.max()), found.freq[i]
+    share, noise = float(excess[i] / size.max()), float(harmonics.std[i] / size.max())
+    return max(share, 0.0), noise, harmonics.freq[i]

@@ -100,13 +100,13 @@ def _draw_joints(panel: Axes, group: xr.Dataset, joints: xr.Dataset, mode: int, 
     for i, name in enumerate(joints["joint"].values):
         weights = group["weight"].sel(joint=name)
         members = [str(dof).rpartition(":")[0] for dof in weights["dof"].values[weights != 0]]
-        places = [moved[nodes.index(node)] for node in members if node in nodes]
-        if not places:
+        positions = [moved[nodes.index(node)] for node in members if node in nodes]
+        if not positions:
             continue
         share = float(joints["energy_share"].sel(joint=name))
         area = SMALLEST + (LARGEST - SMALLEST) * min(share, 1.0)
         panel.scatter(
-            *np.mean(places, axis=0), s=area, color=_colour(i), zorder=3, edgecolors=INK,
+            *np.mean(positions, axis=0), s=area, color=_colour(i), zorder=3, edgecolors=INK,
             linewidths=0.5, label=plain(name),
         )  # fmt: skip
 

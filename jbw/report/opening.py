@@ -125,30 +125,32 @@ def joint_sentences(summary: Summary) -> list[str]:
 
     Nothing of one joint.
     """
-    found = summary.get("joints")
-    if not found:
+    joints = summary.get("joints")
+    if not joints:
         return []
     effects = [
         messages.joints_effect(mode["mode"], *(_per_cents(mode[name]) for name in JOINT_EFFECTS))
-        for mode in found["modes"]
+        for mode in joints["modes"]
         if mode[JOINT_EFFECTS[0]]["0.5"] is not None
     ]
-    unknown = [row["joint"] for row in found["joints"] if row["verdict"] != "identified"]
+    unknown = [row["joint"] for row in joints["joints"] if row["verdict"] != "identified"]
     damped = []
-    for i, mode in enumerate(found["modes"]):
-        shares = {row["joint"]: (row["loss_share"][i] or {}).get("0.5") for row in found["joints"]}
-        known = {joint: share for joint, share in shares.items() if share is not None}
-        if known and max(known, key=lambda joint: known[joint]) not in unknown:
-            most = max(known, key=lambda joint: known[joint])
-            damped.append(messages.damped_by(mode["mode"], most, f"{100 * known[most]:.3g}"))
+    for i, mode in enumerate(joints["modes"]):
+        medians = {
+            row["joint"]: (row["loss_share"][i] or {}).get("0.5") for row in joints["joints"]
+        }
+        shares = {joint: share for joint, share in medians.items() if share is not None}
+        most = max(shares, key=shares.__getitem__, default=None)
+        if most is not None and most not in unknown:
+            damped.append(messages.damped_by(mode["mode"], most, f"{100 * shares[most]:.3g}"))
+    damping = [messages.sentence(damped)] if damped else []
     unidentified = [messages.joints_unidentified(unknown)] if unknown else []
-    said = [messages.sentence(damped)] if damped else []
-    return [messages.at_largest_motion(effects), *said, *unidentified, *tied_sentences(found)]
+    return [messages.at_largest_motion(effects), *damping, *unidentified, *tied_sentences(joints)]
 
 
-def tied_sentences(found: Summary) -> list[str]:
+def tied_sentences(joint_facts: Summary) -> list[str]:
     """Whether joints of one kind of law share one, by evidence; nothing where none was compared."""
-    tied = found.get("tied")
+    tied = joint_facts.get("tied")
     if not tied:
         return []
     log_ratio, khat = tied["log_evidence_ratio"], tied["khat"]

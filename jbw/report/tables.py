@@ -316,15 +316,15 @@ def joints_table(tree: xr.DataTree) -> Table:
     if group is not None:
         joints = group.to_dataset()
         for joint, mode in product(joints["joint"].values, joints["mode"].values):
-            own = joints.sel(joint=joint, mode=mode)
+            effect = joints.sel(joint=joint, mode=mode)
             rows.append(
                 {
                     "joint": str(joint),
-                    "mode": f"{mode}, {float(own['frequency_hz']):.4g} Hz",
-                    "energy": float(own["energy_share"]),
-                    "losses": own["loss_share"].values,
-                    "frequency": own["softening_share"].values,
-                    "verdict": "identified" if bool(own["identified"]) else "unidentified",
+                    "mode": f"{mode}, {float(effect['frequency_hz']):.4g} Hz",
+                    "energy": float(effect["energy_share"]),
+                    "losses": effect["loss_share"].values,
+                    "frequency": effect["softening_share"].values,
+                    "verdict": "identified" if bool(effect["identified"]) else "unidentified",
                 }
             )
     return table(

@@ -89,12 +89,12 @@ def in_symbols(text: str, quantities: Names) -> str:
 
 def combination(text: str, quantities: Names) -> str:
     """Return a combination of parameters in symbols: alpha*delta^-1 as α·δ^−1."""
-    known = "".join(
+    names = "".join(
         rf"{re.escape(name)}(?!\w)|" for name in sorted(quantities, key=len, reverse=True)
     )
     signs = {"*": "·", "-": "−"}
     return re.sub(
-        rf"(?<!\w)(?:{known}[A-Za-z]\w*)|[*-]",
+        rf"(?<!\w)(?:{names}[A-Za-z]\w*)|[*-]",
         lambda match: signs.get(match[0]) or symbol(match[0], quantities),
         text,
     )

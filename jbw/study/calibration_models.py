@@ -78,7 +78,7 @@ def opening(design: Design[Records]) -> CalibratedStep:
     """Step 4: gamma from sweeps, everything else held."""
 
     def simulate(key: Key[Array, ""], theta: Theta) -> OpeningCurve:
-        records = measured_records(key, _whole(theta, design), design.data)
+        records = measured_records(key, _with_held(theta, design), design.data)
         return opening_curve(records, design.held, design.prior)
 
     return CalibratedStep(Model(simulate, opening_likelihood, design.prior), 100, "quadrature")
@@ -88,7 +88,7 @@ def joint(design: Design[Records]) -> CalibratedStep:
     """All parameters from sweeps."""
 
     def simulate(key: Key[Array, ""], theta: Theta) -> Dataset:
-        records = measured_records(key, _whole(theta, design), design.data)
+        records = measured_records(key, _with_held(theta, design), design.data)
         return Dataset.of([records], design.held)
 
     quantities, logs = _products(design.prior)
@@ -98,7 +98,7 @@ def joint(design: Design[Records]) -> CalibratedStep:
     return CalibratedStep(model, 4, "amis", stepped=True)
 
 
-def _whole(theta: Theta, design: Design[Records]) -> Theta:
+def _with_held(theta: Theta, design: Design[Records]) -> Theta:
     return {**{name: jnp.asarray(value) for name, value in design.held.items()}, **theta}
 
 

@@ -301,7 +301,7 @@ def export_of_run(
         draws = () if count is None else export_joints_draws(tree, joints, count)
         write = partial(write_joints, result=joints, programs=programs, draws=draws)
         usual = USUAL_OF_JOINTS
-        about = joints.about
+        lines = joints.about
     else:
         of_mass = {} if mass is None else {"mass": mass}
         joint = export(tree, y_max=y_max, draw=draw, summary=summary, **of_mass)
@@ -309,11 +309,11 @@ def export_of_run(
         draws = () if count is None else export_draws(tree, joint, count)
         write = partial(write_export, result=joint, programs=programs, draws=draws)
         usual = USUAL
-        about = joint.about
-    taken = [program.name for program in programs]
-    skipped = [] if names else [name for name in usual if name not in taken]
+        lines = joint.about
+    chosen_names = [program.name for program in programs]
+    skipped = [] if names else [name for name in usual if name not in chosen_names]
     formless = (messages.without_form(PROGRAMS[name].title) for name in skipped)
-    return RunExport(about, programs, (*notes_on(programs), *formless), write)
+    return RunExport(lines, programs, (*notes_on(programs), *formless), write)
 
 
 def _with_fmus(

@@ -68,22 +68,22 @@ def changed_joints(first: Draws, second: Draws, laws: Sequence[str]) -> list[dic
 
 def _distance(first: Draws, second: Draws, names: Sequence[str]) -> tuple[float, int]:
     """Squared distance of the means in the sum of the covariances, over what scatters in both."""
-    known = [
+    varying = [
         name
         for name in names
         if name in first and name in second and np.std(first[name]) + np.std(second[name]) > 0
     ]
-    if not known:
+    if not varying:
         return 0.0, 0
     means, covariances = [], []
     for draws in (first, second):
-        table = np.array([draws[name] for name in known])
+        table = np.array([draws[name] for name in varying])
         means.append(table.mean(axis=1))
         covariances.append(np.atleast_2d(np.cov(table)))
     away = means[0] - means[1]
     std = np.sqrt(np.diag(covariances[0] + covariances[1]))
     correlation = (covariances[0] + covariances[1]) / np.outer(std, std)
-    return float((away / std) @ np.linalg.solve(correlation, away / std)), len(known)
+    return float((away / std) @ np.linalg.solve(correlation, away / std)), len(varying)
 
 
 def joint_statements(rows: Sequence[Mapping[str, Any]]) -> list[str]:
@@ -126,12 +126,12 @@ def _over(second: Monomial, first: Monomial) -> Monomial:
     return Monomial(Quantity(name, name, unit, f"{second.name} over {first.name}"), powers)
 
 
-def of_draws(one: Ratio, draws: Draws) -> Float[np.ndarray, " draw"] | None:
+def of_draws(ratio: Ratio, draws: Draws) -> Float[np.ndarray, " draw"] | None:
     """Draws of a ratio; None where a parameter is not among them, or the first product may be 0."""
-    if not one.first.powers.keys() | one.ratio.powers.keys() <= draws.keys():
+    if not ratio.first.powers.keys() | ratio.ratio.powers.keys() <= draws.keys():
         return None
-    low, _, high = np.quantile(one.first.of(draws), QUANTILES)
-    return None if low <= 0.0 <= high else np.asarray(one.ratio.of(draws))
+    low, _, high = np.quantile(ratio.first.of(draws), QUANTILES)
+    return None if low <= 0.0 <= high else np.asarray(ratio.ratio.of(draws))
 
 
 def are_two_modes(first: Draws, second: Draws) -> bool:

@@ -54,7 +54,7 @@ class Weighed(NamedTuple):
 
 
 def weigh(
-    keys: Key[Array, " two"], found: Sequence[Candidate], report: Report
+    keys: Key[Array, " two"], candidates: Sequence[Candidate], report: Report
 ) -> tuple[dict[str, Weighed], dict[str, str]]:
     """Posterior of each law, and what it makes of each run unseen; laws that have none, and why.
 
@@ -62,13 +62,13 @@ def weigh(
     """
     weighed: dict[str, Weighed] = {}
     refused: dict[str, str] = {}
-    runs = runs_of(found[0].fitted.data)
+    runs = runs_of(candidates[0].fitted.data)
     likelihoods = {
         candidate.name: likelihood_at(candidate.fitted.fit, candidate.fitted.data)
-        for candidate in found
+        for candidate in candidates
     }
-    hopeless = evidence.hopeless(found, likelihoods)
-    for i, candidate in enumerate(found):
+    hopeless = evidence.hopeless(candidates, likelihoods)
+    for i, candidate in enumerate(candidates):
         forget_when_many()
         name, law_keys = candidate.name, [jax.random.fold_in(key, i) for key in keys]
         judged = _by_fit if name in hopeless else _by_draws
@@ -236,12 +236,12 @@ def held_out(
     )  # fmt: skip
 
 
-def errors_apart(found: xr.Dataset | None, law: str, best: str) -> dict[str, Any]:
+def errors_apart(errors: xr.Dataset | None, law: str, best: str) -> dict[str, Any]:
     """Error of a law on tests within the motion fitted, and beyond it as the best law has it."""
-    if found is None:
+    if errors is None:
         return {"error_held_out": None, "error_beyond": None}
-    law_errors = found["error"].sel(law=law).values
-    beyond = found["extrapolation"].sel(law=best).values > BEYOND
+    law_errors = errors["error"].sel(law=law).values
+    beyond = errors["extrapolation"].sel(law=best).values > BEYOND
     finite = np.isfinite(law_errors)
     apart = (law_errors[finite & ~beyond], law_errors[finite & beyond])
     error_by_reach = [rms(part.tolist()) if len(part) else None for part in apart]

@@ -141,20 +141,20 @@ def look_quietly(campaign: Campaign) -> Look:
         return look(campaign, report=lambda _: None)
 
 
-def look_groups(found: Look, fitted: Mapping[str, bool] | None = None) -> dict[str, xr.Dataset]:
+def look_groups(looked: Look, fitted: Mapping[str, bool] | None = None) -> dict[str, xr.Dataset]:
     """Readings and response of every test in the order of the motion, as groups of a result.
 
     `fitted` tells by name of which tests a posterior saw something, where there is one.
     """
     groups, fitted = {}, fitted or {}
-    for row in found.record["tests"]:
-        readings = found.readings[row["test"]]
+    for row in looked.record["tests"]:
+        readings = looked.readings[row["test"]]
         columns = {name: [getattr(reading, name) for reading in readings] for name in UNITS}
         variables = {
             name: ("reading", np.array(values), {"units": UNITS[name], "long_name": MEANING[name]})
             for name, values in columns.items()
         }
-        response = found.responses.get(row["test"])
+        response = looked.responses.get(row["test"])
         if response is not None:
             attrs = {"units": response.unit, "long_name": "displacement over source"}
             variables["response"] = ("freq", response.magnitude, attrs)

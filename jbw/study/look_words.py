@@ -22,14 +22,14 @@ CLEAR = 0.2  # of half width and of damping: no noise that leaves a resonance to
 
 
 def statements(
-    record: Mapping[str, Any], found: Mapping[str, list[Reading]], modes_hz: Sequence[float] = ()
+    record: Mapping[str, Any], by_test: Mapping[str, list[Reading]], modes_hz: Sequence[float] = ()
 ) -> list[str]:
     """Whether the structure is linear over the levels, and how frequency and damping change.
 
     Of several modes each is told by itself, by the readings that are nearest to its frequency.
     """
     readings = sorted(
-        (reading for test in found.values() for reading in test), key=lambda reading: reading.y
+        (reading for test in by_test.values() for reading in test), key=lambda reading: reading.y
     )
     sentences = []
     for hz, of_mode in _by_mode(readings, modes_hz).items():

@@ -85,14 +85,14 @@ def information(best: Fit, box: Box, products: Iterable[Product] = ()) -> Inform
         _direction(value, row, prior, logs, box.names, root)
         for value, row in zip(values, rows, strict=True)
     )
-    known = {}
+    by_quantity = {}
     for product in (*map(alone, box.names), *products):
         gradient = gradient_of(product, best.theta, box.names) * slope
         sd, alone_sd = np.linalg.norm(gradient @ root), np.linalg.norm(gradient * prior)
         ratio = float(sd / alone_sd) if alone_sd > 0 else 1.0
         value = float(value_of(product, best.theta))
-        known[product.name] = QuantityInformation(product.text, value, float(sd), ratio)
-    return Information(box.names, directions, known)
+        by_quantity[product.name] = QuantityInformation(product.text, value, float(sd), ratio)
+    return Information(box.names, directions, by_quantity)
 
 
 def _direction(

@@ -124,7 +124,7 @@ def by_mixtures(
 ) -> list[tuple[xr.DataTree, Reparametrisation]]:
     """Draws weighted by adapted mixtures, in coordinates after coordinates until they suffice."""
     tried: list[tuple[xr.DataTree, Reparametrisation]] = []
-    left = until
+    remaining = until
     for stage, make in stages.items():
         is_last = len(tried) == len(stages) - 1
         # Where there are no such coordinates, those of the stage before are used again.
@@ -133,14 +133,15 @@ def by_mixtures(
         tree = sample(
             key, target.log_likelihood, target.box, target.data, sampler="amis",
             coordinates=place, num_samples=num_samples or sampler_named("amis").draws[1],
-            kept=keep(f"{stage}_amis" if tried else "amis"), until=left,
+            kept=keep(f"{stage}_amis" if tried else "amis"), until=remaining,
             options={} if is_last else {"trial": TRIAL, "least": ESS}, **options,
         )  # fmt: skip
         tree.attrs["coordinates"] = name
         tried.append((tree, place))
-        if left is not None:
-            left = left._replace(budget_s=left.budget_s - tree["timing"].attrs["wall_s"])
-        if is_good(tree, until) or (left is not None and left.budget_s <= 0):
+        if remaining is not None:
+            wall_s = tree["timing"].attrs["wall_s"]
+            remaining = remaining._replace(budget_s=remaining.budget_s - wall_s)
+        if is_good(tree, until) or (remaining is not None and remaining.budget_s <= 0):
             break
     return tried
 

@@ -65,8 +65,8 @@ def mixture_within(
         drawn = draws_within(rng, mean, covariance, lower, upper, count)
         is_member = member == number
         points[is_member], w[is_member], log_weight[is_member] = drawn
-    again = rng.choice(len(member), len(member), p=softmax(log_weight))
-    return points[again], w[again]
+    chosen = rng.choice(len(member), len(member), p=softmax(log_weight))
+    return points[chosen], w[chosen]
 
 
 def log_mass(a: Rows, b: Rows) -> Rows:

@@ -119,8 +119,8 @@ def _lost(record: Record, role: str) -> Iterator[Fault]:
         # One sample of a source alone may be a pulse.
         if away > FAR * (high - low) and (len(at) > 1 or role in RESPONSES):
             first, remedy = at[0] / record.fs, kept_part(record, x == end)
-            found = messages.lost_samples(len(at), len(x), end, first, (low, high), remedy)
-            yield refusal(role, *found)
+            fault_text = messages.lost_samples(len(at), len(x), end, first, (low, high), remedy)
+            yield refusal(role, *fault_text)
 
 
 def _clipped(record: Record, role: str, levels: Reals) -> Iterator[Fault]:

@@ -27,13 +27,13 @@ class Fault:
 refusal, doubt = partial(Fault, "error"), partial(Fault, "warning")
 
 
-def gathered(found: Iterable[tuple[str, Fault]], count: int) -> list[Fault]:
+def gathered(named_faults: Iterable[tuple[str, Fault]], count: int) -> list[Fault]:
     """Faults of `count` records by their names: doubts that differ in numbers alone are one.
 
     It says of how many records, and from where to where the numbers reach.
     """
     by_pattern: dict[tuple[str, ...], list[tuple[str, Fault]]] = {}
-    for name, fault in found:
+    for name, fault in named_faults:
         record_name = name if _of_one_record(fault) else ""
         key = fault.severity, fault.channel, NUMBER.sub("#", fault.what), record_name
         by_pattern.setdefault(key, []).append((name, fault))

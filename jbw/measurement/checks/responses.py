@@ -180,13 +180,13 @@ def several_resonances(record: Record) -> Iterator[Fault]:
         return
     hz, power = lines.omega / (2 * np.pi), np.abs(lines.y) ** 2
     peak = float(hz[np.argmax(power * lines.omega**2)])
-    elsewhere = float(np.sum(power[~lines_within(hz, _about(peak))]) / np.sum(power))
+    elsewhere = float(np.sum(power[~lines_within(hz, _around_line(peak))]) / np.sum(power))
     if elsewhere > ELSEWHERE:
-        low, high = _in_two_digits(_about(peak))
+        low, high = _in_two_digits(_around_line(peak))
         yield doubt(record.response, *messages.several_modes(elsewhere, low, high))
 
 
-def _about(peak_hz: float) -> tuple[float, float]:
+def _around_line(peak_hz: float) -> tuple[float, float]:
     """Frequencies about a line [Hz]."""
     return (1 - ABOUT) * peak_hz, (1 + ABOUT) * peak_hz
 
@@ -218,7 +218,7 @@ def about_peak(
     every, standing = size.T
     size = standing if np.any(standing[lowest:] > 0) else every
     peak = float(freq[lowest + np.argmax(size[lowest:])])
-    return _about(peak)
+    return _around_line(peak)
 
 
 def height_within(record: Record, band: tuple[float, float]) -> float:

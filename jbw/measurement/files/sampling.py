@@ -135,9 +135,9 @@ def _own_clock(
         time = np.asarray(np.ravel(load(clock)), np.float64) * factor
         if len(time) != len(row):
             continue
-        kept = time if request.span is None else time[rows_of_span(time, request.span)]
-        if not np.isfinite(kept).all() or np.any(np.diff(kept) <= 0):
-            sampling_frequency(kept)  # which refuses them by their places
+        times = time if request.span is None else time[rows_of_span(time, request.span)]
+        if not np.isfinite(times).all() or np.any(np.diff(times) <= 0):
+            sampling_frequency(times)  # which refuses them by their places
         try:
             return sampling_frequency(time)[0], None
         except DataError:
@@ -334,11 +334,11 @@ def _roundings(time: NDArray[np.floating]) -> NDArray[np.float64]:
     `%.7g` writes 9.876953 and 10.00195: rounded the more, the later. Digits that leave less than
     ten steps between two samples are no rounding of an even clock that anyone can tell.
     """
-    known = np.full(len(time), _resolution(time))
+    resolutions = np.full(len(time), _resolution(time))
     seconds = np.abs(np.asarray(time, np.float64))
     written = seconds > 0
     if not np.isfinite(seconds).all() or not np.any(written):
-        return known
+        return resolutions
     size = 10 ** (np.floor(np.log10(seconds[written])) + 1)
     interval = float(np.ptp(seconds)) / (len(seconds) - 1)
     some = slice(None, None, 1 + len(size) // 1000)  # which say of most columns that it is none
@@ -346,9 +346,9 @@ def _roundings(time: NDArray[np.floating]) -> NDArray[np.float64]:
         unit = size / 10.0**digits
         if all(_are_whole(seconds[written][part] / unit[part]) for part in (some, WHOLE)):
             if unit.max() <= LEAST_STEPS * interval:
-                known[written] = np.maximum(known[written], unit)
+                resolutions[written] = np.maximum(resolutions[written], unit)
             break
-    return known
+    return resolutions
 
 
 def _are_whole(steps: NDArray[np.float64]) -> bool:

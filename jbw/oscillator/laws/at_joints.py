@@ -52,8 +52,8 @@ def law_at(kind: type[Law], joints: tuple[str, ...]) -> type[Law]:
 
         def parameters(self) -> dict[str, Any]:
             """Values of the parameters by their names at the joint."""
-            own = _of_kind(kind, self).parameters()
-            return {name_at(name, joint): value for name, value in own.items()}
+            plain_values = _of_kind(kind, self).parameters()
+            return {name_at(name, joint): value for name, value in plain_values.items()}
 
         @classmethod
         def prior(cls, scales: Scales) -> Bounds:
@@ -67,8 +67,8 @@ def law_at(kind: type[Law], joints: tuple[str, ...]) -> type[Law]:
 
         def powers_of_length(self) -> dict[str, Any]:
             """Powers of length by the names at the joint."""
-            own = _of_kind(kind, self).powers_of_length()
-            return {name_at(name, joint): value for name, value in own.items()}
+            plain_powers = _of_kind(kind, self).powers_of_length()
+            return {name_at(name, joint): value for name, value in plain_powers.items()}
 
         def thresholds(self) -> tuple[Threshold, ...]:
             """None: they are motions of the joint, which records of responses do not measure."""

@@ -163,19 +163,19 @@ def _linearised(step: ModalStep, start, push, step_dot, push_dot) -> tuple[Any, 
         for joint, joint_dot in zip(step.joints, step_dot.joints, strict=True)
     )
     at = [(free.x, free.v, memory) for free, memory in zip(seen, memories, strict=True)]
-    starts, by_start = _each(partial(_sloped, _start), kernels, at)
+    starts, by_start = _of_all(partial(_sloped, _start), kernels, at)
     paths, path_by = by_constants(predicted, seen, starts)
     bends = bent_by = ((),) * len(kernels)
     by_bend = (None,) * len(kernels)
     if len(kernels) > 1:
         at_a = [(*joint_state, path.a) for joint_state, path in zip(at, paths, strict=True)]
-        halves, by_bend = _each(partial(_sloped, _half_bend), kernels, at_a)
+        halves, by_bend = _of_all(partial(_sloped, _half_bend), kernels, at_a)
         bends, bent_by = by_constants(all_bent, tuple(half for (half,) in halves))
     along = [(*joint_state, path) for joint_state, path in zip(at, paths, strict=True)]
-    passed, ends, by_along = _each(_passing_slopes, kernels, along, bends)
+    passed, ends, by_along = _of_all(_passing_slopes, kernels, along, bends)
     turns = tuple(jnp.where(joint.shift != 0.0, 1.0, 0.0) for joint in passed)
     moves, move_by = by_constants(corrections, starts, passed)
-    passing, by_move = _each(_moved_slopes, kernels, ends, moves, by_along)
+    passing, by_move = _of_all(_moved_slopes, kernels, ends, moves, by_along)
     # The step's own change of what the modes do with the joints' forces.
     none = tuple(jnp.zeros_like(part) for part in q)
     _, post = by_constants(driven, (none, none), (none, none), starts, passed)
@@ -194,7 +194,7 @@ def _by_constants(
     return jax.vmap(in_step)(step_dot, *arguments)
 
 
-def _each(function: Callable[..., tuple], kernels: tuple, *arguments: Any) -> tuple[tuple, ...]:
+def _of_all(function: Callable[..., tuple], kernels: tuple, *arguments: Any) -> tuple[tuple, ...]:
     """What a function returns for every joint in many steps, each of its values for all joints.
 
     Joints with the same laws stand side by side in one array: they are compiled once, which is

@@ -46,9 +46,9 @@ def typographic(typed: str) -> str:
     return f"has typographic characters, {typed}, which TOML does not take"
 
 
-def mended(number: int, line: str, further: Sequence[int]) -> str:
+def mended(number: int, line: str, alike_lines: Sequence[int]) -> str:
     """A line as TOML takes it, and the numbers of lines with the same slip behind it."""
-    more = f" Mend line {further[0]} likewise." if further else ""
+    more = f" Mend line {alike_lines[0]} likewise." if alike_lines else ""
     return f"Write line {number} as `{line}`.{more}"
 
 
@@ -109,9 +109,9 @@ def tone_beyond(tone: float, limit: float) -> FaultText:
 
 def too_short(length: float, needed: float, *, is_stepped: bool) -> FaultText:
     """A record that is shorter than its steps or its transient [s]."""
-    taken = "the steps take" if is_stepped else "`settle` alone takes"
+    duration = "the steps take" if is_stepped else "`settle` alone takes"
     return FaultText(
-        f"The record lasts {length:.4g} s, but {taken} {needed:.4g} s.",
+        f"The record lasts {length:.4g} s, but {duration} {needed:.4g} s.",
         remedy="Correct settle, dwell or tones, or give the whole record.",
     )
 

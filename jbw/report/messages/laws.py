@@ -60,10 +60,10 @@ def predicted_by(
 ) -> str:
     """Which laws predict a target that the best law does not predict best."""
     tests, score = _TARGETS[target]
-    beside = "" if of_best is None else f", that of {best} {percent(of_best)}"
+    comparison = "" if of_best is None else f", that of {best} {percent(of_best)}"
     return (
         f"{tests[0].upper()}{tests[1:]} are predicted by {' and '.join(names)}: {score} the error "
-        f"of {names[0]} is {percent(error)}{beside}."
+        f"of {names[0]} is {percent(error)}{comparison}."
     )
 
 

@@ -54,11 +54,11 @@ def coupled_damping(first: int, second: int, share: float) -> str:
 
 def dashpots(by_joint: Mapping[str, float]) -> str:
     """Dashpots across joints that a damping matrix holds [N s/m]."""
-    each = ", ".join(f"{d:.4g} N s/m across {name}" for name, d in by_joint.items())
+    dampings = ", ".join(f"{d:.4g} N s/m across {name}" for name, d in by_joint.items())
     return (
-        f"The damping matrix is one of mass and stiffness beside dashpots at the joints: {each}. "
-        "A `Structure` has them as they are; an identification has their part of each mode's "
-        "damping ratio alone."
+        "The damping matrix is one of mass and stiffness beside dashpots at the joints: "
+        f"{dampings}. A `Structure` has them as they are; an identification has their part of each "
+        "mode's damping ratio alone."
     )
 
 

@@ -66,8 +66,8 @@ def at_largest_motion(effects: Sequence[str]) -> str:
 
 def sentence(clauses: Sequence[str]) -> str:
     """Clauses as one sentence."""
-    whole = ", ".join(clauses)
-    return f"{whole[0].upper()}{whole[1:]}."
+    joined = ", ".join(clauses)
+    return f"{joined[0].upper()}{joined[1:]}."
 
 
 def damped_by(mode: int, joint: str, percent: str) -> str:

@@ -122,8 +122,8 @@ def joint_place(
     place = f"Joint {name} moves by x = {motion[0]} [{motion[1]}]"
     spring = f"{stiffness[0]:.6g} {stiffness[1]} in full stick"
     if not has_law:
-        beside = "which the model holds" if is_held else "which the model lacks: add it as a spring"
-        return f"{place}. It has no law and is not in these files: {spring}, {beside}."
+        held = "which the model holds" if is_held else "which the model lacks: add it as a spring"
+        return f"{place}. It has no law and is not in these files: {spring}, {held}."
     if is_held:
         return f"{place}, {spring}; the model holds that as a spring, which this replaces."
     return f"{place}, {spring}; the model has no spring there."
