@@ -4,23 +4,18 @@ from pathlib import Path
 
 import click
 
-from jbw.cli.options import json_option
+from jbw.cli.options import figure_option, json_option
 from jbw.cli.printing import answer
 from jbw.cli.progress import computing
 from jbw.errors import ConfigError
 
-ENDINGS = (".png", ".svg", ".pdf")
 finished_run = click.Path(exists=True, file_okay=False, path_type=Path)
 
 
 @click.command()
 @click.argument("first", metavar="A", type=finished_run)
 @click.argument("second", metavar="B", type=finished_run)
-@click.option(
-    "--figure",
-    type=click.Path(dir_okay=False, writable=True, path_type=Path),
-    help="Draw frequency and damping of both against amplitude; .png, .svg or .pdf.",
-)
+@figure_option("frequency and damping", "diff.png")
 @json_option
 def diff(first: Path, second: Path, figure: Path | None, json_: bool) -> None:
     """Say what differs between the finished runs in A and B: assemblies, torques or days.
@@ -28,11 +23,6 @@ def diff(first: Path, second: Path, figure: Path | None, json_: bool) -> None:
     For every parameter and product that both know, and for frequency and damping at amplitudes that
     both fitted: both 99 % intervals, the difference, and the probability that A's is the larger.
     """
-    if figure is not None and figure.suffix not in ENDINGS:
-        raise ConfigError(
-            f"Option --figure must end in one of {', '.join(ENDINGS)}, but is {figure}.",
-            remedy="Name it so, for example diff.png.",
-        )
     with computing() as say:
         from jbw.report.changes import backbone_table, backbones_figure, parameters_table
         from jbw.study.differences import differences

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from jbw.cli.options import campaign_argument, json_option, outside_option
+from jbw.cli.options import campaign_argument, figure_option, json_option, outside_option
 from jbw.cli.printing import answer, following
 from jbw.cli.progress import computing
 from jbw.errors import ConfigError
@@ -16,17 +16,12 @@ from jbw.report.messages.commands import without_model
 from jbw.report.table import Column, Table, table, words
 from jbw.report.text import NOTHING, length_unit, number
 
-ENDINGS = (".png", ".svg", ".pdf")
 Row = Mapping[str, Any]
 
 
 @click.command()
 @campaign_argument
-@click.option(
-    "--figure",
-    type=click.Path(dir_okay=False, writable=True, path_type=Path),
-    help="Draw responses, frequency and damping by amplitude; .png, .svg or .pdf.",
-)
+@figure_option("responses, frequency and damping", "look.png")
 @click.option(
     "--html",
     type=click.Path(dir_okay=False, writable=True, path_type=Path),
@@ -45,11 +40,6 @@ def look(
     about the records is said first: it changes the numbers. `jbw check` looks at the channels,
     `jbw identify` fits a joint.
     """
-    if figure is not None and figure.suffix not in ENDINGS:
-        raise ConfigError(
-            f"Option --figure must end in one of {', '.join(ENDINGS)}, but is {figure}.",
-            remedy="Name it so, for example look.png.",
-        )
     if html is not None and html.suffix.lower() not in (".html", ".htm"):
         raise ConfigError(
             f"Option --html must end in .html, but is {html}.",

@@ -6,6 +6,9 @@ from typing import Any
 
 import click
 
+from jbw.errors import ConfigError
+
+PICTURES = (".png", ".svg", ".pdf")
 Option = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 json_option = click.option("--json", "json_", is_flag=True, help="Print JSON for programs.")
@@ -36,6 +39,25 @@ campaign_argument = click.argument("campaign", type=CampaignPath(path_type=Path)
 run_argument = click.argument(
     "folder", metavar="DIR", type=click.Path(exists=True, file_okay=False, path_type=Path)
 )
+
+
+def figure_option(what: str, example: str) -> Option:
+    """`--figure FILE`, a picture in the format that its ending names."""
+
+    def picture(_: Any, __: Any, path: Path | None) -> Path | None:
+        if path is not None and path.suffix not in PICTURES:
+            raise ConfigError(
+                f"Option --figure must end in one of {', '.join(PICTURES)}, but is {path}.",
+                remedy=f"Name it so, for example {example}.",
+            )
+        return path
+
+    return click.option(
+        "--figure",
+        type=click.Path(dir_okay=False, writable=True, path_type=Path),
+        callback=picture,
+        help=f"Draw {what} by amplitude; .png, .svg or .pdf.",
+    )
 
 
 def out_option(where: str) -> Option:
