@@ -8,11 +8,13 @@ as it is, for it would be checked anew at every call.
 import ast
 import operator
 import sys
-from collections.abc import Mapping, Sequence
-from functools import reduce
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache, reduce, wraps
 from importlib.abc import MetaPathFinder
 from importlib.machinery import PathFinder, SourceFileLoader
-from types import UnionType
+from pathlib import Path
+from types import FunctionType, UnionType
 from typing import Any, Union, get_args, get_origin
 
 import jax
@@ -21,6 +23,7 @@ from beartype import BeartypeConf, beartype
 from jaxtyping import AbstractArray, Float, Key, Real, jaxtyped
 
 PACKAGE = "jbw"
+STATE = f"checked-{zlib.crc32(Path(__file__).read_bytes()):08x}"  # of what compiles the checks in
 beartyped = beartype(conf=BeartypeConf(is_pep484_tower=True))  # an int is a float, as for pyright
 
 
@@ -62,10 +65,26 @@ def checked(made: Any) -> Any:
     annotations = getattr(made, "__annotations__", {})
     if not any(map(names_a_shape, annotations.values())) or hasattr(made, "__wrapped__"):
         return made
-    made.__annotations__ = {name: widened(one) for name, one in annotations.items()}
-    wrapped = jaxtyped(made, typechecker=beartyped)
-    made.__annotations__ = wrapped.__annotations__ = annotations
-    return wrapped
+
+    @cache  # of most functions, a session that runs a part of the tests calls none
+    def wrapped() -> Callable[..., Any]:
+        widely = FunctionType(
+            made.__code__, made.__globals__, made.__name__, made.__defaults__, made.__closure__
+        )
+        widely.__kwdefaults__, widely.__qualname__ = made.__kwdefaults__, made.__qualname__
+        widely.__annotations__ = {name: widened(one) for name, one in annotations.items()}
+        return jaxtyped(widely, typechecker=beartyped)
+
+    @wraps(made)
+    def checking(*arguments: Any, **options: Any) -> Any:
+        return wrapped()(*arguments, **options)
+
+    return checking
+
+
+def apart(path: str) -> str:
+    """Where compiled code with these checks lies, of which code without them knows nothing."""
+    return f"{path.removesuffix('.pyc')}.{STATE}.pyc" if path.endswith(".pyc") else path
 
 
 class Checking(SourceFileLoader):
@@ -86,13 +105,12 @@ class Checking(SourceFileLoader):
         return compile(tree, path, "exec", dont_inherit=True, optimize=_optimize)
 
     def get_data(self, path):
-        """Source alone: compiled code on disk knows no checks, and shall not learn of them."""
-        if path.endswith(".pyc"):
-            raise OSError("no compiled code is read or written")
-        return super().get_data(path)
+        """Source, or compiled code with the checks in it."""
+        return super().get_data(apart(path))
 
-    def set_data(self, path, data, **_):
-        """Nothing: see `get_data`."""
+    def set_data(self, path, data, **options):
+        """Keep compiled code with the checks in it."""
+        super().set_data(apart(path), data, **options)
 
     def exec_module(self, module):
         """Execute the module with the decorator at hand."""
