@@ -16,6 +16,7 @@ from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
+from jax.lax import stop_gradient
 from jax.scipy.special import gammaln
 from jaxtyping import Array, Bool, Complex, Float
 
@@ -291,28 +292,39 @@ class BoucWenNu(Law):
         """Force along the period that ends where it starts, by moves between the angles."""
         y = synthesis(q, theta)
         steps = jnp.diff(jnp.append(y, y[0]))
-        # In long slip, a step between two angles passes the whole layer in which slip begins.
-        most = jnp.max(jnp.abs(jnp.stack(self._factors())))
-        longest = _SHORT * stretch_path.stretch_limit(most, self.nu)
+        fixed = stop_gradient((self, steps))
 
-        def onward(w: Array, dy: Array) -> tuple[Any, Any]:
-            is_long = jnp.abs(dy) > longest
-            after = where_rare(is_long, _in_parts, (self, w, dy), self._stretched(w, dy))
-            return after, after
+        def toward(w: Array, last: Array, slope: Array) -> Array:
+            # A period brings stretches together; where slip is long, rounding makes any slope.
+            return w - (last - w) / (jnp.where(jnp.abs(slope) < 1.0, slope, 0.0) - 1.0)
 
-        def end(w: Array) -> Array:
-            return jax.lax.scan(onward, w, steps)[0]
+        def newton(_: Any, state: tuple[Array, Array]) -> tuple[Array, Array]:
+            w, _ = state
+            last, slope = jax.jvp(lambda w: _along(*fixed, w)[0], (w,), (jnp.ones_like(w),))
+            return toward(w, last, slope), slope
 
         # Within the stretch that nothing passes: from beyond, the way back leads away.
         limit = stretch_path.stretch_limit(jnp.maximum(*self._factors()), self.nu)
-        w = jnp.clip(0.5 * y[0], -_INSIDE * limit, _INSIDE * limit)
-        for _ in range(_PERIODS):
-            last, slope = jax.jvp(end, (w,), (jnp.ones_like(w),))
-            # A period brings stretches together; where slip is long, rounding makes any slope.
-            slope = jnp.where(jnp.abs(slope) < 1.0, slope, 0.0)
-            w = w - (last - w) / (slope - 1.0)
-        _, after = jax.lax.scan(onward, w, steps)
+        w = stop_gradient(jnp.clip(0.5 * y[0], -_INSIDE * limit, _INSIDE * limit))
+        w, slope = jax.lax.fori_loop(0, _PERIODS, newton, (w, jnp.zeros_like(w)))
+        for _ in range(2):  # at the root they change no digit and carry two derivatives
+            w = toward(w, _along(self, steps, w)[0], slope)
+        _, after = _along(self, steps, w)
         return self.nu_stiffness * jnp.append(w, after[:-1])  # pyright: ignore[reportReturnType]
+
+
+def _along(law: BoucWenNu, steps: Float[Array, " time"], w: Array) -> tuple[Array, Array]:
+    """The stretch at the end of moves from w, and after each of them."""
+    # In long slip, a step between two angles passes the whole layer in which slip begins.
+    most = jnp.max(jnp.abs(jnp.stack(law._factors())))
+    longest = _SHORT * stretch_path.stretch_limit(most, law.nu)
+
+    def onward(w: Array, dy: Array) -> tuple[Any, Any]:
+        is_long = jnp.abs(dy) > longest
+        after = where_rare(is_long, _in_parts, (law, w, dy), law._stretched(w, dy))
+        return after, after
+
+    return jax.lax.scan(onward, w, steps)
 
 
 def _in_parts(operands: tuple[BoucWenNu, Scalar, Scalar]) -> Scalar:
