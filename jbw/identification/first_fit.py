@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
+import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -90,16 +91,26 @@ def from_amplitude_curve(
     indices = np.unique(np.linspace(0, len(curve.y) - 1, MOST_CURVE_POINTS).astype(int))
     thin = AmplitudeCurve(*(values[indices] for values in curve))
 
-    def residual(theta: Mapping[str, Array], seen: AmplitudeCurve) -> Float[Array, " value"]:
-        model = backbone(oscillator_of(theta, data.laws), seen.y)
+    part_bounds = of_part(bounds_by_name(prior), part)
+    bounds = {n: x for n, x in part_bounds.items() if n not in BESIDE_CURVE and n == plain(n)}
+    best = fit(CurveMisfit(data.laws), box(bounds), thin, starts=CURVE_STARTS, key=key)
+    return {name: value for name, value in best.theta.items() if name not in known}
+
+
+class CurveMisfit(eqx.Module):
+    """What laws miss of frequency and damping against amplitude, in standard deviations.
+
+    Equal ones of equal laws: what is compiled for one serves all.
+    """
+
+    laws: tuple[str, ...] = eqx.field(static=True)
+
+    def __call__(self, theta: Mapping[str, Array], seen: AmplitudeCurve) -> Float[Array, " value"]:
+        """Relative errors of every amplitude."""
+        model = backbone(oscillator_of(theta, self.laws), seen.y)
         frequency = (model.omega / seen.omega - 1) / FREQUENCY_STD
         damping = (model.zeta - seen.zeta) / (DAMPING_STD * jnp.max(seen.zeta))
         return jnp.concatenate([frequency, damping])
-
-    part_bounds = of_part(bounds_by_name(prior), part)
-    bounds = {n: x for n, x in part_bounds.items() if n not in BESIDE_CURVE and n == plain(n)}
-    best = fit(residual, box(bounds), thin, starts=CURVE_STARTS, key=key)
-    return {name: value for name, value in best.theta.items() if name not in known}
 
 
 def fit_from(

@@ -33,6 +33,26 @@ def solved_first(solver: Solver) -> Callable[[Any], Any]:
     return decorated
 
 
+def seeing[Data](seen: Callable[[Data], Data]) -> Callable[[Any], Any]:
+    """Decorate a function of (theta, data) to which data with equal `seen` are the same.
+
+    A program is compiled for what is no array, names among it. Of names that the function does not
+    tell apart, `seen` leaves none: data of equal shapes then share a program, whatever their names.
+    """
+
+    def decorated(function: Any) -> Any:
+        function.seen = seen
+        return function
+
+    return decorated
+
+
+def seen_by(function: Any, data: PyTree) -> PyTree:
+    """What a function sees of data, by `seeing`; all where it says nothing."""
+    seen = getattr(function, "seen", None)
+    return data if seen is None else seen(data)
+
+
 def at_points(
     function: OfTheta,
     theta: Mapping[str, Float[np.ndarray, " point"]],
@@ -46,6 +66,7 @@ def at_points(
     so many lanes. What a lot comes to depends on no other, so that the number of cores changes no
     digit. A function that is `solved_first` is solved first.
     """
+    data = seen_by(function, data)
     count = len(next(iter(theta.values())))
     padded = {name: np.pad(values, (0, -count % lanes), "edge") for name, values in theta.items()}
     lots = [

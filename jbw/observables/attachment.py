@@ -20,7 +20,7 @@ from jaxtyping import Array, Float
 
 from jbw.inference.groups.offsets import Estimate, known_estimate
 from jbw.observables.drives import named
-from jbw.observables.observable import OFFSETS, Laws, Observable, Theta, Weighted
+from jbw.observables.observable import OFFSETS, Laws, Numbers, Observable, Theta, Weighted
 from jbw.quantities import DEFAULT_LAWS
 from jbw.report.messages import observed as messages
 
@@ -73,6 +73,10 @@ class Foretold(Observable):
     def runs(self) -> tuple[str, ...]:
         """Its run."""
         return (self.run,)
+
+    def unnamed(self, numbers: Numbers) -> Self:
+        """The data as programs see them: its run has a number for a name."""
+        return replace(super().unnamed(numbers), run=numbers.runs[self.run], words="")
 
     @property
     def width(self) -> int:

@@ -29,7 +29,7 @@ from jbw.errors import DataError
 from jbw.measurement.curves import ControlledCurve, controlled_curve
 from jbw.measurement.records import Record, Test
 from jbw.observables.line_fit import LEAST_LINES, oscillator_through
-from jbw.observables.observable import Laws, Rows, SteadyLines, Theta, run_of
+from jbw.observables.observable import Laws, Rows, SteadyLines, Theta, alone, run_of
 from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import RepeatedGroups, filled, repeats
 from jbw.observables.residual_terms import receptance, taken
@@ -190,7 +190,7 @@ class ControlledPoints(Repeated):
         record = Record(float("nan"), {"force": load}, {"force": "N"})
         test = Test("backbone", (record,), "planned")
         planned = cls.of([(test, [curve])], laws, "none", is_locked=True)
-        hz, force = np.asarray(_predicted(theta, planned))
+        hz, force = np.asarray(_predicted(theta, alone(planned)))
         zeta = float(theta["gain"]) * force / (2 * (2 * np.pi * hz) ** 2 * amplitude)
         part = noise_std * np.sqrt(2 / num_samples)
         part = part / ((2 * np.pi * hz) ** derivative_order(response) * amplitude)

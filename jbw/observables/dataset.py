@@ -17,11 +17,18 @@ from jaxtyping import Array, Float
 
 from jbw.inference.groups.offsets import Estimate, run_numbers, shrunk
 from jbw.inference.groups.scatter import Levels, log_density_of_offsets
-from jbw.inference.lanes import LANES, Solved, at_points, solved_first
+from jbw.inference.lanes import LANES, Solved, at_points, seeing, solved_first
 from jbw.inference.space.stated import StatedDensities, log_over_uniform, standard_scores
 from jbw.observables.drives import of_part
 from jbw.observables.modes import Modes
-from jbw.observables.observable import OFFSETS, Observable, Row, Theta, assemblies_of
+from jbw.observables.observable import (
+    OFFSETS,
+    Observable,
+    Row,
+    Theta,
+    assemblies_of,
+    numbers_of,
+)
 
 Block = tuple[Float[Array, "_group _value"], Float[Array, "_group own _value"]]
 Residual = dict[str, Float[Array, " value"]]
@@ -124,6 +131,16 @@ def _prior_key(name: str) -> str:
     return f"prior of {name}"
 
 
+def unnamed(data: Dataset) -> Dataset:
+    """The dataset as programs see it, without names: numbers stand for those of groups and runs.
+
+    One that another campaign compiled serves this one, if laws, shapes and settings are the same.
+    """
+    numbers = numbers_of(data.labels, data.runs)
+    stated = replace(data.stated, texts=())
+    return replace(data, parts=tuple(part.unnamed(numbers) for part in data.parts), stated=stated)
+
+
 def solved(
     theta: Mapping[str, Float[np.ndarray, " point"]], data: Dataset, threads: int, *, writes: bool
 ) -> Solved | None:
@@ -146,6 +163,7 @@ def solved(
     return rest, solutions
 
 
+@seeing(unnamed)
 @solved_first(partial(solved, writes=False))
 def log_likelihood(theta: Theta, data: Dataset) -> Float[Array, " term"]:
     """Terms of the log likelihood, eqs. (36) and (37): one a group, then those of the scatter.
@@ -180,6 +198,7 @@ def estimates_at(
     return at_points(_estimates, theta, data, lanes=lanes)
 
 
+@seeing(unnamed)
 @solved_first(partial(solved, writes=False))
 def _estimates(theta: Theta, data: Dataset) -> Estimate:
     return estimates({**data.held, **theta}, data)
@@ -227,6 +246,7 @@ def _offsets_taken_out(
     return rows, dict(zip(data.shared_runs, offsets, strict=True))
 
 
+@seeing(unnamed)
 @solved_first(partial(solved, writes=True))
 def stacked(theta: Theta, data: Dataset) -> Float[Array, " values"]:
     """The residual as least squares takes it: its rows end to end."""
@@ -278,13 +298,14 @@ def best_offsets(theta: Mapping[str, float], data: Dataset) -> dict[str, np.ndar
     """Best offsets of omega_n and zeta of each run that has them, at one point."""
     point = {name: np.array([float(value)]) for name, value in theta.items()}
     scaled, scatter = at_points(_scaled_offsets, point, data, lanes=1), np.asarray(data.scatter)
-    return {run: rows[0] * scatter for run, rows in scaled.items()}
+    return {run: rows[0] * scatter for run, rows in zip(data.shared_runs, scaled, strict=True)}
 
 
+@seeing(unnamed)
 @solved_first(partial(solved, writes=True))
-def _scaled_offsets(theta: Theta, data: Dataset) -> dict[str, Float[Array, " own"]]:
-    """Best offsets of each run that has them, over their scatter."""
-    return _offsets_taken_out(_weighted({**data.held, **theta}, data), data)[1]
+def _scaled_offsets(theta: Theta, data: Dataset) -> list[Float[Array, " own"]]:
+    """Best offsets of each run that has them, over their scatter, in the order of these runs."""
+    return list(_offsets_taken_out(_weighted({**data.held, **theta}, data), data)[1].values())
 
 
 def with_directions(

@@ -32,10 +32,12 @@ from jbw.observables.observable import (
     Covariance,
     Drawn,
     Draws,
+    Numbers,
     Row,
     Rows,
     Theta,
     Weighted,
+    alone,
 )
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.oscillator.response import simulate
@@ -67,6 +69,11 @@ class Decays(Envelopes):
     def runs(self) -> tuple[str, ...]:
         """A run each."""
         return self.names
+
+    def unnamed(self, numbers: Numbers) -> Self:
+        """The data as programs see them: its records have numbers for names."""
+        names = tuple(numbers.labels[name] for name in self.names)
+        return replace(super().unnamed(numbers), names=names, centre_hz=0.0)
 
     @property
     def num_own(self) -> int:
@@ -199,7 +206,7 @@ class Decays(Envelopes):
         shape = np.broadcast_shapes(*(np.shape(values) for values in theta.values()))
         flat = {name: jnp.ravel(jnp.broadcast_to(v, shape)) for name, v in theta.items()}
         keys = jax.random.split(key, int(np.prod(shape)))
-        noise = np.asarray(_drawn_noise(keys, flat, self)).reshape(*shape, -1)
+        noise = np.asarray(_drawn_noise(keys, flat, alone(self))).reshape(*shape, -1)
         return {name: noise[..., i] for i, name in enumerate(self.names)}
 
     def first_values(self) -> dict[str, float]:
@@ -238,7 +245,7 @@ class Decays(Envelopes):
             float(np.mean(other_noise)) if len(other_noise) else float(self.noise_std[record])
         )
         seen = replace(self, noise_std=jax.device_put(np.full(len(self.names), noise_std)))
-        predicted, errors = predicted_from_beginnings(theta, seen, size)
+        predicted, errors = predicted_from_beginnings(theta, alone(seen), size)
         time = self.step_s * (np.arange(self.envelope.shape[1]) - 0.5 * size)
         measured, expected = (np.asarray(row[record])[size:] for row in (self.envelope, predicted))
         at_start = float(errors[0][record]), float(errors[1][record])
@@ -330,9 +337,13 @@ def _logarithm(envelope: Complex[Array, " step"], data: Envelopes) -> Complex[Ar
     return jax.lax.complex(jnp.log(jnp.abs(envelope)), phase)
 
 
-@eqx.filter_jit
 def matched(theta: Theta, data: Decays) -> Match:
     """Every record matched at one point of the parameters, compiled."""
+    return _matched(theta, alone(data))
+
+
+@eqx.filter_jit
+def _matched(theta: Theta, data: Decays) -> Match:
     return data.matches(theta)
 
 

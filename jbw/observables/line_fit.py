@@ -21,7 +21,15 @@ from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
 from jbw.inference.groups.offsets import Estimate, known_estimate
-from jbw.observables.observable import EXCLUDED, Laws, Observable, Theta, Weighted, slope_by_offsets
+from jbw.observables.observable import (
+    EXCLUDED,
+    Laws,
+    Numbers,
+    Observable,
+    Theta,
+    Weighted,
+    slope_by_offsets,
+)
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.quantities import DEFAULT_LAWS
 
@@ -75,6 +83,10 @@ class LineReading(Observable):
     def runs(self) -> tuple[str, ...]:
         """Its run."""
         return (self.run,)
+
+    def unnamed(self, numbers: Numbers) -> Self:
+        """The data as programs see them: its run has a number for a name."""
+        return replace(super().unnamed(numbers), run=numbers.runs[self.run])
 
     @property
     def width(self) -> int:

@@ -32,7 +32,7 @@ from jbw.measurement.records import Test
 from jbw.observables.decay import Decays, matched
 from jbw.observables.modal_starts import bands_of, starts_of
 from jbw.observables.modes import Modes
-from jbw.observables.observable import AmplitudeCurve, Laws, Rows, Theta
+from jbw.observables.observable import AmplitudeCurve, Laws, Numbers, Rows, Theta
 from jbw.oscillator.law import Memory
 from jbw.oscillator.modes.parameters import structure_of
 from jbw.oscillator.modes.structure import Memories, Structure, by_joint
@@ -133,6 +133,10 @@ class ModalDecays(Decays):
             alone=tuple(Decays.of(mode_test, laws=laws) for mode_test in mode_tests),
             bands_hz=tuple(bands_of(modes, test)),
         )
+
+    def unnamed(self, numbers: Numbers) -> Self:
+        """The data as programs see them, which know nothing of decays of single modes."""
+        return replace(super().unnamed(numbers), alone=(), bands_hz=())
 
     @property
     def num_own(self) -> int:

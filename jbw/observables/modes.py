@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
 from jbw.inference.groups.offsets import Estimate, known_estimate
-from jbw.observables.observable import OFFSETS, Laws, Observable, Theta, Weighted
+from jbw.observables.observable import OFFSETS, Laws, Numbers, Observable, Theta, Weighted
 from jbw.oscillator.modes.assembled import OMEGA, PUSH, ZETA, numbered, seen_name
 from jbw.oscillator.modes.parameters import NAMES, SEEN, Names, structure_of
 from jbw.quantities import DEFAULT_LAWS, OSCILLATOR
@@ -220,6 +220,10 @@ class ModesAtJoint(Observable):
     def runs(self) -> tuple[str, ...]:
         """Its run."""
         return (self.run,)
+
+    def unnamed(self, numbers: Numbers) -> Self:
+        """The data as programs see them: its run has a number for a name."""
+        return replace(super().unnamed(numbers), run=numbers.runs[self.run])
 
     @property
     def width(self) -> int:

@@ -5,6 +5,7 @@ measured repeatedly is `reduce` and `predict` alone, by `jbw.observables.repeate
 """
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import Any, ClassVar, NamedTuple, Self
 
 import equinox as eqx
@@ -48,6 +49,13 @@ class SteadyLines(NamedTuple):
     omega: Float[np.ndarray, " line"]
     load: Complex[np.ndarray, " line"]
     motion: Complex[np.ndarray, " line"]
+
+
+class Numbers(NamedTuple):
+    """Numbers that stand for the names of groups and of runs: equal ones for equal names."""
+
+    labels: Mapping[str, str]
+    runs: Mapping[str, str]
 
 
 class Observable(eqx.Module):
@@ -128,6 +136,14 @@ class Observable(eqx.Module):
     def units(self) -> tuple[str, ...]:
         """Unit of the values of each group."""
         return (self.unit,) * len(self.labels)
+
+    def unnamed(self, numbers: "Numbers") -> Self:
+        """The data as programs see them: their groups and runs have `numbers` for names.
+
+        Nor has it words, or numbers that no program reads but is compiled for.
+        """
+        modes = self.modes
+        return self if modes is None else replace(self, modes=modes._replace(numbers=()))
 
     def predict(self, theta: Theta) -> Any:
         """What the parameters predict, a row a group, in the unit of the measured values."""
@@ -304,6 +320,22 @@ class Observable(eqx.Module):
     def statements(self, theta: Theta) -> list[str]:
         """What is to be said of the data at the optimum, a sentence each."""
         return []
+
+
+def numbers_of(labels: Sequence[str], runs: Sequence[str]) -> Numbers:
+    """Numbers in the order in which names come, those of runs behind those of their assemblies."""
+    owners = {run: run.partition(OF)[0] for run in runs}
+    number_of = {owner: f"#{i}" for i, owner in enumerate(dict.fromkeys(owners.values()))}
+    by_run = {
+        run: number_of[owner] + (f"{OF}{i}" if OF in run else "")
+        for i, (run, owner) in enumerate(owners.items())
+    }
+    return Numbers({label: f"#{i}" for i, label in enumerate(dict.fromkeys(labels))}, by_run)
+
+
+def alone(data: Any) -> Any:
+    """Data of one observable as programs see them, of which nothing else has the names."""
+    return data.unnamed(numbers_of(data.labels, data.runs))
 
 
 def prediction(theta: Theta, data: Observable) -> Any:

@@ -24,10 +24,10 @@ from numpy.typing import NDArray
 
 from jbw.inference.generator import generator, parts_of
 from jbw.inference.groups.scatter import draw_offsets
-from jbw.inference.lanes import Solved, at_points, num_cores, solved_first
-from jbw.observables.dataset import Dataset, as_arrays, estimates, solved
+from jbw.inference.lanes import Solved, at_points, num_cores, seeing, solved_first
+from jbw.observables.dataset import Dataset, as_arrays, estimates, solved, unnamed
 from jbw.observables.drives import of_part
-from jbw.observables.observable import Observable, Theta
+from jbw.observables.observable import Observable, Theta, alone
 
 SEED = "seed of the draw"  # beside the parameters, of which none is called so
 
@@ -125,7 +125,7 @@ def _split(part: Any, theta: Theta, repeat_parts: Sequence[Sequence[Any]]) -> Sp
         same = np.zeros_like(measured)
         return Split(np.arange(count), none.astype(int), same, none + 1, none, measured)
     part = _solved_at(theta, part)
-    centre = np.asarray(_left(theta, part))
+    centre = np.asarray(_left(theta, alone(part)))
     splits_by_group: list[list[tuple[int, NDArray[np.float64], float, float]]] = [
         [] for _ in range(count)
     ]
@@ -136,7 +136,8 @@ def _split(part: Any, theta: Theta, repeat_parts: Sequence[Sequence[Any]]) -> Sp
                 row, singles[g] = single
                 mean[g] = np.pad(row, (0, mean.shape[1] - len(row)))
         if singles:
-            moved = np.asarray(_left(theta, replace(part, mean=jax.device_put(mean)))) - centre
+            elsewhere = replace(part, mean=jax.device_put(mean))
+            moved = np.asarray(_left(theta, alone(elsewhere))) - centre
             for g, numbers in singles.items():
                 splits_by_group[g].append((j, moved[g], *numbers))
     rows = []
@@ -218,6 +219,15 @@ def _solved(
     return (key, solution[0], rows), (None, solution[1], nothing)
 
 
+def _seen(
+    task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]],
+) -> tuple[Key[Array, ""], Dataset, tuple[Any, ...]]:
+    """What programs see of the task: a dataset without names."""
+    key, data, rows = task
+    return key, unnamed(data), rows
+
+
+@seeing(_seen)
 @solved_first(_solved)
 def _sums(theta: Theta, task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]]) -> dict[str, Any]:
     """What every part is asked at one draw, by one solve, each run's offsets drawn beside it."""

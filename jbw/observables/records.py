@@ -19,7 +19,7 @@ from jbw.observables.forms import by_form, common_form, first_alike
 from jbw.observables.line_fit import oscillator_through
 from jbw.observables.modal_readings import band_peak, lines_of_motions, read_modes
 from jbw.observables.modes import by_model
-from jbw.observables.observable import OFFSETS, Laws, Rows, Theta, run_of
+from jbw.observables.observable import OFFSETS, Laws, Numbers, Rows, Theta, alone, run_of
 from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import RepeatedGroups, repeats
 from jbw.observables.residual_terms import own_columns, taken
@@ -175,6 +175,12 @@ class Records(Repeated):
             points=tuple(test.point for test in tests),
             moved=tuple(first_alike(inputs)),
         )
+
+    def unnamed(self, numbers: Numbers) -> Self:
+        """The data as programs see them, which read no frequencies of the stated modes."""
+        modes = self.modes
+        none = None if modes is None else modes._replace(hz=(0.0,) * len(modes.hz))
+        return replace(super().unnamed(numbers), modes=none and none._replace(numbers=()))
 
     @property
     def source(self) -> Float[Array, "level time"]:
@@ -373,7 +379,8 @@ class Records(Repeated):
         origin = np.stack([centre + offsets.get(run, 0.0) for run in self.runs])
         placed = replace(self, origin=jax.device_put(origin))
         slope = placed.slope_by_differences(theta)
-        return placed.with_directions(_slope_at_origin(theta, placed) if slope is None else slope)
+        slope = _slope_at_origin(theta, alone(placed)) if slope is None else slope
+        return placed.with_directions(slope)
 
     def slope_by_differences(self, theta: Theta) -> Float[np.ndarray, "level value own"] | None:
         r"""Derivative of what is compared by each level's own omega_n and zeta.

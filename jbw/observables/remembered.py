@@ -8,6 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
+from jbw.observables.observable import alone
 from jbw.observables.samples import motion_under
 from jbw.oscillator.deepening import MOST
 from jbw.oscillator.hold import HeldInput
@@ -17,9 +18,14 @@ from jbw.report.messages import observed as messages
 Records = Any  # with a source, which calls these functions
 
 
-@eqx.filter_jit
 def guesses(theta: Mapping[str, Array], data: Records) -> Float[Array, " level"]:
     """How often the force of each level may have been a guess."""
+    return _guesses(theta, alone(data))
+
+
+@eqx.filter_jit
+def _guesses(theta: Mapping[str, Array], data: Records) -> Float[Array, " level"]:
+    """The same, compiled."""
 
     def one(source: HeldInput) -> Array:
         return motion_under(theta, source, data.fs, **data.solving).guesses

@@ -19,11 +19,13 @@ from jbw.observables.observable import (
     Covariance,
     Drawn,
     Draws,
+    Numbers,
     Observable,
     Row,
     Rows,
     Theta,
     Weighted,
+    alone,
     slope_by_offsets,
 )
 from jbw.observables.repeats import RepeatedGroups, concrete
@@ -66,6 +68,13 @@ class Repeated(Observable):
     def runs(self) -> tuple[str, ...]:
         """Name of the run of each group."""
         return self.repeats.runs
+
+    def unnamed(self, numbers: Numbers) -> Self:
+        """The data as programs see them: their groups and runs have `numbers` for names."""
+        labels = tuple(numbers.labels[label] for label in self.labels)
+        runs = tuple(numbers.runs[run] for run in self.runs)
+        groups = replace(self.repeats, labels=labels, runs=runs)
+        return replace(super().unnamed(numbers), repeats=groups)
 
     @property
     def width(self) -> int:
@@ -150,7 +159,7 @@ class Repeated(Observable):
 
     def linearised(self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]) -> Self:
         """The data with the change of every prediction by the offsets of its run, at one point."""
-        return self.with_directions(-slope_by_offsets(self.misfit, theta))
+        return self.with_directions(-slope_by_offsets(alone(self).misfit, theta))
 
     def with_directions(self, slope: Float[Any, "group value own"]) -> Self:
         """The data with derivatives of the predictions by the offsets."""

@@ -14,6 +14,7 @@ from jbw.measurement.records import Test
 from jbw.observables.decay import Decays, begun, decay_of, num_begun
 from jbw.observables.decay_envelopes import envelopes, filter_of, follow
 from jbw.observables.modal_decays import ModalDecays
+from jbw.observables.observable import alone
 from jbw.quantities import UNIT_OF, derivative_order, in_dialect
 from jbw.verification.bands import QUANTILE_AXIS, band, error, half_width, within
 from jbw.verification.modal_decays import (
@@ -191,7 +192,7 @@ def _along(source: Source, data: Decays) -> Entered:
     decays, others = source.observed(data, decay_of)
 
     def entered(key: Key[Array, ""], seen: Decays, time: np.ndarray) -> tuple[Envelope, Envelopes]:
-        steps = jnp.asarray(time / seen.step_s)
+        seen, steps = alone(seen), jnp.asarray(time / seen.step_s)
         of_others = {
             n: np.asarray(_entered(key, x[None], seen, steps))[0] for n, x in others.items()
         }

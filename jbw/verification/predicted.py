@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from jbw.inference.lanes import at_points
 from jbw.measurement.records import Test
 from jbw.observables.harmonic_groups import harmonic_label
-from jbw.observables.observable import Observable, prediction
+from jbw.observables.observable import Observable, alone, prediction
 from jbw.observables.repeats import RepeatedGroups
 from jbw.report.messages import verification as messages
 from jbw.verification.bands import band
@@ -119,7 +119,8 @@ class Source:
         self, data: Observable, predict: Callable[..., PyTree] = prediction
     ) -> tuple[Any, dict[str, Any]]:
         """The same of reduced data, by (theta, data) to what is predicted."""
-        return self.carried(lambda draws, laws: carry(predict, draws, replace(data, laws=laws)))
+        seen = alone(data)
+        return self.carried(lambda draws, laws: carry(predict, draws, replace(seen, laws=laws)))
 
 
 def is_measured(test: Test) -> bool:

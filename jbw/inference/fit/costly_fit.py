@@ -22,7 +22,7 @@ from jbw.inference.fit.fitting import (
     named_starts,
     real,
 )
-from jbw.inference.lanes import Solved, at_points, solved_first
+from jbw.inference.lanes import Solved, at_points, seeing, seen_by, solved_first
 from jbw.inference.space.box import Box, named, require_float64
 from jbw.inference.space.coordinates import Composed, Logarithms, Sinh, Vector, unit
 
@@ -224,6 +224,13 @@ def _solved(theta: Mapping[str, np.ndarray], residual_and_data: Any, threads: in
     return (residual, solved[0]), (None, solved[1])
 
 
+def _seen(residual_and_data: tuple[Residual, Any]) -> tuple[Residual, Any]:
+    """What the residual itself sees of its data."""
+    residual, data = residual_and_data
+    return residual, seen_by(residual, data)
+
+
+@seeing(_seen)
 @solved_first(_solved)
 def _real_of(theta: Mapping[str, Array], residual_and_data: Any) -> Float[Array, " residual"]:
     residual, data = residual_and_data

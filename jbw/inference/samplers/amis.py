@@ -18,6 +18,7 @@ Reference:
     (2008), Journal of Computational and Graphical Statistics 17, 295.
 """
 
+from dataclasses import replace
 from functools import partial
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -157,7 +158,7 @@ def points(
             break
         past = _grown(np.random.default_rng([*seed, count]), past, problem, size)
         smoothed = weighed(past)
-    theta = jax.tree.map(np.asarray, _placed(problem, jax.device_put(past.w))[0])
+    theta, _ = placed(problem, past.w)
     log_evidence = float(logsumexp(past.log_weight) - np.log(len(past.w)))
     return WeighedPoints(theta, past.terms, smoothed.weights, smoothed.khat, log_evidence)
 
@@ -192,9 +193,7 @@ def _grown(rng: np.random.Generator, past: Past | None, problem: Problem, num_po
     half_size = max(num_points // 2, 1)
     halves = [mixtures.draw(rng, mixture, half_size) for mixture in pair]
     w = np.stack(halves, axis=1).reshape(-1, halves[0].shape[1])
-    theta, prior = (
-        jax.tree.map(np.asarray, values) for values in _placed(problem, jax.device_put(w))
-    )
+    theta, prior = placed(problem, w)
     terms = at_points(problem.log_likelihood, theta, problem.data)
     terms = terms.reshape(len(w), -1)
     likelihood = terms.sum(axis=1)
@@ -216,9 +215,16 @@ def _grown(rng: np.random.Generator, past: Past | None, problem: Problem, num_po
     )
 
 
+def placed(
+    problem: Problem, w: Float[np.ndarray, "point parameter"]
+) -> tuple[dict[str, Any], Float[np.ndarray, " point"]]:
+    """Parameters by name at whitened points, and the log prior density of these: without data."""
+    return jax.tree.map(np.asarray, _placed(replace(problem, data=None), jax.device_put(w)))
+
+
 @eqx.filter_jit
 def _placed(problem: Problem, w: Float[Array, "point parameter"]) -> tuple[dict[str, Any], Any]:
-    """Parameters by name at whitened points, and the log prior density of these."""
+    """The same, compiled."""
     prior = partial(log_prior, problem, problem.coordinate)
     return jax.vmap(problem.theta)(w), jax.vmap(prior)(w)
 
@@ -276,7 +282,7 @@ def _draws(
         which = np.searchsorted(ends, levels / options.num_samples)
         rows.append(group_rows[np.minimum(which, len(group_rows) - 1)])
     chosen = np.stack(rows)
-    theta = jax.tree.map(np.asarray, _placed(problem, jax.device_put(past.w[chosen.ravel()]))[0])
+    theta, _ = placed(problem, past.w[chosen.ravel()])
     log_weight, count = past.log_weight, len(past.w)
     facts = {
         "log_evidence": float(logsumexp(log_weight) - np.log(count)),

@@ -10,6 +10,7 @@ from jaxtyping import Array, Float, PyTree
 from numpy.typing import NDArray
 
 from jbw.errors import ConfigError
+from jbw.inference.lanes import seen_by
 from jbw.inference.space.box import Box, named
 from jbw.inference.space.coordinates import Affine, Composed, Coordinate, interval, unit
 from jbw.inference.space.reparametrisation import Reparametrisation
@@ -83,7 +84,8 @@ def problem_of(
     whitening, located = Affine(np.zeros(size), np.eye(size)), False
     if place.start is not None and place.covariance is not None:
         whitening, located = laplace_whitening(place.start, place.covariance, *bounds), True
-    return Problem(log_likelihood, box, data, place.outer, *bounds, whitening, located)
+    seen = seen_by(log_likelihood, data)
+    return Problem(log_likelihood, box, seen, place.outer, *bounds, whitening, located)
 
 
 def log_density(
