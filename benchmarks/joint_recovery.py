@@ -1,23 +1,33 @@
-"""Do the intervals of two bolts hold the truth, and does the evidence tell one law from two?
+r"""Do the intervals of two bolts hold the truth, and does the evidence tell one law from two?
 
 Two lapped beams with two bolts: sweeps through modes 1 to 3 at two levels each, 1 % of noise, bolts
 whose laws are drawn anew for each data set. The second bolt's delta is a stated ratio of the
 first's, all else is equal. Records are simulated on a grid of twice as many steps as the fit's.
 With `--loosened` each is measured twice, the second time with a tenth less preload of the second
 bolt, and the bolt that has changed is named by both posteriors.
+With `--by-fit` no sampler runs: least squares from the truth, and what its covariance says.
 Every data set has the shapes of the first, whose programs serve them all.
 
 Intervals of one data set are dependent, and so a count of all of them scatters by more than the
-binomial test takes: the distance of the truth from the mean of all parameters together, a
-chi-square by chance, has a row of its own.
+binomial test takes. What all parameters together say has a row of its own,
+
+$$2\,(\ln L_{max} - \ln L_{truth}) \sim \chi^2_p$$
+
+of p parameters where nothing but noise is between the records and the model.
 
     python benchmarks/joint_recovery.py [--first 0] [--number 20] [--delta-ratio 1.3]
-        [--loosened] [--json FILE]
+        [--loosened] [--by-fit] [--answers FILE] [--json FILE]
+
+What `--answers` names keeps every answer as it comes, a line each: data sets that it has are not
+measured again, and the tables are of all in it.
 """
 
-from collections.abc import Mapping, Sequence
+import json
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -35,10 +45,13 @@ from jbw.identification.joint import sample_joint
 from jbw.identification.one_mode_readings import joint_readings
 from jbw.identification.prepare import Fitted, prepare
 from jbw.identification.tied_joints import tied_evidence
+from jbw.inference.fit.fitting import Fit
 from jbw.inference.generator import parts_of
+from jbw.inference.lanes import at_points
 from jbw.inference.posterior.summary import scalars
 from jbw.inference.samplers.chunked_run import no_checkpoint
 from jbw.measurement.records import Record, Test
+from jbw.observables import dataset
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
 from jbw.rig.assemblies import lapped_beams
 from jbw.study.joints_of_two_runs import changed_joints
@@ -56,16 +69,21 @@ SWEEPS = {
     "second": ((70.0, 105.0), (0.5, 2.5)),
     "third": ((270.0, 330.0), (1.0, 5.0)),
 }
-EVIDENCE_KEY = 300  # of the seed
+EVIDENCE_KEY, DRAWS_KEY = 300, 400  # of the seed
+NUM_DRAWS = 4000  # about a fit
 CENTRAL = 0.99
 TAILS = (0.5 - CENTRAL / 2, 0.5 + CENTRAL / 2)
 OF_DATA_SETS = {
     "seed": "d", "seconds": ".0f", "within 99 %": "d", "of": "d", "largest abs z": ".2f",
-    "p of all": ".2g", "k-hat": ".2f", "ln Z tied / Z own": ".1f", "preferred": "",
+    "chi-square": ".1f", "p": ".2g", "k-hat": ".2f", "ln Z tied / Z own": ".1f", "preferred": "",
 }  # fmt: skip
 COLUMNS = {
     "parameter": "", "intervals": "d", "within 99 %": "d", "mean z": ".2f", "sd of z": ".2f",
     "p of the binomial test": ".2g",
+}  # fmt: skip
+TOGETHER = {
+    "data sets": "d", "parameters": "d", "mean chi-square": ".2f", "p above 1 %": "d",
+    "p of the binomial test": ".2g", "p of Kolmogorov": ".2g",
 }  # fmt: skip
 CHANGED = {
     "seed": "d", "seconds": ".0f", "named": "", "chi-square of bolt_1": ".1f", "of bolt_2": ".1f",
@@ -112,7 +130,8 @@ def made(
     seed: int, delta_ratio: float, *, is_loose: bool = False
 ) -> tuple[Campaign, dict[str, float]]:
     """A campaign in memory, and the truth by the names that it has for its parameters."""
-    rng = np.random.default_rng([seed, int(is_loose)])
+    # A generator of [seed, 0] is that of the seed: numbers of the noise are not those of the truth.
+    rng = np.random.default_rng([seed, 1 + is_loose])
     truth = drawn_truth(np.random.default_rng(seed), delta_ratio)
     truth = loosened(truth) if is_loose else truth
     bolts = [(BoucWenLaw(*(truth[f"{name}@{label}"] for name in MIDDLE)),) for label in LABELS]
@@ -148,13 +167,25 @@ def identified(seed: int, campaign: Campaign) -> tuple[Fitted, xr.DataTree]:
     return ready, sample_joint(keys[2], ready, campaign.settings, no_checkpoint, "joint")
 
 
-def compared(seed: int, delta_ratio: float) -> dict[str, Any]:
-    """Which bolts have changed by the posteriors of two data sets, one with a loosened bolt."""
-    began, drawn = perf_counter(), []
+def fitted(seed: int, campaign: Campaign, truth: Mapping[str, float]) -> Fitted:
+    """Least squares from the truth, with the weights that it leaves."""
+    data = assemble(measured_in(campaign, lambda _: None))
+    return prepare(parts_of(jax.random.key(seed), 2), data, campaign.settings, truth)
+
+
+def compared(seed: int, delta_ratio: float, *, by_fit: bool = False) -> dict[str, Any]:
+    """Which bolts have changed by the posteriors of two data sets, one with a loosened bolt.
+
+    By fits, from the truth of the first, these are normal of their covariance.
+    """
+    began, drawn, start = perf_counter(), [], made(seed, delta_ratio)[1]
     for is_loose in (False, True):
         campaign, _ = made(seed, delta_ratio, is_loose=is_loose)
-        _, tree = identified(seed, campaign)
-        drawn.append({name: np.ravel(draws) for name, draws in scalars(tree).items()})
+        if by_fit:
+            drawn.append(gaussian_draws(seed + is_loose, fitted(seed, campaign, start).fit))
+        else:
+            _, tree = identified(seed, campaign)
+            drawn.append({name: np.ravel(draws) for name, draws in scalars(tree).items()})
     tight, loose = drawn
     rows = changed_joints(tight, loose, LAWS)
     return {
@@ -163,6 +194,20 @@ def compared(seed: int, delta_ratio: float) -> dict[str, Any]:
         "named": [row["joint"] for row in rows if row["changed"]],
         "chi_square": [row["chi_square"] for row in rows],
     }
+
+
+def gaussian_draws(seed: int, best: Fit) -> dict[str, np.ndarray]:
+    """Draws about a fit by its covariance, by name."""
+    rng, middle = np.random.default_rng([seed, DRAWS_KEY]), list(best.theta.values())
+    draws = rng.multivariate_normal(middle, best.covariance, NUM_DRAWS, method="cholesky")
+    return dict(zip(best.theta, draws.T, strict=True))
+
+
+def chi_square_of(truth: Mapping[str, float], ready: Fitted) -> float:
+    """Twice the log likelihood of the fit less that of the truth."""
+    points = {name: np.array([x, truth[name]]) for name, x in ready.fit.theta.items()}
+    most, of_truth = at_points(dataset.log_likelihood, points, ready.data).sum(axis=1)
+    return float(2 * (most - of_truth))
 
 
 def tried(seed: int, delta_ratio: float) -> dict[str, Any]:
@@ -175,8 +220,6 @@ def tried(seed: int, delta_ratio: float) -> dict[str, Any]:
         raise RuntimeError("the bolts have laws of one kind, but nothing was compared")
     draws = scalars(tree)
     ends = {name: np.quantile(draws[name], TAILS) for name in truth}
-    away = np.array([x - np.mean(draws[name]) for name, x in truth.items()])
-    covariance = np.cov([np.ravel(draws[name]) for name in truth])
     return {
         "seed": seed,
         "wall": perf_counter() - began,
@@ -184,10 +227,26 @@ def tried(seed: int, delta_ratio: float) -> dict[str, Any]:
         "z": {name: float((x - np.mean(draws[name])) / np.std(draws[name]))
               for name, x in truth.items()},
         "within": {name: bool(ends[name][0] <= x <= ends[name][1]) for name, x in truth.items()},
-        "square": float(away @ np.linalg.solve(covariance, away)),
+        "chi_square": chi_square_of(truth, ready),
         "log_ratio": tied.log_ratio,
         "known": tied.is_trusted,
     }  # fmt: skip
+
+
+def tried_by_fit(seed: int, delta_ratio: float) -> dict[str, Any]:
+    """The same of a data set by least squares from the truth, without draws or evidence."""
+    began, (campaign, truth) = perf_counter(), made(seed, delta_ratio)
+    ready = fitted(seed, campaign, truth)
+    std = dict(zip(ready.fit.theta, np.sqrt(np.diag(ready.fit.covariance)), strict=True))
+    z = {name: float((x - ready.fit.theta[name]) / std[name]) for name, x in truth.items()}
+    widest = stats.norm.ppf(TAILS[1])
+    return {
+        "seed": seed,
+        "wall": perf_counter() - began,
+        "z": z,
+        "within": {name: bool(abs(x) <= widest) for name, x in z.items()},
+        "chi_square": chi_square_of(truth, ready),
+    }
 
 
 def preferred(answer: Mapping[str, Any]) -> str:
@@ -197,12 +256,17 @@ def preferred(answer: Mapping[str, Any]) -> str:
 
 def line(answer: Mapping[str, Any]) -> tuple[Any, ...]:
     """One row of the table of data sets."""
+    evidence = (
+        (answer["khat"], answer["log_ratio"], preferred(answer))
+        if "khat" in answer
+        else (None, None, None)
+    )
     within, z = answer["within"].values(), answer["z"].values()
-    largest = max(map(abs, z))
-    by_chance = float(stats.chi2.sf(answer["square"], len(z)))
+    largest, chi_square = max(map(abs, z)), answer["chi_square"]
+    by_chance = float(stats.chi2.sf(chi_square, len(z)))
     return (
-        answer["seed"], answer["wall"], sum(within), len(within), largest, by_chance,
-        answer["khat"], answer["log_ratio"], preferred(answer),
+        answer["seed"], answer["wall"], sum(within), len(within), largest, chi_square, by_chance,
+        *evidence,
     )  # fmt: skip
 
 
@@ -212,25 +276,42 @@ def row(name: str, within: Sequence[bool], z: Sequence[float]) -> tuple[Any, ...
     return name, len(within), sum(within), float(np.mean(z)), float(np.std(z)), float(chance)
 
 
+def together(chi_squares: Sequence[float], num_parameters: int) -> tuple[Any, ...]:
+    """What all parameters together say, against a chi-square of as many degrees of freedom."""
+    p = stats.chi2.sf(chi_squares, num_parameters)
+    within = int(np.sum(p > 1 - CENTRAL))
+    by_chance = stats.binomtest(within, len(p), CENTRAL).pvalue
+    shape = stats.kstest(chi_squares, stats.chi2(num_parameters).cdf).pvalue
+    mean = float(np.mean(chi_squares))
+    return len(p), num_parameters, mean, within, float(by_chance), float(shape)
+
+
 def tables(answers: Sequence[Mapping[str, Any]]) -> list[Table]:
-    """All tables: data sets, coverage, the evidence, and every z-score."""
+    """All tables: data sets, coverage, all parameters together, the evidence, every z-score."""
     names = list(answers[0]["z"])
     rows = [row(n, [a["within"][n] for a in answers], [a["z"][n] for a in answers]) for n in names]
     every = [a[key][n] for key in ("within", "z") for a in answers for n in names]
     half = len(every) // 2
     rows.append(row("all, as if independent", every[:half], every[half:]))
-    p = np.array([stats.chi2.sf(a["square"], len(names)) for a in answers])
-    rows.append(row("all together", (p > 1 - CENTRAL).tolist(), stats.norm.isf(p).tolist()))
-    counts = [sum(preferred(a) == answer for a in answers) for answer in ("tied", "own")]
-    closest = min((a["log_ratio"] for a in answers), key=abs)
-    trusted = sum(a["known"] for a in answers)
+    of_all = together([a["chi_square"] for a in answers], len(names))
     scores = [(a["seed"], *a["z"].values()) for a in answers]
     return [
         Table("Data sets", OF_DATA_SETS, [line(answer) for answer in answers]),
         Table("Intervals of own joints", COLUMNS, rows),
-        Table("Tied against own", EVIDENCE, [(len(answers), *counts, trusted, closest)]),
+        Table("All parameters together", TOGETHER, [of_all]),
+        *evidence_tables([answer for answer in answers if "log_ratio" in answer]),
         Table("z-scores", {"seed": "d", **dict.fromkeys(names, ".2f")}, scores),
     ]
+
+
+def evidence_tables(answers: Sequence[Mapping[str, Any]]) -> list[Table]:
+    """How often the evidence prefers one law for both bolts; nothing where it was not asked."""
+    if not answers:
+        return []
+    counts = [sum(preferred(a) == answer for a in answers) for answer in ("tied", "own")]
+    closest = min((a["log_ratio"] for a in answers), key=abs)
+    trusted = sum(a["known"] for a in answers)
+    return [Table("Tied against own", EVIDENCE, [(len(answers), *counts, trusted, closest)])]
 
 
 def changed_line(answer: Mapping[str, Any]) -> tuple[Any, ...]:
@@ -253,23 +334,57 @@ def changed_tables(answers: Sequence[Mapping[str, Any]]) -> list[Table]:
     ]
 
 
+class Kind(NamedTuple):
+    """What is asked of a data set, a row of its answer, and the tables of all."""
+
+    answer_of: Callable[[int, float], dict[str, Any]]
+    row_of: Callable[[Mapping[str, Any]], tuple[Any, ...]]
+    columns: Mapping[str, str]
+    tables_of: Callable[[Sequence[Mapping[str, Any]]], list[Table]]
+
+
+KINDS = {
+    "posterior": Kind(tried, line, OF_DATA_SETS, tables),
+    "fit": Kind(tried_by_fit, line, OF_DATA_SETS, tables),
+    "loosened": Kind(compared, changed_line, CHANGED, changed_tables),
+    "loosened by fit": Kind(partial(compared, by_fit=True), changed_line, CHANGED, changed_tables),
+}
+
+
+def kept(file: Path | None, asked: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Answers of a file to what is asked."""
+    if file is None or not file.exists():
+        return []
+    answers = [json.loads(text) for text in file.read_text().splitlines()]
+    return [answer for answer in answers if asked.items() <= answer.items()]
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     parser = options(__doc__)
     parser.add_argument("--first", type=int, default=0, help="seed of the first data set")
     parser.add_argument("--number", type=int, default=20, help="of data sets")
     parser.add_argument("--delta-ratio", type=float, default=1.3, help="of the second bolt's delta")
+    parser.add_argument("--answers", type=Path, help="keep every answer here, and go on from it")
     parser.add_argument("--loosened", action="store_true", help="name the bolt that was loosened")
+    parser.add_argument("--by-fit", action="store_true", help="fit from the truth, no sampler")
     chosen = parser.parse_args(arguments)
     jbw.enable_x64()
-    columns = CHANGED if chosen.loosened else OF_DATA_SETS
-    answer_of, row_of = (compared, changed_line) if chosen.loosened else (tried, line)
-    print(" | ".join(columns), flush=True)
-    answers = []
+    names = ("loosened", "loosened by fit") if chosen.loosened else ("posterior", "fit")
+    name = names[chosen.by_fit]
+    kind, asked = KINDS[name], {"kind": name, "delta_ratio": chosen.delta_ratio}
+    answers = kept(chosen.answers, asked)
+    done = {answer["seed"] for answer in answers}
+    print(" | ".join(kind.columns), flush=True)
     for seed in range(chosen.first, chosen.first + chosen.number):
-        answers.append(answer_of(seed, chosen.delta_ratio))
-        cells = zip(row_of(answers[-1]), columns.values(), strict=True)
-        print(" | ".join(format(value, form) for value, form in cells), flush=True)
-    show((changed_tables if chosen.loosened else tables)(answers), file=chosen.json)
+        if seed in done:
+            continue
+        answers.append(asked | kind.answer_of(seed, chosen.delta_ratio))
+        if chosen.answers:
+            with chosen.answers.open("a") as file:
+                file.write(json.dumps(answers[-1]) + "\n")
+        cells = zip(kind.row_of(answers[-1]), kind.columns.values(), strict=True)
+        print(" | ".join("" if x is None else format(x, form) for x, form in cells), flush=True)
+    show(kind.tables_of(answers), file=chosen.json)
 
 
 if __name__ == "__main__":
