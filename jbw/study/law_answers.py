@@ -23,7 +23,7 @@ APART = 2.0  # standard errors of a difference from which laws are told apart
 OFF = 3.0  # times what the scores of points and of fits differ by: a rough score may be off by that
 NATS = 5.0  # of evidence from which a law is told apart where runs are too few
 AS_GOOD = 1.1  # times the least error: laws that predict a target alike
-TARGETS = {laws.OUTWARD: "error_highest", laws.ACROSS: "error_across"}  # and their scores
+TARGETS = (laws.OUTWARD, laws.ACROSS)  # that have an error of their own
 NEAR_FLOOR = 1.2  # times the scatter of the mean of repeats
 
 Row = Mapping[str, Any]
@@ -136,6 +136,16 @@ def stacking(scores: Mapping[str, Float[np.ndarray, " run"]]) -> dict[str, float
     return {str(name): float(weight) for name, weight in weights.items()}
 
 
+def errors_on(rows: Mapping[str, Row], target: str) -> dict[str, float]:
+    """Known errors of laws on the highest level, or on the worst kind of test from the others."""
+    if target == laws.OUTWARD:
+        errors = {name: row.get("error_highest") for name, row in rows.items()}
+    else:
+        across = {name: row.get("error_across") or {} for name, row in rows.items()}
+        errors = {name: max(kinds.values(), default=None) for name, kinds in across.items()}
+    return {name: error for name, error in errors.items() if error is not None}
+
+
 def weights_for(rows: Mapping[str, Row], target: str) -> dict[str, float]:
     """The share of each law in predictions of a target, the largest first; nothing if unknown.
 
@@ -145,8 +155,7 @@ def weights_for(rows: Mapping[str, Row], target: str) -> dict[str, float]:
     """
     if target == laws.WITHIN:
         return {name: row["weight"] for name, row in rows.items() if row["weight"]}
-    errors = {name: row.get(TARGETS[target]) for name, row in rows.items()}
-    known = {name: error for name, error in errors.items() if error is not None}
+    known = errors_on(rows, target)
     if len(known) < 2:
         return {}
     least = min(known, key=lambda name: known[name])
@@ -197,12 +206,12 @@ def _of_answers(rows: Mapping[str, Row], best: str) -> Iterator[str]:
 
 def _of_targets(rows: Mapping[str, Row], best: str) -> Iterator[str]:
     """Which laws predict stronger tests and other kinds, where the best does not."""
-    for target, score in TARGETS.items():
+    for target in TARGETS:
         shares = weights_for(rows, target)
         if shares and best not in shares:
-            first = next(iter(shares))
-            errors = rows[first][score], rows[best][score]
-            yield laws.predicted_by(target, list(shares), errors[0], best, errors[1])
+            errors = errors_on(rows, target)
+            least = errors[next(iter(shares))]
+            yield laws.predicted_by(target, list(shares), least, best, errors.get(best))
 
 
 def _of_errors(record: Row, best: str) -> Iterator[str]:

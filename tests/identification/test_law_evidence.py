@@ -238,6 +238,19 @@ def test_few_runs_are_no_comparison_of_predictions():
     ]
 
 
+def test_other_kinds_are_predicted_by_the_law_whose_worst_kind_is_least():
+    rows = {
+        "a": row(0.0) | {"error_across": {"sweeps": 0.02, "loops": 0.3}},
+        "b": row(-3.0) | {"error_across": {"sweeps": 0.03, "loops": 0.1}},
+    }
+    compare_rows(rows, {name: np.zeros(3) for name in rows})
+    record = {"laws": rows, "runs": ["x", "y", "z"], "floor": None, "lines": {}}
+    said = statements(record | {"shared_runs": None})
+    assert texts.predicted_by(texts.ACROSS, ["b"], 0.1, "a", 0.3) in said
+    assert texts.best_across("a", "sweeps", 0.02) in said
+    assert texts.best_across("b", "loops", 0.1) in said
+
+
 def test_a_rough_score_calls_no_law_worse_and_none_the_best():
     rng = np.random.default_rng(0)
     base = rng.normal(size=6)
