@@ -202,13 +202,13 @@ MESSAGES = (
     ),
     Message(
         "discrepancy.small",
-        "Predictions of runs left out of the fit err by {error:.2g %} of the response at resonance: "
-        "more than noise, but less than the limit of {limit:.2g %}. The bands include it.",
+        "Predictions of runs left out of the fit err by {error:.2g %} of the response at "
+        "resonance: more than noise, but less than the limit of {limit:.2g %}. The bands include it.",
     ),
     Message(
         "discrepancy.no_repeats",
-        "Predictions of runs left out of the fit err by no more than the residual of the fit, which "
-        "counts as noise because no test has repeats.",
+        "Predictions of runs left out of the fit err by no more than the residual of the fit, "
+        "which counts as noise because no test has repeats.",
     ),
     Message(
         "law_replaced",
