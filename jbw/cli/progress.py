@@ -27,7 +27,7 @@ LOOK_S = 1.0  # between two looks at the chains at least, on a terminal
 PLAIN_S = 10.0  # between two lines on chains where there is none
 SILENT_S = 4.0  # of silence at most, less the time to the next look at it
 BEAT_S = 0.5  # between two looks at whether it is silent
-STARTING = "Loading what computes"
+STARTING = "Loading numerical libraries"
 STEPS = {
     "joint_": "joint posterior", "decay_": "posterior of free decays", "third_order_": "Step 3",
     "opening_": "Step 4",

@@ -203,7 +203,8 @@ MESSAGES = (
     Message(
         "discrepancy.small",
         "Predictions of runs left out of the fit err by {error:.2g %} of the response at "
-        "resonance: more than noise, but less than the limit of {limit:.2g %}. The bands include it.",
+        "resonance: more than noise, but less than the limit of {limit:.2g %}. The bands include "
+        "it.",
     ),
     Message(
         "discrepancy.no_repeats",

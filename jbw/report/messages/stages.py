@@ -54,7 +54,7 @@ def scoring(law: str, num_sessions: int, *, by_fit: bool) -> str:
 
 def points(count: int, coordinates: str) -> str:
     """Of the choice of coordinates: how many points are looked at."""
-    return f"{count} points in the coordinates {coordinates}"
+    return f"parametrisation {coordinates}, {count} points"
 
 
 CHAINS = "chains about the draws so far"
