@@ -44,6 +44,61 @@ class Peak(NamedTuple):
     tests: tuple[str, ...]  # in which it stands out
 
 
+def render_picker(campaign: str, tests: Sequence[Test]) -> str:
+    """Return the page as HTML: one file, nothing from a network; names are escaped.
+
+    Args:
+        campaign: Its name.
+        tests: Of the campaign.
+
+    Raises:
+        DataError: No test has a spectrum.
+    """
+    spectrum_by_test = {test.name: spectrum_of(test) for test in tests}
+    spectra = {
+        name: spectrum for name, spectrum in spectrum_by_test.items() if spectrum is not None
+    }
+    if not spectra:
+        raise DataError(
+            "No test of the campaign has a spectrum to choose a band on.",
+            remedy="Leave out --html: force loops have no band.",
+        )
+    peaks = peaks_of(spectra)
+    data = json.dumps(picker_data(tests, spectra, peaks), allow_nan=False)
+    return ENVIRONMENT.get_template("picker.html").render(
+        campaign=printable(campaign),
+        peaks=peaks,
+        # JSON within a script: no letter of it ends the script.
+        data=Markup(data.replace("<", "\\u003c")),
+    )
+
+
+def picker_data(
+    tests: Sequence[Test], spectra: Mapping[str, ShownSpectrum], peaks: Sequence[Peak]
+) -> dict[str, Any]:
+    """What the page draws: spectra by test with the band that is stated, and the peaks."""
+    return {
+        "tests": [
+            {
+                "name": printable(test.name),
+                "kind": test.kind,
+                "band": None if test.band_hz is None else list(test.band_hz),
+                "driven": test.traits.is_driven or test.traits.is_curve,
+                "freq": _rounded(drawn.freq_hz),
+                "size": _rounded(drawn.size),
+            }
+            for test in tests
+            if test.name in spectra
+            for drawn in [shown(spectra[test.name])]
+        ],
+        "peaks": [{"freq": round(peak.freq_hz, 4), "band": list(peak.band_hz)} for peak in peaks],
+    }
+
+
+def _rounded(values: Any) -> list[float]:
+    return [float(f"{value:.{DIGITS}g}") for value in values]
+
+
 def spectrum_of(test: Test) -> ShownSpectrum | None:
     """Spectrum of a test's response, of the mean power of its repeats; None of tones and loops.
 
@@ -149,58 +204,3 @@ def shown(spectrum: ShownSpectrum) -> ShownSpectrum:
     starts = range(0, len(spectrum.size), width)
     largest = [start + int(np.argmax(spectrum.size[start : start + width])) for start in starts]
     return ShownSpectrum(spectrum.freq_hz[largest], spectrum.size[largest])
-
-
-def render_picker(campaign: str, tests: Sequence[Test]) -> str:
-    """Return the page as HTML: one file, nothing from a network; names are escaped.
-
-    Args:
-        campaign: Its name.
-        tests: Of the campaign.
-
-    Raises:
-        DataError: No test has a spectrum.
-    """
-    spectrum_by_test = {test.name: spectrum_of(test) for test in tests}
-    spectra = {
-        name: spectrum for name, spectrum in spectrum_by_test.items() if spectrum is not None
-    }
-    if not spectra:
-        raise DataError(
-            "No test of the campaign has a spectrum to choose a band on.",
-            remedy="Leave out --html: force loops have no band.",
-        )
-    peaks = peaks_of(spectra)
-    data = json.dumps(picker_data(tests, spectra, peaks), allow_nan=False)
-    return ENVIRONMENT.get_template("picker.html").render(
-        campaign=printable(campaign),
-        peaks=peaks,
-        # JSON within a script: no letter of it ends the script.
-        data=Markup(data.replace("<", "\\u003c")),
-    )
-
-
-def picker_data(
-    tests: Sequence[Test], spectra: Mapping[str, ShownSpectrum], peaks: Sequence[Peak]
-) -> dict[str, Any]:
-    """What the page draws: spectra by test with the band that is stated, and the peaks."""
-    return {
-        "tests": [
-            {
-                "name": printable(test.name),
-                "kind": test.kind,
-                "band": None if test.band_hz is None else list(test.band_hz),
-                "driven": test.traits.is_driven or test.traits.is_curve,
-                "freq": _rounded(drawn.freq_hz),
-                "size": _rounded(drawn.size),
-            }
-            for test in tests
-            if test.name in spectra
-            for drawn in [shown(spectra[test.name])]
-        ],
-        "peaks": [{"freq": round(peak.freq_hz, 4), "band": list(peak.band_hz)} for peak in peaks],
-    }
-
-
-def _rounded(values: Any) -> list[float]:
-    return [float(f"{value:.{DIGITS}g}") for value in values]

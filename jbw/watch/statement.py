@@ -64,41 +64,6 @@ class TorqueChange(NamedTuple):
     inside: bool  # whether the median lies between the torques that the population knows
 
 
-def torque_after(
-    away: Float[np.ndarray, " p"], reference: ReferenceReadings, num: int, trend: Trend
-) -> TorqueChange:
-    """The torque that readings behind a change are like.
-
-    Args:
-        away: Their mean less that of the references.
-        reference: Readings without change.
-        num: How many they are.
-        trend: How readings go with torque.
-    """
-    weight = np.linalg.inv(reference.covariance * (1 / num + 1 / reference.num))
-    slopes, freedom = trend.slopes, reference.num - 1
-    squared = np.einsum("si,ij,sj->s", slopes, weight, slopes)[:, None]
-    along = (slopes @ weight @ away)[:, None]
-    residual_square = away @ weight @ away - (2 * along - squared * PLACES) * PLACES
-    density = np.mean((1 + residual_square / freedom) ** (-(freedom + 1) / 2), axis=0)
-    mass = np.cumsum(density * np.exp(-(PLACES**2) / 2))
-    low, middle, high = trend.torque * np.exp(np.interp(QUANTILES, mass / mass[-1], PLACES))
-    # `tail` is that of one further reading, whose covariance is (1 + 1/n_0) S.
-    rest = tail(residual_square.min() * (1 + 1 / reference.num), len(away), reference.num)
-    return TorqueChange(
-        trend.torque, float(middle), float(low), float(high),
-        bool(rest > UNEXPLAINED), bool(trend.least <= middle <= trend.most),
-    )  # fmt: skip
-
-
-def words_of(change: TorqueChange) -> str:
-    """A change of torque as the end of a sentence."""
-    after = change.after, change.low, change.high
-    return watch.torque_change(
-        change.before, after, within_fleet=change.inside, is_explained=change.explained
-    )
-
-
 class Change(NamedTuple):
     """What changed since the reference, by the readings behind the change."""
 
@@ -218,3 +183,38 @@ def as_plain(statement: Statement) -> dict[str, Any]:
         return plain
     torque = {} if change.torque is None else {"torque": change.torque._asdict()}
     return plain | {"change": {k: v for k, v in change._asdict().items() if v is not None} | torque}
+
+
+def torque_after(
+    away: Float[np.ndarray, " p"], reference: ReferenceReadings, num: int, trend: Trend
+) -> TorqueChange:
+    """The torque that readings behind a change are like.
+
+    Args:
+        away: Their mean less that of the references.
+        reference: Readings without change.
+        num: How many they are.
+        trend: How readings go with torque.
+    """
+    weight = np.linalg.inv(reference.covariance * (1 / num + 1 / reference.num))
+    slopes, freedom = trend.slopes, reference.num - 1
+    squared = np.einsum("si,ij,sj->s", slopes, weight, slopes)[:, None]
+    along = (slopes @ weight @ away)[:, None]
+    residual_square = away @ weight @ away - (2 * along - squared * PLACES) * PLACES
+    density = np.mean((1 + residual_square / freedom) ** (-(freedom + 1) / 2), axis=0)
+    mass = np.cumsum(density * np.exp(-(PLACES**2) / 2))
+    low, middle, high = trend.torque * np.exp(np.interp(QUANTILES, mass / mass[-1], PLACES))
+    # `tail` is that of one further reading, whose covariance is (1 + 1/n_0) S.
+    rest = tail(residual_square.min() * (1 + 1 / reference.num), len(away), reference.num)
+    return TorqueChange(
+        trend.torque, float(middle), float(low), float(high),
+        bool(rest > UNEXPLAINED), bool(trend.least <= middle <= trend.most),
+    )  # fmt: skip
+
+
+def words_of(change: TorqueChange) -> str:
+    """A change of torque as the end of a sentence."""
+    after = change.after, change.low, change.high
+    return watch.torque_change(
+        change.before, after, within_fleet=change.inside, is_explained=change.explained
+    )
