@@ -81,7 +81,7 @@ def fit_lines(seen: Measured, fitted: Fitted, seed: int) -> list[str]:
     tree = fit_tree(seen, posteriors)
     record: dict[str, Any] = {
         "main": "joint",
-        "steps": {"joint": step_record(step, {})},
+        "steps": {"joint": step_record(step, {}, stated=fitted.data.stated)},
         "verdict": verdict_record(judged),
         "quick": fit_errors(fitted),
         "tests": [{"kind": test.kind} for test in seen.tests],

@@ -25,6 +25,7 @@ from jbw.identification.step import Step
 from jbw.identification.tied_joints import tied_record
 from jbw.inference.posterior.finding import Verdict, answers
 from jbw.inference.posterior.summary import as_plain, correlations, summarise
+from jbw.inference.space.stated import StatedDensities
 from jbw.measurement.records import INPUTS, Test
 from jbw.report.messages import study as messages
 from jbw.report.result import node, verified
@@ -36,6 +37,9 @@ VERSIONED = ("jbw", "jax", "numpyro", "diffrax", "optimistix", "arviz", "numpy",
 ERRORS = (
     "coverage", "num_values", "nrmse", "half_width", "nrmse_linear", "nrmse_cubic", "extrapolation",
 )  # fmt: skip
+
+# Steps whose prior has the densities that a campaign states.
+OF_ALL = ("joint", "decay")
 
 
 def record_of(
@@ -54,8 +58,14 @@ def record_of(
     """
     campaign, truth = order.campaign, order.truth
     steps = {} if found.linear is None else {"linear": _linear(found.linear, truth or {})}
+    stated = None if found.data is None else found.data.stated
     steps |= {
-        name: step_record(step, truth or {}, wide if name == found.main.name else None)
+        name: step_record(
+            step,
+            truth or {},
+            wide if name == found.main.name else None,
+            stated if name in OF_ALL else None,
+        )
         for name, step in found.steps.items()
     }
     return {
@@ -212,17 +222,21 @@ def widened_by_instruments(
 
 
 def step_record(
-    step: Step, truth: Mapping[str, float], wide: xr.Dataset | None = None
+    step: Step,
+    truth: Mapping[str, float],
+    wide: xr.Dataset | None = None,
+    stated: StatedDensities | None = None,
 ) -> dict[str, Any]:
     """A posterior in plain values: parameters, statements, correlations, offsets of runs.
 
-    `wide` is it with the errors of the instruments, where they are stated.
+    `wide` is it with the errors of the instruments, where they are stated; `stated` are the prior
+    densities beside its box.
     """
-    rows = summarise(step.posterior, step.box)
+    rows = summarise(step.posterior, step.box, stated)
     drawn = step.posterior
     if wide is not None:
         drawn = step.posterior.assign(posterior=xr.DataTree(wide))
-        rows = spread_of(rows, summarise(drawn, step.box))
+        rows = spread_of(rows, summarise(drawn, step.box, stated))
     rows = as_plain(rows)
     posterior = step.posterior["posterior"].to_dataset()
     for name, row in rows.items():

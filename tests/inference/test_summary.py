@@ -3,6 +3,7 @@ import pytest
 import xarray as xr
 from scipy.stats import norm
 
+from jbw.inference.density import density_of
 from jbw.inference.posterior.summary import (
     as_plain,
     band,
@@ -12,6 +13,7 @@ from jbw.inference.posterior.summary import (
     summarise,
 )
 from jbw.inference.space.box import box
+from jbw.inference.space.stated import StatedDensities
 
 BOX = box({"alpha": (0.0, 1.0), "delta": (0.0, 10.0)})
 
@@ -51,6 +53,18 @@ def test_rows_of_a_normal_posterior(normal):
     np.testing.assert_allclose(row["map"], 0.5, atol=1e-4)
     np.testing.assert_allclose([row["ess_bulk"], row["ess_tail"]], 8000, rtol=0.15)
     assert row["r_hat"] < 1.005
+
+
+def test_a_row_is_compared_with_a_stated_density():
+    """Draws of the density itself tell nothing; of half its deviation, as of two normal ones."""
+    stated = StatedDensities.of({"alpha": density_of({"Normal": [0.5, 0.05]})})
+    rng = np.random.default_rng(0)
+    for std, kl, contraction in ((0.05, 0.0, 0.0), (0.025, np.log(2) - 0.375, 0.75)):
+        draws = rng.normal(0.5, std, size=(4, 2000))
+        row = summarise(tree_of(alpha=draws), BOX, stated)["alpha"]
+        # 8000 independent draws: the variance to 1.6 %, the mean of the square to as much.
+        np.testing.assert_allclose(row["kl"], kl, atol=0.05)
+        np.testing.assert_allclose(row["contraction"], contraction, atol=0.05)
 
 
 def test_correlations_by_name(normal):

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -11,6 +11,9 @@ from numpy.typing import NDArray
 from scipy.special import digamma
 
 from jbw.inference.space.box import Box, bounds_by_name
+
+if TYPE_CHECKING:
+    from jbw.inference.space.stated import StatedDensities  # loads NumPyro
 
 Row = dict[str, float]
 QUANTILES = (0.005, 0.5, 0.995)  # of a 99 % interval and its middle
@@ -24,18 +27,38 @@ def evenly_spaced(posterior: xr.Dataset, num_draws: int) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, total - 1, min(num_draws, total)).round().astype(int))
 
 
-def summarise(tree: xr.DataTree, box: Box) -> dict[str, Row]:
+def summarise(
+    tree: xr.DataTree, box: Box, stated: "StatedDensities | None" = None
+) -> dict[str, Row]:
     """Row of every scalar quantity of a tree of `sample`, by its name.
 
-    `map` is the draw of the highest density, `kl` [nats] is from the prior, `contraction` 1 less
-    the variance over the prior's; NaN for what cannot be had, as what is said of chains where the
-    draws are those of a Gaussian about a fit.
+    `map` is the draw of the highest density, `kl` [nats] is from the prior, that of the box or a
+    stated density, `contraction` 1 less the variance over the prior's; NaN for what cannot be had,
+    as what is said of chains where the draws are those of a Gaussian about a fit.
     """
     chains = tree.attrs.get("sampler") != LAPLACE
     lp = tree["sample_stats"].to_dataset()["lp"].values
-    bounds = bounds_by_name(box)
+    bounds, draws = bounds_by_name(box), scalars(tree)
+    rows = {name: _row(values, lp, bounds.get(name), chains) for name, values in draws.items()}
+    densities = {} if stated is None else zip(stated.names, stated.distributions, strict=True)
+    for name, density in dict(densities).items():
+        if name in rows and name in bounds:
+            rows[name] |= _from_density(rows[name], draws[name], bounds[name], density)
+    return rows
+
+
+def _from_density(
+    row: Row, draws: Float[np.ndarray, "chain draw"], bounds: tuple[float, float], density: Any
+) -> Row:
+    r"""Divergence and contraction from a stated density, by those from the uniform one of the box.
+
+    $$D(p, \pi) = D(p, U) - E_p[\log\pi + \log(u - l)]$$
+    """
+    gain = np.asarray(density.log_prob(draws)) + math.log(bounds[1] - bounds[0])
+    variance = float(density.variance)
     return {
-        name: _row(values, lp, bounds.get(name), chains) for name, values in scalars(tree).items()
+        "kl": row["kl"] - float(np.mean(gain)),
+        "contraction": 1 - row["sd"] ** 2 / variance if math.isfinite(variance) else math.nan,
     }
 
 
