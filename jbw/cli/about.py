@@ -48,7 +48,17 @@ def explained(name: str) -> str | None:
         for spelling in (plain, plain.lower(), plain.lower().partition(" [")[0]):
             if spelling in meanings:
                 return meanings[spelling]
-    return parameters().get(plain)
+    return parameters().get(plain) or at_joint(plain)
+
+
+def at_joint(name: str) -> str | None:
+    """What a parameter of one of several joints means, such as alpha@bolt_1; None of another."""
+    from jbw.quantities import AT, motion_factors_in
+
+    parameter, _, joint = name.partition(AT)
+    if factor := motion_factors_in([name]).get(name):
+        return parameter_explained(factor, ())
+    return parameters().get(parameter) if joint else None
 
 
 @click.command()
