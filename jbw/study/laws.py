@@ -87,7 +87,9 @@ def compare_laws(
 
     Args:
         campaign: From `jbw.load_campaign` or the virtual rig; its own laws are tried too.
-        laws: Each a name, several joined by + or in a sequence; those that are usual when None.
+        laws: Each a name, several joined by + or in a sequence; those that are usual when None. Of
+            several joints each is tried at all of them and at one, and names such as
+            `jenkins_3@bolt_1` at that joint.
         seed: Seed of everything random; the campaign's when None.
         report: Called with one sentence at every stage.
 
