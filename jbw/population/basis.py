@@ -94,7 +94,7 @@ def new_unit(
 
 
 def new_prediction(
-    found: Population,
+    population: Population,
     fleet: xr.DataTree,
     test: Test,
     torque: float | None = None,
@@ -107,7 +107,7 @@ def new_prediction(
     """Bands of a further unit on any test: scatter between units and what is open about it.
 
     Args:
-        found: From `jbw.population_of`.
+        population: From `jbw.population_of`.
         fleet: The fleet that it was made from.
         test: What is predicted, measured or planned.
         torque: At which the unit is tightened [N m]; the reference when None.
@@ -123,7 +123,7 @@ def new_prediction(
         ConfigError: A torque that is not positive, or too few draws.
         DataError: A torque where no trend with it is known, or a source that no gain is known for.
     """
-    basis = basis_of(new_unit(found, fleet, torque, seed=seed, num=max(num_draws, 2)))
+    basis = basis_of(new_unit(population, fleet, torque, seed=seed, num=max(num_draws, 2)))
     return predict(basis, test, Request(num_draws, noise, gain, seed))
 
 

@@ -136,13 +136,15 @@ def sampler(
         progress_bar=False, jit_model_args=True,
     )  # fmt: skip
 
-    def drawn(key: Key[Array, ""], included: Float[np.ndarray, " unit"]) -> dict[str, np.ndarray]:
-        mcmc.run(key, jnp.asarray(included), extra_fields=("diverging",))
-        sites = {name: np.asarray(v) for name, v in mcmc.get_samples(group_by_chain=True).items()}
-        diverging = np.asarray(mcmc.get_extra_fields(group_by_chain=True)["diverging"])
-        return named_draws(sites) | {"diverging": diverging}
+    return lambda key, included: draws_of(mcmc, key, jnp.asarray(included))
 
-    return drawn
+
+def draws_of(mcmc: MCMC, key: Key[Array, ""], *args: Any) -> dict[str, np.ndarray]:
+    """Draws of a population's model by name, and which of them diverge, axes (chain, draw)."""
+    mcmc.run(key, *args, extra_fields=("diverging",))
+    sites = {name: np.asarray(v) for name, v in mcmc.get_samples(group_by_chain=True).items()}
+    diverging = np.asarray(mcmc.get_extra_fields(group_by_chain=True)["diverging"])
+    return named_draws(sites) | {"diverging": diverging}
 
 
 def named_draws(sites: dict[str, np.ndarray]) -> dict[str, np.ndarray]:

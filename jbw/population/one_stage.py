@@ -26,7 +26,7 @@ from jbw.errors import ConfigError, DataError
 from jbw.inference.space.box import bounds_by_name
 from jbw.observables.dataset import Dataset, log_likelihood
 from jbw.population.coordinates import rows_of
-from jbw.population.model import named_draws, population_of_units
+from jbw.population.model import draws_of, population_of_units
 from jbw.population.population import Population
 from jbw.population.unit import GAIN
 from jbw.report.messages import population as messages
@@ -63,7 +63,7 @@ class MeasuredUnit(NamedTuple):
 
 def one_stage(
     studies: Sequence[Study],
-    found: Population,
+    population: Population,
     *,
     seed: int = 0,
     report: Callable[[str], Any] = logger.info,
@@ -72,7 +72,7 @@ def one_stage(
 
     Args:
         studies: What `jbw.identify` returned of every unit, in the order of the fleet.
-        found: The population in two stages, whose coordinates, covariates and priors are taken.
+        population: In two stages; its coordinates, covariates and priors are taken.
         seed: Of the sampler.
         report: Called with one sentence.
 
@@ -80,16 +80,13 @@ def one_stage(
         ConfigError: Not as many studies as the population has units.
         DataError: A unit without a joint posterior, or with draws that have no logarithm.
     """
-    units = measured_units(studies, found)
+    units = measured_units(studies, population)
     report(messages.one_stage(len(units), NUM_SAMPLES))
     start = {f"z_{k}": np.zeros(len(unit.names)) for k, unit in enumerate(units)}
-    model = partial(joint_model, units, found)
+    model = partial(joint_model, units, population)
     kernel = NUTS(model, target_accept_prob=0.9, init_strategy=init_to_value(values=start))
     mcmc = MCMC(kernel, num_warmup=NUM_WARMUP, num_samples=NUM_SAMPLES, progress_bar=False)
-    mcmc.run(jax.random.key(seed), extra_fields=("diverging",))
-    drawn = {name: np.asarray(v) for name, v in mcmc.get_samples(group_by_chain=True).items()}
-    diverging = np.asarray(mcmc.get_extra_fields(group_by_chain=True)["diverging"])
-    return named_draws(drawn) | {"diverging": diverging}
+    return draws_of(mcmc, jax.random.key(seed))
 
 
 def measured_units(studies: Sequence[Study], population: Population) -> list[MeasuredUnit]:

@@ -32,7 +32,7 @@ def new_coordinates(
 
 
 def new_units(
-    found: Population,
+    population: Population,
     fleet: xr.DataTree,
     torque: float | None = None,
     *,
@@ -52,7 +52,7 @@ def new_units(
     unit whose draw was moved, where all units know theirs: it is no part of the population.
 
     Args:
-        found: From `jbw.population_of`.
+        population: From `jbw.population_of`.
         fleet: The fleet that it was made from.
         torque: At which the units are tightened [N m].
         seed: Of everything random.
@@ -63,16 +63,16 @@ def new_units(
         DataError: A torque where no trend with it is known.
     """
     rng = np.random.default_rng(seed)
-    target = new_coordinates(found, torque, rng, num)
-    parameters, powers = list(found.pooled.parameters), found.pooled.powers
+    target = new_coordinates(population, torque, rng, num)
+    parameters, powers = list(population.pooled.parameters), population.pooled.powers
     unit_draws = [
         fleet[name]["draws"].sel(parameter=parameters).values for name in unit_names(fleet)
     ]
     which = rng.integers(len(unit_draws), size=num)
     place = rng.integers([len(unit_draws[k]) for k in which])
     start = np.stack([unit_draws[k][s] for k, s in zip(which, place, strict=True)])
-    both = np.concatenate([powers, found.pooled.common])
-    moves = np.pad(target - start @ powers.T, ((0, 0), (0, len(found.pooled.common))))
+    both = np.concatenate([powers, population.pooled.common])
+    moves = np.pad(target - start @ powers.T, ((0, 0), (0, len(population.pooled.common))))
     units = dict(zip(parameters, np.exp(start + moves @ np.linalg.pinv(both).T).T, strict=True))
     gains = gains_of(fleet)
     if gains is not None:
@@ -99,7 +99,7 @@ def y_peak_of(fleet: xr.DataTree) -> float:
 
 
 def new_backbone(
-    found: Population, fleet: xr.DataTree, torque: float | None = None, *, seed: int = 0
+    population: Population, fleet: xr.DataTree, torque: float | None = None, *, seed: int = 0
 ) -> xr.Dataset:
     """99 % bands of a further unit's frequency and damping, to what every unit was driven to.
 
@@ -108,7 +108,7 @@ def new_backbone(
     y_peak = y_peak_of(fleet)
     y_peak = y_peak if np.isfinite(y_peak) else 1e-3
     amplitude = y_peak * np.arange(1, NUM_AMPLITUDES + 1) / NUM_AMPLITUDES
-    draws = new_units(found, fleet, torque, seed=seed)
+    draws = new_units(population, fleet, torque, seed=seed)
     frequency, damping, _ = carry(curves, draws, jnp.asarray(amplitude), laws_of(fleet))
     dims = ("quantile", "amplitude")
     return xr.Dataset(
