@@ -4,18 +4,19 @@ import jax
 import numpy as np
 import pytest
 
+from jbw.identification.checks import Checks
 from jbw.identification.first_fit import points_at, steps_about
 from jbw.inference.fit.fitting import Fit
-from jbw.inference.posterior.finding import Finding, judge
+from jbw.inference.posterior.finding import Finding
 from jbw.inference.space.box import box
-from jbw.study.collect import sees_no_joint
 
 
 @pytest.mark.parametrize(("status", "unseen"), [("failed", True), ("ok", False)])
 def test_single_records_are_left_out_where_no_joint_is_seen(status, unseen):
     finding = Finding("no_joint", status, "Without the joint chi-square grows.", np.nan)
-    assert sees_no_joint(judge([finding])) is unseen
-    assert not sees_no_joint(judge([Finding("r_hat", "failed", "High.", 1.2)]))
+    assert Checks((finding,), (), (), {}, 0.0).sees_no_joint is unseen
+    chains = Finding("r_hat", "failed", "High.", 1.2)
+    assert not Checks((chains,), (), (), {}, 0.0).sees_no_joint
 
 
 def _fit(theta, covariance):
