@@ -9,7 +9,7 @@ import xarray as xr
 
 from jbw.campaign.settings import MOST_MODES
 from jbw.inference.fit.fitting import Fit
-from jbw.inference.posterior.finding import Amendment, Finding, Verdict, judge
+from jbw.inference.posterior.finding import Finding, Verdict, judge
 from jbw.inference.space.box import Box
 from jbw.oscillator.laws import quantities_of, vocabulary
 from jbw.oscillator.modes.parameters import own_quantities
@@ -68,18 +68,17 @@ def finished(
     started: float,
     *,
     findings: Iterable[Finding],
-    amendments: Iterable[Amendment | None] = (),
     statements: Iterable[str] = (),
     held: Mapping[str, Any] | None = None,
 ) -> Step:
-    """Judge a posterior by its findings and their amendments, and put it beside its origin.
+    """Judge a posterior by its findings, and put it beside its origin.
 
     `started` is the `perf_counter()` at the start of the step.
     """
     return Step(
         name,
         posterior,
-        judge(findings, amendments),
+        judge(findings),
         fit,
         box,
         (*statements, *fit_sentences(fit)),

@@ -45,7 +45,7 @@ class Task:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class RunOutcome:
     """What became of one campaign.
 
     Attributes:
@@ -81,7 +81,7 @@ def identify_many(
     allow_outside: bool = False,
     report: Callable[[str], None] = logger.info,
     command: str | None = None,
-) -> list[Outcome]:
+) -> list[RunOutcome]:
     """Identify many campaigns, and go on with them when called again.
 
     Args:
@@ -115,9 +115,9 @@ def identify_many(
             [_file_of(campaign) for campaign in campaigns], Path(out)
         ).items()
     ]
-    outcomes: dict[Task, Outcome] = {}
+    outcomes: dict[Task, RunOutcome] = {}
 
-    def ended(task: Task, outcome: Outcome) -> None:
+    def ended(task: Task, outcome: RunOutcome) -> None:
         outcomes[task] = outcome
         for sentence in outcome.warnings:
             report(f"warning: {Path(task.folder).name}: {sentence}")
@@ -139,7 +139,7 @@ def identify_many(
     return [outcomes[task] for task in tasks]
 
 
-def run_task(task: Task) -> Outcome:
+def run_task(task: Task) -> RunOutcome:
     """Begin or go on with one run, in the process of a worker; whatever happens is its outcome."""
     with warnings.catch_warnings(record=True) as warned:
         outcome = _run(task)
@@ -147,7 +147,7 @@ def run_task(task: Task) -> Outcome:
     return replace(outcome, warnings=messages_shown)
 
 
-def _run(task: Task) -> Outcome:
+def _run(task: Task) -> RunOutcome:
     started, began = time.perf_counter(), "new"
     try:
         prepare_process()
@@ -177,20 +177,24 @@ def _run(task: Task) -> Outcome:
     return _done(task, summary, began, time.perf_counter() - started)
 
 
-def _done(task: Task, summary: Mapping[str, Any], began: Any, seconds: float = 0.0) -> Outcome:
+def _done(task: Task, summary: Mapping[str, Any], began: Any, seconds: float = 0.0) -> RunOutcome:
     verdict = str(summary["verdict"]["status"])
     code = 0 if verdict in ("ok", "usable") else 4
-    return Outcome(task.campaign, task.folder, "done", verdict, "", code, began, round(seconds, 2))
+    return RunOutcome(
+        task.campaign, task.folder, "done", verdict, "", code, began, round(seconds, 2)
+    )
 
 
-def _failed(task: Task, error: BaseException, seconds: float = 0.0) -> Outcome:
+def _failed(task: Task, error: BaseException, seconds: float = 0.0) -> RunOutcome:
     code = error.exit_code if isinstance(error, JbwError) else 1
     reason = (
         " ".join(str(error).split())
         if isinstance(error, JbwError)
         else f"Internal error: {type(error).__name__}: {error}"
     )
-    return Outcome(task.campaign, task.folder, "failed", "", reason, code, "new", round(seconds, 2))
+    return RunOutcome(
+        task.campaign, task.folder, "failed", "", reason, code, "new", round(seconds, 2)
+    )
 
 
 def _file_of(campaign: str | Path | Campaign) -> Path:
@@ -222,7 +226,7 @@ def _folders(files: Sequence[Path], out: Path) -> dict[Path, Path]:
     return {f: (out / name).absolute() for f, name in zip(files, names, strict=True)}
 
 
-def _finished_before(task: Task) -> Outcome | None:
+def _finished_before(task: Task) -> RunOutcome | None:
     """The outcome of a run that is finished, as its manifest is gone; None where there is work."""
     folder = Path(task.folder)
     if (folder / HIDDEN / MANIFEST).exists() or not (folder / "summary.json").is_file():
@@ -274,7 +278,7 @@ def _require_asked(task: Task, campaign: str | None, seed: int | None) -> None:
         )
 
 
-def _outcome_of(task: Task, future: Any) -> Outcome:
+def _outcome_of(task: Task, future: Any) -> RunOutcome:
     """What a future brought; a worker that was lost is a failed campaign."""
     try:
         return future.result()
@@ -290,7 +294,7 @@ def _outcome_of(task: Task, future: Any) -> Outcome:
         ))  # fmt: skip
 
 
-def _sentence(outcome: Outcome, so_far: Sequence[Outcome], total: int) -> str:
+def _sentence(outcome: RunOutcome, so_far: Sequence[RunOutcome], total: int) -> str:
     """How far all are, and what became of the last one."""
     failed = sum(earlier.status == "failed" for earlier in so_far)
     name = Path(outcome.folder).name
