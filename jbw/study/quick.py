@@ -84,7 +84,7 @@ def fit_lines(seen: Measured, fitted: Fitted, seed: int) -> list[str]:
         "steps": {"joint": step_record(step, {}, stated=fitted.data.stated)},
         "verdict": verdict_record(judged),
         "quick": fit_errors(fitted),
-        "tests": [{"kind": test.kind} for test in seen.tests],
+        "tests": [{"kind": test.kind} for test in seen.chosen],
     }
     return [
         by_the_fit(known_parameters(record)),
