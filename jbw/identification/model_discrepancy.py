@@ -11,13 +11,15 @@ where S are the derivatives of the prediction by omega_n and zeta, J those by al
 the covariance of the fit without the run. Its variance is shared by all kinds of test, and grows
 with the distance from the amplitudes that were fitted,
 
-$$\hat b_r \sim N\bigl(0,\, V_r + \tau^2 (y_r / y_{max})^{2p} g_r\bigr), \quad p = 0, 1, 2, \qquad
-  \sqrt{g(y)} = 1 + d(y) / h, \\
-  d = \max(\ln y / y_{max},\, \ln y_{min} / y,\, 0), \quad
-  h = \tfrac12 \max(\ln y_{max} / y_{min}, \ln 2)$$
+$$\hat b_r \sim N\bigl(0,\, V_r + \tau^2 (y_r / y_{max})^{2p} g_r\bigr), \quad p = 0, 1, 2, \\
+  \sqrt{g(y)} = 1 + \frac{2 \ln (y / y_{max})}{\max(\ln (y_{max} / y_{min}), \ln 2)}, \quad
+  y > y_{max}, \\
+  \sqrt{g(y)} = 1 + \frac{2 (y_{min} - y)}{\max(y_{max} - y_{min}, y_{min})}, \quad y < y_{min}$$
 
-as an error that is linear in the logarithm of the amplitude grows. $\tau$ is that of Paule and
-Mandel about zero, and none where chance makes as much.
+as an error that is linear in the logarithm of the amplitude grows above, and one that is linear in
+the amplitude below: a joint that moves less and less sticks, and what a law misses of it tends to
+a limit. $\tau$ is that of Paule and Mandel about zero. All are none where chance makes as much, of
+frequency, damping and the rest together.
 
 Beyond the largest amplitude fitted the errors of the parameters are no longer those of a law that
 holds: they answer for its misfit at the amplitudes that were fitted. So all that the runs left out
@@ -28,8 +30,7 @@ $$\tau^2(y) = \tau^2 + \max(\tau, \tau_0)^2 \bigl(g(y)\,(y / y_{max})^4 - 1\bigr
   y > y_{max}$$
 
 with the square of the amplitude, as the equivalent stiffness of a cubic spring does: of the powers
-p above the steepest, since runs below cannot tell which one holds beyond them. Where chance makes
-all that is missed, of frequency, damping and the rest together, nothing grows. Farther from the
+p above the steepest, since runs below cannot tell which one holds beyond them. Farther above the
 fitted amplitudes than these are apart, in the logarithm, the discrepancy is not stated.
 
 The rest of $e_r$ is a share of the
@@ -41,7 +42,8 @@ $$E|e|^2 = N n + |M|^2, \qquad
 
 of N values, of which a fraction f is independent, with the noise n that a test like it would be
 taken to have and K values tell; chance is that of the gamma distribution with these moments. A
-variance that n runs tell is taken n / (n - 2) times: that of Student's t distribution.
+variance that n runs tell is taken $(t_{n, 0.995} / z_{0.995})^2$ times: then the 99 % band of a
+normal distribution is that of Student's t.
 
 Reference:
     Satterthwaite (1946), Biometrics Bull. 2, 110: the distribution of a sum of squares.
@@ -94,7 +96,8 @@ MOST_GROWN = 3.0  # of a standard deviation by the logarithm of the amplitude: t
 # Fits without runs: of fewer, each sees a level or two, and the errors of its parameters are not
 # those of its derivatives.
 FEWEST_FITS = 3
-MOST_WIDENED = 3.0  # n / (n - 2) of three runs: fewer say no more
+FEWEST_DEGREES = 3  # of freedom of a variance that runs tell: fewer say no more
+UPPER = 0.995  # where a 99 % band ends
 COUNTS = 1e-3  # of the response at resonance: linearity of a good sensor, which hides less
 ONE_LEVEL = 1.1  # of amplitudes: within, runs are repeats of one level
 
@@ -165,7 +168,7 @@ class Discrepancy:
     def is_stated(self, y: float) -> bool:
         """Whether the discrepancy can be stated at an amplitude [m].
 
-        No farther from the amplitudes that were fitted, in the logarithm, than these are apart, or
+        No farther above the amplitudes that were fitted, in the logarithm, than these are apart, or
         one octave: runs left out show nothing of what lies beyond. Where they show nothing since
         what the law misses counts as noise, nothing grows, and no larger amplitude is stated.
         """
@@ -223,11 +226,15 @@ NoiseOf = Mapping[str, NoiseSquares]  # by label
 
 
 def growth(y: float | None, y_low: float, y_high: float) -> float:
-    r"""The factor $\sqrt g = 1 + d / h$ of a standard deviation at an amplitude y [m]."""
+    r"""The factor $\sqrt g$ of a standard deviation at an amplitude y [m].
+
+    It grows by the logarithm of the amplitude above, by the amplitude below, where a joint sticks.
+    """
     if y is None or not (0 < y_low <= y_high and y > 0):
         return 1.0
-    distance = max(np.log(y / y_high), np.log(y_low / y), 0.0)
-    return float(1 + 2 * distance / max(np.log(y_high / y_low), LEAST_RANGE))
+    above = np.log(y / y_high) / max(np.log(y_high / y_low), LEAST_RANGE)
+    below = (y_low - y) / max(y_high - y_low, y_low)
+    return float(1 + 2 * max(above, below, 0.0))
 
 
 def outward(y: float | None, y_low: float, y_high: float) -> float:
@@ -244,6 +251,8 @@ def scatter_by_amplitude(
     amplitude: Float[np.ndarray, " run"],
     grown: Float[np.ndarray, " run"],
     num_fits: int,
+    *,
+    judged: bool = True,
 ) -> Scatter:
     r"""The likeliest of scatters that are constant, or run with the amplitude or its square.
 
@@ -254,7 +263,7 @@ def scatter_by_amplitude(
     candidates: list[tuple[float, Scatter]] = []
     for power in POWERS:
         factor = grown * relative**power
-        scatter = scatter_about_zero(shift, std, factor, num_fits)
+        scatter = scatter_about_zero(shift, std, factor, num_fits, judged=judged)
         variance = std**2 + scatter**2 / widened(num_fits) * factor**2
         finite = np.isfinite(variance)
         terms = np.log(variance[finite]) + shift[finite] ** 2 / variance[finite]
@@ -271,7 +280,8 @@ def missed_in_all(
 ) -> float:
     r"""The $\tau_0$ of all that runs miss beyond noise, widened for few runs.
 
-    $$\tau_0^2 = \frac{m}{m - 2}\,\mathrm{mean}\,\frac{b_r^2 - \sigma_r^2}{g_r}$$
+    $$\tau_0^2 = \Bigl(\frac{t_{m, 0.995}}{z_{0.995}}\Bigr)^2\,
+      \mathrm{mean}\,\frac{b_r^2 - \sigma_r^2}{g_r}$$
     """
     finite = np.isfinite(noise_std)
     if not np.any(finite):
@@ -285,17 +295,22 @@ def scatter_about_zero(
     std: Float[np.ndarray, " run"],
     grown: Float[np.ndarray, " run"],
     num_fits: int,
+    *,
+    judged: bool = True,
 ) -> float:
     r"""The $\tau$ of Paule and Mandel about zero, widened for few runs; 0 where chance makes it.
 
-    $$\sum_r \frac{b_r^2}{\sigma_r^2 + \tau^2 g_r} = n, \qquad \tau \sqrt{m / (m - 2)}$$
+    $$\sum_r \frac{b_r^2}{\sigma_r^2 + \tau^2 g_r} = n, \qquad \tau\, t_{m, 0.995} / z_{0.995}$$
 
-    for m fits, each without one of the runs, or without several of n.
+    for m fits, each without one of the runs, or without several of n. It is 0 where chance makes as
+    much in more than 1 % of cases, or, of a scatter that is not judged, where as much is expected.
     """
     finite = np.isfinite(std)
     b, variance, g = shift[finite] ** 2, std[finite] ** 2, grown[finite] ** 2
     count = len(b)
-    if not count or stats.chi2.sf(np.sum(b / variance), count) > BY_CHANCE:
+    chi_square = float(np.sum(b / variance))
+    by_chance = judged and stats.chi2.sf(chi_square, count) > BY_CHANCE
+    if chi_square <= count or by_chance:
         return 0.0
     most = float(np.sum(b / g))  # of which the sum is n at most
     solution = root_scalar(
@@ -307,8 +322,12 @@ def scatter_about_zero(
 
 
 def widened(num_runs: int) -> float:
-    """Variance of Student's t distribution of so many degrees of freedom, that of three at most."""
-    return num_runs / (num_runs - 2) if num_runs > 2 else MOST_WIDENED
+    r"""Factor of a variance that so many runs tell, $(t_{n, 0.995} / z_{0.995})^2$, three at least.
+
+    The 99 % band of a normal distribution of that variance is the one of Student's t.
+    """
+    degrees = max(num_runs, FEWEST_DEGREES)
+    return float((stats.t.ppf(UPPER, degrees) / stats.norm.ppf(UPPER)) ** 2)
 
 
 def shift_of(
@@ -439,20 +458,15 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
             grown = growth(amplitudes.get(run), min(others, default=0.0), max(others, default=0.0))
             relative = amplitudes.get(run, np.nan) / y_high if y_high > 0 else np.nan
             shown[run] = of_run._replace(amplitude=relative, grown=grown)
-    free = [run for run in shown.values() if run.is_decay]
-    forced = [run for run in shown.values() if not run.is_decay]
-    missed = _missed(forced, len(fits), natural)
-    missed_by_decays = _missed(free, len(fits) or len(free), natural)
-    nothing = Missed(NO_SCATTER, NO_SCATTER)
-    shares = _pooled(list(shown.values()))
-    for kind, share in _shares_as_fitted(residuals, repeated, data).items():
-        known_share = shares.get(kind, NO_SCATTER)
-        shares[kind] = Scatter(max(share, known_share.std), 0, max(share, known_share.whole))
-    everything = (*(missed or ()), *(missed_by_decays or ()), *shares.values())
-    if not any(scatter.std for scatter in everything):  # chance makes all that is missed
-        missed = missed_by_decays = None
-        shares = {}
-    shares = {kind: share for kind, share in shares.items() if share.std or share.whole}
+    as_fitted = _rests({label: residuals[label] for label in repeated}, repeated, data)
+    runs, nothing = list(shown.values()), Missed(NO_SCATTER, NO_SCATTER)
+    learned = _learned(runs, as_fitted, len(fits), natural, judged=True)
+    if learned.is_nothing:  # chance makes all that is missed
+        missed, missed_by_decays, shares = None, None, {}
+    else:
+        missed, missed_by_decays, shares = _learned(
+            runs, as_fitted, len(fits), natural, judged=False
+        )
     shape, dims = (len(shown), len(OFFSETS)), ("run", "quantity")
     shift = np.reshape([run.shift for run in shown.values()], shape)
     std = np.reshape([run.std for run in shown.values()], shape)
@@ -490,6 +504,45 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
     )
 
 
+class Learned(NamedTuple):
+    """What runs that are left out show together."""
+
+    forced: Missed | None  # None of no such runs
+    decays: Missed | None
+    shares: Mapping[str, Scatter]  # by kind of test
+
+    @property
+    def is_nothing(self) -> bool:
+        """Whether nothing is missed."""
+        scatters = (*(self.forced or ()), *(self.decays or ()), *self.shares.values())
+        return not any(scatter.std for scatter in scatters)
+
+
+def _learned(
+    runs: Sequence[LeftOutRun],
+    as_fitted: Mapping[str, Rest],
+    num_fits: int,
+    natural: float,
+    *,
+    judged: bool,
+) -> Learned:
+    """What runs show together, beside what the fit leaves of tests with repeats.
+
+    Of what is judged, nothing that chance makes as well.
+    """
+    free = [run for run in runs if run.is_decay]
+    forced = [run for run in runs if not run.is_decay]
+    shares = _pooled(runs, judged=judged)
+    for kind, rest in as_fitted.items():
+        share, known = _share_of([rest], [1.0], judged=judged), shares.get(kind, NO_SCATTER)
+        shares[kind] = Scatter(max(share, known.std), 0, max(share, known.whole))
+    return Learned(
+        _missed(forced, num_fits, natural, judged=judged),
+        _missed(free, num_fits or len(free), natural, judged=judged),
+        {kind: share for kind, share in shares.items() if share.std or share.whole},
+    )
+
+
 def discrepancy_in(found: xr.Dataset) -> Discrepancy:
     """The discrepancy as predictions take it; of old runs without what grows outward."""
     names, rests = map(str, found["kind"].values), found["rest"].values.tolist()
@@ -509,7 +562,9 @@ def _missed_in(numbers: Float[np.ndarray, " number"]) -> Missed:
     return Missed(*(Scatter(std, int(power), *total) for std, power, *total in rows))
 
 
-def _missed(shown: Sequence[LeftOutRun], num_fits: int, natural: float) -> Missed | None:
+def _missed(
+    shown: Sequence[LeftOutRun], num_fits: int, natural: float, *, judged: bool
+) -> Missed | None:
     """Scatter of what runs show, over the natural frequency [rad/s]; None of no runs."""
     if not shown:
         return None
@@ -520,7 +575,7 @@ def _missed(shown: Sequence[LeftOutRun], num_fits: int, natural: float) -> Misse
     amplitude = np.array([run.amplitude for run in shown])
     scatters = []
     for b, error, of_noise in zip(shift.T, std.T, noise_std.T, strict=True):
-        scatter = scatter_by_amplitude(b, error, amplitude, grown, num_fits)
+        scatter = scatter_by_amplitude(b, error, amplitude, grown, num_fits, judged=judged)
         total = max(scatter.std, missed_in_all(b, of_noise, grown, num_fits))
         scatters.append(scatter._replace(whole=total))
     omega_n, zeta = scatters
@@ -700,35 +755,27 @@ def _sum_of(rests: Sequence[Rest]) -> Rest:
     return Rest(*np.sum(rests, axis=0).tolist())
 
 
-def _shares_as_fitted(
-    residuals: Mapping[str, Row], repeated: NoiseOf, data: Dataset
-) -> dict[str, float]:
-    """What the fit leaves of groups beyond the scatter of their repeats, by kind."""
-    rests = _rests({label: residuals[label] for label in repeated}, repeated, data)
-    return {kind: share for kind, rest in rests.items() if (share := _share_of([rest], [1.0])) > 0}
-
-
-def _pooled(shown: Sequence[LeftOutRun]) -> dict[str, Scatter]:
+def _pooled(shown: Sequence[LeftOutRun], *, judged: bool) -> dict[str, Scatter]:
     """Share of each kind that runs show together, widened for few runs."""
     runs: dict[str, list[LeftOutRun]] = {}
     for run in shown:
         for kind in run.rests:
             runs.setdefault(kind, []).append(run)
-    return {kind: _share_of_runs(runs_of_kind, kind) for kind, runs_of_kind in runs.items()}
+    return {kind: _share_of_runs(of_kind, kind, judged=judged) for kind, of_kind in runs.items()}
 
 
-def _share_of_runs(runs: Sequence[LeftOutRun], kind: str) -> Scatter:
+def _share_of_runs(runs: Sequence[LeftOutRun], kind: str, *, judged: bool) -> Scatter:
     rests, grown = [run.rests[kind] for run in runs], [run.grown for run in runs]
     widths = widened(len(runs)) ** 0.5
     size, of_noise = np.sqrt([[rest.square, rest.noise] for rest in rests]).T
     total = missed_in_all(size, of_noise, np.array(grown), len(runs))
-    share = _share_of(rests, grown) * widths
+    share = _share_of(rests, grown, judged=judged) * widths
     return Scatter(share, 0, max(share, total))
 
 
-def _share_of(rests: Sequence[Rest], grown: Sequence[float]) -> float:
-    r"""$\sqrt{\mathrm{mean}\,((|e_r|^2 - E|e_r|^2) / g_r)}$; none where chance makes as much."""
-    if _sum_of(rests).is_by_chance:
+def _share_of(rests: Sequence[Rest], grown: Sequence[float], *, judged: bool) -> float:
+    r"""$\sqrt{\mathrm{mean}\,((|e_r|^2 - E|e_r|^2) / g_r)}$; judged, none that chance makes."""
+    if judged and _sum_of(rests).is_by_chance:
         return 0.0
     beyond = [(x.square - x.mean) / g**2 for x, g in zip(rests, grown, strict=True)]
     return float(np.sqrt(max(np.mean(beyond), 0.0)))

@@ -190,10 +190,11 @@ MESSAGES = (
 
         A law that is not quite right has another stiffness or damping than the joint at some
         amplitudes. Bands of tests that were not fitted include what it misses: within the fitted
-        amplitudes as runs left out show it, beyond them growing with the square of the amplitude
-        and with the distance in its logarithm. A law that misses nothing beyond noise has the
-        bands of its parameters and the noise. What is below 0.1 % of the response at resonance is
-        in the bands and no fault of the law: sensors are not linear to less.
+        amplitudes as runs left out show it, above them growing with the square of the amplitude
+        and with the distance in its logarithm, below them to three times as much at most. A law
+        that misses nothing beyond noise has the bands of its parameters and the noise. What is
+        below 0.1 % of the response at resonance is in the bands and no fault of the law: sensors
+        are not linear to less.
 
         Remedy: compare laws by `jbw laws`; fit the levels that are to be predicted.
         """,
@@ -237,7 +238,7 @@ MESSAGES = (
         Check: the share of the values of every held-out test inside the 99 % band; at least 95
         %.
 
-        Where the law misses more than noise of runs that are left out, a test farther from the
+        Where the law misses more than noise of runs that are left out, a test farther above the
         fitted amplitudes than these are apart has no band: it is withheld, and the test named.
 
         Remedy: see leave_one_out and coloured_residual. Beyond the fitted amplitudes the bands
