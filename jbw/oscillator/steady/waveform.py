@@ -54,9 +54,14 @@ def crest(q: Complex[Array, " harmonic"]) -> Float[Array, ""]:
 
 
 def num_turns(q: Complex[Array, " harmonic"]) -> Int[Array, ""]:
-    """Number of turning points of y in a period, counted on a grid."""
-    _, basis = _half_grid(q.shape[0])
-    slope = jnp.real(basis @ (1j * orders(q.shape[0]) * q))
+    """Number of turning points of y in a period, counted on a grid.
+
+    Half a cell beside the usual one, on whose angles the crest of a motion in phase lies: what is
+    zero there neither rises nor falls.
+    """
+    theta, basis = _half_grid(q.shape[0])
+    beside = np.exp(0.5j * orders(q.shape[0]) * theta[1])
+    slope = jnp.real(basis @ (1j * orders(q.shape[0]) * beside * q))
     rising = jnp.append(slope, -slope[0]) > 0.0
     return 2 * jnp.sum(rising[1:] != rising[:-1])
 
