@@ -57,6 +57,12 @@ def attrs_of(quantities: Iterable[Quantity]) -> dict[str, dict[str, str]]:
 
 
 DEFAULT_LAWS = ("bouc_wen",)  # of a joint of which nothing else is said
+# Its parameters, by which a campaign file is checked without loading the laws.
+BOUC_WEN = (
+    Quantity("alpha", "α", "1/s^2", "stiffness of the hysteretic part", 0.0, is_share=True),
+    Quantity("delta", "δ", "1/m", "softening of the hysteresis"),
+    Quantity("gamma", "γ", "1/m", "opening of the hysteresis loop"),
+)
 
 # Of the linear oscillator, whatever stands across the joint.
 OSCILLATOR = (

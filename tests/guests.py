@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jbw.inference.samplers.chains import Draw, Kernel
-from jbw.observables.observable import run_of
+from jbw.measurement.records import run_of
 from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import RepeatedGroups, repeats
 from jbw.oscillator.law import Law

@@ -15,6 +15,7 @@ from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.quantities import (
     AT,
+    BOUC_WEN,
     DEFAULT_LAWS,
     LINEAR,
     MODES,
@@ -304,6 +305,8 @@ def law_errors(
     quantities |= {quantity.name: quantity for point in POINTS for quantity in point[:num_modes]}
     at_joints = [motion_factor(i + 1, j) for j in joints_of(laws) for i in range(num_modes)]
     quantities |= {quantity.name: quantity for quantity in at_joints}
+    if tuple(laws) == DEFAULT_LAWS:
+        quantities |= {quantity.name: quantity for quantity in BOUC_WEN}
     if tuple(laws) != DEFAULT_LAWS or set(prior) - set(quantities):
         from jbw.oscillator.laws import quantities_of
         from jbw.oscillator.modes.parameters import own_quantities

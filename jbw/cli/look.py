@@ -9,7 +9,7 @@ import click
 
 from jbw.cli.options import campaign_argument, figure_option, json_option, outside_option
 from jbw.cli.printing import answer, following
-from jbw.cli.progress import computing
+from jbw.cli.progress import STARTING, telling
 from jbw.errors import ConfigError
 from jbw.report.cycles import cycles_table, loops_table
 from jbw.report.messages.commands import without_model
@@ -45,11 +45,13 @@ def look(
             f"Option --html must end in .html, but is {html}.",
             remedy="Name it so, for example look.html.",
         )
-    with computing() as say:
+    with telling(STARTING) as say:  # nothing of it needs JAX
         from jbw.campaign.load import load_with_doubts
+        from jbw.run.session import limit_threads
         from jbw.study.look import look as look_at
         from jbw.study.look import look_groups
 
+        limit_threads()
         say(f"Reading {campaign}")
         loaded, doubts = load_with_doubts(campaign, allow_outside=allow_outside)
         with warnings.catch_warnings():

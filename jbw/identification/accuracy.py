@@ -13,6 +13,7 @@ from jbw.inference.lanes import at_points
 from jbw.inference.posterior.finding import Amendment, Finding, checked, usable_within
 from jbw.inference.posterior.remedies import put
 from jbw.inference.posterior.summary import evenly_spaced
+from jbw.measurement.channels import rms
 from jbw.observables.dataset import Dataset, by_label, halved, log_likelihood
 from jbw.observables.effective_values import LEAST_VALUES, coloured_from, correlation_at_one
 from jbw.report.messages import residuals as messages
@@ -174,11 +175,6 @@ def within_unseen(
     sentence = messages.unseen_errors(which, beyond, fitted_error, comparison)
     status, remedy = ("usable", "") if holds else ("failed", messages.FIT_MISSED)
     return Amendment(codes, "usable", status, sentence, remedy)
-
-
-def rms(values: Sequence[float]) -> float:
-    """Root mean square."""
-    return float(np.sqrt(np.mean(np.square(values))))
 
 
 def repeatability_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:

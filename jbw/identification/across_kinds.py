@@ -17,12 +17,12 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from jbw.identification.floors import rms
 from jbw.identification.leaving_out import identified_alone
 from jbw.identification.prepare import refit
 from jbw.identification.run_effects import errors_with_own_frequency
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.space.box import Box
+from jbw.measurement.channels import rms
 from jbw.observables.dataset import Dataset
 from jbw.observables.observable import Observable
 from jbw.report.messages import residuals as messages

@@ -22,12 +22,12 @@ from jbw.identification.selection import DecaySplit, Sweeps
 from jbw.identification.stated_modes import modes_of, require_driven, with_own_constants
 from jbw.identification.uncertain_shapes import require_inferred, with_shape_priors
 from jbw.inference.space.stated import StatedDensities
-from jbw.measurement.records import Test, drive_of
+from jbw.measurement.records import Test, drive_of, run_of
 from jbw.observables.dataset import Dataset
 from jbw.observables.drives import attached, informed_by, named, parts_of
 from jbw.observables.line_fit import LineReading
 from jbw.observables.modes import Modes, ModesAtJoint
-from jbw.observables.observable import Observable, run_of
+from jbw.observables.observable import Observable
 from jbw.observables.register import OBSERVABLES, taking
 from jbw.quantities import DEFAULT_LAWS, FED
 from jbw.report.messages import stages as messages

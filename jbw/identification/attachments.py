@@ -13,13 +13,13 @@ import numpy as np
 from jaxtyping import Float
 
 from jbw.errors import ConfigError, JbwError
-from jbw.identification.floors import rms
 from jbw.identification.shaker import ShakerReading, read_shaker, tells_shaker
-from jbw.measurement.records import BY_UNIT, Record, Test, drive_of
+from jbw.measurement.channels import rms
+from jbw.measurement.records import BY_UNIT, Record, Test, drive_of, run_of
 from jbw.observables.attachment import Foretold, label_of, mode_words
 from jbw.observables.dataset import Dataset
 from jbw.observables.drives import attached, named
-from jbw.observables.observable import Observable, run_of
+from jbw.observables.observable import Observable
 from jbw.quantities import FED
 from jbw.report.messages import instruments as messages
 

@@ -17,11 +17,9 @@ from jaxtyping import Float
 from scipy.optimize import minimize_scalar
 from scipy.special import gammaln
 
-from jbw.inference.posterior.summary import QUANTILES
-from jbw.observables.dataset import Dataset
-from jbw.observables.drives import parts_of
-from jbw.observables.observable import AmplitudeCurve
-from jbw.oscillator.laws.powers import power_loop
+from jbw.inference.posterior.quantiles import QUANTILES
+from jbw.measurement.resonances import AmplitudeCurve
+from jbw.oscillator.power_losses import power_losses
 from jbw.report.messages import effects as messages
 
 FEWEST = 5  # readings that an exponent is read off
@@ -68,17 +66,6 @@ class Diagnosis(NamedTuple):
     spring: tuple[float, float, float]
     damper: tuple[float, float, float]
     turn: tuple[float, float, float] | None = None
-
-
-def readings_of(data: Dataset) -> AmplitudeCurve | None:
-    """All readings of frequency and damping against amplitude, of decays and of held responses."""
-    parts = parts_of("", data.parts)  # of one drive: another's begin at another damping
-    curves = [readings for part in parts if (readings := part.amplitude_readings()) is not None]
-    if not curves:
-        return None
-    curve = AmplitudeCurve(*map(np.concatenate, zip(*curves, strict=True)))
-    takes_in = curve.zeta > 0  # a joint cannot give energy out: such a reading is none
-    return AmplitudeCurve(*(values[takes_in] for values in curve)) if takes_in.any() else None
 
 
 def diagnose(curve: AmplitudeCurve) -> Diagnosis | None:
@@ -173,7 +160,7 @@ def _smooth_pair(
 
 def masing_ratio(exponent: float) -> float:
     """Damping over softening of Masing's laws, C_d / C_s."""
-    softening, damping = power_loop(exponent)
+    softening, damping = power_losses(exponent)
     return float(damping / softening)
 
 

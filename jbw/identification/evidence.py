@@ -24,7 +24,6 @@ from jbw.errors import ConfigError, JbwError
 from jbw.identification.assemble import Measured, Report, assemble
 from jbw.identification.assembled import ASSEMBLED, require_known_laws
 from jbw.identification.first_fit import first_fit
-from jbw.identification.floors import rms
 from jbw.identification.joint import with_derived
 from jbw.identification.one_mode_readings import joint_readings
 from jbw.identification.prepare import Fitted, refined, refit, reweight
@@ -42,6 +41,7 @@ from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.problem import Target, problem_of
 from jbw.inference.space.reparametrisation import Reparametrisation, along_logarithms, never_zero
 from jbw.inference.space.ridge import along_ridge
+from jbw.measurement.channels import rms
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw

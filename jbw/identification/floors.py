@@ -7,11 +7,9 @@ oscillator fitted to each run alone knows its level and its day; what it leaves 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-import numpy as np
-from numpy.typing import ArrayLike
-
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.space.box import bounds_about, box
+from jbw.measurement.channels import rms
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
 from jbw.observables.drives import plain, used_by
@@ -70,9 +68,3 @@ def _own_line(
     error = dataset.error_by_label(residuals, single)
     pairs = zip(data.labels, data.runs, strict=True)
     return rms([error[label] for label, name in pairs if name == run and label in error])
-
-
-def rms(values: ArrayLike) -> float:
-    """Root mean square; NaN of none."""
-    squares = np.square(values)
-    return float(np.sqrt(np.mean(squares))) if squares.size else float("nan")

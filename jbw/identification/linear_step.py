@@ -11,10 +11,10 @@ from jbw.identification.linear import LineFit, PooledFit, Residuals, line_fit, p
 from jbw.identification.modal import ModalFit, fit_modes, in_order, line_of, model_lines
 from jbw.measurement.channels import lines_within
 from jbw.measurement.checks.faults import told_together
+from jbw.measurement.delays import on_time
 from jbw.measurement.records import Test, steady
 from jbw.measurement.resonances import driven_band
 from jbw.measurement.spectra import FRF, frf
-from jbw.observables.samples import on_time
 from jbw.paper.kernels import h1
 from jbw.quantities import BY_NAME, derivative_order, gain_unit, per
 

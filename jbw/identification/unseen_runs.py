@@ -17,7 +17,6 @@ from jaxtyping import Array, Float, Key
 from scipy.special import logsumexp
 
 from jbw.identification.evidence import Candidate, likelihood_at, place_of
-from jbw.identification.floors import rms
 from jbw.identification.prepare import refit
 from jbw.identification.run_effects import errors_with_own_frequency
 from jbw.inference.fit.fitting import Fit
@@ -30,6 +29,7 @@ from jbw.inference.samplers.weighed_points import weights_of
 from jbw.inference.space.box import Box
 from jbw.inference.space.problem import Target, problem_of
 from jbw.inference.space.reparametrisation import Reparametrisation
+from jbw.measurement.channels import rms
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
 

@@ -86,3 +86,9 @@ def passband(band: tuple[float, float], nyquist: float) -> tuple[float, float]:
             remedy="Give it as (lowest, highest) in hertz, not in rad/s.",
         )
     return low, high
+
+
+def rms(values: ArrayLike) -> float:
+    """Root mean square; NaN of none."""
+    squares = np.square(values)
+    return float(np.sqrt(np.mean(squares))) if squares.size else float("nan")

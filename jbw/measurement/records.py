@@ -34,6 +34,7 @@ QUANTITIES: dict[str, tuple[str, ...]] = {
 ROLES = tuple(QUANTITIES)
 COUNTED = "none: samples of a loop without times are counted"
 LOAD_CELLS = ("exact", "offset", "drift")
+OF = " / "  # between the name of an assembly and that of one of its runs
 
 
 @dataclass(frozen=True)
@@ -173,6 +174,11 @@ def drive_of(test: Test) -> str:
     if not any(role in record.channels for role in INPUTS):
         return ""
     return BY_UNIT.get(record.units.get(record.source, ""), "voltage")
+
+
+def run_of(test: Test) -> str:
+    """Name of a test's run: its assembly and day where stated, else the test itself."""
+    return OF.join(part for part in (test.assembly, test.run) if part) or test.name
 
 
 def periods(test: Test) -> Test | None:

@@ -33,6 +33,14 @@ MISSED = 0.5  # of the response near its resonance: what is missed by more is no
 NEAR_LINES = 9  # whose mean tells whether they are driven, for single lines of noise scatter
 
 
+class AmplitudeCurve(NamedTuple):
+    """Equivalent frequency [rad/s] and damping against the amplitude y [m], as read off data."""
+
+    y: Float[np.ndarray, " point"]
+    omega: Float[np.ndarray, " point"]
+    zeta: Float[np.ndarray, " point"]
+
+
 class Reading(NamedTuple):
     """Frequency and damping of one record, curve or piece of a decay, at an amplitude."""
 

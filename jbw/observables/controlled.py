@@ -27,9 +27,9 @@ from scipy.optimize import minimize_scalar
 
 from jbw.errors import DataError
 from jbw.measurement.curves import ControlledCurve, controlled_curve
-from jbw.measurement.records import Record, Test
+from jbw.measurement.records import Record, Test, run_of
 from jbw.observables.line_fit import LEAST_LINES, oscillator_through
-from jbw.observables.observable import Laws, Rows, SteadyLines, Theta, alone, run_of
+from jbw.observables.observable import Laws, Rows, SteadyLines, Theta, alone
 from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import RepeatedGroups, filled, repeats
 from jbw.observables.residual_terms import receptance, taken

@@ -17,6 +17,7 @@ from jaxtyping import Array, Complex, Float, Key
 from jbw.inference.groups.offsets import Estimate
 from jbw.inference.groups.scatter import log_density_of_offsets
 from jbw.measurement.demodulation import read_decay
+from jbw.measurement.envelopes import some_readings
 from jbw.observables.decay_drift import LeftOutDecay, left_out_decay
 from jbw.observables.decay_envelopes import (
     Entry,
@@ -24,7 +25,6 @@ from jbw.observables.decay_envelopes import (
     Match,
     follow,
     match,
-    some_readings,
 )
 from jbw.observables.effective_values import correlated_fraction
 from jbw.observables.observable import (

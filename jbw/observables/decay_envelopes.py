@@ -1,4 +1,4 @@
-"""Envelopes of free decays in a band, read from records, and where these enter the model's.
+"""Envelopes of free decays in a band, and where records enter the model's.
 
 Whatever the impact, a free joint soon runs along one and the same decay, which a weaker impact
 enters later. So the model is simulated once, from above the strongest record, and every record's
@@ -15,14 +15,8 @@ import numpy as np
 from jaxtyping import Array, Complex, Float
 
 from jbw.errors import DataError
-from jbw.measurement.checks.responses import bandless
-from jbw.measurement.demodulation import (
-    BandFilter,
-    DecayReading,
-    band_filter,
-    demodulate,
-    read_decay,
-)
+from jbw.measurement.demodulation import BandFilter
+from jbw.measurement.envelopes import envelopes, filter_of
 from jbw.measurement.records import Test
 from jbw.observables.observable import Laws, Observable
 from jbw.observables.samples import substeps_for
@@ -36,49 +30,6 @@ MOST_WAIT = 20.0  # times a record: how long the strongest decay may take to the
 NUM_REFINEMENTS = 3  # Gauss-Newton steps to a record's place on the decay
 # Of Lagrange's cubics through -1, 0, 1 and 2, a column each: coefficients of 1, f, f^2 and f^3.
 CUBICS = np.array([[0, 6, 0, 0], [-2, -3, 6, -1], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6
-
-
-def filter_of(test: Test) -> BandFilter:
-    """The filter of the band that a test must state."""
-    if test.band_hz is None:
-        (bandless_fault,) = bandless(test.records[0], test.settle)
-        raise DataError(
-            f"Test `{test.name}` needs `band`: the frequencies around the one mode of the joint.",
-            why="A free decay shows every mode at once.",
-            remedy=bandless_fault.remedy,
-        )
-    return band_filter(test.band_hz, test.records[0].fs)
-
-
-def envelopes(test: Test) -> list[np.ndarray]:
-    """Envelope of every record of a test, at the full sampling rate, after `settle`."""
-    chosen = filter_of(test)
-    return [
-        demodulate(record.channels[record.response][round(test.settle * record.fs) :], chosen)[1]
-        for record in test.records
-    ]
-
-
-def readings(test: Test) -> list[DecayReading]:
-    """Frequency and damping along every record of a test."""
-    chosen = filter_of(test)
-    along_records = [
-        read_decay(envelope[:: chosen.step], chosen.step_s, chosen.centre_hz)
-        for envelope in envelopes(test)
-    ]
-    return some_readings(test.name, along_records)
-
-
-def some_readings(name: str, found: list[DecayReading]) -> list[DecayReading]:
-    """Readings of the records of a test, of which one at least must fall in the band."""
-    if any(len(reading.amplitude) for reading in found):
-        return found
-    raise DataError(
-        f"Test `{name}` must decay in its `band`, but no part of its records is the decay of one "
-        "mode there.",
-        why="Every piece grows, or is missed by half by an exponential with a slow change.",
-        remedy="Correct `band`, or let `settle` begin after the blow.",
-    )
 
 
 class Envelopes(Observable):

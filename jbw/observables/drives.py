@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from jbw.measurement.resonances import AmplitudeCurve
 from jbw.observables.line_fit import LEAST_LINES, oscillator_through
 from jbw.observables.modes import with_ratios
 from jbw.observables.observable import Observable, SteadyLines
@@ -57,6 +58,17 @@ def parts_of(drive: str, parts: Sequence[Observable]) -> list[Observable]:
     """Parts that take the parameters of a drive with its own names, or, of "", the plain ones."""
     others = attached(parts)
     return [part for part in parts if (part.drive if part.drive in others else "") == drive]
+
+
+def readings_of(parts: Sequence[Observable]) -> AmplitudeCurve | None:
+    """All readings of frequency and damping against amplitude, of decays and of held responses."""
+    of_one = parts_of("", parts)  # another drive's begin at another damping
+    curves = [readings for part in of_one if (readings := part.amplitude_readings()) is not None]
+    if not curves:
+        return None
+    curve = AmplitudeCurve(*map(np.concatenate, zip(*curves, strict=True)))
+    takes_in = curve.zeta > 0  # a joint cannot give energy out: such a reading is none
+    return AmplitudeCurve(*(values[takes_in] for values in curve)) if takes_in.any() else None
 
 
 def used_by(parts: Sequence[Observable], known: Collection[str]) -> list[str]:

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from jbw.errors import DataError
 from jbw.measurement.curves import MeasuredCurve, displacement_of, response_curve
 from jbw.measurement.harmonics import harmonics
-from jbw.measurement.records import Test
-from jbw.observables.observable import run_of
+from jbw.measurement.records import Test, run_of
 from jbw.quantities import UNIT_OF, derivative_order, per
 
 NUM_HARMONICS = 4  # odd orders balanced: what is left out is a part in 1e6 of the first

@@ -11,8 +11,8 @@ from jaxtyping import Array, Bool, Float
 from jbw.errors import DataError
 from jbw.measurement.curves import ForcedLoop, forced_loop
 from jbw.measurement.loops import readings_of_cycles
-from jbw.measurement.records import Test
-from jbw.observables.observable import Laws, SteadyLines, Theta, run_of
+from jbw.measurement.records import Test, run_of
+from jbw.observables.observable import Laws, SteadyLines, Theta
 from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import RepeatedGroups, filled, repeats
 from jbw.oscillator.oscillator import oscillator_of

@@ -28,9 +28,10 @@ from jaxtyping import Array, Complex, Float
 
 from jbw.errors import ConfigError
 from jbw.measurement.channels import lines_within, whole_up
+from jbw.measurement.envelopes import bands_of
 from jbw.measurement.records import Test
 from jbw.observables.decay import Decays, matched
-from jbw.observables.modal_starts import bands_of, starts_of
+from jbw.observables.modal_starts import starts_of
 from jbw.observables.modes import Modes
 from jbw.observables.observable import AmplitudeCurve, Laws, Numbers, Rows, Theta
 from jbw.oscillator.law import Memory
@@ -112,7 +113,7 @@ class ModalDecays(Decays):
         """Envelopes of a test's decays after `settle`, cut to the shortest; noise is guessed."""
         if modes is None:
             raise ConfigError("Argument `modes` must name the modes of the structure, but is None.")
-        mode_tests = [replace(test, band_hz=band) for band in bands_of(modes, test)]
+        mode_tests = [replace(test, band_hz=band) for band in bands_of(modes.hz, test)]
         starts = np.stack([starts_of(mode_test) for mode_test in mode_tests], axis=1)
         state = np.concatenate(
             [np.real(starts), np.imag(starts), np.zeros((len(starts), 1))], axis=1
@@ -131,7 +132,7 @@ class ModalDecays(Decays):
             begun=jnp.asarray(state),
             amplitude=jnp.asarray(np.abs(starts)),
             alone=tuple(Decays.of(mode_test, laws=laws) for mode_test in mode_tests),
-            bands_hz=tuple(bands_of(modes, test)),
+            bands_hz=tuple(bands_of(modes.hz, test)),
         )
 
     def unnamed(self, numbers: Numbers) -> Self:

@@ -1,37 +1,13 @@
-"""Modes that ring at once, read one by one: in which band, and from what start."""
+"""Modes that ring at once, read one by one: from what start."""
 
 import numpy as np
 from jaxtyping import Complex
 
-from jbw.errors import DataError
+from jbw.measurement.envelopes import envelopes, filter_of
 from jbw.measurement.records import Test
-from jbw.observables.decay_envelopes import envelopes, filter_of
-from jbw.observables.modes import Modes
 from jbw.quantities import derivative_order
 
 LEAST = 4  # independent values that a mode's start is read from
-
-
-def bands_of(modes: Modes, test: Test) -> list[tuple[float, float]]:
-    """A band about every mode that no other reaches through its filter [Hz].
-
-    Raises:
-        DataError: A mode does not lie in the band of the test, which must state one.
-    """
-    low, high = filter_of(test).band_hz
-    bands = []
-    for hz in modes.hz:
-        if not low < hz < high:
-            raise DataError(
-                f"Test `{test.name}` must have all modes of [structure] in its `band`, {low:g} to "
-                f"{high:g} Hz, but {hz:g} Hz is outside.",
-                why="The modes of a free decay ring at once, and all move the joint.",
-                remedy="Widen `band`, or leave the mode out of `modes`.",
-            )
-        room = [abs(hz - other) / 2 for other in modes.hz if other != hz]
-        half = min(*room, hz - low, high - hz)
-        bands.append((hz - half, hz + half))
-    return bands
 
 
 def starts_of(test: Test) -> Complex[np.ndarray, " record"]:

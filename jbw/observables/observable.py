@@ -15,7 +15,8 @@ import numpy as np
 from jaxtyping import Array, Complex, Float, Key
 
 from jbw.inference.groups.offsets import Estimate
-from jbw.measurement.records import Test
+from jbw.measurement.records import OF, Test
+from jbw.measurement.resonances import AmplitudeCurve
 from jbw.observables.decay_drift import LeftOutDecay
 from jbw.observables.spectra import Spectrum
 from jbw.quantities import DEFAULT_LAWS
@@ -23,7 +24,6 @@ from jbw.quantities import DEFAULT_LAWS
 OFFSETS = ("omega_n", "zeta")  # of a run, where it has its own
 SILENT = 1e-12  # of the values of a group that counts for nothing
 EXCLUDED = 1e6  # times its noise: a group that says nothing any more, and keeps its shape
-OF = " / "  # between the name of an assembly and that of one of its runs
 
 Theta = Mapping[str, Array]
 Row = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
@@ -33,14 +33,6 @@ Covariance = Float[np.ndarray, "parameter parameter"]
 Draws = Float[np.ndarray, "chain draw"]
 Drawn = Mapping[str, Float[np.ndarray, "..."]]  # parameters by name, and what was held
 Laws = tuple[str, ...]
-
-
-class AmplitudeCurve(NamedTuple):
-    """Equivalent frequency [rad/s] and damping against the amplitude y [m], as read off data."""
-
-    y: Float[np.ndarray, " point"]
-    omega: Float[np.ndarray, " point"]
-    zeta: Float[np.ndarray, " point"]
 
 
 class SteadyLines(NamedTuple):
@@ -352,11 +344,6 @@ def slope_by_offsets(predict: Callable[[Theta], Array], theta: Theta) -> Float[A
         return predict({**theta, **shifted_theta})
 
     return jax.jacfwd(shifted)(jnp.zeros(len(OFFSETS)))
-
-
-def run_of(test: Test) -> str:
-    """Name of a test's run: its assembly and day where stated, else the test itself."""
-    return OF.join(part for part in (test.assembly, test.run) if part) or test.name
 
 
 def assemblies_of(runs: tuple[str, ...]) -> tuple[int, ...]:

@@ -13,13 +13,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float
 
-from jbw.measurement.records import Test, periods
+from jbw.measurement.delays import on_time
+from jbw.measurement.records import Test, periods, run_of
 from jbw.observables import remembered
 from jbw.observables.forms import by_form, common_form, first_alike
 from jbw.observables.line_fit import oscillator_through
 from jbw.observables.modal_readings import band_peak, lines_of_motions, read_modes
 from jbw.observables.modes import by_model
-from jbw.observables.observable import OFFSETS, Laws, Numbers, Rows, Theta, alone, run_of
+from jbw.observables.observable import OFFSETS, Laws, Numbers, Rows, Theta, alone
 from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import RepeatedGroups, repeats
 from jbw.observables.residual_terms import own_columns, taken
@@ -30,7 +31,6 @@ from jbw.observables.samples import (
     joints_at,
     lines_of,
     loudest_hz,
-    on_time,
     response_to,
     substeps_for,
     values_of,

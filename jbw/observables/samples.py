@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -14,7 +13,6 @@ from jaxtyping import Array, Float
 from jbw.errors import DataError
 from jbw.inference.lanes import num_cores
 from jbw.measurement.channels import whole_down, whole_up
-from jbw.measurement.records import Record, Test
 from jbw.observables.residual_terms import added_response, taken
 from jbw.oscillator.batch import LANES, filled_up, march, record_of
 from jbw.oscillator.deepening import with_depth
@@ -34,50 +32,6 @@ from jbw.quantities import DEFAULT_LAWS, LETTER_OF, derivative_order
 
 STEPS_A_PERIOD = 50.0  # until a fit shows what data take
 Lines = tuple[int, int]  # the first line of a spectrum that counts, and the one after the last
-
-
-def advance(samples: np.ndarray, delay: float, fs: float) -> np.ndarray:
-    r"""Undo a delay tau [s], at rest at both ends: $X(\omega)\,e^{+j\omega\tau}$."""
-    if delay == 0.0:
-        return samples
-    omega = 2 * np.pi * np.fft.rfftfreq(len(samples), 1 / fs)
-    return np.fft.irfft(np.fft.rfft(samples) * np.exp(1j * omega * delay), len(samples))
-
-
-def on_time(test: Test) -> Test:
-    """A test whose responses have no delay, of the samples that drive and response both know.
-
-    What came before the response was started is left out by `settle`, what came after it ended is
-    cut. A record of whole periods is turned, for its ends meet.
-    """
-    if test.delay == 0.0:
-        return test
-    shifted = [_on_time(record, test.delay, cyclic=test.is_cyclic) for record in test.records]
-    records = tuple(record for record, _ in shifted)
-    unknown = max(seconds for _, seconds in shifted)
-    return replace(test, records=records, delay=0.0, settle=max(test.settle, unknown))
-
-
-def _on_time(record: Record, delay: float, *, cyclic: bool) -> tuple[Record, float]:
-    """A record without its delay, and the time at its start of which it has no response [s]."""
-    whole_samples = 0 if cyclic else round(delay * record.fs)
-    size = record.num_samples - abs(whole_samples)
-    if size < 2:
-        raise DataError(
-            f"Key `delay` must be shorter than record `{record.name}` of "
-            f"{record.num_samples / record.fs:.4g} s, but is {delay:g} s.",
-            remedy="Correct `delay`, or leave the record out with exclude.",
-        )
-    response = record.channels[record.response]
-    x = advance(response, delay - whole_samples / record.fs, record.fs)
-    if whole_samples < 0:  # it leads: its first samples are of later instants
-        channels = {
-            **record.channels,
-            record.response: np.append(np.zeros(-whole_samples), x[:size]),
-        }
-        return replace(record, channels=channels), -whole_samples / record.fs
-    channels = {role: values[:size] for role, values in record.channels.items()}
-    return replace(record, channels={**channels, record.response: x[whole_samples:]}), 0.0
 
 
 def lines_of(band_hz: Sequence[float], length: int, fs: float) -> Lines | None:

@@ -31,13 +31,19 @@ def prepare_process() -> None:
     if "host_platform_device_count" not in flags and (os.cpu_count() or 1) > 1:
         os.environ["XLA_FLAGS"] = f"{flags} --xla_force_host_platform_device_count=2".strip()
     import jax
-    import scipy.linalg  # noqa: F401  # NumPy and SciPy bring a library each, found once loaded
-    from threadpoolctl import threadpool_limits
 
     jax.config.update("jax_enable_x64", True)
     keep_compiled(platform.node())
     give_back_after_compiling()
     logging.getLogger("jax").setLevel(logging.ERROR)
+    limit_threads()
+
+
+def limit_threads() -> None:
+    """Linear algebra in one thread unless the environment names a number."""
+    import scipy.linalg  # noqa: F401  # NumPy and SciPy bring a library each, found once loaded
+    from threadpoolctl import threadpool_limits
+
     if not any(name in os.environ for name in THREADS):
         threadpool_limits(1, user_api="blas")
 

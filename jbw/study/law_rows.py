@@ -19,13 +19,13 @@ from jbw.identification import evidence
 from jbw.identification.across_kinds import across_kinds
 from jbw.identification.assemble import Report
 from jbw.identification.evidence import Candidate, likelihood_at
-from jbw.identification.floors import rms
 from jbw.identification.joint import every_parameter
 from jbw.identification.prior_widths import log_evidence_wide
 from jbw.identification.reached import threshold_sentences
 from jbw.identification.unseen_runs import LeftOut, left_out, left_out_of_fits, runs_of
 from jbw.inference.compiled import forget_when_many
 from jbw.inference.thresholds import BEYOND
+from jbw.measurement.channels import rms
 from jbw.measurement.records import Test, belongs_to
 from jbw.observables import dataset
 from jbw.oscillator.oscillator import oscillator_of

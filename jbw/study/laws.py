@@ -13,16 +13,18 @@ import xarray as xr
 from jbw.campaign.load import Campaign
 from jbw.identification import evidence
 from jbw.identification.assemble import Report, entered, measured_in
-from jbw.identification.diagnosis import diagnose, diagnosis_sentences, readings_of
+from jbw.identification.diagnosis import diagnose, diagnosis_sentences
 from jbw.identification.evidence import Candidate
-from jbw.identification.floors import own_lines, rms, scatter_of_means
+from jbw.identification.floors import own_lines, scatter_of_means
 from jbw.identification.run_effects import runs_dataset, runs_sentence
 from jbw.identification.unseen_runs import LeftOut, runs_of
 from jbw.identification.without_offsets import compared, without_offsets
 from jbw.inference.posterior.summary import evenly_spaced, scalars
 from jbw.inference.space.box import require_float64
+from jbw.measurement.channels import rms
 from jbw.measurement.records import Test, belongs_to
 from jbw.observables.dataset import Dataset
+from jbw.observables.drives import readings_of
 from jbw.oscillator.laws import FAMILIES, LAWS, laws_named
 from jbw.report.messages import stages
 from jbw.report.messages import study as messages
@@ -126,7 +128,7 @@ def compare_laws(
     rows = _rows(weighed, by_law, highest)
     first = candidates[0].fitted
     lines = own_lines(first.data, {**_held(first.data), **first.fit.theta})
-    readings = readings_of(candidates[0].fitted.data)
+    readings = readings_of(candidates[0].fitted.data.parts)
     diagnosis = None if readings is None else diagnose(readings)
     record = {
         "campaign": campaign.name,

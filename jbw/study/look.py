@@ -8,10 +8,9 @@ import logging
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-import xarray as xr
 from jaxtyping import Complex, Float
 
 from jbw.campaign.gains import force_per_unit, gain_of
@@ -20,6 +19,8 @@ from jbw.campaign.tables import TestSpec
 from jbw.errors import DataError, JbwError
 from jbw.identification.shaker import read_shaker, shaker_sentence
 from jbw.measurement.curves import ForcedLoop, forced_loop
+from jbw.measurement.delays import on_time
+from jbw.measurement.envelopes import bands_of, readings
 from jbw.measurement.loops import readings_of_cycles
 from jbw.measurement.nonlinearity import coherence_at_resonance, seen_in
 from jbw.measurement.records import INPUTS, Record, Test, drive_of
@@ -33,16 +34,15 @@ from jbw.measurement.resonances import (
     readings_of_points,
 )
 from jbw.measurement.spectra import strongest_line
-from jbw.observables.decay_envelopes import readings
 from jbw.observables.harmonic_groups import groups_of
-from jbw.observables.modal_starts import bands_of
-from jbw.observables.modes import Modes
-from jbw.observables.samples import on_time
 from jbw.quantities import UNIT_OF, derivative_order, per
 from jbw.report.messages.look import NO_OSCILLATOR
 from jbw.report.messages.study import no_shaker
 from jbw.study.look_words import statements
 from jbw.verification.places import place
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 logger = logging.getLogger("jbw")
 CHANGED = 0.5  # scatter of repeats over their mean from where on they are no repeats
@@ -126,12 +126,12 @@ def _modes_hz(campaign: Campaign) -> tuple[float, ...]:
 def _of_first_mode(campaign: Campaign) -> Iterator[Test]:
     """Tests of a campaign; decays of several modes in a band of the first alone."""
     structure = campaign.structure
-    modes = None if structure is None or len(structure.modes) < 2 else Modes(structure.modes)
+    modes_hz = () if structure is None else structure.modes
     for test in campaign.tests:
-        if modes is None or not test.traits.is_free or test.band_hz is None:
+        if len(modes_hz) < 2 or not test.traits.is_free or test.band_hz is None:
             yield test
         else:
-            yield replace(test, band_hz=bands_of(modes, test)[0])
+            yield replace(test, band_hz=bands_of(modes_hz, test)[0])
 
 
 def look_quietly(campaign: Campaign) -> Look:
@@ -141,11 +141,13 @@ def look_quietly(campaign: Campaign) -> Look:
         return look(campaign, report=lambda _: None)
 
 
-def look_groups(looked: Look, fitted: Mapping[str, bool] | None = None) -> dict[str, xr.Dataset]:
+def look_groups(looked: Look, fitted: Mapping[str, bool] | None = None) -> "dict[str, xr.Dataset]":
     """Readings and response of every test in the order of the motion, as groups of a result.
 
     `fitted` tells by name of which tests a posterior saw something, where there is one.
     """
+    import xarray as xr  # takes long to load, and a look without a figure needs none
+
     groups, fitted = {}, fitted or {}
     for row in looked.record["tests"]:
         readings = looked.readings[row["test"]]

@@ -7,9 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from jbw.identification.diagnosis import diagnose
-from jbw.identification.floors import rms
-from jbw.measurement.resonances import Reading
-from jbw.observables.observable import AmplitudeCurve
+from jbw.measurement.channels import rms
+from jbw.measurement.resonances import AmplitudeCurve, Reading
 from jbw.report.messages import effects, look
 
 Values = Float[np.ndarray, " reading"]

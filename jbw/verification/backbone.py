@@ -8,8 +8,8 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
+from jbw.measurement.envelopes import filter_of, readings
 from jbw.measurement.records import Test
-from jbw.observables.decay_envelopes import filter_of, readings
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.oscillator.steady.backbone import backbone
 from jbw.quantities import UNIT_OF, derivative_order

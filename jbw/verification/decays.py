@@ -10,9 +10,10 @@ import xarray as xr
 from jaxtyping import Array, Complex, Float, Key
 
 from jbw.inference.generator import generator
+from jbw.measurement.envelopes import envelopes, filter_of
 from jbw.measurement.records import Test
 from jbw.observables.decay import Decays, begun, decay_of, num_begun
-from jbw.observables.decay_envelopes import envelopes, filter_of, follow
+from jbw.observables.decay_envelopes import follow
 from jbw.observables.modal_decays import ModalDecays
 from jbw.observables.observable import alone
 from jbw.quantities import UNIT_OF, derivative_order, in_dialect

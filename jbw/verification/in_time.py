@@ -13,6 +13,7 @@ from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
 from jbw.measurement.channels import lines_within
+from jbw.measurement.delays import on_time
 from jbw.measurement.records import Record, Test
 from jbw.measurement.spectra import DEFAULT_SEGMENTS, frf
 from jbw.observables.samples import (
@@ -22,7 +23,6 @@ from jbw.observables.samples import (
     motion_under,
     motions_at,
     noise_share,
-    on_time,
     response_of,
 )
 from jbw.oscillator.hold import HeldInput

@@ -8,10 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Key
 
+from jbw.measurement.envelopes import bands_of
 from jbw.measurement.records import Test
 from jbw.observables.decay import Decays
 from jbw.observables.modal_decays import MatchedEnvelopes, ModalDecays, match, modal_envelopes
-from jbw.observables.modal_starts import bands_of
 from jbw.observables.modes import Modes
 from jbw.observables.observable import alone
 from jbw.oscillator.modes.parameters import structure_of
@@ -33,7 +33,7 @@ def modes_of_draws(draws: Draws) -> Modes | None:
 
 def first_mode_alone(test: Test, modes: Modes | None) -> Test:
     """Decays in a band of the first of several modes."""
-    return test if modes is None else replace(test, band_hz=bands_of(modes, test)[0])
+    return test if modes is None else replace(test, band_hz=bands_of(modes.hz, test)[0])
 
 
 def followed(source: Source) -> Entered:

@@ -21,12 +21,12 @@ from jbw.identification.model_discrepancy import (
 from jbw.inference.generator import generator
 from jbw.inference.posterior.summary import evenly_spaced
 from jbw.measurement.curves import response_curve
-from jbw.measurement.records import INPUTS, RESPONSES, Test, belongs_to, drive_of
+from jbw.measurement.records import INPUTS, RESPONSES, Test, belongs_to, drive_of, run_of
 from jbw.observables.dataset import Dataset, largest_displacement
 from jbw.observables.decay import Decays
 from jbw.observables.drives import of_drive, plain
 from jbw.observables.harmonic_groups import family_of, response_held
-from jbw.observables.observable import OFFSETS, run_of
+from jbw.observables.observable import OFFSETS
 from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.modes.parameters import own_quantities
 from jbw.quantities import (

@@ -10,12 +10,13 @@ from numpy.typing import NDArray
 from scipy.integrate import trapezoid
 
 from jbw.measurement.channels import lines_within
+from jbw.measurement.delays import on_time
 from jbw.measurement.loops import differentiate, enclosed_area, integrate, mean_cycles
 from jbw.measurement.records import Record, Test, periods
 from jbw.observables.loops import Loops
 from jbw.observables.modes import Modes
 from jbw.observables.records import Records
-from jbw.observables.samples import band_limited, in_band, motion_under, noise_share, on_time
+from jbw.observables.samples import band_limited, in_band, motion_under, noise_share
 from jbw.oscillator.hold import HeldInput
 from jbw.quantities import UNIT_OF, derivative_order
 from jbw.verification.bands import QUANTILE_AXIS, band, beside, errors, gaussian_band

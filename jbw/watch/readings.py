@@ -19,8 +19,8 @@ from jaxtyping import Complex, Float
 from jbw.errors import DataError
 from jbw.measurement.channels import lines_within
 from jbw.measurement.demodulation import BandFilter, demodulate
+from jbw.measurement.envelopes import filter_of
 from jbw.measurement.records import Record, Test
-from jbw.observables.decay_envelopes import filter_of
 from jbw.population.coordinates import unit_names
 from jbw.population.population import Population, population_of, require_torque
 from jbw.population.prediction import new_units

@@ -14,8 +14,8 @@ from jbw.campaign.load import load_campaign
 from jbw.campaign.schema import parse
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.checks.long_records import long_records
+from jbw.measurement.envelopes import envelopes, filter_of
 from jbw.measurement.files import tree
-from jbw.observables.decay_envelopes import envelopes, filter_of
 from jbw.units import decibels, quantity_of
 
 FS, HZ, RATE = 600.0, 30.0, 1.1

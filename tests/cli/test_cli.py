@@ -33,7 +33,8 @@ def loaded_by(*arguments):
     code = (
         "import sys\nfrom jbw.cli import run\n"
         f"code = run({list(arguments)!r})\n"
-        "heavy = ('jax', 'arviz', 'arviz_base', 'matplotlib', 'numpy', 'scipy', 'rich', 'h5py')\n"
+        "heavy = ('jax', 'arviz', 'arviz_base', 'matplotlib', 'numpy', 'scipy', 'rich', 'h5py', "
+        "'xarray')\n"
         "print([m for m in heavy if m in sys.modules], code, file=sys.stderr)"
     )
     ended = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
@@ -56,6 +57,18 @@ def test_check_loads_neither_jax_nor_plots(folder):
     loaded = loaded_by("check", str(folder / "campaign.toml"))
     assert loaded.endswith(" 0")
     assert not any(name in loaded for name in ("jax", "arviz", "matplotlib"))
+
+
+@pytest.mark.slow  # a process that reads and writes its answer
+def test_a_look_loads_neither_jax_nor_plots_nor_xarray(folder):
+    """It answers in seconds where a fit begins by compiling; priors on the default law included."""
+    assert run(["init", str(folder)]) == 0
+    campaign = folder / "campaign.toml"
+    text = campaign.read_text(encoding="utf-8")
+    campaign.write_text(text + "\n[identify.prior]\nalpha = [100.0, 900.0]\n", encoding="utf-8")
+    loaded = loaded_by("look", str(campaign))
+    assert loaded.endswith(" 0")
+    assert not any(name in loaded for name in ("jax", "arviz", "matplotlib", "xarray"))
 
 
 def test_help_and_version(capsys):

@@ -9,9 +9,9 @@ from jbw.identification.diagnosis import (
     diagnose,
     diagnosis_sentences,
     masing_ratio,
-    readings_of,
     turning_point,
 )
+from jbw.observables.drives import readings_of
 from jbw.observables.observable import AmplitudeCurve
 
 Y = np.linspace(2e-5, 1e-3, 60)
@@ -136,4 +136,4 @@ def test_a_damping_that_is_not_positive_is_no_reading():
             return AmplitudeCurve(np.ones(3), np.ones(3), np.array([0.01, -0.02, 0.03]))
 
     data = SimpleNamespace(parts=(Part(), Part()))
-    np.testing.assert_array_equal(readings_of(data).zeta, [0.01, 0.03, 0.01, 0.03])
+    np.testing.assert_array_equal(readings_of(data.parts).zeta, [0.01, 0.03, 0.01, 0.03])

@@ -18,13 +18,14 @@ from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
 from jbw.identification import evidence, unseen_runs
 from jbw.identification.assemble import assemble, measured
-from jbw.identification.floors import own_lines, rms, scatter_of_means
+from jbw.identification.floors import own_lines, scatter_of_means
 from jbw.identification.prepare import Fitted
 from jbw.identification.prior_widths import log_evidence_wide, twice_as_wide
 from jbw.identification.without_offsets import compared, without_offsets
 from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.inference.space.box import bounds_by_name, box, from_unit
 from jbw.inference.space.stated import StatedDensities
+from jbw.measurement.channels import rms
 from jbw.measurement.records import Record, Test
 from jbw.observables import dataset
 from jbw.observables.dataset import log_likelihood

@@ -6,8 +6,9 @@ from scipy.optimize import fsolve
 
 from jbw.campaign.settings import Identify
 from jbw.identification.assemble import assemble, measured
-from jbw.identification.diagnosis import diagnose, readings_of
+from jbw.identification.diagnosis import diagnose
 from jbw.measurement.records import Record, Test
+from jbw.observables.drives import readings_of
 from jbw.observables.line_fit import at_quadrature
 
 # A spring c y|y| that softens and a damper d v|v|: the first harmonics are closed forms.
@@ -73,7 +74,7 @@ def test_a_curve_that_jumps_or_does_not_turn_tells_none():
 
 def test_curves_at_held_forces_tell_the_diagnosis():
     data = assemble(measured([curve(level) for level in LEVELS], Identify(), laws=(), gain=GAIN))
-    read = readings_of(data)
+    read = readings_of(data.parts)
     expected = np.array([exact(level) for level in LEVELS]).T
     # The gain is that of a linear oscillator through the lowest level.
     np.testing.assert_allclose(np.sort(read.y), expected[0], rtol=0.01)

@@ -5,8 +5,8 @@ import pytest
 
 from jbw.errors import DataError
 from jbw.measurement.demodulation import band_filter, demodulate, read_decay
+from jbw.measurement.envelopes import readings
 from jbw.measurement.records import Record, Test
-from jbw.observables.decay_envelopes import readings
 
 FS, HZ, LINEAR, QUADRATIC, SOFTENING = 512.0, 20.0, 0.5, 0.6, 0.008
 BAND = (10.0, 40.0)

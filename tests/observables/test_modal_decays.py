@@ -25,12 +25,12 @@ from jbw.errors import ConfigError, DataError
 from jbw.identification.assemble import assemble, measured
 from jbw.identification.coordinates import box_of
 from jbw.identification.stated_modes import modes_of
+from jbw.measurement.envelopes import bands_of
 from jbw.measurement.records import Record, Test
 from jbw.observables.dataset import Dataset, log_likelihood
 from jbw.observables.decay import matched
 from jbw.observables.drives import told_by
 from jbw.observables.modal_decays import ModalDecays
-from jbw.observables.modal_starts import bands_of
 from jbw.observables.modes import Modes
 
 MODES = Modes(HZ)
@@ -154,12 +154,12 @@ def test_a_record_that_does_not_count_says_nothing(clean):
 
 def test_bands_leave_room_for_the_filters_of_others():
     test = replace(modal_decay_test(STARTS[:1]), band_hz=(95.0, 290.0))
-    bands = bands_of(Modes((122.0, 243.0)), test)
+    bands = bands_of((122.0, 243.0), test)
     np.testing.assert_allclose(bands, [(95.0, 149.0), (196.0, 290.0)])
     with pytest.raises(DataError, match=r"all modes of .* 95 to 290 Hz, but 300 Hz is outside"):
-        bands_of(Modes((122.0, 300.0)), test)
+        bands_of((122.0, 300.0), test)
     with pytest.raises(DataError, match="needs `band`"):
-        bands_of(MODES, replace(test, band_hz=None))
+        bands_of(MODES.hz, replace(test, band_hz=None))
 
 
 def test_a_drive_point_is_refused_of_decays_alone():

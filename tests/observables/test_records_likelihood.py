@@ -12,10 +12,11 @@ from scipy.stats import norm
 from jbw.errors import DataError
 from jbw.identification.accuracy import repeatability_finding
 from jbw.identification.joint import draw_noise_std
+from jbw.measurement.delays import advance, on_time
 from jbw.measurement.records import Record, Test
 from jbw.observables.dataset import Dataset, log_likelihood, stacked
 from jbw.observables.records import Records
-from jbw.observables.samples import advance, band_limited, on_time, response_to
+from jbw.observables.samples import band_limited, response_to
 
 FS = 256.0
 TRUTH = {

@@ -18,11 +18,11 @@ from jbw.identification.assemble import assemble, measured
 from jbw.identification.checks import joint_step
 from jbw.identification.joint import JointProblem
 from jbw.inference.lanes import at_points
+from jbw.measurement.envelopes import filter_of
 from jbw.measurement.records import Record, Test
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
 from jbw.observables.decay import Decays
-from jbw.observables.decay_envelopes import filter_of
 from jbw.report.messages.watch import particles
 from jbw.rig.generator import Sweep
 from jbw.study.store import save_result

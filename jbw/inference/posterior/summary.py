@@ -10,13 +10,13 @@ from jaxtyping import Float
 from numpy.typing import NDArray
 from scipy.special import digamma
 
+from jbw.inference.posterior.quantiles import QUANTILES
 from jbw.inference.space.box import Box, bounds_by_name
 
 if TYPE_CHECKING:
     from jbw.inference.space.stated import StatedDensities  # loads NumPyro
 
 Row = dict[str, float]
-QUANTILES = (0.005, 0.5, 0.995)  # of a 99 % interval and its middle
 DIAGNOSTICS = ("ess_bulk", "ess_tail", "r_hat")  # of chains
 LAPLACE = "laplace"  # sampler of draws about a fit, which are independent and of no posterior
 

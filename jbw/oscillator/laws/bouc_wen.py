@@ -19,12 +19,10 @@ from jbw.oscillator.laws.hysteresis import hysteresis_map, hysteresis_rate, stea
 from jbw.oscillator.laws.kinked_step import kinked_step
 from jbw.oscillator.laws.piecewise_map import smooth_move
 from jbw.oscillator.parameters import MOST_SOFTENING, Scalar
-from jbw.quantities import Quantity
+from jbw.quantities import BOUC_WEN, Quantity
 from jbw.report.messages import joint as messages
 
-_ALPHA = Quantity("alpha", "α", "1/s^2", "stiffness of the hysteretic part", 0.0, is_share=True)
-_DELTA = Quantity("delta", "δ", "1/m", "softening of the hysteresis")
-_GAMMA = Quantity("gamma", "γ", "1/m", "opening of the hysteresis loop")
+_ALPHA, _DELTA, _GAMMA = BOUC_WEN
 
 SHARE = (0.0005, 0.9)  # of the stiffness: from a joint that hardly carries to nearly all of it
 # Under a prescribed displacement nothing else need carry, and the secant of a wide loop is softer.
@@ -78,7 +76,7 @@ class BoucWenLaw(Law):
     """
 
     name: ClassVar[str] = "bouc_wen"
-    table: ClassVar[tuple[Quantity, ...]] = (_ALPHA, _DELTA, _GAMMA)
+    table: ClassVar[tuple[Quantity, ...]] = BOUC_WEN
     products: ClassVar[tuple[Monomial, ...]] = (
         Monomial(
             Quantity("alpha_delta", "α δ", "1/(m s^2)", "softening, alpha * delta"),

@@ -2,12 +2,11 @@
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax.scipy.special import gammaln
 from jaxtyping import Array, Float
-from scipy import special
 
 from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.power_losses import power_losses
 
 # Displacement at which the power law's loss of stiffness is stated: the law is the same for any.
 REFERENCE = 1e-3
@@ -32,16 +31,7 @@ def _power_jvp(primals, tangents):
 
 
 def power_loop(exponent: Scalar) -> tuple[Scalar, Scalar]:
-    r"""Losses of stiffness and damping of the lag $c\,x^{1+q}$, over $c\,Y^q$; exact.
-
-    $$C_s = \frac{8}{\pi} I(2q+2) \frac{1+q}{2+q}, \qquad C_d = \frac{4q}{\pi (2+q)}, \qquad
-      I(n) = \int_0^{\pi/2} \sin^n = \frac{\sqrt\pi}{2}
-      \frac{\Gamma((n+1)/2)}{\Gamma(n/2+1)}$$
-    """
-    is_constant = isinstance(
-        exponent, float
-    )  # then by NumPy: there is nothing to trace or to compile
-    q = exponent if is_constant else jnp.asarray(exponent, float)
-    xp, log_gamma = (np, special.gammaln) if is_constant else (jnp, gammaln)
-    integral = 0.5 * np.sqrt(np.pi) * xp.exp(log_gamma(q + 1.5) - log_gamma(q + 2.0))
-    return 8.0 / np.pi * integral * (1.0 + q) / (2.0 + q), 4.0 / np.pi * q / (2.0 + q)
+    """`power_losses` of any exponent, by NumPy where there is nothing to trace or to compile."""
+    if isinstance(exponent, float):
+        return power_losses(exponent)
+    return power_losses(jnp.asarray(exponent, float), jnp, gammaln)
