@@ -30,7 +30,14 @@ def arrays(function):
 
 
 held, locked = arrays(force_at), arrays(tone_at_phase)
-slope = arrays(jax.grad(lambda joint, w, y, count: jnp.abs(force_at(joint, w, y, count)), 2))
+
+
+def size_and_force(joint, omega, y_peak, num_harmonics):
+    force = force_at(joint, omega, y_peak, num_harmonics)
+    return jnp.abs(force), force
+
+
+sloped = arrays(jax.value_and_grad(size_and_force, 2, has_aux=True))  # by the amplitude
 
 
 @pytest.mark.parametrize("joint", [PAPER, FOLDED])
@@ -43,6 +50,7 @@ def test_one_harmonic_is_the_describing_function(joint, y_peak):
     assert complex(held(joint, omega, y_peak, num_harmonics=1)) == pytest.approx(expected, rel=1e-9)
 
 
+@pytest.mark.slow  # the first case compiles for all
 @pytest.mark.parametrize("phase", [-np.pi / 2, -np.pi / 3, -2.5])
 def test_the_frequency_of_one_harmonic_is_in_closed_form(phase):
     """Its quadratic equation, solved by NumPy."""
@@ -91,6 +99,7 @@ def start_of(joint, omega, y_peak, phase):
     return np.array([y.real, (1j * omega * y).real, (z * y).real])
 
 
+@pytest.mark.slow  # the first case compiles for all
 @pytest.mark.parametrize(("y_peak", "phase"), [(5e-4, PHASE), (6e-3, PHASE), (3e-3, -np.pi / 3)])
 def test_a_locked_tone_is_the_motion_of_the_equation(y_peak, phase):
     """Tolerance: a hundredth of the noise of such tests; four harmonics leave 1e-6."""
@@ -100,12 +109,14 @@ def test_a_locked_tone_is_the_motion_of_the_equation(y_peak, phase):
     assert np.angle(moved) == pytest.approx(phase, abs=2e-5)
 
 
+@pytest.mark.slow  # the first case compiles for all
 @pytest.mark.parametrize("y_peak", [1e-3, 2.2e-3, 4e-3])
 def test_a_force_holds_every_branch_of_an_s_curve(y_peak):
     """The middle amplitude lies between the folds, where the force falls as the motion grows."""
     omega = 2 * np.pi * 18.2
-    force = complex(held(FOLDED, omega, y_peak))
-    assert (float(slope(FOLDED, omega, y_peak)) < 0) == (y_peak == 2.2e-3)
+    (_, force), slope = sloped(FOLDED, omega, y_peak)
+    force = complex(force)
+    assert (float(slope) < 0) == (y_peak == 2.2e-3)
     phase = -np.angle(force)
     moved = motion_of(FOLDED, omega, abs(force), start_of(FOLDED, omega, y_peak, phase))
     assert abs(moved) == pytest.approx(y_peak, rel=1e-4)
