@@ -114,9 +114,9 @@ MUTATIONS = (
     ),
     Mutation("identification/accuracy.py", "MOST_BEYOND = 1.5", "MOST_BEYOND = 15.0", VERDICT),
     Mutation(
-        "identification/accuracy.py",
-        "np.sqrt(np.mean(np.square(values)))",
-        "np.mean(np.square(values))",
+        "measurement/channels.py",
+        "np.sqrt(np.mean(squares))",
+        "np.mean(squares)",
         VERDICT,
     ),
     Mutation("identification/accuracy.py", "CLOSE = 0.05", "CLOSE = 0.5", VERDICT),
@@ -416,7 +416,7 @@ MUTATIONS = (
         'final.record["steps"][final.record["main"]]',
         FINAL,
     ),
-    Mutation("identification/across_kinds.py", "if not x < WIDER", "if x < WIDER", KINDS),
+    Mutation("identification/leaving_out.py", "if not x < WIDER", "if x < WIDER", KINDS),
     Mutation(
         "identification/across_kinds.py",
         "np.diag(fit.covariance) / np.diag(best.covariance)",
