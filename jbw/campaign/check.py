@@ -189,13 +189,13 @@ def _checked_test(
     # What could not be read is told once a test, in its first channel's row.
     failed = [refusal("", failure.what, failure.why, failure.remedy) for failure in failures]
     for role, channel in test.channels.items():
-        own = sorted(
+        row_faults = sorted(
             [*(fault for fault in faults if fault.channel == role), *failed],
             key=lambda fault: fault.severity,
         )
         unit, repeats = test.units.get(role, ""), checked.repeats
         checked.rows.append(
-            Row(test.name, channel, role, unit, fs, repeats, worst(own), tuple(own))
+            Row(test.name, channel, role, unit, fs, repeats, worst(row_faults), tuple(row_faults))
         )
         failed = []
     checked.small_records.clear()

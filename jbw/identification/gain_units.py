@@ -26,11 +26,11 @@ def gain_units(tests: Sequence[Test], names: Container[str]) -> dict[str, str]:
     That of a force where none drives anything: of loops, whose modal mass free decays tell.
     """
     sources = source_units(tests)
-    own = {drive: named("gain", drive) for drive in sources if named("gain", drive) in names}
-    units = {name: gain_unit(sources[drive]) for drive, name in own.items()}
+    gains = {drive: named("gain", drive) for drive in sources if named("gain", drive) in names}
+    units = {name: gain_unit(sources[drive]) for drive, name in gains.items()}
     if "gain" not in names:
         return units
-    rest = [drive_of(test) for test in driven(tests) if drive_of(test) not in own]
+    rest = [drive_of(test) for test in driven(tests) if drive_of(test) not in gains]
     return {"gain": gain_unit(sources[rest[0]] if rest else "N"), **units}
 
 

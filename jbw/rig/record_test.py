@@ -1,7 +1,7 @@
 """One test at the rig: played or pulled, answered, sensed and recorded."""
 
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -74,32 +74,9 @@ def record_test(
     plan: Plan, rig: Preset, days: Sequence[Specimen], conditions: Conditions
 ) -> list[tuple[Test, Sequence[Samples]]]:
     """A planned test as recorded, or one a day where days differ, and its demands [V or N]."""
-    bench, excitation = Bench(plan, rig, conditions), plan.excitation
-    demands: Sequence[Samples] = []
-    if rig.shapes is not None and not isinstance(excitation, Growth | Held | Locked | HeldPoints):
-        channels, demands = _shaken_structure(bench, rig.shapes, excitation, days)
-    elif not isinstance(excitation, Growth | Held | Locked | HeldPoints):
-        channels, demands = _shaken(bench, excitation, days)
-    elif rig.source != "force":
-        raise ConfigError(
-            f"Test `{plan.name}` measures newtons, so the rig must measure the shaker's `force`, "
-            f"but measures its `{rig.source}`.",
-            remedy='Give the preset source = "force" and the inverse of the modal mass as gain.',
-        )
-    elif isinstance(excitation, Growth):
-        channels = [_pulled(bench, excitation, days[r], r) for r in range(plan.repeats)]
-    elif isinstance(excitation, Locked):
-        channels = [_locked(bench, excitation, days[r], r) for r in range(plan.repeats)]
-    elif isinstance(excitation, HeldPoints):
-        channels = [_points(bench, excitation, days[r], r) for r in range(plan.repeats)]
-    else:
-        channels = [_held(bench, excitation, days[r], r) for r in range(plan.repeats)]
+    excitation = plan.excitation
+    channels, demands = _recorded(Bench(plan, rig, conditions), days)
     by_lines = isinstance(excitation, Held | Locked | HeldPoints)
-    tones: tuple[float, ...] = ()
-    if isinstance(excitation, Tone):
-        tones = (excitation.frequency_hz,)
-    elif isinstance(excitation, Steps):
-        tones = excitation.frequencies_hz
     records = [
         Record(
             fs=float("nan") if by_lines else conditions.fs,
@@ -115,7 +92,7 @@ def record_test(
         records=tuple(records),
         name=plan.name,
         level=excitation.level,
-        tones_hz=tones,
+        tones_hz=_tones(excitation),
         band_hz=plan.band_hz,
         dwell=excitation.dwell if isinstance(excitation, Steps) else float("nan"),
         settle=plan.settle,
@@ -125,14 +102,45 @@ def record_test(
         locked_phase=excitation.phase if isinstance(excitation, Locked) else -90.0,
         amplitude_std=getattr(excitation, "amplitude_noise", 0.0),
     )
-    if not conditions.varies:
-        return [(test, demands)]
-    tests = []
-    for r, record in enumerate(records):
-        name, day = f"{plan.name}_day{r + 1}", f"day {r + 1}"
+    return list(_by_day(test, demands)) if conditions.varies else [(test, demands)]
+
+
+def _recorded(bench: Bench, days: Sequence[Specimen]) -> tuple[list[Channels], Sequence[Samples]]:
+    """Channels of every repeat, and the demands of what a shaker plays."""
+    plan, rig, excitation = bench.plan, bench.rig, bench.plan.excitation
+    if not isinstance(excitation, Growth | Held | Locked | HeldPoints):
+        if rig.shapes is not None:
+            return _shaken_structure(bench, rig.shapes, excitation, days)
+        return _shaken(bench, excitation, days)
+    if rig.source != "force":
+        raise ConfigError(
+            f"Test `{plan.name}` measures newtons, so the rig must measure the shaker's `force`, "
+            f"but measures its `{rig.source}`.",
+            remedy='Give the preset source = "force" and the inverse of the modal mass as gain.',
+        )
+    repeats = range(plan.repeats)
+    if isinstance(excitation, Growth):
+        return [_pulled(bench, excitation, days[r], r) for r in repeats], []
+    if isinstance(excitation, Locked):
+        return [_locked(bench, excitation, days[r], r) for r in repeats], []
+    if isinstance(excitation, HeldPoints):
+        return [_points(bench, excitation, days[r], r) for r in repeats], []
+    return [_held(bench, excitation, days[r], r) for r in repeats], []
+
+
+def _tones(excitation: Excitation | Growth | Held | Locked | HeldPoints) -> tuple[float, ...]:
+    """Frequencies of the tones that are played [Hz]."""
+    if isinstance(excitation, Tone):
+        return (excitation.frequency_hz,)
+    return excitation.frequencies_hz if isinstance(excitation, Steps) else ()
+
+
+def _by_day(test: Test, demands: Sequence[Samples]) -> Iterator[tuple[Test, Sequence[Samples]]]:
+    """A test a day, each of one record, with its demand."""
+    for r, record in enumerate(test.records):
+        name, day = f"{test.name}_day{r + 1}", f"day {r + 1}"
         of_day = (replace(record, name=f"{name}_01"),)
-        tests.append((replace(test, records=of_day, name=name, run=day), demands[r : r + 1]))
-    return tests
+        yield replace(test, records=of_day, name=name, run=day), demands[r : r + 1]
 
 
 def _shaken(
