@@ -1,25 +1,23 @@
 """Backbones of every mode of a structure, and how their shapes change with amplitude."""
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-import equinox as eqx
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Float
+from jaxtyping import ArrayLike, Float
 
-from jbw.errors import ConfigError, ModelError
-from jbw.oscillator.modes.backbone import ModalBackbone
+from jbw.errors import ConfigError
+from jbw.oscillator.modes.backbone import modal_backbone
 from jbw.oscillator.modes.structure import Structure, admitted
-from jbw.oscillator.steady.backbone import backbone
 from jbw.report.messages import figures as labels
-from jbw.report.style import INK, LEVELS, MODEL, SOFT, Panels, finish, panels, stacks, title
+from jbw.report.mode_backbones import mode_columns
+from jbw.report.style import INK, LEVELS, MODEL, SOFT, Panels, finish, title
 from jbw.report.text import length_unit, number
 
 TURN = 2 * np.pi
 ORDERS = (3, 5, 7)
 NEAR = 0.01  # of the harmonic's frequency: an internal resonance
-ONE_LINE = 3  # modes side by side
-HEIGHT, HEIGHT_OF_LINE = 6.0, 5.0  # [in]
+MAX_TURNS = 2  # of a joint in a period: beyond, a backbone ends
 
 Levels = Float[np.ndarray, " level"]
 
@@ -42,9 +40,14 @@ class BackboneCurve(NamedTuple):
 
 
 def draw_backbones(
-    structure: Structure, x_peak: ArrayLike, *, num_harmonics: int = 8, ax: Any = None
+    structure: Structure,
+    x_peak: ArrayLike,
+    *,
+    modes: Sequence[int] | None = None,
+    num_harmonics: int = 8,
+    ax: Any = None,
 ) -> Panels:
-    r"""Draw frequency, damping and deflection shape of every mode against amplitude.
+    r"""Draw frequency, damping and deflection shape of modes against amplitude.
 
     A column a mode, three of them side by side: its resonance frequency, its equivalent damping
     ratio and the first harmonics $|q_i / X|$ of all modal coordinates over that of the joint's
@@ -56,11 +59,13 @@ def draw_backbones(
     Args:
         structure: The modes and their joints.
         x_peak: Rising amplitudes X [m], from zero or from small ones.
+        modes: Which, from 0; every one that vibrates when None. Behind the kept modes of a reduced
+            model stand residual modes, which are no modes of the structure: leave them out.
         num_harmonics: Number of odd harmonics.
         ax: Three axes a mode, row by row; a figure of its own when None.
 
     Returns:
-        The axes, three rows of as many columns as modes.
+        The axes, three rows of as many columns as modes that are drawn.
 
     Raises:
         ConfigError: Amplitudes that do not rise, or as for `jbw.backbone`.
@@ -78,8 +83,9 @@ def draw_backbones(
     structure = admitted(structure)
     omega_n = np.asarray(structure.omega_n)
     factor, unit = length_unit(float(levels[-1]))
-    axes, columns = _columns(ax, len(omega_n))
-    for mode, column in enumerate(columns):
+    chosen = [i for i, omega in enumerate(omega_n) if omega > 0] if modes is None else list(modes)
+    axes, columns = mode_columns(ax, len(chosen))
+    for mode, column in zip(chosen, columns, strict=True):
         curve = curve_of(structure, levels, mode, num_harmonics)
         _draw(column, factor * levels, curve)
         title(column[0], _title(mode, curve, factor, unit))
@@ -91,36 +97,15 @@ def draw_backbones(
     return np.column_stack(columns)
 
 
-def _columns(ax: Any, num_modes: int) -> tuple[Panels, list[Panels]]:
-    """All axes, and three of them a mode: side by side, more than three modes in several lines."""
-    if ax is not None:
-        axes = panels(ax, 3, num_modes, height=HEIGHT)
-        return axes, list(axes.T)
-    height = HEIGHT if num_modes <= ONE_LINE else HEIGHT_OF_LINE
-    axes, columns = stacks(None, num_modes, 3, height=height, sharex="col")
-    for *_, lowest in columns:
-        lowest.tick_params(labelbottom=True)  # axes that are shared have it in the last line alone
-    return axes, [np.ravel(column) for column in columns]
-
-
 def curve_of(structure: Structure, levels: Levels, mode: int, num_harmonics: int) -> BackboneCurve:
-    """Backbone of one mode as far as it goes."""
-    try:
-        motion = backbone(structure, levels, mode=mode, num_harmonics=num_harmonics)
-    except ModelError:  # it ends before the last amplitude, or cannot be had at all
-        motion = _as_far_as_it_goes(structure, jnp.asarray(levels), mode, num_harmonics)
+    """Backbone of one mode as far as it goes, where it ends before the last amplitude."""
+    motion = modal_backbone(
+        structure, levels, mode=mode, num_harmonics=num_harmonics, max_turns=MAX_TURNS, may_end=True
+    )
     omega, zeta = np.asarray(motion.omega), np.asarray(motion.zeta)
     solved = levels[np.isfinite(omega)]
     end = None if len(solved) == len(levels) else float(solved.max(initial=0.0))
     return BackboneCurve(omega, zeta, np.abs(np.asarray(motion.shape)), end)
-
-
-@eqx.filter_jit
-def _as_far_as_it_goes(
-    structure: Structure, levels: Float[Array, " level"], mode: int, num_harmonics: int
-) -> ModalBackbone:
-    """Not a number beyond, as under every transformation, instead of an error."""
-    return backbone(structure, levels, mode=mode, num_harmonics=num_harmonics)
 
 
 def interactions(

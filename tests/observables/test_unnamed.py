@@ -5,6 +5,7 @@ from dataclasses import replace
 import jax
 import numpy as np
 import pytest
+from compiling import Compiled
 from decays import decay_test
 
 from jbw.inference.lanes import at_points
@@ -22,20 +23,6 @@ from jbw.oscillator.laws.bouc_wen import BoucWenLaw
 
 THETA = {"omega_n": 118.0, "zeta": 0.01, "alpha": 3000.0, "delta": 400.0, "gamma": 150.0}
 GAIN = {"gain": 15.0}
-
-
-class Compiled(list):
-    """Names of the programs that are compiled within."""
-
-    def __enter__(self):
-        jax.monitoring.register_event_duration_secs_listener(self.listen)
-        return self
-
-    def __exit__(self, *_):
-        jax.monitoring.unregister_event_duration_listener(self.listen)
-
-    def listen(self, event, seconds, **about):
-        self.append(about.get("fun_name")) if event.endswith("backend_compile_duration") else None
 
 
 def dataset_of(specimen, seed):

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from compiling import Compiled
 from test_joints import GOLDEN, alike, pair, structure_of
 from test_structure import two_modes
 
@@ -55,6 +56,20 @@ def test_golden_backbones(case):
         assert np.max(np.abs(found.q[i, :, 1] - complexes(point["q3"]))) < 1e-6 * point["a"]
     np.testing.assert_allclose(found.a, levels, rtol=1e-9)
     np.testing.assert_allclose(found.x_peak, np.abs(found.x[..., 0]), rtol=1e-12)
+
+
+@pytest.mark.slow
+def test_every_mode_has_the_program_of_the_first():
+    """A structure drawn with all its modes compiles one backbone, whatever their number."""
+    structure, programs = structure_of(BACKBONES[0]["system"]), []
+    for mode in range(3):
+        with Compiled() as compiled:
+            found = jbw.backbone(structure, [0.0, 1e-9], mode=mode, num_harmonics=2)
+        programs.append(compiled)
+        # In full stick, of any mode, joints that move to either side turn twice a period.
+        np.testing.assert_allclose(found.omega[0], structure.omega_n[mode], rtol=1e-12)
+    assert "jit(_backbone)" in programs[0]
+    assert not programs[1] + programs[2]
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, ArrayLike, Complex, Float, Real
+from jaxtyping import Array, ArrayLike, Complex, Float, Int, Real
 
 from jbw.errors import ConfigError, ModelError
 from jbw.oscillator.checks import (
@@ -38,6 +38,7 @@ from jbw.oscillator.steady.waveform import num_turns, orders
 # omega, zeta_eq, q_m1 and all X_jn, real and imaginary; omega in units of the mode's own, q_m1 and
 # X_jn in those of `Units`.
 Point = Float[Array, " unknown"]
+Mode = Int[Array | np.ndarray, ""]  # index of the mode that is followed
 _TOLERANCE = 1e-10
 _MAX_NEWTON = 12
 _MAX_STEPS = 400
@@ -76,9 +77,8 @@ class ModalBackbone(eqx.Module):
 
 
 class BackboneOptions(NamedTuple):
-    """Which backbone; static. `is_one_joint` where the amplitude is the joint's."""
+    """How a backbone is found; static. `is_one_joint` where the amplitude is the joint's."""
 
-    mode: int
     num_harmonics: int
     max_turns: int
     is_one_joint: bool
@@ -91,8 +91,12 @@ def modal_backbone(
     mode: int,
     num_harmonics: int,
     max_turns: int,
+    may_end: bool = False,
 ) -> ModalBackbone:
-    """Backbone of a mode; `jbw.backbone` documents its arguments."""
+    """Backbone of a mode; `jbw.backbone` documents its arguments.
+
+    Where it `may_end` before the largest amplitude, it is not a number beyond, and no error.
+    """
     structure = admitted(structure)
     require_periodic(structure)
     require_finite(structure, y_peak=amplitude)
@@ -103,9 +107,10 @@ def modal_backbone(
     if num_harmonics < 1:
         raise ConfigError(f"Argument `num_harmonics` must be at least 1, but is {num_harmonics}.")
     amplitude = jnp.asarray(amplitude, float)
-    options = BackboneOptions(mode, num_harmonics, max_turns, is_one_joint)
-    backbone, good = _backbone(by_joint(structure), amplitude, options)
-    if is_concrete(structure, amplitude, backbone) and not np.all(good):
+    options = BackboneOptions(num_harmonics, max_turns, is_one_joint)
+    # The mode is a number of the program as others are: one is compiled for all modes.
+    backbone, good = _backbone(by_joint(structure), np.asarray(mode), amplitude, options)
+    if not may_end and is_concrete(structure, amplitude, backbone) and not np.all(good):
         first = float(np.asarray(amplitude)[~np.asarray(good)].min())
         motion = "a joint displacement" if is_one_joint else "an amplitude"
         raise ModelError(
@@ -145,17 +150,17 @@ def _require_mode(structure: Structure, mode: int, is_one_joint: bool) -> None:
         )
 
 
-@partial(jax.jit, static_argnums=2)
+@partial(jax.jit, static_argnums=3)
 def _backbone(
-    structure: Structure, amplitude: Array, options: BackboneOptions
+    structure: Structure, mode: Mode, amplitude: Array, options: BackboneOptions
 ) -> tuple[ModalBackbone, Array]:
     """The backbone at every amplitude, and whether it was found."""
     flat = amplitude.ravel()
     order = jnp.argsort(flat)
-    points, good = _followed(options, structure, flat[order])
+    points, good = _followed(options, mode, structure, flat[order])
     back = jnp.argsort(order)
     points, good = points[back], good[back]
-    backbone, turns = jax.vmap(partial(_backbone_point, options, structure))(points, flat)
+    backbone, turns = jax.vmap(partial(_backbone_point, options, mode, structure))(points, flat)
     good = good & (turns <= options.max_turns)
     backbone = jax.tree.map(lambda leaf: jnp.where(_like(good, leaf), leaf, jnp.nan), backbone)
     shape = amplitude.shape
@@ -168,19 +173,23 @@ def _like(good: Array, leaf: Array) -> Array:
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
 def _followed(
-    options: BackboneOptions, structure: Structure, amplitude: Array
+    options: BackboneOptions, mode: Mode, structure: Structure, amplitude: Array
 ) -> tuple[Array, Array]:
-    """Points of the branch at rising amplitudes, each from the one before, and which were found."""
-    mode, num_joints = options.mode, len(structure.laws)
+    """Points of the branch at rising amplitudes, each from the one before, and which were found.
+
+    Behind the first that is not found none is looked for: the branch ends there.
+    """
+    num_joints = len(structure.laws)
     first = jnp.zeros(4 + 2 * num_joints * options.num_harmonics)
     first = first.at[:4].set(jnp.stack([1.0, structure.zeta[mode], 1.0, 0.0]))  # pyright: ignore
-    units = _units(options, structure)
+    units = _units(options, mode, structure)
     sticking = structure.h[:, mode] * units.q / units.x  # pyright: ignore
     first = first.at[4 :: 2 * options.num_harmonics].set(sticking)
 
     def onward(carry, target):
         at, point, good = carry
-        amplitude_reached, point = _to(options, structure, at, point, target)
+        state = at, point, good
+        amplitude_reached, point = _to(options, mode, structure, state, target)
         good = good & (amplitude_reached == target)
         return (amplitude_reached, point, good), (point, good)
 
@@ -191,37 +200,47 @@ def _followed(
 @_followed.defjvp
 def _followed_jvp(options, primals, tangents):
     """Implicit differentiation, amplitude by amplitude."""
-    structure, amplitude = primals
-    points, good = _followed(options, structure, amplitude)
+    mode, structure, amplitude = primals
+    points, good = _followed(options, mode, structure, amplitude)
 
     def slope(point, amplitude, amplitude_dot):
         _, change = jax.jvp(
-            lambda structure, amplitude: _imbalance(options, structure, point, amplitude),
+            lambda structure, amplitude: _imbalance(options, mode, structure, point, amplitude),
             (structure, amplitude),
-            (tangents[0], amplitude_dot),
+            (tangents[1], amplitude_dot),
         )
-        jacobian = jax.jacfwd(lambda point: _imbalance(options, structure, point, amplitude))(point)
+        jacobian = jax.jacfwd(lambda point: _imbalance(options, mode, structure, point, amplitude))(
+            point
+        )
         return -jnp.linalg.solve(jacobian, change)
 
-    points_dot = jax.vmap(slope)(points, amplitude, tangents[1])
+    points_dot = jax.vmap(slope)(points, amplitude, tangents[2])
     return (points, good), (points_dot, np.zeros(good.shape, jax.dtypes.float0))
 
 
 def _to(
-    options: BackboneOptions, structure: Structure, at: Array, point: Point, target: Array
+    options: BackboneOptions,
+    mode: Mode,
+    structure: Structure,
+    start: tuple[Array, Point, Array],
+    target: Array,
 ) -> tuple[Array, Point]:
-    """From one amplitude to another by steps, halved where Newton fails or goes far."""
+    """From one amplitude to another by steps, halved where Newton fails or goes far.
+
+    From a `start` that was not found itself, no step is taken.
+    """
+    at, point, good = start
 
     def unfinished(state):
         at, step, *_, tries = state
-        return (at < target) & (tries < _MAX_STEPS) & (step > _LEAST_STEP * target)
+        return good & (at < target) & (tries < _MAX_STEPS) & (step > _LEAST_STEP * target)
 
     def advance(state):
         at, step, point, last_at, last, tries = state
         following = jnp.minimum(at + step, target)
         width = jnp.where(at > last_at, at - last_at, 1.0)
         ahead = point + (following - at) / width * (point - last)  # the secant
-        tried, ok = _newton(options, structure, ahead, following)
+        tried, ok = _newton(options, mode, structure, ahead, following)
         ok = ok & (jnp.max(jnp.abs(tried - point)) < _MOST_CHANGE)
         outcomes = (following, 2.0 * step, tried, at, point), (at, 0.5 * step, point, last_at, last)
         return *(jnp.where(ok, a, b) for a, b in zip(*outcomes, strict=True)), tries + 1
@@ -231,10 +250,12 @@ def _to(
     return amplitude_reached, point
 
 
-def _newton(options: BackboneOptions, structure: Structure, start: Point, amplitude: Array):
+def _newton(
+    options: BackboneOptions, mode: Mode, structure: Structure, start: Point, amplitude: Array
+) -> tuple[Point, Array]:
     """Newton's iteration at one amplitude."""
     point, converged = newton_root(
-        lambda point, args: _imbalance(options, args[0], point, args[1]), start,
+        lambda point, args: _imbalance(options, mode, args[0], point, args[1]), start,
         (structure, amplitude), tolerance=_TOLERANCE, max_steps=_MAX_NEWTON,
     )  # fmt: skip
     return point, converged & jnp.all(jnp.isfinite(point))
@@ -247,10 +268,10 @@ class Units(NamedTuple):
     x: Array
 
 
-def _units(options: BackboneOptions, structure: Structure) -> Units:
+def _units(options: BackboneOptions, mode: Mode, structure: Structure) -> Units:
     """Of one joint its own displacement, of several the mode's coordinate and what that reaches."""
     if options.is_one_joint:
-        return Units(1.0 / structure.h[0, options.mode], jnp.ones(1))  # pyright: ignore
+        return Units(1.0 / structure.h[0, mode], jnp.ones(1))  # pyright: ignore
     return Units(1.0, jnp.max(jnp.abs(structure.h), axis=1))  # pyright: ignore[reportArgumentType]
 
 
@@ -270,10 +291,10 @@ class BackboneMotion(NamedTuple):
 
 
 def _motion(
-    options: BackboneOptions, structure: Structure, point: Point, amplitude: Scalar
+    options: BackboneOptions, mode: Mode, structure: Structure, point: Point, amplitude: Scalar
 ) -> BackboneMotion:
     """Frequency, damping, joints and modes of a point."""
-    mode, units = options.mode, _units(options, structure)
+    units = _units(options, mode, structure)
     omega_m = structure.omega_n[mode]  # pyright: ignore[reportIndexIssue]
     omega, zeta = point[0] * omega_m, point[1]
     q_m1, x = jax.lax.complex(point[2], point[3]), point[4:].reshape(*structure.h.shape[:1], -1, 2)  # pyright: ignore
@@ -291,11 +312,11 @@ def _motion(
 
 
 def _imbalance(
-    options: BackboneOptions, structure: Structure, point: Point, amplitude: Scalar
+    options: BackboneOptions, mode: Mode, structure: Structure, point: Point, amplitude: Scalar
 ) -> Point:
     """Residual at a point: of the mode's first harmonic, of the joints', and of the amplitude."""
-    motion = _motion(options, structure, point, amplitude)
-    apart = motion.x - (structure.h @ motion.q) / _units(options, structure).x[:, None]
+    motion = _motion(options, mode, structure, point, amplitude)
+    apart = motion.x - (structure.h @ motion.q) / _units(options, mode, structure).x[:, None]
     relative_amplitude = motion.x[0, 0] if options.is_one_joint else motion.q_m1
     residual = jnp.concatenate(
         [jnp.stack([motion.residual_1, relative_amplitude - 1.0]), apart.ravel()]
@@ -304,21 +325,21 @@ def _imbalance(
 
 
 def _backbone_point(
-    options: BackboneOptions, structure: Structure, point: Point, amplitude: Array
+    options: BackboneOptions, mode: Mode, structure: Structure, point: Point, amplitude: Array
 ) -> tuple[ModalBackbone, Array]:
     r"""A point of the backbone, and how often the joint turns that turns most often.
 
     A joint loses $\pi \sum_n n\,\mathrm{Im}(r_n \bar X_n)$ a cycle.
     """
-    motion = _motion(options, structure, point, amplitude)
-    unit = _units(options, structure).x
+    motion = _motion(options, mode, structure, point, amplitude)
+    unit = _units(options, mode, structure).x
     loss = unit**2 * jnp.sum(
         orders(options.num_harmonics) * jnp.imag(motion.r * jnp.conj(motion.x)), axis=1
     )
     total = jnp.sum(loss)
     share = jnp.where(total == 0.0, jnp.nan, loss / jnp.where(total == 0.0, 1.0, total))
     x, q = amplitude * unit[:, None] * motion.x, amplitude * motion.q
-    sizes = jnp.abs(q[options.mode, 0]), jnp.abs(x[:, 0])
+    sizes = jnp.abs(q[mode, 0]), jnp.abs(x[:, 0])
     rates = motion.omega, motion.zeta
     turns = jnp.max(jax.vmap(num_turns)(motion.x))
     return ModalBackbone(*sizes, *rates, motion.q[:, 0], x, q, structure.c @ q, share), turns  # pyright: ignore

@@ -1,0 +1,96 @@
+"""Backbones of the modes of a run with several joints: bands, and how their shapes change."""
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from jbw.errors import DataError
+from jbw.report.messages import figures as labels
+from jbw.report.result import branch
+from jbw.report.style import (
+    BAND,
+    INK,
+    LEVELS,
+    MODEL,
+    Panels,
+    finish,
+    panels,
+    shade,
+    stacks,
+    title,
+)
+from jbw.report.text import length_unit
+
+BACKBONES = "backbones"
+ONE_LINE = 3  # modes side by side
+HEIGHT, HEIGHT_OF_LINE = 6.0, 5.0  # [in]
+
+
+def mode_backbones(tree: xr.DataTree, ax: Any = None) -> Panels:
+    r"""How do frequency, damping and shape of every mode change with amplitude?
+
+    Bands of the posterior at the shape of full stick, and dashed the motion at the medians whose
+    shape is free: where it leaves the band, the joints change the shape. Below, first harmonics
+    $|q_i/q_m|$ of the other modes over that of the mode itself: none grow in a mode that keeps its
+    shape. Abscissae are amplitudes at the first point, up to the largest that was measured.
+
+    Panels: a column a mode; its frequency, its equivalent damping ratio, and its shape.
+    """
+    group = branch(tree, BACKBONES, "frequency_hz", "damping", "shape", "displacement")
+    chosen = [mode for mode in group["mode"].values if _is_seen(group.sel(mode=mode))]
+    if not chosen:
+        raise DataError("The first point hardly sees any mode that the tests drive.")
+    axes, columns = mode_columns(ax, len(chosen))
+    for mode, column in zip(chosen, columns, strict=True):
+        _draw_bands(column, group.sel(mode=mode))
+        title(column[0], labels.mode_at(int(mode), _stuck_hz(group.sel(mode=mode))))
+    ylabels = ("frequency [Hz]", "damping ratio [%]", "|q / q of the mode| [-]")
+    return finish(axes, ax, "", ylabels)
+
+
+def _is_seen(of_mode: xr.Dataset) -> bool:
+    return bool(np.isfinite(of_mode["displacement"]).all())
+
+
+def _stuck_hz(of_mode: xr.Dataset) -> float:
+    """Frequency at the smallest amplitude."""
+    return float(of_mode["frequency_hz"].values[0, 1])
+
+
+def _draw_bands(column: Panels, of_mode: xr.Dataset) -> None:
+    """The three panels of one mode of a run."""
+    largest = float(of_mode["displacement"].values[-1])
+    factor, unit = length_unit(largest)
+    x = factor * of_mode["displacement"].values
+    for panel, name, free, scale in (
+        (column[0], "frequency_hz", "frequency_at_medians", 1.0),
+        (column[1], "damping", "damping_at_medians", 100.0),
+    ):
+        low, middle, high = scale * of_mode[name].values.T
+        shade(panel, x, low, high, MODEL, BAND)
+        panel.plot(x, middle, color=MODEL, lw=1.2, label=labels.STUCK_SHAPE)
+        panel.plot(x, scale * of_mode[free].values, color=INK, lw=1.0, ls="--",
+                   label=labels.FREE_SHAPE)  # fmt: skip
+        panel.ticklabel_format(axis="y", useOffset=False)
+    for coordinate in of_mode["coordinate"].values:
+        if coordinate != int(of_mode["mode"]):
+            place = int(coordinate) - 1
+            column[2].plot(
+                x, of_mode["shape"].sel(coordinate=coordinate), lw=1.2,
+                color=LEVELS[place % len(LEVELS)], label=f"mode {coordinate}",
+            )  # fmt: skip
+    column[2].set_yscale("log", nonpositive="mask")
+    column[2].set_xlabel(labels.first_point_amplitude(unit))
+
+
+def mode_columns(ax: Any, num_modes: int) -> tuple[Panels, list[Panels]]:
+    """All axes, and three of them a mode: side by side, more than three modes in several lines."""
+    if ax is not None:
+        axes = panels(ax, 3, num_modes, height=HEIGHT)
+        return axes, list(axes.T)
+    height = HEIGHT if num_modes <= ONE_LINE else HEIGHT_OF_LINE
+    axes, columns = stacks(None, num_modes, 3, height=height, sharex="col")
+    for *_, lowest in columns:
+        lowest.tick_params(labelbottom=True)  # axes that are shared have it in the last line alone
+    return axes, [np.ravel(column) for column in columns]
