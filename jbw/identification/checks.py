@@ -148,15 +148,16 @@ def check_joint(key: Key[Array, ""], posterior: JointPosterior) -> Checks:
     )
     of_checks = [outcome.finding for outcome in outcomes if outcome.finding is not None]
     findings = (*by_chains.findings, *ready.findings, *of_checks)
-    groups = groups_of(outcomes)
+    groups, attempts = groups_of(outcomes), Attempts()
+    amendments = amendments_of(checked, groups, attempts)
     statements = (
         *ready.statements,
         *drawn(tree.attrs),
         *(sentence for outcome in outcomes for sentence in outcome.statements),
         *fit_sentences(ready.fit),
         *stuck(tree, findings),
+        *attempts.said,
     )
-    amendments = amendments_of(checked, groups)
     return Checks(findings, amendments, statements, groups, perf_counter() - started)
 
 
@@ -166,14 +167,18 @@ def groups_of(outcomes: Iterable[Outcome]) -> dict[str, xr.Dataset]:
 
 
 def amendments_of(
-    checked: CheckedPosterior, groups: Mapping[str, xr.Dataset]
+    checked: CheckedPosterior, groups: Mapping[str, xr.Dataset], attempts: Attempts
 ) -> tuple[Amendment | None, ...]:
     """What the errors of the fit, of fits without each run, and the response say of findings."""
     of_unseen, ready, data = None, checked.fitted, checked.data
     if (left_out := groups.get("leave_one_out")) is not None:
         errors = left_out["fitted"].values.tolist(), left_out["error"].values.tolist()
         of_unseen = accuracy.within_unseen(accuracy.OF_MISFIT, *errors, messages.EACH_FROM_OTHERS)
-    of_response = within_response(checked.draws, data.held, ready.y_peak, data.laws)
+    of_response = attempts.make(
+        messages.JOINT_EFFECT,
+        lambda: within_response(checked.draws, data.held, ready.y_peak, data.laws),
+        None,
+    )
     return accuracy.within_misfit(checked.error), of_unseen, of_response
 
 

@@ -63,6 +63,7 @@ def test_comparisons_that_fail_leave_the_posterior_and_are_named(tmp_path, monke
         (comparisons, "look_again"),
         (checks, "leave_one_out"),
         (checks, "response_finding"),
+        (checks, "within_response"),
     ):
         monkeypatch.setattr(place, name, failing)
     found = jbw.identify(jbw.load_campaign(path), seed=1, report=lambda _: None)
