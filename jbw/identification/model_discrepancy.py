@@ -12,14 +12,16 @@ the covariance of the fit without the run. Its variance is shared by all kinds o
 with the distance from the amplitudes that were fitted,
 
 $$\hat b_r \sim N\bigl(0,\, V_r + \tau^2 (y_r / y_{max})^{2p} g_r\bigr), \quad p = 0, 1, 2, \\
-  \sqrt{g(y)} = 1 + \frac{2 \ln (y / y_{max})}{\max(\ln (y_{max} / y_{min}), \ln 2)}, \quad
-  y > y_{max}, \\
-  \sqrt{g(y)} = 1 + \frac{2 (y_{min} - y)}{\max(y_{max} - y_{min}, y_{min})}, \quad y < y_{min}$$
+  \sqrt{g(y)} = 1 + d(y) / h, \\
+  d = \max(\ln y / y_{max},\, \ln y_{min} / y,\, 0), \quad
+  h = \tfrac12 \max(\ln y_{max} / y_{min}, \ln 2)$$
 
-as an error that is linear in the logarithm of the amplitude grows above, and one that is linear in
-the amplitude below: a joint that moves less and less sticks, and what a law misses of it tends to
-a limit. $\tau$ is that of Paule and Mandel about zero. All are none where chance makes as much, of
-frequency, damping and the rest together.
+as an error that is linear in the logarithm of the amplitude grows. Below, a joint that moves less
+and less sticks, and what a law misses of it tends to a limit: $\sqrt g$ is three at most. A run
+that is left out there may miss as little as an error that is linear in the amplitude itself would,
+$\sqrt{g_r} = 1 + 2 (y_{min} - y_r) / \max(y_{max} - y_{min}, y_{min})$, and counts by that. $\tau$
+is that of Paule and Mandel about zero. All are none where chance makes as much, of frequency,
+damping and the rest together.
 
 Beyond the largest amplitude fitted the errors of the parameters are no longer those of a law that
 holds: they answer for its misfit at the amplitudes that were fitted. So all that the runs left out
@@ -228,13 +230,23 @@ NoiseOf = Mapping[str, NoiseSquares]  # by label
 def growth(y: float | None, y_low: float, y_high: float) -> float:
     r"""The factor $\sqrt g$ of a standard deviation at an amplitude y [m].
 
-    It grows by the logarithm of the amplitude above, by the amplitude below, where a joint sticks.
+    It grows by the logarithm of the amplitude; below, where a joint sticks, to three at most.
     """
     if y is None or not (0 < y_low <= y_high and y > 0):
         return 1.0
-    above = np.log(y / y_high) / max(np.log(y_high / y_low), LEAST_RANGE)
-    below = (y_low - y) / max(y_high - y_low, y_low)
-    return float(1 + 2 * max(above, below, 0.0))
+    wide = max(np.log(y_high / y_low), LEAST_RANGE)
+    above, below = 1 + 2 * np.log([y / y_high, y_low / y]) / wide
+    return float(max(above, min(below, MOST_GROWN), 1.0))
+
+
+def growth_shown(y: float | None, y_low: float, y_high: float) -> float:
+    r"""The factor $\sqrt{g_r}$ by which a run counts that is left out of others.
+
+    Below these it grows by the amplitude: what a run misses there is no more than that explained.
+    """
+    if y is None or not 0 < y < y_low <= y_high:
+        return growth(y, y_low, y_high)
+    return 1 + 2 * (y_low - y) / max(y_high - y_low, y_low)
 
 
 def outward(y: float | None, y_low: float, y_high: float) -> float:
@@ -455,7 +467,8 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
             of_run = left_out_run(run, fit, slopes, prior, noise)
             if (decay := _drift(run, fit, data)) is not None:
                 of_run = by_drift(of_run, decay, natural)
-            grown = growth(amplitudes.get(run), min(others, default=0.0), max(others, default=0.0))
+            lowest, highest = min(others, default=0.0), max(others, default=0.0)
+            grown = growth_shown(amplitudes.get(run), lowest, highest)
             relative = amplitudes.get(run, np.nan) / y_high if y_high > 0 else np.nan
             shown[run] = of_run._replace(amplitude=relative, grown=grown)
     as_fitted = _rests({label: residuals[label] for label in repeated}, repeated, data)

@@ -23,6 +23,7 @@ from jbw.identification.model_discrepancy import (
     discrepancy_in,
     discrepancy_sentences,
     growth,
+    growth_shown,
     model_discrepancy,
     root_of,
     scatter_about_zero,
@@ -48,18 +49,29 @@ BAND = (14.0, 26.0)
 RUNS = (1.0, 0.8, 0.65, 0.5, 0.4, 0.3)  # first velocity of the records that are fitted [m/s]
 
 
-def test_the_discrepancy_grows_with_the_logarithm_of_the_amplitude_and_below_with_itself():
+def test_the_discrepancy_grows_with_the_logarithm_of_the_amplitude():
     assert growth(2.0, 1.0, 4.0) == 1.0
-    # Half of the range of the logarithm above: twice as much.
+    # Half of the range of the logarithm beyond either end: twice as much.
     assert growth(8.0, 1.0, 4.0) == pytest.approx(2.0, rel=1e-12)
-    # Below by the amplitude, over half of the range: 1 + 0.75 / 1.5.
-    assert growth(0.25, 1.0, 4.0) == pytest.approx(1.5, rel=1e-12)
+    assert growth(0.5, 1.0, 4.0) == pytest.approx(2.0, rel=1e-12)
     # A narrow range counts as one octave.
     assert growth(4.0, 2.0, 2.0) == pytest.approx(1 + 2 * 1.0, rel=1e-12)
-    assert growth(1.0, 2.0, 2.0) == pytest.approx(1 + 2 * 0.5, rel=1e-12)
-    # At rest three times as much at most.
-    assert growth(1e-9, 1.0, 1.5) == pytest.approx(3.0, rel=1e-8)
+    # Below three times as much at most, above more.
+    assert growth(1e-9, 1.0, 4.0) == 3.0
+    assert growth(64.0, 1.0, 4.0) == pytest.approx(5.0, rel=1e-12)
     assert growth(None, 1.0, 4.0) == growth(5.0, 0.0, 0.0) == 1.0
+
+
+def test_a_run_that_is_left_out_below_counts_by_its_amplitude():
+    # Over half of the range: 1 + 0.75 / 1.5, and of a narrow one 1 + 1 / 1.
+    assert growth_shown(0.25, 1.0, 4.0) == pytest.approx(1.5, rel=1e-12)
+    assert growth_shown(1.0, 2.0, 2.0) == pytest.approx(2.0, rel=1e-12)
+    # It is no more than a test there is predicted with, and above and within it is the same.
+    amplitudes = np.geomspace(1e-3, 1e3, 61)
+    shown, predicted = ([f(y, 1.0, 3.0) for y in amplitudes] for f in (growth_shown, growth))
+    assert np.all(np.array(shown) <= np.array(predicted) + 1e-12)
+    np.testing.assert_array_equal(shown[30:], predicted[30:])
+    assert growth_shown(None, 1.0, 4.0) == growth_shown(5.0, 0.0, 0.0) == 1.0
 
 
 class Part:
