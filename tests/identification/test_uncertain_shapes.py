@@ -64,6 +64,10 @@ def test_each_law_has_one_joint_and_mode_that_keep_the_motion_of_the_model(data)
     # A joint without a law sticks, whatever it moves.
     assert shape_factors(data.modes, two_bolts.LAWS[:1]) == ("motion_factor_2@bolt_1",)
     assert shape_factors(data.modes._replace(uncertain=False), two_bolts.LAWS) == ()
+    # One mode is the home of both: what it tells of a factor, the law takes up.
+    first = data.modes._replace(hz=data.modes.hz[:1])
+    assert shape_factors(first, two_bolts.LAWS) == ()
+    assert shape_factors(first, TIED) == ("motion_factor_1@bolt_1",)
 
 
 def test_factors_are_sampled_about_one(seen, data):
