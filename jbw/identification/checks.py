@@ -38,6 +38,8 @@ from jbw.identification.joint import (
 )
 from jbw.identification.joint_answers import GROUP as JOINTS
 from jbw.identification.joint_answers import joints_finding, joints_group, joints_words
+from jbw.identification.joint_backbones import GROUP as BACKBONES
+from jbw.identification.joint_backbones import backbones_group
 from jbw.identification.leaving_out import (
     consistency_finding,
     fits_without_each_run,
@@ -262,6 +264,12 @@ def shares_of_joints(checked: CheckedPosterior) -> Outcome:
     return Outcome(joints_finding(joints), tuple(joints_words(joints)), {JOINTS: joints})
 
 
+def backbones_of_modes(checked: CheckedPosterior) -> Outcome:
+    """Backbone and shape of every mode that several joints move; nothing of one."""
+    curves = backbones_group(checked.draws, checked.data)
+    return Outcome() if curves is None else Outcome(groups={BACKBONES: curves})
+
+
 def of_tests(checked: CheckedPosterior) -> Outcome:
     """What the kinds of tests say of their fit."""
     theta, parts = checked.theta, checked.data.parts
@@ -354,6 +362,7 @@ OF_DRAWS: dict[str, Check] = {
 OF_RUNS_AND_JOINTS: dict[str, Check] = {
     messages.OFFSETS: offsets_of_runs,
     messages.JOINT_SHARES: shares_of_joints,
+    messages.BACKBONES: backbones_of_modes,
 }
 STATEMENTS: dict[str, Check] = {
     "tests": of_tests,

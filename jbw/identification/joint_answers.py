@@ -62,20 +62,12 @@ def joints_group(
     numbers = dict(modes.numbers)
     driven = range(len(modes.hz))
     amplitude = largest_amplitudes(modes, data)
-    of_joints = {quantity.name for quantity in quantities_of(data.laws)}
-    of_joints |= motion_factors_in(posterior).keys()
-    theta = {str(n): x.values.ravel() for n, x in posterior.data_vars.items() if n in of_joints}
-    driven_joints = _DrivenJoints(data.laws, names, *jax.device_put((numbers, amplitude)))
-    softening, losses = (
-        np.asarray(_each_draw(jax.device_put(theta), driven_joints))
-        if about is None
-        else _by_first_order(theta, about, driven_joints)
-    )
-    omega = np.array([_values(posterior, data, DRIVEN[i][0]) for i in driven])
+    softening, losses = softening_and_losses(posterior, data, amplitude, about)
+    omega = np.array([values_of(posterior, data, DRIVEN[i][0]) for i in driven])
     lowered = np.sqrt(np.maximum(1 - softening.sum(axis=0) / omega**2, 0.0))
     added = losses.sum(axis=0) / (2 * (omega * lowered) ** 2)
     k = np.array([numbers[name_at(STIFFNESS, joint)] for joint in names])
-    medians = {name: float(np.median(x)) for name, x in theta.items()}
+    medians = {name: float(np.median(x)) for name, x in draws_of_joints(posterior, data).items()}
     likely = numbers | medians
     motion = np.array([[motion_in(likely, i + 1, joint) for i in driven] for joint in names])
     shares = k[:, None] * motion**2 / (2 * np.pi * np.array(modes.hz)) ** 2
@@ -105,7 +97,30 @@ def joints_group(
     )  # fmt: skip
 
 
-def _values(posterior: xr.Dataset, data: Dataset, name: str) -> np.ndarray:
+def draws_of_joints(posterior: xr.Dataset, data: Dataset) -> dict[str, np.ndarray]:
+    """Draws of the parameters of the joints' laws, and of factors on their motion."""
+    names = {quantity.name for quantity in quantities_of(data.laws)}
+    names |= motion_factors_in(posterior).keys()
+    return {str(n): x.values.ravel() for n, x in posterior.data_vars.items() if n in names}
+
+
+def softening_and_losses(
+    posterior: xr.Dataset,
+    data: Dataset,
+    amplitude: Float[np.ndarray, " mode"],
+    about: Mapping[str, float] | None = None,
+) -> Float[np.ndarray, "two joint mode draw"]:
+    """K and L of every joint in every mode at its amplitude, for every draw."""
+    numbers = dict(data.modes.numbers if data.modes is not None else ())
+    theta = draws_of_joints(posterior, data)
+    arrays = jax.device_put((numbers, amplitude))
+    driven = _DrivenJoints(data.laws, joints_of(data.laws), *arrays)
+    if about is not None:
+        return _by_first_order(theta, about, driven)
+    return np.asarray(_each_draw(jax.device_put(theta), driven))
+
+
+def values_of(posterior: xr.Dataset, data: Dataset, name: str) -> np.ndarray:
     """Draws of a parameter, or what it is held at."""
     if name in posterior:
         return posterior[name].values.ravel()

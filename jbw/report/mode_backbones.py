@@ -45,7 +45,7 @@ def mode_backbones(tree: xr.DataTree, ax: Any = None) -> Panels:
     for mode, column in zip(chosen, columns, strict=True):
         _draw_bands(column, group.sel(mode=mode))
         title(column[0], labels.mode_at(int(mode), _stuck_hz(group.sel(mode=mode))))
-    ylabels = ("frequency [Hz]", "damping ratio [%]", "|q / q of the mode| [-]")
+    ylabels = ("frequency [Hz]", "damping ratio [%]", labels.OVER_MODE)
     return finish(axes, ax, "", ylabels)
 
 

@@ -6,7 +6,9 @@ import toy_joints
 import xarray as xr
 from matplotlib.collections import LineCollection, PathCollection
 
+from jbw.errors import DataError
 from jbw.report.assembly import joint_loops, structure, view_of
+from jbw.report.mode_backbones import mode_backbones
 
 
 def tree_of(assembly):
@@ -80,3 +82,28 @@ def test_joints_that_rotate_have_moments():
     axes = joint_loops(tree_of(turning))
     assert axes[1, 0].get_xlabel() == "motion [\u00b5rad]"
     assert axes[0, 0].get_ylabel() == "force [N m]"
+
+
+def test_every_mode_has_its_band_and_the_other_modes_in_its_shape():
+    tree = xr.DataTree.from_dict({"/backbones": toy_joints.backbones()})
+    axes = mode_backbones(tree)
+    assert axes.shape == (3, 2)
+    assert axes[0, 0].get_title(loc="left") == "mode 1, 32 Hz"
+    assert axes[2, 1].get_xlabel() == "amplitude at the first point [\u00b5m]"
+    middle, free = (axes[0, 0].lines[i].get_xydata() for i in range(2))
+    np.testing.assert_allclose(middle, [[2.0, 32.0], [4.0, 31.0]])
+    np.testing.assert_allclose(free[:, 1], [32.0, 30.9])
+    np.testing.assert_allclose(axes[1, 1].lines[0].get_ydata(), [0.4, 0.8])  # per cent
+    # Of two modes the other one alone: |q_2 / q_1| below mode 1.
+    (other,) = axes[2, 0].lines
+    np.testing.assert_allclose(other.get_ydata(), [1e-4, 2e-4])
+    assert other.get_label() == "mode 2"
+
+
+def test_modes_that_are_hardly_seen_have_no_column():
+    backbones = toy_joints.backbones()
+    backbones["displacement"][1] = np.nan
+    assert mode_backbones(xr.DataTree.from_dict({"/backbones": backbones})).shape == (3, 1)
+    backbones["displacement"][:] = np.nan
+    with pytest.raises(DataError, match="hardly sees any mode"):
+        mode_backbones(xr.DataTree.from_dict({"/backbones": backbones}))

@@ -27,6 +27,26 @@ def joints():
     )
 
 
+def backbones():
+    """Two amplitudes of two modes: one falls by 1 Hz of 32, and its damping doubles."""
+    hz, damping = np.array([[32.0, 31.0], [90.0, 89.0]]), np.array([[0.004, 0.008]] * 2)
+    band = np.array([0.99, 1.0, 1.01])
+    of_levels = ("mode", "level")
+    return xr.Dataset(
+        {
+            "displacement": (of_levels, [[2e-6, 4e-6], [1e-6, 2e-6]]),
+            "frequency_hz": ((*of_levels, "quantile"), hz[..., None] * band),
+            "damping": ((*of_levels, "quantile"), damping[..., None] * band),
+            "frequency_at_medians": (of_levels, hz - [0.0, 0.1]),
+            "damping_at_medians": (of_levels, damping),
+            "shape": (
+                (*of_levels, "coordinate"), [[[1, 1e-4], [1, 2e-4]], [[1e-5, 1], [3e-5, 1]]],
+            ),
+        },
+        {"mode": [1, 2], "coordinate": [1, 2]},
+    )  # fmt: skip
+
+
 def assembly():
     """Three nodes along x that move along z, the first of them held."""
     deflection = np.zeros((2, 3, 3))

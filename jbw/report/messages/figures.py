@@ -14,6 +14,7 @@ BEFORE_SAMPLING = "by the fit, before sampling"
 OVER_PRIOR = "standard deviation over the prior's [-]"
 
 ONE_MODE = "one mode, per unit mass"
+OVER_MODE = "|q / q of the mode| [-]"
 SLIP = "effect of slip on the hysteretic force"
 
 STEP_3_PUBLISHED = "Step 3, walk as published"
@@ -36,6 +37,7 @@ MODE = "mode [-]"
 LOSS_SHARE = "share in the joints' losses"
 ISOMETRIC = ("x and y, isometric", "height, isometric")
 MOTION, FORCE, FORCE_LESS_SECANT = "motion", "force", "force less secant"
+STUCK_SHAPE, FREE_SHAPE = "median, shape of full stick", "shape free, at the medians"
 IDENTIFIED, UNIDENTIFIED = "identified", "unidentified"
 
 
@@ -68,6 +70,11 @@ def modal_amplitude(unit: str, several_joints: bool) -> str:
     """Of the backbones of several modes: at the joint, or of the mode where joints are several."""
     where = "of the mode" if several_joints else "at the joint"
     return f"amplitude {where} [{unit}]"
+
+
+def first_point_amplitude(unit: str) -> str:
+    """Of the motion of a mode where responses are measured first."""
+    return f"amplitude at the first point [{unit}]"
 
 
 def fold(mode: str, amplitude: str) -> str:
