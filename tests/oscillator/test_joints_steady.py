@@ -64,7 +64,7 @@ def test_every_mode_has_the_program_of_the_first():
     structure, programs = structure_of(BACKBONES[0]["system"]), []
     for mode in range(3):
         with Compiled() as compiled:
-            found = jbw.backbone(structure, [0.0, 1e-9], mode=mode, num_harmonics=2)
+            found = jbw.backbone(structure, np.array([0.0, 1e-9]), mode=mode, num_harmonics=2)
         programs.append(compiled)
         # In full stick, of any mode, joints that move to either side turn twice a period.
         np.testing.assert_allclose(found.omega[0], structure.omega_n[mode], rtol=1e-12)
