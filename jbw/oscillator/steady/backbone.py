@@ -118,8 +118,9 @@ def backbone(
         Z_1 and E close Eqs. (3)-(6).
     """
     if isinstance(joint, Structure):
-        options = dict(mode=mode, num_harmonics=num_harmonics, max_turns=max_turns)
-        return modal_backbone(joint, y_peak, **options)
+        return modal_backbone(
+            joint, y_peak, mode=mode, num_harmonics=num_harmonics, max_turns=max_turns
+        )
     stated_joint, joint = joint, as_oscillator(joint)
     _require_loops(stated_joint)
     require_finite(stated_joint, y_peak=y_peak)
