@@ -13,7 +13,6 @@ from jbw.measurement.records import Test
 from jbw.observables.decay import Decays
 from jbw.observables.modal_decays import MatchedEnvelopes, ModalDecays, match, modal_envelopes
 from jbw.observables.modes import Modes
-from jbw.observables.observable import alone
 from jbw.oscillator.modes.parameters import structure_of
 from jbw.verification.predicted import Source, carry
 from jbw.verification.predictive_basis import Draws, Laws, count_of, natural_hz
@@ -46,7 +45,7 @@ def followed(source: Source) -> Entered:
             size = (count_of(draws), seen.num_own)
             draws_of_start = np.asarray(jax.random.normal(key, size)) * (size[0] > 1)
             white = {OWN.format(i): column for i, column in enumerate(draws_of_start.T)}
-            return carry(_follow, {**draws, **white}, replace(alone(seen), laws=laws), len(time))
+            return carry(_follow, {**draws, **white}, replace(seen, laws=laws), len(time))
 
         return source.carried(along)
 

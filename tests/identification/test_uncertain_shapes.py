@@ -194,17 +194,17 @@ def test_bolts_that_move_by_other_factors_are_found_by_uncertain_shapes_alone():
     """Mode 2 moves the bolts by 8 % more and 7 % less than the matrices say."""
     campaign = two_bolts.campaign(factors=TRUE_FACTORS)
     truth = two_bolts.truth()
-    by_model = fit_alone(measured_in(campaign, quietly), seed=0, report=quietly).main.fit
+    by_model = fit_alone(measured_in(campaign, quietly), seed=0, report=quietly).joint.fitted.fit
     # The laws take up what the shapes lack: the fit is good, and its intervals miss the truth.
     chi_square, degrees = by_model.chi_square
     assert chi_square < stats.chi2.isf(RARE, degrees)
     assert standardised(by_model, truth) > 10 * stats.chi2.isf(RARE, len(truth))
     campaign = replace(campaign, joints=replace(campaign.joints, uncertain=True))
     found = fit_alone(measured_in(campaign, quietly), seed=0, report=quietly)
-    fit = found.main.fit
+    fit = found.joint.fitted.fit
     assert standardised(fit, truth | FACTORS) < stats.chi2.isf(RARE, len(fit.theta))
     # The second bolt alone damps mode 2, and its factor is known to a per cent.
     std = np.sqrt(np.diag(fit.covariance))[list(fit.theta).index("motion_factor_2@bolt_2")]
     assert std < 0.02
-    draws = found.main.posterior["posterior"]["motion_factor_2@bolt_2"]
+    draws = found.joint.tree["posterior"]["motion_factor_2@bolt_2"]
     assert draws.attrs["long_name"] == "motion of bolt_2 in mode 2 over that of the matrices"

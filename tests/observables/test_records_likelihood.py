@@ -189,7 +189,7 @@ def test_loops_deeper_than_a_law_remembers_are_told():
         (data,) = Records.reduce([under(u)], laws=("masing_power",), substeps=1)
         said = data.statements(SLIDING)
         assert len(said) == told
-    assert said[0].startswith("sweep: nested loops are deeper than the memory of the law")
+    assert said[0].startswith("sweep: the motion nests more loops than the law remembers")
     (data,) = Records.reduce([under(dying())])
     assert data.statements(theta()) == []
     assert data.remembering(theta()) is data
