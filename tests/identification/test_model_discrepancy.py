@@ -335,7 +335,7 @@ def test_no_band_is_stated_beyond_what_was_fitted_where_noise_hides_what_the_law
 
 def test_a_band_is_withheld_inside_a_campaign_as_of_a_test_brought_later():
     _, _, basis = learned(2e-4)
-    fitted, unseen = decays(RUNS, 2e-4), decays((1e2, 0.7), 2e-4)
+    fitted, unseen = decays(RUNS, 2e-4), decays((4.0, 0.7), 2e-4)
     together = replace(fitted, records=(*fitted.records, *unseen.records))
     names = tuple(f"decay {i + 1}" for i in range(len(together.records)))
     split, reduced = DecaySplit(fitted, together, names), Decays.of(together, laws=())
