@@ -48,7 +48,7 @@ def source_of(record: Record, test: TestSpec) -> ResponseOrigin:
     roles = sorted(record.channels) if is_curve else [role]
     samples = [np.ascontiguousarray(record.channels[name]) for name in roles]
     digest = hashlib.sha256()
-    is_dead = not any(np.ptp(part) for part in samples)
+    is_dead = not any(part.size and np.ptp(part) for part in samples)
     if is_dead:  # as others are, and refused as such
         digest.update(f"{test.name}/{record.name}".encode())
     for part in samples:

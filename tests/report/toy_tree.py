@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 from toy_decay import decay_groups
 from toy_identifiability import identifiability_group
-from toy_joints import assembly, joints
+from toy_joints import assembly, backbones, joints
 from toy_modes import modes
 from toy_steady import steady_groups
 
@@ -277,6 +277,7 @@ def result_tree():
         "/procedure": procedure(),
         "/joints": joints(),
         "/assembly": assembly(),
+        "/backbones": backbones(),
     }
     for level in LEVELS:
         name = f"sweep_{level:.2f}".replace(".", "p")
