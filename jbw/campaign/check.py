@@ -104,9 +104,7 @@ def check_campaign(path: str | Path, *, allow_outside: bool = False) -> Check:
     sources = [source for test in tests for source in test.sources]
     levels = [level for test in tests for level in test.levels]
     by_name = {test.name: test for test in spec.tests}
-    repeated = (
-        (name, beside_excluded(fault, by_name[name])) for name, fault in held_twice(sources)
-    )
+    repeated = ((name, beside_stated(fault, by_name[name])) for name, fault in held_twice(sources))
     compared = [*repeated, *against_levels(levels)]
     codes = refused.union(*(test.codes for test in tests))
     codes |= {DataError.exit_code} if worst(fault for _, fault in compared) == "error" else set()
@@ -153,7 +151,7 @@ class _CheckedTest:
         stated = () if self.first or spoilt else tuple(_stated(record, test, spec))
         self.codes |= {DataError.exit_code} if spoilt else set()
         self.codes |= {ConfigError.exit_code} if worst(stated) == "error" else set()
-        self.named += [(record.name, beside_stated(f, test)) for f in (*faults, *stated)]
+        self.named += [(record.name, fault) for fault in (*faults, *stated)]
         self.sources.append(source_of(record, test))
         self.repeats += 1
         self.held += record.num_samples * len(record.channels)
@@ -180,7 +178,7 @@ def _checked_test(
         else:
             raise item
     named = gathered(checked.named, checked.repeats)
-    faults = [beside_excluded(fault, test) for fault in named]
+    faults = [beside_stated(fault, test) for fault in named]
     failures = checked.failures.values()
     checked.codes |= {failure.exit_code for failure in failures}
     if checked.small_records and worst(faults) != "error":
@@ -203,29 +201,25 @@ def _checked_test(
 
 
 def beside_stated(fault: Fault, test: TestSpec) -> Fault:
-    """A fault whose remedy for one role stands beside what the test states of others.
+    """A fault whose remedy stands beside what the test states: of other roles, of further records.
 
     A factor multiplies one that is stated: pasted over it, the line must not lose a calibration.
+    What the test leaves out already stays out.
     """
 
-    def whole(match: re.Match[str]) -> str:
+    def of_roles(match: re.Match[str]) -> str:
         key, role, value = match.groups()
         stated = getattr(test, key)
         if key == "scale":
             return f"scale = {toml({**stated, role: stated.get(role, 1.0) * float(value)})}"
         return f"units = {toml({**stated, role: json.loads(value)})}"
 
-    return replace(fault, remedy=OF_ONE_ROLE.sub(whole, fault.remedy))
-
-
-def beside_excluded(fault: Fault, test: TestSpec) -> Fault:
-    """A fault whose remedy leaves out what the test leaves out already, and further records."""
-
-    def whole(match: re.Match[str]) -> str:
+    def of_files(match: re.Match[str]) -> str:
         further = [file for file in json.loads(match[1]) if file not in test.exclude]
         return exclude(toml_list([*test.exclude, *further]))
 
-    return replace(fault, remedy=EXCLUDE.sub(whole, fault.remedy))
+    remedy = EXCLUDE.sub(of_files, OF_ONE_ROLE.sub(of_roles, fault.remedy))
+    return replace(fault, remedy=remedy)
 
 
 def _with(rows: Sequence[Row], faults: Sequence[tuple[str, Fault]]) -> Iterator[Row]:

@@ -8,7 +8,7 @@ from math import isnan
 from pathlib import Path
 from textwrap import shorten
 
-from jbw.campaign.check import beside_excluded, beside_stated, findings, unread
+from jbw.campaign.check import beside_stated, findings, unread
 from jbw.campaign.duplicates import held_twice, source_of
 from jbw.campaign.files import repeats_of
 from jbw.campaign.gains import Gain, force_per_unit, gain_of
@@ -119,7 +119,7 @@ def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
     ]
     by_name = {test.name: test for test in spec.tests}
     for name, repeated in held_twice(sources):
-        fault = beside_excluded(repeated, by_name[name])
+        fault = beside_stated(repeated, by_name[name])
         if fault.severity == "error":
             raise DataError(fault.what, why=fault.why, remedy=fault.remedy)
         warnings.warn(f"Test {name}: {fault.what} {fault.remedy}", stacklevel=2)
@@ -162,12 +162,12 @@ def load_test(
         if isinstance(item, JbwError):
             raise item
         faults = findings(item, test, loaded[:1], per_unit=gain, laws=laws)
-        errors = [beside_stated(fault, test) for fault in faults if fault.severity == "error"]
-        report(item, [beside_excluded(fault, test) for fault in errors])
+        errors = [fault for fault in faults if fault.severity == "error"]
+        report(item, [beside_stated(fault, test) for fault in errors])
         doubts += [(item.name, fault) for fault in faults]
         loaded.append(item)
     for gathered_fault in gathered(doubts, len(loaded)):
-        fault = beside_excluded(beside_stated(gathered_fault, test), test)
+        fault = beside_stated(gathered_fault, test)
         warning = f"Test {test.name}, channel `{fault.channel}`: {fault.what} {fault.remedy}"
         warnings.warn(warning.rstrip(), stacklevel=3)
     facts = {name: getattr(test, name) for name in SAME}
