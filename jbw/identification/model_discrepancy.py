@@ -21,7 +21,12 @@ and less sticks, and what a law misses of it tends to a limit: $\sqrt g$ is thre
 that is left out there may miss as little as an error that is linear in the amplitude itself would,
 $\sqrt{g_r} = 1 + 2 (y_{min} - y_r) / \max(y_{max} - y_{min}, y_{min})$, and counts by that. $\tau$
 is that of Paule and Mandel about zero. All are none where chance makes as much, of frequency,
-damping and the rest together.
+damping and the rest together. Chance is that of a sum of squares of correlated numbers: a run's
+noise is in the fits without the others, and
+
+$$\mathrm{cov}(\hat b_r, \hat b_q) = -P_r C_{-r} C^{-1} C_{-q} P_q^T, \quad r \ne q$$
+
+of a linear model, with the covariance C of the fit of all runs.
 
 Beyond the largest amplitude fitted the errors of the parameters are no longer those of a law that
 holds: they answer for its misfit at the amplitudes that were fitted. So all that the runs left out
@@ -222,6 +227,8 @@ class LeftOutRun(NamedTuple):
     amplitude: float = np.nan  # over the largest fitted; NaN where it is not known
     grown: float = 1.0  # factor of standard deviations at its amplitude, by those of the others
     noise_std: Float[np.ndarray, " own"] = np.zeros(0)  # of `std` that of noise, not of parameters
+    # $P C$ of the fit without it, by which it shares noise with others; None of no such fit.
+    by_parameters: Float[np.ndarray, "own parameter"] | None = None
 
 
 NoiseOf = Mapping[str, NoiseSquares]  # by label
@@ -263,6 +270,7 @@ def scatter_by_amplitude(
     amplitude: Float[np.ndarray, " run"],
     grown: Float[np.ndarray, " run"],
     num_fits: int,
+    correlation: Float[np.ndarray, "run run"],
     *,
     judged: bool = True,
 ) -> Scatter:
@@ -275,13 +283,38 @@ def scatter_by_amplitude(
     candidates: list[tuple[float, Scatter]] = []
     for power in POWERS:
         factor = grown * relative**power
-        scatter = scatter_about_zero(shift, std, factor, num_fits, judged=judged)
+        scatter = scatter_about_zero(shift, std, factor, num_fits, correlation, judged=judged)
         variance = std**2 + scatter**2 / widened(num_fits) * factor**2
         finite = np.isfinite(variance)
         terms = np.log(variance[finite]) + shift[finite] ** 2 / variance[finite]
         candidates.append((float(np.sum(terms)), Scatter(scatter, power)))
     likeliest = min(candidates, key=lambda pair: pair[0])[1]
     return likeliest if likeliest.std > 0 else NO_SCATTER
+
+
+def correlation_of(
+    shown: Sequence[LeftOutRun],
+    covariance: Float[np.ndarray, "parameter parameter"],
+    quantity: int,
+) -> Float[np.ndarray, "run run"]:
+    r"""Correlation of the shifts of runs in one quantity, $-P_r C_{-r} C^{-1} C_{-q} P_q^T$.
+
+    Decays, which are predicted from their own beginnings, share nothing with others here.
+
+    Args:
+        shown: What the runs show.
+        covariance: That of the parameters of the fit of all runs.
+        quantity: 0 of the natural frequency, 1 of the damping ratio.
+    """
+    unshared = np.zeros(len(covariance))
+    rows = [x.by_parameters[quantity] if x.by_parameters is not None else unshared for x in shown]
+    std = np.array([run.std[quantity] for run in shown])
+    scaled = np.reshape(rows, (len(shown), -1)) / std[:, None]
+    size = np.sqrt(np.diag(covariance))
+    precision = np.linalg.pinv(covariance / np.outer(size, size), hermitian=True)
+    shared = -(scaled / size) @ precision @ (scaled / size).T
+    np.fill_diagonal(shared, 1.0)
+    return np.clip(shared, -1.0, 1.0)
 
 
 def missed_in_all(
@@ -307,6 +340,7 @@ def scatter_about_zero(
     std: Float[np.ndarray, " run"],
     grown: Float[np.ndarray, " run"],
     num_fits: int,
+    correlation: Float[np.ndarray, "run run"],
     *,
     judged: bool = True,
 ) -> float:
@@ -316,12 +350,15 @@ def scatter_about_zero(
 
     for m fits, each without one of the runs, or without several of n. It is 0 where chance makes as
     much in more than 1 % of cases, or, of a scatter that is not judged, where as much is expected.
+    The sum of squares of n normal numbers of a correlation R has the mean n and the variance
+    $2\,\mathrm{tr}\,R^2$.
     """
     finite = np.isfinite(std)
     b, variance, g = shift[finite] ** 2, std[finite] ** 2, grown[finite] ** 2
     count = len(b)
     chi_square = float(np.sum(b / variance))
-    by_chance = judged and stats.chi2.sf(chi_square, count) > BY_CHANCE
+    of_chance = 2 * float(np.sum(correlation[np.ix_(finite, finite)] ** 2))
+    by_chance = judged and Rest(chi_square, count, of_chance).is_by_chance
     if chi_square <= count or by_chance:
         return 0.0
     most = float(np.sum(b / g))  # of which the sum is n at most
@@ -420,7 +457,8 @@ def left_out_run(run: str, fit: Fit, known: Slopes, prior: Box, noise: NoiseOf) 
     uncertain = {label: np.stack([move[label] for move in moves], axis=1) for label in labels}
     rests = _rests({label: residuals[label] for label in labels}, noise, data, uncertain)
     by_runs = np.hypot(std, known.scatter), np.hypot(noise_std, known.scatter)
-    return LeftOutRun(shift, by_runs[0], rests, noise_std=by_runs[1])
+    by_parameters = coefficients_of(slopes) @ jacobian @ fit.covariance
+    return LeftOutRun(shift, by_runs[0], rests, noise_std=by_runs[1], by_parameters=by_parameters)
 
 
 def by_drift(of_run: LeftOutRun, decay: LeftOutDecay, omega_n: float) -> LeftOutRun:
@@ -440,6 +478,7 @@ def by_drift(of_run: LeftOutRun, decay: LeftOutDecay, omega_n: float) -> LeftOut
         rests=dict.fromkeys(of_run.rests, _over(rest, _square(drift.measured))),
         is_decay=True,
         noise_std=noise_std,
+        by_parameters=None,
     )
 
 
@@ -473,13 +512,12 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
             shown[run] = of_run._replace(amplitude=relative, grown=grown)
     as_fitted = _rests({label: residuals[label] for label in repeated}, repeated, data)
     runs, nothing = list(shown.values()), Missed(NO_SCATTER, NO_SCATTER)
-    learned = _learned(runs, as_fitted, len(fits), natural, judged=True)
+    of_all = FitOfAll(len(fits), natural, best.covariance)
+    learned = _learned(runs, as_fitted, of_all, judged=True)
     if learned.is_nothing:  # chance makes all that is missed
         missed, missed_by_decays, shares = None, None, {}
     else:
-        missed, missed_by_decays, shares = _learned(
-            runs, as_fitted, len(fits), natural, judged=False
-        )
+        missed, missed_by_decays, shares = _learned(runs, as_fitted, of_all, judged=False)
     shape, dims = (len(shown), len(OFFSETS)), ("run", "quantity")
     shift = np.reshape([run.shift for run in shown.values()], shape)
     std = np.reshape([run.std for run in shown.values()], shape)
@@ -517,6 +555,14 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
     )
 
 
+class FitOfAll(NamedTuple):
+    """What is the same of all runs that are left out."""
+
+    num_fits: int  # without some of them
+    omega_n: float  # natural frequency of the fit of all [rad/s]
+    covariance: Float[np.ndarray, "parameter parameter"]  # of its parameters
+
+
 class Learned(NamedTuple):
     """What runs that are left out show together."""
 
@@ -534,8 +580,7 @@ class Learned(NamedTuple):
 def _learned(
     runs: Sequence[LeftOutRun],
     as_fitted: Mapping[str, Rest],
-    num_fits: int,
-    natural: float,
+    of_all: FitOfAll,
     *,
     judged: bool,
 ) -> Learned:
@@ -550,8 +595,8 @@ def _learned(
         share, known = _share_of([rest], [1.0], judged=judged), shares.get(kind, NO_SCATTER)
         shares[kind] = Scatter(max(share, known.std), 0, max(share, known.whole))
     return Learned(
-        _missed(forced, num_fits, natural, judged=judged),
-        _missed(free, num_fits or len(free), natural, judged=judged),
+        _missed(forced, of_all, judged=judged),
+        _missed(free, of_all._replace(num_fits=of_all.num_fits or len(free)), judged=judged),
         {kind: share for kind, share in shares.items() if share.std or share.whole},
     )
 
@@ -575,9 +620,7 @@ def _missed_in(numbers: Float[np.ndarray, " number"]) -> Missed:
     return Missed(*(Scatter(std, int(power), *total) for std, power, *total in rows))
 
 
-def _missed(
-    shown: Sequence[LeftOutRun], num_fits: int, natural: float, *, judged: bool
-) -> Missed | None:
+def _missed(shown: Sequence[LeftOutRun], of_all: FitOfAll, *, judged: bool) -> Missed | None:
     """Scatter of what runs show, over the natural frequency [rad/s]; None of no runs."""
     if not shown:
         return None
@@ -587,8 +630,12 @@ def _missed(
     grown = np.array([run.grown for run in shown])
     amplitude = np.array([run.amplitude for run in shown])
     scatters = []
-    for b, error, of_noise in zip(shift.T, std.T, noise_std.T, strict=True):
-        scatter = scatter_by_amplitude(b, error, amplitude, grown, num_fits, judged=judged)
+    num_fits, natural, covariance = of_all
+    for i, (b, error, of_noise) in enumerate(zip(shift.T, std.T, noise_std.T, strict=True)):
+        correlation = correlation_of(shown, covariance, i)
+        scatter = scatter_by_amplitude(
+            b, error, amplitude, grown, num_fits, correlation, judged=judged
+        )
         total = max(scatter.std, missed_in_all(b, of_noise, grown, num_fits))
         scatters.append(scatter._replace(whole=total))
     omega_n, zeta = scatters

@@ -13,12 +13,15 @@ from jbw.identification.leaving_out import fits_without_each_run
 from jbw.identification.model_discrepancy import (
     NO_SCATTER,
     Discrepancy,
+    LeftOutRun,
     Missed,
     NoiseSquares,
     Rest,
     Scatter,
     _rest,
     amplitudes_of_runs,
+    coefficients_of,
+    correlation_of,
     discrepancy_finding,
     discrepancy_in,
     discrepancy_sentences,
@@ -96,38 +99,82 @@ def test_every_run_has_an_amplitude_whatever_part_it_is_in():
 
 def test_the_scatter_of_equal_errors_is_the_mean_square_beyond_them():
     shift, std = np.array([3.0, -4.0, 5.0]), np.full(3, 0.5)
-    found = scatter_about_zero(shift, std, np.ones(3), 3)
+    found = scatter_about_zero(shift, std, np.ones(3), 3, np.eye(3))
     assert found**2 == pytest.approx(widened(3) * (np.mean(shift**2) - 0.5**2), rel=1e-9)
     # What lies where the discrepancy is twice as large counts a half.
-    grown = scatter_about_zero(2 * shift, np.full(3, 1e-6), np.full(3, 2.0), 3)
+    grown = scatter_about_zero(2 * shift, np.full(3, 1e-6), np.full(3, 2.0), 3, np.eye(3))
     assert grown**2 == pytest.approx(widened(3) * np.mean(shift**2), rel=1e-6)
 
 
 def test_shifts_that_chance_makes_are_no_discrepancy():
     rng = np.random.default_rng(5)
     found = [
-        scatter_about_zero(rng.standard_normal(6), np.ones(6), np.ones(6), 6) for _ in range(2000)
+        scatter_about_zero(rng.standard_normal(6), np.ones(6), np.ones(6), 6, np.eye(6))
+        for _ in range(2000)
     ]
     # One in a hundred each: at most so many of 2000 in all but one of 4000 such sets.
     assert np.count_nonzero(found) <= stats.binom.isf(2.5e-4, 2000, 0.01)
-    assert scatter_about_zero(np.array([9.0]), np.array([np.inf]), np.ones(1), 3) == 0.0
+    assert scatter_about_zero(np.array([9.0]), np.array([np.inf]), np.ones(1), 3, np.eye(1)) == 0.0
+
+
+def test_noise_of_two_runs_that_each_sees_counts_once():
+    # Chi-square 14.8: chance makes as much of four independent shifts in 0.5 % of cases, and in
+    # 1.5 % where two of them are of one noise (mean 4, variance 2 tr R^2 = 12).
+    shift, std, ones = np.array([2.7, -2.7, 0.3, 0.3]), np.ones(4), np.ones(4)
+    shared = np.eye(4)
+    shared[0, 1] = shared[1, 0] = -1.0
+    assert scatter_about_zero(shift, std, ones, 4, np.eye(4)) > 0
+    assert scatter_about_zero(shift, std, ones, 4, shared) == 0.0
+
+
+def test_shifts_of_runs_are_correlated_as_refits_of_a_linear_model_are():
+    # Four runs of 30 values, three parameters, of which one moves all by omega_n and one by zeta.
+    rng, num_runs, size = np.random.default_rng(3), 4, 30
+    jacobians = rng.standard_normal((num_runs, size, 3)) * np.array([1.0, 2.0, 0.5])
+    slopes = [np.stack([x @ [1.0, 0.3, 0.0], x @ [0.0, 1.0, 1.0]], axis=1) for x in jacobians]
+
+    def shifts(noise):  # what each run shows at the least-squares fit of the others
+        found = []
+        for r in range(num_runs):
+            others = [q for q in range(num_runs) if q != r]
+            stacked_rows, values = np.concatenate(jacobians[others]), np.concatenate(noise[others])
+            fitted = np.linalg.lstsq(stacked_rows, values)[0]
+            found.append(np.linalg.lstsq(slopes[r], noise[r] - jacobians[r] @ fitted)[0])
+        return np.array(found)
+
+    # The shifts are linear in the noise: their covariance is that of the map, column by column.
+    units = np.eye(num_runs * size).reshape(-1, num_runs, size)
+    by_noise = np.stack([shifts(unit) for unit in units])
+    precision = np.einsum("rvi,rvj->ij", jacobians, jacobians)
+    runs = []
+    for r in range(num_runs):
+        without_it = np.linalg.inv(precision - jacobians[r].T @ jacobians[r])
+        b, std = shift_of(np.zeros(size), slopes[r], jacobians[r], without_it)
+        carried = coefficients_of(slopes[r]) @ jacobians[r] @ without_it
+        runs.append(LeftOutRun(b, std, {}, by_parameters=carried))
+    for quantity in range(2):
+        covariance = by_noise[:, :, quantity].T @ by_noise[:, :, quantity]
+        std = np.sqrt(np.diag(covariance))
+        exact = covariance / np.outer(std, std)
+        found = correlation_of(runs, np.linalg.inv(precision), quantity)
+        np.testing.assert_allclose(found, exact, atol=1e-10)  # rounding of inverses
 
 
 def test_a_scatter_beside_another_that_is_missed_is_not_judged_by_chance():
     # Chi-square 6 of 3 runs: chance makes as much in 11 % of cases.
     shift, std, ones = np.sqrt([2.0, 1.0, 3.0]), np.ones(3), np.ones(3)
-    assert scatter_about_zero(shift, std, ones, 3) == 0.0
-    found = scatter_about_zero(shift, std, ones, 3, judged=False)
+    assert scatter_about_zero(shift, std, ones, 3, np.eye(3)) == 0.0
+    found = scatter_about_zero(shift, std, ones, 3, np.eye(3), judged=False)
     assert found**2 == pytest.approx(widened(3) * (6 / 3 - 1), rel=1e-9)
     # As much as noise makes on average is nothing.
-    assert scatter_about_zero(ones, std, ones, 3, judged=False) == 0.0
+    assert scatter_about_zero(ones, std, ones, 3, np.eye(3), judged=False) == 0.0
 
 
 def test_a_scatter_runs_with_the_amplitude_as_the_shifts_do():
     y = np.array([0.2, 0.4, 0.6, 0.8, 1.0])
     sign, std, ones = np.array([1, -1, 1, 1, -1]), np.full(5, 1e-6), np.ones(5)
     for power in (0, 1, 2):
-        found = scatter_by_amplitude(3.0 * sign * y**power, std, y, ones, 5)
+        found = scatter_by_amplitude(3.0 * sign * y**power, std, y, ones, 5, np.eye(5))
         assert found.power == power
         assert found.std == pytest.approx(3.0 * np.sqrt(widened(5)), rel=1e-6)
     missed = Missed(Scatter(0.01, 1, 0.01), Scatter(0.002, 2, 0.002))
