@@ -677,14 +677,19 @@ def discrepancy_finding(found: xr.Dataset, laws: Sequence[str]) -> Finding | Non
     return Finding("discrepancy", "usable", values, largest, remedy)
 
 
+def unscored_levels(found: xr.Dataset) -> str:
+    """Why nothing shows how the law predicts other levels, by its key in `UNSCORED`; or empty."""
+    if not found.sizes["run"]:
+        return "two runs" if found.attrs["num_runs"] > 1 else "one run"
+    y_low, y_high = float(found.attrs["y_low"]), float(found.attrs["y_high"])
+    return "one level" if 0 < y_low <= y_high <= ONE_LEVEL * y_low else ""
+
+
 def discrepancy_sentences(found: xr.Dataset) -> list[str]:
     """What bands of tests that were not fitted hold beside noise, and what cannot be scored."""
-    if not found.sizes["run"]:
-        return [messages.TWO_RUNS if found.attrs["num_runs"] > 1 else messages.ONE_RUN]
-    discrepancy = discrepancy_in(found)
-    sentences = [] if discrepancy.is_nothing else [messages.IN_BANDS]
-    is_one_level = 0 < discrepancy.y_low <= discrepancy.y_high <= ONE_LEVEL * discrepancy.y_low
-    return [*sentences, messages.ONE_LEVEL] if is_one_level else sentences
+    reason = unscored_levels(found)
+    unscored = [messages.UNSCORED[reason].sentence] if reason else []
+    return unscored if discrepancy_in(found).is_nothing else [messages.IN_BANDS, *unscored]
 
 
 def amplitudes_of_runs(data: Dataset, omega_n: float) -> dict[str, float]:

@@ -16,6 +16,7 @@ from jbw.measurement.kinds import KINDS
 from jbw.quantities import joints_of, split
 from jbw.report.cycles import motion_unit, unit_of_motion
 from jbw.report.messages import opening as messages
+from jbw.report.messages.discrepancy import not_scored
 from jbw.report.result import BACKBONE, laws_of, node
 from jbw.report.words import grades, unseen_hysteresis
 
@@ -210,6 +211,9 @@ def _misfits(summary: Summary) -> Iterator[str]:
         yield _of_held_out(held_out)
     else:
         yield messages.NONE_HELD_OUT
+    unscored = summary.get("unscored") or {}
+    if any(unscored.values()):
+        yield not_scored(**unscored)
 
 
 def _of_held_out(tests: Sequence[Summary]) -> str:

@@ -12,13 +12,14 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from jbw.campaign.load import Campaign
-from jbw.identification.across_kinds import across_kinds_record
+from jbw.identification.across_kinds import across_kinds_record, kinds_of
 from jbw.identification.assemble import Measured, entered, fitted_repeats
 from jbw.identification.instruments import Sensors, spread_of, with_instruments
 from jbw.identification.joint_answers import GROUP as JOINTS
 from jbw.identification.joint_answers import joints_record
 from jbw.identification.linear_step import NAMES, LinearStep, units_of
 from jbw.identification.modal import ModalFit
+from jbw.identification.model_discrepancy import unscored_levels
 from jbw.identification.procedure import Identification
 from jbw.identification.run_effects import runs_summary
 from jbw.identification.step import Step
@@ -27,6 +28,7 @@ from jbw.inference.posterior.finding import Verdict, answers
 from jbw.inference.posterior.summary import as_plain, correlations, summarise
 from jbw.inference.space.stated import StatedDensities
 from jbw.measurement.records import INPUTS, Test
+from jbw.observables.dataset import Dataset
 from jbw.report.messages import study as messages
 from jbw.report.result import node, verified
 from jbw.study.identifiability import plain
@@ -77,6 +79,7 @@ def record_of(
         "tests": fitted_and_held_out(measured),
         "predictions": _predictions(tree),
         "across_kinds": _across_kinds(tree),
+        "unscored": _unscored(tree, found.data),
         "loops": _loops(tree),
         **_joints(tree),
         **_turning(campaign.tests),
@@ -277,6 +280,21 @@ def _across_kinds(tree: xr.DataTree) -> dict[str, Any]:
     """How well each kind of test is predicted from the others; nothing of one kind."""
     group = node(tree, "across_kinds")
     return {} if group is None else across_kinds_record(group.to_dataset())
+
+
+def _unscored(tree: xr.DataTree, data: Dataset | None) -> dict[str, str]:
+    """Why no test shows how the law predicts other levels or kinds; empty where some do."""
+    missed = node(tree, "discrepancy")
+    if missed is None or data is None:
+        return {}
+    tests = [(kind, test.attrs["fitted"]) for kind, _, test in verified(tree, "fitted")]
+    held_out = {kind for kind, is_fitted in tests if not is_fitted}
+    fitted = {kind for kind, is_fitted in tests if is_fitted}
+    kinds = tuple(kinds_of(data))
+    return {
+        "levels": "" if held_out else unscored_levels(missed.to_dataset()),
+        "kind": kinds[0] if len(kinds) == 1 and held_out <= fitted else "",
+    }
 
 
 def _joints(tree: xr.DataTree) -> dict[str, Any]:

@@ -409,13 +409,13 @@ def test_a_kind_that_was_not_left_out_takes_the_largest_share():
 
 def test_what_cannot_be_scored_is_said():
     empty = model_discrepancy_of_runs(0)
-    assert discrepancy_sentences(empty) == [messages.ONE_RUN]
+    assert discrepancy_sentences(empty) == [messages.UNSCORED["one run"].sentence]
     assert discrepancy_finding(empty, ()) is None
     two = model_discrepancy_of_runs(0, num_runs=2)
-    assert discrepancy_sentences(two) == [messages.TWO_RUNS]
+    assert discrepancy_sentences(two) == [messages.UNSCORED["two runs"].sentence]
     assert discrepancy_sentences(model_discrepancy_of_runs(3)) == []
     repeats = model_discrepancy_of_runs(3, y_high=1.05)
-    assert discrepancy_sentences(repeats) == [messages.ONE_LEVEL]
+    assert discrepancy_sentences(repeats) == [messages.UNSCORED["one level"].sentence]
 
 
 def model_discrepancy_of_runs(count, *, num_runs=1, y_high=2.0):

@@ -421,6 +421,9 @@ OF_TOPICS = {
         *constants(discrepancy),
         discrepancy.bands_withheld(["far", "farther"]),
         discrepancy.one_kind("sweeps"),
+        *(reason.sentence for reason in discrepancy.UNSCORED.values()),
+        discrepancy.not_scored("one run", "sweeps"),
+        discrepancy.not_scored("", "loops"),
     ),
     "watch": [
         watch.no_alarm(NUMBERS),

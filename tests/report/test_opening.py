@@ -12,6 +12,7 @@ from jbw.cli.identify import short_lines
 from jbw.cli.printing import show
 from jbw.measurement.records import Record, Test
 from jbw.report.messages import opening as messages
+from jbw.report.messages.discrepancy import not_scored
 from jbw.report.opening import (
     _following,
     _unit_of_motion,
@@ -143,6 +144,17 @@ def test_errors_of_fitted_and_held_out_tests_stand_apart():
     assert held == messages.held_out_errors(1, error, "98.5 %", "4 %")
     del tests["middle"]
     assert opening(summary_of(predictions=tests), tree_of())[2] == messages.NONE_HELD_OUT
+
+
+def test_what_no_test_shows_of_the_law_is_said_at_once():
+    nothing = {"levels": "", "kind": ""}
+    for unscored in ({"levels": "one run", "kind": "sweeps"}, {"levels": "", "kind": "loops"}):
+        said = opening(summary_of() | {"unscored": unscored}, tree_of())
+        assert not_scored(**unscored) in said
+    assert not any(line.startswith("Not scored") for line in opening(summary_of(), tree_of()))
+    assert opening(summary_of() | {"unscored": nothing}, tree_of()) == opening(
+        summary_of(), tree_of()
+    )
 
 
 def test_what_is_not_known_is_named_with_the_products_that_are():

@@ -1,14 +1,10 @@
 """What is said of the model discrepancy: what a law misses of runs that its fit has not seen."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from jbw.report.messages.message import listed, percent
 
-ONE_RUN = (
-    "What the law misses of tests that were not fitted cannot be scored: one run was fitted, and "
-    "leaving it out leaves none. Bands of other tests hold the parameters and the noise alone; add "
-    "a run of another level."
-)
 IN_BANDS = (
     "Bands of tests that were not fitted include what the law misses of runs that are left out. "
     "Beyond the largest amplitude fitted it grows with the square of the amplitude, as the "
@@ -16,15 +12,33 @@ IN_BANDS = (
 )
 SHIFT_OF_RUN = "missed by the fit without it"
 
-TWO_RUNS = (
-    "What the law misses of tests that were not fitted cannot be scored: two runs were fitted, and "
-    "the fit without one of them knows one level alone. Bands of other tests hold the parameters "
-    "and the noise alone; add a run of another level."
-)
-ONE_LEVEL = (
-    "Leaving runs out does not show how the law predicts other levels: every fitted run reaches "
-    "the same amplitude. Held-out tests of another level show it."
-)
+
+class Unscored(NamedTuple):
+    """Why nothing shows how a law predicts other levels."""
+
+    reason: str
+    sentence: str
+
+
+UNSCORED = {
+    "one run": Unscored(
+        "one run was fitted",
+        "What the law misses of tests that were not fitted cannot be scored: one run was fitted, "
+        "and leaving it out leaves none. Bands of other tests hold the parameters and the noise "
+        "alone; add a run of another level.",
+    ),
+    "two runs": Unscored(
+        "two runs were fitted",
+        "What the law misses of tests that were not fitted cannot be scored: two runs were fitted, "
+        "and the fit without one of them knows one level alone. Bands of other tests hold the "
+        "parameters and the noise alone; add a run of another level.",
+    ),
+    "one level": Unscored(
+        "every fitted run reaches the same amplitude",
+        "Leaving runs out does not show how the law predicts other levels: every fitted run "
+        "reaches the same amplitude. Held-out tests of another level show it.",
+    ),
+}
 WITHHELD = (
     "withheld, and with it the band of a measurement: the law misses more than noise, and no run "
     "that is left out shows how much at the amplitude of these tests; fit a test of their level"
@@ -46,6 +60,17 @@ def one_kind(kind: str) -> str:
         f"How the law predicts another kind of test cannot be scored: the fitted tests are {kind} "
         "alone."
     )
+
+
+def not_scored(levels: str, kind: str) -> str:
+    """What no test shows of a law's predictions.
+
+    `levels` is a key of `UNSCORED`, `kind` the kind of all tests; each is empty where others show
+    it.
+    """
+    unscored = [f"other levels ({UNSCORED[levels].reason})"] if levels else []
+    unscored += [f"other kinds of test (the fitted tests are {kind} alone)"] if kind else []
+    return f"Not scored: how the law predicts {listed(unscored)}."
 
 
 def missed(
