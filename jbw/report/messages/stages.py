@@ -85,9 +85,13 @@ def finished_before(verdict: str) -> str:
     return f"was finished before, verdict {verdict}"
 
 
+def _groups(count: int) -> str:
+    return "1 group" if count == 1 else f"{count} groups"
+
+
 def joint_posterior(count: int) -> str:
     """From how many groups of data the joint posterior is."""
-    return f"Joint posterior: all parameters from {count} groups of data"
+    return f"Joint posterior: all parameters from {_groups(count)} of data"
 
 
 def kernel(count: int) -> str:
@@ -97,7 +101,7 @@ def kernel(count: int) -> str:
 
 def least_squares(count: int) -> str:
     """From how many groups of data the least squares are."""
-    return f"Least squares: all parameters from {count} groups of data"
+    return f"Least squares: all parameters from {_groups(count)} of data"
 
 
 def line_fit(test: str) -> str:
