@@ -54,7 +54,7 @@ from jbw.measurement.records import Record, Test
 from jbw.observables import dataset
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
 from jbw.rig.assemblies import lapped_beams
-from jbw.study.joints_of_two_runs import changed_joints
+from jbw.study.differences import changed_joints
 
 FS, DURATION, TO_HZ, ZETA, NOISE = 1024.0, 1.0, 320.0, 0.004, 0.01
 SUBSTEPS = 16  # of the fit: 0.6 rad of the fastest residual mode

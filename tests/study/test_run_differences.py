@@ -11,8 +11,7 @@ from jbw.cli import run
 from jbw.errors import ConfigError
 from jbw.report.changes import probability_text
 from jbw.report.messages import differences as texts
-from jbw.study.differences import compared, differences
-from jbw.study.joints_of_two_runs import changed_joints, joint_statements
+from jbw.study.differences import changed_joints, compared, differences, joint_statements
 
 COUNT = 1000
 UNITS = {"omega_n": "rad/s", "zeta": "1", "alpha": "1/s^2", "delta": "1/m", "gamma": "1/m"}
