@@ -17,8 +17,7 @@ from jbw.measurement.resonances import Reading, driven_lines, read_curve, read_l
 from jbw.report.looking import look_figure
 from jbw.report.messages import look as texts
 from jbw.study.identify import identify
-from jbw.study.look import look, look_groups
-from jbw.study.look_words import SURE, days, nonlinear, onset, statements
+from jbw.study.look import SURE, days, look, look_groups, nonlinear, onset, statements
 
 HERTZ = OMEGA_N / (2 * np.pi)
 
