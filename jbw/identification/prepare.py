@@ -23,12 +23,12 @@ from jbw.identification.coordinates import (
     coordinates_sentence,
 )
 from jbw.identification.first_fit import ROUGH, first_fit, inside, points_at, steps_about
-from jbw.identification.level_trend import trend_finding
 from jbw.identification.residual_terms import shown_terms
 from jbw.identification.run_effects import (
     damping_scatter,
     sentence_of,
     shifts_of,
+    trend_finding,
     wanted,
     with_offsets,
     with_scatter,

@@ -4,10 +4,21 @@ A structure mounted anew, warmed up or driven harder comes back with another nat
 omega_n for all runs then leaves residuals that are no noise, and intervals several times too
 narrow. So every run's own offset is read off the fit's residuals, and where the offsets differ by
 more than chance allows, each run gets its own in the likelihood, with a scatter of the size seen.
+
+Offsets that go with the runs' motion are no scatter: the law misses something. Their trend is
+weighted least squares of the offsets on the size of the response, the scatter of runs taken from
+what is left, by Student's t with two degrees of freedom less than runs:
+
+$$b_r = a + s\,x_r + e_r, \qquad w_r = 1 / (\sigma_r^2 + \tau^2), \qquad
+  \mathrm{se}(s)^2 = \frac{\sum_r w_r e_r^2}{(n - 2) \sum_r w_r (x_r - \bar x)^2}$$
+
+Reference:
+    DerSimonian and Laird (1986), Controlled Clinical Trials 7, 177, for tau.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import equinox as eqx
 import jax
@@ -17,11 +28,12 @@ from jaxtyping import Array, Float, Key
 from scipy import stats
 
 from jbw.campaign.settings import Identify
-from jbw.identification.accuracy import thinned
+from jbw.identification.accuracy import another_law, thinned
 from jbw.inference.fit.costly_fit import residual_at
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.groups.offsets import Estimate
 from jbw.inference.groups.scatter import Levels, Spread, draw_offsets, scatter_grid
+from jbw.inference.posterior.finding import Finding, checked
 from jbw.inference.posterior.summary import QUANTILES
 from jbw.inference.space.box import Box
 from jbw.measurement.records import belongs_to
@@ -46,6 +58,10 @@ SAME_LEVEL = 1.1  # times the smallest response: runs within it are repeats of o
 NO_SCATTER = 1e-12  # of a quantity that all runs share
 NUM_DRAWS = 200
 PLURAL = {"run": "runs", "assembly": "assemblies"}
+Values = Float[np.ndarray, " run"]
+FEWEST_RUNS = 5  # runs from which a trend is told from their scatter
+TREND_BY_CHANCE = 0.005  # of each of two trends, frequency's and damping's
+QUANTITY_NAMES = {"omega_n": "natural frequency", "zeta": "damping ratio"}
 
 
 @dataclass(frozen=True)
@@ -343,3 +359,56 @@ def runs_sentence(runs: xr.Dataset) -> str:
             low, middle, high = np.quantile(runs[name].values, QUANTILES) / (2 * np.pi)
             scatters.append(messages.scatter((low, middle, high), plural))
     return messages.population_mean(scatters)
+
+
+class Slope(NamedTuple):
+    """A slope, its standard error, and the probability of one so steep by chance."""
+
+    value: float
+    std: float
+    p: float
+
+
+def slope_of(x: Values, offset: Values, std: Values) -> Slope:
+    """Slope of offsets of these standard errors that scatter besides; of equal ones the usual."""
+    weight = 1 / (std**2 + _scatter_of_offsets(offset, std))
+    middle = np.average(x, weights=weight)
+    spread = np.sum(weight * (x - middle) ** 2)
+    value = float(np.sum(weight * (x - middle) * offset) / spread)
+    residual = offset - np.average(offset, weights=weight) - value * (x - middle)
+    dof = len(x) - 2
+    error = float(np.sqrt(np.sum(weight * residual**2) / dof / spread))
+    return Slope(value, error, float(2 * stats.t.sf(abs(value) / error, dof)))
+
+
+def _scatter_of_offsets(offset: Values, std: Values) -> float:
+    """Variance between runs beyond their standard errors, by moments."""
+    chi_square, scale = moments_of(offset, std)
+    return max(0.0, (chi_square - (len(offset) - 1)) / scale)
+
+
+def trend_finding(shifts: Shifts, data: Dataset) -> Finding | None:
+    """Whether offsets of frequency or damping go with the motion; None of too few runs."""
+    sizes = sizes_of(data)
+    indices = [i for i, name in enumerate(shifts.runs) if name in sizes]
+    x = np.array([sizes[shifts.runs[i]] for i in indices])
+    if len(indices) < FEWEST_RUNS or np.ptp(x) <= 0:
+        return None
+    x = (x - x.min()) / np.ptp(x)  # a slope is then the change from the smallest to the largest
+    slopes = {
+        name: slope_of(x, shifts.offset[indices, i], shifts.std[indices, i])
+        for i, name in enumerate(OFFSETS)
+    }
+    worst = min(slopes, key=lambda name: slopes[name].p)
+    return _trend(worst, slopes[worst], len(indices), data)
+
+
+def _trend(name: str, slope: Slope, count: int, data: Dataset) -> Finding:
+    goes = slope.p < TREND_BY_CHANCE
+    scale, unit = (1 / (2 * np.pi), "Hz") if name == "omega_n" else (100.0, "% of critical damping")
+    values = {
+        "quantity": QUANTITY_NAMES[name], "count": count, "change": scale * slope.value,
+        "std": scale * slope.std, "unit": unit, "p": slope.p,
+    }  # fmt: skip
+    remedy = {"another_law": another_law(data.laws)}
+    return checked("level_trend", not goes, values, slope.p, remedy)

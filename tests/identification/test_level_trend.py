@@ -7,8 +7,7 @@ import pytest
 from pasted import pasted
 from scipy import stats
 
-from jbw.identification.level_trend import sizes_of, slope_of, trend_finding
-from jbw.identification.run_effects import Shifts
+from jbw.identification.run_effects import Shifts, sizes_of, slope_of, trend_finding
 
 LEVELS = np.arange(1.0, 13.0)
 HZ = 2 * np.pi
