@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from jbw.errors import DataError
-from jbw.identification.stabilisation import stabilisation
+from jbw.identification.modal import stabilisation
 
 FREQ = np.arange(5.0, 15.0, 0.02)
 OMEGA, ZETA = 2 * np.pi * np.array([7.0, 7.4, 11.0]), np.array([0.004, 0.006, 0.01])
