@@ -13,8 +13,8 @@ from jbw.campaign.schema import parse
 from jbw.cli import COMMANDS, cli
 from jbw.identification.accuracy import another_law
 from jbw.identification.suspects import factor_words
-from jbw.inference.posterior.modes import modes_findings
 from jbw.inference.posterior.remedies import more_draws
+from jbw.inference.posterior.verdict import modes_findings
 from jbw.report.messages.findings import explanations
 from jbw.report.messages.remedies import draw_more, put
 from jbw.report.messages.words import words

@@ -10,8 +10,7 @@ from scipy.stats import t as student_t
 from tiers import represented_by
 
 from jbw.inference.posterior.finding import answers
-from jbw.inference.posterior.modes import deepest_split, modes_findings
-from jbw.inference.posterior.verdict import verdict
+from jbw.inference.posterior.verdict import deepest_split, modes_findings, verdict
 from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import box
 
