@@ -7,7 +7,7 @@ import pytest
 from tiers import represented_by
 
 from jbw.errors import ConfigError, DataError
-from jbw.identification import stabilisation
+from jbw.identification import modal
 from jbw.identification.linear import line_fit
 from jbw.identification.modal import fit_modes, line_of
 from jbw.measurement.spectra import frf
@@ -164,9 +164,9 @@ def test_bad_input_is_named():
 def test_fewer_stable_modes_than_asked_for_are_named(monkeypatch):
     u, y = measured(np.random.default_rng(6), 256)
     found = estimates(u, y, window_s=16)
-    whole = stabilisation.stabilisation
+    whole = modal.stabilisation
     monkeypatch.setattr(
-        stabilisation, "stabilisation", lambda *a: replace(whole(*a), groups=whole(*a).groups[:2])
+        modal, "stabilisation", lambda *a: replace(whole(*a), groups=whole(*a).groups[:2])
     )
     with pytest.raises(DataError, match=r"must show 3 modes, as `modes` says, but only .* Hz stay"):
         fit_modes(found, 3, (15.0, 22.0))
