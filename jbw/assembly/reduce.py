@@ -23,8 +23,14 @@ from jbw.assembly.dofs import Dof, Place, weights_at
 from jbw.assembly.factorisation import Sparse
 from jbw.assembly.joint import Joint
 from jbw.assembly.matrices import MatrixModel
-from jbw.assembly.residual_modes import ResidualModes, residual_modes
-from jbw.assembly.stuck_modes import StuckModes, residual_shapes, rotated_clusters, stuck_modes
+from jbw.assembly.stuck_modes import (
+    ResidualModes,
+    StuckModes,
+    residual_modes,
+    residual_shapes,
+    rotated_clusters,
+    stuck_modes,
+)
 from jbw.errors import ConfigError, ModelError
 from jbw.report.messages import matrices as messages
 
