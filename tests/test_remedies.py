@@ -12,7 +12,7 @@ from remedies import PASTED, bare_lines, commands, lines
 from jbw.campaign.schema import parse
 from jbw.cli import COMMANDS, cli
 from jbw.identification.accuracy import another_law
-from jbw.identification.suspects import factor_words
+from jbw.identification.causes import factor_words
 from jbw.inference.posterior.remedies import more_draws
 from jbw.inference.posterior.verdict import modes_findings
 from jbw.report.messages.findings import explanations

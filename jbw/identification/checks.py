@@ -38,8 +38,7 @@ from jbw.identification.joint import (
 )
 from jbw.identification.joint_answers import GROUP as JOINTS
 from jbw.identification.joint_answers import joints_finding, joints_group, joints_words
-from jbw.identification.joint_backbones import GROUP as BACKBONES
-from jbw.identification.joint_backbones import backbones_group
+from jbw.identification.joint_backbones import BACKBONES, backbones_group
 from jbw.identification.leaving_out import (
     consistency_finding,
     fits_without_each_run,

@@ -21,7 +21,7 @@ from jbw.oscillator.modes.backbone import ModalBackbone, modal_backbone
 from jbw.oscillator.modes.parameters import DRIVEN, structure_of
 from jbw.quantities import joints_of
 
-GROUP = "backbones"
+BACKBONES = "backbones"
 LEVELS = np.linspace(0.0, 1.0, 9)[1:]  # of the largest amplitude that was measured of a mode
 NUM_HARMONICS = 3  # frequency to 1e-6, damping to 1e-4
 MAX_TURNS = 2  # of a joint in a period
