@@ -36,9 +36,14 @@ from jbw.identification.joint import (
     every_parameter,
     fit_problem,
 )
-from jbw.identification.joint_answers import GROUP as JOINTS
-from jbw.identification.joint_answers import joints_finding, joints_group, joints_words
-from jbw.identification.joint_backbones import BACKBONES, backbones_group
+from jbw.identification.joint_answers import (
+    BACKBONES,
+    JOINTS,
+    backbones_group,
+    joints_finding,
+    joints_group,
+    joints_words,
+)
 from jbw.identification.leaving_out import (
     consistency_finding,
     fits_without_each_run,

@@ -9,6 +9,13 @@ $$K_{ji} = H_{ji}^2\,\big(k_j - \mathrm{Re}\,\kappa_j(|H_{ji}|a)\big), \qquad
 with $\kappa_j$ the complex stiffness of its laws and $k_j$ theirs at rest; where shapes are
 uncertain, $H_{ji}$ is that of each draw. Sums over joints are what a mode tells; a joint by itself
 is identified where its own K and L are.
+
+Backbones of the modes have bands of draws at the shape of full stick,
+
+$$\omega^2 = \omega_i^2 - \sum_j K_{ji}(a), \qquad
+  \zeta_{eq} = \zeta_i\,\frac{\omega_i}{\omega} + \frac{\sum_j L_{ji}(a)}{2\omega^2}$$
+
+and beside them stands the extended periodic motion at the medians, which lets the shape change.
 """
 
 import itertools
@@ -25,19 +32,26 @@ from jaxtyping import Array, Float
 from jbw.identification.assembled import ASSEMBLED, largest_amplitudes
 from jbw.inference.posterior.finding import Finding
 from jbw.inference.posterior.summary import QUANTILES
-from jbw.observables.dataset import Dataset
+from jbw.observables.dataset import Dataset, as_arrays
 from jbw.observables.modes import Modes
 from jbw.oscillator.laws import quantities_of
-from jbw.oscillator.modes.assembled import STIFFNESS, factor_name, laws_at, motion_in
-from jbw.oscillator.modes.parameters import DRIVEN
+from jbw.oscillator.modes.assembled import STIFFNESS, factor_name, laws_at, motion_in, seen_name
+from jbw.oscillator.modes.backbone import ModalBackbone, modal_backbone
+from jbw.oscillator.modes.parameters import DRIVEN, structure_of
 from jbw.quantities import joints_of, motion_factors_in, name_at, split
 from jbw.report.messages import modes as messages
 
-GROUP = "joints"
+JOINTS = "joints"
 SPREAD = 2.0  # of the ends of a 99 % interval: a joint that is known better is identified
 NO_LOSS = 1e-9  # of what a mode's joints take from its stiffness: losses of a spring
 MAIN = 0.5  # of a mode's losses: a joint that takes more is said to damp it
 NUM_PHASES = 64  # of a loop that is kept
+BACKBONES = "backbones"
+BACKBONE_LEVELS = np.linspace(0.0, 1.0, 9)[
+    1:
+]  # of the largest amplitude that was measured of a mode
+NUM_HARMONICS = 3  # frequency to 1e-6, damping to 1e-4
+MAX_TURNS = 2  # of a joint in a period
 
 
 def joints_group(
@@ -358,3 +372,77 @@ def joints_record(group: xr.Dataset | None) -> dict[str, Any] | None:
 
 def _plain(x: Any) -> float | None:
     return float(x) if np.isfinite(x) else None
+
+
+def backbones_group(posterior: xr.Dataset, data: Dataset) -> xr.Dataset | None:
+    """Frequency, damping and shape of every driven mode against amplitude; None of one joint.
+
+    Variables over `mode` and `level`: `displacement` at the first point, `frequency_hz` and
+    `damping` with quantiles, the same `at_medians` with the shape free, and over `coordinate` their
+    `shape`, the modal coordinates over that of the mode. NaN of modes that the first point hardly
+    sees, and behind the end of a backbone.
+    """
+    modes = data.modes
+    if modes is None or modes.meet != ASSEMBLED or not joints_of(data.laws):
+        return None
+    largest, driven = largest_amplitudes(modes, data), range(len(modes.hz))
+    amplitude = np.multiply.outer(largest, BACKBONE_LEVELS)
+    omega, zeta = (
+        np.array(np.broadcast_arrays(*(values_of(posterior, data, DRIVEN[i][k]) for i in driven)))
+        for k in range(2)
+    )
+    bands = [
+        _of_draws(omega, zeta, *softening_and_losses(posterior, data, at).sum(axis=1))
+        for at in amplitude.T
+    ]
+    frequency, damping = (np.stack(rows, axis=1) for rows in zip(*bands, strict=True))
+    free = [_at_medians(posterior, data, i, amplitude[i]) for i in driven]
+    numbers = dict(modes.numbers)
+    seen = np.abs([numbers[seen_name(i + 1)] for i in driven])
+    of_levels, with_quantiles = ("mode", "level"), ("mode", "level", "quantile")
+    return xr.Dataset(
+        {
+            "displacement": (of_levels, seen[:, None] * amplitude, {"units": "m"}),
+            "frequency_hz": (with_quantiles, frequency / (2 * np.pi), {"units": "Hz"}),
+            "damping": (with_quantiles, damping, {"units": "1"}),
+            "frequency_at_medians": (
+                of_levels, np.array([x.omega for x in free]) / (2 * np.pi), {"units": "Hz"},
+            ),
+            "damping_at_medians": (of_levels, np.array([x.zeta for x in free]), {"units": "1"}),
+            "shape": (
+                (*of_levels, "coordinate"),
+                np.abs([x.shape[:, : len(driven)] for x in free]), {"units": "1"},
+            ),
+        },
+        {
+            "mode": [i + 1 for i in driven], "coordinate": [i + 1 for i in driven],
+            "quantile": list(QUANTILES),
+        },
+    )  # fmt: skip
+
+
+def _of_draws(
+    omega: Float[np.ndarray, "mode draw"],
+    zeta: Float[np.ndarray, "mode draw"],
+    softening: Float[np.ndarray, "mode draw"],
+    losses: Float[np.ndarray, "mode draw"],
+) -> tuple[Float[np.ndarray, "mode quantile"], Float[np.ndarray, "mode quantile"]]:
+    """Quantiles of frequency and damping of draws at one level of every mode."""
+    lowered = np.sqrt(np.maximum(omega**2 - softening, 0.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        damping = zeta * omega / lowered + losses / (2 * lowered**2)
+    frequencies, dampings = (np.quantile(x, QUANTILES, axis=-1).T for x in (lowered, damping))
+    return frequencies, dampings
+
+
+def _at_medians(
+    posterior: xr.Dataset, data: Dataset, mode: int, amplitude: Float[np.ndarray, " level"]
+) -> ModalBackbone:
+    """The extended periodic motion of a mode, the parameters at their medians."""
+    medians = {str(n): float(np.median(x.values)) for n, x in posterior.data_vars.items()
+               if x.dims == ("chain", "draw")}  # fmt: skip
+    structure = structure_of(as_arrays(medians, data), data.laws)
+    levels = np.where(np.isfinite(amplitude), amplitude, 0.0)
+    return modal_backbone(
+        structure, levels, mode=mode, num_harmonics=NUM_HARMONICS, max_turns=MAX_TURNS, may_end=True
+    )

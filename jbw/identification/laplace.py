@@ -30,8 +30,7 @@ from jbw.identification.equivalent import effects
 from jbw.identification.free_decays import FreeDecays, decays_in
 from jbw.identification.gain_units import with_gain_units
 from jbw.identification.joint import JointPosterior, law_variables
-from jbw.identification.joint_answers import GROUP as JOINTS
-from jbw.identification.joint_answers import joints_finding, joints_group, joints_words
+from jbw.identification.joint_answers import JOINTS, joints_finding, joints_group, joints_words
 from jbw.identification.one_mode_readings import joint_readings, with_readings
 from jbw.identification.prepare import Fitted, prepare
 from jbw.identification.procedure import Posteriors

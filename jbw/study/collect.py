@@ -10,7 +10,7 @@ import xarray as xr
 from jbw.errors import Attempts
 from jbw.identification.assemble import Measured
 from jbw.identification.joint import JointPosterior
-from jbw.identification.joint_answers import GROUP as JOINTS
+from jbw.identification.joint_answers import JOINTS
 from jbw.identification.linear_step import LinearStep, linear_dataset, modes_dataset
 from jbw.identification.paper import step3, step4
 from jbw.identification.paper.step3 import KernelFit

@@ -7,7 +7,7 @@ import xarray as xr
 
 import jbw
 from jbw.identification.assemble import assemble, measured_in
-from jbw.identification.joint_backbones import LEVELS, backbones_group
+from jbw.identification.joint_answers import BACKBONE_LEVELS, backbones_group
 
 
 def posterior_of(theta):
@@ -24,7 +24,7 @@ def test_the_medians_have_the_backbone_of_the_truth_and_bands_lie_about_it():
     for i in range(2):
         of_mode = group.isel(mode=i)
         amplitude = of_mode["displacement"].values / abs(np.ravel(structure.c)[i])
-        np.testing.assert_allclose(amplitude / amplitude[-1], LEVELS)
+        np.testing.assert_allclose(amplitude / amplitude[-1], BACKBONE_LEVELS)
         exact = jbw.backbone(structure, amplitude, mode=i, num_harmonics=3)
         hz = np.asarray(exact.omega) / (2 * np.pi)
         np.testing.assert_allclose(of_mode["frequency_at_medians"], hz, rtol=1e-9)
