@@ -55,8 +55,14 @@ from jbw.identification.model_discrepancy import (
     discrepancy_sentences,
     model_discrepancy,
 )
-from jbw.identification.no_joint import joint_finding, may_be_absent, without_joint
-from jbw.identification.only_drag import drag_finding, may_be_drag, with_drag
+from jbw.identification.no_joint import (
+    drag_finding,
+    joint_finding,
+    may_be_absent,
+    may_be_drag,
+    with_drag,
+    without_joint,
+)
 from jbw.identification.own_joints import own_joint_sentences
 from jbw.identification.prepare import Fitted
 from jbw.identification.reached import threshold_sentences

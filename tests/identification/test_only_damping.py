@@ -7,8 +7,7 @@ from scipy.integrate import solve_ivp
 
 import jbw
 from jbw.identification.equivalent import Effects, hysteresis_finding
-from jbw.identification.no_joint import Nested
-from jbw.identification.only_drag import drag_finding, may_be_drag
+from jbw.identification.no_joint import Nested, drag_finding, may_be_drag
 from jbw.measurement.records import Record, Test
 from jbw.report.opening import known_parameters
 from jbw.report.words import grades
