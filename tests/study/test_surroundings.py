@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jbw.study.surroundings import constants_sentence
+from jbw.study.comparisons import constants_sentence
 
 
 def posterior(**draws):
