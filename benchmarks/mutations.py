@@ -406,12 +406,12 @@ MUTATIONS = (
     Mutation("measurement/checks/channels.py", "away > FAR * (high - low)", "away > 0.0", LOST),
     Mutation("measurement/checks/channels.py", "2 * len(others) < len(x)", "not len(others)", LOST),
     # -- held-out answers, each kind of test from the others, and where a fit begins
-    Mutation("study/final.py", "return min(held, final", "return max(held, final", FINAL),
-    Mutation("study/final.py", 'ASKED["law"]', 'ASKED["sampling"]', FINAL),
-    Mutation("study/final.py", 'if not row["fitted"]', 'if row["fitted"]', FINAL),
-    Mutation("study/final.py", 'keep(f"final_{name}")', "keep(name)", FINAL),
+    Mutation("study/finishing.py", "return min(held, final", "return max(held, final", FINAL),
+    Mutation("study/finishing.py", 'ASKED["law"]', 'ASKED["sampling"]', FINAL),
+    Mutation("study/finishing.py", 'if not row["fitted"]', 'if row["fitted"]', FINAL),
+    Mutation("study/finishing.py", 'keep(f"final_{name}")', "keep(name)", FINAL),
     Mutation(
-        "study/final.py",
+        "study/finishing.py",
         'held.record["steps"][held.record["main"]]',
         'final.record["steps"][final.record["main"]]',
         FINAL,

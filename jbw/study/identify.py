@@ -19,8 +19,7 @@ from jbw.inference.posterior.finding import judge
 from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.inference.space.box import require_float64
 from jbw.study.comparisons import compare
-from jbw.study.final import for_use
-from jbw.study.finishing import about_instruments, finished_study
+from jbw.study.finishing import about_instruments, finished_study, for_use
 from jbw.study.order import Order
 from jbw.study.prepared import prepare_tests
 from jbw.study.quick import first_answer, report_fit

@@ -15,7 +15,7 @@ from jbw.cli import run
 from jbw.inference.posterior.finding import Finding, Verdict, judge
 from jbw.report.opening import opening
 from jbw.report.tables import table_of_tests
-from jbw.study.final import adequate_as, for_use
+from jbw.study.finishing import adequate_as, for_use
 
 
 def finding(code, status, reason=""):
