@@ -7,7 +7,7 @@ from scipy.signal import lsim
 
 from jbw.inference.space.box import box
 from jbw.planning.beliefs import Beliefs
-from jbw.planning.judge import (
+from jbw.planning.making import (
     covariance,
     information_gain,
     modes,

@@ -10,8 +10,7 @@ from jbw.errors import ConfigError, DataError
 from jbw.inference.space.box import box
 from jbw.planning.beliefs import Beliefs, after, before
 from jbw.planning.description import parse
-from jbw.planning.judge import combine, ordered, row
-from jbw.planning.making import plan_tests, rig_of
+from jbw.planning.making import combine, ordered, plan_tests, rig_of, row
 from jbw.planning.plan import PlannedSweep, ResponseNoise, Wish
 from jbw.planning.proposals import (
     Reach,
