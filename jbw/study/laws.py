@@ -14,11 +14,10 @@ from jbw.campaign.load import Campaign
 from jbw.identification import evidence
 from jbw.identification.assemble import Report, entered, measured_in
 from jbw.identification.diagnosis import diagnose, diagnosis_sentences
-from jbw.identification.evidence import Candidate
+from jbw.identification.evidence import Candidate, offset_changes, without_offsets
 from jbw.identification.floors import own_lines, scatter_of_means
 from jbw.identification.run_effects import runs_dataset, runs_sentence
 from jbw.identification.unseen_runs import LeftOut, runs_of
-from jbw.identification.without_offsets import compared, without_offsets
 from jbw.inference.posterior.summary import evenly_spaced, scalars
 from jbw.inference.space.box import require_float64
 from jbw.measurement.channels import rms
@@ -285,7 +284,7 @@ def _some(tree: xr.DataTree, data: Dataset) -> dict[str, np.ndarray]:
 def _shared_runs(best: Candidate, shared: Mapping[str, Candidate]) -> dict[str, Any]:
     """What laws would be without offsets of the runs: the best one's parameters, all errors."""
     errors = {name: shared_fit.error for name, shared_fit in shared.items()}
-    return {**compared(best, shared[best.name]), "errors": errors}
+    return {**offset_changes(best, shared[best.name]), "errors": errors}
 
 
 def _held(data: Dataset) -> dict[str, float]:

@@ -18,10 +18,10 @@ from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
 from jbw.identification import evidence, unseen_runs
 from jbw.identification.assemble import assemble, measured
+from jbw.identification.evidence import offset_changes, without_offsets
 from jbw.identification.floors import own_lines, scatter_of_means
 from jbw.identification.prepare import Fitted
 from jbw.identification.prior_widths import log_evidence_wide, twice_as_wide
-from jbw.identification.without_offsets import compared, without_offsets
 from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.inference.space.box import bounds_by_name, box, from_unit
 from jbw.inference.space.stated import StatedDensities
@@ -381,7 +381,7 @@ def test_a_law_is_shown_with_offsets_of_the_runs_and_without():
     assert best.fitted.data.has_offsets
     shared = without_offsets(jax.random.key(1), seen, found, best)
     assert not any(one.fitted.data.has_offsets for one in shared)
-    row = compared(best, shared[0])
+    row = offset_changes(best, shared[0])
     own = row["parameters"]["cubic"]
     assert abs(own["with"] - CUBIC) < 4 * own["with_sd"]
     # One level of four that is off by 0.3 % costs the fit without offsets more than that with them.
