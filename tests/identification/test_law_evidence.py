@@ -39,8 +39,7 @@ from jbw.study.law_answers import (
     stacking,
     statements,
 )
-from jbw.study.law_rows import errors_apart, unseen
-from jbw.study.laws import compare_laws
+from jbw.study.laws import compare_laws, errors_apart, unseen
 
 OMEGA_N, ZETA, CUBIC, LEVELS = 500.0, 0.003, -2e10, (5.0, 20.0, 40.0, 60.0, 80.0, 100.0)
 

@@ -7,8 +7,8 @@ import xarray as xr
 
 from jbw.oscillator.laws import law_named
 from jbw.report.laws import laws_figure
-from jbw.study import law_rows
-from jbw.study.law_rows import loops, residuals
+from jbw.study import laws
+from jbw.study.laws import loops, residuals
 
 THETA = {"omega_n": 118.0, "zeta": 0.004, "power_loss": 120.0, "power_exponent": 0.7, "cubic": -2e7}
 Y = 2e-3
@@ -36,9 +36,9 @@ def test_loops_have_the_area_of_the_energy_that_is_lost():
 
 def test_residuals_are_of_the_highest_level_and_of_the_size_of_the_error(monkeypatch):
     left = {"low": np.ones(300), "high": np.full(300, 0.2)}
-    monkeypatch.setattr(law_rows.dataset, "left_by_label", lambda *of: left)
+    monkeypatch.setattr(laws.dataset, "left_by_label", lambda *of: left)
     sizes = {"low": 10 * np.sqrt(300), "high": np.sqrt(300)}
-    monkeypatch.setattr(law_rows.dataset, "size_by_label", lambda of: sizes)
+    monkeypatch.setattr(laws.dataset, "size_by_label", lambda of: sizes)
     residual_data = residuals(NAMED, "b")
     assert residual_data.attrs["group"] == "high"
     assert residual_data.sizes["part"] == 100
