@@ -21,7 +21,7 @@ from jbw.campaign.load import Campaign
 from jbw.errors import DataError, JbwError
 from jbw.identification import evidence
 from jbw.identification.across_kinds import across_kinds
-from jbw.identification.assemble import Report, entered, measured_in
+from jbw.identification.assemble import Measured, Report, entered, measured_in
 from jbw.identification.diagnosis import diagnose, diagnosis_sentences
 from jbw.identification.evidence import Candidate, likelihood_at, offset_changes, without_offsets
 from jbw.identification.floors import own_lines, scatter_of_means
@@ -44,7 +44,7 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.report.messages import stages
 from jbw.report.messages import study as messages
 from jbw.study.law_answers import compare_rows, statements
-from jbw.study.laws_at_joints import trials_at_joints
+from jbw.study.laws_at_joints import Trials, trials_at_joints
 from jbw.study.look import look_groups, look_quietly
 from jbw.study.stack import law_groups, stack_of
 from jbw.verification.backbone import HERTZ, RATIO, curves
@@ -127,83 +127,102 @@ def compare_laws(
         DataError: A campaign with nothing to fit.
     """
     require_float64()
-    chosen = None if laws is None else _chosen(laws)
-    tried: list[str] = []
-    if campaign.joints is None:
-        sets = _usual(campaign) if chosen is None else chosen
-    else:
-        sets, sentence = trials_at_joints(campaign.laws, chosen)
-        tried.append(sentence)
-    settings = campaign.settings
+    trials = _trials(campaign, laws)
+    seed = campaign.settings.seed if seed is None else seed
     seen = measured_in(campaign, report)
-    keys = jax.random.split(jax.random.key(settings.seed if seed is None else seed), 3)
-    candidates, refused = evidence.candidates(keys[0], seen, sets, report)
+    keys = jax.random.split(jax.random.key(seed), 3)
+    candidates, unfitted = evidence.candidates(keys[0], seen, trials.sets, report)
     weighed, unweighed = weigh(keys[1:], candidates, report)
-    refused |= unweighed
-    named = {name: law.candidate for name, law in weighed.items()}
-    draws = {name: law.draws for name, law in weighed.items()}
-    by_law = {name: law.left_out for name, law in weighed.items() if law.left_out is not None}
-    runs = runs_of(candidates[0].fitted.data)
-    y_peak = max(law.fitted.y_peak for law in named.values())
-    highest = _highest(campaign, runs)
-    rows = _rows(weighed, by_law, highest)
     first = candidates[0].fitted
-    lines = own_lines(first.data, {**_held(first.data), **first.fit.theta})
-    readings = readings_of(candidates[0].fitted.data.parts)
+    highest = _highest(campaign, runs_of(first.data))
+    rows = _rows(weighed, highest)
+    (best,) = (name for name, row in rows.items() if row["answer"] == "best")
+    named = {name: law.candidate for name, law in weighed.items()}
+    groups = law_groups(campaign.tests, named, {name: law.draws for name, law in weighed.items()})
+    held_out = held_out_errors(
+        unseen(campaign.tests, _fitted_names(named[best])), groups, list(named),
+        campaign.settings.seed,
+    )  # fmt: skip
+    for name, row in rows.items():
+        row |= errors_apart(held_out, name, best)
+    shared_runs = _shared_runs(keys[0], seen, named, best, report)
+    offsets = _offsets(keys[0], weighed[best])
+    readings = readings_of(first.data.parts)
     diagnosis = None if readings is None else diagnose(readings)
-    record = {
+    lines = own_lines(first.data, {**_held(first.data), **first.fit.theta})
+    record: dict[str, Any] = {
         "campaign": campaign.name,
         "diagnosis": None if diagnosis is None else diagnosis._asdict(),
-        "runs": list(runs),
+        "runs": list(runs_of(first.data)),
         "highest": highest,
-        "floor": scatter_of_means(candidates[0].fitted.data),
+        "floor": scatter_of_means(first.data),
         "line": rms(list(lines.values())) if lines else None,
         "lines": lines,
         "laws": rows,
-        "refused": refused,
+        "refused": unfitted | unweighed,
+        "shared_runs": shared_runs,
     }
-    diagnosis_words = [] if diagnosis is None else diagnosis_sentences(diagnosis)
-    (best,) = (name for name, row in rows.items() if row["answer"] == "best")
-    best_fit = named[best].fitted
-    groups = law_groups(campaign.tests, named, draws)
-    names = (*best_fit.data.runs, *best_fit.data.labels)
-    others = held_out_errors(unseen(campaign.tests, names), groups, list(named), settings.seed)
-    for name, row in rows.items():
-        row |= errors_apart(others, name, best)
-    record["shared_runs"] = None
-    if best_fit.data.has_offsets:
-        report(stages.FITTING_SHARED)
-        shared = without_offsets(keys[0], seen, list(named.values()), named[best])
-        record["shared_runs"] = _shared_runs(named[best], dict(zip(named, shared, strict=True)))
-    posterior = draws[best]["posterior"].to_dataset()
-    offsets = runs_dataset(keys[0], posterior, best_fit.box.names, best_fit.data)
-    scatter = [] if offsets is None else [f"Under {best}: {runs_sentence(offsets)}"]
-    record["statements"] = [*tried, *diagnosis_words, *statements(record), *scatter]
-    tree = xr.DataTree.from_dict(
-        {
-            "/scores": _scores(by_law, runs, lines),
-            "/curves": _curves(named, draws, y_peak).assign(hopeless=_hopeless(rows)),
-            "/loops": loops(named, y_peak),
-            "/residuals": residuals(named, highest),
-            **({} if offsets is None else {"/offsets": offsets}),
-            **({} if others is None else {"/held_out": others}),
-            **look_groups(look_quietly(campaign), entered(seen)),
-            **groups,
-        }
-    )
-    return LawComparison(named, tree, record)
+    record["statements"] = [
+        *([trials.sentence] if trials.sentence else []),
+        *([] if diagnosis is None else diagnosis_sentences(diagnosis)),
+        *statements(record),
+        *([] if offsets is None else [f"Under {best}: {runs_sentence(offsets)}"]),
+    ]
+    tree = _tree(weighed, record, {"/offsets": offsets, "/held_out": held_out})
+    looked = look_groups(look_quietly(campaign), entered(seen))
+    return LawComparison(named, xr.DataTree.from_dict({**tree, **looked, **groups}), record)
 
 
-def _rows(
-    weighed: Mapping[str, Weighed], by_law: Mapping[str, LeftOut], highest: str | None
-) -> dict[str, dict[str, Any]]:
+def _tree(
+    weighed: Mapping[str, Weighed],
+    record: Mapping[str, Any],
+    besides: Mapping[str, xr.Dataset | None],
+) -> dict[str, xr.Dataset]:
+    """Scores, curves, loops and residuals of all laws, and what else there is, by path."""
+    named = {name: law.candidate for name, law in weighed.items()}
+    y_peak = max(law.fitted.y_peak for law in named.values())
+    return {
+        "/scores": _scores(_left_out(weighed), record["runs"], record["lines"]),
+        "/curves": _curves(weighed, y_peak).assign(hopeless=_hopeless(record["laws"])),
+        "/loops": loops(named, y_peak),
+        "/residuals": residuals(named, record["highest"]),
+        **{path: group for path, group in besides.items() if group is not None},
+    }
+
+
+def _left_out(weighed: Mapping[str, Weighed]) -> dict[str, LeftOut]:
+    """Scores of the runs left out, of laws that have them."""
+    return {name: law.left_out for name, law in weighed.items() if law.left_out is not None}
+
+
+def _fitted_names(candidate: Candidate) -> tuple[str, ...]:
+    """Names of the runs and groups that a law was fitted to."""
+    data = candidate.fitted.data
+    return *data.runs, *data.labels
+
+
+def _offsets(key: Key[Array, ""], law: Weighed) -> xr.Dataset | None:
+    """Offsets of the runs under a law; None where it has none."""
+    fitted = law.candidate.fitted
+    return runs_dataset(key, law.draws["posterior"].to_dataset(), fitted.box.names, fitted.data)
+
+
+def _rows(weighed: Mapping[str, Weighed], highest: str | None) -> dict[str, dict[str, Any]]:
     """A row of every law, compared by scores of runs left out, with its errors on these."""
-    rows = {name: row_of(law) for name, law in weighed.items()}
-    compare_rows(rows, {name: np.array(list(law.elpd.values())) for name, law in by_law.items()})
-    for name, law in by_law.items():
+    rows, scores = {name: row_of(law) for name, law in weighed.items()}, _left_out(weighed)
+    compare_rows(rows, {name: np.array(list(law.elpd.values())) for name, law in scores.items()})
+    for name, law in scores.items():
         rows[name]["error_highest"] = law.error.get(highest) if highest else None
         rows[name]["error_across"] = errors_across_kinds(weighed[name].candidate)
     return rows
+
+
+def _trials(campaign: Campaign, laws: Sequence[str | Sequence[str]] | None) -> Trials:
+    """Sets of laws to try, those that are usual where none are named."""
+    chosen = None if laws is None else _chosen(laws)
+    if campaign.joints is not None:
+        return trials_at_joints(campaign.laws, chosen)
+    return Trials(tuple(_usual(campaign) if chosen is None else chosen), "")
 
 
 def _usual(campaign: Campaign) -> list[tuple[str, ...]]:
@@ -268,21 +287,19 @@ def _scores(
     )
 
 
-def _curves(
-    named: Mapping[str, Candidate], draws: Mapping[str, xr.DataTree], y_peak: float
-) -> xr.Dataset:
+def _curves(weighed: Mapping[str, Weighed], y_peak: float) -> xr.Dataset:
     """Frequency and damping against amplitude under every law, with bands."""
     amplitude = np.linspace(0.0, 1.25 * y_peak, NUM_AMPLITUDES + 1)[1:]
     frequency, damping = [], []
-    for name, candidate in named.items():
-        theta = _some(draws[name], candidate.fitted.data)
-        carried = carry(curves, theta, jnp.asarray(amplitude), candidate.laws)
+    for law in weighed.values():
+        theta = _some(law.draws, law.candidate.fitted.data)
+        carried = carry(curves, theta, jnp.asarray(amplitude), law.candidate.laws)
         frequency.append(band(carried[0]))
         damping.append(band(carried[1]))
     dims = ("law", "quantile", "amplitude")
     return xr.Dataset(
         {"frequency": (dims, frequency, HERTZ), "damping": (dims, damping, RATIO)},
-        {"law": list(named), "quantile": QUANTILE_AXIS, "amplitude": (
+        {"law": list(weighed), "quantile": QUANTILE_AXIS, "amplitude": (
             "amplitude", amplitude, {"units": "m"})},
         {"y_fitted": float(y_peak)},
     )  # fmt: skip
@@ -303,10 +320,24 @@ def _some(tree: xr.DataTree, data: Dataset) -> dict[str, np.ndarray]:
     return {**held, **theta}
 
 
-def _shared_runs(best: Candidate, shared: Mapping[str, Candidate]) -> dict[str, Any]:
-    """What laws would be without offsets of the runs: the best one's parameters, all errors."""
-    errors = {name: shared_fit.error for name, shared_fit in shared.items()}
-    return {**offset_changes(best, shared[best.name]), "errors": errors}
+def _shared_runs(
+    key: Key[Array, ""],
+    seen: Measured,
+    named: Mapping[str, Candidate],
+    best: str,
+    report: Report,
+) -> dict[str, Any] | None:
+    """What laws would be without offsets of the runs: the best one's parameters, all errors.
+
+    None where the runs have no offsets.
+    """
+    if not named[best].fitted.data.has_offsets:
+        return None
+    report(stages.FITTING_SHARED)
+    shared = without_offsets(key, seen, list(named.values()), named[best])
+    by_name = dict(zip(named, shared, strict=True))
+    errors = {name: shared_fit.error for name, shared_fit in by_name.items()}
+    return {**offset_changes(named[best], by_name[best]), "errors": errors}
 
 
 def _held(data: Dataset) -> dict[str, float]:
