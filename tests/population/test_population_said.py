@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from jbw.population.record import statements, status_of
+from jbw.population.population import statements, status_of
 from jbw.report.messages import population
 
 
