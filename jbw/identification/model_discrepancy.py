@@ -21,8 +21,9 @@ and less sticks, and what a law misses of it tends to a limit: $\sqrt g$ is thre
 that is left out there may miss as little as an error that is linear in the amplitude itself would,
 $\sqrt{g_r} = 1 + 2 (y_{min} - y_r) / \max(y_{max} - y_{min}, y_{min})$, and counts by that. $\tau$
 is that of Paule and Mandel about zero. All are none where chance makes as much, of frequency,
-damping and the rest together. Chance is that of a sum of squares of correlated numbers: a run's
-noise is in the fits without the others, and
+damping and the rest together; where they are not, one whose errors are for the most part the
+scatter of runs, which bands hold already, is none where chance makes it. Chance is that of a sum of
+squares of correlated numbers: a run's noise is in the fits without the others, and
 
 $$\mathrm{cov}(\hat b_r, \hat b_q) = -P_r C_{-r} C^{-1} C_{-q} P_q^T, \quad r \ne q$$
 
@@ -512,7 +513,7 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
             shown[run] = of_run._replace(amplitude=relative, grown=grown)
     as_fitted = _rests({label: residuals[label] for label in repeated}, repeated, data)
     runs, nothing = list(shown.values()), Missed(NO_SCATTER, NO_SCATTER)
-    of_all = FitOfAll(len(fits), natural, best.covariance)
+    of_all = FitOfAll(len(fits), natural, best.covariance, slopes.scatter)
     learned = _learned(runs, as_fitted, of_all, judged=True)
     if learned.is_nothing:  # chance makes all that is missed
         missed, missed_by_decays, shares = None, None, {}
@@ -561,6 +562,7 @@ class FitOfAll(NamedTuple):
     num_fits: int  # without some of them
     omega_n: float  # natural frequency of the fit of all [rad/s]
     covariance: Float[np.ndarray, "parameter parameter"]  # of its parameters
+    scatter: Float[np.ndarray, " own"]  # of omega_n [rad/s] and zeta over runs
 
 
 class Learned(NamedTuple):
@@ -630,14 +632,16 @@ def _missed(shown: Sequence[LeftOutRun], of_all: FitOfAll, *, judged: bool) -> M
     grown = np.array([run.grown for run in shown])
     amplitude = np.array([run.amplitude for run in shown])
     scatters = []
-    num_fits, natural, covariance = of_all
+    num_fits, natural, covariance, scatter_of_runs = of_all
     for i, (b, error, of_noise) in enumerate(zip(shift.T, std.T, noise_std.T, strict=True)):
         correlation = correlation_of(shown, covariance, i)
+        by_runs = bool(scatter_of_runs[i] ** 2 > np.min(error) ** 2 / 2)
         scatter = scatter_by_amplitude(
-            b, error, amplitude, grown, num_fits, correlation, judged=judged
+            b, error, amplitude, grown, num_fits, correlation, judged=judged or by_runs
         )
-        total = max(scatter.std, missed_in_all(b, of_noise, grown, num_fits))
-        scatters.append(scatter._replace(whole=total))
+        # Bands hold the scatter of runs already: what chance makes beside it is not added.
+        missed = 0.0 if by_runs else missed_in_all(b, of_noise, grown, num_fits)
+        scatters.append(scatter._replace(whole=max(scatter.std, missed)))
     omega_n, zeta = scatters
     relative = Scatter(omega_n.std / natural, omega_n.power, omega_n.whole / natural)
     return Missed(relative, zeta)
