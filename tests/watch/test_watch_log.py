@@ -7,7 +7,7 @@ import pytest
 
 import jbw
 from jbw.report.messages.watch import torn_line
-from jbw.watch.log import TORN, append, locked_log, read_log, set_aside
+from jbw.watch.watch import TORN, append, locked_log, read_log, set_aside
 
 ENTRIES = [{"kind": "settings", "false_alarms": 1e-3}, {"kind": "reading", "record": "Größe"}]
 
