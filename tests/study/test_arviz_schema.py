@@ -12,7 +12,7 @@ import xarray as xr
 import jbw
 from jbw.inference.samplers.sampling import sample
 from jbw.inference.space.box import box
-from jbw.study.arviz_groups import created
+from jbw.study.collect import created
 
 mpl.use("Agg")
 RECORDS = ["strong, 1", "strong, 2", "pull, 1", "pull, 2"]
