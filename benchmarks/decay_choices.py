@@ -25,7 +25,7 @@ import jbw
 from jbw.campaign.load import Campaign
 from jbw.campaign.settings import Identify
 from jbw.identification.assemble import assemble, measured_in
-from jbw.identification.between_records import REACH, between_records
+from jbw.identification.leaving_out import REACH, between_records
 from jbw.identification.prepare import prepare
 from jbw.inference.fit.fitting import Fit
 

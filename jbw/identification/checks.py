@@ -19,7 +19,6 @@ from jbw.errors import Attempts
 from jbw.identification import accuracy
 from jbw.identification.across_kinds import across_kinds, across_kinds_sentence, kinds_of
 from jbw.identification.attachments import drive_sentences
-from jbw.identification.between_records import between_finding, between_records
 from jbw.identification.causes import cause_finding, causes, causes_sentence
 from jbw.identification.equivalent import (
     Effects,
@@ -45,6 +44,8 @@ from jbw.identification.joint_answers import (
     joints_words,
 )
 from jbw.identification.leaving_out import (
+    between_finding,
+    between_records,
     consistency_finding,
     fits_without_each_run,
     leave_one_out,

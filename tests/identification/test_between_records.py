@@ -11,7 +11,7 @@ from scipy import stats
 
 from jbw.campaign.settings import Identify
 from jbw.identification.assemble import measured
-from jbw.identification.between_records import _scatter, between_finding, between_records
+from jbw.identification.leaving_out import _scatter, between_finding, between_records
 from jbw.identification.prepare import fit_joint
 
 COUNT = 12
