@@ -244,13 +244,13 @@ MUTATIONS = (
     Mutation("study/compare.py", "np.hypot(*errors)", "np.sum(errors)", COMPARISON),
     Mutation("study/compare.py", "value < GOOD_R_HAT", "value < 9.0", COMPARISON),
     Mutation(
-        "inference/fit/information.py",
+        "inference/fit/profiles.py",
         "(upper - lower) / math.sqrt(12)",
         "(upper - lower) / 12",
         INFORMATION,
     ),
     Mutation(
-        "inference/fit/information.py",
+        "inference/fit/profiles.py",
         "rows.T / np.sqrt(1 + values)",
         "rows.T / np.sqrt(values)",
         INFORMATION,

@@ -22,14 +22,16 @@ from jbw.inference.fit.identifiability import (
     contraction,
     sensitivity_statements,
 )
-from jbw.inference.fit.information import (
+from jbw.inference.fit.profiles import (
     Information,
+    Profile,
     directions_sentence,
     information,
+    profile_statements,
+    profiles,
     statements,
     ties,
 )
-from jbw.inference.fit.profiles import Profile, profile_statements, profiles
 from jbw.inference.space.box import Product, alone, require_float64, value_of
 from jbw.inference.space.stated import as_wide
 from jbw.observables.dataset import stacked

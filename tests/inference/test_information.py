@@ -9,7 +9,7 @@ from scipy.stats import truncnorm
 from jbw.errors import ConfigError
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.fit.identifiability import box_sensitivity, contraction, sensitivity_statements
-from jbw.inference.fit.information import Information, QuantityInformation, information, statements
+from jbw.inference.fit.profiles import Information, QuantityInformation, information, statements
 from jbw.inference.space.box import Product, alone, box, log_prior_of, prior_of
 from jbw.report.messages import identified
 
