@@ -7,11 +7,10 @@ import pytest
 import xarray as xr
 
 from jbw.errors import DataError
-from jbw.report.kernel import relative_to_median
 from jbw.report.loops import strokes
 from jbw.report.posterior import marginal_density
 from jbw.report.records import extremes, resonance_slice
-from jbw.report.responses import resonance_window
+from jbw.report.responses import relative_to_median, resonance_window
 from jbw.report.result import parameters, read_result, wrap_band, wrap_degrees
 from jbw.report.tables import table_of_tests
 from jbw.report.text import number, percent, seconds, step_name, symbol, unit_text
