@@ -50,6 +50,7 @@ from jbw.identification.leaving_out import (
     fits_without_each_run,
     leave_one_out,
     left_out_sentence,
+    own_joint_sentences,
 )
 from jbw.identification.model_discrepancy import (
     discrepancy_finding,
@@ -64,7 +65,6 @@ from jbw.identification.no_joint import (
     with_drag,
     without_joint,
 )
-from jbw.identification.own_joints import own_joint_sentences
 from jbw.identification.prepare import Fitted
 from jbw.identification.reached import threshold_sentences
 from jbw.identification.run_effects import runs_dataset, runs_sentence

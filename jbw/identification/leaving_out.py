@@ -1,4 +1,4 @@
-r"""Do runs tell of the same joint? Each left out of the fit, and free decays each fitted by itself.
+r"""Do runs, records and modes tell of one joint? Each left out of the fit, or fitted by itself.
 
 Where the law of the joint is wrong, or runs shift, each level asks for parameters of its own, and
 the fit of all is a compromise with a narrow interval. So the fit is repeated without each run, and
@@ -20,6 +20,9 @@ $$\sum_i \frac{(q_i - \bar q)^2}{s_i^2 + \tau^2} = n - 1, \qquad
 
 with $\tau = 0$ where the sum is smaller already. The mean of n records is then known to
 $\sqrt{\sigma^2 + \tau^2 / n}$ and no better.
+
+One scalar joint has one softening and one loss for all modes, up to a factor a mode. A mode that a
+joint of its own follows clearly better, alone and with the others filtered out, does not obey it.
 """
 
 import logging
@@ -30,12 +33,15 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Array, Float
+from jaxtyping import Array, Float, Key
 from numpy.typing import NDArray
 from scipy import stats
 from scipy.optimize import root_scalar
 
+from jbw.campaign.settings import Identify
 from jbw.identification.accuracy import another_law
+from jbw.identification.coordinates import box_of
+from jbw.identification.first_fit import from_amplitude_curve, middle_but, rough
 from jbw.identification.prepare import refit
 from jbw.identification.run_effects import own_frequency_alone
 from jbw.inference.fit.costly_fit import residual_at
@@ -52,11 +58,14 @@ from jbw.observables.dataset import (
     stacked,
     without,
 )
-from jbw.observables.decay import NUM_OWN
+from jbw.observables.decay import NUM_OWN, Decays, matched
+from jbw.observables.drives import of_part
 from jbw.observables.effective_values import correlated_fraction
+from jbw.observables.modal_decays import errors_by_mode
 from jbw.oscillator.laws import laws_named
+from jbw.quantities import are_at_joints
+from jbw.report.messages import modes, stages
 from jbw.report.messages import residuals as messages
-from jbw.report.messages import stages
 
 under_way = logging.getLogger("jbw.progress")
 FitsWithout = Mapping[tuple[str, ...], Fit]  # by the runs that are left out
@@ -68,6 +77,7 @@ FEWEST = 3  # records, before a scatter is spoken of
 BY_CHANCE = 0.01  # probability of as large a scatter, of records that agree
 MATTERS = 1.2  # times the interval: a scatter that widens it by less is not spoken of
 REACH = float(stats.norm.isf(0.005))  # standard deviations of a 99 % interval
+CLEARLY = 1.25  # times what its own joint leaves of a mode
 
 
 def fits_without_each_run(best: Fit, prior: Box, data: Dataset) -> FitsWithout:
@@ -329,3 +339,33 @@ def between_finding(between: xr.Dataset) -> Finding:
         "beyond": float(REACH * wide[worst]),
     }
     return Finding("records_apart", "usable", values, float(scatter[worst]))
+
+
+def own_joint_sentences(key: Key[Array, ""], best: Fit, data: Dataset) -> list[str]:
+    """Whether free decays reject one joint for all modes, a sentence for each part of the data."""
+    if not data.laws or are_at_joints(data.laws):  # several joints are no question of one
+        return []
+    parts = [part for part in data.parts if part.several]
+    return [_mode_sentence(key, best, part, data) for part in parts]
+
+
+def _mode_sentence(key: Key[Array, ""], best: Fit, part: Any, data: Dataset) -> str:
+    theta = of_part(as_arrays(best.theta, data), part)
+    common = errors_by_mode(np.asarray(matched(theta, part).residual), part)
+    own_errors = [error_alone(key, decays) for decays in part.alone]
+    rows = zip(part.modes.hz, common, own_errors, strict=True)
+    rejected = [(hz, shared, other) for hz, shared, other in rows if shared > CLEARLY * other]
+    if not rejected:
+        return modes.one_serves(CLEARLY)
+    clauses = "; ".join(modes.left_by_joint(hz, shared, other) for hz, shared, other in rejected)
+    return modes.rejected(clauses)
+
+
+def error_alone(key: Key[Array, ""], decays: Decays) -> float:
+    """What a joint of its own leaves of one mode's decays, over their size."""
+    data, estimates = Dataset.of([decays], {"gain": 1.0}), decays.first_values()
+    prior = box_of(Identify(), data, estimates)
+    estimates = {**estimates, **from_amplitude_curve(key, data, prior, {})}
+    best = rough(middle_but(estimates, prior), prior, data)
+    residual = np.asarray(matched(as_arrays(best.theta, data), decays).residual)
+    return float(np.linalg.norm(residual) / np.linalg.norm(np.asarray(decays.envelope)))
