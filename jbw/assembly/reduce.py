@@ -18,11 +18,10 @@ import numpy as np
 import scipy.sparse as sp
 from jaxtyping import Float
 
-from jbw.assembly.damping import ModalDamping, modal_damping
 from jbw.assembly.dofs import Dof, Place, weights_at
 from jbw.assembly.factorisation import Sparse
 from jbw.assembly.joint import Joint
-from jbw.assembly.matrices import MatrixModel
+from jbw.assembly.matrices import MatrixModel, ModalDamping, modal_damping
 from jbw.assembly.stuck_modes import (
     ResidualModes,
     StuckModes,
