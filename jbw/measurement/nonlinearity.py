@@ -9,6 +9,28 @@ $$d_k = \bar d + a_k\,\bar d + b_k\,\dot{\bar d} + c_k\,t\,\dot{\bar d} + e_k$$
 A gain that moves, a trigger that comes late and a natural frequency that shifts each change a
 record along one of three directions; what is left is noise. Where the directions explain more than
 chance, the repeats differ, and no averaging makes their scatter smaller than that.
+
+Distortion of multisines is told from noise by periods and lines. A period repeats exactly but for
+the noise, and another realisation of its phases changes what a nonlinearity makes of it. So the
+scatter over periods is noise, and that over realisations beyond it is distortion (the robust
+method): the best linear approximation. Where lines are left without excitation, even and odd
+nonlinearities show there by themselves.
+
+Along one sweep the response is demodulated by multiples of the source's phase,
+
+$$u = A \cos\phi(t), \qquad
+  y \approx \mathrm{Re} \sum_{n=1}^{N} Y_n(t)\, e^{jn\phi(t)}$$
+
+The source's phase phi is that of its analytic signal, so that a sweep may be linear, exponential or
+any other, and up or down; each order is fitted in windows of a few periods, linear within, all
+orders at once. It is Farina's and Novak's separation of a sweep's orders without its demand for an
+exponential one; like theirs it holds where the response follows the sweep.
+
+Reference:
+    Schoukens, Vaes and Pintelon (2016), IEEE Control Systems Magazine 36(3), 38; Pintelon and
+    Schoukens, System Identification, 2nd ed. (2012), sections 4.3 and 4.4. Farina (2000), 108th AES
+    Convention, 5093; Novak, Lotton and Simon (2015), Journal of the Audio Engineering Society 63,
+    786.
 """
 
 import warnings
@@ -16,17 +38,13 @@ from collections.abc import Iterator, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from jaxtyping import Complex, Float, Int
 from numpy.typing import ArrayLike, NDArray
+from scipy.signal import hilbert
 from scipy.stats import f as f_distribution
 
-from jbw.errors import DataError
-from jbw.measurement.channels import channel
-from jbw.measurement.distortion import (
-    best_linear_approximation,
-    detection_lines,
-    largest_share,
-    swept_harmonics,
-)
+from jbw.errors import ConfigError, DataError
+from jbw.measurement.channels import Complexes, Reals, channel, same_length, sampling
 from jbw.measurement.kinds import Kind
 from jbw.measurement.records import INPUTS, RESPONSES, Record
 from jbw.measurement.spectra import frf
@@ -39,6 +57,12 @@ ABOVE_NOISE = 5.0  # standard deviations of a harmonic
 ORDERS = {2: "second", 3: "third", 5: "fifth"}
 BY_CHANCE = 1e-3  # probability below which repeats are said to differ
 SHAPES = 3  # directions along which repeats differ by other than noise
+EXCITED = 0.05  # of the strongest line of the source, from where on a line is excited
+PERIODS = 10.0  # of the source in a window
+SPACING = 0.5  # of a window: from one to the next
+QUIET = 0.02  # of the source's largest amplitude: below, nothing is driven
+FEWEST = 4  # windows
+MOST_STRAY = 0.1  # of a sweep's source from one tone with its harmonics, within a window
 
 
 class Stated(Protocol):
@@ -248,3 +272,235 @@ def _in_band(deviations: np.ndarray, mean: np.ndarray) -> float:
     # Median over mean of a chi-square of 2 k degrees of freedom, by Wilson and Hilferty.
     k = len(deviations) - 1
     return float(np.median(power) / deviations.shape[1] / (1 - 1 / (9 * k)) ** 3)
+
+
+class BestLinear(NamedTuple):
+    """Best linear approximation at the excited lines, a realisation or more of them averaged.
+
+    Standard deviations are of the complex number, sqrt(E|error|^2). Noise is NaN with one period,
+    and what needs realisations with one of these.
+    """
+
+    freq: Reals  # [Hz]
+    h: Complexes  # response over source
+    noise_std: Reals  # of `h`, by the noise alone
+    total_std: Reals  # of `h`, by noise and by distortion
+    distortion_std: Reals  # of one realisation, by distortion alone; zero where below the noise
+    num_realisations: int
+    num_periods: int
+
+
+class Distortion(NamedTuple):
+    """Response at the lines that a period does not excite, between the excited ones.
+
+    All are root mean squares over lines of complex amplitudes, over that of the excited lines;
+    NaN where there are no such lines, and the noise with one period.
+    """
+
+    odd: float
+    even: float
+    noise: float  # of the mean of the periods
+    num_odd: int
+    num_even: int
+
+
+def best_linear_approximation(u: ArrayLike, y: ArrayLike, fs: float) -> BestLinear:
+    r"""Best linear approximation, its noise, and the distortion of one realisation.
+
+    $$\hat G = \frac1M \sum_m \hat G_m, \quad \hat G_m = \frac{\bar Y_m}{\bar U_m}, \quad
+      \sigma_{tot}^2 = \frac{1}{M (M - 1)} \sum_m |\hat G_m - \hat G|^2, \quad
+      \sigma_S^2 = M (\sigma_{tot}^2 - \sigma_n^2)$$
+
+    with bars for means over the P periods and sigma_n by the scatter of the periods about them.
+
+    Args:
+        u: Source of steady periods, shape (realisation, period, time) or (period, time).
+        y: Response, of the same shape.
+        fs: Sampling frequency [Hz].
+
+    Raises:
+        DataError: NaN, unequal shapes, or a source without any power.
+    """
+    (u, y), fs = _steady(u, y), sampling(fs)
+    count, num_periods = u.shape[:2]
+    spectra_u, spectra_y = np.fft.rfft(u), np.fft.rfft(y)
+    lines = excited_lines(u)
+    mean_u, mean_y = (x.mean(axis=1)[:, lines] for x in (spectra_u, spectra_y))
+    ratios = mean_y / mean_u
+    # Noise of source and response together, as the ratio of a period has it to first order.
+    residual = spectra_y[..., lines] - ratios[:, None] * spectra_u[..., lines]
+    noise = np.full(ratios.shape, np.nan)
+    if num_periods > 1:
+        square = np.sum(np.abs(residual) ** 2, axis=1) / (num_periods - 1)
+        noise = square / num_periods / np.abs(mean_u) ** 2
+    h, noise = ratios.mean(axis=0), noise.mean(axis=0) / count
+    total, distortion = np.full(h.shape, np.nan), np.full(h.shape, np.nan)
+    if count > 1:
+        total = np.sum(np.abs(ratios - h) ** 2, axis=0) / (count * (count - 1))
+        distortion = np.maximum(count * (total - noise), 0.0)
+    freq = lines * fs / u.shape[-1]
+    roots = np.sqrt(noise), np.sqrt(total), np.sqrt(distortion)
+    return BestLinear(freq, h, *roots, count, num_periods)
+
+
+def detection_lines(u: ArrayLike, y: ArrayLike) -> Distortion:
+    """Response at unexcited odd and even lines, the source's own share there taken out.
+
+    The source's share is its spectrum there times the response over it at the nearest excited
+    line. `u` and `y` are steady periods of one realisation, (period, time).
+    """
+    whole_u, whole_y = (x[0] for x in _steady(u, y))
+    lines = excited_lines(whole_u[None])
+    spectra_u, spectra_y = np.fft.rfft(whole_u), np.fft.rfft(whole_y)
+    mean_u, mean_y = spectra_u.mean(axis=0), spectra_y.mean(axis=0)
+    band = np.arange(lines[0], lines[-1] + 1)
+    idle = np.setdiff1d(band, lines)
+    nearest = lines[np.argmin(np.abs(idle[:, None] - lines[None]), axis=1)] if idle.size else idle
+    ratio = mean_y[nearest] / mean_u[nearest]
+    response = mean_y[idle] - ratio * mean_u[idle]
+    size = _rms(mean_y[lines])
+    noise = np.nan
+    if len(whole_u) > 1:
+        spread = spectra_y - mean_y
+        variance = np.sum(np.abs(spread) ** 2, axis=0) / (len(whole_u) * (len(whole_u) - 1))
+        noise = float(np.sqrt(variance[band].mean()))
+    odd, even = response[idle % 2 == 1], response[idle % 2 == 0]
+    return Distortion(_rms(odd) / size, _rms(even) / size, noise / size, odd.size, even.size)
+
+
+def excited_lines(u: Float[np.ndarray, "*batch time"]) -> Int[np.ndarray, " line"]:
+    """Lines of the spectrum that the source excites, zero and the last one excluded."""
+    power = np.mean(np.abs(np.fft.rfft(u)) ** 2, axis=tuple(range(u.ndim - 1)))
+    power[0] = power[-1] = 0.0
+    if not power.max() > 0:
+        raise DataError("Channel `u` is constant.", why="A dead source excites nothing.")
+    return np.flatnonzero(np.sqrt(power) > EXCITED * np.sqrt(power.max()))
+
+
+def _rms(values: NDArray[np.complex128]) -> float:
+    return float(np.sqrt(np.mean(np.abs(values) ** 2))) if values.size else float("nan")
+
+
+def _steady(u: ArrayLike, y: ArrayLike) -> tuple[Reals, Reals]:
+    """Source and response by realisation, period and time, checked."""
+    source, response = np.asarray(u, float), np.asarray(y, float)
+    if source.shape != response.shape or not 2 <= source.ndim <= 3:
+        raise DataError(
+            "Channels `u` and `y` must both be (period, time) or (realisation, period, time), but "
+            f"have shapes {source.shape} and {response.shape}.",
+            remedy="Cut the records to whole periods, one a row.",
+        )
+    shape = (-1, *source.shape[-2:])
+    for name, values in (("u", source), ("y", response)):
+        channel(values.reshape(-1, source.shape[-1]), name)
+    return source.reshape(shape), response.reshape(shape)
+
+
+class SweptHarmonics(NamedTuple):
+    """Harmonics at the frequencies that a sweep passes, in the order of time."""
+
+    freq: Reals  # of the source [Hz]
+    source: Complex[np.ndarray, "order window"]  # of the source by itself; order 1 its amplitude
+    response: Complex[np.ndarray, "order window"]  # complex peaks, phase from n times the source's
+    std: Reals  # of a real component of the response's harmonics, by what the fit leaves
+
+
+def swept_harmonics(
+    u: ArrayLike, y: ArrayLike, fs: float, *, num_orders: int = 5, periods: float = PERIODS
+) -> SweptHarmonics:
+    """Harmonics of a response along a sweep, by windows of so many periods of the source.
+
+    A harmonic below the noise comes out as the noise, which `std` tells. Orders above half the
+    sampling frequency are NaN there.
+
+    Args:
+        u: Source, shape (time,) or (repeat, time), whose mean is taken.
+        y: Response, of the same shape.
+        fs: Sampling frequency [Hz].
+        num_orders: Highest order.
+        periods: Length of a window; fewer follow a resonance better, more tell noise better.
+
+    Raises:
+        DataError: NaN, unequal shapes, a dead source, too short a sweep, or a source that is none.
+        ConfigError: An option that cannot be meant.
+    """
+    u, y, fs = channel(u, "u"), channel(y, "y"), sampling(fs)
+    same_length(u=u, y=y)
+    if num_orders < 1 or periods < 3:
+        raise ConfigError(
+            f"Arguments `num_orders` and `periods` must be at least 1 and 3, but are {num_orders} "
+            f"and {periods:g}."
+        )
+    u, y = np.atleast_2d(u).mean(axis=0), np.atleast_2d(y).mean(axis=0)
+    if np.ptp(u) == 0:
+        raise DataError("Channel `u` is constant.", why="A dead source excites nothing.")
+    signal = np.asarray(hilbert(u - u.mean()))
+    phase = np.unwrap(np.angle(signal))
+    if phase[-1] < phase[0]:
+        phase = -phase
+    windows = _windows(np.abs(signal), phase, periods)
+    if len(windows) < FEWEST:
+        raise DataError(
+            f"A sweep must hold {FEWEST} windows of {periods:g} periods, but holds {len(windows)}.",
+            remedy="Sweep more slowly, or shorten `periods`.",
+        )
+    rows = [_fitted(phase[w], u[w], y[w], fs, num_orders) for w in windows]
+    freq, source, response, std, strays = (np.array(x) for x in zip(*rows, strict=True))
+    if (stray := float(np.median(strays))) > MOST_STRAY:
+        raise DataError(
+            f"The source is no sweep: its amplitude strays by {stray:.0%} within {periods:g} "
+            "periods.",
+            why="Noise and multisines have no phase whose multiples were harmonics.",
+        )
+    return SweptHarmonics(freq, source.T, response.T, std)
+
+
+def _windows(amplitude: Reals, phase: Reals, periods: float) -> list[slice]:
+    """Windows of equal turns of the source where it drives anything, overlapping by half."""
+    loud = np.flatnonzero(amplitude > QUIET * amplitude.max())
+    turns = np.maximum.accumulate(phase) / (2 * np.pi)
+    first, last = float(turns[loud[0]]), float(turns[loud[-1]])
+    starts = np.arange(first, last - periods, SPACING * periods)
+    ends = np.searchsorted(turns, np.stack([starts, starts + periods]))
+    return [slice(int(a), int(b)) for a, b in ends.T]
+
+
+def _fitted(
+    phase: Reals, u: Reals, y: Reals, fs: float, num_orders: int
+) -> tuple[float, NDArray[np.complex128], NDArray[np.complex128], float, float]:
+    """Frequency [Hz], harmonics of both, standard deviation of the response's, source's rest."""
+    x = np.linspace(-1.0, 1.0, len(phase))
+    hz = float(np.polyfit(x, phase, 1)[0]) / (np.pi * (len(phase) - 1) / fs)
+    shown = [n for n in range(1, num_orders + 1) if n * hz < 0.45 * fs]
+    waves = [f(n * phase) for n in shown for f in (np.cos, np.sin)]
+    # Amplitudes may change within a window as a parabola, and a drift may lie beneath.
+    basis = np.column_stack([w * x**k for k in range(3) for w in waves] + [x**0, x])
+    weight = np.cos(np.pi * x / 2)[:, None]
+    # Normal equations: columns of like size, far from dependent, and many windows.
+    rows = weight * basis
+    both = np.linalg.solve(rows.T @ rows, rows.T @ (weight * np.column_stack([u, y])))
+    residual = y - basis @ both[:, 1]
+    stray = float(np.std(u - basis @ both[:, 0]) / np.std(u))
+    degrees = max(len(y) - basis.shape[1], 1)
+    std = float(np.sqrt(np.sum(residual**2) / degrees * 2 / (len(y) / 2)))
+    amplitudes = np.full((2, num_orders), np.nan, complex)
+    for i, n in enumerate(shown):
+        amplitudes[:, n - 1] = both[2 * i] - 1j * both[2 * i + 1]
+    # From the source's own fundamental, whatever its phase by the analytic signal.
+    turn = np.exp(-1j * np.arange(1, num_orders + 1) * np.angle(amplitudes[0, 0]))
+    return hz, amplitudes[0] * turn, amplitudes[1] * turn, std, stray
+
+
+def largest_share(harmonics: SweptHarmonics, order: int) -> tuple[float, float, float]:
+    """Largest harmonic of an order over the largest fundamental, its noise, and where [Hz].
+
+    What the source's own harmonic may make of itself is taken off: its share times the largest
+    response over the source.
+    """
+    size = np.abs(harmonics.response[0])
+    row, source = np.abs(harmonics.response[order - 1]), np.abs(harmonics.source[order - 1])
+    passed = np.max(size / np.abs(harmonics.source[0])) * source
+    excess: Float[np.ndarray, " window"] = np.where(np.isfinite(row), row - passed, -np.inf)
+    i = int(np.argmax(excess))
+    share, noise = float(excess[i] / size.max()), float(harmonics.std[i] / size.max())
+    return max(share, 0.0), noise, harmonics.freq[i]

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jbw.errors import DataError
-from jbw.measurement.distortion import best_linear_approximation, detection_lines, excited_lines
+from jbw.measurement.nonlinearity import best_linear_approximation, detection_lines, excited_lines
 
 FS, SIZE, PERIODS = 512.0, 1024, 4
 RNG = np.random.default_rng(2)

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from jbw.errors import ConfigError, DataError
-from jbw.measurement.distortion import largest_share, swept_harmonics
+from jbw.measurement.nonlinearity import largest_share, swept_harmonics
 
 FS, SPAN = 1024.0, 20.0
 T = np.arange(int(FS * SPAN)) / FS
