@@ -57,7 +57,7 @@ PASTED = {
     + "test_springs_of_one_joint_are_no_reference_and_the_remedy_is_taken",
     ("identification/assembled.py", "substeps"): BOLTS
     + "test_too_few_steps_for_the_residual_modes_are_refused_and_the_remedy_cures",
-    ("study/laws_at_joints.py", "laws"): "study/test_laws_at_joints.py::"
+    ("identification/tied_joints.py", "laws"): "study/test_laws_at_joints.py::"
     "test_joints_without_a_law_are_refused_and_the_remedy_cures",
     ("campaign/settings.py", "laws"): "oscillator/test_bwbn.py::"
     "test_the_remedy_of_steady_motion_is_taken",

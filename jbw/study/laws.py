@@ -29,6 +29,7 @@ from jbw.identification.joint import every_parameter
 from jbw.identification.prior_widths import log_evidence_wide
 from jbw.identification.reached import threshold_sentences
 from jbw.identification.run_effects import runs_dataset, runs_sentence
+from jbw.identification.tied_joints import Trials, trials_at_joints
 from jbw.identification.unseen_runs import LeftOut, left_out, left_out_of_fits, runs_of
 from jbw.inference.compiled import forget_when_many
 from jbw.inference.posterior.summary import evenly_spaced, scalars
@@ -44,7 +45,6 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.report.messages import stages
 from jbw.report.messages import study as messages
 from jbw.study.law_answers import compare_rows, statements
-from jbw.study.laws_at_joints import Trials, trials_at_joints
 from jbw.study.look import look_groups, look_quietly
 from jbw.study.stack import law_groups, stack_of
 from jbw.verification.backbone import HERTZ, RATIO, curves

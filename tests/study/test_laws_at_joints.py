@@ -6,8 +6,8 @@ from pasted import lines_of
 
 from jbw.campaign.load import load_with_doubts
 from jbw.errors import ConfigError
+from jbw.identification.tied_joints import MOST, trials_at_joints
 from jbw.study.laws import compare_laws
-from jbw.study.laws_at_joints import MOST, trials_at_joints
 
 OWN = two_bolts.LAWS
 TIED = ("bouc_wen@bolt_1=bolt_2",)
