@@ -31,9 +31,9 @@ from jbw.identification.evidence import (
     tried_under,
 )
 from jbw.identification.first_fit import inside
+from jbw.identification.law_scores import weighed_in
 from jbw.identification.prepare import Fitted
 from jbw.identification.uncertain_shapes import first_factors
-from jbw.identification.unseen_runs import weighed_in
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.inference.samplers.amis import WeighedPoints

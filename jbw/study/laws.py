@@ -26,11 +26,16 @@ from jbw.identification.diagnosis import diagnose, diagnosis_sentences
 from jbw.identification.evidence import Candidate, likelihood_at, offset_changes, without_offsets
 from jbw.identification.floors import own_lines, scatter_of_means
 from jbw.identification.joint import every_parameter
-from jbw.identification.prior_widths import log_evidence_wide
+from jbw.identification.law_scores import (
+    LeftOut,
+    left_out,
+    left_out_of_fits,
+    log_evidence_wide,
+    runs_of,
+)
 from jbw.identification.reached import threshold_sentences
 from jbw.identification.run_effects import runs_dataset, runs_sentence
 from jbw.identification.tied_joints import Trials, trials_at_joints
-from jbw.identification.unseen_runs import LeftOut, left_out, left_out_of_fits, runs_of
 from jbw.inference.compiled import forget_when_many
 from jbw.inference.posterior.summary import evenly_spaced, scalars
 from jbw.inference.space.box import require_float64

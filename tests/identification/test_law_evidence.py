@@ -16,12 +16,12 @@ from scipy.stats import norm
 from jbw.campaign.load import Campaign
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError
-from jbw.identification import evidence, unseen_runs
+from jbw.identification import evidence, law_scores
 from jbw.identification.assemble import assemble, measured
 from jbw.identification.evidence import offset_changes, without_offsets
 from jbw.identification.floors import own_lines, scatter_of_means
+from jbw.identification.law_scores import log_evidence_wide, twice_as_wide
 from jbw.identification.prepare import Fitted
-from jbw.identification.prior_widths import log_evidence_wide, twice_as_wide
 from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.inference.space.box import bounds_by_name, box, from_unit
 from jbw.inference.space.stated import StatedDensities
@@ -77,14 +77,14 @@ def linear():
 @pytest.mark.parametrize("way", ["draws", "points"])
 def test_scores_of_left_out_runs_are_those_of_a_grid(linear, way, monkeypatch):
     if way == "points":  # as where the draws say too little
-        monkeypatch.setattr(unseen_runs, "_by_draws", lambda *of: None)
+        monkeypatch.setattr(law_scores, "_by_draws", lambda *of: None)
     else:  # a run that moves the posterior far has none
-        own, counted = unseen_runs._by_draws, []
+        own, counted = law_scores._by_draws, []
         monkeypatch.setattr(
-            unseen_runs, "_by_draws", lambda *of: counted.append(own(*of)) or counted[-1]
+            law_scores, "_by_draws", lambda *of: counted.append(own(*of)) or counted[-1]
         )
     drawn = evidence.posterior(jax.random.key(2), linear)
-    found = unseen_runs.left_out(jax.random.key(1), linear, *drawn)
+    found = law_scores.left_out(jax.random.key(1), linear, *drawn)
     prior, data, best = linear.fitted.box, linear.fitted.data, linear.fitted.fit
     assert list(found.elpd) == [f"held at {level:g}" for level in LEVELS[:4]]
     std = np.sqrt(np.diag(best.covariance)) / np.asarray(prior.upper - prior.lower)
@@ -105,8 +105,8 @@ def test_scores_of_left_out_runs_are_those_of_a_grid(linear, way, monkeypatch):
 
 def test_scores_of_fits_alone_are_those_of_a_posterior_to_a_few_nats(linear):
     drawn = evidence.posterior(jax.random.key(2), linear)
-    weighed = unseen_runs.left_out(jax.random.key(1), linear, *drawn)
-    fits = unseen_runs.left_out_of_fits(linear)
+    weighed = law_scores.left_out(jax.random.key(1), linear, *drawn)
+    fits = law_scores.left_out_of_fits(linear)
     assert fits.error == weighed.error
     assert fits.khat is None
     for run, score in weighed.elpd.items():
@@ -151,14 +151,14 @@ def test_terms_of_a_silenced_run_tell_what_it_says(linear):
     """As the difference of two evaluations has it: by the terms of either."""
     data, run = linear.fitted.data, "held at 20"
     rest = dataset.silenced(run, data)
-    times = unseen_runs._told_by_terms(data, rest)
+    times = law_scores._told_by_terms(data, rest)
     theta = {name: jnp.asarray(1.001 * value) for name, value in linear.fitted.fit.theta.items()}
     whole, silent = (np.asarray(log_likelihood(theta, one)) for one in (data, rest))
     exact = whole.sum() - silent.sum()
     np.testing.assert_allclose(whole @ (1 - 1 / times), exact, rtol=1e-10)
     np.testing.assert_allclose(silent @ (times - 1), exact, rtol=1e-10)
     tied = replace(data, scatters=jnp.ones((1, 2)), scatter=jnp.ones(2))
-    assert unseen_runs._told_by_terms(tied, rest) is None
+    assert law_scores._told_by_terms(tied, rest) is None
 
 
 def test_floors_are_the_scatter_of_the_mean_and_a_line_of_each_runs_own():

@@ -1,14 +1,18 @@
-r"""What a law makes of each run that it has not seen: the log predictive density, and the error.
+r"""What a law is scored by: the log predictive density of each run that it has not seen, evidence.
 
 $$\mathrm{elpd}_r = \log \int p(D_r | \theta, D_{-r})\, p(\theta | D_{-r})\, d\theta$$
 
 by the draws of the whole posterior weighed anew where they suffice, else by points about a fit
 without the run. Where the weights of those are poor too, the fit alone tells by how much at most
 the score may be off: what the width of a posterior adds is some nats a parameter.
+
+How much evidence hangs on the width of the priors, the same law in a box twice as wide tells. A
+parameter that the data narrow costs ln 2 = 0.69 nats, one that they leave open nothing, and one
+that they push against its bound gains; so the evidence is integrated again and not corrected.
 """
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
 
 import jax
 import numpy as np
@@ -24,14 +28,15 @@ from jbw.inference.lanes import at_points
 from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.inference.samplers import amis
 from jbw.inference.samplers.amis import WeighedPoints
-from jbw.inference.samplers.ladder import Places, choose
+from jbw.inference.samplers.ladder import Places, about_draws, choose
 from jbw.inference.samplers.weighed_points import weights_of
-from jbw.inference.space.box import Box
+from jbw.inference.space.box import Box, bounds_by_name, box
 from jbw.inference.space.problem import Target, problem_of
 from jbw.inference.space.reparametrisation import Reparametrisation
 from jbw.measurement.channels import rms
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
+from jbw.oscillator.laws import quantities_of
 
 # Of points without a run: a round, draws wanted, and rounds where time is stepped through or not.
 SIZE, WORTH, ROUNDS = 256, 200.0, {True: 8, False: 24}
@@ -172,3 +177,42 @@ def _error_of(run: str, best: Fit, candidate: Candidate) -> float:
     errors = errors_with_own_frequency(best, candidate.fitted.box, data)
     pairs = zip(data.labels, data.runs, strict=True)
     return rms([errors[label] for label, name in pairs if name == run and label in errors])
+
+
+def twice_as_wide(prior: Box, laws: tuple[str, ...], stated: Collection[str] = ()) -> Box:
+    """The box with those of the laws' own parameters twice as wide.
+
+    About zero where both signs are possible, otherwise upwards. A part of omega_n^2 has no wider
+    prior: it ends where nothing but the joint holds; nor has one whose density is `stated`.
+    """
+    bounds = bounds_by_name(prior)
+    for quantity in quantities_of(laws):
+        if quantity.name in bounds and not (quantity.is_share or quantity.name in stated):
+            low, high = bounds[quantity.name]
+            has_both_signs = quantity.least is None and low < 0.0 < high
+            bounds[quantity.name] = (
+                (2.0 * low, 2.0 * high) if has_both_signs else (low, 2.0 * high - low)
+            )
+    return box(bounds)
+
+
+def log_evidence_wide(key: Key[Array, ""], one: Candidate, draws: xr.DataTree) -> float | None:
+    """Log evidence in the wider box [nats]; None where its weights cannot be trusted.
+
+    By points about the fit, or about the moments of the posterior's draws where these are worth
+    more.
+    """
+    data, best, prior = one.fitted.data, one.fitted.fit, one.fitted.box
+    wide, log_evidence = (
+        twice_as_wide(prior, one.laws, data.stated.names),
+        draws.attrs.get("log_evidence"),
+    )
+    if log_evidence is None or bounds_by_name(wide) == bounds_by_name(prior):
+        return log_evidence
+    about_fit = place_of(best, replace(one, fitted=replace(one.fitted, box=wide)))
+    parametrisations = {
+        "fit": lambda: about_fit,
+        "draws": lambda: about_draws(draws, wide, about_fit),
+    }
+    weighed = weighed_in(jax.random.fold_in(key, 2), wide, data, parametrisations)
+    return weighed.log_evidence if weighed.khat < GOOD_KHAT else None
