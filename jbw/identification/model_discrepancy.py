@@ -514,7 +514,8 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
     as_fitted = _rests({label: residuals[label] for label in repeated}, repeated, data)
     runs, nothing = list(shown.values()), Missed(NO_SCATTER, NO_SCATTER)
     of_all = FitOfAll(len(fits), natural, best.covariance, slopes.scatter)
-    learned = _learned(runs, as_fitted, of_all, judged=True)
+    in_noise = bool(fits) and _hides_in_noise(residuals, repeated)
+    learned = _learned(runs, as_fitted, of_all, judged=not in_noise)
     if learned.is_nothing:  # chance makes all that is missed
         missed, missed_by_decays, shares = None, None, {}
     else:
@@ -551,7 +552,7 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
             "zeta": by_name.get("zeta", 1.0),
             "num_runs": len(sized_runs),
             "noise_by_repeats": int(set(sizes) <= set(repeated)),
-            "hidden_in_noise": int(bool(fits) and _hides_in_noise(residuals, repeated)),
+            "hidden_in_noise": int(in_noise),
         },
     )
 
