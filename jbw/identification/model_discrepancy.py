@@ -22,8 +22,10 @@ that is left out there may miss as little as an error that is linear in the ampl
 $\sqrt{g_r} = 1 + 2 (y_{min} - y_r) / \max(y_{max} - y_{min}, y_{min})$, and counts by that. $\tau$
 is that of Paule and Mandel about zero. All are none where chance makes as much, of frequency,
 damping and the rest together; where they are not, one whose errors are for the most part the
-scatter of runs, which bands hold already, is none where chance makes it. Chance is that of a sum of
-squares of correlated numbers: a run's noise is in the fits without the others, and
+scatter of runs, which bands hold already, is none where chance makes it. Where no repeats tell the
+noise and what a fit leaves is coloured, the law's misfit counts as noise, and chance is too large:
+there $\tau$ is taken as it is. Chance is that of a sum of squares of correlated numbers: a run's
+noise is in the fits without the others, and
 
 $$\mathrm{cov}(\hat b_r, \hat b_q) = -P_r C_{-r} C^{-1} C_{-q} P_q^T, \quad r \ne q$$
 

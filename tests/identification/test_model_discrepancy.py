@@ -9,10 +9,12 @@ import xarray as xr
 from scipy import stats
 
 from jbw.errors import Attempts
+from jbw.identification import model_discrepancy as learning
 from jbw.identification.leaving_out import fits_without_each_run
 from jbw.identification.model_discrepancy import (
     NO_SCATTER,
     Discrepancy,
+    FitOfAll,
     LeftOutRun,
     Missed,
     NoiseSquares,
@@ -378,6 +380,28 @@ def test_no_band_is_stated_beyond_what_was_fitted_where_noise_hides_what_the_law
     found = learned(2e-4)[0]
     assert found.attrs["hidden_in_noise"] == 1
     assert discrepancy_in(found).in_noise
+
+
+def test_what_is_missed_is_taken_as_it_is_where_a_coloured_residual_counts_as_noise(monkeypatch):
+    # So weak a hardening leaves white residuals, and chance makes what it misses.
+    assert discrepancy_in(learned(2e-5)[0]).is_nothing
+    monkeypatch.setattr(learning, "_hides_in_noise", lambda *_: True)
+    assert discrepancy_in(learned(2e-5)[0]).decays.frequency.std > 0
+
+
+def test_scatter_of_runs_is_not_counted_twice():
+    # Frequencies of four runs scatter as the fit knows of runs; their damping is beyond chance.
+    shifts = np.array([[1.2, 30.0], [-1.3, -40.0], [0.9, 35.0], [-1.1, 50.0]])
+    std = np.array([1.0, 0.1])
+    runs = [LeftOutRun(shift, std, {}, amplitude=1.0, noise_std=std) for shift in shifts]
+    of_runs = FitOfAll(4, 100.0, np.eye(1), np.array([0.95, 0.0]))
+    of_noise = of_runs._replace(scatter=np.zeros(2))
+    frequency, damping = learning._missed(runs, of_runs, judged=False)
+    assert frequency == NO_SCATTER
+    assert damping.std == pytest.approx(np.sqrt(widened(4) * np.mean(shifts[:, 1] ** 2)), rel=1e-4)
+    # As errors of noise, what is more than expected is added: chi-square 5.15 of 4.
+    alone = learning._missed(runs, of_noise, judged=False).frequency
+    assert (100 * alone.std) ** 2 == pytest.approx(widened(4) * (5.15 / 4 - 1), rel=1e-6)
 
 
 def test_a_band_is_withheld_inside_a_campaign_as_of_a_test_brought_later():
