@@ -26,9 +26,10 @@ import jbw
 from jbw import rig
 from jbw.campaign.load import Campaign
 from jbw.identification.assemble import measured_in
+from jbw.identification.discrepancy import discrepancy_in
 from jbw.identification.laplace import fit_alone
 from jbw.identification.leaving_out import fits_without_each_run
-from jbw.identification.model_discrepancy import discrepancy_in, model_discrepancy
+from jbw.identification.model_discrepancy import model_discrepancy
 from jbw.identification.selection import fitted_for_use
 from jbw.measurement.records import Test
 from jbw.observables.dataset import Dataset

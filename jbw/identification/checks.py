@@ -20,6 +20,7 @@ from jbw.identification import accuracy
 from jbw.identification.across_kinds import across_kinds, across_kinds_sentence, kinds_of
 from jbw.identification.attachments import drive_sentences
 from jbw.identification.causes import cause_finding, causes, causes_sentence
+from jbw.identification.discrepancy import discrepancy_finding, discrepancy_sentences
 from jbw.identification.equivalent import (
     Effects,
     effects,
@@ -52,11 +53,7 @@ from jbw.identification.leaving_out import (
     left_out_sentence,
     own_joint_sentences,
 )
-from jbw.identification.model_discrepancy import (
-    discrepancy_finding,
-    discrepancy_sentences,
-    model_discrepancy,
-)
+from jbw.identification.model_discrepancy import model_discrepancy
 from jbw.identification.no_joint import (
     drag_finding,
     joint_finding,

@@ -9,42 +9,27 @@ $$\hat b_r = (S_r^T S_r)^{-1} S_r^T e_r, \qquad
 
 where S are the derivatives of the prediction by omega_n and zeta, J those by all parameters and C
 the covariance of the fit without the run. Its variance is shared by all kinds of test, and grows
-with the distance from the amplitudes that were fitted,
+with the distance from the amplitudes that were fitted (`discrepancy`),
 
-$$\hat b_r \sim N\bigl(0,\, V_r + \tau^2 (y_r / y_{max})^{2p} g_r\bigr), \quad p = 0, 1, 2, \\
-  \sqrt{g(y)} = 1 + d(y) / h, \\
-  d = \max(\ln y / y_{max},\, \ln y_{min} / y,\, 0), \quad
-  h = \tfrac12 \max(\ln y_{max} / y_{min}, \ln 2)$$
+$$\hat b_r \sim N\bigl(0,\, V_r + \tau^2 (y_r / y_{max})^{2p} g_r\bigr), \quad p = 0, 1, 2.$$
 
-as an error that is linear in the logarithm of the amplitude grows. Below, a joint that moves less
-and less sticks, and what a law misses of it tends to a limit: $\sqrt g$ is three at most. A run
-that is left out there may miss as little as an error that is linear in the amplitude itself would,
-$\sqrt{g_r} = 1 + 2 (y_{min} - y_r) / \max(y_{max} - y_{min}, y_{min})$, and counts by that. $\tau$
-is that of Paule and Mandel about zero. All are none where chance makes as much, of frequency,
-damping and the rest together; where they are not, one whose errors are for the most part the
-scatter of runs, which bands hold already, is none where chance makes it. Where no repeats tell the
-noise and what a fit leaves is coloured, the law's misfit counts as noise, and chance is too large:
-there $\tau$ is taken as it is. Chance is that of a sum of squares of correlated numbers: a run's
-noise is in the fits without the others, and
+$\tau$ is that of Paule and Mandel about zero. All are none where chance makes as much, of
+frequency, damping and the rest together; where they are not, one whose errors are for the most part
+the scatter of runs, which bands hold already, is none where chance makes it. Where no repeats tell
+the noise and what a fit leaves is coloured, the law's misfit counts as noise, and chance is too
+large: there $\tau$ is taken as it is. Chance is that of a sum of squares of correlated numbers: a
+run's noise is in the fits without the others, and
 
 $$\mathrm{cov}(\hat b_r, \hat b_q) = -P_r C_{-r} C^{-1} C_{-q} P_q^T, \quad r \ne q$$
 
 of a linear model, with the covariance C of the fit of all runs.
 
-Beyond the largest amplitude fitted the errors of the parameters are no longer those of a law that
-holds: they answer for its misfit at the amplitudes that were fitted. So all that the runs left out
-miss beyond noise, $\tau_0^2 = \mathrm{mean}_r ((\hat b_r^2 - \sigma_r^2) / g_r)$ with the errors
-$\sigma_r$ of noise alone, grows outward,
+All that the runs left out miss beyond noise, errors of the parameters included, is
 
-$$\tau^2(y) = \tau^2 + \max(\tau, \tau_0)^2 \bigl(g(y)\,(y / y_{max})^4 - 1\bigr), \quad
-  y > y_{max}$$
+$$\tau_0^2 = \mathrm{mean}_r ((\hat b_r^2 - \sigma_r^2) / g_r)$$
 
-with the square of the amplitude, as the equivalent stiffness of a cubic spring does: of the powers
-p above the steepest, since runs below cannot tell which one holds beyond them. Farther above the
-fitted amplitudes than these are apart, in the logarithm, the discrepancy is not stated.
-
-The rest of $e_r$ is a share of the
-response, white, beyond what noise and the errors of the fit without the run leave of it,
+with the errors $\sigma_r$ of noise alone. The rest of $e_r$ is a share of the response, white,
+beyond what noise and the errors of the fit without the run leave of it,
 
 $$E|e|^2 = N n + |M|^2, \qquad
   \mathrm{var}|e|^2 = 2\,(N n^2 / f + N^2 n^2 / K + 2 n |M|^2 + |M^T M|^2), \\
@@ -57,12 +42,11 @@ normal distribution is that of Student's t.
 
 Reference:
     Satterthwaite (1946), Biometrics Bull. 2, 110: the distribution of a sum of squares.
-    Kennedy and O'Hagan (2001), J. R. Stat. Soc. B 63, 425: a discrepancy beside a calibrated model.
     Paule and Mandel (1982), J. Res. Natl. Bur. Stand. 87, 377.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax
@@ -72,7 +56,13 @@ from jaxtyping import Float, Inexact
 from scipy import stats
 from scipy.optimize import root_scalar
 
-from jbw.identification.accuracy import another_law
+from jbw.identification.discrepancy import (
+    NO_SCATTER,
+    POWERS,
+    Missed,
+    Scatter,
+    growth_shown,
+)
 from jbw.identification.leaving_out import FitsWithout
 from jbw.identification.run_effects import (
     sizes_of_runs,
@@ -80,7 +70,6 @@ from jbw.identification.run_effects import (
 )
 from jbw.inference.fit.costly_fit import evaluator, from_search, residual_at, to_search
 from jbw.inference.fit.fitting import Fit
-from jbw.inference.posterior.finding import Finding
 from jbw.inference.space.box import Box
 from jbw.observables.dataset import (
     Dataset,
@@ -98,102 +87,13 @@ from jbw.observables.observable import OFFSETS, Row
 from jbw.observables.spectra import real_rows
 from jbw.report.messages import discrepancy as messages
 
-LEAST_RANGE = float(np.log(2.0))  # of the logarithm of amplitude: the least that a slope is over
 BY_CHANCE = 0.01  # probability below which shifts and residuals are taken for the law's
 NO_OFFSET = 1e-9  # of the scatter of runs: room for no offset
-POWERS = (0, 1, 2)  # of the amplitude: a change of stiffness, friction, a cubic spring
-MOST_GROWN = 3.0  # of a standard deviation by the logarithm of the amplitude: the whole range
 # Fits without runs: of fewer, each sees a level or two, and the errors of its parameters are not
 # those of its derivatives.
 FEWEST_FITS = 3
 FEWEST_DEGREES = 3  # of freedom of a variance that runs tell: fewer say no more
 UPPER = 0.995  # where a 99 % band ends
-COUNTS = 1e-3  # of the response at resonance: linearity of a good sensor, which hides less
-ONE_LEVEL = 1.1  # of amplitudes: within, runs are repeats of one level
-
-
-class Scatter(NamedTuple):
-    """Standard deviation at the largest amplitude fitted, and the power of amplitude it runs by.
-
-    `whole` is that of all that is missed, errors of the parameters included, which grows outward.
-    """
-
-    std: float
-    power: int = 0
-    whole: float = 0.0
-
-
-NO_SCATTER = Scatter(0.0)
-
-
-class Missed(NamedTuple):
-    """What a law misses within the amplitudes that were fitted."""
-
-    frequency: Scatter  # of the natural frequency, over itself [-]
-    damping: Scatter  # of the damping ratio [-]
-
-
-class AtAmplitude(NamedTuple):
-    """Standard deviations of what a law misses at one amplitude."""
-
-    frequency: float  # of the natural frequency, over itself [-]
-    damping: float  # of the damping ratio [-]
-    share: float  # factor of the share of the response that is missed otherwise
-    beyond: float = 0.0  # factor of what grows outward, of all that is missed of that
-
-
-NOTHING = AtAmplitude(0.0, 0.0, 0.0)
-
-
-@dataclass(frozen=True)
-class Discrepancy:
-    """What a law leaves beyond noise on tests that were not fitted."""
-
-    forced: Missed
-    decays: Missed  # the natural frequency over that of the beginning of a record
-    share: Mapping[str, Scatter]  # the rest over the rms of the response, by kind of test
-    y_low: float  # smallest and largest amplitude of a run that was fitted [m]; 0 where not known
-    y_high: float
-    in_noise: bool = False  # whether what counts as noise of the fitted tests hides some of it
-
-    @property
-    def is_nothing(self) -> bool:
-        """Whether the law leaves nothing beyond noise."""
-        scatters = (*self.forced, *self.decays, *self.share.values())
-        return not any(scatter.std or scatter.whole for scatter in scatters)
-
-    def at(self, y: float | None, *, of_decay: bool = False) -> AtAmplitude:
-        """Standard deviations at an amplitude [m]; where it is not known, at the largest fitted."""
-        grown, beyond = growth(y, self.y_low, self.y_high), outward(y, self.y_low, self.y_high)
-        ratio = y / self.y_high if y is not None and self.y_high > 0 else 1.0
-        within = 1.0 if beyond else grown
-
-        def std_of(scatter: Scatter) -> float:
-            inside = within * scatter.std * min(ratio, 1.0) ** scatter.power
-            return float(np.hypot(inside, beyond * scatter.whole))
-
-        frequency, damping = map(std_of, self.decays if of_decay else self.forced)
-        return AtAmplitude(frequency, damping, within, beyond)
-
-    def is_stated(self, y: float) -> bool:
-        """Whether the discrepancy can be stated at an amplitude [m].
-
-        No farther above the amplitudes that were fitted, in the logarithm, than these are apart, or
-        one octave: runs left out show nothing of what lies beyond. Where they show nothing since
-        what the law misses counts as noise, nothing grows, and no larger amplitude is stated.
-        """
-        if self.is_nothing:
-            return not (self.in_noise and y > ONE_LEVEL * self.y_high > 0)
-        return growth(y, self.y_low, self.y_high) <= MOST_GROWN
-
-    def share_of(self, kind: str, missed: AtAmplitude) -> float:
-        """Share of the response that a test of a kind leaves: its kind's, else the largest."""
-        shares = {name: _at(scatter, missed) for name, scatter in self.share.items()}
-        return shares.get(kind, max(shares.values(), default=0.0))
-
-
-def _at(share: Scatter, missed: AtAmplitude) -> float:
-    return float(np.hypot(missed.share * share.std, missed.beyond * share.whole))
 
 
 class NoiseSquares(NamedTuple):
@@ -235,36 +135,6 @@ class LeftOutRun(NamedTuple):
 
 
 NoiseOf = Mapping[str, NoiseSquares]  # by label
-
-
-def growth(y: float | None, y_low: float, y_high: float) -> float:
-    r"""The factor $\sqrt g$ of a standard deviation at an amplitude y [m].
-
-    It grows by the logarithm of the amplitude; below, where a joint sticks, to three at most.
-    """
-    if y is None or not (0 < y_low <= y_high and y > 0):
-        return 1.0
-    wide = max(np.log(y_high / y_low), LEAST_RANGE)
-    above, below = 1 + 2 * np.log([y / y_high, y_low / y]) / wide
-    return float(max(above, min(below, MOST_GROWN), 1.0))
-
-
-def growth_shown(y: float | None, y_low: float, y_high: float) -> float:
-    r"""The factor $\sqrt{g_r}$ by which a run counts that is left out of others.
-
-    Below these it grows by the amplitude: what a run misses there is no more than that explained.
-    """
-    if y is None or not 0 < y < y_low <= y_high:
-        return growth(y, y_low, y_high)
-    return 1 + 2 * (y_low - y) / max(y_high - y_low, y_low)
-
-
-def outward(y: float | None, y_low: float, y_high: float) -> float:
-    r"""The factor $\sqrt{g (y / y_{max})^4 - 1}$ of all that is missed; 0 within the fitted."""
-    if y is None or not 0 < y_low <= y_high < y:
-        return 0.0
-    grown = growth(y, y_low, y_high) * (y / y_high) ** max(POWERS)
-    return float(np.sqrt(grown**2 - 1))
 
 
 def scatter_by_amplitude(
@@ -485,6 +355,15 @@ def by_drift(of_run: LeftOutRun, decay: LeftOutDecay, omega_n: float) -> LeftOut
     )
 
 
+class FitOfAll(NamedTuple):
+    """What is the same of all runs that are left out."""
+
+    num_fits: int  # without some of them
+    omega_n: float  # natural frequency of the fit of all [rad/s]
+    covariance: Float[np.ndarray, "parameter parameter"]  # of its parameters
+    scatter: Float[np.ndarray, " own"]  # of omega_n [rad/s] and zeta over runs
+
+
 def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -> xr.Dataset:
     """What every run shows of the discrepancy when it is left out, and what all show together.
 
@@ -495,45 +374,84 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
     by_name = {plain(n): float(value) for n, value in reversed(everything_known.items())}
     natural = by_name.get("omega_n", 1.0)
     amplitudes, repeated = amplitudes_of_runs(data, natural), _noise_of_repeats(data)
-    residuals = left_by_label(best.residual, data)
+    residuals, slopes = left_by_label(best.residual, data), slopes_of(best, prior, data)
     noise = _noise_alike(residuals, data) | repeated
-    y_high, slopes = max(amplitudes.values(), default=0.0), slopes_of(best, prior, data)
-    shown: dict[str, LeftOutRun] = {}
-    sizes = size_by_label(data)
-    sized_runs = {run for label, run in zip(data.labels, data.runs, strict=True) if label in sizes}
     stay_in = _decays(data) - {run for group in fits for run in group}
     fits_with_decays = {tuple(sorted(stay_in)): best} if stay_in else {}  # decays among other tests
-    for group, fit in {**fits_with_decays, **fits}.items():
-        others = [y for run, y in amplitudes.items() if run not in group]
-        for run in group:
-            of_run = left_out_run(run, fit, slopes, prior, noise)
-            if (decay := _drift(run, fit, data)) is not None:
-                of_run = by_drift(of_run, decay, natural)
-            lowest, highest = min(others, default=0.0), max(others, default=0.0)
-            grown = growth_shown(amplitudes.get(run), lowest, highest)
-            relative = amplitudes.get(run, np.nan) / y_high if y_high > 0 else np.nan
-            shown[run] = of_run._replace(amplitude=relative, grown=grown)
+    shown = {
+        run: _placed(_shown_by(run, fit, slopes, prior, noise, natural), run, group, amplitudes)
+        for group, fit in {**fits_with_decays, **fits}.items()
+        for run in group
+    }
     as_fitted = _rests({label: residuals[label] for label in repeated}, repeated, data)
-    runs, nothing = list(shown.values()), Missed(NO_SCATTER, NO_SCATTER)
-    of_all = FitOfAll(len(fits), natural, best.covariance, slopes.scatter)
     in_noise = bool(fits) and _hides_in_noise(residuals, repeated)
-    learned = _learned(runs, as_fitted, of_all, judged=not in_noise)
-    if learned.is_nothing:  # chance makes all that is missed
-        missed, missed_by_decays, shares = None, None, {}
-    else:
-        missed, missed_by_decays, shares = _learned(runs, as_fitted, of_all, judged=False)
+    of_all = FitOfAll(len(fits), natural, best.covariance, slopes.scatter)
+    learned = _learned(list(shown.values()), as_fitted, of_all, judged=not in_noise)
+    if not learned.is_nothing:  # chance does not make all that is missed
+        learned = _learned(list(shown.values()), as_fitted, of_all, judged=False)
+    sizes = size_by_label(data)
+    sized_runs = {run for label, run in zip(data.labels, data.runs, strict=True) if label in sizes}
+    about = {
+        "omega_n": natural,
+        "zeta": by_name.get("zeta", 1.0),
+        "num_runs": len(sized_runs),
+        "noise_by_repeats": int(set(sizes) <= set(repeated)),
+        "hidden_in_noise": int(in_noise),
+    }
+    return _as_arrays_of_runs(shown, learned, amplitudes).assign_attrs(about)
+
+
+def _shown_by(
+    run: str, fit: Fit, slopes: Slopes, prior: Box, noise: NoiseOf, natural: float
+) -> LeftOutRun:
+    """What a run shows at the fit without it; a free decay is predicted from its beginning."""
+    of_run = left_out_run(run, fit, slopes, prior, noise)
+    decay = _drift(run, fit, slopes.data)
+    return of_run if decay is None else by_drift(of_run, decay, natural)
+
+
+def _placed(
+    of_run: LeftOutRun, run: str, group: Sequence[str], amplitudes: Mapping[str, float]
+) -> LeftOutRun:
+    """A run with its amplitude, over the largest and beside those of the runs that were fitted."""
+    others, y_high = [y for name, y in amplitudes.items() if name not in group], _y_high(amplitudes)
+    lowest, highest = min(others, default=0.0), max(others, default=0.0)
+    return of_run._replace(
+        amplitude=amplitudes.get(run, np.nan) / y_high if y_high > 0 else np.nan,
+        grown=growth_shown(amplitudes.get(run), lowest, highest),
+    )
+
+
+def _y_high(amplitudes: Mapping[str, float]) -> float:
+    return max(amplitudes.values(), default=0.0)
+
+
+def _as_arrays_of_runs(
+    shown: Mapping[str, LeftOutRun], learned: "Learned", amplitudes: Mapping[str, float]
+) -> xr.Dataset:
+    """What runs show by themselves as arrays, and what they show together as attributes."""
+    nothing = Missed(NO_SCATTER, NO_SCATTER)
+    missed = learned if not learned.is_nothing else Learned(nothing, nothing, {})
+    runs, shares, y_high = shown.values(), missed.shares, _y_high(amplitudes)
     shape, dims = (len(shown), len(OFFSETS)), ("run", "quantity")
-    shift = np.reshape([run.shift for run in shown.values()], shape)
-    std = np.reshape([run.std for run in shown.values()], shape)
-    noise_std = np.reshape([run.noise_std for run in shown.values()], shape)
-    amplitude = [run.amplitude * y_high for run in shown.values()]
-    grown_by, units = [run.grown for run in shown.values()], {"group_units": ["rad/s", "1"]}
+    shift, std, noise_std = (
+        np.reshape([getattr(run, name) for run in runs], shape)
+        for name in ("shift", "std", "noise_std")
+    )
+    units = {"group_units": ["rad/s", "1"]}
     of_rest = {"units": "1", "long_name": "sd over rms"}
-    positive = [y for y in amplitudes.values() if y > 0]
     return xr.Dataset(
         {
-            "amplitude": ("run", amplitude, {"units": "m", "long_name": "largest displacement"}),
-            "growth": ("run", grown_by, {"units": "1", "long_name": "factor at its amplitude"}),
+            "amplitude": (
+                "run",
+                [run.amplitude * y_high for run in runs],
+                {"units": "m", "long_name": "largest displacement"},
+            ),
+            "growth": (
+                "run",
+                [run.grown for run in runs],
+                {"units": "1", "long_name": "factor at its amplitude"},
+            ),
             "shift": (dims, shift, {**units, "long_name": messages.SHIFT_OF_RUN}),
             "std": (dims, std, {**units, "long_name": "its standard error"}),
             "noise_std": (dims, noise_std, {**units, "long_name": "that of noise alone"}),
@@ -546,26 +464,12 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
             "kind": np.array(list(shares), str),
         },
         {
-            "forced": np.ravel(missed or missed_by_decays or nothing),
-            "decays": np.ravel(missed_by_decays or missed or nothing),
-            "y_low": min(positive, default=0.0),
+            "forced": np.ravel(missed.forced or missed.decays or nothing),
+            "decays": np.ravel(missed.decays or missed.forced or nothing),
+            "y_low": min((y for y in amplitudes.values() if y > 0), default=0.0),
             "y_high": y_high,
-            "omega_n": natural,
-            "zeta": by_name.get("zeta", 1.0),
-            "num_runs": len(sized_runs),
-            "noise_by_repeats": int(set(sizes) <= set(repeated)),
-            "hidden_in_noise": int(in_noise),
         },
     )
-
-
-class FitOfAll(NamedTuple):
-    """What is the same of all runs that are left out."""
-
-    num_fits: int  # without some of them
-    omega_n: float  # natural frequency of the fit of all [rad/s]
-    covariance: Float[np.ndarray, "parameter parameter"]  # of its parameters
-    scatter: Float[np.ndarray, " own"]  # of omega_n [rad/s] and zeta over runs
 
 
 class Learned(NamedTuple):
@@ -606,25 +510,6 @@ def _learned(
     )
 
 
-def discrepancy_in(found: xr.Dataset) -> Discrepancy:
-    """The discrepancy as predictions take it; of old runs without what grows outward."""
-    names, rests = map(str, found["kind"].values), found["rest"].values.tolist()
-    rests_beyond = (
-        found["rest_beyond"].values.tolist() if "rest_beyond" in found else [0.0] * len(rests)
-    )
-    pairs = zip(names, rests, rests_beyond, strict=True)
-    shares = {kind: Scatter(rest, 0, beyond) for kind, rest, beyond in pairs}
-    forced, decays = (_missed_in(found.attrs[name]) for name in ("forced", "decays"))
-    y_low, y_high = float(found.attrs["y_low"]), float(found.attrs["y_high"])
-    in_noise = bool(found.attrs.get("hidden_in_noise", 0))
-    return Discrepancy(forced, decays, shares, y_low, y_high, in_noise)
-
-
-def _missed_in(numbers: Float[np.ndarray, " number"]) -> Missed:
-    rows = np.reshape(numbers, (len(OFFSETS), -1)).tolist()
-    return Missed(*(Scatter(std, int(power), *total) for std, power, *total in rows))
-
-
 def _missed(shown: Sequence[LeftOutRun], of_all: FitOfAll, *, judged: bool) -> Missed | None:
     """Scatter of what runs show, over the natural frequency [rad/s]; None of no runs."""
     if not shown:
@@ -648,55 +533,6 @@ def _missed(shown: Sequence[LeftOutRun], of_all: FitOfAll, *, judged: bool) -> M
     omega_n, zeta = scatters
     relative = Scatter(omega_n.std / natural, omega_n.power, omega_n.whole / natural)
     return Missed(relative, zeta)
-
-
-def discrepancy_finding(found: xr.Dataset, laws: Sequence[str]) -> Finding | None:
-    """What the law misses of runs that were left out; None where none can be left out.
-
-    A change of frequency by omega_n times e, or of damping by e, moves the response at resonance by
-    e / zeta of itself.
-    """
-    if not found.sizes["run"]:
-        return None
-    discrepancy = discrepancy_in(found)
-    if discrepancy.is_nothing:
-        entry = "" if found.attrs.get("noise_by_repeats", 1) else "discrepancy.no_repeats"
-        return Finding("discrepancy", "ok", {}, 0.0, entry=entry)
-    shift, noise_std = found["shift"].values, found["noise_std"].values
-    over_noise = np.where(np.isfinite(noise_std), np.abs(shift) / noise_std, 0.0)
-    run = int(np.argmax(over_noise.max(axis=1)))
-    forced = discrepancy.forced if any(x.whole for x in discrepancy.forced) else discrepancy.decays
-    rest = max((share.whole for share in discrepancy.share.values()), default=0.0)
-    of_modes = max(forced.frequency.whole, forced.damping.whole) / found.attrs["zeta"]
-    if (error := max(of_modes, rest)) < COUNTS:
-        values = {"error": error, "limit": COUNTS}
-        return Finding("discrepancy", "ok", values, error, entry="discrepancy.small")
-    values = {
-        "frequency": forced.frequency.whole,
-        "damping": forced.damping.whole,
-        "rest": rest,
-        "run": str(found["run"].values[run]),
-        "run_frequency": float(shift[run, 0] / found.attrs["omega_n"]),
-        "run_damping": float(shift[run, 1]),
-    }
-    remedy = {"another_law": another_law(laws)}
-    largest = max(forced.frequency.whole, forced.damping.whole, rest)
-    return Finding("discrepancy", "usable", values, largest, remedy)
-
-
-def unscored_levels(found: xr.Dataset) -> str:
-    """Why nothing shows how the law predicts other levels, by its key in `UNSCORED`; or empty."""
-    if not found.sizes["run"]:
-        return "two runs" if found.attrs["num_runs"] > 1 else "one run"
-    y_low, y_high = float(found.attrs["y_low"]), float(found.attrs["y_high"])
-    return "one level" if 0 < y_low <= y_high <= ONE_LEVEL * y_low else ""
-
-
-def discrepancy_sentences(found: xr.Dataset) -> list[str]:
-    """What bands of tests that were not fitted hold beside noise, and what cannot be scored."""
-    reason = unscored_levels(found)
-    unscored = [messages.UNSCORED[reason].sentence] if reason else []
-    return unscored if discrepancy_in(found).is_nothing else [messages.IN_BANDS, *unscored]
 
 
 def amplitudes_of_runs(data: Dataset, omega_n: float) -> dict[str, float]:

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from jbw.campaign.load import Campaign
 from jbw.identification.across_kinds import across_kinds_record, kinds_of
 from jbw.identification.assemble import Measured, entered, fitted_repeats
+from jbw.identification.discrepancy import unscored_levels
 from jbw.identification.instruments import Sensors, spread_of, with_instruments
 from jbw.identification.joint_answers import JOINTS, joints_record
 from jbw.identification.linear_step import NAMES, LinearStep, units_of
 from jbw.identification.modal import ModalFit
-from jbw.identification.model_discrepancy import unscored_levels
 from jbw.identification.procedure import Identification
 from jbw.identification.run_effects import runs_summary
 from jbw.identification.step import Step

@@ -11,7 +11,7 @@ import xarray as xr
 
 from jbw.errors import Attempts
 from jbw.identification.assemble import Measured, entered
-from jbw.identification.model_discrepancy import NOTHING, AtAmplitude
+from jbw.identification.discrepancy import NOTHING, AtAmplitude
 from jbw.identification.selection import Sweeps, loop_tests
 from jbw.measurement.records import Test, drive_of
 from jbw.report.messages import verification as messages

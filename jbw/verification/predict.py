@@ -9,7 +9,7 @@ import xarray as xr
 
 from jbw.campaign.gains import Gain, gain_of
 from jbw.errors import ConfigError, DataError
-from jbw.identification.model_discrepancy import NOTHING, AtAmplitude
+from jbw.identification.discrepancy import NOTHING, AtAmplitude
 from jbw.inference.thresholds import BEYOND
 from jbw.measurement.records import Test, drive_of
 from jbw.observables.drives import of_drive

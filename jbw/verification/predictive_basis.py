@@ -12,12 +12,7 @@ from jaxtyping import Array, Key
 from numpy.typing import ArrayLike, NDArray
 
 from jbw.errors import ConfigError, DataError
-from jbw.identification.model_discrepancy import (
-    NOTHING,
-    AtAmplitude,
-    Discrepancy,
-    discrepancy_in,
-)
+from jbw.identification.discrepancy import NOTHING, AtAmplitude, Discrepancy, discrepancy_in
 from jbw.inference.generator import generator
 from jbw.inference.posterior.summary import evenly_spaced
 from jbw.measurement.curves import response_curve

@@ -10,25 +10,27 @@ from scipy import stats
 
 from jbw.errors import Attempts
 from jbw.identification import model_discrepancy as learning
-from jbw.identification.leaving_out import fits_without_each_run
-from jbw.identification.model_discrepancy import (
+from jbw.identification.discrepancy import (
     NO_SCATTER,
     Discrepancy,
-    FitOfAll,
-    LeftOutRun,
     Missed,
-    NoiseSquares,
-    Rest,
     Scatter,
-    _rest,
-    amplitudes_of_runs,
-    coefficients_of,
-    correlation_of,
     discrepancy_finding,
     discrepancy_in,
     discrepancy_sentences,
     growth,
     growth_shown,
+)
+from jbw.identification.leaving_out import fits_without_each_run
+from jbw.identification.model_discrepancy import (
+    FitOfAll,
+    LeftOutRun,
+    NoiseSquares,
+    Rest,
+    _rest,
+    amplitudes_of_runs,
+    coefficients_of,
+    correlation_of,
     model_discrepancy,
     root_of,
     scatter_about_zero,
