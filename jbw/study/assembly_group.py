@@ -21,7 +21,7 @@ SAME_PLACE = 1e-9  # of the structure's extent
 MOST_LINKS = 12  # a node: more are no mesh
 
 
-class Place(NamedTuple):
+class ModelJoint(NamedTuple):
     """One joint at its degrees of freedom, in SI.
 
     Attributes:
@@ -35,17 +35,17 @@ class Place(NamedTuple):
     stiffness: float
 
 
-class Assembly(NamedTuple):
+class ModelJoints(NamedTuple):
     """All joints, and what a file for the model's own program needs beside them.
 
     Attributes:
-        places: The joints.
+        joints: The joints.
         units: System of units of the matrices.
         holds_joints: Whether K holds the joints in full stick.
         highest_node: Largest number of a node; 0 where none is a number.
     """
 
-    places: tuple[Place, ...]
+    joints: tuple[ModelJoint, ...]
     units: str
     holds_joints: bool
     highest_node: int
@@ -128,7 +128,7 @@ def _with_coincident(
     return filled
 
 
-def assembly_of(tree: xr.DataTree) -> Assembly:
+def assembly_of(tree: xr.DataTree) -> ModelJoints:
     """The joints of a run's result.
 
     Raises:
@@ -141,14 +141,14 @@ def assembly_of(tree: xr.DataTree) -> Assembly:
             remedy="Identify the campaign again with this version of jbw.",
         )
     group = tree[GROUP].to_dataset()
-    places = []
+    joints = []
     for name in group["joint"].values:
         of_joint = group.sel(joint=name)
         pairs = zip(of_joint["dof"].values, of_joint["weight"].values, strict=True)
         terms = tuple((_dof(str(dof)), float(weight)) for dof, weight in pairs if weight)
-        places.append(Place(str(name), terms, float(of_joint["stiffness"])))
-    return Assembly(
-        tuple(places),
+        joints.append(ModelJoint(str(name), terms, float(of_joint["stiffness"])))
+    return ModelJoints(
+        tuple(joints),
         str(group.attrs["units"]),
         bool(group.attrs["holds_joints"]),
         int(group.attrs["highest_node"]),

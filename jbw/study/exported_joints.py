@@ -19,7 +19,7 @@ from jbw.oscillator.laws import laws_named
 from jbw.oscillator.modes.assembled import laws_at, motion_in
 from jbw.quantities import MODES, OSCILLATOR, Quantity, motion_factors_in, split
 from jbw.report.messages import study as messages
-from jbw.study.assembly_group import Assembly, Place, assembly_of
+from jbw.study.assembly_group import ModelJoint, ModelJoints, assembly_of
 from jbw.study.export import (
     LINEAR,
     NAMES,
@@ -91,7 +91,7 @@ class JointsExport:
     joint: dict[str, float]
     cards: tuple[JointCard, ...]
     laws: Laws
-    assembly: Assembly
+    assembly: ModelJoints
 
 
 def export_joints(
@@ -204,29 +204,29 @@ def refuse_options_of_one_joint(**options: Any) -> None:
 
 # -- the joints ------------------------------------------------------------------------------------
 def _cards(
-    draws: Draws, basis: Basis, assembly: Assembly, tree: xr.DataTree
+    draws: Draws, basis: Basis, assembly: ModelJoints, tree: xr.DataTree
 ) -> list[tuple[JointCard, ...]]:
     """The joints that have laws, of every draw."""
     count = count_of(draws)
     per_joint = []
-    for place in assembly.places:
-        names = tuple(law for law in basis.laws if place.name in split(law)[1])
+    for model_joint in assembly.joints:
+        names = tuple(law for law in basis.laws if model_joint.name in split(law)[1])
         if names:
-            per_joint.append(_cards_of_joint(draws, place, names, assembly, tree))
+            per_joint.append(_cards_of_joint(draws, model_joint, names, assembly, tree))
     return [tuple(cards[i] for cards in per_joint) for i in range(count)]
 
 
 def _cards_of_joint(
-    draws: Draws, place: Place, names: Laws, assembly: Assembly, tree: xr.DataTree
+    draws: Draws, model_joint: ModelJoint, names: Laws, assembly: ModelJoints, tree: xr.DataTree
 ) -> list[JointCard]:
-    is_rotation = rotates(place.terms)
+    is_rotation = rotates(model_joint.terms)
     units = joint_units(assembly.units, rotates=is_rotation)
-    reach, hz = _largest_motion(draws, place.name, tree)
-    in_si = _exports(draws, place, names, joint_units(SI, rotates=is_rotation), reach, hz)
-    in_units = _exports(draws, place, names, units, reach, hz)
-    terms = terms_in(units, place.terms)
+    reach, hz = _largest_motion(draws, model_joint.name, tree)
+    in_si = _exports(draws, model_joint, names, joint_units(SI, rotates=is_rotation), reach, hz)
+    in_units = _exports(draws, model_joint, names, units, reach, hz)
+    terms = terms_in(units, model_joint.terms)
     return [
-        JointCard(place.name, terms, units, hz, joint, joint_in_si)
+        JointCard(model_joint.name, terms, units, hz, joint, joint_in_si)
         for joint, joint_in_si in zip(in_units, in_si, strict=True)
     ]
 
@@ -244,11 +244,11 @@ def _largest_motion(draws: Draws, name: str, tree: xr.DataTree) -> tuple[float, 
 
 
 def _exports(
-    draws: Draws, place: Place, names: Laws, units: JointUnits, reach: float, hz: float
+    draws: Draws, model_joint: ModelJoint, names: Laws, units: JointUnits, reach: float, hz: float
 ) -> list[Export]:
     """A joint of every draw as that of an oscillator of unit mass, in some units."""
     laws = tuple(split(name)[0] for name in names)
-    plain, quantities = _plain(draws, place, names, units)
+    plain, quantities = _plain(draws, model_joint, names, units)
     peak = float(units.value(reach, "m"))
     tables = skeletons(plain, peak, laws, UNIT_MASS)
     found = []
@@ -279,17 +279,17 @@ def _exports(
 
 
 def _plain(
-    draws: Draws, place: Place, names: Laws, units: JointUnits
+    draws: Draws, model_joint: ModelJoint, names: Laws, units: JointUnits
 ) -> tuple[Draws, tuple[Quantity, ...]]:
     """Parameters of a joint's laws by their plain names in some units, and their table."""
     count = count_of(draws)
     values: Draws = {
-        "omega_n": np.full(count, np.sqrt(units.value(place.stiffness, "N/m"))),
+        "omega_n": np.full(count, np.sqrt(units.value(model_joint.stiffness, "N/m"))),
         "zeta": np.zeros(count),
     }
     _, spring, dashpot = LINEAR
     table = [FACTOR, *(q._replace(unit=units.unit(q.unit)) for q in (spring, dashpot))]
-    laws = laws_at(draws, names, place.name)
+    laws = laws_at(draws, names, model_joint.name)
     for law, kind in zip(laws, laws_named(names), strict=True):
         powers, parameters = law.powers_of_length(), law.parameters()
         for quantity, at_joint in zip(type(law).table, kind.table, strict=True):
@@ -330,43 +330,43 @@ def _modes(draw: Draws, tree: xr.DataTree) -> Iterable[str]:
         yield messages.motion_beside_matrices(factor.meaning, float(draw[name][0]))
 
 
-def _places(assembly: Assembly, cards: Sequence[JointCard]) -> Iterable[str]:
+def _places(assembly: ModelJoints, cards: Sequence[JointCard]) -> Iterable[str]:
     """Of each joint its motion and its stiffness, and of one without a law that it has none."""
     by_name = {card.name: card for card in cards}
-    for place in assembly.places:
-        units = joint_units(assembly.units, rotates=rotates(place.terms))
-        terms = terms_in(units, place.terms)
+    for model_joint in assembly.joints:
+        units = joint_units(assembly.units, rotates=rotates(model_joint.terms))
+        terms = terms_in(units, model_joint.terms)
         motion = " ".join(f"{weight:+.6g} ({dof})" for dof, weight in terms)
-        stiffness = float(units.value(place.stiffness, "N/m"))
+        stiffness = float(units.value(model_joint.stiffness, "N/m"))
         yield messages.joint_place(
-            place.name,
+            model_joint.name,
             (motion.removeprefix("+"), units.unit("m")),
             (stiffness, units.unit("N/m")),
             is_held=assembly.holds_joints,
-            has_law=place.name in by_name,
+            has_law=model_joint.name in by_name,
         )
 
 
 def _parameters(
-    draws: Draws, number: int, assembly: Assembly, laws: Laws
+    draws: Draws, number: int, assembly: ModelJoints, laws: Laws
 ) -> Iterable[dict[str, Any]]:
     """Rows of the modes, then of every joint's laws in SI and in the units of the model."""
     for quantity in (*_modal(draws), *motion_factors_in(draws).values()):
         values = draws[quantity.name]
         row = parameter_row(SI, quantity.name, quantity.unit, float(values[number]), values)
         yield {"joint": "", **row}
-    for place in assembly.places:
-        names = tuple(law for law in laws if place.name in split(law)[1])
-        is_rotation = rotates(place.terms)
+    for model_joint in assembly.joints:
+        names = tuple(law for law in laws if model_joint.name in split(law)[1])
+        is_rotation = rotates(model_joint.terms)
         for system in dict.fromkeys((SI, assembly.units)) if names else ():
             units = joint_units(system, rotates=is_rotation)
-            values, table = _plain(draws, place, names, units)
+            values, table = _plain(draws, model_joint, names, units)
             for quantity in table[len(LINEAR) :]:
                 of_draws = values[quantity.name]
                 row = parameter_row(
                     system, quantity.name, quantity.unit, float(of_draws[number]), of_draws
                 )
-                yield {"joint": place.name, **row}
+                yield {"joint": model_joint.name, **row}
 
 
 def _loops(cards: Sequence[JointCard]) -> Mapping[str, Sequence[Any]]:

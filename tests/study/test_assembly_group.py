@@ -13,7 +13,7 @@ from jbw.study.assembly_group import assembly_group, assembly_of
 def test_joints_come_back_with_their_degrees_of_freedom():
     group = assembly_group(two_bolts.reduced())
     found = assembly_of(xr.DataTree.from_dict({"/assembly": group}))
-    first, second = found.places
+    first, second = found.joints
     assert (first.name, second.name) == two_bolts.LABELS
     assert first.terms == ((Dof("3", "ry"), 0.0025), (Dof("101", "ry"), 0.0025))
     assert (first.stiffness, found.units, found.holds_joints) == (1.5e7, "SI", False)

@@ -110,8 +110,8 @@ def whitened_by(
     return Affine(mean, jnp.zeros_like(root).at[order].set(root))
 
 
-class Place(NamedTuple):
-    """Location of a posterior: moments of its logit at a power of the likelihood, 1 at the end.
+class LogitMoments(NamedTuple):
+    """Moments of the logit of a posterior at a power of the likelihood, 1 at the end.
 
     Further the highest log density of the last grid [nats], grids that were spent, how many of them
     at the power 1, and whether the posterior was possible at any node of every grid.
@@ -127,7 +127,7 @@ class Place(NamedTuple):
     possible: Array
 
 
-def located(problem: Problem) -> Place:
+def located(problem: Problem) -> LogitMoments:
     r"""Mean and covariance of a posterior's logit, on grids that shrink as the likelihood rises.
 
     $$p_\beta \propto \pi\, L^\beta, \qquad 0 < \beta_1 < \dots \le 1$$
@@ -143,13 +143,13 @@ def located(problem: Problem) -> Place:
     zero, none = jnp.zeros(()), jnp.array(0)
     power = jnp.asarray(float(problem.located))
     state = power, zero, none, none, jnp.array(False), jnp.array(True)
-    first = Place(problem.whitening.centre, spread, *state)
+    first = LogitMoments(problem.whitening.centre, spread, *state)
 
-    def unsettled(at: Place) -> Array:
+    def unsettled(at: LogitMoments) -> Array:
         over = at.settled | (at.full_power >= MOST_WHOLE) | (at.rounds >= MOST_ROUNDS)
         return at.possible & ~over
 
-    def narrow(at: Place) -> Place:
+    def narrow(at: LogitMoments) -> LogitMoments:
         whitening = whitened_by(at.mean, at.covariance)
         grid = grid_within(problem, whitening, bounds, NODES[d])
         power, log_share = _raised(problem, grid, at.power)
@@ -158,7 +158,7 @@ def located(problem: Problem) -> Place:
         factor = whitening.factor
         still = jnp.max(jnp.abs(shift)) < STEADY
         still &= jnp.max(jnp.abs(spread - jnp.eye(d))) < STEADY
-        return Place(
+        return LogitMoments(
             at.mean + factor @ shift,
             factor @ spread @ factor.T,
             power,
@@ -200,10 +200,12 @@ def _no_narrower(
     return vectors * jnp.maximum(values, least**2) @ vectors.T
 
 
-def bounds_of(problem: Problem, whitening: Affine, place: Place, num_places: int) -> Bounds:
+def bounds_of(
+    problem: Problem, whitening: Affine, moments: LogitMoments, num_places: int
+) -> Bounds:
     """Bounds pushed out until the posterior is 21 nats below its highest node at every side."""
     d = len(problem.box.names)
-    floor = place.highest + whitening.log_abs_det_jacobian(place.mean) - DEEP
+    floor = moments.highest + whitening.log_abs_det_jacobian(moments.mean) - DEEP
 
     def open_sides(bounds: Bounds) -> Array:
         inner = jnp.linspace(bounds[0], bounds[1], num_places, axis=1)

@@ -30,6 +30,7 @@ from jbw.errors import ConfigError
 from jbw.inference.samplers.chains import Draws
 from jbw.inference.samplers.grid import (
     Grid,
+    LogitMoments,
     Stretch,
     bounds_of,
     grid_within,
@@ -72,8 +73,8 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
     d = len(problem.box.names)
     if problem.outer != IDENTITY:
         raise ConfigError("Sampler quadrature draws in the parameters themselves, in their box.")
-    place, count = located(problem), options.num_places or PLACES[d]
-    by_axis = [_on_its_axis(i, problem, place, count) for i in range(d)]
+    moments, count = located(problem), options.num_places or PLACES[d]
+    by_axis = [_on_its_axis(i, problem, moments, count) for i in range(d)]
     marginals = jax.tree.map(
         lambda *parts: jnp.stack(parts), *(marginal for marginal, _ in by_axis)
     )
@@ -94,14 +95,16 @@ def draw(key: Key[Array, ""], problem: Problem, options: Options) -> Draws:
         "sd": (("parameter",), marginals.sd),
         "quantiles": (("parameter", "probability"), marginals.quantiles),
     }
-    arrived = place.possible & (place.power == 1)
-    return Draws(theta, {}, place.possible, arrived, facts, {"exact": exact})
+    arrived = moments.possible & (moments.power == 1)
+    return Draws(theta, {}, moments.possible, arrived, facts, {"exact": exact})
 
 
-def _on_its_axis(i: int, problem: Problem, place: Any, count: int) -> tuple[Marginal, Grid]:
+def _on_its_axis(
+    i: int, problem: Problem, moments: LogitMoments, count: int
+) -> tuple[Marginal, Grid]:
     """A grid whose first coordinate alone determines one parameter, and the marginal of that."""
-    whitening = whitened_by(place.mean, place.covariance, first=i)
-    bounds = bounds_of(problem, whitening, place, FACES[len(problem.box.names)])
+    whitening = whitened_by(moments.mean, moments.covariance, first=i)
+    bounds = bounds_of(problem, whitening, moments, FACES[len(problem.box.names)])
     # The rule converges in the stretched coordinate as well: it is smooth, and ends as low.
     drawn_in = Composed((Stretch(), whitening))
     grid = grid_within(problem, drawn_in, Stretch().inverse(bounds), count)
