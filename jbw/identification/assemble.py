@@ -17,7 +17,7 @@ from jbw.errors import ConfigError, DataError, JbwError
 from jbw.identification import selection
 from jbw.identification.assembled import assembled_modes, known_gain, with_steps
 from jbw.identification.attachments import foretold, require_one_unit
-from jbw.identification.linear_step import LinearStep, linear_step
+from jbw.identification.linear_step import LinearStep, TriedStep, linear_step
 from jbw.identification.selection import DecaySplit, Sweeps
 from jbw.identification.stated_modes import modes_of, require_driven, with_own_constants
 from jbw.identification.uncertain_shapes import require_inferred, with_shape_priors
@@ -75,14 +75,15 @@ def measured(
     structure: Structured | None = None,
     gain: Gain = None,
     joints: SeveralJoints | None = None,
+    line_fit: TriedStep | None = None,
     report: Report = logger.info,
 ) -> Measured:
     """Step 2, where there is a noise test, and what is fitted and held out.
 
     `laws` are those of a campaign that names none when None, `structure` its modes where several
     meet in the joint, `gain` is what the campaign states [N/kg per unit of the input], by drive
-    where there are several, `joints` those of a structure with several,
-    and `report` is called with one sentence at every stage.
+    where there are several, `joints` those of a structure with several, `line_fit` Step 2 where it
+    was tried before, and `report` is called with one sentence at every stage.
 
     Raises:
         ConfigError: If `hold_out` names no test, settings do not fit the tests, or tests of one
@@ -102,7 +103,10 @@ def measured(
     noise, linear = selection.linear_test(tests), None
     if noise is not None and modes is None:  # several modes are fitted in time, from first values
         report(messages.line_fit(noise.name))
-        linear = linear_step(noise, gain_of(gain, drive_of(noise)), settings.modes)
+        if line_fit is not None and line_fit.step.test.name == noise.name:
+            linear = line_fit.taken_up()
+        else:
+            linear = linear_step(noise, gain_of(gain, drive_of(noise)), settings.modes)
     sweeps = selection.sweep_tests(tests, settings, every=modes is not None)
     decays = selection.decay_tests(tests, settings, chosen)
     facts = (settings, laws, gain, linear, sweeps, decays, modes)
@@ -110,13 +114,16 @@ def measured(
 
 
 def measured_in(
-    campaign: Campaign, report: Report, tests: Sequence[Test] | None = None
+    campaign: Campaign,
+    report: Report,
+    tests: Sequence[Test] | None = None,
+    line_fit: TriedStep | None = None,
 ) -> Measured:
     """The same of a campaign with all that it states; of some of its tests where they are given."""
     return measured(
         campaign.tests if tests is None else tests, campaign.settings, laws=campaign.laws,
         structure=campaign.structure, gain=force_per_unit(campaign), joints=campaign.joints,
-        report=report,
+        line_fit=line_fit, report=report,
     )  # fmt: skip
 
 

@@ -1,7 +1,9 @@
 """Step 2 on a campaign: the FRF of its most linear noise test, fitted repeat by repeat."""
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -42,6 +44,29 @@ class LinearStep:
         """Unit of the source, such as V."""
         record = self.test.records[0]
         return record.units[record.source]
+
+
+class TriedStep(NamedTuple):
+    """Step 2 as a trial gave it, and its warnings, which are given where it is taken up."""
+
+    step: LinearStep
+    doubts: tuple[Warning | str, ...]
+
+    def taken_up(self) -> LinearStep:
+        """The step, after its warnings."""
+        for doubt in self.doubts:
+            warnings.warn(doubt, stacklevel=2)
+        return self.step
+
+
+def tried_step(
+    test: Test, gain: float | None = None, modes: int | Sequence[float] = ()
+) -> TriedStep:
+    """Step 2 of a test, its warnings kept back; raises what `linear_step` raises."""
+    with warnings.catch_warnings(record=True) as doubts:
+        warnings.simplefilter("always")
+        step = linear_step(test, gain, modes)
+    return TriedStep(step, tuple(doubt.message for doubt in doubts))
 
 
 def linear_step(

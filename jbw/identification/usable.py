@@ -3,43 +3,58 @@
 import warnings
 from collections.abc import Container, Iterator, Sequence
 from contextlib import contextmanager
+from typing import NamedTuple
 
 from jbw.campaign.gains import Gain, gain_of
 from jbw.campaign.settings import Identify
 from jbw.errors import DataError
-from jbw.identification.linear_step import linear_step
+from jbw.identification.linear_step import TriedStep, tried_step
 from jbw.identification.selection import decay_tests, linear_test
 from jbw.measurement.records import Test, drive_of
 from jbw.observables.register import taking
 from jbw.report.messages import posterior as messages
 
 
+class UsableTests(NamedTuple):
+    """The tests that can be reduced.
+
+    Attributes:
+        tests: Those tests.
+        left_out: A sentence for each that cannot be reduced.
+        line_fit: Step 2 as it was tried; None where there is none, or it was not tried.
+    """
+
+    tests: tuple[Test, ...]
+    left_out: tuple[str, ...] = ()
+    line_fit: TriedStep | None = None
+
+
 def usable(
     tests: Sequence[Test], settings: Identify, gain: Gain = None, *, several_modes: bool = False
-) -> tuple[tuple[Test, ...], tuple[str, ...]]:
+) -> UsableTests:
     """The tests that can be reduced, and a sentence for each that cannot.
 
     All of them where the settings are `strict`, or where none can be used: so the refusal that
     follows says why. Of several modes at the joint there is no Step 2.
     """
     if settings.strict:
-        return tuple(tests), ()
+        return UsableTests(tuple(tests))
     refused = {test.name: why for test in tests if (why := _refusal(test, settings))}
+    line_fit = None
     while (noise := _linear(tests, refused)) is not None and not several_modes:
         try:
-            with _tried():
-                linear_step(noise, gain_of(gain, drive_of(noise)), settings.modes)
+            line_fit = tried_step(noise, gain_of(gain, drive_of(noise)), settings.modes)
         except DataError as error:
             refused[noise.name] = str(error)
         else:
             break
     if len(refused) == len(tests):
-        return tuple(tests), ()
+        return UsableTests(tuple(tests))
     accepted = tuple(test for test in tests if test.name not in refused)
     sentences = (
         messages.test_left_out(name, " ".join(why.split())) for name, why in refused.items()
     )
-    return accepted, tuple(sentences)
+    return UsableTests(accepted, tuple(sentences), line_fit)
 
 
 def _linear(tests: Sequence[Test], refused: Container[str]) -> Test | None:

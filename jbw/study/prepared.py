@@ -34,11 +34,12 @@ def prepare_tests(campaign: Campaign, report: Report) -> PreparedTests:
     gain = force_per_unit(campaign)
     several = campaign.joints is not None
     several |= campaign.structure is not None and len(campaign.structure.modes) > 1
-    tests, left_out = usable(campaign.tests, campaign.settings, gain, several_modes=several)
-    for sentence in left_out:
+    accepted = usable(campaign.tests, campaign.settings, gain, several_modes=several)
+    for sentence in accepted.left_out:
         report(sentence)
     if not several:
-        compile_beside(tests, campaign.laws)
+        compile_beside(accepted.tests, campaign.laws)
     report(stages.READING_RECORDS)
-    look = look_quietly(replace(campaign, tests=tests))
-    return PreparedTests(measured_in(campaign, report, tests), look, tuple(left_out))
+    look = look_quietly(replace(campaign, tests=accepted.tests))
+    measured = measured_in(campaign, report, accepted.tests, accepted.line_fit)
+    return PreparedTests(measured, look, accepted.left_out)

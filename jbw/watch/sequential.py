@@ -187,8 +187,10 @@ def _fitted(study: Study, campaign: Campaign) -> tuple[Dataset, Decays, Test]:
     """What a run was fitted to, its only part, weighed as it was, and the test of its records."""
     require_one_joint(campaign.joints, "A run that is carried from record to record")
     gain = force_per_unit(campaign)
-    tests, _ = usable(campaign.tests, campaign.settings, gain)
-    seen = measured(tests, campaign.settings, laws=campaign.laws, gain=gain)
+    accepted = usable(campaign.tests, campaign.settings, gain)
+    seen = measured(
+        accepted.tests, campaign.settings, laws=campaign.laws, gain=gain, line_fit=accepted.line_fit
+    )
     data = assemble(seen)
     if campaign.structure is not None and len(campaign.structure.modes) > 1:
         raise DataError(
