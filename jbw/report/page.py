@@ -7,6 +7,7 @@ from base64 import b64encode
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -56,60 +57,20 @@ def write_page(summary: Mapping[str, Any], tree: xr.DataTree, path: Path) -> Non
 
 def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
     """Return the report as HTML; every name that comes from a file is escaped."""
-    verdict, quantities = summary.get("verdict") or {}, names_of(tree, summary)
+    quantities, look = names_of(tree, summary), summary.get("look") or {}
     identifiability = summary.get("identifiability") or {}
-    status = badge(verdict)
-    parameters = tables.parameters_table(summary, quantities, shown=True)
-    drawn = [_draw(entry, tree) for entry in FIGURE_LIST]
-    first = lead(summary, [figure["entry"].name for figure in drawn if figure["svg"]])
     return ENVIRONMENT.get_template("page.html").render(
         campaign=campaign_name(summary),
         laws=law_words(laws_of(tree)),
-        status=status,
-        status_words=messages.STATUS.get(status.word, messages.READ_FIRST),
-        findings=findings(verdict, quantities),
-        answers=[
-            {
-                "name": name,
-                "badge": badge(answered),
-                "because": in_symbols(answered["because"], quantities),
-            }
-            | {"question": answered["question"]}
-            for name, answered in (verdict.get("answers") or {}).items()
-        ],
-        steps=[
-            {
-                "name": tables.step_heading(name, summary),
-                "main": name == summary.get("main"),
-                "route": tables.of_route(name, summary),
-                "badge": badge(step.get("verdict")) if step.get("verdict") else None,
-                "findings": findings(step.get("verdict"), quantities),
-                "statements": _statements(step, quantities),
-                "correlations": tables.correlation_words(step, quantities),
-            }
-            for name, step in tables.main_first(summary)
-        ],
+        **_verdict(summary.get("verdict") or {}, quantities),
+        steps=[_step(name, step, summary, quantities) for name, step in tables.main_first(summary)],
         opening=[
             in_symbols(sentence, quantities).replace(" %", "\N{NO-BREAK SPACE}%")
             for sentence in opening(summary, tree)
         ],
-        lead=next((figure for figure in drawn if figure["entry"].name == first), None),
-        parameters=_only(parameters, lambda name: name == summary.get("main")),
-        others=_only(
-            parameters,
-            lambda name: name != summary.get("main") and not tables.of_route(name, summary),
-        ),
-        paper=_only(parameters, lambda name: tables.of_route(name, summary)),
-        look={"statements": [], "seen": []} | (summary.get("look") or {}),
-        looked=next(figure for figure in drawn if figure["entry"].name == LOOK),
-        groups=_groups(
-            [
-                figure
-                for figure in drawn
-                if figure["svg"] and figure["entry"].name not in (first, LOOK)
-            ]
-        ),
-        missing=[figure for figure in drawn if figure["missing"]],
+        **_parameters(summary, quantities),
+        look={"statements": [], "seen": []} | look,
+        **_figures(summary, tree),
         predictions=tables.table_of_tests(summary, tree),
         directions=directions_table(identifiability, quantities),
         quantities=quantities_table(identifiability, quantities),
@@ -119,11 +80,71 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
         route_words=_statements(summary.get("comparison"), quantities),
         loops=tables.loops_table(tree),
         joints=tables.joints_table(tree),
-        cycles=cycles_table((summary.get("look") or {}).get("loops") or []),
+        cycles=cycles_table(look.get("loops") or []),
         checks=tables.checks_table(tree, quantities),
         provenance=_provenance(summary),
         inputs=_inputs(summary.get("inputs") or {}),
     )
+
+
+def _verdict(verdict: Mapping[str, Any], quantities: Names) -> dict[str, Any]:
+    """The verdict: its badge in words, its findings, and what it answers."""
+    status = badge(verdict)
+    answers = [
+        {
+            "name": name,
+            "badge": badge(answered),
+            "because": in_symbols(answered["because"], quantities),
+            "question": answered["question"],
+        }
+        for name, answered in (verdict.get("answers") or {}).items()
+    ]
+    return {
+        "status": status,
+        "status_words": messages.STATUS.get(status.word, messages.READ_FIRST),
+        "findings": findings(verdict, quantities),
+        "answers": answers,
+    }
+
+
+def _step(
+    name: str, step: Mapping[str, Any], summary: Mapping[str, Any], quantities: Names
+) -> dict[str, Any]:
+    """A step of the identification, with its findings and statements."""
+    return {
+        "name": tables.step_heading(name, summary),
+        "main": name == summary.get("main"),
+        "route": tables.of_route(name, summary),
+        "badge": badge(step.get("verdict")) if step.get("verdict") else None,
+        "findings": findings(step.get("verdict"), quantities),
+        "statements": _statements(step, quantities),
+        "correlations": tables.correlation_words(step, quantities),
+    }
+
+
+def _parameters(summary: Mapping[str, Any], quantities: Names) -> dict[str, Table]:
+    """Parameters of the main posterior, of other steps, and of the paper's route."""
+    parameters = tables.parameters_table(summary, quantities, shown=True)
+    main, of_route = summary.get("main"), partial(tables.of_route, summary=summary)
+    return {
+        "parameters": _only(parameters, lambda name: name == main),
+        "others": _only(parameters, lambda name: name != main and not of_route(name)),
+        "paper": _only(parameters, of_route),
+    }
+
+
+def _figures(summary: Mapping[str, Any], tree: xr.DataTree) -> dict[str, Any]:
+    """All figures: the one that leads, that of a look, the others by groups, those not drawn."""
+    drawn = [_draw(entry, tree) for entry in FIGURE_LIST]
+    by_name = {figure["entry"].name: figure for figure in drawn}
+    first = lead(summary, [name for name, figure in by_name.items() if figure["svg"]])
+    others = [f for name, f in by_name.items() if f["svg"] and name not in (first, LOOK)]
+    return {
+        "lead": by_name.get(first or ""),
+        "looked": by_name[LOOK],
+        "groups": _groups(others),
+        "missing": [figure for figure in drawn if figure["missing"]],
+    }
 
 
 def _groups(drawn: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
