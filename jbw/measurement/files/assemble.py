@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -28,76 +29,130 @@ TURNING = {si_unit(quantity) for quantity in TORSION}
 CENTRED = (*INPUTS, *RESPONSES, "restoring_force")  # roles whose mean may be taken out
 
 
+class _Channels(NamedTuple):
+    """Channels by role, as they were read.
+
+    Attributes:
+        rows: Repeats in SI.
+        units: Their units.
+        done: What was done to them, for the provenance.
+    """
+
+    rows: Mapping[str, Repeats]
+    units: Mapping[str, str]
+    done: Mapping[str, str]
+
+    def beside(self, other: "_Channels") -> "_Channels":
+        """These and others, which replace those of the same role."""
+        return _Channels(*({**mine, **its} for mine, its in zip(self, other, strict=True)))
+
+
+class _Clock(NamedTuple):
+    """The rate at which a file is read [Hz], the samples of it, and whether it is made even."""
+
+    fs: float
+    part: slice
+    first: int  # sample of the file that the span begins with
+    is_resampled: bool
+
+
 def records_of(contents: Contents, path: Path, request: Wanted, digest: str) -> tuple[Record, ...]:
     """Records of an open file in SI, one a repeat; what was done to them is in the provenance."""
     sources = _sources(contents, request)
+    clock, rate_source = _clock(contents, sources, request)
+    whole = {"path": str(path), "sha256": digest, "reader": contents.reader, "fs": rate_source}
+    read = _Channels({}, {}, whole | contents.notes)
+    for role in sources:
+        if role == "time":
+            continue
+        channel, source = _channel(role, contents, sources, request, clock)
+        read = read.beside(channel)
+        _require_one_motion(read.units)
+        if source and _is_curve(role, sources):
+            read = read.beside(_unit_source(source, sources, read))
+        if any(np.iscomplexobj(row) for row in read.rows[role]):
+            read = read.beside(_parted(role, sources, read.rows[role]))
+    if request.conjugate and "phase" in read.rows:
+        turned = [-row for row in read.rows["phase"]]
+        done = {"conjugate": messages.CONJUGATED}
+        read = read.beside(_Channels({"phase": turned}, {}, done))
+    if request.span:
+        read = read.beside(_Channels({}, {}, {SPAN: span_words(request.span)}))
+    rows = _of_one_length(read.rows) if clock.is_resampled else read.rows
+    return _repeats(rows, Record(clock.fs, {}, dict(read.units), path.name, dict(read.done)))
+
+
+def _clock(
+    contents: Contents, sources: Mapping[str, list[Leaf]], request: Wanted
+) -> tuple[_Clock, str]:
+    """The rate and the samples to read, and how the rate is known."""
+    is_resampled = bool(request.resample) and "frequency" not in sources
     fs, rate_source, part = (
         (request.resample, messages.resampled_to(request.resample), WHOLE)
-        if request.resample and "frequency" not in sources
+        if request.resample and is_resampled
         else sampling_of(contents, sources, request)
     )
     first = round(request.span[0] * fs) if request.span and np.isfinite(fs) else 0
-    provenance = {"path": str(path), "sha256": digest, "reader": contents.reader, "fs": rate_source}
-    provenance |= contents.notes
-    channels: dict[str, Repeats] = {}
-    units: dict[str, str] = {}
-    for role, items in sources.items():
-        if role == "time":
-            continue
-        unit, against = _unit(role, items[0].unit, request)
-        reference, unit = decibels(unit) or (0.0, unit)
-        factor, units[role], source = si_of(role, unit)
-        factor *= _calibration(role, contents.reader, request)
-        is_curve = "frequency" in sources and role in RESPONSES
-        read = WHOLE if request.resample else part
-        rows = [row for item in items for row in rows_of(item, role, request, read, curve=is_curve)]
-        if request.resample and "frequency" not in sources:
-            rows, done = on_even_grid(rows, items[0], contents, sources, request)
-            provenance[f"resampled {role}"] = done
-        if reference:
-            rows = [reference * 10 ** (_of_amplitudes(row, role, is_curve) / 20) for row in rows]
-            provenance[f"decibels of {role}"] = f"0 dB is {reference:g} {unit}"
-        # Most files are in SI already: no copy of a long record then.
-        rows = rows if factor == 1.0 else [row * factor for row in rows]
-        if items[0].start_s is not None:
-            provenance[f"start of {role}"] = f"{items[0].start_s:.9g} s"
-        provenance[f"channel of {role}"] = (request.channels or {}).get(role, role)
-        unit_words = unit if factor == 1.0 else f"{unit}, times {factor:.10g}"
-        if against:
-            unit_words = messages.against_file(unit_words, against)
-        provenance[f"unit of {role}"] = unit_words
-        rows, removed = _cleared(rows, role, fs, first, request)
-        provenance |= removed
-        channels[role] = rows
-        _require_one_motion(units)
-        if is_curve and source:
-            if any(role in sources for role in INPUTS):
-                raise DataError(
-                    f"the response is per unit of excitation, but `{source}` is given too.",
-                    remedy="Leave the excitation out, or name the response's amplitude and its "
-                    "unit.",
-                )
-            # The response is per unit of the source, whose amplitude is then 1.
-            channels[source] = [np.ones(len(next(iter(channels.values()))[0]))]
-            units[source] = si_unit(QUANTITIES[source][0])
-            provenance["ratio"] = f"response per {units[source]} of {source}"
-        if any(np.iscomplexobj(row) for row in rows):
-            if "phase" in sources:
-                raise DataError(
-                    f"role `{role}` is complex, but `phase` is given too.",
-                    remedy="Leave `phase` out of the channels.",
-                )
-            channels["phase"] = [np.angle(row) for row in rows]
-            channels[role] = [np.abs(row) for row in rows]
-            units["phase"], provenance["phase"] = "rad", messages.angle_of(role)
-    if request.conjugate and "phase" in channels:
-        channels["phase"] = [-row for row in channels["phase"]]
-        provenance["conjugate"] = messages.CONJUGATED
-    if request.span:
-        provenance[SPAN] = span_words(request.span)
-    if request.resample and "frequency" not in sources:
-        channels = _of_one_length(channels)
-    return _repeats(channels, Record(fs, {}, units, path.name, provenance))
+    return _Clock(fs, part, first, is_resampled), rate_source
+
+
+def _is_curve(role: str, sources: Mapping[str, list[Leaf]]) -> bool:
+    """Whether a role is that of a response along frequency."""
+    return "frequency" in sources and role in RESPONSES
+
+
+def _channel(
+    role: str,
+    contents: Contents,
+    sources: Mapping[str, list[Leaf]],
+    request: Wanted,
+    clock: _Clock,
+) -> tuple[_Channels, str]:
+    """The repeats of one role in SI, and what a response along frequency is per unit of."""
+    items, is_curve, done = sources[role], _is_curve(role, sources), {}
+    unit, against = _unit(role, items[0].unit, request)
+    reference, unit = decibels(unit) or (0.0, unit)
+    factor, si, source = si_of(role, unit)
+    factor *= _calibration(role, contents.reader, request)
+    part = WHOLE if request.resample else clock.part
+    rows = [row for item in items for row in rows_of(item, role, request, part, curve=is_curve)]
+    if clock.is_resampled:
+        rows, done[f"resampled {role}"] = on_even_grid(rows, items[0], contents, sources, request)
+    if reference:
+        rows = [reference * 10 ** (_of_amplitudes(row, role, is_curve) / 20) for row in rows]
+        done[f"decibels of {role}"] = f"0 dB is {reference:g} {unit}"
+    # Most files are in SI already: no copy of a long record then.
+    rows = rows if factor == 1.0 else [row * factor for row in rows]
+    if items[0].start_s is not None:
+        done[f"start of {role}"] = f"{items[0].start_s:.9g} s"
+    done[f"channel of {role}"] = (request.channels or {}).get(role, role)
+    unit_words = unit if factor == 1.0 else f"{unit}, times {factor:.10g}"
+    done[f"unit of {role}"] = messages.against_file(unit_words, against) if against else unit_words
+    rows, removed = _cleared(rows, role, clock.fs, clock.first, request)
+    return _Channels({role: rows}, {role: si}, done | removed), source
+
+
+def _unit_source(source: str, sources: Mapping[str, list[Leaf]], read: _Channels) -> _Channels:
+    """The source that a response is per unit of: its amplitude is 1."""
+    if any(role in sources for role in INPUTS):
+        raise DataError(
+            f"the response is per unit of excitation, but `{source}` is given too.",
+            remedy="Leave the excitation out, or name the response's amplitude and its unit.",
+        )
+    unit = si_unit(QUANTITIES[source][0])
+    ones = [np.ones(len(next(iter(read.rows.values()))[0]))]
+    return _Channels({source: ones}, {source: unit}, {"ratio": f"response per {unit} of {source}"})
+
+
+def _parted(role: str, sources: Mapping[str, list[Leaf]], rows: Repeats) -> _Channels:
+    """Complex repeats as magnitude and phase."""
+    if "phase" in sources:
+        raise DataError(
+            f"role `{role}` is complex, but `phase` is given too.",
+            remedy="Leave `phase` out of the channels.",
+        )
+    parts = {"phase": [np.angle(row) for row in rows], role: [np.abs(row) for row in rows]}
+    return _Channels(parts, {"phase": "rad"}, {"phase": messages.angle_of(role)})
 
 
 def _cleared(
