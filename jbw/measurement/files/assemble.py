@@ -44,7 +44,9 @@ class _Channels(NamedTuple):
 
     def beside(self, other: "_Channels") -> "_Channels":
         """These and others, which replace those of the same role."""
-        return _Channels(*({**mine, **its} for mine, its in zip(self, other, strict=True)))
+        return _Channels(
+            {**self.rows, **other.rows}, {**self.units, **other.units}, {**self.done, **other.done}
+        )
 
 
 class _Clock(NamedTuple):
@@ -61,7 +63,7 @@ def records_of(contents: Contents, path: Path, request: Wanted, digest: str) -> 
     sources = _sources(contents, request)
     clock, rate_source = _clock(contents, sources, request)
     whole = {"path": str(path), "sha256": digest, "reader": contents.reader, "fs": rate_source}
-    read = _Channels({}, {}, whole | contents.notes)
+    read = _Channels({}, {}, {**whole, **contents.notes})
     for role in sources:
         if role == "time":
             continue
