@@ -1,6 +1,6 @@
 """The command on a fleet: `jbw population fleet.nc`."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,11 @@ from jbw.cli.progress import computing
 from jbw.report.messages import population as messages
 
 if TYPE_CHECKING:
+    import xarray as xr
+
     from jbw.population.population import Population
+    from jbw.report.style import Panels
+    from jbw.report.table import Table
 
 NUM_PLACES = 25  # of the figure's band
 
@@ -47,9 +51,8 @@ def population(
         from jbw.population.fleet import read_fleet
         from jbw.population.population import covariates_in, population_of, require_torque
         from jbw.population.prediction import new_backbone, new_coordinates
-        from jbw.report.population import population_figure, population_sheet, population_table
-        from jbw.report.sheet import render_sheet
-        from jbw.study.store import claim, write_figure, write_json, writing
+        from jbw.report.population import population_table
+        from jbw.study.store import claim
 
         units = read_fleet(fleet)
         chosen, bent = (
@@ -70,34 +73,51 @@ def population(
         tree = new_unit(pooling, units, torque, seed=seed)
         backbone = new_backbone(pooling, units, torque, seed=seed)
         tree.dataset = backbone.assign_attrs(tree.attrs)
-        sd = np.sqrt(np.diagonal(pooling.pooled.cov, axis1=1, axis2=2))
-        grid, bands = _bands(pooling, torque, new)
-        figure = population_figure(pooling.record, pooling.pooled.mean, sd, grid, bands)
-        ahead = np.exp(new(torque)).T
-        record: dict[str, Any] = {
-            **pooling.record,
-            "new_unit": {
-                "torque": torque_of(pooling, torque),
-                **{
-                    name: dict(zip(("q005", "median", "q995"), map(float, row), strict=True))
-                    for name, row in zip(pooling.pooled.names, ahead, strict=True)
-                },
-            },
+        ahead = {
+            name: dict(zip(("q005", "median", "q995"), map(float, row), strict=True))
+            for name, row in zip(pooling.pooled.names, np.exp(new(torque)).T, strict=True)
         }
-        folder = claim(out or fleet.with_name(f"{fleet.stem}-population"))
+        about_new = {"torque": torque_of(pooling, torque), **ahead}
+        record: dict[str, Any] = {**pooling.record, "new_unit": about_new}
         shown = population_table(record)
-        sheet = population_sheet(fleet.stem, record, pooling.pooled.mean, sd, shown)
-        files = [f"population.{ending}" for ending in ("nc", "png", "html", "json")]
-        with writing(folder, *files) as part:
-            page = render_sheet(sheet, figure)
-            (part / "population.html").write_text(page, encoding="utf-8")
-            tree.to_netcdf(part / "population.nc", engine="h5netcdf")
-            write_figure(part / "population.png", figure)
-            write_json(part / "population.json", record)
+        page, figure = _drawn(fleet.stem, pooling, record, _bands(pooling, torque, new), shown)
+        folder = claim(out or fleet.with_name(f"{fleet.stem}-population"))
+        _write(folder, record, tree, page, figure)
     status = f"Status: {record['status']}"
     saved = f"Population: {folder / 'population.html'}"
     answer(json_, record, shown, status, *record["statements"], saved=saved)
     return 0 if record["status"] == "ok" else NOT_TRUSTED
+
+
+def _drawn(
+    name: str,
+    pooling: "Population",
+    record: Mapping[str, Any],
+    bands: tuple[np.ndarray, np.ndarray],
+    shown: "Table",
+) -> tuple[str, "Panels"]:
+    """The page with the units side by side, and its figure."""
+    from jbw.report.population import population_figure, population_sheet
+    from jbw.report.sheet import render_sheet
+
+    mean, cov = pooling.pooled.mean, pooling.pooled.cov
+    sd = np.sqrt(np.diagonal(cov, axis1=1, axis2=2))
+    figure = population_figure(pooling.record, mean, sd, *bands)
+    return render_sheet(population_sheet(name, record, mean, sd, shown), figure), figure
+
+
+def _write(
+    folder: Path, record: Mapping[str, Any], tree: "xr.DataTree", page: str, figure: "Panels"
+) -> None:
+    """Write all files of a population, or none."""
+    from jbw.study.store import write_figure, write_json, writing
+
+    files = [f"population.{ending}" for ending in ("nc", "png", "html", "json")]
+    with writing(folder, *files) as part:
+        (part / "population.html").write_text(page, encoding="utf-8")
+        tree.to_netcdf(part / "population.nc", engine="h5netcdf")
+        write_figure(part / "population.png", figure)
+        write_json(part / "population.json", record)
 
 
 def _bands(
