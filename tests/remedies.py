@@ -7,12 +7,14 @@ Lines are found in the source as `Put under [table]: ...` within backquotes, as 
 
 import ast
 import re
+from functools import cache
 from pathlib import Path
 
 PACKAGE = Path(__file__).parents[1] / "jbw"
 LINE = re.compile(r"`([\w.]+) = [^`]*`")
 COMMAND = re.compile(r"\bjbw ([a-z]+)((?: --?[a-z-]+| [A-Z]+(?:\.toml)?| \{\})*)")
 CALLS = {"put": 1, "put_bounds": None}  # argument that is the key
+TEXTS = (ast.Constant, ast.JoinedStr)  # nodes that may be a string
 # Sentences that quote what a test, a run or a call has, and ask for no line to be pasted.
 QUOTES = {
     ("campaign/check.py", "band"),
@@ -142,15 +144,19 @@ def text_of(node: ast.AST) -> str:
 
 def strings_of(tree: ast.AST) -> list[str]:
     """Strings of a module but for docstrings and parts of others."""
-    skipped = set()
-    for node in ast.walk(tree):
+    found, waiting = [], [tree]
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, TEXTS):
+            found.append(text_of(node))  # what stands within is part of it
+            continue
         body = getattr(node, "body", None)
-        if isinstance(body, list) and body and isinstance(body[0], ast.Expr):
-            skipped.add(body[0].value)
-        if isinstance(node, ast.JoinedStr):
-            skipped |= {part for part in ast.walk(node) if part is not node}
-    kept = (ast.Constant, ast.JoinedStr)
-    return [text_of(n) for n in ast.walk(tree) if isinstance(n, kept) and n not in skipped]
+        first = body[0] if isinstance(body, list) and body else None
+        docstring = (
+            first if isinstance(first, ast.Expr) and isinstance(first.value, TEXTS) else None
+        )
+        waiting += (child for child in ast.iter_child_nodes(node) if child is not docstring)
+    return found
 
 
 def modules():
@@ -159,9 +165,15 @@ def modules():
         yield path.relative_to(PACKAGE).as_posix(), ast.parse(path.read_text(encoding="utf-8"))
 
 
-def lines_in(tree: ast.AST) -> set[str]:
-    """Keys of the lines that the strings and calls of a module propose."""
-    found = {key for text in strings_of(tree) for key in LINE.findall(text)}
+@cache  # every process that collects the tests asks for the strings of the whole package
+def strings() -> tuple[tuple[str, list[str]], ...]:
+    """Path within the package and strings of every file."""
+    return tuple((name, strings_of(tree)) for name, tree in modules())
+
+
+def called_in(tree: ast.AST) -> set[str]:
+    """Keys of the lines that the calls of a module propose."""
+    found = set()
     for node in ast.walk(tree):
         name = getattr(node.func, "id", "") if isinstance(node, ast.Call) else ""
         if name in CALLS:
@@ -172,15 +184,17 @@ def lines_in(tree: ast.AST) -> set[str]:
 
 def lines():
     """(file, key) of every remedy that is a line."""
-    return {(name, key) for name, tree in modules() for key in lines_in(tree)} - QUOTES
+    quoted = {(name, key) for name, texts in strings() for t in texts for key in LINE.findall(t)}
+    called = {(name, key) for name, tree in modules() for key in called_in(tree)}
+    return (quoted | called) - QUOTES
 
 
 def commands():
     """(file, command, its options) of every `jbw ...` that a string of the code names."""
     return {
         (name, command, options.strip())
-        for name, tree in modules()
-        for text in strings_of(tree)
+        for name, texts in strings()
+        for text in texts
         for command, options in COMMAND.findall(text)
     }
 
@@ -202,8 +216,8 @@ def bare_lines():
     """(file, key, line) of every whole line that a sentence of the code names in plain words."""
     return {
         (name, key, f"{key} = {value}".replace("{}", "velocity"))
-        for name, tree in modules()
+        for name, texts in strings()
         if not name.startswith(NO_SENTENCES)
-        for text in strings_of(tree)
+        for text in texts
         for key, value in BARE.findall(re.sub(r"`[^`]*`", "", text))
     }
