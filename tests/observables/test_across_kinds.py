@@ -1,6 +1,7 @@
 """Each kind of test predicted from the others, where one joint made all and where it did not."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -23,12 +24,16 @@ from jbw.inference.space.box import box
 from jbw.observables.dataset import as_arrays, error_by_label, left_by_label, stacked
 from jbw.report.messages.residuals import identified_by
 
-CURVES = tuple(curve(level) for level in (5, 20, 60))
+LEVELS = (5, 20, 60)
 
 
-def fitted(tests):
+@cache
+def fitted(levels, factor=None):
+    """Fit, prior and data of curves at levels, and of a loop whose force is multiplied."""
+    loops = [] if factor is None else [stiffer(loop(), factor)]
+    tests = [*map(curve, levels), *loops]
     prior = box(PRIOR)
-    data = assemble(measured(list(tests), Identify(), gain=GAIN))
+    data = assemble(measured(tests, Identify(), gain=GAIN))
     middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
     best = costly_fit(stacked, prior, data, starts=middle)
     data = with_weights(best, data, Identify())
@@ -49,7 +54,7 @@ def stiffer(test, factor):
 
 
 def test_of_one_joint_the_kinds_predict_each_other_to_the_noise():
-    best, prior, data = fitted([*CURVES, loop()])
+    best, prior, data = fitted(LEVELS, 1.0)
     assert kinds_of(data) == {
         "tones and curves": ("held at 5", "held at 20", "held at 60"), "loops": ("loop",)
     }  # fmt: skip
@@ -66,7 +71,7 @@ def test_of_one_joint_the_kinds_predict_each_other_to_the_noise():
 
 def test_what_one_joint_cannot_make_is_an_error_of_the_other_kind():
     """A force 3 % too large is 3 % of the loop, as nothing in the curves asks for it."""
-    best, prior, data = fitted([*CURVES, stiffer(loop(), 1.03)])
+    best, prior, data = fitted(LEVELS, 1.03)
     predicted = across_kinds(best, prior, data)
     assert predicted is not None
     assert predicted["error"].sel(kind="loops").item() == pytest.approx(0.03 / 1.03, rel=0.1)
@@ -74,7 +79,7 @@ def test_what_one_joint_cannot_make_is_an_error_of_the_other_kind():
 
 def test_the_error_of_a_kind_is_the_rms_of_its_tests():
     """By the residuals of a fit to the rest, group by group, from the definition."""
-    best, prior, data = fitted([*CURVES, stiffer(loop(), 1.03)])
+    best, prior, data = fitted(LEVELS, 1.03)
     predicted = across_kinds(best, prior, data)
     assert predicted is not None
     rest = without_kind("tones and curves", data)
@@ -87,12 +92,12 @@ def test_the_error_of_a_kind_is_the_rms_of_its_tests():
 
 
 def test_of_one_kind_nothing_is_told():
-    best, prior, data = fitted(CURVES[:2])
+    best, prior, data = fitted(LEVELS[:2])
     assert across_kinds(best, prior, data) is None
 
 
 def test_a_kind_left_out_says_nothing():
-    best, _, data = fitted([*CURVES, loop()])
+    best, _, data = fitted(LEVELS, 1.0)
     changed = {**best.theta, "delta": 1.2 * best.theta["delta"]}
     theta = {name: np.asarray(value) for name, value in changed.items()}
     rest = without_kind("loops", data)

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
+from known_laws import compiled
 
 from jbw.campaign.settings import Identify
 from jbw.errors import ConfigError, DataError
@@ -58,13 +59,30 @@ def joint(**changes):
     return BoucWen(**{**TRUTH, **changes})
 
 
+@compiled
+def first_harmonics(one, sizes):
+    """First harmonics of a joint's hysteretic force at amplitudes."""
+    return jax.vmap(lambda size: steady_loop(one, size).z_1)(sizes)
+
+
+@compiled
+def hysteretic(one, steps):
+    """Hysteretic force from rest behind each step of a displacement."""
+
+    def onward(z, dy):
+        z = hysteresis_map(one, z, dy)
+        return z, z
+
+    return jax.lax.scan(onward, jnp.zeros(()), steps)[1]
+
+
 def curve(level, seed=0, repeats=4, noise=NOISE, omega_n=500.0, zeta=0.003, name=None):
     """Force that holds the acceleration at a level, from the closed form of the loop."""
     rng, one = np.random.default_rng([seed, int(level)]), joint(omega_n=omega_n, zeta=zeta)
     freq = np.linspace(77.5, 81.0, 36)
     omega = 2 * np.pi * freq
     y = level / omega**2
-    z_1 = np.asarray(jax.vmap(lambda size: steady_loop(one, size).z_1)(jnp.asarray(y)))
+    z_1 = np.asarray(first_harmonics(one, y))
     stiffness = one.k - omega**2 + 2j * one.zeta * one.omega_n * omega
     force = (stiffness * y + z_1) / GAIN
     records = []
@@ -86,12 +104,10 @@ def loop(seed=0):
     """Force along a growing displacement, by the exact map."""
     t = np.arange(400) / 100.0
     y = 1e-3 * np.sin(2 * np.pi * t) * (0.3 + 0.2 * t)
-    one, z, force = joint(), jnp.zeros(()), []
-    for dy in np.diff(y, prepend=0.0):
-        z = hysteresis_map(one, z, jnp.asarray(dy))
-        force.append(float(z))
+    one = joint()
+    force = hysteretic(one, np.diff(y, prepend=0.0))
     rng = np.random.default_rng(seed)
-    clean = (one.k * y + np.array(force)) / GAIN
+    clean = (one.k * y + np.asarray(force)) / GAIN
     records = tuple(
         Record(100.0, {"displacement": y, "restoring_force": clean + 0.3 * rng.normal(size=400)},
                {"displacement": "m", "restoring_force": "N"})
@@ -139,15 +155,15 @@ def test_least_squares_and_likelihood_agree_about_the_optimum(mixed):
     names = list(PRIOR)
     sd = np.sqrt(np.diag(again.covariance))
 
-    def scaled(u):
+    def total(u):
         values = {n: again.theta[n] + sd[i] * u[i] for i, n in enumerate(names)}
         return jnp.sum(log_likelihood(values, data))
 
-    slope = np.asarray(jax.grad(scaled)(jnp.zeros(5)))
+    program = jax.jit(lambda u: (jax.grad(total)(u), jax.hessian(total)(u)))
+    slope, hessian = map(np.asarray, program(jnp.zeros(5)))
     # In posterior sds; what is left is the change of noise between two fits.
     assert np.abs(slope).max() < 0.05
-    curvature = -np.asarray(jax.hessian(scaled)(jnp.zeros(5)))
-    covariance = np.linalg.inv(curvature)
+    covariance = np.linalg.inv(-hessian)
     # Gauss-Newton leaves out the second derivatives of the residual.
     np.testing.assert_allclose(np.sqrt(np.diag(covariance)), 1.0, rtol=0.1)
     truth = np.array([TRUTH[name] for name in names])
