@@ -34,6 +34,19 @@ if TYPE_CHECKING:
     from jbw.paper.impulse import impulse_1 as impulse_1
     from jbw.paper.impulse import impulse_2 as impulse_2
     from jbw.paper.impulse import impulse_3 as impulse_3
+    from jbw.paper.kernel_responses import Lines as Lines
+    from jbw.paper.kernel_responses import Terms as Terms
+    from jbw.paper.kernel_responses import VolterraResponse as VolterraResponse
+    from jbw.paper.kernel_responses import merge_lines as merge_lines
+    from jbw.paper.kernel_responses import multinomial as multinomial
+    from jbw.paper.kernel_responses import periodic_response as periodic_response
+    from jbw.paper.kernel_responses import repeated_kernel as repeated_kernel
+    from jbw.paper.kernel_responses import synthesize as synthesize
+    from jbw.paper.kernel_responses import tone_response as tone_response
+    from jbw.paper.kernel_responses import tone_terms as tone_terms
+    from jbw.paper.kernel_responses import tones as tones
+    from jbw.paper.kernel_responses import volterra_response as volterra_response
+    from jbw.paper.kernel_responses import volterra_sums as volterra_sums
     from jbw.paper.kernels import cubic_kernel as cubic_kernel
     from jbw.paper.kernels import cubic_stiffness as cubic_stiffness
     from jbw.paper.kernels import estimated_kernel as estimated_kernel
@@ -51,15 +64,6 @@ if TYPE_CHECKING:
     from jbw.paper.likelihoods import repeats as repeats
     from jbw.paper.likelihoods import response_log_likelihood as response_log_likelihood
     from jbw.paper.likelihoods import with_noise as with_noise
-    from jbw.paper.multitone import Lines as Lines
-    from jbw.paper.multitone import Terms as Terms
-    from jbw.paper.multitone import merge_lines as merge_lines
-    from jbw.paper.multitone import multinomial as multinomial
-    from jbw.paper.multitone import repeated_kernel as repeated_kernel
-    from jbw.paper.multitone import synthesize as synthesize
-    from jbw.paper.multitone import tone_response as tone_response
-    from jbw.paper.multitone import tone_terms as tone_terms
-    from jbw.paper.multitone import tones as tones
     from jbw.paper.objectives import convergence as convergence
     from jbw.paper.objectives import kernel_constraints as kernel_constraints
     from jbw.paper.objectives import kernel_energy as kernel_energy
@@ -76,10 +80,6 @@ if TYPE_CHECKING:
     from jbw.paper.probing import cross_kernel as cross_kernel
     from jbw.paper.probing import kernel as kernel
     from jbw.paper.probing import leading_diagonals as leading_diagonals
-    from jbw.paper.record_response import VolterraResponse as VolterraResponse
-    from jbw.paper.record_response import periodic_response as periodic_response
-    from jbw.paper.record_response import volterra_response as volterra_response
-    from jbw.paper.record_response import volterra_sums as volterra_sums
     from jbw.paper.table import Equation as Equation
     from jbw.paper.table import equations as equations
     from jbw.paper.walk import STEP_SIZE as STEP_SIZE
@@ -106,11 +106,9 @@ _NAMES = {
     ),
     "probing": ("kernel", "leading_diagonals", "cross_kernel"),
     "impulse": ("impulse_1", "impulse_2", "impulse_3"),
-    "multitone": (
+    "kernel_responses": (
         "tones", "tone_terms", "Terms", "multinomial", "repeated_kernel", "tone_response", "Lines",
         "merge_lines", "synthesize",
-    ),
-    "record_response": (
         "volterra_response", "volterra_sums", "periodic_response", "VolterraResponse",
     ),
     "kernels": (

@@ -7,7 +7,7 @@ from math import factorial
 import numpy as np
 import pytest
 
-from jbw.paper.multitone import repeated_kernel
+from jbw.paper.kernel_responses import repeated_kernel
 from jbw.paper.polynomial import PolynomialOscillator
 from jbw.paper.probing import kernel, leading_diagonals
 

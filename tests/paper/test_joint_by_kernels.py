@@ -17,11 +17,15 @@ from jbw.paper.equivalent import (
     smoothed_harmonics,
     square_wave,
 )
+from jbw.paper.kernel_responses import (
+    periodic_response,
+    synthesize,
+    tone_response,
+    volterra_response,
+)
 from jbw.paper.kernels import cubic_kernel, h3
-from jbw.paper.multitone import synthesize, tone_response
 from jbw.paper.polynomial import PolynomialOscillator, cubic_oscillator
 from jbw.paper.probing import cross_kernel, kernel, leading_diagonals
-from jbw.paper.record_response import periodic_response, volterra_response
 
 JOINT = BoucWen(2 * np.pi * 18.8, 0.00444, 497.40, 340.21, 32.84)
 FS = 512.0

@@ -8,9 +8,15 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from jbw.errors import ConfigError, DataError
-from jbw.paper.multitone import synthesize, tone_response, tone_terms
+from jbw.paper.kernel_responses import (
+    periodic_response,
+    synthesize,
+    tone_response,
+    tone_terms,
+    volterra_response,
+    volterra_sums,
+)
 from jbw.paper.polynomial import PolynomialOscillator
-from jbw.paper.record_response import periodic_response, volterra_response, volterra_sums
 
 SYSTEM = PolynomialOscillator(damping=0.8, stiffness=4.0, rho=0.7, lambda_3=-0.5)
 

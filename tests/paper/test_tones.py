@@ -11,8 +11,7 @@ from scipy.integrate import solve_ivp
 from scipy.optimize import root
 
 from jbw.errors import ConfigError, ModelError
-from jbw.paper.kernels import h1
-from jbw.paper.multitone import (
+from jbw.paper.kernel_responses import (
     Lines,
     merge_lines,
     multinomial,
@@ -22,6 +21,7 @@ from jbw.paper.multitone import (
     tone_terms,
     tones,
 )
+from jbw.paper.kernels import h1
 from jbw.paper.polynomial import PolynomialOscillator, kernel_2, kernel_3
 from jbw.paper.probing import kernel
 
