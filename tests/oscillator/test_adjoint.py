@@ -139,12 +139,15 @@ def last_velocity(theta, u, initial):
     return simulate(BoucWen(*theta), u, FS, initial=initial).v[-1]
 
 
+gradient_of_last = jax.jit(jax.grad(last_velocity))
+
+
 @pytest.mark.slow
 def test_jacfwd_equals_jacrev(setting):
     joint, u, initial = setting
     theta = jnp.stack([getattr(joint, name) for name in NAMES])
     forward = jax.jit(jax.jacfwd(last_velocity))(theta, u, initial)
-    reverse = jax.jit(jax.jacrev(last_velocity))(theta, u, initial)
+    reverse = gradient_of_last(theta, u, initial)
     np.testing.assert_allclose(forward, reverse, rtol=1e-10)
 
 
@@ -153,11 +156,10 @@ def test_lanes_equal_a_loop(setting):
     joint, u, initial = setting
     theta = jnp.stack([getattr(joint, name) for name in NAMES])
     thetas = theta * (1 + 0.02 * jnp.arange(3)[:, None] * jnp.array([1.0, -1.0, 1.0, 2.0, -3.0]))
-    one = jax.jit(jax.grad(last_velocity))
     lanes = jax.jit(jax.vmap(jax.grad(last_velocity), in_axes=(0, None, None)))
     for lane, theta in zip(lanes(thetas, u, initial), thetas, strict=True):
         # Lanes and single solve differ in the order of their roundings.
-        np.testing.assert_allclose(lane, one(theta, u, initial), rtol=1e-9)
+        np.testing.assert_allclose(lane, gradient_of_last(theta, u, initial), rtol=1e-9)
 
 
 @pytest.mark.slow
@@ -170,10 +172,14 @@ def test_hessian_matches_differences_of_gradients():
         joint = BoucWen(base.omega_n, base.zeta, base.alpha, delta, gamma)
         return simulate(joint, u, FS, initial=(1e-4, 0.01, 0.05)).z[-1]
 
-    hessian = jax.hessian(end, argnums=(0, 1))(base.delta, base.gamma)
-    slope = jax.jit(jax.grad(end))
+    @jax.jit
+    def slopes(delta, gamma):
+        return jax.grad(end)(delta, gamma), jax.hessian(end, argnums=(0, 1))(delta, gamma)
+
+    _, hessian = slopes(base.delta, base.gamma)
     h = 0.05
-    difference = (slope(base.delta + h, base.gamma) - slope(base.delta - h, base.gamma)) / (2 * h)
+    ahead, behind = (slopes(base.delta + s * h, base.gamma)[0] for s in (1, -1))
+    difference = (ahead - behind) / (2 * h)
     assert float(hessian[0][0]) == pytest.approx(float(difference), rel=1e-6)
 
 

@@ -26,9 +26,13 @@ def motion(x, u=U):
     return jnp.concatenate([found.y[AT] * 1e3, found.v[AT], found.z[AT]])
 
 
+run = jax.jit(motion)
+slopes = jax.jit(jax.jacrev(motion))
+
+
 @pytest.fixture(scope="module")
 def backward():
-    return np.asarray(jax.jit(jax.jacrev(motion))(POINT))
+    return np.asarray(slopes(POINT))
 
 
 def test_both_modes_agree(backward):
@@ -38,9 +42,10 @@ def test_both_modes_agree(backward):
 
 
 def test_they_are_differences_of_the_motion(backward):
-    run = jax.jit(motion)
     step = 1e-6 * POINT
-    ends = [[run(POINT.at[i].add(sign * step[i])) for sign in (1, -1)] for i in range(len(POINT))]
+    ends = [
+        [run(POINT.at[i].add(sign * step[i]), U) for sign in (1, -1)] for i in range(len(POINT))
+    ]
     differences = np.stack([(a - b) / (2.0 * h) for (a, b), h in zip(ends, step, strict=True)], 1)
     # Rounding of the motion over the step, 1e-16 / 1e-6, and what it is amplified by.
     scale = np.abs(differences).max(axis=0)
@@ -49,17 +54,23 @@ def test_they_are_differences_of_the_motion(backward):
 
 def test_by_the_input(backward):
     bump = jnp.asarray(np.exp(-(((TIME - 0.5) / 0.05) ** 2)))
-    _, slope = jax.jvp(lambda u: motion(POINT, u), (U,), (bump,))
-    run = jax.jit(motion)
+
+    @jax.jit
+    def by_both_modes(u, bump):
+        def of_input(u):
+            return motion(POINT, u)
+
+        _, slope = jax.jvp(of_input, (u,), (bump,))
+        return slope, jax.grad(lambda u: of_input(u) @ jnp.ones(9))(u)
+
+    slope, by_input = by_both_modes(U, bump)
     difference = (run(POINT, U + 1e-5 * bump) - run(POINT, U - 1e-5 * bump)) / 2e-5
     np.testing.assert_allclose(slope, difference, atol=1e-6 * np.abs(difference).max())
-    by_input = jax.grad(lambda u: motion(POINT, u) @ jnp.ones(9))(U)
     assert float(by_input @ bump) == pytest.approx(float(jnp.sum(slope)), rel=1e-9)
 
 
 def test_lanes_have_the_gradients_of_each(backward):
     points = POINT * (1.0 + 0.02 * jnp.arange(3.0)[:, None])
     found = np.asarray(jax.jit(jax.vmap(jax.jacrev(motion)))(points))
-    single = jax.jit(jax.jacrev(motion))
-    each = np.stack([single(point) for point in points])
+    each = np.stack([slopes(point) for point in points])
     np.testing.assert_allclose(found, each, rtol=1e-9, atol=1e-11 * np.abs(each).max())
