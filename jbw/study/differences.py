@@ -40,7 +40,7 @@ from jbw.inference.posterior.summary import QUANTILES, evenly_spaced, scalars
 from jbw.inference.thresholds import LEARNT
 from jbw.oscillator.laws import laws_named, quantities_of
 from jbw.oscillator.parameters import Monomial
-from jbw.quantities import OSCILLATOR, Quantity, are_at_joints, in_dialect, per, split
+from jbw.quantities import OSCILLATOR, Quantity, are_at_joints, in_dialect, motion_factors_in, per, split
 from jbw.report.messages import differences as messages
 from jbw.report.result import read_result, unit_of
 from jbw.report.text import interval, number, typed
@@ -255,6 +255,9 @@ def _statements(
     identified = [row for row in rows if not row["of_prior"]]
     sure = [row for row in identified if _is_sure(row)]
     sentences = joint_statements(record.get("joints", ()))
+    factors = list(motion_factors_in(row["name"] for row in rows))
+    if factors and sentences:
+        sentences.append(messages.factors_apart(factors))
     sentences += [_differs(row) for row in sure] or [messages.NONE_DIFFERS]
     if rest := [row["name"] for row in identified if row not in sure]:
         sentences.append(messages.may_be_same(rest))

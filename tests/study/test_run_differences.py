@@ -25,7 +25,9 @@ def gaussian(mean, sd, seed=0):
     return np.random.default_rng(seed).permutation(draws)
 
 
-def write_run(folder, omega_n, *, units=UNITS, laws="bouc_wen", kl=3.0, scatter=None, **more):
+def write_run(
+    folder, omega_n, *, units=UNITS, laws="bouc_wen", kl=3.0, scatter=None, held=None, **more
+):
     """A finished run as `read_result` finds it: `omega_n` is mean and sd, the rest is fixed."""
     folder.mkdir()
     draws = {"omega_n": gaussian(*omega_n, seed=len(folder.name))}
@@ -37,6 +39,8 @@ def write_run(folder, omega_n, *, units=UNITS, laws="bouc_wen", kl=3.0, scatter=
         }
     )
     attrs = {"laws": json.dumps([laws]), "y_peak": 2e-3}
+    if held is not None:
+        attrs["held"] = json.dumps(held)
     if scatter is not None:
         attrs["scatter"] = np.asarray(scatter)
     tree = xr.DataTree.from_dict({"/": xr.Dataset(attrs=attrs), "/posterior": posterior})
@@ -98,6 +102,26 @@ def test_the_joint_that_has_changed_is_named_by_all_its_parameters():
     said = joint_statements([same, changed])
     assert said[0] == texts.joint_changed("bolt_2", 45.0, 3)
     assert said[1].startswith("Joints that may be the same: bolt_1 (p = ")
+
+
+def test_factors_on_the_motion_of_joints_are_compared_one_by_one_and_that_is_said(tmp_path):
+    """They are no parameters of a joint: what a mode moves it by is of the structure."""
+    factor, runs = "motion_factor_2@bolt_1", []
+    held = {"seen_1": 1.0, "motion_1@bolt_1": 1.0}
+    for folder, middle in (("first", 1.0), ("second", 1.1)):
+        draws = {f"{n}@bolt_1": gaussian(x, 0.01 * x) for n, x in
+                 (("alpha", 6e6), ("delta", 3e5), ("gamma", 4e4))}  # fmt: skip
+        draws[factor] = gaussian(middle, 0.01)
+        runs.append(
+            write_run(tmp_path / folder, (126.0, 0.1), laws="bouc_wen@bolt_1", held=held, **draws)
+        )
+    record = differences(*runs).record
+    assert [row["degrees_of_freedom"] for row in record["joints"]] == [3]
+    assert not record["joints"][0]["changed"]
+    row = next(row for row in record["parameters"] if row["name"] == factor)
+    # Phi(-0.1 / sqrt(2) 0.01) of a factor that is larger in the second run.
+    assert row["probability"] < 1e-6
+    assert texts.factors_apart([factor]) in record["statements"]
 
 
 def test_of_one_joint_no_joint_is_named(tmp_path):

@@ -41,6 +41,14 @@ def joints_may_be_same(joints: Mapping[str, float]) -> str:
     return f"Joints that may be the same: {shown}."
 
 
+def factors_apart(names: Sequence[str]) -> str:
+    """That factors on the joints' motion stand by themselves, not among those of a joint."""
+    return (
+        f"A joint is compared by its laws alone: {listed(names)}, by which modes move it, are "
+        "compared one by one."
+    )
+
+
 def of_prior(names: Mapping[str, Sequence[str]]) -> str:
     """Parameters of which a run holds its prior alone, with these runs."""
     shown = ", ".join(f"{name} ({' and '.join(runs)})" for name, runs in names.items())
