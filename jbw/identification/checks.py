@@ -44,6 +44,7 @@ from jbw.identification.joint_answers import (
     joints_group,
     joints_words,
 )
+from jbw.identification.joint_modes import joint_modes
 from jbw.identification.leaving_out import (
     between_finding,
     between_records,
@@ -264,18 +265,14 @@ def offsets_of_runs(checked: CheckedPosterior) -> Outcome:
     return Outcome() if runs is None else Outcome(None, (runs_sentence(runs),), {"runs": runs})
 
 
-def shares_of_joints(checked: CheckedPosterior) -> Outcome:
-    """What each of several joints does to every mode; nothing of one."""
-    joints = joints_group(checked.draws, checked.data)
-    if joints is None:
+def effects_of_joints(checked: CheckedPosterior) -> Outcome:
+    """What each of several joints does to every mode, and their backbones; nothing of one."""
+    draws, data = checked.draws, checked.data
+    if (modes := joint_modes(draws, data)) is None:
         return Outcome()
-    return Outcome(joints_finding(joints), tuple(joints_words(joints)), {JOINTS: joints})
-
-
-def backbones_of_modes(checked: CheckedPosterior) -> Outcome:
-    """Backbone and shape of every mode that several joints move; nothing of one."""
-    curves = backbones_group(checked.draws, checked.data)
-    return Outcome() if curves is None else Outcome(groups={BACKBONES: curves})
+    joints = joints_group(draws, data, modes)
+    groups = {JOINTS: joints, BACKBONES: backbones_group(data, modes)}
+    return Outcome(joints_finding(joints), tuple(joints_words(joints)), groups)
 
 
 def of_tests(checked: CheckedPosterior) -> Outcome:
@@ -369,8 +366,7 @@ OF_DRAWS: dict[str, Check] = {
 }
 OF_RUNS_AND_JOINTS: dict[str, Check] = {
     messages.OFFSETS: offsets_of_runs,
-    messages.JOINT_SHARES: shares_of_joints,
-    messages.BACKBONES: backbones_of_modes,
+    messages.JOINT_SHARES: effects_of_joints,
 }
 STATEMENTS: dict[str, Check] = {
     "tests": of_tests,

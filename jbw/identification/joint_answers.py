@@ -1,43 +1,29 @@
-r"""What several joints do to every mode that tests drive, by the posterior.
+"""What several joints do to every mode that tests drive, by the posterior.
 
-A mode alone, at the largest motion a that was measured of it, moves joint j by $|H_{ji}|a$. There
-the joint's steady loop takes from the mode's stiffness and adds to its losses
+A mode alone, at the largest motion that was measured of it, with the shape that the joints leave it
+(`jbw.identification.joint_modes`). Sums over joints are what a mode tells; a joint by itself is
+identified where what it does by itself is known.
 
-$$K_{ji} = H_{ji}^2\,\big(k_j - \mathrm{Re}\,\kappa_j(|H_{ji}|a)\big), \qquad
-  L_{ji} = H_{ji}^2\,\mathrm{Im}\,\kappa_j(|H_{ji}|a)$$
-
-with $\kappa_j$ the complex stiffness of its laws and $k_j$ theirs at rest; where shapes are
-uncertain, $H_{ji}$ is that of each draw. Sums over joints are what a mode tells; a joint by itself
-is identified where its own K and L are.
-
-Backbones of the modes have bands of draws at the shape of full stick,
-
-$$\omega^2 = \omega_i^2 - \sum_j K_{ji}(a), \qquad
-  \zeta_{eq} = \zeta_i\,\frac{\omega_i}{\omega} + \frac{\sum_j L_{ji}(a)}{2\omega^2}$$
-
-and beside them stands the extended periodic motion at the medians, which lets the shape change.
+Bands of the modes' backbones are of draws whose shape is free too. Beside them stand, at the
+medians, the extended periodic motion with its shape, and what the shape of full stick would have.
 """
 
 import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import equinox as eqx
-import jax
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jaxtyping import Array, Float
+from jaxtyping import Float
 
-from jbw.identification.assembled import ASSEMBLED, largest_amplitudes
+from jbw.identification.joint_modes import JointModes
 from jbw.inference.posterior.finding import Finding
 from jbw.inference.posterior.summary import QUANTILES
-from jbw.observables.dataset import Dataset, as_arrays
+from jbw.observables.dataset import Dataset
 from jbw.observables.modes import Modes
 from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.modes.assembled import STIFFNESS, factor_name, laws_at, motion_in, seen_name
-from jbw.oscillator.modes.backbone import ModalBackbone, modal_backbone
-from jbw.oscillator.modes.parameters import DRIVEN, structure_of
+from jbw.oscillator.modes.parameters import DRIVEN
 from jbw.quantities import joints_of, motion_factors_in, name_at, split
 from jbw.report.messages import modes as messages
 
@@ -47,65 +33,66 @@ NO_LOSS = 1e-9  # of what a mode's joints take from its stiffness: losses of a s
 MAIN = 0.5  # of a mode's losses: a joint that takes more is said to damp it
 NUM_PHASES = 64  # of a loop that is kept
 BACKBONES = "backbones"
-BACKBONE_LEVELS = np.linspace(0.0, 1.0, 9)[
-    1:
-]  # of the largest amplitude that was measured of a mode
-NUM_HARMONICS = 3  # frequency to 1e-6, damping to 1e-4
-MAX_TURNS = 2  # of a joint in a period
 
 
-def joints_group(
-    posterior: xr.Dataset, data: Dataset, about: Mapping[str, float] | None = None
-) -> xr.Dataset | None:
-    """Shares of every joint in every driven mode, and what all do together; None of one joint.
+def joints_group(posterior: xr.Dataset, data: Dataset, modes: JointModes) -> xr.Dataset:
+    """Shares of every joint in every driven mode, and what all do together.
 
-    Variables over `joint` and `mode`: `energy_share` in full stick, by the median of uncertain
-    shapes, `loss_share` and `softening_share` of what the joints do together, at the largest motion
-    measured of the mode, with quantiles; over `mode`: `frequency_hz`, `amplitude`,
-    `frequency_change` and `damping_added` of all joints together; over `joint`: `identified`,
-    `motion` and `loop` at its largest motion. Where shapes are uncertain, `motion_factor` over
-    `joint` and `mode` with quantiles: the motion over that of the model, 1 where that is held.
-
-    Draws of a Gaussian `about` a fit are propagated by first order: where the tests tell a sum of
-    joints alone, they leave the narrow curved valley along which it stays the same.
+    Variables over `joint` and `mode`, at the largest motion measured of the mode, its shape free,
+    with quantiles: `energy_share_at_motion` in the mode's strain energy, `loss_share` and
+    `softening_share` of what the joints do together; `energy_share` is that in full stick, by the
+    median of uncertain shapes. Over `mode`: `frequency_hz`, `amplitude`, `frequency_change` and
+    `damping_added` of all joints together, and `shape_is_free`, which is not so where there is no
+    free shape. Over `joint`: `identified`, `motion` and `loop` at its largest motion. Where shapes
+    are uncertain, `motion_factor` over `joint` and `mode` with quantiles: the motion over that of
+    the model, 1 where that is held.
     """
-    modes = data.modes
-    if modes is None or modes.meet != ASSEMBLED or not joints_of(data.laws):
-        return None
+    model_modes = data.modes
+    if model_modes is None:
+        raise ValueError("joints have answers by the modes of a model alone")
     names = joints_of(data.laws)
-    numbers = dict(modes.numbers)
-    driven = range(len(modes.hz))
-    amplitude = largest_amplitudes(modes, data)
-    softening, losses = softening_and_losses(posterior, data, amplitude, about)
+    numbers = dict(model_modes.numbers)
+    driven = range(len(model_modes.hz))
+    amplitude = modes.amplitude[:, -1]
+    at_largest = modes.free.at(-1)
+    softening, losses = at_largest.softening, at_largest.losses
     omega = np.array([values_of(posterior, data, DRIVEN[i][0]) for i in driven])
-    lowered = np.sqrt(np.maximum(1 - softening.sum(axis=0) / omega**2, 0.0))
-    added = losses.sum(axis=0) / (2 * (omega * lowered) ** 2)
     k = np.array([numbers[name_at(STIFFNESS, joint)] for joint in names])
     medians = {name: float(np.median(x)) for name, x in draws_of_joints(posterior, data).items()}
     likely = numbers | medians
     motion = np.array([[motion_in(likely, i + 1, joint) for i in driven] for joint in names])
-    shares = k[:, None] * motion**2 / (2 * np.pi * np.array(modes.hz)) ** 2
-    largest = np.nanmax(np.abs(motion) * amplitude, axis=1)
+    shares = k[:, None] * motion**2 / (2 * np.pi * np.array(model_modes.hz)) ** 2
+    moved = np.stack([np.abs(curve.x[-1, :, 0]) for curve in modes.backbones], axis=-1)
+    moved = np.where(modes.is_free[:, -1], moved, np.abs(motion) * amplitude)
+    largest = np.nanmax(np.where(np.isfinite(amplitude), moved, np.nan), axis=1)
     x, force = _loops(medians, data.laws, names, largest)
     return xr.Dataset(
         {
             "energy_share": (("joint", "mode"), shares, _words("1", "share in strain energy")),
+            "energy_share_at_motion": (
+                *_bands(at_largest.energy), _words("1", "share in strain energy at that amplitude"),
+            ),
             "loss_share": (*_bands(_shares(losses)), _words("1", messages.LOSS_SHARE)),
             "softening_share": (
                 *_bands(_shares(softening)), _words("1", messages.SOFTENING_SHARE),
             ),
-            "frequency_hz": ("mode", np.array(modes.hz), _words("Hz", "natural frequency, model")),
+            "frequency_hz": (
+                "mode", np.array(model_modes.hz), _words("Hz", "natural frequency, model"),
+            ),
             "amplitude": ("mode", amplitude, _words("m kg^0.5", "largest modal amplitude")),
+            "shape_is_free": ("mode", modes.is_free[:, -1]),
             "frequency_change": (
-                ("mode", "quantile"), _quantiles(lowered - 1), _words("1", "change by all joints"),
+                ("mode", "quantile"), _quantiles(at_largest.omega / omega - 1),
+                _words("1", "change by all joints"),
             ),
             "damping_added": (
-                ("mode", "quantile"), _quantiles(added), _words("1", "damping of all joints"),
+                ("mode", "quantile"), _quantiles(at_largest.added),
+                _words("1", "damping of all joints"),
             ),
             "identified": ("joint", _identified(names, data.laws, softening, losses)),
             "motion": (("joint", "phase"), x, _words("m", "relative motion")),
             "loop": (("joint", "phase"), force, _words("N", messages.LOOP_FORCE)),
-            **_factors(posterior, modes, names),
+            **_factors(posterior, model_modes, names),
         },
         {"joint": list(names), "mode": [i + 1 for i in driven], "quantile": list(QUANTILES)},
     )  # fmt: skip
@@ -118,84 +105,11 @@ def draws_of_joints(posterior: xr.Dataset, data: Dataset) -> dict[str, np.ndarra
     return {str(n): x.values.ravel() for n, x in posterior.data_vars.items() if n in names}
 
 
-def softening_and_losses(
-    posterior: xr.Dataset,
-    data: Dataset,
-    amplitude: Float[np.ndarray, " mode"],
-    about: Mapping[str, float] | None = None,
-) -> Float[np.ndarray, "two joint mode draw"]:
-    """K and L of every joint in every mode at its amplitude, for every draw."""
-    numbers = dict(data.modes.numbers if data.modes is not None else ())
-    theta = draws_of_joints(posterior, data)
-    arrays = jax.device_put((numbers, amplitude))
-    driven = _DrivenJoints(data.laws, joints_of(data.laws), *arrays)
-    if about is not None:
-        return _by_first_order(theta, about, driven)
-    return np.asarray(_each_draw(jax.device_put(theta), driven))
-
-
 def values_of(posterior: xr.Dataset, data: Dataset, name: str) -> np.ndarray:
     """Draws of a parameter, or what it is held at."""
     if name in posterior:
         return posterior[name].values.ravel()
     return np.atleast_1d(np.asarray(data.held[name]))
-
-
-class _DrivenJoints(eqx.Module):
-    """The joints' laws, the numbers of the model, and how far tests drove its modes."""
-
-    laws: tuple[str, ...] = eqx.field(static=True)
-    names: tuple[str, ...] = eqx.field(static=True)  # of the joints
-    numbers: dict[str, Float[Array, ""]]
-    amplitude: Float[Array, " mode"]
-
-
-def _by_first_order(
-    theta: Mapping[str, np.ndarray], best_theta: Mapping[str, float], driven: _DrivenJoints
-) -> Float[np.ndarray, "two joint mode draw"]:
-    r"""K and L of draws about a fit, $f(\hat\theta) + \sum_i f_i\,\delta_i$, by derivatives f_i.
-
-    Steps delta are of logarithms, times the fit, where nothing is zero or changes sign.
-    """
-    fit = {name: float(best_theta[name]) for name in theta}
-    value, slopes = jax.device_get(_about(jax.device_put(fit), driven))
-    total = np.repeat(value[..., None], len(next(iter(theta.values()))), axis=-1)
-    for name, draws in theta.items():
-        is_log = fit[name] > 0 and np.all(draws > 0)
-        moved = fit[name] * np.log(draws / fit[name]) if is_log else draws - fit[name]
-        total = total + slopes[name][..., None] * moved
-    return total
-
-
-@eqx.filter_jit
-def _about(
-    theta: Mapping[str, Array], driven: _DrivenJoints
-) -> tuple[Float[Array, "two joint mode"], dict[str, Float[Array, "two joint mode"]]]:
-    """K and L at a point, and their derivatives by every parameter."""
-    return _at(theta, driven), jax.jacfwd(_at)(dict(theta), driven)
-
-
-@eqx.filter_jit
-def _each_draw(
-    theta: Mapping[str, Array], driven: _DrivenJoints
-) -> Float[Array, "two joint mode draw"]:
-    """K and L of every draw."""
-    return jax.vmap(lambda draw: _at(draw, driven), out_axes=-1)(dict(theta))
-
-
-def _at(theta: Mapping[str, Array], driven: _DrivenJoints) -> Float[Array, "two joint mode"]:
-    """K and L of every joint and mode."""
-    rows = []
-    everything = {**driven.numbers, **theta}
-    modes = range(1, driven.amplitude.size + 1)
-    for joint in driven.names:
-        h = jnp.stack([motion_in(everything, i, joint) for i in modes])
-        laws = laws_at(theta, driven.laws, joint)
-        loops = [law.loop(jnp.abs(h) * driven.amplitude) for law in laws]
-        at_rest = sum(law.stiffness() for law in laws)
-        stiffness = sum(loop.stiffness for loop in loops)
-        rows.append((h**2 * (at_rest - stiffness), h**2 * sum(x.damping for x in loops)))
-    return jnp.stack([jnp.stack(by_joint) for by_joint in zip(*rows, strict=True)])
 
 
 def _loops(
@@ -294,7 +208,8 @@ def joints_words(group: xr.Dataset | None) -> list[str]:
         change, damping = (
             (100 * of_mode[n].values).tolist() for n in ("frequency_change", "damping_added")
         )
-        sentences.append(messages.all_joints(name, change, damping))
+        is_free = bool(of_mode["shape_is_free"])
+        sentences.append(messages.all_joints(name, change, damping, is_free=is_free))
         sentences += _who_damps(int(mode), of_mode)
     identified = dict(zip(group["joint"].values, group["identified"].values, strict=True))
     named = ", ".join(str(joint) for joint, is_identified in identified.items() if is_identified)
@@ -351,6 +266,7 @@ def joints_record(group: xr.Dataset | None) -> dict[str, Any] | None:
         {
             "mode": int(mode),
             "frequency_hz": float(group["frequency_hz"].sel(mode=mode)),
+            "shape": "free" if bool(group["shape_is_free"].sel(mode=mode)) else "full stick",
             **{name: bands(group[name].sel(mode=mode))
                for name in ("frequency_change", "damping_added")},
         }
@@ -362,7 +278,7 @@ def joints_record(group: xr.Dataset | None) -> dict[str, Any] | None:
             "verdict": "identified" if bool(of_joint["identified"]) else "unidentified",
             "energy_share": [_plain(x) for x in of_joint["energy_share"].values],
             **{name: [bands(of_joint[name].sel(mode=mode)) for mode in group["mode"].values]
-               for name in ("loss_share", "softening_share")},
+               for name in ("energy_share_at_motion", "loss_share", "softening_share")},
         }
         for joint, of_joint in group.groupby("joint", squeeze=False)
         for of_joint in [of_joint.squeeze("joint")]
@@ -374,44 +290,35 @@ def _plain(x: Any) -> float | None:
     return float(x) if np.isfinite(x) else None
 
 
-def backbones_group(posterior: xr.Dataset, data: Dataset) -> xr.Dataset | None:
-    """Frequency, damping and shape of every driven mode against amplitude; None of one joint.
+def backbones_group(data: Dataset, modes: JointModes) -> xr.Dataset:
+    """Frequency, damping and shape of every driven mode against amplitude.
 
     Variables over `mode` and `level`: `displacement` at the first point, `frequency_hz` and
-    `damping` with quantiles, the same `at_medians` with the shape free, and over `coordinate` their
-    `shape`, the modal coordinates over that of the mode. NaN of modes that the first point hardly
-    sees, and behind the end of a backbone.
+    `damping` with quantiles, both `at_medians` by extended periodic motion and in `full_stick` with
+    that shape, and over `coordinate` the free `shape`, the modal coordinates over that of the mode.
+    NaN of modes that the first point hardly sees; `at_medians` and `shape` behind the end of a
+    backbone, where bands are of the shape of full stick.
     """
-    modes = data.modes
-    if modes is None or modes.meet != ASSEMBLED or not joints_of(data.laws):
-        return None
-    largest, driven = largest_amplitudes(modes, data), range(len(modes.hz))
-    amplitude = np.multiply.outer(largest, BACKBONE_LEVELS)
-    omega, zeta = (
-        np.array(np.broadcast_arrays(*(values_of(posterior, data, DRIVEN[i][k]) for i in driven)))
-        for k in range(2)
-    )
-    bands = [
-        _of_draws(omega, zeta, *softening_and_losses(posterior, data, at).sum(axis=1))
-        for at in amplitude.T
-    ]
-    frequency, damping = (np.stack(rows, axis=1) for rows in zip(*bands, strict=True))
-    free = [_at_medians(posterior, data, i, amplitude[i]) for i in driven]
-    numbers = dict(modes.numbers)
+    amplitude, free = modes.amplitude, modes.free
+    driven = range(len(amplitude))
+    numbers = dict(data.modes.numbers if data.modes is not None else ())
     seen = np.abs([numbers[seen_name(i + 1)] for i in driven])
     of_levels, with_quantiles = ("mode", "level"), ("mode", "level", "quantile")
+    hz, one = {"units": "Hz"}, {"units": "1"}
+    per_turn = 2 * np.pi
+    curves = modes.backbones
     return xr.Dataset(
         {
             "displacement": (of_levels, seen[:, None] * amplitude, {"units": "m"}),
-            "frequency_hz": (with_quantiles, frequency / (2 * np.pi), {"units": "Hz"}),
-            "damping": (with_quantiles, damping, {"units": "1"}),
-            "frequency_at_medians": (
-                of_levels, np.array([x.omega for x in free]) / (2 * np.pi), {"units": "Hz"},
-            ),
-            "damping_at_medians": (of_levels, np.array([x.zeta for x in free]), {"units": "1"}),
+            "frequency_hz": (with_quantiles, _quantiles(free.omega) / per_turn, hz),
+            "damping": (with_quantiles, _quantiles(free.zeta), one),
+            "frequency_at_medians": (of_levels, np.array([x.omega for x in curves]) / per_turn, hz),
+            "damping_at_medians": (of_levels, np.array([x.zeta for x in curves]), one),
+            "frequency_in_full_stick": (of_levels, modes.at_medians.omega / per_turn, hz),
+            "damping_in_full_stick": (of_levels, modes.at_medians.zeta, one),
             "shape": (
                 (*of_levels, "coordinate"),
-                np.abs([x.shape[:, : len(driven)] for x in free]), {"units": "1"},
+                np.abs([x.shape[:, : len(driven)] for x in curves]), one,
             ),
         },
         {
@@ -419,30 +326,3 @@ def backbones_group(posterior: xr.Dataset, data: Dataset) -> xr.Dataset | None:
             "quantile": list(QUANTILES),
         },
     )  # fmt: skip
-
-
-def _of_draws(
-    omega: Float[np.ndarray, "mode draw"],
-    zeta: Float[np.ndarray, "mode draw"],
-    softening: Float[np.ndarray, "mode draw"],
-    losses: Float[np.ndarray, "mode draw"],
-) -> tuple[Float[np.ndarray, "mode quantile"], Float[np.ndarray, "mode quantile"]]:
-    """Quantiles of frequency and damping of draws at one level of every mode."""
-    lowered = np.sqrt(np.maximum(omega**2 - softening, 0.0))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        damping = zeta * omega / lowered + losses / (2 * lowered**2)
-    frequencies, dampings = (np.quantile(x, QUANTILES, axis=-1).T for x in (lowered, damping))
-    return frequencies, dampings
-
-
-def _at_medians(
-    posterior: xr.Dataset, data: Dataset, mode: int, amplitude: Float[np.ndarray, " level"]
-) -> ModalBackbone:
-    """The extended periodic motion of a mode, the parameters at their medians."""
-    medians = {str(n): float(np.median(x.values)) for n, x in posterior.data_vars.items()
-               if x.dims == ("chain", "draw")}  # fmt: skip
-    structure = structure_of(as_arrays(medians, data), data.laws)
-    levels = np.where(np.isfinite(amplitude), amplitude, 0.0)
-    return modal_backbone(
-        structure, levels, mode=mode, num_harmonics=NUM_HARMONICS, max_turns=MAX_TURNS, may_end=True
-    )

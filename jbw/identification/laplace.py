@@ -31,6 +31,7 @@ from jbw.identification.free_decays import FreeDecays, decays_in
 from jbw.identification.gain_units import with_gain_units
 from jbw.identification.joint import JointPosterior, law_variables
 from jbw.identification.joint_answers import JOINTS, joints_finding, joints_group, joints_words
+from jbw.identification.joint_modes import joint_modes
 from jbw.identification.one_mode_readings import joint_readings, with_readings
 from jbw.identification.prepare import Fitted, prepare
 from jbw.identification.procedure import Posteriors
@@ -112,7 +113,8 @@ def laplace_tree(key: Key[Array, ""], ready: Fitted) -> xr.DataTree:
 def checks_of_fit(joint: JointPosterior) -> Checks:
     """That the draws are not assessed, and what the fit by itself says against its laws."""
     started, ready = perf_counter(), joint.fitted
-    joints = joints_group(joint.draws, ready.data, ready.fit.theta)
+    modes = joint_modes(joint.draws, ready.data, ready.fit.theta)
+    joints = None if modes is None else joints_group(joint.draws, ready.data, modes)
     of_joints = joints_finding(joints)
     sentences = [] if ready.fit.weak is None else [messages.by_fit(ready.fit.weak.text)]
     sentences += [

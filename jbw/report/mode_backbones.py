@@ -30,8 +30,9 @@ HEIGHT, HEIGHT_OF_LINE = 6.0, 5.0  # [in]
 def mode_backbones(tree: xr.DataTree, ax: Any = None) -> Panels:
     r"""How do frequency, damping and shape of every mode change with amplitude?
 
-    Bands of the posterior at the shape of full stick, and dashed the motion at the medians whose
-    shape is free: where it leaves the band, the joints change the shape. Below, first harmonics
+    Bands of the posterior, the shape free to change with amplitude, and dashed what the shape of
+    full stick would have at the medians: where it leaves the band, the change of shape matters.
+    Below, first harmonics
     $|q_i/q_m|$ of the other modes over that of the mode itself: none grow in a mode that keeps its
     shape. Abscissae are amplitudes at the first point, up to the largest that was measured.
 
@@ -63,15 +64,15 @@ def _draw_bands(column: Panels, of_mode: xr.Dataset) -> None:
     largest = float(of_mode["displacement"].values[-1])
     factor, unit = length_unit(largest)
     x = factor * of_mode["displacement"].values
-    for panel, name, free, scale in (
-        (column[0], "frequency_hz", "frequency_at_medians", 1.0),
-        (column[1], "damping", "damping_at_medians", 100.0),
+    for panel, name, quantity, scale in (
+        (column[0], "frequency_hz", "frequency", 1.0),
+        (column[1], "damping", "damping", 100.0),
     ):
         low, middle, high = scale * of_mode[name].values.T
         shade(panel, x, low, high, MODEL, BAND)
-        panel.plot(x, middle, color=MODEL, lw=1.2, label=labels.STUCK_SHAPE)
-        panel.plot(x, scale * of_mode[free].values, color=INK, lw=1.0, ls="--",
-                   label=labels.FREE_SHAPE)  # fmt: skip
+        other, labelled = _beside(of_mode, quantity)
+        panel.plot(x, middle, color=MODEL, lw=1.2, label=labelled[0])
+        panel.plot(x, scale * of_mode[other].values, color=INK, lw=1.0, ls="--", label=labelled[1])
         panel.ticklabel_format(axis="y", useOffset=False)
     for coordinate in of_mode["coordinate"].values:
         if coordinate != int(of_mode["mode"]):
@@ -82,6 +83,14 @@ def _draw_bands(column: Panels, of_mode: xr.Dataset) -> None:
             )  # fmt: skip
     column[2].set_yscale("log", nonpositive="mask")
     column[2].set_xlabel(labels.first_point_amplitude(unit))
+
+
+def _beside(of_mode: xr.Dataset, quantity: str) -> tuple[str, tuple[str, str]]:
+    """What is drawn beside the bands, and both labels; runs before had bands in full stick."""
+    other = f"{quantity}_in_full_stick"
+    if other in of_mode:
+        return other, (labels.MEDIAN_FREE, labels.MEDIANS_STUCK)
+    return f"{quantity}_at_medians", (labels.STUCK_SHAPE, labels.FREE_SHAPE)
 
 
 def mode_columns(ax: Any, num_modes: int) -> tuple[Panels, list[Panels]]:

@@ -130,7 +130,7 @@ def joint_sentences(summary: Summary) -> list[str]:
     if not joints:
         return []
     effects = [
-        messages.joints_effect(mode["mode"], *(_per_cents(mode[name]) for name in JOINT_EFFECTS))
+        _joints_effect(mode)
         for mode in joints["modes"]
         if mode[JOINT_EFFECTS[0]]["0.5"] is not None
     ]
@@ -147,6 +147,14 @@ def joint_sentences(summary: Summary) -> list[str]:
     damping = [messages.sentence(damped)] if damped else []
     unidentified = [messages.joints_unidentified(unknown)] if unknown else []
     return [messages.at_largest_motion(effects), *damping, *unidentified, *tied_sentences(joints)]
+
+
+def _joints_effect(mode: Summary) -> str:
+    """What all joints do to a mode; runs before knew its shape of full stick alone."""
+    effect = messages.joints_effect(
+        mode["mode"], *(_per_cents(mode[name]) for name in JOINT_EFFECTS)
+    )
+    return effect if mode.get("shape") == "free" else messages.in_full_stick(effect)
 
 
 def tied_sentences(joint_facts: Summary) -> list[str]:

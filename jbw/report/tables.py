@@ -322,6 +322,11 @@ def joints_table(tree: xr.DataTree) -> Table:
                     "joint": str(joint),
                     "mode": f"{mode}, {float(effect['frequency_hz']):.4g} Hz",
                     "energy": float(effect["energy_share"]),
+                    "energy_at_motion": (
+                        effect["energy_share_at_motion"].values
+                        if "energy_share_at_motion" in effect
+                        else np.full(3, np.nan)
+                    ),
                     "losses": effect["loss_share"].values,
                     "frequency": effect["softening_share"].values,
                     "verdict": "identified" if bool(effect["identified"]) else "unidentified",
@@ -333,6 +338,7 @@ def joints_table(tree: xr.DataTree) -> Table:
         words("joint", "joint", "left"),
         words("mode", "mode", "left"),
         Column("strain energy,\nall joints stuck", lambda row: percent(row["energy"], digits=2)),
+        Column("strain energy,\nat that motion", lambda row: _share(row["energy_at_motion"])),
         Column("losses of\nall joints", lambda row: _share(row["losses"])),
         Column("softening of\nall joints", lambda row: _share(row["frequency"])),
         words("by itself", "verdict", "left"),

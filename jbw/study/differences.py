@@ -40,7 +40,15 @@ from jbw.inference.posterior.summary import QUANTILES, evenly_spaced, scalars
 from jbw.inference.thresholds import LEARNT
 from jbw.oscillator.laws import laws_named, quantities_of
 from jbw.oscillator.parameters import Monomial
-from jbw.quantities import OSCILLATOR, Quantity, are_at_joints, in_dialect, motion_factors_in, per, split
+from jbw.quantities import (
+    OSCILLATOR,
+    Quantity,
+    are_at_joints,
+    in_dialect,
+    motion_factors_in,
+    per,
+    split,
+)
 from jbw.report.messages import differences as messages
 from jbw.report.result import read_result, unit_of
 from jbw.report.text import interval, number, typed

@@ -21,6 +21,7 @@ from jbw.errors import ConfigError
 from jbw.identification.assemble import assemble, measured_in
 from jbw.identification.coordinates import box_of
 from jbw.identification.joint_answers import joints_finding, joints_group
+from jbw.identification.joint_modes import joint_modes
 from jbw.identification.laplace import fit_alone
 from jbw.inference.space.box import bounds_by_name
 from jbw.observables.decay import matched
@@ -168,8 +169,10 @@ def test_a_fit_of_two_modes_finds_the_truth_of_both_bolts():
     fit = found.joint.fitted.fit
     # Of ten parameters, chi-square by chance.
     assert standardised(fit) < stats.chi2.isf(RARE, len(fit.theta))
-    group = joints_group(found.joint.draws, found.joint.fitted.data, fit.theta)
-    assert group is not None
+    draws, data = found.joint.draws, found.joint.fitted.data
+    modes = joint_modes(draws, data, fit.theta)
+    assert modes is not None
+    group = joints_group(draws, data, modes)
     assert group["identified"].values.all()
     assert joints_finding(group).status == "ok"
     # Energy shares are those of the model; mode 2 hardly moves the first bolt.
@@ -183,8 +186,9 @@ def test_weak_sweeps_of_one_mode_tell_the_sum_of_the_bolts_alone():
     weak = two_bolts.campaign(("first",), bolts=bolts, weaker=8.0)
     found = fit_alone(measured_in(weak, quietly), seed=0, report=quietly)
     fitted = found.joint.fitted
-    group = joints_group(found.joint.draws, fitted.data, fitted.fit.theta)
-    assert group is not None
+    modes = joint_modes(found.joint.draws, fitted.data, fitted.fit.theta)
+    assert modes is not None
+    group = joints_group(found.joint.draws, fitted.data, modes)
     assert not group["identified"].values.any()
     finding = joints_finding(group)
     assert finding is not None

@@ -125,7 +125,12 @@ EXAMPLES = {
         modes.left_by_joint(18.8, 0.2, 0.1),
         modes.rejected(modes.left_by_joint(18.8, 0.2, 0.1)),
         modes.hardly_seen(modes.numbered(2, 30.1)),
-        modes.all_joints(modes.numbered(2, 30.1), [-2.0, -1.0, -0.5], [0.1, 0.2, 0.3]),
+        *(
+            modes.all_joints(
+                modes.numbered(2, 30.1), [-2.0, -1.0, -0.5], [0.1, 0.2, 0.3], is_free=is_free
+            )
+            for is_free in (True, False)
+        ),
         modes.damped_by(2, "bolt_1", 0.8, 0.7, 0.9),
         modes.numbered(2, 30.1),
         modes.identified("bolt_1"),

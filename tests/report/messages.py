@@ -234,6 +234,7 @@ OF_TOPICS = {
         differences.differs("omega_n", "1.00 [0.64, 1.36] rad/s", sure=True),
         differences.differs("zeta", "0.001 [-0.001, 0.003]", sure=False),
         differences.may_be_same(["zeta", "alpha"]),
+        differences.factors_apart(["motion_factor_2@bolt_1"]),
         differences.of_prior({"gamma": ["A", "B"]}),
         differences.only_one(["alpha", "gamma"]),
         differences.not_usable("B", "failed"),

@@ -260,8 +260,9 @@ def test_several_joints_are_told_by_mode_and_an_unidentified_one_damps_nothing()
                     "frequency_hz": hz,
                     "frequency_change": {"0.005": -0.041, "0.5": -0.04, "0.995": -0.039},
                     "damping_added": {"0.005": 0.009, "0.5": 0.01, "0.995": 0.011},
+                    "shape": shape,
                 }
-                for mode, hz in ((1, 32.0), (2, 90.0))
+                for mode, hz, shape in ((1, 32.0, "free"), (2, 90.0, "full stick"))
             ],
             "joints": [
                 {"joint": "bolt_1", "verdict": "unidentified", "loss_share": shares(0.7, 0.02)}
@@ -274,6 +275,7 @@ def test_several_joints_are_told_by_mode_and_an_unidentified_one_damps_nothing()
     effect, damped, unknown = joint_sentences(summary)
     assert "frequency of mode 1 changes by -4 % [-4.1, -3.9]" in effect
     assert "damping ratio by 1 % [0.9, 1.1]" in effect
+    assert effect.count("in its shape of full stick") == 1
     assert damped == "Mode 2 is damped by bolt_2 (98 % of the joints' losses)."
     assert unknown.startswith("Unidentified by themselves: bolt_1;")
     assert joint_sentences({}) == []

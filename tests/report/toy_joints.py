@@ -16,6 +16,7 @@ def joints():
     return xr.Dataset(
         {
             "energy_share": (("joint", "mode"), shares, unit),
+            "energy_share_at_motion": (("joint", "mode", "quantile"), band, unit),
             "loss_share": (("joint", "mode", "quantile"), band, unit),
             "softening_share": (("joint", "mode", "quantile"), band, unit),
             "frequency_hz": ("mode", [32.0, 90.0], {"units": "Hz"}),
@@ -39,6 +40,8 @@ def backbones():
             "damping": ((*of_levels, "quantile"), damping[..., None] * band),
             "frequency_at_medians": (of_levels, hz - [0.0, 0.1]),
             "damping_at_medians": (of_levels, damping),
+            "frequency_in_full_stick": (of_levels, hz + np.array([0.0, 0.1])),
+            "damping_in_full_stick": (of_levels, 0.9 * damping),
             "shape": (
                 (*of_levels, "coordinate"), [[[1, 1e-4], [1, 2e-4]], [[1e-5, 1], [3e-5, 1]]],
             ),

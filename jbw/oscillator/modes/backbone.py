@@ -63,6 +63,8 @@ class ModalBackbone(eqx.Module):
         q: Harmonics of the modal coordinates [m].
         y: Harmonics of the outputs [m].
         loss_share: Part of every joint in what all joints lose a cycle; NaN where none loses [-].
+        r: Harmonics of the remainders of every joint's laws, their force less that of its stiffness
+            at rest [N, in units of its h and p].
     """
 
     a: Float[Array, "*level"]
@@ -74,6 +76,7 @@ class ModalBackbone(eqx.Module):
     q: Complex[Array, "*level mode harmonic"]
     y: Complex[Array, "*channel harmonic"]
     loss_share: Float[Array, "*level_joint"]
+    r: Complex[Array, "*level_joint harmonic"]
 
 
 class BackboneOptions(NamedTuple):
@@ -122,7 +125,10 @@ def modal_backbone(
     if not is_one_joint:
         return backbone
     one_joint = dict(
-        x=backbone.x[..., 0, :], x_peak=amplitude, loss_share=backbone.loss_share[..., 0]
+        x=backbone.x[..., 0, :],
+        x_peak=amplitude,
+        loss_share=backbone.loss_share[..., 0],
+        r=backbone.r[..., 0, :],
     )
     return replace(backbone, **one_joint)
 
@@ -339,7 +345,10 @@ def _backbone_point(
     total = jnp.sum(loss)
     share = jnp.where(total == 0.0, jnp.nan, loss / jnp.where(total == 0.0, 1.0, total))
     x, q = amplitude * unit[:, None] * motion.x, amplitude * motion.q
+    stiffness = structure.omega_n[mode] ** 2  # pyright: ignore[reportIndexIssue]
+    r = stiffness * amplitude * unit[:, None] * motion.r
     sizes = jnp.abs(q[mode, 0]), jnp.abs(x[:, 0])
     rates = motion.omega, motion.zeta
     turns = jnp.max(jax.vmap(num_turns)(motion.x))
-    return ModalBackbone(*sizes, *rates, motion.q[:, 0], x, q, structure.c @ q, share), turns  # pyright: ignore
+    y = structure.c @ q
+    return ModalBackbone(*sizes, *rates, motion.q[:, 0], x, q, y, share, r), turns  # pyright: ignore

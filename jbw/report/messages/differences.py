@@ -44,8 +44,8 @@ def joints_may_be_same(joints: Mapping[str, float]) -> str:
 def factors_apart(names: Sequence[str]) -> str:
     """That factors on the joints' motion stand by themselves, not among those of a joint."""
     return (
-        f"A joint is compared by its laws alone: {listed(names)}, by which modes move it, are "
-        "compared one by one."
+        f"A joint is compared by its laws alone; factors on the motion of joints ({listed(names)}) "
+        "are compared one by one."
     )
 
 

@@ -37,6 +37,7 @@ MODE = "mode [-]"
 LOSS_SHARE = "share in the joints' losses"
 ISOMETRIC = ("x and y, isometric", "height, isometric")
 MOTION, FORCE, FORCE_LESS_SECANT = "motion", "force", "force less secant"
+MEDIAN_FREE, MEDIANS_STUCK = "median, shape free", "shape of full stick, at the medians"
 STUCK_SHAPE, FREE_SHAPE = "median, shape of full stick", "shape free, at the medians"
 IDENTIFIED, UNIDENTIFIED = "identified", "unidentified"
 

@@ -77,10 +77,13 @@ def hardly_seen(name: str) -> str:
     return f"{name} hardly moves the first point: shares of its losses are not determined."
 
 
-def all_joints(name: str, change: Sequence[float], damping: Sequence[float]) -> str:
-    """What all joints do to a mode, with intervals [%]."""
+def all_joints(
+    name: str, change: Sequence[float], damping: Sequence[float], *, is_free: bool
+) -> str:
+    """What all joints do to a mode, with intervals [%], and in which shape of the mode."""
+    shape = "in the shape that the joints leave it" if is_free else "in its shape of full stick"
     return (
-        f"{name} at its largest motion: all joints together change its frequency by "
+        f"{name} at its largest motion, {shape}: all joints together change its frequency by "
         f"{change[1]:.3g} % [{change[0]:.3g}, {change[2]:.3g}] and add {damping[1]:.3g} % "
         f"[{damping[0]:.3g}, {damping[2]:.3g}] of damping."
     )

@@ -59,9 +59,17 @@ def joints_effect(mode: int, frequency: str, damping: str) -> str:
     return f"the frequency of mode {mode} changes by {frequency} and its damping ratio by {damping}"
 
 
+def in_full_stick(effect: str) -> str:
+    """That an effect is of a mode in its shape of full stick."""
+    return f"{effect} (in its shape of full stick)"
+
+
 def at_largest_motion(effects: Sequence[str]) -> str:
     """The same of all modes."""
-    return f"By all joints together, at each mode's largest motion: {'; '.join(effects)}."
+    return (
+        "By all joints together, at each mode's largest motion and in its shape there: "
+        f"{'; '.join(effects)}."
+    )
 
 
 def sentence(clauses: Sequence[str]) -> str:

@@ -12,7 +12,7 @@ ROUTES = "The paper's cut beside the joint posterior"
 LOOPS = "Areas of the hysteresis loops"
 CYCLES = "Force loops, cycle by cycle"
 MODES_IN_STICK = "Modes with the joints in full stick"
-JOINTS = "Shares of the joints in every mode, at its largest motion"
+JOINTS = "Shares of the joints in every mode, at its largest motion and in its shape there"
 WITHHELD = "withheld"  # a band
 MATRIX_B = "Matrix B of the swept modes, rows over their largest"
 

@@ -1,0 +1,297 @@
+r"""Modes of a structure with several joints up to the largest motion measured, for every draw.
+
+A mode alone at an amplitude a of its own coordinate, in the shape of full stick, moves joint j by
+$|H_{ji}|a$. There the joint's steady loop takes from the mode's stiffness and adds to its losses
+
+$$K_{ji} = H_{ji}^2\,\big(k_j - \mathrm{Re}\,\kappa_j(|H_{ji}|a)\big), \qquad
+  L_{ji} = H_{ji}^2\,\mathrm{Im}\,\kappa_j(|H_{ji}|a)$$
+
+with $\kappa_j$ the complex stiffness of its laws and $k_j$ theirs at rest; where shapes are
+uncertain, $H_{ji}$ is that of each draw. Joints that slip change the shape, and so move further:
+the extended periodic motion of Krack (2015) at frequency $\omega$, harmonics n, has
+
+$$K_{ji} = -\frac{\sum_n \mathrm{Re}\,r_{jn}\bar X_{jn}}{\sum_{in} n^2|q_{in}|^2}, \qquad
+  L_{ji} = \frac{\sum_n n\,\mathrm{Im}\,r_{jn}\bar X_{jn}}{\sum_{in} n^2|q_{in}|^2}$$
+
+so that $L_{ji}/2\omega^2$ is the loss a cycle over $4\pi$ times the energy, twice the mean kinetic
+one. All draws have the numbers of full stick times what the free shape has over them: worked out
+at a few draws, and linear in the logarithms of the parameters between them.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from jaxtyping import Array, Bool, Float, Int
+
+from jbw.identification.assembled import ASSEMBLED, largest_amplitudes
+from jbw.inference.posterior.summary import evenly_spaced
+from jbw.observables.dataset import Dataset, as_arrays
+from jbw.oscillator.laws import quantities_of
+from jbw.oscillator.modes.assembled import STIFFNESS, laws_at, motion_in
+from jbw.oscillator.modes.backbone import ModalBackbone, modal_backbone
+from jbw.oscillator.modes.parameters import DRIVEN, structure_of
+from jbw.oscillator.steady.waveform import orders
+from jbw.quantities import joints_of, motion_factors_in, name_at
+
+LEVELS = np.linspace(0.0, 1.0, 9)[1:]  # of the largest amplitude that was measured of a mode
+NUM_HARMONICS = 3  # of the free shape, in weak slip: frequency to 1e-6, damping to 1e-4
+MAX_TURNS = 2  # of a joint in a period
+NUM_FREE = 48  # draws at least whose shape is free, of a posterior
+SPARE = 3  # times as many as there are parameters
+STUCK_NAMES = frozenset(name for pair in DRIVEN for name in pair)  # of modes, not of joints
+
+
+class ModeNumbers(NamedTuple):
+    """Of driven modes at rising amplitudes, for every draw.
+
+    Attributes:
+        omega: Frequency [rad/s].
+        zeta: Equivalent damping ratio [-].
+        softening: K of every joint [1/s^2].
+        losses: L of every joint [1/s^2].
+        energy: Share of every joint in the strain energy [-].
+    """
+
+    omega: Float[np.ndarray, "mode level *draw"]
+    zeta: Float[np.ndarray, "mode level *draw"]
+    softening: Float[np.ndarray, "joint mode level *draw"]
+    losses: Float[np.ndarray, "joint mode level *draw"]
+    energy: Float[np.ndarray, "joint mode level *draw"]
+
+    def at(self, level: int) -> "ModeNumbers":
+        """The same at one level, without its axis."""
+        rates = (x[:, level] for x in (self.omega, self.zeta))
+        return ModeNumbers(*rates, *(x[:, :, level] for x in self[2:]))
+
+    @property
+    def added(self) -> Float[np.ndarray, "mode level *draw"]:
+        """Damping ratio by all joints: their loss a cycle over 4 pi times the energy."""
+        return self.losses.sum(axis=0) / (2 * self.omega**2)
+
+
+class JointModes(NamedTuple):
+    """Driven modes at rising amplitudes.
+
+    Attributes:
+        amplitude: Of the mode's own coordinate; NaN of modes that the first point hardly sees.
+        free: Numbers of every draw, the shape free; that of full stick where there is no other.
+        at_medians: The same at the medians, or the fit, in the shape of full stick.
+        backbones: Extended periodic motion of every mode at the medians; NaN behind its end.
+        is_free: Whether there is a free shape, as there may be none beyond an internal resonance.
+    """
+
+    amplitude: Float[np.ndarray, "mode level"]
+    free: ModeNumbers
+    at_medians: ModeNumbers
+    backbones: tuple[ModalBackbone, ...]
+    is_free: Bool[np.ndarray, "mode level"]
+
+
+def joint_modes(
+    posterior: xr.Dataset, data: Dataset, about: Mapping[str, float] | None = None
+) -> JointModes | None:
+    """Modes that tests drive, to the largest amplitude measured of each; None of one joint.
+
+    Draws of a Gaussian `about` a fit are propagated by first order: where the tests tell a sum of
+    joints alone, they leave the narrow curved valley along which it stays the same. What the free
+    shape does is then that at the fit.
+    """
+    modes = data.modes
+    if modes is None or modes.meet != ASSEMBLED or not joints_of(data.laws):
+        return None
+    amplitude = np.multiply.outer(largest_amplitudes(modes, data), LEVELS)
+    drawn = draws_of_structure(posterior, data)
+    middle = {n: float(np.median(x) if about is None else about[n]) for n, x in drawn.items()}
+    theta = {name: np.append(middle[name], draws) for name, draws in drawn.items()}
+    stuck = _in_full_stick(theta, data, amplitude, None if about is None else middle)
+    count = max(NUM_FREE, SPARE * len(theta))
+    chosen = (
+        np.append(0, 1 + evenly_spaced(posterior, count)) if about is None else np.zeros(1, int)
+    )
+    backbones = [
+        _backbones({name: draws[i] for name, draws in theta.items()}, data, amplitude)
+        for i in chosen
+    ]
+    rows = [_with_free_shape(curves, _stiffness(data)) for curves in backbones]
+    free = ModeNumbers(*(np.stack(parts, axis=-1) for parts in zip(*rows, strict=True)))
+    is_free = np.isfinite(free.omega[..., 0])
+    steps = _in_deviations(theta)
+    numbers = [
+        at_rest * _ratios(exact / at_rest[..., chosen], steps, chosen)
+        for exact, at_rest in zip(free, stuck, strict=True)
+    ]
+    is_seen = np.isfinite(amplitude)
+    seen = (np.where(is_seen[..., None], x[..., 1:], np.nan) for x in numbers)
+    fixed = (np.where(is_seen, x[..., 0], np.nan) for x in stuck)
+    return JointModes(amplitude, ModeNumbers(*seen), ModeNumbers(*fixed), backbones[0], is_free)
+
+
+def draws_of_structure(posterior: xr.Dataset, data: Dataset) -> dict[str, np.ndarray]:
+    """Draws of modes, of the joints' laws, and of factors on the joints' motion, by name."""
+    names = {quantity.name for quantity in quantities_of(data.laws)}
+    names |= {name for pair in DRIVEN for name in pair} | motion_factors_in(posterior).keys()
+    return {str(n): x.values.ravel() for n, x in posterior.data_vars.items() if n in names}
+
+
+def _stiffness(data: Dataset) -> Float[np.ndarray, " joint"]:
+    """Of every joint in full stick."""
+    numbers = dict(data.modes.numbers if data.modes is not None else ())
+    return np.array([numbers[name_at(STIFFNESS, joint)] for joint in joints_of(data.laws)])
+
+
+def _backbones(
+    theta: Mapping[str, float], data: Dataset, amplitude: Float[np.ndarray, "mode level"]
+) -> tuple[ModalBackbone, ...]:
+    """Extended periodic motion of every mode at a point of the parameters."""
+    structure = structure_of(as_arrays(theta, data), data.laws)
+    levels = np.where(np.isfinite(amplitude), amplitude, 0.0)
+    curves = (
+        modal_backbone(
+            structure, at, mode=mode, num_harmonics=NUM_HARMONICS, max_turns=MAX_TURNS,
+            may_end=True,
+        )
+        for mode, at in enumerate(levels)
+    )  # fmt: skip
+    return tuple(jax.device_get(curve) for curve in curves)
+
+
+def _with_free_shape(
+    backbones: Sequence[ModalBackbone], stiffness: Float[np.ndarray, " joint"]
+) -> ModeNumbers:
+    """Numbers of every mode by its extended periodic motion."""
+    omega, zeta, q, x, r = (
+        np.stack([getattr(curve, name) for curve in backbones])
+        for name in ("omega", "zeta", "q", "x", "r")
+    )
+    n = orders(q.shape[-1])
+    mass = np.sum((n * np.abs(q)) ** 2, axis=(-2, -1))
+    work, size = (np.moveaxis(z, 2, 0) for z in (r * np.conj(x), np.abs(x) ** 2))
+    lost = np.sum(n * work.imag, axis=-1)
+    stored = np.sum(stiffness[:, None, None, None] * size + work.real, axis=-1)
+    softening = -np.sum(work.real, axis=-1) / mass
+    return ModeNumbers(omega, zeta, softening, lost / mass, stored / (omega**2 * mass))
+
+
+def _in_full_stick(
+    theta: Mapping[str, np.ndarray],
+    data: Dataset,
+    amplitude: Float[np.ndarray, "mode level"],
+    about: Mapping[str, float] | None,
+) -> ModeNumbers:
+    """Numbers of every mode and draw in the shape of full stick."""
+    numbers = dict(data.modes.numbers if data.modes is not None else ())
+    driven = _DrivenJoints(data.laws, joints_of(data.laws), *jax.device_put((numbers, amplitude)))
+    of_joints = {name: x for name, x in theta.items() if name not in STUCK_NAMES}
+    softening, losses = (
+        np.asarray(_each_draw(jax.device_put(of_joints), driven)) if about is None
+        else _by_first_order(of_joints, about, driven)
+    )  # fmt: skip
+    omega_stuck, zeta_stuck = (
+        np.array(
+            [np.broadcast_to(theta.get(pair[k], data.held.get(pair[k])), softening.shape[-1:])
+             for pair in DRIVEN[: len(amplitude)]]
+        )[:, None]
+        for k in range(2)
+    )  # fmt: skip
+    omega = np.sqrt(np.maximum(omega_stuck**2 - softening.sum(axis=0), 0.0))
+    everything = {**numbers, **theta}
+    h = np.array(
+        [
+            [np.broadcast_to(motion_in(everything, i + 1, joint), omega.shape[-1:])
+             for i in range(len(amplitude))]
+            for joint in driven.names
+        ]
+    )[:, :, None]  # fmt: skip
+    stored = _stiffness(data)[:, None, None, None] * h**2 - softening
+    with np.errstate(divide="ignore", invalid="ignore"):
+        zeta = zeta_stuck * omega_stuck / omega + losses.sum(axis=0) / (2 * omega**2)
+        return ModeNumbers(omega, zeta, softening, losses, stored / omega**2)
+
+
+def _in_deviations(theta: Mapping[str, np.ndarray]) -> Float[np.ndarray, "draw parameter"]:
+    """Steps from the first draw in standard deviations, of logarithms where nothing is negative."""
+    columns = [np.log(draws) if np.all(draws > 0) else draws for draws in theta.values()]
+    steps = np.stack([column - column[0] for column in columns], axis=-1)
+    return steps / np.maximum(np.std(steps, axis=0), np.finfo(float).tiny)
+
+
+def _ratios(
+    ratios: Float[np.ndarray, "... some"],
+    steps: Float[np.ndarray, "draw parameter"],
+    chosen: Int[np.ndarray, " some"],
+) -> Float[np.ndarray, "... draw"]:
+    """Ratios of all draws, linear in their steps, by those of some, the first of which holds.
+
+    None is beyond all of those that are known. One where the first is not known.
+    """
+    first = np.where(np.isfinite(ratios[..., :1]), ratios[..., :1], 1.0)
+    known = np.where(np.isfinite(ratios) & np.isfinite(ratios[..., :1]), ratios, first)
+    slopes = np.linalg.lstsq(steps[chosen], (known - first).reshape(-1, len(chosen)).T, rcond=None)[
+        0
+    ]
+    change = (steps @ slopes).T.reshape(*ratios.shape[:-1], len(steps))
+    return np.clip(first + change, known.min(-1, keepdims=True), known.max(-1, keepdims=True))
+
+
+class _DrivenJoints(eqx.Module):
+    """The joints' laws, the numbers of the model, and how far tests drove its modes."""
+
+    laws: tuple[str, ...] = eqx.field(static=True)
+    names: tuple[str, ...] = eqx.field(static=True)  # of the joints
+    numbers: dict[str, Float[Array, ""]]
+    amplitude: Float[Array, "mode level"]
+
+
+def _by_first_order(
+    theta: Mapping[str, np.ndarray], best_theta: Mapping[str, float], driven: _DrivenJoints
+) -> Float[np.ndarray, "two joint mode level draw"]:
+    r"""K and L of draws about a fit, $f(\hat\theta) + \sum_i f_i\,\delta_i$, by derivatives f_i.
+
+    Steps delta are of logarithms, times the fit, where nothing is zero or changes sign.
+    """
+    fit = {name: float(best_theta[name]) for name in theta}
+    value, slopes = jax.device_get(_about(jax.device_put(fit), driven))
+    total = np.repeat(value[..., None], len(next(iter(theta.values()))), axis=-1)
+    for name, draws in theta.items():
+        is_log = fit[name] > 0 and np.all(draws > 0)
+        moved = fit[name] * np.log(draws / fit[name]) if is_log else draws - fit[name]
+        total = total + slopes[name][..., None] * moved
+    return total
+
+
+@eqx.filter_jit
+def _about(
+    theta: Mapping[str, Array], driven: _DrivenJoints
+) -> tuple[Float[Array, "two joint mode level"], dict[str, Float[Array, "two joint mode level"]]]:
+    """K and L at a point, and their derivatives by every parameter."""
+    return _at(theta, driven), jax.jacfwd(_at)(dict(theta), driven)
+
+
+@eqx.filter_jit
+def _each_draw(
+    theta: Mapping[str, Array], driven: _DrivenJoints
+) -> Float[Array, "two joint mode level draw"]:
+    """K and L of every draw."""
+    return jax.vmap(lambda draw: _at(draw, driven), out_axes=-1)(dict(theta))
+
+
+def _at(theta: Mapping[str, Array], driven: _DrivenJoints) -> Float[Array, "two joint mode level"]:
+    """K and L of every joint, mode and level."""
+    rows = []
+    everything = {**driven.numbers, **theta}
+    modes = range(1, len(driven.amplitude) + 1)
+    for joint in driven.names:
+        h = jnp.stack([motion_in(everything, i, joint) for i in modes])[:, None]
+        laws = laws_at(theta, driven.laws, joint)
+        motion = jnp.abs(h) * driven.amplitude
+        loops = [law.loop(motion.ravel()) for law in laws]
+        at_rest = sum(law.stiffness() for law in laws)
+        stiffness = sum(loop.stiffness for loop in loops)
+        parts = (at_rest - stiffness, sum(loop.damping for loop in loops))
+        rows.append(tuple(h**2 * jnp.reshape(part, motion.shape) for part in parts))
+    return jnp.stack([jnp.stack(by_joint) for by_joint in zip(*rows, strict=True)])
