@@ -70,7 +70,7 @@ def joints_group(posterior: xr.Dataset, data: Dataset, modes: JointModes) -> xr.
         {
             "energy_share": (("joint", "mode"), shares, _words("1", "share in strain energy")),
             "energy_share_at_motion": (
-                *_bands(at_largest.energy), _words("1", "share in strain energy at that amplitude"),
+                *_bands(at_largest.energy), _words("1", messages.ENERGY_AT_MOTION),
             ),
             "loss_share": (*_bands(_shares(losses)), _words("1", messages.LOSS_SHARE)),
             "softening_share": (

@@ -249,7 +249,7 @@ class _DrivenJoints(eqx.Module):
 
 def _by_first_order(
     theta: Mapping[str, np.ndarray], best_theta: Mapping[str, float], driven: _DrivenJoints
-) -> Float[np.ndarray, "two joint mode level draw"]:
+) -> Float[np.ndarray, "two joint *mode_level draw"]:
     r"""K and L of draws about a fit, $f(\hat\theta) + \sum_i f_i\,\delta_i$, by derivatives f_i.
 
     Steps delta are of logarithms, times the fit, where nothing is zero or changes sign.
@@ -275,7 +275,7 @@ def _about(
 @eqx.filter_jit
 def _each_draw(
     theta: Mapping[str, Array], driven: _DrivenJoints
-) -> Float[Array, "two joint mode level draw"]:
+) -> Float[Array, "two joint *mode_level draw"]:
     """K and L of every draw."""
     return jax.vmap(lambda draw: _at(draw, driven), out_axes=-1)(dict(theta))
 

@@ -90,9 +90,13 @@ def test_every_mode_has_its_band_and_the_other_modes_in_its_shape():
     assert axes.shape == (3, 2)
     assert axes[0, 0].get_title(loc="left") == "mode 1, 32 Hz"
     assert axes[2, 1].get_xlabel() == "amplitude at the first point [\u00b5m]"
-    middle, free = (axes[0, 0].lines[i].get_xydata() for i in range(2))
+    middle, stuck = (axes[0, 0].lines[i].get_xydata() for i in range(2))
     np.testing.assert_allclose(middle, [[2.0, 32.0], [4.0, 31.0]])
-    np.testing.assert_allclose(free[:, 1], [32.0, 30.9])
+    np.testing.assert_allclose(stuck[:, 1], [32.0, 31.1])
+    # A run before this had bands in full stick, and beside them the free shape.
+    before = toy_joints.backbones().drop_vars(["frequency_in_full_stick", "damping_in_full_stick"])
+    old_axes = mode_backbones(xr.DataTree.from_dict({"/backbones": before}))
+    np.testing.assert_allclose(old_axes[0, 0].lines[1].get_ydata(), [32.0, 30.9])
     np.testing.assert_allclose(axes[1, 1].lines[0].get_ydata(), [0.4, 0.8])  # per cent
     # Of two modes the other one alone: |q_2 / q_1| below mode 1.
     (other,) = axes[2, 0].lines

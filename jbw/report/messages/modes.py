@@ -7,6 +7,7 @@ from jbw.report.messages.message import percent
 NOT_COMMON = "one common joint is rejected, as far as the modes' own laws follow the data"
 MAY_BE_COMMON = "they may meet in one joint"
 LOSS_SHARE = "share in the joints' losses"
+ENERGY_AT_MOTION = "share in the mode's strain energy at that amplitude"
 SOFTENING_SHARE = "share in the joints' softening"
 LOOP_FORCE = "force, laws at posterior medians"
 
