@@ -306,10 +306,15 @@ def test_loop_of_no_amplitude_is_a_spring():
     np.testing.assert_array_equal([loop.k_eq, loop.secant_stiffness], ALPHA)
 
     def force(y):
-        return steady_loop(joint(), y).z_max, steady_loop(joint(), y).z_3
+        loop = steady_loop(joint(), y)
+        return loop.z_max, loop.z_3
+
+    @jax.jit
+    def derivatives(y):
+        return jax.jacfwd(force)(y), jax.jacfwd(jax.jacfwd(force))(y)
 
     # Series: z_max = alpha (Y - delta Y^2/2), Z_3 = O(Y^2).
-    slope, bend = jax.jacfwd(force)(0.0), jax.jacfwd(jax.jacfwd(force))(0.0)
+    slope, bend = derivatives(0.0)
     np.testing.assert_allclose(slope, (ALPHA, 0.0), rtol=1e-14)
     curvature = -8 / (15 * np.pi) * ALPHA * (DELTA + 1j * GAMMA)
     np.testing.assert_allclose(bend, (-ALPHA * DELTA, curvature), rtol=1e-12)
@@ -328,6 +333,21 @@ def test_loop_opening_closes_the_map():
 NAMES = ("y_open", "z_max", "energy", "z_1", "z_3")
 
 
+@jax.jit
+def loop_gradients(x):
+    """Derivatives of a loop forward, and of its opening and energy in reverse."""
+
+    def values(x):
+        loop = steady_loop(joint(x[0], x[1], x[2]), x[3])
+        return {name: getattr(loop, name) for name in NAMES}
+
+    def two(x):
+        found = values(x)
+        return found["y_open"], found["energy"]
+
+    return jax.jacfwd(values)(x), jax.jacrev(two)(x)
+
+
 @pytest.mark.parametrize(
     ("delta", "gamma", "y_peak"),
     [
@@ -341,13 +361,8 @@ NAMES = ("y_open", "z_max", "energy", "z_1", "z_3")
 )
 @pytest.mark.slow
 def test_loop_gradients(delta, gamma, y_peak):
-    def values(x):
-        loop = steady_loop(joint(x[0], x[1], x[2]), x[3])
-        return {name: getattr(loop, name) for name in NAMES}
-
     x = (ALPHA, delta, gamma, y_peak)
-    forward = jax.jacfwd(values)(jnp.array(x))
-    reverse = jax.jacrev(lambda x: [values(x)["y_open"], values(x)["energy"]])(jnp.array(x))
+    forward, reverse = loop_gradients(jnp.array(x))
     for name, row in zip(("y_open", "energy"), reverse, strict=True):
         np.testing.assert_allclose(row, forward[name], rtol=1e-11, atol=1e-18)
     for i in range(4):
@@ -368,7 +383,7 @@ def test_loop_second_derivative_across_gamma_zero():
     def z_max(gamma):
         return steady_loop(joint(gamma=gamma), 2.4e-3).z_max
 
-    curvature = jax.grad(jax.grad(z_max))(0.0)
+    curvature = jax.jit(jax.grad(jax.grad(z_max)))(0.0)
     with mp.workdps(40):
         h = mp.mpf(10) ** -8
         z = [mp_loop(ALPHA, DELTA, g, 2.4e-3, harmonics=False)["z_max"] for g in (-h, 0, h)]
