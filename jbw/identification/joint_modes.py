@@ -229,13 +229,24 @@ def _ratios(
 
     None is beyond all of those that are known. One where the first is not known.
     """
-    first = np.where(np.isfinite(ratios[..., :1]), ratios[..., :1], 1.0)
-    known = np.where(np.isfinite(ratios) & np.isfinite(ratios[..., :1]), ratios, first)
-    slopes = np.linalg.lstsq(steps[chosen], (known - first).reshape(-1, len(chosen)).T, rcond=None)[
-        0
-    ]
-    change = (steps @ slopes).T.reshape(*ratios.shape[:-1], len(steps))
-    return np.clip(first + change, known.min(-1, keepdims=True), known.max(-1, keepdims=True))
+    rows = ratios.reshape(-1, len(chosen))
+    return np.stack([_linear(row, steps, chosen) for row in rows]).reshape(
+        *ratios.shape[:-1], len(steps)
+    )
+
+
+def _linear(
+    ratios: Float[np.ndarray, " some"],
+    steps: Float[np.ndarray, "draw parameter"],
+    chosen: Int[np.ndarray, " some"],
+) -> Float[np.ndarray, " draw"]:
+    """One ratio of all draws by those that are known."""
+    if not np.isfinite(ratios[0]):
+        return np.ones(len(steps))
+    is_known = np.isfinite(ratios)
+    known = ratios[is_known]
+    slopes = np.linalg.lstsq(steps[chosen[is_known]], known - known[0], rcond=None)[0]
+    return np.clip(known[0] + steps @ slopes, known.min(), known.max())
 
 
 class _DrivenJoints(eqx.Module):

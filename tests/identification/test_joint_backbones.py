@@ -98,9 +98,14 @@ def test_joints_do_to_a_mode_what_scipy_has_in_the_shape_that_they_leave_it(data
 
 @pytest.mark.slow
 def test_draws_have_the_free_shape_of_their_own_parameters(data):
-    """Draws 0.5 % wide, against extended periodic motion of three of them."""
+    """Draws as wide as of tests with 1 % of noise, against the periodic motion of three of them.
+
+    Frequencies are known far better than the rest. So they must be: near full slip the modes' shape
+    hangs on what little stiffness the joints leave.
+    """
     rng, truth = np.random.default_rng(1), two_bolts.truth()
-    draws = {n: x * np.exp(0.005 * rng.standard_normal((1, 400))) for n, x in truth.items()}
+    width = {n: 2e-4 if n.startswith("omega") else 5e-3 for n in truth}
+    draws = {n: x * np.exp(width[n] * rng.standard_normal((1, 400))) for n, x in truth.items()}
     posterior = xr.Dataset({name: (("chain", "draw"), x) for name, x in draws.items()})
     found = joint_modes(posterior, data)
     assert found is not None
@@ -120,7 +125,7 @@ def test_draws_have_the_free_shape_of_their_own_parameters(data):
         curve = jbw.backbone(own, found.amplitude[0], mode=0, num_harmonics=3)
         # Linear in the logarithms: what is left is of second order, and grows with the slip.
         np.testing.assert_allclose(found.free.omega[0, :, i], curve.omega, rtol=3e-4)
-        np.testing.assert_allclose(found.free.zeta[0, :, i], curve.zeta, rtol=1e-2)
+        np.testing.assert_allclose(found.free.zeta[0, :, i], curve.zeta, rtol=3e-3)
 
 
 def test_a_structure_of_one_joint_has_none():
