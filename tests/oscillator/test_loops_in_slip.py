@@ -124,13 +124,15 @@ def reference(name, pairs, y_peak):
                 for part in map(mp.mpf, LAYERS):
                     for y in (low + part * (high - low), high - part * (high - low)):
                         pieces.add(mp.acos(y / peak))
+
+            @functools.cache  # of the same nodes are all four integrals
+            def scaled_force(t):
+                return force(peak * mp.cos(t)) / unit
+
             waves = []
             for n in (1, 3):
                 both = [
-                    mp.quad(
-                        lambda t, w=w, n=n: force(peak * mp.cos(t)) / unit * w(n * t),
-                        sorted(pieces),
-                    )
+                    mp.quad(lambda t, w=w, n=n: scaled_force(t) * w(n * t), sorted(pieces))
                     for w in (mp.cos, mp.sin)
                 ]
                 waves.append(complex(*both).conjugate() * 2 / np.pi / y_peak * float(unit))
