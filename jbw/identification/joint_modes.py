@@ -114,7 +114,7 @@ def joint_modes(
         np.append(0, 1 + evenly_spaced(posterior, count)) if about is None else np.zeros(1, int)
     )
     backbones = [
-        _backbones({name: draws[i] for name, draws in theta.items()}, data, amplitude)
+        _backbones({name: float(draws[i]) for name, draws in theta.items()}, data, amplitude)
         for i in chosen
     ]
     rows = [_with_free_shape(curves, _stiffness(data)) for curves in backbones]
@@ -171,9 +171,9 @@ def _with_free_shape(
     n = orders(q.shape[-1])
     mass = np.sum((n * np.abs(q)) ** 2, axis=(-2, -1))
     work, size = (np.moveaxis(z, 2, 0) for z in (r * np.conj(x), np.abs(x) ** 2))
-    lost = np.sum(n * work.imag, axis=-1)
-    stored = np.sum(stiffness[:, None, None, None] * size + work.real, axis=-1)
-    softening = -np.sum(work.real, axis=-1) / mass
+    in_phase, lost = np.real(work), np.sum(n * np.imag(work), axis=-1)
+    stored = np.sum(stiffness[:, None, None, None] * size + in_phase, axis=-1)
+    softening = -np.sum(in_phase, axis=-1) / mass
     return ModeNumbers(omega, zeta, softening, lost / mass, stored / (omega**2 * mass))
 
 
@@ -191,9 +191,10 @@ def _in_full_stick(
         np.asarray(_each_draw(jax.device_put(of_joints), driven)) if about is None
         else _by_first_order(of_joints, about, driven)
     )  # fmt: skip
+    known = {**data.held, **theta}
     omega_stuck, zeta_stuck = (
         np.array(
-            [np.broadcast_to(theta.get(pair[k], data.held.get(pair[k])), softening.shape[-1:])
+            [np.broadcast_to(known[pair[k]], softening.shape[-1:])
              for pair in DRIVEN[: len(amplitude)]]
         )[:, None]
         for k in range(2)

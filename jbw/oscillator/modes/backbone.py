@@ -350,5 +350,5 @@ def _backbone_point(
     sizes = jnp.abs(q[mode, 0]), jnp.abs(x[:, 0])
     rates = motion.omega, motion.zeta
     turns = jnp.max(jax.vmap(num_turns)(motion.x))
-    y = structure.c @ q
+    y = jnp.asarray(structure.c) @ q
     return ModalBackbone(*sizes, *rates, motion.q[:, 0], x, q, y, share, r), turns  # pyright: ignore
