@@ -41,6 +41,10 @@ WORDS: dict[tuple[str, ...], str] = {
         "Energy share of a joint in a mode, k_j h_ji^2 / omega_i^2: the part of the mode's strain "
         "energy that the joint holds in full stick. It bounds what the joint can do to the mode."
     ),
+    ("strain energy, at that motion",): (
+        "The joint's part of the mode's strain energy at the largest motion of the mode that tests "
+        "drove, in the shape that the joints leave it, with its 99 % interval."
+    ),
     ("losses of all joints", "loss share"): (
         "The part of the energy that all joints lose in a cycle of a mode, at its largest motion, "
         "which one joint takes: median and 99 % interval."
