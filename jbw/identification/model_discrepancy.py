@@ -324,14 +324,20 @@ def left_out_run(run: str, fit: Fit, known: Slopes, prior: Box, noise: NoiseOf) 
     shift, std = shift_of(of_run, slopes, jacobian, fit.covariance)
     _, noise_std = shift_of(of_run, slopes, jacobian, np.zeros_like(fit.covariance))
     residuals = left_by_label(rows - by_own @ shift, data)
-    explained = by_own @ (coefficients_of(slopes) @ jacobian)
+    shift_by_parameters = coefficients_of(slopes) @ jacobian
+    explained = by_own @ shift_by_parameters
     by_errors = (known.jacobian - explained) @ root_of(fit.covariance)
     moves = [left_by_label(column, data) for column in by_errors.T]
     uncertain = {label: np.stack([move[label] for move in moves], axis=1) for label in labels}
     rests = _rests({label: residuals[label] for label in labels}, noise, data, uncertain)
     by_runs = np.hypot(std, known.scatter), np.hypot(noise_std, known.scatter)
-    by_parameters = coefficients_of(slopes) @ jacobian @ fit.covariance
-    return LeftOutRun(shift, by_runs[0], rests, noise_std=by_runs[1], by_parameters=by_parameters)
+    return LeftOutRun(
+        shift,
+        by_runs[0],
+        rests,
+        noise_std=by_runs[1],
+        by_parameters=shift_by_parameters @ fit.covariance,
+    )
 
 
 def by_drift(of_run: LeftOutRun, decay: LeftOutDecay, omega_n: float) -> LeftOutRun:

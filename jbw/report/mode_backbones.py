@@ -32,9 +32,9 @@ def mode_backbones(tree: xr.DataTree, ax: Any = None) -> Panels:
 
     Bands of the posterior, the shape free to change with amplitude, and dashed what the shape of
     full stick would have at the medians: where it leaves the band, the change of shape matters.
-    Below, first harmonics
-    $|q_i/q_m|$ of the other modes over that of the mode itself: none grow in a mode that keeps its
-    shape. Abscissae are amplitudes at the first point, up to the largest that was measured.
+    Below, first harmonics $|q_i/q_m|$ of the other modes over that of the mode itself: none grow in
+    a mode that keeps its shape. Abscissae are amplitudes at the first point, up to the largest that
+    was measured.
 
     Panels: a column a mode; its frequency, its equivalent damping ratio, and its shape.
     """
