@@ -28,7 +28,7 @@ from jbw.observables.harmonic_groups import (
 from jbw.observables.steady import Points, added_motion, force_of, motion_of
 from jbw.quantities import UNIT_OF
 from jbw.report.messages import verification as messages
-from jbw.verification.bands import QUANTILE_AXIS, errors, gaussian_band, phase_near, polar
+from jbw.verification.bands import QUANTILE_AXIS, errors, gaussian_band, middle, phase_near, polar
 from jbw.verification.predicted import Predicted, Source, carry, noise_of, of_repeats
 from jbw.verification.predictive_basis import Draws, count_of
 
@@ -157,7 +157,7 @@ def _motion(data: Points, draws: Draws) -> Complex[np.ndarray, "draw point harmo
     # model is right, then from the median of the draws.
     motion = np.asarray(carry(motion_of, draws, data), complex)
     for _ in range(ROUNDS - 1):
-        median = np.median(np.real(motion), axis=0) + 1j * np.median(np.imag(motion), axis=0)
+        median = middle(motion)
         guess, distance = data.motion, np.abs(median - np.asarray(data.motion))[:, 0]
         if np.all(distance < CLOSE * np.abs(median[:, 0])):  # never where something is not a number
             break

@@ -63,7 +63,9 @@ def predict_decay(source: Source, test: Test) -> Predicted:
         for comparison in compared
     ]
     measured = np.concatenate([comparison["measured"].values for comparison in late])
-    median = np.concatenate([comparison["model_band"].values[1] for comparison in late])
+    # Errors over the records' own rms join as their squares do.
+    squares = [float(np.sum(comparison["measured"].values ** 2)) for comparison in late]
+    squared_errors = [comparison.attrs["nrmse"] ** 2 for comparison in late]
     edges = np.concatenate([comparison[band_name].values for comparison in late], axis=1)
     counts = [comparison.attrs["num_values"] for comparison in compared]
     far = xr.DataArray(
@@ -78,7 +80,7 @@ def predict_decay(source: Source, test: Test) -> Predicted:
             np.average([comparison.attrs["coverage"] for comparison in compared], weights=counts)
         ),
         num_values=sum(counts),
-        nrmse=error(measured, median),
+        nrmse=float(np.sqrt(np.average(squared_errors, weights=squares))),
         half_width=half_width(edges, measured),
     )
     return Predicted(dataset, peak, noise, begins)
@@ -132,6 +134,7 @@ def _compared(
         key_entry, key_noise = jax.random.split(jax.random.fold_in(key, i))
         carrier = np.exp(2j * np.pi * chosen.centre_hz * time)
         envelope, others = entered(key_entry, seen, time)
+        law = np.median(np.real(envelope * carrier), axis=0)
         scatter = noise
         if held_out and (missed := source.basis.discrepancy) is not None and not missed.is_nothing:
             omega_n = float(np.mean(source.draws["omega_n"]))
@@ -163,7 +166,7 @@ def _compared(
             "seen_s": seen_s,
             "coverage": float(inside.mean()),
             "num_values": inside.size,
-            "nrmse": error(measured[later], model_band[1][later]),
+            "nrmse": error(measured[later], law[later]),
             "half_width": half_width(edges, measured[later]),
         }
         for name, other in others.items():

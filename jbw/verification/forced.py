@@ -88,9 +88,11 @@ class ForcedTests:
         """What a test is compared with: all of its own run, where that was fitted."""
         basis, seed = self.basis, self.source.seed
         missed = self.missed(test) if discrepancy is None else discrepancy
+        drawn = partial(basis.draws_for, test, num_draws, seed=seed)
         return replace(
             self.source,
-            draws=basis.draws_for(test, num_draws, seed=seed, missed=missed),
+            draws=drawn(missed=missed),
+            undisturbed=() if missed == NOTHING else ((drawn(), basis.laws),),
             references=of_run(self.simpler, basis.run_of(test), drive_of(test)),
             model_error=basis.model_error(test, missed),
         )

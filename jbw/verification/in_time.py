@@ -27,7 +27,7 @@ from jbw.observables.samples import (
 )
 from jbw.oscillator.hold import HeldInput
 from jbw.quantities import derivative_order, per
-from jbw.verification.bands import QUANTILE_AXIS, band, beside, error, errors, polar
+from jbw.verification.bands import QUANTILE_AXIS, band, beside, by_law, error, errors, polar
 from jbw.verification.own_constants import completed
 from jbw.verification.places import repeats_named
 from jbw.verification.predicted import (
@@ -187,7 +187,8 @@ def compare_records(source: Source, motion: Motion) -> xr.Dataset:
     mean, unit = measured.mean(axis=0), {"units": record.units[response]}
     variables = beside("time", mean, model, noise_std, unit)
     variables["measured"] = ("time", mean, {**unit, "long_name": f"mean measured {response}"})
-    nrmse = [error(repeat, np.median(model, axis=0)) for repeat in measured]
+    own = by_law(model, others)
+    nrmse = [error(repeat, own) for repeat in measured]
     variables["nrmse_of_repeat"] = ("repeat", nrmse, {"units": "1", "long_name": "error over rms"})
     return xr.Dataset(
         {**variables, "measured_band": (("quantile", "time"), band(measured), unit)},

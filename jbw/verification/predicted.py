@@ -1,6 +1,6 @@
 """What is carried through the model, a test beside its prediction, and the noise known of it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
@@ -16,7 +16,7 @@ from jbw.observables.harmonic_groups import harmonic_label
 from jbw.observables.observable import Observable, alone, prediction
 from jbw.observables.repeats import RepeatedGroups
 from jbw.report.messages import verification as messages
-from jbw.verification.bands import band
+from jbw.verification.bands import LAW, band, middle
 from jbw.verification.predictive_basis import (
     Basis,
     CampaignTest,
@@ -81,6 +81,8 @@ class Source:
     seed: int = 0
     # Draws of other laws, which are carried after those of the basis.
     beside: tuple[tuple[Draws, Laws], ...] = ()
+    # The draws of every law without the model discrepancy; none where there is no discrepancy.
+    undisturbed: tuple[tuple[Draws, Laws], ...] = ()
     model_error: float = 0.0  # what the law misses beside omega_n and zeta, over the response
 
     @property
@@ -101,19 +103,27 @@ class Source:
         if not self.noise or (known.std is None and not self.model_error):
             return self.bare
         noise = share * (known.std or 0.0) / float(np.sqrt(num_repeats))
-        values = np.median(np.real(model), axis=0), np.median(np.imag(model), axis=0)
-        size = np.sqrt(np.mean(values[0] ** 2 + values[1] ** 2) / (1 + np.iscomplexobj(model)))
+        power = np.mean(np.abs(middle(model)) ** 2)
+        size = np.sqrt(power / (1 + np.iscomplexobj(model)))
         return float(np.hypot(noise, self.model_error * size))
 
     def carried(self, predict: Callable[[Draws, Laws], PyTree]) -> tuple[Any, dict[str, Any]]:
-        """What every draw predicts along a first axis, and what each reference does by name."""
+        """What every draw predicts along a first axis, and what each reference does by name.
+
+        Among the references is the law without its model discrepancy, where the draws have one.
+        """
         others = {}
         for name, (parameters, laws) in self.references.items():
             single = {key: np.array([value]) for key, value in parameters.items()}
             others[name] = jax.tree.map(lambda rows: rows[0], predict(single, laws))
-        members = ((self.draws, self.basis.laws), *self.beside)
-        rows = [predict(draws, laws) for draws, laws in members]
-        return jax.tree.map(lambda *parts: np.concatenate(parts), *rows), others
+
+        def of_all(members: Sequence[tuple[Draws, Laws]]) -> Any:
+            rows = [predict(draws, laws) for draws, laws in members]
+            return jax.tree.map(lambda *parts: np.concatenate(parts), *rows)
+
+        if self.undisturbed:
+            others[LAW] = jax.tree.map(middle, of_all(self.undisturbed))
+        return of_all(((self.draws, self.basis.laws), *self.beside)), others
 
     def observed(
         self, data: Observable, predict: Callable[..., PyTree] = prediction

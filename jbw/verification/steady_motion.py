@@ -19,7 +19,7 @@ from jbw.observables.records import Records
 from jbw.observables.samples import band_limited, in_band, motion_under, noise_share
 from jbw.oscillator.hold import HeldInput
 from jbw.quantities import UNIT_OF, derivative_order
-from jbw.verification.bands import QUANTILE_AXIS, band, beside, errors, gaussian_band
+from jbw.verification.bands import LAW, QUANTILE_AXIS, band, beside, by_law, errors, gaussian_band
 from jbw.verification.groups import groups_of
 from jbw.verification.own_constants import completed
 from jbw.verification.predicted import Predicted, Source, carry, is_measured, noise_of, of_repeats
@@ -94,9 +94,11 @@ def predict_periods(source: Source, test: Test) -> Predicted:
     variables = beside("time", measured, model, noise_std, unit)
     freq = np.fft.rfftfreq(size, 1 / data.fs)
     keep = lines_within(freq, cut.band_hz or (freq[1], freq[-1]))
-    median = np.median(model, axis=0)
-    spectra = {"measured": measured, "model": median, "error": measured - median}
-    spectra |= {f"{name}_error": measured - reference for name, reference in others.items()}
+    law = by_law(model, others)
+    spectra = {"measured": measured, "model": law, "error": measured - law}
+    spectra |= {
+        f"{name}_error": measured - reference for name, reference in others.items() if name != LAW
+    }
     for name, x in spectra.items():
         amplitudes = 2 * np.abs(np.fft.rfft(x)) / size
         variables[f"{name}_spectrum"] = ("freq", amplitudes[keep], unit)

@@ -24,6 +24,7 @@ from made_runs import (
 
 from jbw.campaign.load import Campaign
 from jbw.errors import ConfigError, DataError
+from jbw.identification.discrepancy import NO_SCATTER, Discrepancy, Missed, Scatter
 from jbw.measurement.records import Test
 from jbw.study.collect import run_attrs
 from jbw.study.store import save_result
@@ -79,6 +80,28 @@ def test_a_gaussian_gain_has_the_band_of_its_closed_form():
     left = 0.5 * sigma * np.sqrt(SIZE)
     expected = left / np.hypot(left, np.linalg.norm(clean))
     assert found.attrs["nrmse"] == pytest.approx(expected, rel=4 / np.sqrt(2 * SIZE))
+
+
+def test_a_model_discrepancy_widens_the_band_and_not_the_error():
+    """A measured frequency 1 % off: the error is that of the law, by two linear oscillators."""
+    off = {**SILENT, "omega_n": 1.01 * SILENT["omega_n"]}
+    measured = integrated(burst(0.3), off, np.arange(SIZE) / FS)[1]
+    by_law = a_test(0.3).records[0].channels["velocity"]
+    error = np.linalg.norm(measured - by_law) / np.linalg.norm(measured)
+    test, fitted = a_test(0.3, off, name="unseen"), a_test(0.2)
+    bare = basis_of(a_tree(same(SILENT, 200), noise={"sweep": 1e-4}, seen=[fitted]))
+    missed = Missed(Scatter(0.02), NO_SCATTER)
+    misses = replace(bare, discrepancy=Discrepancy(missed, missed, {}, 1e-9, 1.0))
+    before, after = (predict(basis, test, Request(200)) for basis in (bare, misses))
+    # The input is straight between 32 points a sample: off by (omega h)^2 / 12 = 2e-5 of it.
+    assert before.attrs["nrmse"] == pytest.approx(error, rel=1e-4)
+    assert after.attrs["nrmse"] == pytest.approx(error, rel=1e-4)
+    assert float(after["nrmse_of_repeat"][0]) == pytest.approx(error, rel=1e-4)
+    assert after.attrs["half_width"] > 5 * before.attrs["half_width"]
+    assert before.attrs["coverage"] < 0.2 < 0.99 < after.attrs["coverage"]
+    # The median of draws whose frequencies scatter is smaller than any of them.
+    centre = after["predictive_band"].values[1]
+    assert np.linalg.norm(centre) < 0.9 * np.linalg.norm(by_law)
 
 
 def test_repeats_are_named_and_their_numbers_are_variables():
