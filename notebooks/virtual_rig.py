@@ -77,14 +77,46 @@ def run() -> jbw.Study:
 
 
 def print_laws(record: Mapping[str, Any]) -> None:
-    """Print a line a law, the best first, with what it misses of tests fitted and left out."""
-    print("law                     fit  left out  weight  answer")
+    """Print a line a law, the best first: errors of tests fitted, left out, and of other targets.
+
+    `left out` is of runs within the fitted amplitudes, `highest` of the highest level as the lower
+    ones predict it, `kinds` of the worst kind of test as the other kinds predict it.
+    """
+    print(f"{'law':20s} {'fit':>7s} {'left out':>8s} {'highest':>8s} {'kinds':>8s}  weight  answer")
     rows = sorted(record["laws"].items(), key=lambda row: -(row[1]["weight"] or 0.0))
     for name, row in rows:
-        errors = [row["error"], row["error_left_out"]]
-        shown = ["     -" if error is None else f"{error:6.2%}" for error in errors]
-        weight = "   -" if row["weight"] is None else f"{row['weight']:.2f}"
-        print(f"{name:20s} {shown[0]:>6s} {shown[1]:>9s} {weight:>7s}  {row['answer']}")
+        kinds = max((row.get("error_across") or {}).values(), default=None)
+        errors = (row["error"], row["error_left_out"], row["error_highest"], kinds)
+        shown = " ".join(f"{_per_cent(error):>8s}" for error in errors)
+        weight = "-" if row["weight"] is None else f"{row['weight']:.2f}"
+        print(f"{name:19s} {shown} {weight:>7s}  {row['answer']}")
+
+
+def print_tests(summary: Mapping[str, Any]) -> None:
+    """Print a line a test: errors of three models, and what the 99 % bands of the joint hold."""
+    print(f"{'test':34s} {'use':9s} {'linear':>8s} {'cubic':>8s} {'joint':>8s}  bands hold")
+    rows = sorted(summary["predictions"].items(), key=lambda row: not row[1]["fitted"])
+    for name, row in rows:
+        errors = (row.get(key) for key in ("nrmse_linear", "nrmse_cubic", "nrmse"))
+        shown = " ".join(f"{_per_cent(error):>8s}" for error in errors)
+        held = "withheld" if row.get("withheld") else _per_cent(row.get("coverage"))
+        print(f"{name:34s} {'fitted' if row['fitted'] else 'held out':9s} {shown} {held:>11s}")
+
+
+def print_answers(summary: Mapping[str, Any]) -> None:
+    """Print the three answers of the verdict, and what each question asks."""
+    questions = {
+        "sampling": "did the sampling converge",
+        "law": "does the law follow the data",
+        "knowledge": "do the data know the parameters",
+    }
+    answers = summary["verdict"]["answers"]
+    for name, question in questions.items():
+        print(f"{question}: {answers.get(name, {}).get('status', 'not assessed')}")
+
+
+def _per_cent(ratio: float | None) -> str:
+    return "-" if ratio is None else f"{100 * ratio:.3g} %"
 
 
 def prepare() -> None:
