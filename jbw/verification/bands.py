@@ -10,7 +10,7 @@ from scipy.stats import norm
 
 from jbw.inference.posterior.summary import QUANTILES
 
-LAW = "law"  # among what a test is compared with: the law without its model discrepancy
+LAW = "law"  # what the law predicts without its model discrepancy, among references
 QUANTILE_AXIS = ("quantile", list(QUANTILES), {"units": "1"})  # coordinate of every band
 
 
@@ -34,18 +34,12 @@ def errors(
     noise_std: float | NDArray[np.float64] | None,
     repeats: Float[np.ndarray, "repeat value"] | None = None,
 ) -> dict[str, float]:
-    """How far a test lies from the law, and from the oscillators it is compared with.
-
-    The error is the law's own: a model discrepancy widens the band, and the median of its draws is
-    no prediction of the law.
-    """
+    """How far a test lies from the model, and from the oscillators it is compared with."""
     # `coverage` is the share of `num_values` values, of the repeats or else their mean, that lie
     # inside the predictive band; `half_width` is of that band, or of the parameters' alone.
     edges = band(model) if noise_std is None else gaussian_band(model, noise_std)
-    measures = {"nrmse": error(measured, by_law(model, others))}
-    measures |= {
-        f"nrmse_{name}": error(measured, other) for name, other in others.items() if name != LAW
-    }
+    measures = {"nrmse": error(measured, np.median(model, axis=0))}
+    measures |= {f"nrmse_{name}": error(measured, other) for name, other in others.items()}
     measures["half_width"] = half_width(edges, measured)
     if noise_std is not None:
         inside = within(measured if repeats is None else repeats, edges)
@@ -53,18 +47,26 @@ def errors(
     return measures
 
 
-def by_law(
-    model: Float[np.ndarray, "draw value"], others: Mapping[str, NDArray[np.float64]]
-) -> NDArray[np.float64]:
-    """What the law predicts without its model discrepancy: the median of the draws without one."""
-    return others[LAW] if LAW in others else np.median(model, axis=0)
-
-
 def middle(values: Shaped[np.ndarray, " draw *value"]) -> Shaped[np.ndarray, " *value"]:
     """Median over draws, of complex values their real and imaginary parts apart."""
     if not np.iscomplexobj(values):
         return np.median(values, axis=0)
     return np.median(np.real(values), axis=0) + 1j * np.median(np.imag(values), axis=0)
+
+
+def about_law(
+    model: Shaped[np.ndarray, " draw *value"], others: Mapping[str, NDArray[Any]]
+) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
+    r"""Draws about the law's own prediction, and what else they are compared with.
+
+    $$m_k + m_0 - \operatorname{med}_k(m_k)$$
+
+    Where frequencies scatter widely by a model discrepancy the phases of the draws $m_k$ do, and
+    their median is smaller than any of them: no prediction of the law. $m_0$ is, the median of
+    draws without the discrepancy, where `others` has it as `LAW`.
+    """
+    rest = {name: values for name, values in others.items() if name != LAW}
+    return (model + (others[LAW] - middle(model)) if LAW in others else model), rest
 
 
 def within(values: NDArray[np.float64], edges: NDArray[np.float64]) -> NDArray[np.bool_]:

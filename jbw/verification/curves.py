@@ -109,8 +109,9 @@ def _predict_alike(source: Source, curves: Sequence[Curve], residuals: str) -> l
                 # A linear oscillator has no higher harmonics to compare.
                 if group.order == 1 or name != "linear"
             }
-            values = model[:, i, :size]
-            std = source.std(noise, values, float(data.repeats.num_repeats[i]))
+            values, of_others, std = source.compared(
+                noise, model[:, i, :size], of_others, float(data.repeats.num_repeats[i])
+            )
             harmonic, error_values = _compared(group, test, values, of_others, order, std)
             suffix = "" if group.order == 1 else f"_{group.order}"
             variables |= {name + suffix: variable for name, variable in harmonic.items()}

@@ -17,7 +17,7 @@ from jbw.observables.decay_envelopes import follow
 from jbw.observables.modal_decays import ModalDecays
 from jbw.observables.observable import alone
 from jbw.quantities import UNIT_OF, derivative_order, in_dialect
-from jbw.verification.bands import QUANTILE_AXIS, band, error, half_width, within
+from jbw.verification.bands import LAW, QUANTILE_AXIS, about_law, band, error, half_width, within
 from jbw.verification.modal_decays import (
     Entered,
     Envelope,
@@ -63,9 +63,7 @@ def predict_decay(source: Source, test: Test) -> Predicted:
         for comparison in compared
     ]
     measured = np.concatenate([comparison["measured"].values for comparison in late])
-    # Errors over the records' own rms join as their squares do.
-    squares = [float(np.sum(comparison["measured"].values ** 2)) for comparison in late]
-    squared_errors = [comparison.attrs["nrmse"] ** 2 for comparison in late]
+    median = np.concatenate([comparison["model_band"].values[1] for comparison in late])
     edges = np.concatenate([comparison[band_name].values for comparison in late], axis=1)
     counts = [comparison.attrs["num_values"] for comparison in compared]
     far = xr.DataArray(
@@ -80,7 +78,7 @@ def predict_decay(source: Source, test: Test) -> Predicted:
             np.average([comparison.attrs["coverage"] for comparison in compared], weights=counts)
         ),
         num_values=sum(counts),
-        nrmse=float(np.sqrt(np.average(squared_errors, weights=squares))),
+        nrmse=error(measured, median),
         half_width=half_width(edges, measured),
     )
     return Predicted(dataset, peak, noise, begins)
@@ -134,18 +132,18 @@ def _compared(
         key_entry, key_noise = jax.random.split(jax.random.fold_in(key, i))
         carrier = np.exp(2j * np.pi * chosen.centre_hz * time)
         envelope, others = entered(key_entry, seen, time)
-        law = np.median(np.real(envelope * carrier), axis=0)
-        scatter = noise
+        model, scatter = np.real(envelope * carrier), noise
         if held_out and (missed := source.basis.discrepancy) is not None and not missed.is_nothing:
             omega_n = float(np.mean(source.draws["omega_n"]))
             begin = float(np.abs(measured_envelope[0])) / omega_n ** derivative_order(data.response)
             at = missed.at(begin, of_decay=True)
             rates = omega_n * np.array([at.damping, at.frequency])
             key_missed = jax.random.fold_in(key_noise, MISSED_KEY)
-            envelope = drifted(key_missed, envelope, time - 0.5 * seen_s, rates)
-            size = np.abs(np.median(envelope, axis=0)) / np.sqrt(2)
+            drifting = drifted(key_missed, envelope, time - 0.5 * seen_s, rates)
+            law = {LAW: np.median(model, axis=0)}
+            model, _ = about_law(np.real(drifting * carrier), law)
+            size = np.abs(np.median(drifting, axis=0)) / np.sqrt(2)
             scatter = np.hypot(noise, missed.share_of(test.kind, at) * size)
-        model = np.real(envelope * carrier)
         measured, later = np.real(measured_envelope * carrier), time >= seen_s
         model_band = band(model)
         predictive = band(model + scatter * generator(key_noise).standard_normal(model.shape))
@@ -166,7 +164,7 @@ def _compared(
             "seen_s": seen_s,
             "coverage": float(inside.mean()),
             "num_values": inside.size,
-            "nrmse": error(measured[later], law[later]),
+            "nrmse": error(measured[later], model_band[1][later]),
             "half_width": half_width(edges, measured[later]),
         }
         for name, other in others.items():

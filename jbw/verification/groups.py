@@ -88,10 +88,8 @@ def groups_of(source: Source, test: Test, part: Repeated) -> Iterator[Group]:
         compared = part.compared(i)
         repeat_noise, behind = of_repeats(part.repeats, i), label.removeprefix(test.name)
         noise = noise_of(source.basis, test, repeat_noise, label=label, behind=behind)
-        yield Group(
-            plain(np.asarray(part.mean)[i][compared]),
-            plain(predicted[:, i][:, compared]),
-            {name: plain(other[i][compared]) for name, other in others.items()},
-            noise,
-            source.std(noise, plain(predicted[:, i][:, compared]), len(test.records)),
+        of_others = {name: plain(other[i][compared]) for name, other in others.items()}
+        model, of_others, std = source.compared(
+            noise, plain(predicted[:, i][:, compared]), of_others, len(test.records)
         )
+        yield Group(plain(np.asarray(part.mean)[i][compared]), model, of_others, noise, std)

@@ -27,7 +27,7 @@ from jbw.observables.samples import (
 )
 from jbw.oscillator.hold import HeldInput
 from jbw.quantities import derivative_order, per
-from jbw.verification.bands import QUANTILE_AXIS, band, beside, by_law, error, errors, polar
+from jbw.verification.bands import QUANTILE_AXIS, about_law, band, beside, error, errors, polar
 from jbw.verification.own_constants import completed
 from jbw.verification.places import repeats_named
 from jbw.verification.predicted import (
@@ -183,12 +183,14 @@ def compare_records(source: Source, motion: Motion) -> xr.Dataset:
 
     measured, model = compared(motion.measured), compared(motion.model)
     others = {name: compared(values) for name, values in motion.others.items()}
-    noise_std = source.std(motion.noise, model, share=noise_share(lines, size)) or 0.0
+    model, others, std = source.compared(
+        motion.noise, model, others, share=noise_share(lines, size)
+    )
+    noise_std = std or 0.0
     mean, unit = measured.mean(axis=0), {"units": record.units[response]}
     variables = beside("time", mean, model, noise_std, unit)
     variables["measured"] = ("time", mean, {**unit, "long_name": f"mean measured {response}"})
-    own = by_law(model, others)
-    nrmse = [error(repeat, own) for repeat in measured]
+    nrmse = [error(repeat, np.median(model, axis=0)) for repeat in measured]
     variables["nrmse_of_repeat"] = ("repeat", nrmse, {"units": "1", "long_name": "error over rms"})
     return xr.Dataset(
         {**variables, "measured_band": (("quantile", "time"), band(measured), unit)},
@@ -223,7 +225,8 @@ def compare_frfs(motion: Motion, band_hz: tuple[float, float]) -> xr.Dataset:
     unit = record.units[record.source]
     measured = [estimate(r, r.channels[r.response]) for r in test.records]
     h = np.stack([receptance for _, receptance in measured])
-    simulated = np.stack([estimate(record, response)[1] for response in motion.model])
+    model, _ = about_law(motion.model, motion.others)
+    simulated = np.stack([estimate(record, response)[1] for response in model])
     how = np.angle(h.mean(axis=0)), {"units": per("m", unit), "long_name": "receptance"}
     phase = {"units": "rad"}
     return xr.Dataset(

@@ -66,17 +66,17 @@ def predict_planned(source: Source, test: Test) -> Predicted:
         # A turned channel moves half a period later: odd harmonics change their sign.
         return np.asarray(jnp.sign(gain)[..., None] * motion)
 
-    motion, _ = source.carried(steady)
+    motion, others = source.carried(steady)
     magnitude = {"units": UNIT_OF[record.response], "long_name": record.response}
     phase = {"units": "rad", "long_name": "phase of the response"}
     noises = {order: noise_of(source.basis, test, order=order) for order in ORDERS}
     variables = {}
     for order, noise in noises.items():
         factor = (1j * order * omega) ** derivative_order(record.response)
-        values = factor * motion[:, :, order // 2]
+        of_others = {name: factor * other[:, order // 2] for name, other in others.items()}
+        values, _, std = source.compared(noise, factor * motion[:, :, order // 2], of_others)
         middle = np.unwrap(np.angle(np.mean(values, axis=0))).astype(np.float64)
         harmonic = polar("model", values, middle, magnitude, phase)
-        std = source.std(noise, values)
         if source.noise and std:
             predictive = gaussian_band(np.abs(values), std)
             harmonic["predictive_magnitude"] = (("quantile", "freq"), predictive, magnitude)

@@ -16,7 +16,7 @@ from jbw.observables.harmonic_groups import harmonic_label
 from jbw.observables.observable import Observable, alone, prediction
 from jbw.observables.repeats import RepeatedGroups
 from jbw.report.messages import verification as messages
-from jbw.verification.bands import LAW, band, middle
+from jbw.verification.bands import LAW, about_law, band, middle
 from jbw.verification.predictive_basis import (
     Basis,
     CampaignTest,
@@ -107,10 +107,21 @@ class Source:
         size = np.sqrt(power / (1 + np.iscomplexobj(model)))
         return float(np.hypot(noise, self.model_error * size))
 
+    def compared(
+        self,
+        known: RepeatNoise,
+        model: NDArray[Any],
+        others: Mapping[str, NDArray[Any]],
+        num_repeats: float = 1.0,
+        share: float = 1.0,
+    ) -> tuple[NDArray[Any], dict[str, NDArray[Any]], float | None]:
+        """Draws about the law's own prediction, references beside it, and `std` of the bands."""
+        return *about_law(model, others), self.std(known, model, num_repeats, share)
+
     def carried(self, predict: Callable[[Draws, Laws], PyTree]) -> tuple[Any, dict[str, Any]]:
         """What every draw predicts along a first axis, and what each reference does by name.
 
-        Among the references is the law without its model discrepancy, where the draws have one.
+        Where the draws have a model discrepancy, the law without it is a reference by `LAW`.
         """
         others = {}
         for name, (parameters, laws) in self.references.items():

@@ -19,7 +19,7 @@ from jbw.observables.records import Records
 from jbw.observables.samples import band_limited, in_band, motion_under, noise_share
 from jbw.oscillator.hold import HeldInput
 from jbw.quantities import UNIT_OF, derivative_order
-from jbw.verification.bands import LAW, QUANTILE_AXIS, band, beside, by_law, errors, gaussian_band
+from jbw.verification.bands import QUANTILE_AXIS, band, beside, errors, gaussian_band
 from jbw.verification.groups import groups_of
 from jbw.verification.own_constants import completed
 from jbw.verification.predicted import Predicted, Source, carry, is_measured, noise_of, of_repeats
@@ -89,16 +89,16 @@ def predict_periods(source: Source, test: Test) -> Predicted:
     if is_measured(test):
         model, others = completed(basis, cut, measured, model, others)
     size, record = len(measured), cut.records[0]
-    noise_std = source.std(noise, model, len(cut.records), noise_share(data.lines, size))
+    model, others, noise_std = source.compared(
+        noise, model, others, len(cut.records), noise_share(data.lines, size)
+    )
     unit = {"units": UNIT_OF[data.response], "long_name": data.response}
     variables = beside("time", measured, model, noise_std, unit)
     freq = np.fft.rfftfreq(size, 1 / data.fs)
     keep = lines_within(freq, cut.band_hz or (freq[1], freq[-1]))
-    law = by_law(model, others)
-    spectra = {"measured": measured, "model": law, "error": measured - law}
-    spectra |= {
-        f"{name}_error": measured - reference for name, reference in others.items() if name != LAW
-    }
+    median = np.median(model, axis=0)
+    spectra = {"measured": measured, "model": median, "error": measured - median}
+    spectra |= {f"{name}_error": measured - reference for name, reference in others.items()}
     for name, x in spectra.items():
         amplitudes = 2 * np.abs(np.fft.rfft(x)) / size
         variables[f"{name}_spectrum"] = ("freq", amplitudes[keep], unit)
