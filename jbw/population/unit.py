@@ -119,7 +119,8 @@ def _unit(name: str, folder: Path | None, record: Mapping[str, Any], tree: xr.Da
         raise DataError(
             f"The run {name} must be of one joint, but has several.",
             why="A population compares units by what their one joint does.",
-            remedy="Leave the run out.",
+            remedy="Leave the run out. Two runs of several joints are compared joint by joint: "
+            "jbw diff.",
         )
     draws, quantities = _quantities(posterior, laws)
     for quantity, values in draws.items():

@@ -127,6 +127,7 @@ def test_what_has_no_logarithm_in_one_unit_is_named_and_left_out(tmp_path):
         ({"assembly": {"torque": -3.0}}, "Run B: `torque` must be positive", "in N m"),
         ({"assembly": {"torque": "x"}}, "Run B: `torque` must be a finite number.*'x'", "Correct"),
         ({"draws": {"omega_n": np.array([[1.0, np.nan]])}}, "B has draws of omega_n", "leave"),
+        ({"laws": ("bouc_wen@bolt_1", "bouc_wen@bolt_2")}, "B must be of one joint", "jbw diff"),
     ],
 )  # fmt: skip
 def test_runs_that_do_not_belong_together_are_refused(tmp_path, second, message, remedy):
