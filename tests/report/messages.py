@@ -356,7 +356,8 @@ OF_TOPICS = {
     "stages": [
         *constants(stages), stages.little_address_space(1.5, 3.0), stages.design(3),
         stages.scoring("cubic", 6, by_fit=True),
-        stages.scoring("cubic", 6, by_fit=False), stages.points(1000, "products"),
+        stages.scoring("cubic", 6, by_fit=False), stages.scoring("cubic", 1, by_fit=True),
+        stages.scoring("cubic", 1, by_fit=False), stages.points(1000, "products"),
         stages.drawing_figures("run/report.html"), stages.drawing_records("figures"),
         stages.later_round("joint posterior", 2), stages.effective(312.0, 400.0),
         stages.finished_before("usable"), stages.joint_posterior(12), stages.kernel(8),

@@ -47,7 +47,9 @@ def design(step: int) -> str:
 
 
 def scoring(law: str, num_sessions: int, *, by_fit: bool) -> str:
-    """Of a comparison: that sessions are predicted from the others."""
+    """Of a comparison: that sessions are predicted from the others, where there are several."""
+    if num_sessions == 1:
+        return f"{law}: one session, judged by its {'fit' if by_fit else 'evidence'}"
     method = " by fits alone" if by_fit else "; evidence"
     return f"{law}: {num_sessions} sessions, each predicted from the others{method}"
 
