@@ -1,5 +1,6 @@
 """Laws of several joints side by side: which sets are tried, and which the data ask for."""
 
+import numpy as np
 import pytest
 import two_bolts
 from pasted import lines_of
@@ -7,11 +8,15 @@ from pasted import lines_of
 from jbw.campaign.load import load_with_doubts
 from jbw.errors import ConfigError
 from jbw.identification.tied_joints import MOST, trials_at_joints
+from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.study.laws import compare_laws
 
 OWN = two_bolts.LAWS
 TIED = ("bouc_wen@bolt_1=bolt_2",)
 THREE = tuple(f"bouc_wen@bolt_{i}" for i in (1, 2, 3))
+STUCK = (6e6, 1e-3, 1e-4)  # alpha [N/m], delta and gamma [1/m]: no slip at micrometres
+MOVED = np.array([[1.0, 1.0], [1.0, 0.93]])  # of each bolt (row) in each mode (column)
+RARE = 4.0  # standard deviations: by chance once in 16,000
 
 
 def test_every_law_is_tried_at_all_joints_and_at_each():
@@ -88,4 +93,27 @@ def test_bolts_that_differ_ask_for_laws_of_their_own():
     assert rows[tied]["error"] > 1.1 * two_bolts.NOISE
     assert compared.record["statements"][0].startswith("As they are: ")
     predicted = compared.predict(campaign.tests[0])
+    assert predicted.attrs["nrmse"] == pytest.approx(two_bolts.NOISE, rel=0.2)
+
+
+@pytest.mark.slow
+def test_sets_of_laws_have_the_factors_of_their_own_joints():
+    """Mode 2 moves bolt 2 by 7 % less than the matrices say, and bolt 1 sticks."""
+    laws, factor = ("bouc_wen@bolt_2",), "motion_factor_2@bolt_2"
+    campaign = two_bolts.campaign(
+        bolts=(STUCK, two_bolts.BOLTS[1]), laws=laws, uncertain=True, factors=MOVED
+    )
+    compared = compare_laws(campaign, [()], report=lambda _: None)
+    rows = compared.record["laws"]
+    answers = {name: (row["answer"], row["hopeless"]) for name, row in rows.items()}
+    assert answers == {"linear": ("worse", True), laws[0]: ("best", False)}
+    assert factor not in rows["linear"]["parameters"]
+    row = rows[laws[0]]
+    assert row["khat_evidence"] < GOOD_KHAT
+    assert row["error"] == pytest.approx(two_bolts.NOISE, rel=0.05)
+    found = row["parameters"][factor]
+    assert abs(found["mean"] - MOVED[1, 1]) < RARE * found["sd"]
+    assert found["sd"] < 0.01
+    # Bands of all laws together move the bolt by the factor of every draw.
+    predicted = compared.predict(campaign.tests[-1])
     assert predicted.attrs["nrmse"] == pytest.approx(two_bolts.NOISE, rel=0.2)
