@@ -10,6 +10,10 @@ $$\ln\frac{Z_{tied}}{Z_{own}}, \qquad Z = \int L(\theta)\,\pi(\theta)\,d\theta \
 
 Both see the same values in the weights of the fit with laws of their own. The prior of a law that
 joints share is the one that a campaign with `same_as` has.
+
+Where shapes are uncertain, tests tell what two joints do to a mode and not which of them does it: a
+factor of one is traded for the law of the other along a curve. Points about the fit miss its ends,
+and are taken along it instead.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,6 +39,7 @@ from jbw.identification.law_scores import weighed_in
 from jbw.identification.prepare import Fitted
 from jbw.identification.uncertain_shapes import first_factors
 from jbw.inference.fit.costly_fit import costly_fit
+from jbw.inference.fit.valley import about_valley
 from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.inference.samplers.amis import WeighedPoints
 from jbw.inference.space.box import bounds_by_name, box
@@ -173,10 +178,17 @@ def _most_joints(laws: Laws) -> int:
 
 
 def _weighed(key: Key[Array, ""], candidate: Candidate) -> WeighedPoints:
-    """Weighed points of a candidate's posterior about its fit."""
+    """Weighed points of a candidate's posterior about its fit; if poor, along its valley too."""
     fitted = candidate.fitted
-    places = {"fit": lambda: place_of(fitted.fit, candidate)}
-    return weighed_in(key, fitted.box, fitted.data, places)
+    best, prior, data = fitted.fit, fitted.box, fitted.data
+    about_fit = weighed_in(key, prior, data, {"fit": lambda: place_of(best, candidate)})
+    if about_fit.khat < GOOD_KHAT:
+        return about_fit
+    valley = about_valley(dataset.stacked, prior, data, best)
+    if valley is None:
+        return about_fit
+    along = weighed_in(jax.random.fold_in(key, 1), prior, data, {"valley": lambda: valley})
+    return min(about_fit, along, key=lambda points: points.khat)
 
 
 class Trials(NamedTuple):
