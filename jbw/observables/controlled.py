@@ -433,10 +433,9 @@ def slopes_by_inputs(
     """Derivatives of the predictions by the logarithm of the amplitude and by the phase [1/rad]."""
     y, phase = data.amplitude, data.phase
     none, unit = jnp.zeros_like(y), jnp.ones_like(y)
-    return (
-        jax.jvp(partial(data._at, theta), (y, phase), (y, none))[1],
-        jax.jvp(partial(data._at, theta), (y, phase), (none, unit))[1],
-    )
+    _, slopes_along = jax.linearize(partial(data._at, theta), y, phase)
+    by_amplitude, by_phase = jax.vmap(slopes_along)(jnp.stack([y, none]), jnp.stack([none, unit]))
+    return by_amplitude, by_phase
 
 
 def beside_known(

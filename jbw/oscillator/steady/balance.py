@@ -123,17 +123,26 @@ def newton_steps(
 ) -> Float[Array, " unknown"]:
     r"""A few steps of Newton's iteration, $x \leftarrow x - f_x^{-1} f(x)$, from a close guess.
 
-    Derivatives are those of the last step, which are the implicit ones where it has converged.
+    Derivatives are those of the last step, which are the implicit ones where it has converged. The
+    slopes stand in the loop alone, and what the function closes over has no tangents there: they
+    are most of what is compiled.
     """
-
-    def step(_: Any, x: Float[Array, " unknown"]) -> Float[Array, " unknown"]:
-        slope = jax.lax.stop_gradient(jax.jacfwd(function)(x))
-        return x - jnp.linalg.solve(slope, function(x))
-
     x = jax.lax.stop_gradient(x)
-    if num_steps > 1:  # compiled once for all of them
-        x = jax.lax.stop_gradient(jax.lax.fori_loop(0, num_steps - 1, step, x))
-    return step(None, x)
+    converted, closed_over = jax.closure_convert(function, x)
+    constants = jax.lax.stop_gradient(closed_over)
+
+    def with_value(x: Float[Array, " unknown"]) -> tuple[Array, Array]:
+        value = converted(x, *constants)
+        return value, value
+
+    def step(_: Any, carry: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        x, *_ = carry
+        slope, value = jax.jacfwd(with_value, has_aux=True)(x)
+        return x - jnp.linalg.solve(slope, value), x, slope
+
+    start = x, x, jnp.zeros((x.size, x.size))
+    _, before, slope = jax.lax.fori_loop(0, num_steps, step, start)
+    return before - jnp.linalg.solve(slope, converted(before, *closed_over))
 
 
 def residual(packed: Packed, problem: tuple[Unit, Scalar], max_turns: int) -> Packed:
