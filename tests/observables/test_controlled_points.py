@@ -19,6 +19,8 @@ THETA = {
        ("omega_n", "zeta", "alpha", "delta", "gamma")},
     "gain": jnp.asarray(1 / MASS),
 }  # fmt: skip
+# Of a response with a constant, here zero: one program predicts what has one and what has none.
+WITH_CONSTANT = THETA | {"residual_upper": jnp.asarray(0.0)}
 Y = np.geomspace(2e-4, 6e-3, 12)
 UNITS = {"frequency": "Hz", "force": "N", "displacement": "m", "phase": "rad"}
 
@@ -62,7 +64,7 @@ def test_frequency_and_force_at_a_phase_are_those_of_the_rig(degrees):
     (data,) = ControlledPoints.reduce([test_of("backbone", locked(degrees))])
     assert data.labels == ("backbone frequency", "backbone force")
     assert data.units == ("Hz", "N")
-    found, true = np.asarray(predicted(THETA, data)), locked(degrees)
+    found, true = np.asarray(predicted(WITH_CONSTANT, data)), locked(degrees)
     np.testing.assert_allclose(found[0], true["frequency"], rtol=1e-7)
     np.testing.assert_allclose(found[1], true["force"], rtol=5e-6)
 
@@ -77,13 +79,14 @@ def test_phase_and_force_at_an_amplitude_are_those_of_the_rig():
 
 def test_a_channel_that_is_turned_has_the_same_force():
     """A gain below zero: a phase half a turn away, no other amplitude or frequency."""
-    theta = {**THETA, "gain": -THETA["gain"]}
+    opposite = {"gain": -THETA["gain"]}
     (backbone,), (curve,) = (
         ControlledPoints.reduce([test_of(kind, made)])
         for kind, made in (("backbone", locked()), ("curve", held()))
     )
-    np.testing.assert_allclose(predicted(theta, backbone), predicted(THETA, backbone))
-    turned, plain = predicted(theta, curve), predicted(THETA, curve)
+    turned = predicted(WITH_CONSTANT | opposite, backbone)
+    np.testing.assert_allclose(turned, predicted(WITH_CONSTANT, backbone))
+    turned, plain = predicted(THETA | opposite, curve), predicted(THETA, curve)
     np.testing.assert_allclose(turned[1], plain[1])
     np.testing.assert_allclose(np.cos(turned[0] - plain[0]), -1.0)
 
@@ -197,7 +200,8 @@ def test_repeats_of_other_amplitudes_scatter_by_their_noise_alone():
             }
         )
     (data,) = ControlledPoints.reduce([test_of("backbone", *repeats)])
-    left = dict(zip(data.labels, np.asarray(misfits(THETA, data)), strict=True))
+    residual = np.asarray(data.mean) - np.asarray(predicted(WITH_CONSTANT, data))
+    left = dict(zip(data.labels, residual / np.asarray(data.scale), strict=True))
     ready = data.with_fitted_noise(THETA, left)
     before, after = (np.asarray(one.repeats.within) for one in (data, ready))
     assert np.all(after < 0.05 * before)
@@ -227,5 +231,5 @@ def test_residual_terms_are_of_the_response_that_was_measured():
     found = np.asarray(predicted({**THETA, "residual_upper": jnp.asarray(upper)}, data))
     np.testing.assert_allclose(found[0], true["frequency"], rtol=1e-7)
     np.testing.assert_allclose(found[1], true["force"], rtol=5e-6)
-    without = np.asarray(predicted(THETA, data))
+    without = np.asarray(predicted(WITH_CONSTANT, data))
     assert np.abs(without[0] / true["frequency"] - 1).max() > 1e-6
