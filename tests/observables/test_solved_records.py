@@ -56,20 +56,20 @@ def points(count=5):
     return {name: x * (1 + 1e-3 * rng.standard_normal(count)) for name, x in TRUTH.items()}
 
 
-def by_its_own_loop(function):
-    """The same function, of which nothing is solved before."""
-    return lambda theta, data: function(theta, data)
+def both_by_their_own_loop(theta, data):
+    """Both functions by one program, of whose loops one is left."""
+    return log_likelihood(theta, data), stacked(theta, data)
 
 
 @pytest.mark.parametrize("options", [{}, {"band_hz": (10.0, 30.0), "settle": 0.25}])
-@pytest.mark.parametrize("function", [log_likelihood, stacked])
-def test_points_come_out_as_by_their_own_loop(function, options):
+def test_points_come_out_as_by_their_own_loop(options):
     for data in (dataset_of(**options), with_offsets(dataset_of(**options))):
-        found = at_points(function, points(), data)
-        expected = at_points(by_its_own_loop(function), points(), data)
-        # Residuals are differences of a thousandth of what they are made of, by other programs.
-        size = np.abs(expected).max()
-        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-11 * size)
+        both = at_points(both_by_their_own_loop, points(), data)
+        for function, expected in zip((log_likelihood, stacked), both, strict=True):
+            found = at_points(function, points(), data)
+            # Residuals are differences of a thousandth of what they are made of, by other programs.
+            size = np.abs(expected).max()
+            np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-11 * size)
 
 
 def test_half_the_step_and_other_levels_need_no_other_program():
@@ -80,7 +80,7 @@ def test_half_the_step_and_other_levels_need_no_other_program():
     found = at_points(log_likelihood, points(), finer)
     at_points(stacked, points(), Dataset.of(Records.reduce([sweep("three", 0.2)])))
     assert batch._marched._cache_size() == before
-    expected = at_points(by_its_own_loop(log_likelihood), points(), finer)
+    expected = at_points(lambda *of: log_likelihood(*of), points(), finer)  # by its own loop
     np.testing.assert_allclose(found, expected, rtol=1e-10)
     assert not np.array_equal(found, at_points(log_likelihood, points(), data))
 
@@ -100,8 +100,9 @@ def test_slopes_by_differences_are_the_derivatives():
 def test_best_offsets_are_read_at_the_point():
     data = with_offsets(dataset_of())
     found = best_offsets(TRUTH, data)
-    again = by_its_own_loop(stacked)(as_arrays(TRUTH, data), data)
-    scaled = np.asarray(again)[-4:].reshape(2, 2)  # the rows of the offsets stand last
+    point = {name: np.array([value]) for name, value in TRUTH.items()}
+    _, again = at_points(both_by_their_own_loop, point, data)
+    scaled = again[0, -4:].reshape(2, 2)  # the rows of the offsets stand last
     for run, row in zip(("one", "two"), scaled, strict=True):
         np.testing.assert_allclose(found[run], row * np.asarray(data.scatter), rtol=1e-8)
 
