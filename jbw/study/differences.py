@@ -36,6 +36,7 @@ from jaxtyping import Float
 from scipy import stats
 
 from jbw.errors import ConfigError
+from jbw.identification.joint_answers import JOINTS
 from jbw.inference.posterior.summary import QUANTILES, evenly_spaced, scalars
 from jbw.inference.thresholds import LEARNT
 from jbw.oscillator.laws import laws_named, quantities_of
@@ -266,6 +267,12 @@ def _statements(
     factors = list(motion_factors_in(row["name"] for row in rows))
     if factors and sentences:
         sentences.append(messages.factors_apart(factors))
+    homes = _homes(first), _homes(second)
+    sentences += [
+        messages.homes_differ(joints, home, homes[1][joints])
+        for joints, home in homes[0].items()
+        if home != homes[1].get(joints, home)
+    ]
     sentences += [_differs(row) for row in sure] or [messages.NONE_DIFFERS]
     if rest := [row["name"] for row in identified if row not in sure]:
         sentences.append(messages.may_be_same(rest))
@@ -287,13 +294,29 @@ def _statements(
     return [*sentences, messages.INDEPENDENT, *_between_words(both), _scatter_words(both)]
 
 
+def _homes(run: FinishedRun) -> dict[str, str]:
+    """Whose motion in which mode is the model's, by the joints of a law; none by sure shapes.
+
+    That of the largest energy share: in metres of it the laws are.
+    """
+    if JOINTS not in run.tree.children or "motion_factor" not in run.tree[JOINTS]:
+        return {}
+    shares = run.tree[JOINTS].to_dataset()["energy_share"]
+    homes = {}
+    for joints in dict.fromkeys(split(law)[1] for law in run.basis.laws):
+        of_joints = shares.sel(joint=list(joints))
+        home = of_joints.isel(of_joints.argmax(["joint", "mode"]))
+        homes[" and ".join(joints)] = f"{home['joint'].item()} in mode {home['mode'].item()}"
+    return homes
+
+
 def _is_sure(row: Mapping[str, Any]) -> bool:
     return max(row["probability"], 1 - row["probability"]) > SURE
 
 
 def _differs(row: Mapping[str, Any]) -> str:
     """One quantity's difference with its interval; of the backbone at its amplitude."""
-    unit = "" if row["unit"] == "1" else f" {row['unit']}"
+    unit = "" if row["unit"] in ("", "1") else f" {row['unit']}"
     place = f" at {number(row['amplitude'])} m" if "amplitude" in row else ""
     difference = f"{interval(*row['difference'], sd=0.5)}{unit}"
     return messages.differs(typed(f"{row['name']}{place}"), difference, sure=_is_sure(row))

@@ -235,6 +235,7 @@ OF_TOPICS = {
         differences.differs("zeta", "0.001 [-0.001, 0.003]", sure=False),
         differences.may_be_same(["zeta", "alpha"]),
         differences.factors_apart(["motion_factor_2@bolt_1"]),
+        differences.homes_differ("bolt_1", "bolt_1 in mode 1", "bolt_1 in mode 2"),
         differences.of_prior({"gamma": ["A", "B"]}),
         differences.only_one(["alpha", "gamma"]),
         differences.not_usable("B", "failed"),

@@ -124,6 +124,28 @@ def test_factors_on_the_motion_of_joints_are_compared_one_by_one_and_that_is_sai
     assert texts.factors_apart([factor]) in record["statements"]
 
 
+def test_laws_in_metres_of_other_motions_are_told(tmp_path):
+    """Where one run drives mode 1 and the other mode 2, other motions are held at the model's."""
+    held = {"seen_1": 1.0, "motion_1@bolt_1": 1.0}
+    draws = {f"{n}@bolt_1": gaussian(x, 0.01 * x) for n, x in
+             (("alpha", 6e6), ("delta", 3e5), ("gamma", 4e4))}  # fmt: skip
+    runs = []
+    for folder, *shares in (("first", 0.19, 0.03), ("second", 0.02, 0.03), ("third", 0.2, 0.1)):
+        run_folder = write_run(
+            tmp_path / folder, (126.0, 0.1), laws="bouc_wen@bolt_1", held=held, **draws
+        )
+        joints = xr.Dataset(
+            {"energy_share": (("joint", "mode"), [shares]), "motion_factor": ("mode", [1.0, 1.1])},
+            {"joint": ["bolt_1"], "mode": [1, 2]},
+        )
+        joints.to_netcdf(run_folder / "posterior.nc", mode="a", group="joints", engine="h5netcdf")
+        runs.append(run_folder)
+    said = texts.homes_differ("bolt_1", "bolt_1 in mode 1", "bolt_1 in mode 2")
+    assert said in differences(*runs[:2]).record["statements"]
+    alike = differences(runs[0], runs[2]).record["statements"]
+    assert not any("in metres of" in sentence for sentence in alike)
+
+
 def test_of_one_joint_no_joint_is_named(tmp_path):
     first, second = (write_run(tmp_path / name, (126.0, 0.1)) for name in ("first", "second"))
     assert "joints" not in differences(first, second).record

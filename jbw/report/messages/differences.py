@@ -49,6 +49,14 @@ def factors_apart(names: Sequence[str]) -> str:
     )
 
 
+def homes_differ(joints: str, first: str, second: str) -> str:
+    """That a joint's laws are in metres of other motions in both runs, of uncertain shapes."""
+    return (
+        f"The laws of {joints} are in metres of the model's motion of {first} in A, of {second} in "
+        "B: where its shapes are off, their parameters differ by that alone."
+    )
+
+
 def of_prior(names: Mapping[str, Sequence[str]]) -> str:
     """Parameters of which a run holds its prior alone, with these runs."""
     shown = ", ".join(f"{name} ({' and '.join(runs)})" for name, runs in names.items())
