@@ -148,8 +148,12 @@ def shade(ax: Axes, x: Any, lower: Any, upper: Any, colour: str, label: str, **l
 
 
 def band_label(attrs: Mapping[Any, Any], *, noise: bool = False) -> str:
-    """What a band of a test holds, by the test's attributes: parameters, runs' scatter, noise."""
-    also = ["scatter of runs"] * bool(attrs.get("scatter")) + ["noise"] * noise
+    """What a band of a test holds, by the test's attributes: parameters, scatter, misfit, noise."""
+    added = {
+        "scatter of runs": attrs.get("scatter"), "model discrepancy": attrs.get("discrepancy"),
+        "noise": noise,
+    }  # fmt: skip
+    also = [name for name, is_held in added.items() if is_held]
     if not also:
         return BAND
     return f"99 % band: {', '.join(['parameters', *also[:-1]])} and {also[-1]}"

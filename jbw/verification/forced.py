@@ -139,7 +139,8 @@ class ForcedTests:
     def response(self, test: Test) -> Placed:
         """The frequency response of random motion, by few draws."""
         source = replace(self.beside(test, NUM_FEW, NOTHING), references={})
-        yield from self.frf(motion_of(source, test, substeps=1))
+        for where, frf in self.frf(motion_of(source, test, substeps=1)):
+            yield where, frf.assign_attrs(discrepancy=0)
 
     def curves(self, named: Mapping[str, Curve], discrepancy: AtAmplitude) -> Placed:
         """Curves of one run and drive, predicted together."""

@@ -117,6 +117,7 @@ def test_bands_are_named_for_what_they_are(drawn):
         ({"scatter": 0}, True, "99 % band: parameters and noise"),
         ({"scatter": 1}, False, "99 % band: parameters and scatter of runs"),
         ({"scatter": 1}, True, "99 % band: parameters, scatter of runs and noise"),
+        ({"discrepancy": 1}, True, "99 % band: parameters, model discrepancy and noise"),
     ],
 )
 def test_a_legend_says_what_is_in_its_band(tree, attrs, noise, label):
