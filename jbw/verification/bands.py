@@ -54,19 +54,24 @@ def middle(values: Shaped[np.ndarray, " draw *value"]) -> Shaped[np.ndarray, " *
     return np.median(np.real(values), axis=0) + 1j * np.median(np.imag(values), axis=0)
 
 
+def recentred(
+    model: Shaped[np.ndarray, " draw *value"], centre: Shaped[np.ndarray, " *value"]
+) -> Shaped[np.ndarray, " draw *value"]:
+    r"""Draws moved to another median, $m_k + m_0 - \operatorname{med}_k(m_k)$.
+
+    Where a model discrepancy scatters frequencies widely, the phases of the draws $m_k$ scatter
+    too, and their median is smaller than any of them: it does not predict what the law does. The
+    median $m_0$ of draws without the discrepancy does.
+    """
+    return model + (centre - middle(model))
+
+
 def about_law(
     model: Shaped[np.ndarray, " draw *value"], others: Mapping[str, NDArray[Any]]
 ) -> tuple[NDArray[Any], dict[str, NDArray[Any]]]:
-    r"""Draws about the law's own prediction, and what else they are compared with.
-
-    $$m_k + m_0 - \operatorname{med}_k(m_k)$$
-
-    Where frequencies scatter widely by a model discrepancy the phases of the draws $m_k$ do, and
-    their median is smaller than any of them: no prediction of the law. $m_0$ is, the median of
-    draws without the discrepancy, where `others` has it as `LAW`.
-    """
+    """Draws about the law's own prediction, where `others` has one, and the references left."""
     rest = {name: values for name, values in others.items() if name != LAW}
-    return (model + (others[LAW] - middle(model)) if LAW in others else model), rest
+    return (recentred(model, others[LAW]) if LAW in others else model), rest
 
 
 def within(values: NDArray[np.float64], edges: NDArray[np.float64]) -> NDArray[np.bool_]:

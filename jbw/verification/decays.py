@@ -17,7 +17,7 @@ from jbw.observables.decay_envelopes import follow
 from jbw.observables.modal_decays import ModalDecays
 from jbw.observables.observable import alone
 from jbw.quantities import UNIT_OF, derivative_order, in_dialect
-from jbw.verification.bands import LAW, QUANTILE_AXIS, about_law, band, error, half_width, within
+from jbw.verification.bands import QUANTILE_AXIS, band, error, half_width, recentred, within
 from jbw.verification.modal_decays import (
     Entered,
     Envelope,
@@ -138,11 +138,8 @@ def _compared(
             begin = float(np.abs(measured_envelope[0])) / omega_n ** derivative_order(data.response)
             at = missed.at(begin, of_decay=True)
             rates = omega_n * np.array([at.damping, at.frequency])
-            key_missed = jax.random.fold_in(key_noise, MISSED_KEY)
-            drifting = drifted(key_missed, envelope, time - 0.5 * seen_s, rates)
-            law = {LAW: np.median(model, axis=0)}
-            model, _ = about_law(np.real(drifting * carrier), law)
-            size = np.abs(np.median(drifting, axis=0)) / np.sqrt(2)
+            key_missed, since = jax.random.fold_in(key_noise, MISSED_KEY), time - 0.5 * seen_s
+            model, size = _with_discrepancy(key_missed, envelope, since, rates, carrier)
             scatter = np.hypot(noise, missed.share_of(test.kind, at) * size)
         measured, later = np.real(measured_envelope * carrier), time >= seen_s
         model_band = band(model)
@@ -171,6 +168,19 @@ def _compared(
             attrs[f"nrmse_{name}"] = error(measured[later], np.real(other * carrier)[later])
         comparisons.append(xr.Dataset(variables, coords, attrs))
     return comparisons
+
+
+def _with_discrepancy(
+    key: Key[Array, ""],
+    envelope: Complex[np.ndarray, "draw time"],
+    time: Float[np.ndarray, " time"],
+    rates: Float[np.ndarray, "2"],
+    carrier: Complex[np.ndarray, " time"],
+) -> tuple[Float[np.ndarray, "draw time"], Float[np.ndarray, " time"]]:
+    """Motion that has `drifted`, about what the law predicts, and its rms over a period."""
+    law, drifting = np.real(envelope * carrier), drifted(key, envelope, time, rates)
+    size = np.abs(np.median(drifting, axis=0)) / np.sqrt(2)
+    return recentred(np.real(drifting * carrier), np.median(law, axis=0)), size
 
 
 def drifted(
