@@ -50,10 +50,11 @@ def factors_apart(names: Sequence[str]) -> str:
 
 
 def homes_differ(joints: str, first: str, second: str) -> str:
-    """That a joint's laws are in metres of other motions in both runs, of uncertain shapes."""
+    """That the laws of joints refer to another motion in each run, of uncertain shapes."""
     return (
-        f"The laws of {joints} are in metres of the model's motion of {first} in A, of {second} in "
-        "B: where its shapes are off, their parameters differ by that alone."
+        f"The parameters of {joints} refer to the model's motion of {first} in run A and of "
+        f"{second} in run B. If the model's shapes are wrong, the parameters differ for this "
+        "reason alone."
     )
 
 

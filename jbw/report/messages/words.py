@@ -258,9 +258,10 @@ WORDS: dict[tuple[str, ...], str] = {
         "best laws",
         "s",
     ): (
-        "Error of a prediction: rms of measured less predicted, over the rms of the record. It is "
-        "the law's own: a model discrepancy widens bands alone. In a list of runs it is the "
-        "message of a failure. A column `s` has times in seconds."
+        "Error of a prediction: rms of measured less predicted, over the rms of the record. The "
+        "law predicts by itself: a model discrepancy widens the bands and does not change the "
+        "error. In a list of runs it is the message of a failure. A column `s` has times in "
+        "seconds."
     ),
     (
         "the same, best linear oscillator",
