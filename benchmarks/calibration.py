@@ -18,9 +18,9 @@ import jax
 from campaign_scores import score_campaigns
 from timing import Table, options, show
 
+from jbw.lab.calibration import REPLICATIONS, sbc
 from jbw.report.figures import figure_of
 from jbw.report.studies import rank_ecdfs
-from jbw.study.calibration import REPLICATIONS, sbc
 
 CASES: dict[str, dict[str, Any]] = {
     "Step 2": {"step": "linear"},

@@ -23,10 +23,10 @@ from timing import Table, options, show
 import jbw
 from jbw import rig
 from jbw.inference.posterior.summary import scalars
+from jbw.law_comparison.compare import LawComparison
 from jbw.oscillator.laws import laws_named
 from jbw.rig.generator import Sweep
 from jbw.rig.presets import Preset
-from jbw.study.laws import LawComparison
 
 FS, OMEGA_N, ZETA, GAIN = 256.0, 2 * np.pi * 18.8, 0.00444, 15.0
 SCATTER = 0.2  # of the logarithm of each of the law's parameters from campaign to campaign

@@ -241,8 +241,8 @@ MUTATIONS = (
     ),
     Mutation("watch/hotelling.py", "change**2 * num / (num + 1)", "change**2", HOTELLING),
     Mutation("watch/hotelling.py", "np.maximum(values, 0.0)", "np.abs(values)", HOTELLING),
-    Mutation("study/compare.py", "np.hypot(*errors)", "np.sum(errors)", COMPARISON),
-    Mutation("study/compare.py", "value < GOOD_R_HAT", "value < 9.0", COMPARISON),
+    Mutation("lab/samplers.py", "np.hypot(*errors)", "np.sum(errors)", COMPARISON),
+    Mutation("lab/samplers.py", "value < GOOD_R_HAT", "value < 9.0", COMPARISON),
     Mutation(
         "inference/fit/profiles.py",
         "(upper - lower) / math.sqrt(12)",
@@ -274,26 +274,28 @@ MUTATIONS = (
     ),
     # -- what other programs are handed
     Mutation(
-        "study/exported_joint.py",
+        "export/joint_parts.py",
         "dashpot = 2.0 * mass * theta",
         "dashpot = mass * theta",
         f"{ELSEWHERE}::test_spring_and_dashpot_are_those_of_the_linear_oscillator",
     ),
     Mutation(
-        "study/exported_joint.py",
+        "export/joint_parts.py",
         "return slow.k * at + tip, slow.k * at + virgin",
         "return slow.k * at + virgin, slow.k * at + tip",
         f"{ELSEWHERE}::test_tables_hold_the_tips_of_steady_loops",
     ),
-    Mutation("study/exports/templates/matlab/laws/bouc_wen_nu.m", "k * log(s)", "log(s)", EXPORTED),
     Mutation(
-        "study/exports/templates/c/laws/bouc_wen_nu.c",
+        "export/exports/templates/matlab/laws/bouc_wen_nu.m", "k * log(s)", "log(s)", EXPORTED
+    ),
+    Mutation(
+        "export/exports/templates/c/laws/bouc_wen_nu.c",
         "-expm1(nu * log_z) - pole",
         "-expm1(nu * log_z) + pole",
         EXPORTED,
     ),
     Mutation(
-        "study/exports/program.py",
+        "export/exports/program.py",
         'unit.replace("^", "").replace(" ", ".")',
         'unit.replace("^", "")',
         f"{ELSEWHERE}::test_modelica_writes_products_by_dots_and_powers_without_a_sign",

@@ -30,8 +30,8 @@ from jbw.identification.assemble import measured
 from jbw.identification.procedure import STEPS, Posterior, posterior_of
 from jbw.inference.posterior.summary import diagnose
 from jbw.inference.samplers.sampling import sample
+from jbw.lab.samplers import compare, suited
 from jbw.rig.generator import Noise, Sweep
-from jbw.study.compare import compare, suited
 
 LASER_NOISE = 1e-3  # [m/s]: a posterior that is not a point
 TONES = ("tone_5p00Hz", "tone_5p50Hz", "tone_6p00Hz", "tone_6p50Hz", "tone_6p75Hz")

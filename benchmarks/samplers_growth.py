@@ -25,7 +25,7 @@ from jbw.identification.paper import kernel
 from jbw.identification.procedure import Posterior
 from jbw.inference.fit.fitting import fit
 from jbw.inference.space.box import box
-from jbw.study.compare import compare
+from jbw.lab.samplers import compare
 
 DIMENSIONS = (2, 4, 8, 16)
 NOISES = (1e-1, 1e-2, 1e-3)  # of |H3|, one repeat

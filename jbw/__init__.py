@@ -31,6 +31,9 @@ if TYPE_CHECKING:
     from jbw.identification.modal import fit_modes as fit_modes
     from jbw.identification.paper import steps as steps
     from jbw.inference import sampling as sampling
+    from jbw.lab.calibration import sbc as sbc
+    from jbw.lab.samplers import compare as compare
+    from jbw.law_comparison.compare import compare_laws as compare_laws
     from jbw.measurement.files.read import read as read
     from jbw.measurement.files.sep005 import from_sep005 as from_sep005
     from jbw.measurement.files.sep005 import to_sep005 as to_sep005
@@ -81,11 +84,8 @@ if TYPE_CHECKING:
     from jbw.population.prediction import new_units as new_units
     from jbw.report import plots as plots
     from jbw.report.modal_backbones import draw_backbones as draw_backbones
-    from jbw.study.calibration import sbc as sbc
-    from jbw.study.compare import compare as compare
     from jbw.study.identifiability import identifiability as identifiability
     from jbw.study.identify import identify as identify
-    from jbw.study.laws import compare_laws as compare_laws
     from jbw.study.many import identify_many as identify_many
     from jbw.study.numpyro_model import numpyro_model as numpyro_model
     from jbw.study.study import Study as Study
@@ -118,8 +118,8 @@ _HOME = {
     "Test": "measurement.records",
     "attached": "oscillator.attachment",
     "backbone": "oscillator.steady.backbone",
-    "compare": "study.compare",
-    "compare_laws": "study.laws",
+    "compare": "lab.samplers",
+    "compare_laws": "law_comparison.compare",
     "dimensionless": "oscillator.dimensionless",
     "draw_backbones": "report.modal_backbones",
     "energy_shares": "assembly.separability",
@@ -158,7 +158,7 @@ _HOME = {
     "record_frf": "measurement.transients",
     "reduce": "assembly.reduce",
     "response_curve": "oscillator.steady.continuation",
-    "sbc": "study.calibration",
+    "sbc": "lab.calibration",
     "shooting": "oscillator.periodic",
     "simulate": "oscillator.response",
     "smoothing": "paper.coefficients",

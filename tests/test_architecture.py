@@ -37,12 +37,19 @@ SEES = {
     "verification": MODEL | {"identification"},
     "planning": MODEL | {"verification"},
     "study": MODEL | {"assembly", "identification", "verification", "report", "rig", "run"},
+    "export": {"assembly", "oscillator", "report", "study", "verification"},
+    "law_comparison": MODEL | {"identification", "report", "study", "verification"},
+    "lab": MODEL | {"identification", "report", "rig", "study"},
     "population": MODEL | {"verification", "report", "study"},
     "watch": MODEL - {"oscillator"}
     | {"identification", "population", "run", "study", "verification"},
     "cli": MODEL
-    | {"verification", "planning", "report", "rig", "run", "study", "population", "watch"},
+    | {"report", "rig", "run", "study", "verification"}
+    | {"export", "lab", "law_comparison", "planning", "population", "watch"},
 }
+# What stands on an identification and is no part of it: a command each, and no other room but one
+# of them and the command line sees it.
+EXTENSIONS = {"export", "lab", "law_comparison", "planning", "population", "watch"}
 # Rooms within a room: what each may see of its siblings.
 WITHIN = {
     "inference": {
@@ -129,6 +136,11 @@ def test_a_room_sees_only_the_rooms_below_it():
         if room(path) not in FRONT_DOORS:
             wrong[name_of(path)] = seen(path) - ANYWHERE - {room(path)} - SEES[room(path)]
     assert not told(wrong)
+
+
+def test_the_core_sees_no_extension():
+    core = SEES.keys() - EXTENSIONS - {"cli"}
+    assert not {name: SEES[name] & EXTENSIONS for name in core if SEES[name] & EXTENSIONS}
 
 
 def test_a_room_within_a_room_sees_only_its_siblings_below():

@@ -35,8 +35,8 @@ def laws(
     """
     with computing() as say:
         from jbw.campaign.load import load_campaign
-        from jbw.study.laws import compare_laws
-        from jbw.study.stack import save_laws
+        from jbw.law_comparison.compare import compare_laws
+        from jbw.law_comparison.stack import save_laws
         from jbw.study.store import claim
         from jbw.study.study import campaign_of
 

@@ -67,13 +67,14 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
     with computing() as say:
         from jbw.campaign.gains import force_per_unit
         from jbw.campaign.load import load_campaign
-        from jbw.study.stack import holds_laws, holds_population, require_same_torque
+        from jbw.law_comparison.stack import holds_laws
+        from jbw.population.folder import holds_population, require_same_torque
         from jbw.study.store import claim, save_predictions
-        from jbw.study.study import basis_of_run, campaign_of
+        from jbw.study.study import campaign_of
         from jbw.verification import predict as predicting
 
         say(f"Reading {folder}")
-        basis = basis_of_run(folder)
+        basis = basis_in(folder)
         # Planned tests are in the run's own unit, whatever the campaign says of its gain.
         request = predicting.Request(options["draws"], not options["without_noise"])
         requests = [(test, request) for test in _planned(basis, options)]
@@ -109,6 +110,19 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
     record = {"run": str(folder), "predictions": rows}
     place = f"Predictions: {out / 'predictions.nc'}"
     answer(options["json_"], record, prediction_table(rows), *how, saved=place)
+
+
+def basis_in(folder: Path) -> "Basis":
+    """What a folder predicts with: a run, a comparison of laws, or a population."""
+    from jbw.law_comparison.stack import basis_of_laws, holds_laws
+    from jbw.population.folder import basis_of_population, holds_population
+    from jbw.study.study import basis_of_run
+
+    if holds_laws(folder):
+        return basis_of_laws(folder)
+    if holds_population(folder):
+        return basis_of_population(folder)
+    return basis_of_run(folder)
 
 
 def _of_population(torque: float | None, requests: Sequence[tuple[Any, Any]]) -> str:

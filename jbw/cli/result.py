@@ -114,9 +114,9 @@ def export(
     from jbw.cli.progress import computing
 
     with computing() as say:
+        from jbw.export.exports import programs_named
+        from jbw.export.files import export_of_run
         from jbw.report.result import read_result
-        from jbw.study.export_files import export_of_run
-        from jbw.study.exports import programs_named
         from jbw.study.store import claim
 
         programs_named(names)  # a slip of the pen is told before anything is computed

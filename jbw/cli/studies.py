@@ -43,8 +43,8 @@ def compare(
     """
     with computing() as say:
         from jbw.campaign.load import load_campaign
-        from jbw.study.compare import compare as compare_samplers
-        from jbw.study.compare import save_comparison
+        from jbw.lab.samplers import compare as compare_samplers
+        from jbw.lab.samplers import save_comparison
         from jbw.study.store import claim
         from jbw.study.study import campaign_of, known_of, require_same_inputs
 
@@ -167,7 +167,7 @@ def sbc(
     """
     with computing() as say:
         from jbw.campaign.load import load_campaign
-        from jbw.study import calibration
+        from jbw.lab import calibration
         from jbw.study.store import claim
         from jbw.study.study import campaign_of
 

@@ -17,7 +17,6 @@ from jbw.inference.posterior.finding import Verdict, kept_finding
 from jbw.measurement.records import Test
 from jbw.report.opening import known_parameters
 from jbw.report.result import node, read_result
-from jbw.study.stack import basis_of_laws, basis_of_population, holds_laws, holds_population
 from jbw.study.store import claim, save_report, save_result
 from jbw.verification.planned import planned_sweep
 from jbw.verification.predict import Request, chosen, predict
@@ -139,11 +138,7 @@ def load_study(folder: str | Path, campaign: Campaign | None = None) -> Study:
 
 
 def basis_of_run(folder: Path) -> Basis:
-    """What a finished run, a comparison of laws, or a population predicts with."""
-    if holds_laws(folder):
-        return basis_of_laws(folder)
-    if holds_population(folder):
-        return basis_of_population(folder)
+    """What a finished run predicts with."""
     return _basis(folder, *read_result(folder))
 
 

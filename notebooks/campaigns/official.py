@@ -27,9 +27,9 @@ from scipy.io import loadmat
 
 import jbw
 from jbw.errors import DataError
+from jbw.export.chosen_draw import density_of
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.report.result import laws_of, read_result
-from jbw.study.exported_draw import density_of
 
 Theta = dict[str, float]
 Laws = tuple[str, ...]

@@ -25,13 +25,8 @@ from jbw.identification.prepare import Fitted
 from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.inference.space.box import bounds_by_name, box, from_unit
 from jbw.inference.space.stated import StatedDensities
-from jbw.measurement.channels import rms
-from jbw.measurement.records import Record, Test
-from jbw.observables import dataset
-from jbw.observables.dataset import log_likelihood
-from jbw.report.messages import laws as texts
-from jbw.study import laws
-from jbw.study.law_answers import (
+from jbw.law_comparison import compare
+from jbw.law_comparison.answers import (
     _of_offsets,
     _of_unseen,
     compare_rows,
@@ -39,7 +34,12 @@ from jbw.study.law_answers import (
     stacking,
     statements,
 )
-from jbw.study.laws import compare_laws, errors_apart, unseen
+from jbw.law_comparison.compare import compare_laws, errors_apart, unseen
+from jbw.measurement.channels import rms
+from jbw.measurement.records import Record, Test
+from jbw.observables import dataset
+from jbw.observables.dataset import log_likelihood
+from jbw.report.messages import laws as texts
 
 OMEGA_N, ZETA, CUBIC, LEVELS = 500.0, 0.003, -2e10, (5.0, 20.0, 40.0, 60.0, 80.0, 100.0)
 
@@ -465,7 +465,7 @@ def test_the_highest_run_is_that_of_the_highest_level_that_is_stated(levels, hig
     names = [f"{level:g} {i}" for i, level in enumerate(levels)]
     tests = [replace(curve(5.0), name=n, level=x) for n, x in zip(names, levels, strict=True)]
     campaign = Campaign("levels", None, tuple(tests), gain=1.0, settings=Identify(), laws=())
-    found = laws._highest(campaign, [test.name for test in tests])
+    found = compare._highest(campaign, [test.name for test in tests])
     assert found is None if highest is None else found.startswith(highest)
 
 

@@ -25,12 +25,12 @@ from jbw.identification.joint_answers import joints_finding, joints_group
 from jbw.identification.joint_modes import joint_modes
 from jbw.identification.laplace import fit_alone
 from jbw.inference.space.box import bounds_by_name
+from jbw.lab.calibration import sbc
 from jbw.observables.decay import matched
 from jbw.observables.drives import told_by
 from jbw.oscillator.modes.parameters import structure_of
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.rig.assemblies import lapped_beams
-from jbw.study.calibration import sbc
 from jbw.study.numpyro_model import numpyro_model
 from jbw.verification.predict import Request, predict
 from jbw.verification.predictive_basis import basis_of

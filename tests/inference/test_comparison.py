@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 from scipy.stats import norm
 
-from jbw.study.compare import (
+from jbw.lab.samplers import (
     QUANTITIES,
     distance,
     distances,

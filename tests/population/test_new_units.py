@@ -18,12 +18,12 @@ from jbw.measurement.records import Record
 from jbw.population.basis import new_terms, new_unit, terms_of
 from jbw.population.coordinates import pooled
 from jbw.population.fleet import fleet_of
+from jbw.population.folder import require_same_torque
 from jbw.population.population import Population
 from jbw.population.prediction import new_backbone, new_units
 from jbw.population.prior import design_of, prior_of
 from jbw.report.result import read_result
 from jbw.rig.tightening import SCATTERING, Tightening, tightened
-from jbw.study.stack import require_same_torque
 from jbw.verification.planned import planned_tones
 from jbw.verification.predict import Request, predict, warnings_of
 from jbw.verification.predictive_basis import basis_of

@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import xarray as xr
 
+from jbw.law_comparison import compare
+from jbw.law_comparison.compare import loops, residuals
 from jbw.oscillator.laws import law_named
 from jbw.report.laws import laws_figure
-from jbw.study import laws
-from jbw.study.laws import loops, residuals
 
 THETA = {"omega_n": 118.0, "zeta": 0.004, "power_loss": 120.0, "power_exponent": 0.7, "cubic": -2e7}
 Y = 2e-3
@@ -36,9 +36,9 @@ def test_loops_have_the_area_of_the_energy_that_is_lost():
 
 def test_residuals_are_of_the_highest_level_and_of_the_size_of_the_error(monkeypatch):
     left = {"low": np.ones(300), "high": np.full(300, 0.2)}
-    monkeypatch.setattr(laws.dataset, "left_by_label", lambda *of: left)
+    monkeypatch.setattr(compare.dataset, "left_by_label", lambda *of: left)
     sizes = {"low": 10 * np.sqrt(300), "high": np.sqrt(300)}
-    monkeypatch.setattr(laws.dataset, "size_by_label", lambda of: sizes)
+    monkeypatch.setattr(compare.dataset, "size_by_label", lambda of: sizes)
     residual_data = residuals(NAMED, "b")
     assert residual_data.attrs["group"] == "high"
     assert residual_data.sizes["part"] == 100

@@ -17,16 +17,17 @@ from tiers import represented_by
 
 from jbw.cli import run as command
 from jbw.errors import ConfigError, ModelError
-from jbw.identification.paper import kernel, simulated_kernel
+from jbw.identification.paper import kernel
 from jbw.identification.paper.kernel import KernelData
 from jbw.identification.paper.step4 import log_likelihood as opening_likelihood
 from jbw.inference.calibration.replications import calibrate
+from jbw.lab import simulated_kernel
+from jbw.lab.calibration import sbc, suited
 from jbw.oscillator.oscillator import BoucWen
 from jbw.oscillator.response import simulate
 from jbw.rig import SLIDERS
 from jbw.study import calibration_designs as designs
 from jbw.study import calibration_models as models
-from jbw.study.calibration import sbc, suited
 
 SEEDS = (0, 1, 2)
 LEAST = 1e-4

@@ -18,8 +18,8 @@ from jbw.identification.assemble import measured
 from jbw.identification.procedure import Posterior, posterior_of
 from jbw.inference.fit.fitting import fit
 from jbw.inference.space.box import box
+from jbw.lab.samplers import compare, suited
 from jbw.report.studies import comparison, effective_rates, means
-from jbw.study.compare import compare, suited
 
 MEAN, SD = np.array([0.3, -0.2]), np.array([0.05, 0.1])
 PRIOR = box({"p": (-1.0, 1.0), "q": (-1.0, 1.0)})

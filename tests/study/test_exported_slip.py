@@ -15,8 +15,8 @@ import pytest
 from stretched import way
 from test_exports_elsewhere import MASS, Slave, needs_compiler, needs_octave, tree_of
 
-from jbw.study.export import export
-from jbw.study.exports import PROGRAMS
+from jbw.export.exports import PROGRAMS
+from jbw.export.one_joint import export
 
 ALPHA, MM = 1e4, mp.mpf("1e-3")
 FACTORS = [(0.4, 0.3), (0.1, 0.6)]  # d and g: softening, and hardening on the way back to w = 0

@@ -11,9 +11,9 @@ from scipy.io import loadmat
 
 from jbw.cli import run
 from jbw.errors import ConfigError, DataError
+from jbw.export.files import write_export
+from jbw.export.one_joint import export
 from jbw.oscillator.conventions import BaberNoori, Benchmark, from_baber_noori, from_benchmark
-from jbw.study.export import export
-from jbw.study.export_files import write_export
 
 TRUTH = {"omega_n": 118.1239, "zeta": 0.00444, "alpha": 497.40, "delta": 340.21, "gamma": 32.84}
 MASS = 2.5

@@ -25,12 +25,12 @@ from jbw.assembly.matrices import matrix_model
 from jbw.assembly.units import SYSTEMS, in_si
 from jbw.cli import run
 from jbw.errors import ConfigError, DataError
+from jbw.export.exports.fmu import compiler
+from jbw.export.files import chosen_programs_of_joints, export_of_run
+from jbw.export.one_joint import export
+from jbw.export.several_joints import export_joints
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
 from jbw.rig.assemblies import lapped_beams, portal_frame
-from jbw.study.export import export
-from jbw.study.export_files import chosen_programs_of_joints, export_of_run
-from jbw.study.exported_joints import export_joints
-from jbw.study.exports.fmu import compiler
 
 K = 1.5e7  # of both bolts in full stick [N/m]
 TIED = ("bouc_wen@bolt_1=bolt_2",)

@@ -12,9 +12,9 @@ import xarray as xr
 from exported import column, rows
 from known_laws import THETA
 
+from jbw.export.files import write_export
+from jbw.export.one_joint import export
 from jbw.oscillator.laws import LAWS
-from jbw.study.export import export
-from jbw.study.export_files import write_export
 
 STRUCTURE = {"omega_n": 118.0, "zeta": 0.005}
 MASS, Y_MAX, STEPS = 2.5, 4e-3, 2000

@@ -27,11 +27,11 @@ from scipy.integrate import solve_ivp
 import jbw
 from jbw.cli import run
 from jbw.errors import ConfigError
-from jbw.study.export import export, export_draws
-from jbw.study.export_files import chosen_programs, write_export
-from jbw.study.exports import PROGRAMS
-from jbw.study.exports.fmu import base_powers, compiler
-from jbw.study.exports.program import in_modelica, parameters_of
+from jbw.export.exports import PROGRAMS
+from jbw.export.exports.fmu import base_powers, compiler
+from jbw.export.exports.program import in_modelica, parameters_of
+from jbw.export.files import chosen_programs, write_export
+from jbw.export.one_joint import export, export_draws
 
 MASS, Y_MAX = 2.5, 4e-3
 IN_C = [

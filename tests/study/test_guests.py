@@ -15,13 +15,13 @@ from scipy.io import loadmat
 import jbw
 from jbw.campaign.settings import Identify
 from jbw.cli import run
+from jbw.export.files import write_export
+from jbw.export.one_joint import export
 from jbw.inference.samplers import register as samplers
 from jbw.measurement import kinds
 from jbw.observables import register as observables
 from jbw.oscillator.laws import LAWS, register
 from jbw.report.charts import charts_of
-from jbw.study.export import export
-from jbw.study.export_files import write_export
 from jbw.study.store import claim, save_result
 from jbw.study.study import load_study
 

@@ -9,7 +9,7 @@ from jbw.campaign.load import load_with_doubts
 from jbw.errors import ConfigError
 from jbw.identification.tied_joints import MOST, trials_at_joints
 from jbw.inference.posterior.verdict import GOOD_KHAT
-from jbw.study.laws import compare_laws
+from jbw.law_comparison.compare import compare_laws
 
 OWN = two_bolts.LAWS
 TIED = ("bouc_wen@bolt_1=bolt_2",)

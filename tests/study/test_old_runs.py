@@ -8,7 +8,7 @@ import xarray as xr
 from made_runs import GAIN, JOINT, SILENT, a_test, same
 
 from jbw.errors import DataError
-from jbw.study.export import export
+from jbw.export.one_joint import export
 from jbw.study.store import save_report
 from jbw.study.study import load_study
 from jbw.verification.predicted import ALIKE, OWN

@@ -12,9 +12,9 @@ from in_opensees import commands_of, needs_opensees, ran
 from known_laws import THETA, law_of
 from test_exports_elsewhere import MASS, Y_MAX, assert_same, forces, result_of
 
+from jbw.export.exports import PROGRAMS
+from jbw.export.exports.opensees import opensees_lines
 from jbw.oscillator.laws.sliders import lost_by, sliders_of
-from jbw.study.exports import PROGRAMS
-from jbw.study.exports.opensees import opensees_lines
 
 # A zeroLength element between a held node and one that is moved; its force after every move.
 RUN = """

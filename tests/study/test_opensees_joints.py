@@ -11,9 +11,9 @@ from full_model import joints_read, moved
 from in_opensees import commands_of, needs_opensees, ran
 from joints_tree import tree_of
 
+from jbw.export.exports import PROGRAMS
+from jbw.export.several_joints import export_joints
 from jbw.rig.assemblies import BAR, CLAMPING, lapped_beams
-from jbw.study.exported_joints import export_joints
-from jbw.study.exports import PROGRAMS
 
 # Beams along x that bend in x and z: their rotation about y is -dw/dx.
 RUN = """

@@ -13,8 +13,8 @@ from jbw.inference.calibration.replications import own_model
 from jbw.inference.samplers.chains import draws_of
 from jbw.inference.space.problem import problem_of
 from jbw.inference.space.reparametrisation import in_box
-from jbw.study.calibration import suited
-from jbw.study.calibration_models import CalibratedStep
+from jbw.lab.calibration import suited
+from jbw.lab.models import CalibratedStep
 
 PRIOR = {"mu": dist.Normal(2.0, 3.0)}
 COUNT, SIGMA = 5, 2.0

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from jbw.cli.predict import basis_in
 from jbw.errors import DataError
-from jbw.study.law_answers import weights_for
-from jbw.study.laws import LawComparison
-from jbw.study.stack import basis_of_laws, holds_laws
+from jbw.law_comparison.answers import weights_for
+from jbw.law_comparison.compare import LawComparison
+from jbw.law_comparison.stack import basis_of_laws, holds_laws
 from jbw.study.store import write_json
-from jbw.study.study import basis_of_run
 from jbw.verification.planned import planned_sweep, planned_tones
 from jbw.verification.predict import Request, basis_for, predict
 from jbw.verification.predictive_basis import Basis, basis_of, seen_of
@@ -86,7 +86,7 @@ def folder(tmp_path):
 
 def test_a_folder_of_laws_predicts_as_a_run_does(folder):
     assert holds_laws(folder)
-    stack = basis_of_run(folder)
+    stack = basis_in(folder)
     assert stack.laws == ("cubic",)
     assert [(share, one.laws) for share, one in stack.beside] == [(0.3, ())]
 
@@ -95,7 +95,7 @@ def test_a_comparison_predicts_as_its_folder_does(folder):
     record = json.loads((folder / "laws.json").read_text(encoding="utf-8"))
     with xr.open_datatree(folder / "laws.nc", engine="h5netcdf") as tree:
         compared = LawComparison({}, tree.load(), record)
-    saved = basis_of_run(folder)
+    saved = basis_in(folder)
     sweep = planned_sweep(saved, (15.0, 24.0), 1.0, 2.0, 256.0)
     here, there = compared.predict(sweep), predict(saved, sweep)
     np.testing.assert_array_equal(here["model_band"], there["model_band"])
@@ -171,7 +171,7 @@ def test_stronger_tests_and_other_kinds_are_predicted_by_the_laws_that_predict_t
 def test_a_broken_folder_is_named(folder):
     (folder / "laws.nc").write_bytes(b"")
     with pytest.raises(DataError, match=r"comparison of laws in .* cannot be read"):
-        basis_of_run(folder)
+        basis_in(folder)
 
 
 def test_a_posterior_alone_predicts_as_before():

@@ -25,13 +25,13 @@ import jbw.cli.progress
 from jbw.campaign.load import load_campaign
 from jbw.campaign.settings import Identify
 from jbw.cli import run
+from jbw.export.one_joint import export
+from jbw.law_comparison.compare import compare_laws
 from jbw.report.result import read_result
 from jbw.rig import measure
 from jbw.rig.generator import Sweep
 from jbw.rig.presets import MODAL_MASS, Plan, Preset
-from jbw.study.export import export
 from jbw.study.identifiability import identifiability
-from jbw.study.laws import compare_laws
 from jbw.verification.predict import predict, row_of
 from jbw.verification.predictive_basis import basis_of
 

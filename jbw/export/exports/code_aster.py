@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from jbw.study.export import Export
-from jbw.study.exports.program import Paths, Program, mirrored, number, write_text
+from jbw.export.exports.program import Paths, Program, mirrored, number, write_text
+from jbw.export.one_joint import Export
 
 
 def _card(folder: Path, result: Export) -> Paths:

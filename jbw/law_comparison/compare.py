@@ -40,6 +40,8 @@ from jbw.inference.compiled import forget_when_many
 from jbw.inference.posterior.summary import evenly_spaced, scalars
 from jbw.inference.space.box import require_float64
 from jbw.inference.thresholds import BEYOND
+from jbw.law_comparison.answers import compare_rows, statements
+from jbw.law_comparison.stack import law_groups, stack_of
 from jbw.measurement.channels import rms
 from jbw.measurement.records import Test, belongs_to
 from jbw.observables import dataset
@@ -49,9 +51,7 @@ from jbw.oscillator.laws import FAMILIES, LAWS, laws_named
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.report.messages import stages
 from jbw.report.messages import study as messages
-from jbw.study.law_answers import compare_rows, statements
 from jbw.study.look import look_groups, look_quietly
-from jbw.study.stack import law_groups, stack_of
 from jbw.verification.backbone import HERTZ, RATIO, curves
 from jbw.verification.bands import QUANTILE_AXIS, band
 from jbw.verification.predict import Request, predict

@@ -15,12 +15,9 @@ import xarray as xr
 
 from jbw.assembly.joint_units import JointUnits, Terms, joint_units, rotates, terms_in
 from jbw.errors import ConfigError
-from jbw.oscillator.laws import laws_named
-from jbw.oscillator.modes.assembled import laws_at, motion_in
-from jbw.quantities import MODES, OSCILLATOR, Quantity, motion_factors_in, split
-from jbw.report.messages import study as messages
-from jbw.study.assembly_group import ModelJoint, ModelJoints, assembly_of
-from jbw.study.export import (
+from jbw.export.chosen_draw import best_draw, density_of, picked, products_of, stated_draw
+from jbw.export.joint_parts import Table, linear_parts, materials_of, skeletons, static_loops
+from jbw.export.one_joint import (
     LINEAR,
     NAMES,
     NUM_AMPLITUDES,
@@ -34,8 +31,11 @@ from jbw.study.export import (
     require_all,
     verdict_of,
 )
-from jbw.study.exported_draw import best_draw, density_of, picked, products_of, stated_draw
-from jbw.study.exported_joint import Table, linear_parts, materials_of, skeletons, static_loops
+from jbw.oscillator.laws import laws_named
+from jbw.oscillator.modes.assembled import laws_at, motion_in
+from jbw.quantities import MODES, OSCILLATOR, Quantity, motion_factors_in, split
+from jbw.report.messages import study as messages
+from jbw.study.assembly_group import ModelJoint, ModelJoints, assembly_of
 from jbw.verification.backbone import curves
 from jbw.verification.bands import band
 from jbw.verification.predicted import carry

@@ -11,15 +11,15 @@ import jinja2
 from jbw import __version__
 from jbw.assembly.dofs import ROTATIONS, TRANSLATIONS
 from jbw.errors import ConfigError
+from jbw.export.joint_parts import Table
+from jbw.export.one_joint import LINEAR, Export
+from jbw.export.several_joints import JointCard, JointsExport
 from jbw.oscillator.laws import FAMILIES, law_named, quantities_of
 from jbw.oscillator.laws.stretch_path import UNIT_RULE
-from jbw.study.export import LINEAR, Export
-from jbw.study.exported_joint import Table
-from jbw.study.exported_joints import JointCard, JointsExport
 
 TABLES = "nastran, ansys, code_aster"  # what takes any law
 ENVIRONMENT = jinja2.Environment(
-    loader=jinja2.PackageLoader("jbw.study.exports"),
+    loader=jinja2.PackageLoader("jbw.export.exports"),
     autoescape=jinja2.select_autoescape(("xml", "html", "ssv")),
     trim_blocks=True,
     lstrip_blocks=True,
@@ -58,7 +58,7 @@ class OfJoints(NamedTuple):
 
 
 class Program(NamedTuple):
-    """Another program that takes the joint; `jbw.study.exports` holds the register.
+    """Another program that takes the joint; `jbw.export.exports` holds the register.
 
     Attributes:
         name: What `--to` calls it.

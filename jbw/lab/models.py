@@ -21,7 +21,7 @@ from jbw.errors import DataError
 from jbw.identification.coordinates import combinations
 from jbw.identification.linear import line_fit
 from jbw.identification.linear_step import NAMES
-from jbw.identification.paper import kernel, simulated_kernel
+from jbw.identification.paper import kernel
 from jbw.identification.paper.kernel import KernelData
 from jbw.identification.paper.step4 import OpeningCurve, opening_curve
 from jbw.identification.paper.step4 import log_likelihood as opening_likelihood
@@ -32,6 +32,8 @@ from jbw.inference.fit.locate import Search
 from jbw.inference.generator import generator
 from jbw.inference.space.box import Box, Product, from_unit, value_of
 from jbw.inference.space.problem import Theta
+from jbw.lab import simulated_kernel
+from jbw.lab.designs import Design
 from jbw.measurement.spectra import FRF
 from jbw.observables.dataset import Dataset, log_likelihood, stacked
 from jbw.observables.records import Records
@@ -39,7 +41,6 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.quantities import DEFAULT_LAWS
 from jbw.rig.integrator import Specimen, State, doubles, runge_kutta
 from jbw.rig.law_forces import forces_of
-from jbw.study.calibration_designs import Design
 
 WHERE = 0.55  # of a record, where a sweep has just passed the resonance
 DRAWS = (4, 250)  # of Step 2, in chains

@@ -20,10 +20,7 @@ from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
 
 from jbw.errors import RunError
-from jbw.report.messages import study as messages
-from jbw.study.export import Export
-from jbw.study.exported_joints import JointsExport
-from jbw.study.exports.program import (
+from jbw.export.exports.program import (
     OfJoints,
     Parameter,
     Paths,
@@ -33,6 +30,9 @@ from jbw.study.exports.program import (
     without_form,
     write_text,
 )
+from jbw.export.one_joint import Export
+from jbw.export.several_joints import JointsExport
+from jbw.report.messages import study as messages
 
 DESCRIPTION = messages.FMU
 COMPILERS = ("cc", "gcc", "clang")

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 from jbw.errors import ConfigError, did_you_mean
-from jbw.study.exports import abaqus, ansys, code_aster, fmu, matlab, modelica, nastran, opensees
-from jbw.study.exports.program import Program
+from jbw.export.exports import abaqus, ansys, code_aster, fmu, matlab, modelica, nastran, opensees
+from jbw.export.exports.program import Program
 
 PROGRAMS: dict[str, Program] = {
     each.name: each

@@ -3,10 +3,7 @@
 from pathlib import Path
 from typing import NamedTuple
 
-from jbw.report.messages import study as messages
-from jbw.study.export import Export
-from jbw.study.exported_joints import JointsExport
-from jbw.study.exports.program import (
+from jbw.export.exports.program import (
     JointNodes,
     OfJoints,
     Paths,
@@ -18,6 +15,9 @@ from jbw.study.exports.program import (
     write_template,
     write_text,
 )
+from jbw.export.one_joint import Export
+from jbw.export.several_joints import JointsExport
+from jbw.report.messages import study as messages
 
 FORCE, DAMPING = 1, 2  # tables
 

@@ -11,19 +11,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from jbw.quantities import AT, are_at_joints
-from jbw.report.messages import study as messages
-from jbw.study.export import Export, export, export_draws
-from jbw.study.exported_joints import (
-    JointsExport,
-    export_joints,
-    export_joints_draws,
-    modal_quantities,
-    refuse_options_of_one_joint,
-)
-from jbw.study.exports import PROGRAMS, USUAL, USUAL_OF_JOINTS, programs_named
-from jbw.study.exports.fmu import compiler
-from jbw.study.exports.program import (
+from jbw.export.exports import PROGRAMS, USUAL, USUAL_OF_JOINTS, programs_named
+from jbw.export.exports.fmu import compiler
+from jbw.export.exports.program import (
     Paths,
     Program,
     commented,
@@ -32,6 +22,16 @@ from jbw.study.exports.program import (
     require_law,
     takes_joints,
 )
+from jbw.export.one_joint import Export, export, export_draws
+from jbw.export.several_joints import (
+    JointsExport,
+    export_joints,
+    export_joints_draws,
+    modal_quantities,
+    refuse_options_of_one_joint,
+)
+from jbw.quantities import AT, are_at_joints
+from jbw.report.messages import study as messages
 from jbw.verification.predictive_basis import laws_of_run
 
 FMUS = ("fmi2", "fmi3")

@@ -19,11 +19,10 @@ from jbw.inference.calibration.replications import Model, Prior, Simulate, calib
 from jbw.inference.samplers.register import SAMPLERS, Sampler, options_of, sampler_named
 from jbw.inference.space.box import require_float64
 from jbw.inference.space.problem import LogLikelihood
+from jbw.lab import designs, models
 from jbw.quantities import BY_NAME, attrs_of
 from jbw.report.messages import study as messages
 from jbw.report.studies import rank_ecdfs
-from jbw.study import calibration_designs as designs
-from jbw.study import calibration_models as models
 from jbw.study.store import write_figure, write_json
 
 logger = logging.getLogger("jbw")

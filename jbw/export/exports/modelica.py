@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from jbw.study.export import Export
-from jbw.study.exports.program import Paths, Program, forms_of, without_form, write_text
+from jbw.export.exports.program import Paths, Program, forms_of, without_form, write_text
+from jbw.export.one_joint import Export
 
 
 def _card(folder: Path, result: Export) -> Paths:

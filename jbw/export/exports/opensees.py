@@ -4,14 +4,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from jbw.oscillator.laws.masing import Masing
-from jbw.oscillator.oscillator import oscillator_of
-from jbw.oscillator.parameters import Material, Scalar
-from jbw.report.messages import study as messages
-from jbw.study.export import Export
-from jbw.study.exported_joint import REACH, error_of_sliders, materials_of
-from jbw.study.exported_joints import JointsExport
-from jbw.study.exports.program import (
+from jbw.export.exports.program import (
     JointNodes,
     OfJoints,
     Paths,
@@ -22,6 +15,13 @@ from jbw.study.exports.program import (
     write_template,
     write_text,
 )
+from jbw.export.joint_parts import REACH, error_of_sliders, materials_of
+from jbw.export.one_joint import Export
+from jbw.export.several_joints import JointsExport
+from jbw.oscillator.laws.masing import Masing
+from jbw.oscillator.oscillator import oscillator_of
+from jbw.oscillator.parameters import Material, Scalar
+from jbw.report.messages import study as messages
 
 JOINT_TAG = 1  # of the material that is the whole joint
 

@@ -4,9 +4,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from jbw.errors import ConfigError
-from jbw.study.export import Export
-from jbw.study.exported_joints import JointsExport
-from jbw.study.exports.program import (
+from jbw.export.exports.program import (
     Form,
     OfJoints,
     Paths,
@@ -19,6 +17,8 @@ from jbw.study.exports.program import (
     write_template,
     write_text,
 )
+from jbw.export.one_joint import Export
+from jbw.export.several_joints import JointsExport
 
 
 def _facts(result: Export) -> dict[str, int | tuple[Form, ...]]:

@@ -10,14 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from jbw.errors import ConfigError, DataError, printable
-from jbw.oscillator.law import Conversion
-from jbw.oscillator.laws import quantities_of
-from jbw.oscillator.modes.parameters import has_further_modes
-from jbw.oscillator.oscillator import oscillator_of
-from jbw.oscillator.parameters import Material
-from jbw.quantities import OSCILLATOR, Quantity, are_at_joints, joints_of
-from jbw.report.messages import study as messages
-from jbw.study.exported_draw import (
+from jbw.export.chosen_draw import (
     Bands,
     backbone_within,
     best_draw,
@@ -26,7 +19,14 @@ from jbw.study.exported_draw import (
     products_of,
     stated_draw,
 )
-from jbw.study.exported_joint import Table, linear_parts, materials_of, skeletons, static_loops
+from jbw.export.joint_parts import Table, linear_parts, materials_of, skeletons, static_loops
+from jbw.oscillator.law import Conversion
+from jbw.oscillator.laws import quantities_of
+from jbw.oscillator.modes.parameters import has_further_modes
+from jbw.oscillator.oscillator import oscillator_of
+from jbw.oscillator.parameters import Material
+from jbw.quantities import OSCILLATOR, Quantity, are_at_joints, joints_of
+from jbw.report.messages import study as messages
 from jbw.verification.backbone import curves
 from jbw.verification.bands import QUANTILES, band
 from jbw.verification.predicted import carry

@@ -1,0 +1,50 @@
+"""The folder of a population: draws of further units, and the torque they are predicted at."""
+
+import json
+from pathlib import Path
+
+import xarray as xr
+
+from jbw.errors import DataError
+from jbw.verification.predictive_basis import Basis, basis_of
+
+SAME_TORQUE = 1e-3  # a part: what is stated with three digits
+
+
+def holds_population(folder: Path) -> bool:
+    """Whether a folder is that of a population of units."""
+    return (folder / "population.json").is_file()
+
+
+def basis_of_population(folder: Path) -> Basis:
+    """What further units of the population in a folder predict with.
+
+    Raises:
+        DataError: The folder holds no whole population.
+    """
+    try:
+        with xr.open_datatree(folder / "population.nc", engine="h5netcdf") as opened:
+            return basis_of(opened.load())
+    except (OSError, KeyError, TypeError, ValueError, DataError) as cause:
+        raise DataError(
+            f"The population in {folder} cannot be read: {type(cause).__name__} {cause}",
+            remedy="Make it again: jbw population FLEET.",
+        ) from cause
+
+
+def require_same_torque(folder: Path, torque: float | None) -> float | None:
+    """The torque [N m] of the units that a population predicts, which that of tests must be.
+
+    None where the folder holds no population, or one without a torque.
+    """
+    if not holds_population(folder):
+        return None
+    at = json.loads((folder / "population.json").read_text())["new_unit"]["torque"]
+    if torque is not None and at is not None and abs(torque / at - 1.0) > SAME_TORQUE:
+        raise DataError(
+            f"The tests are of a joint tightened to {torque:g} N m, but the population in {folder} "
+            f"predicts units at {at:g} N m.",
+            remedy=f"Make it at that torque: jbw population FLEET --torque {torque:g} --out DIR, "
+            "then jbw predict DIR.",
+        )
+    return at
