@@ -8,7 +8,13 @@ from scipy.signal import lfilter
 from scipy.stats import truncnorm
 
 from jbw.identification.accuracy import OF_USE, within_misfit, within_unseen
-from jbw.inference.posterior.finding import ASKED_BY, answers, checked, usable_within
+from jbw.inference.posterior.finding import (
+    ASKED_BY,
+    Amendment,
+    answers,
+    checked,
+    usable_within,
+)
 from jbw.inference.posterior.remedies import more_draws, put_bounds, wider
 from jbw.inference.posterior.verdict import Finding, judge, leaning, verdict
 from jbw.inference.space.box import box
@@ -281,6 +287,29 @@ def test_the_verdict_answers_three_questions():
     assert told["law"].because == "Coloured."
     assert told["sampling"].because == "ess_bulk."
     assert list(dict(answers(fine))) == ["sampling", "knowledge"]
+
+
+def test_what_an_amendment_adds_to_several_findings_is_said_once_in_an_answer():
+    codes = ("coloured_residual", "chi_square")
+    law = [Finding(code, "failed", f"{code}.", 1.0) for code in codes]
+    usable = usable_within(codes, "Usable within 2 %.")
+    farther = Amendment(codes, "usable", "usable", "Held-out tests: 1 %.")
+    judged = judge(law, [usable, farther])
+    ((_, answer),) = answers(judged.findings)
+    additions = "Usable within 2 %. Held-out tests: 1 %."
+    assert answer.because == f"coloured_residual. chi_square. {additions}"
+    assert [finding.reason for finding in judged.findings] == [
+        f"coloured_residual. {additions}",
+        f"chi_square. {additions}",
+    ]
+
+
+def test_a_finding_that_fails_after_all_does_not_say_within_what_it_was_usable():
+    usable = usable_within(("misfit",), "Usable within 2 %.")
+    missed = Amendment(("misfit",), "usable", "failed", "Held-out tests: 9 %.", "Fit them too.")
+    (finding,) = judge([Finding("misfit", "failed", "Misfit.", 1.0)], [usable, missed]).findings
+    assert (finding.status, finding.reason) == ("failed", "Misfit. Held-out tests: 9 %.")
+    assert finding.action == "Fit them too."
 
 
 def test_every_finding_of_the_law_and_of_knowledge_has_a_page():

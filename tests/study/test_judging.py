@@ -61,7 +61,7 @@ def test_tests_outside_their_bands_are_usable_where_their_error_is_small():
     found = findings(**{"sweep/high": outside})["held_out_coverage"]
     assert (found.status, found.number) == ("usable", 0.87)
     assert "87.0 % of the values of high" in found.reason
-    assert found.reason.endswith("is predicted to 0.02 of its rms or better.")
+    assert found.reason.endswith("is predicted to 2 % of its rms or better.")
     assert pasted(found.action).settings.offsets == "runs"
 
 

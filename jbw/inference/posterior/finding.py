@@ -56,11 +56,15 @@ class Finding:
 
     @property
     def reason(self) -> str:
-        """What was found, in a sentence."""
-        first = self.values
-        if not isinstance(first, str):
-            first = sentence_of(self.entry or self.code, first, passed=self.status == "ok")
-        return " ".join([first, *(sentence for sentence, _ in self.additions)])
+        """What was found, in a sentence, and what later checks added."""
+        return " ".join([self.fact, *(sentence for sentence, _ in self.additions)])
+
+    @property
+    def fact(self) -> str:
+        """What the check itself found, in a sentence."""
+        if isinstance(self.values, str):
+            return self.values
+        return sentence_of(self.entry or self.code, self.values, passed=self.status == "ok")
 
     @property
     def action(self) -> str:
@@ -149,8 +153,13 @@ def usable_within(codes: tuple[str, ...], limits: str) -> Amendment:
 
 
 def amended(finding: Finding, status: Status, sentence: str, remedy: str = "") -> Finding:
-    """A finding with the status that a later check gives it, and what that check adds."""
-    return replace(finding, status=status, additions=(*finding.additions, (sentence, remedy)))
+    """A finding with the status that a later check gives it, and what that check adds.
+
+    Of one that fails after all, the limits within which it was usable are not said any more.
+    """
+    fails = status == "failed" and finding.status == "usable"
+    earlier = () if fails else finding.additions
+    return replace(finding, status=status, additions=(*earlier, (sentence, remedy)))
 
 
 def checked(
@@ -174,7 +183,8 @@ class Answer:
     Attributes:
         question: The question.
         status: Their verdict.
-        because: Reasons of the findings against it, or of the first of those for it.
+        because: Facts of the findings against it, or of the first of those for it; behind them
+            what later checks added, each sentence once.
     """
 
     question: str
@@ -191,7 +201,11 @@ def answers(findings: Iterable[Finding]) -> Iterator[tuple[str, Answer]]:
             rank = {code: place for place, code in enumerate(ASKED[name])}
             relevant.sort(key=lambda finding: rank.get(finding.code, len(rank)))
             against = [finding for finding in relevant if finding.status != "ok"] or relevant[:1]
-            because = " ".join(finding.reason for finding in against)
+            sentences = (
+                *(finding.fact for finding in against),
+                *(sentence for finding in against for sentence, _ in finding.additions),
+            )
+            because = " ".join(dict.fromkeys(sentences))
             yield name, Answer(question, judge(relevant).status, because)
 
 

@@ -20,7 +20,7 @@ LEFT_OUT = "left out, as asked: band of the parameters alone"
 
 def predicted_to(error: float) -> str:
     """The RMS error of held-out tests, where it is small in spite of their coverage."""
-    return f"Yet every such test is predicted to {error:.2g} of its rms or better."
+    return f"Yet every such test is predicted to {100 * error:.2g} % of its rms or better."
 
 
 def held_out_within(ratio: float) -> str:
