@@ -30,6 +30,7 @@ JOINT_EFFECTS = ("frequency_change", "damping_added")
 LEADS, UNREAD = ("backbone", "amplitude", "loops"), ("amplitude", "backbone", "loops")
 UNMEASURED = "zeta"  # what a campaign without a free or driven mode cannot know
 CAUSE = "cause"  # finding that names what was done to the data
+POORLY = 2  # the grade of what the data tell to more than 30 %, and better than the prior
 LEANING, ABSENT = "at_bound", "no_joint"  # findings that say something first
 
 
@@ -275,7 +276,8 @@ def _unknown(summary: Summary) -> str:
         least = _per_cent(min(abs(rows[name]["cv"]) for name in hidden))
         products = [name for name, grade in graded.items() if name not in drawn and grade <= 1]
         worst = _per_cent(max((abs(rows[name]["cv"]) for name in products), default=0.0))
-        return messages.not_identified(hidden, least, products, worst)
+        poorly = all(drawn[name] == POORLY for name in hidden)
+        return messages.not_identified(hidden, least, products, worst, poorly=poorly)
     if leaning:
         return messages.truncated(leaning[0])
     if not drawn:

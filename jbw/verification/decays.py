@@ -179,7 +179,7 @@ def _with_discrepancy(
 ) -> tuple[Float[np.ndarray, "draw time"], Float[np.ndarray, " time"]]:
     """Motion that has `drifted`, about what the law predicts, and its rms over a period."""
     law, drifting = np.real(envelope * carrier), drifted(key, envelope, time, rates)
-    size = np.abs(np.median(drifting, axis=0)) / np.sqrt(2)
+    size = np.median(np.abs(drifting), axis=0) / np.sqrt(2)
     return recentred(np.real(drifting * carrier), np.median(law, axis=0)), size
 
 

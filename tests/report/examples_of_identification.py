@@ -74,6 +74,9 @@ EXAMPLES = {
             effects.frequency_falls((0.4, 0.5, 0.6), (0.4, 0.5, 0.6)),
             effects.damping_grows((0.4, 0.5, 0.6), (0.4, 0.5, 0.6)),
         ),
+        effects.frequency_falls((-0.006, -0.004, -0.002), (0.4, 0.5, 0.6)),
+        effects.frequency_falls((-0.002, 0.004, 0.006), (0.4, 0.5, 0.6)),
+        effects.damping_grows((-0.6, -0.5, -0.4), (0.4, 0.5, 0.6)),
         effects.no_softening(grows=True),
         effects.no_softening(grows=False),
         effects.masing(

@@ -281,6 +281,7 @@ OF_TOPICS = {
         opening.fit_errors(1, opening.span("1.2", "1.2")),
         opening.not_identified(["alpha", "delta"], "60", ["alpha_delta"], "2"),
         opening.not_identified(["alpha"], "60"),
+        opening.not_identified(["alpha"], "60", poorly=True),
         opening.truncated("The upper prior bound truncates alpha."),
         opening.all_identified("zeta", "2.7", roughly=False),
         opening.all_identified("zeta", "12", roughly=True),

@@ -165,7 +165,10 @@ def test_what_is_not_known_is_named_with_the_products_that_are():
         "alpha_delta": facts(1.7e5, 0.02, kl=None, unit="1/(m s^2)"),
     }
     sentence = opening(summary_of(ridge), tree_of())[3]
-    assert sentence == messages.not_identified(["alpha", "delta"], "60", ["alpha_delta"], "2")
+    parts = ["alpha", "delta"], "60", ["alpha_delta"], "2"
+    assert sentence == messages.not_identified(*parts, poorly=True)
+    ridge["delta"] = facts(340.0, 0.7, kl=0.1)  # as wide as its prior
+    assert opening(summary_of(ridge), tree_of())[3] == messages.not_identified(*parts)
     assert [parameter.split()[0] for parameter in known_parameters(summary_of(ridge))] == [
         "omega_n",
         "alpha_delta",

@@ -68,13 +68,27 @@ def turning(y: float, hz: float, last: float) -> str:
 
 
 def frequency_falls(softening: Estimate, exponent: Estimate) -> str:
-    """By how much the frequency falls, as which power of the amplitude."""
-    return f"the frequency falls by {_percent(softening)}, as amplitude^{_number(exponent)}"
+    """By how much the frequency falls or rises, as which power of the amplitude."""
+    change = _trend(_negative(softening), rises="rises", falls="falls")
+    return f"the frequency {change}, as amplitude^{_number(exponent)}"
 
 
 def damping_grows(damping: Estimate, exponent: Estimate) -> str:
-    """By how much the damping ratio grows, as which power of the amplitude."""
-    return f"the damping ratio grows by {_percent(damping)}, as amplitude^{_number(exponent)}"
+    """By how much the damping ratio grows or shrinks, as which power of the amplitude."""
+    change = _trend(damping, rises="grows", falls="shrinks")
+    return f"the damping ratio {change}, as amplitude^{_number(exponent)}"
+
+
+def _trend(change: Estimate, *, rises: str, falls: str) -> str:
+    """A change by its verb and its size; where its interval holds zero, by its sign."""
+    if change[2] < 0.0:
+        return f"{falls} by {_percent(_negative(change))}"
+    return f"{rises if change[0] > 0.0 else 'changes'} by {_percent(change)}"
+
+
+def _negative(change: Estimate) -> Estimate:
+    low, middle, high = change
+    return -high, -middle, -low
 
 
 def readings(count: int, range_mm: tuple[float, float], of_frequency: str, of_damping: str) -> str:

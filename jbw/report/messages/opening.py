@@ -166,10 +166,16 @@ def span(least: str, most: str) -> str:
 
 
 def not_identified(
-    names: Sequence[str], least: str, identified: Sequence[str] = (), most: str = ""
+    names: Sequence[str],
+    least: str,
+    identified: Sequence[str] = (),
+    most: str = "",
+    *,
+    poorly: bool = False,
 ) -> str:
-    """Parameters that the data do not identify, and the products that they do."""
-    sentence = f"Not identified: {listed(names)} (CV {least} % and more)"
+    """Parameters that the data do not identify, or `poorly`, and the products that they do."""
+    grade = "Poorly identified" if poorly else "Not identified"
+    sentence = f"{grade}: {listed(names)} (CV {least} % and more)"
     if identified:
         sentence += f"; identified: {listed(identified)} (CV {most} % at most)"
     return f"{sentence}."
