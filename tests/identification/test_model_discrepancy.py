@@ -46,7 +46,7 @@ from jbw.observables.dataset import Dataset, left_by_label, stacked, with_fitted
 from jbw.observables.decay import Decays
 from jbw.observables.decay_drift import drift_of
 from jbw.report.messages import discrepancy as messages
-from jbw.verification.decays import drifted
+from jbw.verification.decays import _with_discrepancy, drifted
 from jbw.verification.predict import Request, predict
 from jbw.verification.predictive_basis import Basis
 from jbw.verification.verify import _verify_free
@@ -268,6 +268,18 @@ def test_envelopes_drift_apart_in_proportion_to_time():
     found = np.log(drifted(jax.random.key(0), np.ones((20000, 3), complex), time, rates))
     np.testing.assert_allclose(found.real.std(axis=0), 0.1 * time, rtol=0.03)  # 6 sd of 20000
     np.testing.assert_allclose(found.imag.std(axis=0), 0.2 * time, rtol=0.03)
+
+
+def test_the_size_of_a_motion_is_no_smaller_where_phases_scatter():
+    """Of an envelope of constant size the rms, of which the discrepancy is a share, is constant."""
+    time, turn = np.linspace(0.0, 3.0, 4), np.exp(0.4j)
+    envelope = np.full((20000, 4), 2.0 * turn)
+    motion, size = _with_discrepancy(
+        jax.random.key(0), envelope, time, np.array([0.0, 5.0]), np.ones(4, complex)
+    )
+    np.testing.assert_allclose(size, 2.0 / np.sqrt(2), rtol=1e-12)
+    # The draws lie about what the law predicts, 2 cos(0.4), whatever their phases.
+    np.testing.assert_allclose(np.median(motion, axis=0), 2.0 * turn.real, rtol=1e-12)
 
 
 def decays(velocities, hardening=0.0, name="decay"):
