@@ -1,4 +1,4 @@
-"""A law, a kind of test and a sampler that jbw does not know, as anybody would write them."""
+"""A law, a kind of test, a sampler and a finding from outside, as anybody would write them."""
 
 from typing import ClassVar, NamedTuple
 
@@ -7,6 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jbw.identification.checks import CheckedPosterior, Outcome
+from jbw.inference.posterior.finding import checked
 from jbw.inference.samplers.chains import Draw, Kernel
 from jbw.measurement.records import run_of
 from jbw.observables.repeated import Repeated
@@ -15,6 +17,7 @@ from jbw.oscillator.law import Law
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.parameters import Conversion, Material
 from jbw.quantities import Quantity
+from jbw.report.messages.message import Message
 
 
 class Bilinear(Law):
@@ -147,3 +150,24 @@ class AboutTheFit:
             lambda key: wide * jax.random.normal(key, shape),
             lambda w: problem.log_density(w) + 0.5 * jnp.sum((w / wide) ** 2),
         )
+
+
+STOP = 2e-2  # of a bench [m]
+BENCH_STOP = Message(
+    "bench_stop",
+    "The joint moves by {y_peak:.2g} m; the stop of the bench stands at {stop:g} m.",
+    """
+    Check: whether the fitted motion stays away from the stop of the bench.
+
+    Remedy: drive the joint less.
+    """,
+    remedy="Drive the joint less: it may move by {stop:g} m.",
+    question="law",
+)
+
+
+def motion_before_the_stop(posterior: CheckedPosterior) -> Outcome:
+    """The largest displacement that was fitted, beside the place of the stop."""
+    y_peak = posterior.fitted.y_peak
+    values = {"y_peak": y_peak, "stop": STOP}
+    return Outcome(checked(BENCH_STOP.code, y_peak < STOP, values, y_peak, {"stop": STOP}))

@@ -147,6 +147,19 @@ class CheckedPosterior:
 
 
 Check = Callable[[CheckedPosterior], Outcome]
+FURTHER: dict[str, Check] = {}  # from outside of jbw, by what they check
+
+
+def register(what: str, check: Check) -> Check:
+    """Let a check from outside of jbw look at every joint posterior.
+
+    Args:
+        what: What it checks, as "the stop of the bench": for progress, and where the check fails.
+        check: Of what the checks read; where it leaves a finding, the entry of its code is
+            registered by `jbw.report.messages.findings.register`.
+    """
+    FURTHER[what] = check
+    return check
 
 
 def check_joint(key: Key[Array, ""], posterior: JointPosterior) -> Checks:
@@ -221,7 +234,7 @@ def posterior_checks(checked: CheckedPosterior) -> list[Outcome]:
         outcomes.append(Outcome(statements=sentences))
         outcomes += logged(effect_checks(added, misses=misses))
     outcomes += made({messages.THRESHOLDS: thresholds_reached})
-    outcomes += logged(OF_OTHER_TESTS)
+    outcomes += logged(OF_OTHER_TESTS) + logged(FURTHER)
     return [*outcomes, Outcome(incomplete_finding(attempts.said))]
 
 

@@ -1,4 +1,4 @@
-"""A law, a kind of test and a sampler that jbw does not know, each through a whole campaign.
+"""A law, a kind of test, a sampler and a finding from outside, each through a whole campaign.
 
 The truth is integrated by the few lines below, which share nothing with jbw.
 """
@@ -9,19 +9,23 @@ import numpy as np
 import pytest
 import xarray as xr
 from exported import rows as table
-from guests import AboutTheFit, Bilinear, RingDown
+from guests import BENCH_STOP, STOP, AboutTheFit, Bilinear, RingDown, motion_before_the_stop
 from scipy.io import loadmat
 
 import jbw
 from jbw.campaign.settings import Identify
 from jbw.cli import run
+from jbw.errors import ConfigError
 from jbw.export.files import write_export
 from jbw.export.one_joint import export
+from jbw.identification import checks
+from jbw.inference.posterior.finding import answers, checked
 from jbw.inference.samplers import register as samplers
 from jbw.measurement import kinds
 from jbw.observables import register as observables
 from jbw.oscillator.laws import LAWS, register
 from jbw.report.charts import charts_of
+from jbw.report.messages import findings
 from jbw.study.store import claim, save_result
 from jbw.study.study import load_study
 
@@ -109,8 +113,17 @@ def bilinear():
 
 
 @pytest.fixture(scope="module")
-def of_a_law(bilinear, tmp_path_factory):
-    """A finished run of a campaign of that law."""
+def bench_stop():
+    """The finding registered, and forgotten again."""
+    findings.register(BENCH_STOP)
+    checks.register("the stop of the bench", motion_before_the_stop)
+    yield BENCH_STOP.code
+    del findings.FINDINGS[BENCH_STOP.code], checks.FURTHER["the stop of the bench"]
+
+
+@pytest.fixture(scope="module")
+def of_a_law(bilinear, bench_stop, tmp_path_factory):
+    """A finished run of a campaign of that law, with the finding of the bench."""
     folder = tmp_path_factory.mktemp("bilinear")
     campaign = jbw.load_campaign(write_sweeps(folder, [bilinear.name]))
     study = jbw.identify(campaign, seed=1, truth=TRUTH, report=lambda _: None)
@@ -132,6 +145,26 @@ def test_the_truth_of_another_integrator_lies_in_the_posterior(of_a_law):
     assert not held_out["fitted"]
     assert held_out["coverage"] > 0.97
     assert held_out["nrmse"] < 0.7 * held_out["nrmse_linear"]
+
+
+@pytest.mark.slow
+def test_a_finding_from_outside_is_judged_and_explained(of_a_law, bench_stop, capsys):
+    study, _ = of_a_law
+    verdict = study.summary()["verdict"]
+    (finding,) = (row for row in verdict["findings"] if row["code"] == bench_stop)
+    assert (finding["status"], finding["number"] < STOP) == ("ok", True)
+    assert run(["explain", bench_stop]) == 0
+    assert "drive the joint less" in capsys.readouterr().out
+
+
+def test_a_finding_from_outside_answers_its_question(bench_stop):
+    failed = checked(bench_stop, False, {"y_peak": 2.5e-2, "stop": STOP}, 2.5e-2, {"stop": STOP})
+    ((question, answer),) = answers([failed])
+    assert (question, answer.status) == ("law", "failed")
+    assert answer.because == "The joint moves by 0.025 m; the stop of the bench stands at 0.02 m."
+    assert failed.action == "Drive the joint less: it may move by 0.02 m."
+    with pytest.raises(ConfigError, match="`r_hat` is a finding of jbw"):
+        findings.register(BENCH_STOP._replace(code="r_hat"))
 
 
 @pytest.mark.slow

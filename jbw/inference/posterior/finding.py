@@ -9,12 +9,13 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from jbw.report.messages.findings import remedy_of, sentence_of
+from jbw.report.messages.findings import FINDINGS, remedy_of, sentence_of
 from jbw.report.messages.questions import QUESTIONS
 
 Status = Literal["ok", "usable", "failed", "not assessed"]
 WORST_FIRST: tuple[Status, ...] = ("failed", "not assessed", "usable", "ok")
-# Codes of the findings that answer each question, the most important first; others are of sampling.
+# Codes of the findings that answer each question, the most important first; others are of sampling,
+# or of the question that their entry names.
 ASKED = {
     "sampling": ("ess_bulk", "r_hat"),
     "law": (
@@ -192,11 +193,18 @@ class Answer:
     because: str
 
 
+def question_of(code: str) -> str:
+    """The question of the verdict that findings of a code answer."""
+    if code in ASKED_BY:
+        return ASKED_BY[code]
+    return FINDINGS[code].question if code in FINDINGS else "sampling"
+
+
 def answers(findings: Iterable[Finding]) -> Iterator[tuple[str, Answer]]:
     """The three answers of a verdict by name; none without findings."""
     looked = tuple(findings)
     for name, question in QUESTIONS.items():
-        relevant = [finding for finding in looked if ASKED_BY.get(finding.code, "sampling") == name]
+        relevant = [finding for finding in looked if question_of(finding.code) == name]
         if relevant:
             rank = {code: place for place, code in enumerate(ASKED[name])}
             relevant.sort(key=lambda finding: rank.get(finding.code, len(rank)))

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from jbw.errors import ConfigError
 from jbw.report.messages import calibration, convergence, identifiability, model_adequacy
 from jbw.report.messages.message import Message, page, written
 
@@ -11,6 +12,21 @@ FINDINGS: dict[str, Message] = {
     for topic in (convergence, identifiability, model_adequacy, calibration)
     for message in topic.MESSAGES
 }
+
+
+def register(message: Message) -> Message:
+    """Add an entry from outside of jbw: findings of its code are told by it everywhere.
+
+    Raises:
+        ConfigError: Another entry has that code.
+    """
+    if message.code in FINDINGS:
+        raise ConfigError(
+            f"The code of a finding must be its own, but `{message.code}` is a finding of jbw.",
+            remedy="Register it under another code.",
+        )
+    FINDINGS[message.code] = message
+    return message
 
 
 def sentence_of(entry: str, values: Mapping[str, Any], *, passed: bool) -> str:

@@ -20,6 +20,8 @@ class Message(NamedTuple):
             Empty for a variant, which the code's page explains.
         remedy: What to do, with its values; a line of the campaign file where there is one.
         passed: The sentence of a finding that is ok, where it is another one.
+        question: The question of the verdict that it answers, of an entry from outside of jbw:
+            "sampling", "law" or "knowledge".
     """
 
     code: str
@@ -27,6 +29,7 @@ class Message(NamedTuple):
     explanation: str = ""
     remedy: Template = ""
     passed: Template = ""
+    question: str = "sampling"
 
 
 class FaultText(NamedTuple):
