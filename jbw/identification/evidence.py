@@ -38,7 +38,7 @@ from jbw.inference.generator import generator
 from jbw.inference.lanes import at_points
 from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.inference.samplers.ladder import about_draws, choose
-from jbw.inference.samplers.sampling import sample
+from jbw.inference.samplers.sampling import SamplingRequest, draw_posterior
 from jbw.inference.space.problem import Target, problem_of
 from jbw.inference.space.reparametrisation import Reparametrisation, along_logarithms, never_zero
 from jbw.inference.space.ridge import along_ridge
@@ -247,16 +247,13 @@ def posterior(key: Key[Array, ""], one: Candidate) -> tuple[xr.DataTree, Reparam
         "valley": cache(lambda: about_valley(dataset.stacked, prior, data, best)),
     }
     target = Target(dataset.log_likelihood, prior, data)
+    request = SamplingRequest("amis", num_samples=NUM_SAMPLES, options={"most_rounds": MOST_ROUNDS})
     chosen, _, evaluations = choose(jax.random.fold_in(key, 2), target, parametrisations)
     tried: list[tuple[xr.DataTree, Reparametrisation]] = []
     for name in sorted(parametrisations, key=lambda name: name != chosen):
         if (place := parametrisations[name]()) is None:
             continue
-        tree = sample(
-            key, dataset.log_likelihood, prior, data, sampler="amis", coordinates=place,
-            num_samples=NUM_SAMPLES, num_chains=4, options={"most_rounds": MOST_ROUNDS},
-            attrs=attrs(one.laws),
-        )  # fmt: skip
+        tree = draw_posterior(key, target, request, place, attrs=attrs(one.laws))
         evaluations += tree.attrs["num_evaluations"]
         tree.attrs["coordinates"] = name
         tried.append((tree, place))

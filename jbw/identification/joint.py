@@ -37,6 +37,7 @@ from jbw.inference.samplers.chunked_run import Keep, Until, no_checkpoint
 from jbw.inference.samplers.ladder import ROUNDS, Places, Sizes, climb
 from jbw.inference.samplers.register import sampler_named
 from jbw.inference.samplers.rewhitening import sample_until
+from jbw.inference.samplers.sampling import SamplingRequest
 from jbw.inference.space.box import box
 from jbw.inference.space.problem import Target
 from jbw.inference.space.reparametrisation import along_logarithms, in_box, never_zero
@@ -226,14 +227,14 @@ def sample_joint(
     slices = sampler.name == "elliptical_slice"
     ridge = best.weak is not None or best.at_bound
     place = parametrisations[("ridge" if ridge else "logarithms") if slices else "box"]()
+    request = SamplingRequest(
+        sampler.name, num_warmup, num_samples, settings.num_chains,
+        "parallel" if jax.device_count() > 1 else "sequential", {"adapt_mass": True},
+    )  # fmt: skip
     return sample_until(
-        key, target, coordinates=place, rounds=ROUNDS if slices else 0,
+        key, target, request, coordinates=place, rounds=ROUNDS if slices else 0,
         until=None if sampler.is_fixed else until,
-        keep=lambda i: keep(f"{name}_{i}" if i else name),
-        sampler=sampler.name, num_chains=settings.num_chains,
-        num_warmup=num_warmup, num_samples=num_samples,
-        chain_method="parallel" if jax.device_count() > 1 else "sequential",
-        options={"adapt_mass": True}, attrs=attrs(data.laws),
+        keep=lambda i: keep(f"{name}_{i}" if i else name), attrs=attrs(data.laws),
     )  # fmt: skip
 
 

@@ -165,8 +165,8 @@ def _opening(
     if not means:
         report(stages.STEP_3_MEANS)
         third_order = step3.fit_kernel(keys[0], seen.probing, linear, seen.settings)
-        options = step3.SAMPLERS["third_order_nuts"]
-        means = means_of(step3.draw(keys[1], third_order, chain_method="vectorized", **options))
+        request = step3.SAMPLERS["third_order_nuts"]._replace(chain_method="vectorized")
+        means = means_of(step3.draw(keys[1], third_order, request))
     report(stages.STEP_4)
     records = Records.of(seen.sweeps.fitted, substeps=seen.settings.substeps)
     start = step4.fit_opening(keys[2], records, linear, means, seen.settings)

@@ -19,10 +19,12 @@ from jbw.identification.procedure import Known, Posterior, Report, posterior_of
 from jbw.identification.step import attrs
 from jbw.inference.posterior.summary import diagnose
 from jbw.inference.posterior.verdict import converged, verdict
-from jbw.inference.samplers.chunked_run import SoFar
+from jbw.inference.samplers.chunked_run import SoFar, Supervision
 from jbw.inference.samplers.register import SAMPLERS, sampler_named
-from jbw.inference.samplers.sampling import sample
+from jbw.inference.samplers.sampling import SamplingRequest, draw_posterior
 from jbw.inference.space.box import require_float64
+from jbw.inference.space.problem import Target
+from jbw.inference.space.reparametrisation import in_box
 from jbw.inference.space.ridge import along_ridge
 from jbw.report.studies import comparison
 from jbw.study.store import write_figure, write_json
@@ -148,22 +150,25 @@ def _drawn(
     entry = sampler_named(sampler)
     num_warmup, num_samples = entry.draws if posterior.stepped else entry.cheap_draws
     best = posterior.fit
-    placed: dict[str, Any] = {}
+    coordinates = None
     if posterior.stepped:  # all start at the fit, as the procedure's own chains do
-        placed = {"start": best.theta, "covariance": best.covariance}
+        coordinates = in_box(posterior.box, best.theta, best.covariance, num_chains)
     elif not entry.from_prior:  # along the ridge of the fit; the others cross the whole box
-        placed = {"coordinates": along_ridge(best.theta, best.covariance, posterior.box)}
+        coordinates = along_ridge(best.theta, best.covariance, posterior.box)
     parallel = "parallel" if jax.device_count() > 1 and num_chains % 2 == 0 else "sequential"
+    request = SamplingRequest(
+        sampler, num_warmup, num_samples, num_chains,
+        parallel if posterior.stepped else "vectorized", {"adapt_mass": True},
+    )  # fmt: skip
+    target = Target(posterior.log_likelihood, posterior.box, posterior.data)
+    supervision = Supervision(progress=lambda so_far: watch(sampler, so_far))
     exact = entry.most_parameters is not None  # which has nothing else to do a second time
     calls, seconds = jax.random.split(key)[: 2 if twice and not exact else 1], []
     for key in calls:
         started = perf_counter()
-        tree = sample(
-            key, posterior.log_likelihood, posterior.box, posterior.data, sampler=sampler,
-            num_warmup=num_warmup, num_samples=num_samples, num_chains=num_chains,
-            attrs=attrs(posterior.laws), progress=lambda so_far: watch(sampler, so_far),
-            chain_method=parallel if posterior.stepped else "vectorized",
-            options={"adapt_mass": True}, **placed,
+        tree = draw_posterior(
+            key, target, request, coordinates,
+            supervision=supervision, attrs=attrs(posterior.laws),
         )  # fmt: skip
         seconds.append(perf_counter() - started)
     return Drawn(tree, *seconds)

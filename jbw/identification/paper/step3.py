@@ -3,7 +3,6 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from time import perf_counter
-from typing import Any
 
 import jax
 import numpy as np
@@ -18,9 +17,15 @@ from jbw.identification.paper.kernel import KernelData
 from jbw.identification.step import Step, attrs, finished
 from jbw.inference.fit.fitting import Fit, fit
 from jbw.inference.posterior.verdict import verdict
-from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
-from jbw.inference.samplers.sampling import sample
+from jbw.inference.samplers.chunked_run import (
+    UNSUPERVISED,
+    Keep,
+    Supervision,
+    no_checkpoint,
+)
+from jbw.inference.samplers.sampling import SamplingRequest, draw_posterior
 from jbw.inference.space.box import Box, bounds_about, box
+from jbw.inference.space.problem import Target
 from jbw.inference.space.ridge import along_ridge
 from jbw.measurement.probing import ThirdOrder, third_order_kernel
 from jbw.measurement.records import Test
@@ -33,10 +38,10 @@ from jbw.report.messages import paper_steps as messages
 NAMES = ("zeta", "alpha", "delta")
 # Half widths of the paper's boxes about the initial fit, read from the CVs of its priors.
 PAPER_HALF_WIDTH = {"zeta": 0.20, "alpha": 0.163, "delta": 0.20, "gamma": 0.41}
-SAMPLERS: dict[str, dict[str, Any]] = {
-    "third_order_nuts": {"sampler": "nuts", "num_warmup": 500, "num_samples": 500},
-    "third_order_paper": {"sampler": "random_walk_paper"},
-    "third_order_walk": {"sampler": "random_walk", "num_warmup": 2000, "num_samples": 20_000},
+SAMPLERS = {
+    "third_order_nuts": SamplingRequest("nuts", num_warmup=500, num_samples=500),
+    "third_order_paper": SamplingRequest("random_walk_paper"),
+    "third_order_walk": SamplingRequest("random_walk", num_warmup=2000, num_samples=20_000),
 }
 
 
@@ -150,17 +155,19 @@ def third_order_steps(
     Reference:
         Eqs. (35), (36).
     """
-    how = {"num_chains": settings.num_chains, "chain_method": "vectorized", "attrs": attrs()}
     notes = tuple(note for measured in step.kernels for note in measured.notes)
     steps = {}
-    for draw_key, (name, options) in zip(jax.random.split(key, 3), SAMPLERS.items(), strict=True):
+    known_noise = Target(kernel.known_noise_log_likelihood, step.box, step.data)
+    for draw_key, (name, request) in zip(jax.random.split(key, 3), SAMPLERS.items(), strict=True):
         started = perf_counter()
-        options = {**options, **how, "kept": keep(name)}
+        request = request._replace(num_chains=settings.num_chains, chain_method="vectorized")
+        supervision = Supervision(kept=keep(name))
         if name == "third_order_paper":
-            likelihood = kernel.known_noise_log_likelihood
-            tree = sample(draw_key, likelihood, step.box, step.data, **options)
+            tree = draw_posterior(
+                draw_key, known_noise, request, supervision=supervision, attrs=attrs()
+            )
         else:
-            tree = draw(draw_key, step, options={"adapt_mass": True}, **options)
+            tree = draw(draw_key, step, request._replace(options={"adapt_mass": True}), supervision)
         steps[name] = finished(
             name, tree, step.box, step.fit, started,
             findings=verdict(tree, step.box, chi_square=step.fit.chi_square).findings,
@@ -169,11 +176,17 @@ def third_order_steps(
     return steps
 
 
-def draw(key: Key, step: KernelFit, **options: Any) -> xr.DataTree:
+def draw(
+    key: Key,
+    step: KernelFit,
+    request: SamplingRequest,
+    supervision: Supervision = UNSUPERVISED,
+) -> xr.DataTree:
     """Draws along the ridge alpha*delta, the noise integrated out."""
     noisy = as_noise(step.fit)
     ridge = along_ridge(noisy.theta, noisy.covariance, step.box)
-    return sample(key, kernel.log_likelihood, step.box, step.data, coordinates=ridge, **options)
+    target = Target(kernel.log_likelihood, step.box, step.data)
+    return draw_posterior(key, target, request, ridge, supervision=supervision, attrs=attrs())
 
 
 def as_noise(best: Fit) -> Fit:

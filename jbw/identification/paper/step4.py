@@ -25,9 +25,10 @@ from jbw.inference.fit.identifiability import weak_direction
 from jbw.inference.posterior.finding import Finding, checked
 from jbw.inference.posterior.remedies import put_bounds
 from jbw.inference.posterior.verdict import verdict
-from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
-from jbw.inference.samplers.sampling import sample
+from jbw.inference.samplers.chunked_run import Keep, Supervision, no_checkpoint
+from jbw.inference.samplers.sampling import SamplingRequest, draw_posterior
 from jbw.inference.space.box import Box, box
+from jbw.inference.space.problem import Target
 from jbw.observables.records import Records
 from jbw.paper.likelihoods import gaussian_log_likelihood
 from jbw.report.messages import paper_steps as messages
@@ -37,8 +38,8 @@ NODES = 48
 REACH = 3.0  # of delta: where gamma is looked for when the campaign states no prior
 WRONG = 0.05  # nats: what the series may be wrong by where the posterior lies
 SAMPLERS = {
-    "opening_nuts": {"sampler": "nuts", "num_warmup": 300, "num_samples": 1000},
-    "opening_paper": {"sampler": "random_walk_paper"},
+    "opening_nuts": SamplingRequest("nuts", num_warmup=300, num_samples=1000),
+    "opening_paper": SamplingRequest("random_walk_paper"),
 }
 
 
@@ -189,12 +190,11 @@ def opening_steps(
     curve, best, prior, held = fit_opening(fit_key, records, linear, means, settings)
     chi_square = (2 * best.cost, records.mean.size)
     steps = {}
-    for draw_key, (name, options) in zip(keys, SAMPLERS.items(), strict=True):
-        tree = sample(
-            draw_key, log_likelihood, prior, curve,
-            num_chains=settings.num_chains, chain_method="vectorized", attrs=attrs(),
-            kept=keep(name), **options,
-        )  # fmt: skip
+    target = Target(log_likelihood, prior, curve)
+    for draw_key, (name, request) in zip(keys, SAMPLERS.items(), strict=True):
+        request = request._replace(num_chains=settings.num_chains, chain_method="vectorized")
+        supervision = Supervision(kept=keep(name))
+        tree = draw_posterior(draw_key, target, request, supervision=supervision, attrs=attrs())
         finding = _series_finding(tree["posterior"].to_dataset(), curve, held, records)
         steps[name] = finished(
             name, tree, prior, best, started,

@@ -93,6 +93,23 @@ Keep = Callable[[str], Kept | None]
 Progress = Callable[[SoFar], None]
 
 
+class Supervision(NamedTuple):
+    """Who hears of a run while it lasts, where it is stored, and what ends it.
+
+    Attributes:
+        progress: Called with a `SoFar` after every chunk of steps, or round.
+        kept: Where unfinished chains outlive the process, to go on from as if never stopped.
+        until: When chains, doubled until then, have grown enough; without it at `num_samples`.
+    """
+
+    progress: Progress | None = None
+    kept: Kept | None = None
+    until: Until | None = None
+
+
+UNSUPERVISED = Supervision()
+
+
 def no_checkpoint(name: str) -> None:
     """The `Keep` that keeps nothing."""
 

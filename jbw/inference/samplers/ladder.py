@@ -8,7 +8,7 @@ draws so far where an evaluation is costly, and otherwise NUTS along the model's
 import logging
 from collections.abc import Callable, Mapping
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -18,10 +18,10 @@ from jaxtyping import Array, Key
 from jbw.inference.posterior.summary import scalars
 from jbw.inference.posterior.verdict import ESS, GOOD_KHAT
 from jbw.inference.samplers import amis
-from jbw.inference.samplers.chunked_run import Keep, Until, no_checkpoint
+from jbw.inference.samplers.chunked_run import Keep, Supervision, Until, no_checkpoint
 from jbw.inference.samplers.register import sampler_named
 from jbw.inference.samplers.rewhitening import by_moments, sample_until
-from jbw.inference.samplers.sampling import sample
+from jbw.inference.samplers.sampling import SamplingRequest, draw_posterior
 from jbw.inference.space.box import Box
 from jbw.inference.space.problem import Target, problem_of
 from jbw.inference.space.reparametrisation import Reparametrisation
@@ -85,8 +85,7 @@ def climb(
     stages: Places = {
         chosen: lambda: place, **{n: make for n, make in costly.items() if n != chosen}
     }  # fmt: skip
-    shared = {"num_chains": sizes.num_chains, "attrs": attrs}
-    tried = by_mixtures(key, target, stages, sizes.num_samples, until, keep=keep, **shared)
+    tried = by_mixtures(key, target, stages, sizes, until=until, keep=keep, attrs=attrs)
     spent = sum(tree["timing"].attrs["wall_s"] for tree, _ in tried)
     evaluations = looks + sum(tree.attrs["num_evaluations"] for tree, _ in tried)
     budget_s = np.inf if until is None else until.budget_s
@@ -116,25 +115,30 @@ def by_mixtures(
     key: Key[Array, ""],
     target: Target,
     stages: Places,
-    num_samples: int | None,
-    until: Until | None,
+    sizes: Sizes,
     *,
+    until: Until | None = None,
     keep: Keep = no_checkpoint,
-    **options: Any,
+    attrs: Mapping[str, Mapping[str, str]] | None = None,
 ) -> list[tuple[xr.DataTree, Reparametrisation]]:
     """Draws weighted by adapted mixtures, in coordinates after coordinates until they suffice."""
     tried: list[tuple[xr.DataTree, Reparametrisation]] = []
     remaining = until
+    request = SamplingRequest(
+        "amis",
+        num_samples=sizes.num_samples or sampler_named("amis").draws[1],
+        num_chains=sizes.num_chains,
+    )
     for stage, make in stages.items():
         is_last = len(tried) == len(stages) - 1
         # Where there are no such coordinates, those of the stage before are used again.
         if (parametrisation := make()) is not None:
             name, place = stage, parametrisation
-        tree = sample(
-            key, target.log_likelihood, target.box, target.data, sampler="amis",
-            coordinates=place, num_samples=num_samples or sampler_named("amis").draws[1],
-            kept=keep(f"{stage}_amis" if tried else "amis"), until=remaining,
-            options={} if is_last else {"trial": TRIAL, "least": ESS}, **options,
+        options = {} if is_last else {"trial": TRIAL, "least": ESS}
+        kept = keep(f"{stage}_amis" if tried else "amis")
+        tree = draw_posterior(
+            key, target, request._replace(options=options), place,
+            supervision=Supervision(kept=kept, until=remaining), attrs=attrs,
         )  # fmt: skip
         tree.attrs["coordinates"] = name
         tried.append((tree, place))
@@ -159,14 +163,18 @@ def by_chains(
     """Draws by slices where an evaluation is costly, and otherwise along the gradient."""
     sampler = sampler_named("elliptical_slice" if target.is_costly else "nuts")
     num_warmup, num_samples = sampler.draws if target.is_costly else sampler.cheap_draws
-    return sample_until(
-        key, target, coordinates=coordinates, rounds=ROUNDS if target.is_costly else 0,
-        until=until, keep=lambda i: keep(f"{sampler.name}_{i}" if i else sampler.name),
-        sampler=sampler.name, num_chains=sizes.num_chains,
+    request = SamplingRequest(
+        sampler.name,
         num_warmup=num_warmup if sizes.num_warmup is None else sizes.num_warmup,
         num_samples=sizes.num_samples or num_samples,
+        num_chains=sizes.num_chains,
         chain_method="parallel" if jax.device_count() > 1 else "sequential",
-        options={"adapt_mass": True}, attrs=attrs,
+        options={"adapt_mass": True},
+    )
+    return sample_until(
+        key, target, request, coordinates=coordinates, rounds=ROUNDS if target.is_costly else 0,
+        until=until, keep=lambda i: keep(f"{sampler.name}_{i}" if i else sampler.name),
+        attrs=attrs,
     )  # fmt: skip
 
 

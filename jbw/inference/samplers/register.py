@@ -111,9 +111,14 @@ def module_of(sampler: Sampler) -> Any:
     return import_module(module) if isinstance(module, str) else module
 
 
+def default_options(sampler: Sampler) -> Any:
+    """The options of a sampler as they are unless somebody chooses others."""
+    options = getattr(module_of(sampler), sampler.options)
+    return options() if isinstance(options, type) else options
+
+
 def options_of(sampler: Sampler, **choices: Any) -> Any:
     """The options of a sampler; choices that are None or that it does not have are ignored."""
-    options = getattr(module_of(sampler), sampler.options)
-    defaults = options() if isinstance(options, type) else options
+    defaults = default_options(sampler)
     accepted = {n: v for n, v in choices.items() if n in defaults._fields and v is not None}
     return defaults._replace(**accepted)

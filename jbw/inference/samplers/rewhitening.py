@@ -15,8 +15,8 @@ from jaxtyping import Array, Float, Key
 
 from jbw.inference.posterior.summary import diagnose, scalars
 from jbw.inference.posterior.verdict import GOOD_KHAT
-from jbw.inference.samplers.chunked_run import Kept, Until
-from jbw.inference.samplers.sampling import sample
+from jbw.inference.samplers.chunked_run import Kept, Supervision, Until
+from jbw.inference.samplers.sampling import SamplingRequest, draw_posterior
 from jbw.inference.space.box import Box
 from jbw.inference.space.problem import Target
 from jbw.inference.space.reparametrisation import Reparametrisation
@@ -29,12 +29,13 @@ INSIDE = 1e-9  # of the box's width, from its bounds
 def sample_until(
     key: Key[Array, ""],
     target: Target,
+    request: SamplingRequest,
     *,
     coordinates: Reparametrisation,
     rounds: int,
     until: Until | None = None,
     keep: Callable[[int], Kept | None] = lambda round_: None,
-    **options: Any,
+    attrs: Mapping[str, Mapping[str, str]] | None = None,
 ) -> xr.DataTree:
     """Sample until draws are enough; where chains disagree, sample again about their moments.
 
@@ -43,8 +44,8 @@ def sample_until(
 
     `rounds` are those about the draws' own moments at most; `until` says when draws are enough, and
     bounds the time beyond the first draws of all, None for as many as told; `keep` says by the
-    number of a round where its chains outlive the process; all else is as of `sample`. The draws
-    are those of the last round alone; attributes count the evaluations of all, the rounds after the
+    number of a round where its chains outlive the process; `attrs` is as of `sample`. The draws are
+    those of the last round alone; attributes count the evaluations of all, the rounds after the
     first as `rewhitened`, and hold `budget_spent_s` where the time was, without enough.
     """
     evaluations, spent, round_ = 0, 0.0, 0
@@ -55,11 +56,10 @@ def sample_until(
         def stop(draws: dict[str, Any], last: bool = last) -> bool:
             return until is None or until.enough(draws) or not (last or agree(draws))
 
-        tree = sample(
+        tree = draw_posterior(
             key if round_ == 0 else jax.random.fold_in(key, round_),
-            target.log_likelihood, target.box, target.data,
-            coordinates=coordinates, kept=keep(round_), until=Until(stop, budget_s - spent),
-            **options,
+            target, request, coordinates, attrs=attrs,
+            supervision=Supervision(kept=keep(round_), until=Until(stop, budget_s - spent)),
         )  # fmt: skip
         evaluations += tree.attrs["num_evaluations"]
         spent += tree["timing"].attrs["wall_s"]
@@ -75,7 +75,7 @@ def sample_until(
         elif tree.attrs.get("khat", 0.0) >= GOOD_KHAT:
             break
         else:
-            options["num_samples"] = 2 * tree.attrs["num_samples"]
+            request = request._replace(num_samples=2 * tree.attrs["num_samples"])
         round_ += 1
     if not done and spent >= budget_s:
         tree.attrs["budget_spent_s"] = spent

@@ -2,9 +2,9 @@
 
 import time
 import warnings
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from importlib.metadata import version
-from typing import Any, Literal, get_args
+from typing import Any, Literal, NamedTuple, get_args
 
 import equinox as eqx
 import jax
@@ -14,7 +14,7 @@ import xarray as xr
 from jaxtyping import Array, Float, Key, PyTree
 from numpy.typing import NDArray
 
-from jbw.errors import ConfigError
+from jbw.errors import ConfigError, did_you_mean
 from jbw.inference.samplers.chains import (
     Draws,
     MakeKernel,
@@ -24,19 +24,50 @@ from jbw.inference.samplers.chains import (
     num_devices_for,
     starts_of,
 )
-from jbw.inference.samplers.chunked_run import Kept, Progress, Until, grow_chains
+from jbw.inference.samplers.chunked_run import UNSUPERVISED, Supervision, grow_chains
 from jbw.inference.samplers.evidence import require_possible
-from jbw.inference.samplers.register import Sampler, module_of, options_of, sampler_named
+from jbw.inference.samplers.register import (
+    Sampler,
+    default_options,
+    module_of,
+    options_of,
+    sampler_named,
+)
 from jbw.inference.space.box import Box, bounds_by_name, require_float64
-from jbw.inference.space.problem import LogLikelihood, Problem, log_volume, problem_of
+from jbw.inference.space.problem import LogLikelihood, Problem, Target, log_volume, problem_of
 from jbw.inference.space.reparametrisation import Reparametrisation, in_box
 
 ChainMethod = Literal["sequential", "vectorized", "parallel"]
 VERSIONED = ("jax", "jaxlib", "numpyro", "numpy")
+LEAST = {"num_warmup": 0, "num_samples": 1, "num_chains": 1}  # that can be asked for
+# Keywords of `sample`: those of its signature, and those that all samplers share.
+SIGNED = ("data", "sampler", "start", "covariance", "coordinates")
+REQUESTED = (*LEAST, "chain_method")
+SHARED = (*REQUESTED, "options", "attrs", *Supervision._fields)
 SamplerOutput = tuple[
     Draws, NDArray[np.float64], float
 ]  # draws, terms at each, seconds spent before
 _drawn = eqx.filter_jit(draws_of)
+
+
+class SamplingRequest(NamedTuple):
+    """Which sampler draws, and how much.
+
+    Attributes:
+        sampler: One of the register.
+        num_warmup: Steps of each chain that are discarded; the sampler's own when None.
+        num_samples: Draws kept of each chain; the sampler's own when None.
+        num_chains: Chains.
+        chain_method: One of `ChainMethod`.
+        options: Further options of the sampler; those that it does not have are ignored.
+    """
+
+    sampler: str = "nuts"
+    num_warmup: int | None = None
+    num_samples: int | None = None
+    num_chains: int = 4
+    chain_method: str = "sequential"
+    options: Mapping[str, Any] | None = None
 
 
 def sample(
@@ -46,18 +77,10 @@ def sample(
     data: PyTree = None,
     *,
     sampler: str = "nuts",
-    num_warmup: int | None = None,
-    num_samples: int | None = None,
-    num_chains: int = 4,
-    chain_method: str = "sequential",
     start: Mapping[str, Any] | None = None,
     covariance: Float[np.ndarray, "parameter parameter"] | None = None,
     coordinates: Reparametrisation | None = None,
-    options: Mapping[str, Any] | None = None,
-    attrs: Mapping[str, Mapping[str, str]] | None = None,
-    progress: Progress | None = None,
-    kept: Kept | None = None,
-    until: Until | None = None,
+    **options: Any,
 ) -> xr.DataTree:
     """Sample the posterior of a log likelihood and a uniform prior in a box.
 
@@ -76,19 +99,18 @@ def sample(
             "importance"; "amis" (the same in rounds that adapt); "tempered_smc" and "nested" (a
             chain is a run); "quadrature" (exact, up to four parameters). The second, "importance"
             and "amis" need `covariance`.
-        num_warmup: Steps of each chain that are discarded; the sampler's own when None.
-        num_samples: Draws kept of each chain, particles of "tempered_smc", twice the live points of
-            "nested"; the sampler's own when None.
-        num_chains: Chains.
-        chain_method: "sequential", "vectorized", or "parallel" over the devices of JAX.
         start: Start by name, one value for all or one a chain; None: uniform in the box.
         covariance: Laplace covariance at `start`, in the parameters' units: it whitens sampling.
         coordinates: Others to sample in, with what a fit knows there, in place of these two.
-        options: Further options of the sampler, as its record `Options` names them.
-        attrs: `units` and `long_name` by parameter, kept beside the draws.
-        progress: Called with a `SoFar` after every chunk of steps, or round.
-        kept: Where unfinished chains outlive the process, to go on from as if never stopped.
-        until: When chains, doubled until then, have grown enough; without it at `num_samples`.
+        **options: How much is drawn: `num_warmup`, steps of each chain that are discarded;
+            `num_samples`, draws kept of each chain, particles of "tempered_smc", twice the live
+            points of "nested"; both the sampler's own when None; `num_chains`, 4;
+            `chain_method`, "sequential", "vectorized", or "parallel" over the devices of JAX.
+            Then the sampler's own options, as its record `Options` names them, such as
+            `target_accept`; or a mapping `options` of them, of which the sampler ignores those
+            that it does not have, so that several samplers can share it.
+            Further `attrs`, `units` and `long_name` by parameter, which the draws carry; and how
+            the run is supervised: `progress`, `kept` and `until`, as `Supervision` describes them.
 
     Returns:
         Groups posterior, sample_stats, log_likelihood, log_prior and timing. The root's attributes
@@ -96,39 +118,76 @@ def sample(
         and log_evidence_error [nats].
 
     Raises:
-        ConfigError: An option, start or covariance that cannot be used, or a float32 session.
+        ConfigError: A keyword that does not exist; an option, start or covariance that cannot be
+            used; or a float32 session.
         ModelError: No possible start.
 
     Reference:
         Eqs. (32), (33), (35), (36), (37).
     """
     require_float64()
-    entry = sampler_named(sampler)
-    sizes = {"num_warmup": num_warmup, "num_samples": num_samples, "num_chains": num_chains}
-    _check(sizes, chain_method)
-    place = coordinates or in_box(box, start, covariance, num_chains)
-    _check_suits(entry, place, box)
-    method = _available(chain_method, num_chains)
-    chosen = options_of(entry, **sizes, chain_method=method, **(options or {}))
+    _require_keywords(sampler_named(sampler), options)
+    request = _request(sampler, options)
+    _check(request)
+    return draw_posterior(
+        key,
+        Target(log_likelihood, box, data),
+        request,
+        coordinates or in_box(box, start, covariance, request.num_chains),
+        supervision=Supervision(**_chosen(options, Supervision._fields)),
+        attrs=options.get("attrs"),
+    )
+
+
+def draw_posterior(
+    key: Key[Array, ""],
+    target: Target,
+    request: SamplingRequest,
+    coordinates: Reparametrisation | None = None,
+    *,
+    supervision: Supervision = UNSUPERVISED,
+    attrs: Mapping[str, Mapping[str, str]] | None = None,
+) -> xr.DataTree:
+    """Draw from a target as requested; what `sample` does once its keywords are read.
+
+    Args:
+        key: Random key.
+        target: The posterior.
+        request: Which sampler draws, and how much.
+        coordinates: To sample in, with what a fit knows there; the box itself when None.
+        supervision: Who hears of the run, where it is stored, and what ends it.
+        attrs: `units` and `long_name` by parameter, which the draws carry.
+
+    Returns:
+        As of `sample`.
+    """
+    require_float64()
+    entry = sampler_named(request.sampler)
+    _check(request)
+    place = coordinates or in_box(target.box, None, None, request.num_chains)
+    _check_suits(entry, place, target.box)
+    method = _available(request.chain_method, request.num_chains)
+    sizes = {name: getattr(request, name) for name in LEAST}
+    chosen = options_of(entry, **sizes, chain_method=method, **(request.options or {}))
     clock = time.perf_counter()
-    problem = problem_of(log_likelihood, box, data, place)
+    problem = problem_of(target.log_likelihood, target.box, target.data, place)
     module = module_of(entry)
     if entry.in_rounds:
-        outcome = module.gather(key, problem, chosen, progress, kept, until)
+        outcome = module.gather(key, problem, chosen, *supervision)
     elif hasattr(module, "draw"):
         outcome = _at_once(entry, key, problem, chosen, method)
     else:
-        starts = starts_of(key, problem, place.start, num_chains)
-        outcome = _in_chunks(starts, problem, module.kernel, chosen, progress, kept, until)
+        starts = starts_of(key, problem, place.start, request.num_chains)
+        outcome = _in_chunks(starts, problem, module.kernel, chosen, supervision)
     drawn, terms, earlier = outcome
-    tree = _tree(drawn, terms, box, attrs or {})
+    tree = _tree(drawn, terms, target.box, attrs or {})
     spent = {"wall_s": time.perf_counter() - clock + earlier}
     tree["timing"] = xr.DataTree(xr.Dataset(attrs=spent))  # apart: it differs between equal runs
     tree.attrs |= {
         **_plain(chosen._asdict()),
         "chain_method": method,
         "whitened": int(problem.located),
-        "sampler": sampler,
+        "sampler": request.sampler,
         "seed": [int(word) for word in np.ravel(jax.random.key_data(key))],
         **_plain(drawn.facts),
         **{f"version_{name}": version(name) for name in VERSIONED},
@@ -136,11 +195,35 @@ def sample(
     return tree
 
 
+def _require_keywords(entry: Sampler, keywords: Mapping[str, Any]) -> None:
+    """Refuse keywords of `sample` that neither it nor its sampler has."""
+    names = dict.fromkeys((*SIGNED, *SHARED, *default_options(entry)._fields))
+    for keyword in keywords:
+        if keyword not in names:
+            raise ConfigError(
+                f"Argument `{keyword}` does not exist: neither `sample` nor the sampler "
+                f"{entry.name} has it.",
+                remedy=f"{did_you_mean(keyword, names)}The arguments are {', '.join(names)}.",
+            )
+
+
+def _request(sampler: str, keywords: Mapping[str, Any]) -> SamplingRequest:
+    """The request of the keywords of `sample`; the sampler's own options join its mapping."""
+    sampler_options = {name: value for name, value in keywords.items() if name not in SHARED}
+    options = {**(keywords.get("options") or {}), **sampler_options}
+    return SamplingRequest(sampler, **_chosen(keywords, REQUESTED), options=options)
+
+
+def _chosen(keywords: Mapping[str, Any], names: Iterable[str]) -> dict[str, Any]:
+    """Those of the keywords that have one of the names."""
+    return {name: keywords[name] for name in names if name in keywords}
+
+
 def _in_chunks(
-    starts: Starts, problem: Problem, make: MakeKernel, options: Any, *watched: Any
+    starts: Starts, problem: Problem, make: MakeKernel, options: Any, supervision: Supervision
 ) -> SamplerOutput:
     """Chains, chunk by chunk, so that they can be watched and kept."""
-    (draw, terms), earlier = grow_chains(starts, problem, make, options, *watched)
+    (draw, terms), earlier = grow_chains(starts, problem, make, options, *supervision)
     # As many evaluations a draw in the warm-up as after.
     evaluations = np.mean(draw.stats["n_steps"]) if "n_steps" in draw.stats else 1.0
     num_samples = next(iter(draw.theta.values())).shape[1]
@@ -206,21 +289,22 @@ def _available(method: str, num_chains: int) -> str:
         f"Chain method `parallel` needs devices that share {num_chains} chains evenly, but JAX has "
         f"{jax.device_count()}: the chains run one after the other. Set XLA_FLAGS="
         "--xla_force_host_platform_device_count=2 before JAX starts to use two processor cores.",
-        stacklevel=3,
+        stacklevel=4,
     )
     return "sequential"
 
 
-def _check(sizes: Mapping[str, int | None], chain_method: str) -> None:
+def _check(request: SamplingRequest) -> None:
     methods = get_args(ChainMethod)
-    if chain_method not in methods:
+    if request.chain_method not in methods:
         raise ConfigError(
-            f"Argument `chain_method` must be one of {', '.join(methods)}, not {chain_method!r}."
+            f"Argument `chain_method` must be one of {', '.join(methods)}, "
+            f"not {request.chain_method!r}."
         )
-    least = {"num_samples": 1, "num_warmup": 0, "num_chains": 1}
-    for name, value in sizes.items():
-        if value is not None and value < least[name]:
-            raise ConfigError(f"Argument `{name}` must be at least {least[name]}, but is {value}.")
+    for name, least in LEAST.items():
+        value = getattr(request, name)
+        if value is not None and value < least:
+            raise ConfigError(f"Argument `{name}` must be at least {least}, but is {value}.")
 
 
 def _check_suits(entry: Sampler, place: Reparametrisation, box: Box) -> None:
