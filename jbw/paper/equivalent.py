@@ -1,6 +1,7 @@
 """The equivalent system, whose hysteresis is a switched polynomial, Eqs. (14), (15)."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import Any, Literal, get_args
 
@@ -164,6 +165,25 @@ def equivalent_acceleration(
 InputFunction = Callable[[Float[Array, ""]], Float[Array, ""]]
 
 
+class Switching(eqx.Module):
+    """How the branches of the equivalent system switch.
+
+    Attributes:
+        variant: "corrected" with the sign of dy/dt, "printed" with that of du/dt.
+        width: Of the switching [m/s; N/(kg s) when printed]; 0 for a jump.
+        u_0: Switched force as a function of time [N/kg]; lambda_0 sgn(v) when None.
+    """
+
+    variant: Variant = eqx.field(default="corrected", static=True)
+    width: Scalar = 0.0
+    u_0: InputFunction | None = None
+
+    def __check_init__(self) -> None:
+        """Raise where the branches cannot switch so."""
+        require_variant(self.variant)
+        require_at_least("width", self.width, 0.0)
+
+
 class EquivalentResponse(eqx.Module):
     """Response of the equivalent system at the sampling instants.
 
@@ -188,13 +208,11 @@ def simulate_equivalent(
     u: Float[ArrayLike, "..."] | InputFunction,
     fs: float,
     *,
-    u_0: InputFunction | None = None,
-    variant: Variant = "corrected",
-    width: Scalar = 0.0,
     initial: tuple[Scalar, Scalar] = (0.0, 0.0),
     substeps: int = 4,
     num_samples: int | None = None,
     adjoint: diffrax.AbstractAdjoint | None = None,
+    **switching: Any,
 ) -> EquivalentResponse:
     """Time response of the equivalent system.
 
@@ -207,15 +225,16 @@ def simulate_equivalent(
         smoothing: Scalar coefficients of the smoothed force.
         u: Samples of the input [N/kg], or a function of time [s].
         fs: Sampling frequency [Hz].
-        u_0: Switched force as a function of time [N/kg], say that of `square_wave`; lambda_0 sgn(v)
-            when None.
-        variant: Branches switch with the sign of dy/dt when "corrected", of du/dt when "printed",
-            which dissipates nothing at resonance and feeds the motion above it.
-        width: Of the switching, as in `smoothed_force` [m/s; N/(kg s) when printed]; 0 for a jump.
         initial: Displacement [m] and velocity [m/s] at t = 0.
         substeps: Steps per sample.
         num_samples: Number of samples out; needed with a function, and the input's own otherwise.
         adjoint: How diffrax differentiates; for forward mode pass `diffrax.ForwardMode()`.
+        **switching: How the branches switch. `variant`: with the sign of dy/dt when "corrected", as
+            they do when nothing is said, of du/dt when "printed", which dissipates nothing at
+            resonance and feeds the motion above it. `width`: of the switching, as in
+            `smoothed_force` [m/s; N/(kg s) when printed]; 0, that of a jump, when not said. `u_0`:
+            the switched force as a function of time [N/kg], say that of `square_wave`;
+            lambda_0 sgn(v) when None.
 
     Returns:
         Response at t = n/fs, sample 0 being `initial`.
@@ -228,8 +247,7 @@ def simulate_equivalent(
         Eq. (14), corrected: the branches switch with the sign of dy/dt; printed by
         variant="printed".
     """
-    require_variant(variant)
-    require_at_least("width", width, 0.0)
+    branches = Switching(**switching)
     require_at_least("fs", fs, 0.0, open_end=True)
     require_at_least("substeps", substeps, 1)
     require_finite(joint, fs=fs, y=initial[0], v=initial[1])
@@ -243,10 +261,10 @@ def simulate_equivalent(
     require_at_least("num_samples", num_samples, 2)
     adjoint = diffrax.RecursiveCheckpointAdjoint() if adjoint is None else adjoint
     # As arrays the numbers are traced: other values do not compile again.
-    joint, smoothing, rate, state, breadth = jax.tree.map(
-        lambda x: jnp.asarray(x, float), (joint, smoothing, substeps * fs, initial, width)
+    joint, smoothing, rate, state, width = jax.tree.map(
+        lambda x: jnp.asarray(x, float), (joint, smoothing, substeps * fs, initial, branches.width)
     )
-    drive = _Drive(u, u_0, substeps, rate, breadth, variant == "printed")
+    drive = _Drive(u, replace(branches, width=width), substeps, rate)
     return _simulate(joint, smoothing, drive, state, num_samples, adjoint)
 
 
@@ -272,11 +290,9 @@ class _Drive(eqx.Module):
     """
 
     u: Array | InputFunction
-    u_0: InputFunction | None
+    switching: Switching
     substeps: int = eqx.field(static=True)
     rate: Array  # steps in a second [1/s]
-    width: Array  # of the smoothed switching
-    by_input: bool = eqx.field(static=True)
 
     def force(self, step: Array) -> Array:
         """Input at a step [N/kg]."""
@@ -286,11 +302,12 @@ class _Drive(eqx.Module):
 
     def switched(self, step: Array) -> Array | None:
         """Switched force from outside [N/kg]."""
-        return None if self.u_0 is None else self.u_0(step / self.rate)
+        u_0 = self.switching.u_0
+        return None if u_0 is None else u_0(step / self.rate)
 
     def direction(self, step: Array, v: Array) -> Array:
         """What the branches switch with: the velocity, or as printed the rate of the input."""
-        if not self.by_input:
+        if self.switching.variant == "corrected":
             return v
         _, slope = jax.jvp(self.force, (step,), (jnp.ones_like(step),))
         return slope * self.rate
@@ -305,7 +322,7 @@ def _simulate(
     num_samples: int,
     adjoint: diffrax.AbstractAdjoint,
 ) -> EquivalentResponse:
-    acceleration = partial(equivalent_acceleration, joint, smoothing, width=drive.width)
+    acceleration = partial(equivalent_acceleration, joint, smoothing, width=drive.switching.width)
 
     def field(step: Any, state: tuple[Array, Array], _: Any) -> tuple[Array, Array]:
         y, v = state
@@ -328,10 +345,10 @@ def _simulate(
     )
     y, v = jax.tree.map(lambda x: x[:: drive.substeps], solution.ys)
     step = jnp.arange(num_samples, dtype=y.dtype) * drive.substeps
-    held = None if drive.u_0 is None else jax.vmap(drive.switched)(step)
+    held = None if drive.switching.u_0 is None else jax.vmap(drive.switched)(step)
     direction = jax.vmap(drive.direction)(step, v)
     a = acceleration(y, v, jax.vmap(drive.force)(step), held, direction=direction)
-    z = equivalent_force(smoothing, y, direction, held, width=drive.width)
+    z = equivalent_force(smoothing, y, direction, held, width=drive.switching.width)
     return EquivalentResponse(t=step / drive.rate, y=y, v=v, z=z, a=a)
 
 
