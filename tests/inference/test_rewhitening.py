@@ -10,6 +10,7 @@ from jbw.inference.posterior.summary import summarise
 from jbw.inference.posterior.verdict import verdict
 from jbw.inference.samplers.chunked_run import Until
 from jbw.inference.samplers.rewhitening import agree, by_moments, sample_until
+from jbw.inference.samplers.sampling import SamplingRequest
 from jbw.inference.space.box import box
 from jbw.inference.space.problem import Target
 from jbw.inference.space.reparametrisation import in_box
@@ -25,15 +26,15 @@ def normal(theta, data):
 
 
 NORMAL = Target(normal, BOX)
+SLICES = SamplingRequest("elliptical_slice", chain_method="vectorized")
 
 
 def drawn(rounds, seed=0, small=1e-6, seen=None):
     keep = (lambda round_: None) if seen is None else seen.append
     return sample_until(
-        jax.random.key(seed), NORMAL,
+        jax.random.key(seed), NORMAL, SLICES._replace(num_warmup=25, num_samples=400),
         coordinates=in_box(BOX, {"a": 0.0, "b": 0.0}, small * COVARIANCE, 4),
         rounds=rounds, keep=keep,
-        sampler="elliptical_slice", num_warmup=25, num_samples=400, chain_method="vectorized",
     )  # fmt: skip
 
 
@@ -95,9 +96,9 @@ def enough_of(sizes):
 def test_draws_double_until_they_are_enough(sampler):
     sizes = []
     found = sample_until(
-        jax.random.key(0), NORMAL, rounds=0, until=Until(enough_of(sizes), np.inf),
+        jax.random.key(0), NORMAL, SLICES._replace(sampler=sampler, num_samples=125),
+        rounds=0, until=Until(enough_of(sizes), np.inf),
         coordinates=in_box(BOX, {"a": 3.0, "b": -2.0}, COVARIANCE, 4),
-        sampler=sampler, num_samples=125, chain_method="vectorized",
     )  # fmt: skip
     assert found["posterior"].sizes["draw"] == 500
     assert found.attrs["num_samples"] == 500
@@ -110,9 +111,9 @@ def test_draws_double_until_they_are_enough(sampler):
 @pytest.mark.fault(37)
 def test_a_spent_budget_is_a_finding_that_says_what_it_would_have_taken():
     found = sample_until(
-        jax.random.key(0), NORMAL, rounds=0, until=Until(lambda _: False, 1e-3),
+        jax.random.key(0), NORMAL, SLICES._replace(sampler="importance", num_samples=125),
+        rounds=0, until=Until(lambda _: False, 1e-3),
         coordinates=in_box(BOX, {"a": 3.0, "b": -2.0}, COVARIANCE, 4),
-        sampler="importance", num_samples=125, chain_method="vectorized",
     )  # fmt: skip
     judged = verdict(found, BOX)
     finding = next(one for one in judged.findings if one.code == "budget")
@@ -123,9 +124,8 @@ def test_a_spent_budget_is_a_finding_that_says_what_it_would_have_taken():
 
 def test_draws_of_a_told_number_have_no_budget():
     found = sample_until(
-        jax.random.key(0), NORMAL, rounds=0,
+        jax.random.key(0), NORMAL, SLICES._replace(num_warmup=5, num_samples=300), rounds=0,
         coordinates=in_box(BOX, {"a": 3.0, "b": -2.0}, COVARIANCE, 4),
-        sampler="elliptical_slice", num_warmup=5, num_samples=300, chain_method="vectorized",
     )  # fmt: skip
     assert found["posterior"].sizes["draw"] == 300
     assert "budget_spent_s" not in found.attrs

@@ -15,8 +15,11 @@ from tiers import represented_by
 
 from jbw.errors import ConfigError, ModelError
 from jbw.inference.posterior.summary import diagnose
-from jbw.inference.samplers.sampling import sample
+from jbw.inference.samplers.chunked_run import Supervision
+from jbw.inference.samplers.sampling import SamplingRequest, draw_posterior, sample
 from jbw.inference.space.box import box
+from jbw.inference.space.problem import Target
+from jbw.inference.space.reparametrisation import in_box
 
 SEEDS = (0, 1, 2)
 BOX = box({"b": (-3.0, 1.0), "a": (-2.0, 2.0)})  # names not in the order of the alphabet
@@ -232,6 +235,70 @@ def test_starts_that_cannot_be_meant_are_refused():
         draw(0, 6.0, chain_method="lockstep")
     with pytest.raises(ConfigError, match="`num_chains`"):
         draw(0, 6.0, num_chains=0)
+
+
+def test_a_sampler_takes_its_options_as_keywords_or_in_a_mapping():
+    short = {"num_warmup": 50, "num_samples": 40}
+    keywords = draw(0, 6.0, **short, target_accept=0.9, max_tree_depth=3)
+    options = {"target_accept": 0.9, "max_tree_depth": 3}
+    mapping = draw(0, 6.0, **short, options=options)
+    np.testing.assert_array_equal(keywords["posterior"]["a"], mapping["posterior"]["a"])
+    assert (keywords.attrs["target_accept"], keywords.attrs["max_tree_depth"]) == (0.9, 3)
+    # A keyword beside the mapping is the nearer word; what the mapping alone says stays.
+    both = draw(0, 6.0, **short, options=options | {"target_accept": 0.5}, target_accept=0.9)
+    np.testing.assert_array_equal(both["posterior"]["a"], mapping["posterior"]["a"])
+    # Samplers share one mapping, whatever of it each of them has.
+    shared = draw(0, 6.0, "random_walk", **short, options={"adapt_mass": True})
+    plain = draw(0, 6.0, "random_walk", **short)
+    np.testing.assert_array_equal(shared["posterior"]["a"], plain["posterior"]["a"])
+
+
+@pytest.mark.fault(39)
+@pytest.mark.parametrize(
+    ("sampler", "keyword", "meant"),
+    [
+        ("nuts", "num_sample", "num_samples"),
+        ("nuts", "covarance", "covariance"),
+        ("nuts", "target_acept", "target_accept"),
+        ("random_walk", "stepsize", "step_size"),
+        ("importance", "atrs", "attrs"),
+    ],
+)
+def test_a_keyword_that_nobody_has_is_refused_with_the_nearest_one(sampler, keyword, meant):
+    with pytest.raises(ConfigError, match=f"`{keyword}` does not exist") as caught:
+        draw(0, 6.0, sampler, **{keyword: 1})
+    assert caught.value.remedy.startswith(f"Did you mean `{meant}`? ")
+    assert sampler in caught.value.what
+    offered = caught.value.remedy.partition("The arguments are ")[2].rstrip(".").split(", ")
+    assert {"start", "num_warmup", "chain_method", "options", "progress", meant} <= set(offered)
+    assert len(offered) == len(set(offered))
+
+
+def test_an_option_of_another_sampler_is_refused_as_a_keyword():
+    with pytest.raises(ConfigError, match="nor the sampler random_walk has it"):
+        draw(0, 6.0, "random_walk", adapt_mass=True)
+
+
+@pytest.mark.parametrize("sampler", ["nuts", "elliptical_slice", "amis"])
+def test_the_engine_draws_what_the_call_draws(sampler):
+    data, steps = {"weight": jnp.asarray(6.0)}, []
+    units = {"a": {"units": "m"}}
+    called = sample(
+        jax.random.key(2), banana, BOX, data, sampler=sampler, num_warmup=30, num_samples=50,
+        num_chains=2, **ABOUT, attrs=units, progress=steps.append,
+    )  # fmt: skip
+    so_far = []
+    drawn = draw_posterior(
+        jax.random.key(2), Target(banana, BOX, data),
+        SamplingRequest(sampler, num_warmup=30, num_samples=50, num_chains=2),
+        in_box(BOX, ABOUT["start"], ABOUT["covariance"], 2),
+        supervision=Supervision(progress=so_far.append), attrs=units,
+    )  # fmt: skip
+    for group in ("posterior", "sample_stats", "log_likelihood", "log_prior"):
+        xr.testing.assert_identical(drawn[group].to_dataset(), called[group].to_dataset())
+    assert drawn.attrs == called.attrs
+    assert drawn["posterior"]["a"].attrs["units"] == "m"
+    assert len(so_far) == len(steps) > 0
 
 
 def test_nan_in_the_data_is_one_clear_sentence():

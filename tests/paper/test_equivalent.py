@@ -341,6 +341,12 @@ def test_doors():
         simulate_equivalent(JOINT, polynomial, np.zeros(5), 0.0)
     with pytest.raises(ConfigError, match="`substeps` must be at least 1"):
         simulate_equivalent(JOINT, polynomial, np.zeros(5), 100.0, substeps=0)
+    with pytest.raises(ConfigError, match='"corrected" or "printed"'):
+        simulate_equivalent(JOINT, polynomial, np.zeros(5), 100.0, variant="wrong")
+    with pytest.raises(ConfigError, match="`width` must be at least 0"):
+        simulate_equivalent(JOINT, polynomial, np.zeros(5), 100.0, width=-1.0)
+    with pytest.raises(TypeError, match="unexpected keyword argument 'widht'"):
+        simulate_equivalent(JOINT, polynomial, np.zeros(5), 100.0, widht=1.0)
     with pytest.raises(ModelError, match="`u` must be finite"):
         simulate_equivalent(JOINT, polynomial, np.array([0.0, np.nan]), 100.0)
     with pytest.raises(ConfigError, match='"corrected" or "printed"'):
