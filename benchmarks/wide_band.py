@@ -95,7 +95,7 @@ def relative_motion(best: Mapping[str, float]) -> tuple[float, ...]:
 
 def row(name: str, best: Fit, data: Dataset, seconds: float) -> tuple[object, ...]:
     """Errors of a fit by point, over levels."""
-    left = dataset.left_by_label(best.residual, data)
+    left = dataset.residual_by_label(best.residual, data)
     every = dataset.error_by_label(left, data)
     names = [f"level {n}" for n in LEVELS]
     of = [[100 * every[n if p == "wing" else f"{n} at {p}"] for n in names] for p in POINTS]

@@ -289,8 +289,8 @@ def _of_form(
     norms = np.linalg.norm(basis, axis=0)
     norms = np.where(norms > 0, norms, 1.0)
     factors, *_ = np.linalg.lstsq(basis / norms, target, rcond=None)
-    left = np.linalg.norm(basis @ (factors / norms) - target)
-    return factors / norms if left <= _FORM * np.linalg.norm(target) else None
+    residual = np.linalg.norm(basis @ (factors / norms) - target)
+    return factors / norms if residual <= _FORM * np.linalg.norm(target) else None
 
 
 def _left_out(reduced: np.ndarray, diagonal: np.ndarray) -> tuple[str, ...]:

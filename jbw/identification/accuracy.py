@@ -76,17 +76,17 @@ def thinned(
 
 
 def residual_finding(
-    left: Mapping[str, np.ndarray],
+    residuals: Mapping[str, np.ndarray],
     counted: Mapping[str, float],
     error: Mapping[str, float],
     laws: Sequence[str] = (),
 ) -> Finding | None:
     """The largest lag-one correlation of what a fit leaves of a group of 16 values or more.
 
-    By label: what is `left`, the fraction of values `counted`, the relative `error`; `laws` are
+    By label: the `residuals`, the fraction of values `counted`, the relative `error`; `laws` are
     those fitted.
     """
-    long = {label: row for label, row in left.items() if len(row) >= 2 * LEAST_VALUES}
+    long = {label: row for label, row in residuals.items() if len(row) >= 2 * LEAST_VALUES}
     lag_one = {label: correlation_at_one(row) for label, row in long.items()}
     if not lag_one:
         return None

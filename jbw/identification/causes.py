@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.posterior.finding import Finding
 from jbw.inference.posterior.remedies import put
-from jbw.observables.dataset import Dataset, by_label, left_by_label
+from jbw.observables.dataset import Dataset, by_label, residual_by_label
 from jbw.observables.drives import plain
 from jbw.observables.effective_values import LEAST_VALUES, is_coloured
 from jbw.observables.line_fit import oscillator_through
@@ -111,7 +111,7 @@ def _clock(spectra: Spectra) -> Iterator[Suspect]:
 
 def _factor(label: str, spectrum: Spectrum) -> Suspect:
     """One group's response times a factor: its sign, its unit, another gain."""
-    columns = {label: as_columns(spectrum.values - spectrum.left)}
+    columns = {label: as_columns(spectrum.values - spectrum.residual)}
     return Suspect(
         f"{FACTOR} of {label}",
         columns,
@@ -151,7 +151,7 @@ def _in_time(spectra: Spectra) -> Iterator[Suspect]:
     )
     cut = {}
     for label, spectrum in sampled.items():
-        model, most = spectrum.values - spectrum.left, np.max(np.abs(spectrum.values))
+        model, most = spectrum.values - spectrum.residual, np.max(np.abs(spectrum.values))
         if np.max(np.abs(model)) > most:
             cut[label] = as_columns(np.clip(model, -most, most) - model)
     if cut:
@@ -244,14 +244,14 @@ class Linearised(NamedTuple):
     Attributes:
         places: Rows of each group that is tried.
         weight: Of each of them.
-        left: Residual of all groups, nothing left along `basis`.
+        residual: Residual of all groups, without its part along `basis`.
         basis: Orthonormal directions of the parameters.
         counted: Of every row, what makes it relative to its group's size; zero unless missed.
     """
 
     places: Mapping[str, slice]
     weight: Mapping[str, float]
-    left: NDArray[np.float64]
+    residual: NDArray[np.float64]
     basis: NDArray[np.float64]
     counted: NDArray[np.float64]
 
@@ -268,7 +268,7 @@ def causes(best: Fit, data: Dataset) -> list[Cause]:
     of_offset: dict[str, Any] = {}
     for name, x in columns:
         of_offset[plain(name)] = of_offset.get(plain(name), 0.0) + x
-    slopes = {n: left_by_label(x, data) for n, x in of_offset.items() if n in OFFSETS}
+    slopes = {n: residual_by_label(x, data) for n, x in of_offset.items() if n in OFFSETS}
     theta = {name: float(x) for name, x in {**data.held, **best.theta}.items()}
     tried = [
         (suspect.kind, _tried(suspect, linearised))
@@ -301,7 +301,7 @@ def other_mode(best: Fit, data: Dataset, places: Iterable[float] = ()) -> Cause 
 
 def _spectra(best: Fit, data: Dataset) -> dict[str, Spectrum]:
     """Spectra of every group whose misfit can be tried, by label."""
-    residuals = left_by_label(best.residual, data)
+    residuals = residual_by_label(best.residual, data)
     return {
         label: spectrum._replace(source_role="force" if part.drive == "force" else "input")
         for part in data.parts
@@ -328,12 +328,12 @@ def _missed(spectra: Spectra, data: Dataset) -> list[str]:
     scatter = {label: x for part in data.parts for label, x in part.repeatability().items()}
     labels = []
     for label, spectrum in spectra.items():
-        error = np.linalg.norm(spectrum.left) / np.linalg.norm(spectrum.values)
-        is_short = len(spectrum.left) < 2 * LEAST_VALUES
+        error = np.linalg.norm(spectrum.residual) / np.linalg.norm(spectrum.values)
+        is_short = len(spectrum.residual) < 2 * LEAST_VALUES
         if (
             error > BY_CHANCE * scatter.get(label, np.inf)
             if is_short
-            else is_coloured(spectrum.left)
+            else is_coloured(spectrum.residual)
         ):
             labels.append(label)
     return labels
@@ -341,11 +341,11 @@ def _missed(spectra: Spectra, data: Dataset) -> list[str]:
 
 def _linearised(best: Fit, data: Dataset, spectra: Spectra, missed: Sequence[str]) -> Linearised:
     """All groups about the optimum: those that are tried first, then the others as fitted."""
-    slopes = [left_by_label(column, data) for column in best.jacobian.T]
+    slopes = [residual_by_label(column, data) for column in best.jacobian.T]
     fitted, slope = by_label(best.residual, data), by_label(best.jacobian, data)
     slices, weight, rows, columns, counted, end = {}, {}, [], [], [], 0
     for label, spectrum in spectra.items():
-        group_residual = as_columns(spectrum.left)[:, 0]
+        group_residual = as_columns(spectrum.residual)[:, 0]
         weight[label] = 1 / np.sqrt(np.mean(group_residual**2))
         rows.append(weight[label] * group_residual)
         columns.append(weight[label] * as_columns(*(derivative[label] for derivative in slopes)))
@@ -365,16 +365,16 @@ def _linearised(best: Fit, data: Dataset, spectra: Spectra, missed: Sequence[str
 def _tried(suspect: Suspect, linearised: Linearised) -> Cause:
     """One step along a suspect's columns, and what it explains."""
     wide = next(iter(suspect.columns.values())).shape[1]
-    columns = np.zeros((len(linearised.left), wide))
+    columns = np.zeros((len(linearised.residual), wide))
     for label, group_columns in suspect.columns.items():
         columns[linearised.places[label]] = linearised.weight[label] * group_columns
     columns -= linearised.basis @ (linearised.basis.T @ columns)
     scale = np.linalg.norm(columns, axis=0)
     scale[scale == 0] = 1.0
-    coefficients = np.linalg.lstsq(columns / scale, linearised.left)[0] / scale
+    coefficients = np.linalg.lstsq(columns / scale, linearised.residual)[0] / scale
     before, after = (
         np.sum((linearised.counted * residual) ** 2)
-        for residual in (linearised.left, linearised.left - columns @ coefficients)
+        for residual in (linearised.residual, linearised.residual - columns @ coefficients)
     )
     text, action = suspect.words(coefficients)
     mode = None if suspect.mode is None else (*suspect.mode, float(coefficients[0]))
@@ -397,7 +397,7 @@ def _apart(spectra: Spectra, missed: Sequence[str]) -> list[Cause]:
     if 1 / FAR_OFF < ratios[label] < FAR_OFF:
         return []
     errors = {
-        n: np.linalg.norm(spectra[n].left) / np.linalg.norm(spectra[n].values) for n in missed
+        n: np.linalg.norm(spectra[n].residual) / np.linalg.norm(spectra[n].values) for n in missed
     }
     explained = 1 - sum(single_fits[n][1] ** 2 for n in missed) / sum(x**2 for x in errors.values())
     text, action = factor_words(label, ratios[label], spectra[label].source_role)
@@ -443,7 +443,7 @@ def _swapped(spectra: Spectra, missed: Sequence[str], theta: Mapping[str, float]
         residual = np.linalg.norm(spectrum.source - along * modelled) / np.linalg.norm(
             spectrum.source
         )
-        error = np.linalg.norm(spectrum.left) / np.linalg.norm(spectrum.values)
+        error = np.linalg.norm(spectrum.residual) / np.linalg.norm(spectrum.values)
         if along != 0:
             text, action = messages.swapped(label)
             swaps.append(Cause(text, float(1 - (residual / error) ** 2), action))

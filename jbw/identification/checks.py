@@ -128,7 +128,7 @@ class CheckedPosterior:
     @cached_property
     def residuals(self) -> dict[str, np.ndarray]:
         """Residuals of the fit by group of data."""
-        return dataset.left_by_label(self.fitted.fit.residual, self.data)
+        return dataset.residual_by_label(self.fitted.fit.residual, self.data)
 
     @cached_property
     def error(self) -> dict[str, Any]:

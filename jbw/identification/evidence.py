@@ -232,7 +232,7 @@ def name_of(laws: Laws, meet: str = "") -> str:
 
 def errors_of(best: Fit, data: Dataset) -> dict[str, float]:
     """Error of every group over its response, at a fit."""
-    residuals = dataset.left_by_label(best.residual, data)
+    residuals = dataset.residual_by_label(best.residual, data)
     return {n: e for n, e in dataset.error_by_label(residuals, data).items() if np.isfinite(e)}
 
 

@@ -212,7 +212,7 @@ def explains(found: Fit) -> bool:
 
 def is_close(found: Fit, data: Dataset) -> bool:
     """Whether a fit misses no group of the data by more than 15 % of its rms."""
-    errors = dataset.error_by_label(dataset.left_by_label(found.residual, data), data)
+    errors = dataset.error_by_label(dataset.residual_by_label(found.residual, data), data)
     return explains(found) or (bool(errors) and max(errors.values()) <= CLOSE)
 
 

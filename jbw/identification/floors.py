@@ -64,7 +64,7 @@ def _own_line(
         single = single if other == run else dataset.without(other, single)
     start = {name: estimates[name] for name in within.names}
     best = costly_fit(dataset.stacked, within, single, starts=start, **CLOSE)
-    residuals = dataset.left_by_label(best.residual, single)
+    residuals = dataset.residual_by_label(best.residual, single)
     error = dataset.error_by_label(residuals, single)
     pairs = zip(data.labels, data.runs, strict=True)
     return rms([error[label] for label, name in pairs if name == run and label in error])

@@ -135,7 +135,7 @@ def doubts_of_fit(drawn: xr.Dataset, ready: Fitted) -> list[Finding]:
     data = ready.data
     findings = []
     if (added := effects(drawn, data.held, ready.y_peak, data.laws)) is not None:
-        residuals = dataset.left_by_label(ready.fit.residual, data)
+        residuals = dataset.residual_by_label(ready.fit.residual, data)
         error = dataset.error_by_label(residuals, data)
         shown = residual_finding(residuals, dataset.fractions_counted(data), error, data.laws)
         misses = shown is not None and shown.status != "ok"

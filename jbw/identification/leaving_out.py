@@ -52,7 +52,7 @@ from jbw.observables.dataset import (
     Dataset,
     as_arrays,
     fractions_counted,
-    left_by_label,
+    residual_by_label,
     silenced,
     size_by_label,
     stacked,
@@ -173,7 +173,7 @@ def _error(run: str, without_it: Fit, prior: Box, data: Dataset) -> float:
     Its damping ratio is not, which the law has to tell.
     """
     scored = own_frequency_alone(data)
-    residuals = left_by_label(residual_at(stacked, without_it.x, prior, scored), scored)
+    residuals = residual_by_label(residual_at(stacked, without_it.x, prior, scored), scored)
     sizes = size_by_label(data)
     labels = [label for label, name in zip(data.labels, data.runs, strict=True) if name == run]
     sized = [label for label in labels if label in sizes]  # a line fit of the run has no size
@@ -255,7 +255,9 @@ def _own_errors(fits: Mapping[str, Fit], data: Dataset) -> NDArray[np.float64]:
     $\sqrt{(\sigma_i^2 / f) / (\sigma^2 / f_{all})}$: what one law leaves of all records is
     misfit, of which little is left of each, and a larger fraction f of that is independent.
     """
-    residuals = {record: left_by_label(fit.residual, data)[record] for record, fit in fits.items()}
+    residuals = {
+        record: residual_by_label(fit.residual, data)[record] for record, fit in fits.items()
+    }
     fraction = correlated_fraction(np.stack(list(residuals.values())))
     fraction_of_all = fractions_counted(data)
     noise = dict(zip(data.labels, np.concatenate([_noise(p) for p in data.parts]), strict=True))

@@ -76,7 +76,7 @@ from jbw.observables.dataset import (
     as_arrays,
     by_label,
     fractions_counted,
-    left_by_label,
+    residual_by_label,
     size_by_label,
     stacked,
 )
@@ -323,11 +323,11 @@ def left_out_run(run: str, fit: Fit, known: Slopes, prior: Box, noise: NoiseOf) 
     of_run = _end_to_end(rows, labels, data)
     shift, std = shift_of(of_run, slopes, jacobian, fit.covariance)
     _, noise_std = shift_of(of_run, slopes, jacobian, np.zeros_like(fit.covariance))
-    residuals = left_by_label(rows - by_own @ shift, data)
+    residuals = residual_by_label(rows - by_own @ shift, data)
     shift_by_parameters = coefficients_of(slopes) @ jacobian
     explained = by_own @ shift_by_parameters
     by_errors = (known.jacobian - explained) @ root_of(fit.covariance)
-    moves = [left_by_label(column, data) for column in by_errors.T]
+    moves = [residual_by_label(column, data) for column in by_errors.T]
     uncertain = {label: np.stack([move[label] for move in moves], axis=1) for label in labels}
     rests = _rests({label: residuals[label] for label in labels}, noise, data, uncertain)
     by_runs = np.hypot(std, known.scatter), np.hypot(noise_std, known.scatter)
@@ -380,7 +380,7 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
     by_name = {plain(n): float(value) for n, value in reversed(everything_known.items())}
     natural = by_name.get("omega_n", 1.0)
     amplitudes, repeated = amplitudes_of_runs(data, natural), _noise_of_repeats(data)
-    residuals, slopes = left_by_label(best.residual, data), slopes_of(best, prior, data)
+    residuals, slopes = residual_by_label(best.residual, data), slopes_of(best, prior, data)
     noise = _noise_alike(residuals, data) | repeated
     stay_in = _decays(data) - {run for group in fits for run in group}
     fits_with_decays = {tuple(sorted(stay_in)): best} if stay_in else {}  # decays among other tests

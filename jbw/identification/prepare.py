@@ -196,7 +196,7 @@ def settled(
 
 def with_weights(best: Fit, data: Dataset, settings: Identify) -> Dataset:
     """The dataset with the noise and misfit that a fit leaves, and as many independent values."""
-    residuals = dataset.left_by_label(best.residual, data)
+    residuals = dataset.residual_by_label(best.residual, data)
     if settings.model_error == "none":
         return dataset.with_fitted_noise(best.theta, residuals, data)
     expected = dataset.with_discrepancy(residuals, data)

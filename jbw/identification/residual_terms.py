@@ -21,7 +21,7 @@ from jbw.campaign.settings import Identify
 from jbw.identification.causes import MOSTLY, other_mode
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.space.box import Box, bounds_by_name, box
-from jbw.observables.dataset import Dataset, left_by_label
+from jbw.observables.dataset import Dataset, residual_by_label
 from jbw.observables.effective_values import is_coloured
 from jbw.observables.residual_terms import (
     LOWER,
@@ -153,7 +153,7 @@ def _falls(before: Fit, after: Fit, growth: float = GROWTH) -> bool:
 
 def _misses(best: Fit, data: Dataset, takers: tuple[str, ...]) -> bool:
     """Whether a fit leaves more than noise of data that may take terms."""
-    residuals = left_by_label(best.residual, data)
+    residuals = residual_by_label(best.residual, data)
     labels = (label for part in data.parts if part.residuals in takers for label in part.labels)
     return any(label in residuals and is_coloured(residuals[label]) for label in labels)
 

@@ -42,7 +42,7 @@ from jbw.observables.dataset import (
     by_label,
     error_by_label,
     estimates_at,
-    left_by_label,
+    residual_by_label,
     stacked,
     with_directions,
 )
@@ -251,7 +251,7 @@ def own_frequency_alone(data: Dataset) -> Dataset:
 def errors_with_own_frequency(fit: Fit, prior: Box, data: Dataset) -> dict[str, float]:
     """Error of every group at a fit over its size; runs have no damping ratio of their own."""
     scored = own_frequency_alone(data)
-    residual = left_by_label(residual_at(stacked, fit.x, prior, scored), scored)
+    residual = residual_by_label(residual_at(stacked, fit.x, prior, scored), scored)
     return error_by_label(residual, scored)
 
 

@@ -21,7 +21,7 @@ from jbw.errors import DataError
 from jbw.identification.coordinates import combinations
 from jbw.identification.linear import line_fit
 from jbw.identification.linear_step import NAMES
-from jbw.identification.paper import kernel
+from jbw.identification.paper import kernel, simulated_kernel
 from jbw.identification.paper.kernel import KernelData
 from jbw.identification.paper.step4 import OpeningCurve, opening_curve
 from jbw.identification.paper.step4 import log_likelihood as opening_likelihood
@@ -32,7 +32,6 @@ from jbw.inference.fit.locate import Search
 from jbw.inference.generator import generator
 from jbw.inference.space.box import Box, Product, from_unit, value_of
 from jbw.inference.space.problem import Theta
-from jbw.lab import simulated_kernel
 from jbw.lab.designs import Design
 from jbw.measurement.spectra import FRF
 from jbw.observables.dataset import Dataset, log_likelihood, stacked

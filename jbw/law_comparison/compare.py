@@ -464,7 +464,7 @@ def residuals(named: Mapping[str, Candidate], highest: str | None) -> xr.Dataset
     label = max(labels, key=lambda name: sizes[name])
     rows = []
     for candidate in named.values():
-        residual = dataset.left_by_label(candidate.fitted.fit.residual, candidate.fitted.data)[
+        residual = dataset.residual_by_label(candidate.fitted.fit.residual, candidate.fitted.data)[
             label
         ]
         relative = np.abs(residual) * np.sqrt(len(residual)) / sizes[label]

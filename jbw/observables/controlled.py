@@ -297,11 +297,11 @@ class ControlledPoints(Repeated):
         values = np.asarray(self.amplitude)[self.rows[group].test]
         return "displacement", "m", values[self.compared(group)]
 
-    def with_fitted_noise(self, theta: Theta, left: Rows) -> Self:
+    def with_fitted_noise(self, theta: Theta, residuals: Rows) -> Self:
         """The data with the noise that a fit leaves, and what of it the amplitude's noise is."""
         rows = np.zeros(self.mean.shape)
         for i, label in enumerate(self.labels):
-            rows[i, : len(left[label])] = np.real(left[label])
+            rows[i, : len(residuals[label])] = np.real(residuals[label])
         raw = rows * np.asarray(self.scale)
         raw += np.asarray(self.mixed) * raw[self._force_of_test]
         carried = self._carrying(theta, raw)

@@ -324,7 +324,7 @@ def as_arrays(theta: Mapping[str, float], data: Dataset) -> dict[str, Array]:
     return {**data.held, **jax.device_put({n: np.asarray(x, float) for n, x in theta.items()})}
 
 
-def left_by_label(rows: Float[np.ndarray, " values"], data: Dataset) -> dict[str, Row]:
+def residual_by_label(rows: Float[np.ndarray, " values"], data: Dataset) -> dict[str, Row]:
     """What a fit's `stacked`, or a column of its Jacobian, leaves of each group, in its unit."""
     labelled = by_label(rows, data)
     rows_by_part = [part.in_units(labelled) for part in data.parts]
@@ -332,27 +332,27 @@ def left_by_label(rows: Float[np.ndarray, " values"], data: Dataset) -> dict[str
 
 
 def size_by_label(data: Dataset) -> dict[str, float]:
-    """Root of the sum of squares of the mean of each group of `left_by_label`."""
+    """Root of the sum of squares of the mean of each group of `residual_by_label`."""
     return {label: size for part in data.parts for label, size in part.sizes().items()}
 
 
-def error_by_label(left: Mapping[str, Row], data: Dataset) -> dict[str, float]:
+def error_by_label(residuals: Mapping[str, Row], data: Dataset) -> dict[str, float]:
     """Size of what a fit leaves of the mean of each group, over that of the mean."""
     sizes = size_by_label(data)
-    return {label: float(np.linalg.norm(left[label])) / size for label, size in sizes.items()}
+    return {label: float(np.linalg.norm(residuals[label])) / size for label, size in sizes.items()}
 
 
-def with_discrepancy(left: Mapping[str, Row], data: Dataset) -> Dataset:
+def with_discrepancy(residuals: Mapping[str, Row], data: Dataset) -> Dataset:
     """The dataset with what the law is expected to leave, one share of the response a part."""
-    return replace(data, parts=tuple(part.with_discrepancy(left) for part in data.parts))
+    return replace(data, parts=tuple(part.with_discrepancy(residuals) for part in data.parts))
 
 
 def with_fitted_noise(
-    theta: Mapping[str, float], left: Mapping[str, Row], data: Dataset
+    theta: Mapping[str, float], residuals: Mapping[str, Row], data: Dataset
 ) -> Dataset:
     """The dataset with the noise that a fit leaves in every group."""
     everything = as_arrays(theta, data)
-    parts = tuple(p.with_fitted_noise(of_part(everything, p), left) for p in data.parts)
+    parts = tuple(p.with_fitted_noise(of_part(everything, p), residuals) for p in data.parts)
     return replace(data, parts=parts)
 
 
@@ -367,8 +367,8 @@ def effective_fractions(
 
     `rows` and the others are of a fit to `data`, `expected` has the misfit that is expected of it.
     """
-    residuals = left_by_label(rows, data)
-    columns = [left_by_label(column, data) for column in np.asarray(jacobian).T]
+    residuals = residual_by_label(rows, data)
+    columns = [residual_by_label(column, data) for column in np.asarray(jacobian).T]
     parts = (expected or data).parts
     fractions_by_part = [part.effective_fractions(residuals, columns, covariance) for part in parts]
     return {

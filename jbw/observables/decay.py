@@ -110,7 +110,7 @@ class Decays(Envelopes):
         )
         return rows, jnp.zeros((len(rows), 0, rows.shape[1]))
 
-    def left(self, theta: Theta) -> Weighted:
+    def residual(self, theta: Theta) -> Weighted:
         """What the best initial state and shift leave of every envelope: its parts side by side."""
         rows = _parts(self.matches(theta).residual)
         return rows, jnp.zeros((len(rows), 0, rows.shape[1]))
@@ -167,7 +167,7 @@ class Decays(Envelopes):
         norms = np.linalg.norm(np.asarray(self.envelope), axis=1)
         return dict(zip(self.names, norms.tolist(), strict=True))
 
-    def with_fitted_noise(self, theta: Theta, left: Rows) -> Self:
+    def with_fitted_noise(self, theta: Theta, residuals: Rows) -> Self:
         """The decays with the noise of every record, and the scatter of their frequencies."""
         matches = matched(theta, self)
         noise = jnp.sqrt(matches.misfit / (2 * self.envelope.shape[1] - self.num_own))
@@ -176,10 +176,10 @@ class Decays(Envelopes):
         return replace(self, noise_std=noise, shift_std=jnp.asarray(scatter))
 
     def effective_fractions(
-        self, left: Rows, columns: Sequence[Rows], covariance: Covariance
+        self, residuals: Rows, columns: Sequence[Rows], covariance: Covariance
     ) -> dict[str, float]:
         """One fraction of all records, by the correlation of what is left of them together."""
-        fraction = correlated_fraction(np.stack([left[name] for name in self.names]))
+        fraction = correlated_fraction(np.stack([residuals[name] for name in self.names]))
         return dict.fromkeys(self.names, fraction)
 
     def with_effective_values(self, fractions: Mapping[str, float]) -> Self:

@@ -1,4 +1,4 @@
-"""What a law leaves of repeated data: its share of the response, and what it makes them count for.
+"""The residual of repeated data: its share of the response, and what the data count for then.
 
 Weights that followed the misfit of every group by itself would let a record that a poor fit misses
 lose its voice, and the next fit would miss it more. So the law's misfit is one share of the
@@ -22,32 +22,32 @@ from jbw.observables.observable import Covariance, Rows
 from jbw.observables.repeats import RepeatedGroups
 
 
-class Left(NamedTuple):
-    """What a fit leaves of a group: mean squares of noise and of misfit, and whether it is that."""
+class GroupResidual(NamedTuple):
+    """Mean squares of noise and of misfit in a group's residual, and whether it is misfit."""
 
     noise: float
     misfit: float
     is_misfit: bool
 
 
-def left_of(groups: RepeatedGroups, left: Rows) -> list[Left]:
-    """What a fit leaves of every group, its noise by the scatter of repeats where there are any."""
+def group_residuals(groups: RepeatedGroups, residuals: Rows) -> list[GroupResidual]:
+    """Noise and misfit of every group; the noise by the scatter of repeats where there are any."""
     misfits, arrays = [], (groups.num_repeats, groups.size, groups.within)
     numbers = zip(groups.labels, *(np.asarray(x, float).tolist() for x in arrays), strict=True)
     for label, count, size, within in numbers:
-        row = left[label]
+        row = residuals[label]
         square, coloured = float(np.sum(np.abs(row) ** 2)) / size, is_coloured(row)
         if count > 1:
             noise = within / (size * (count - 1))
         else:
             noise = 0.0 if coloured else square
         misfit = max(square - noise / count, 0.0)
-        misfits.append(Left(noise, misfit, coloured or count * misfit > MISFIT * noise))
+        misfits.append(GroupResidual(noise, misfit, coloured or count * misfit > MISFIT * noise))
     return misfits
 
 
 def shared_misfit(
-    groups: RepeatedGroups, sizes: Float[np.ndarray, " group"], left: Rows
+    groups: RepeatedGroups, sizes: Float[np.ndarray, " group"], residuals: Rows
 ) -> Float[np.ndarray, " group"]:
     r"""Mean square that the law is expected to leave of every value of a group.
 
@@ -58,12 +58,14 @@ def shared_misfit(
     whose residual is noise adds nothing to rho.
     """
     square = sizes**2 / np.asarray(groups.size)
-    misfit = [group.misfit if group.is_misfit else 0.0 for group in left_of(groups, left)]
+    misfit = [
+        group.misfit if group.is_misfit else 0.0 for group in group_residuals(groups, residuals)
+    ]
     return np.mean(misfit / np.where(square > 0, square, 1.0)) * square
 
 
 def independent_fractions(
-    groups: RepeatedGroups, left: Rows, columns: Sequence[Rows], covariance: Covariance
+    groups: RepeatedGroups, residuals: Rows, columns: Sequence[Rows], covariance: Covariance
 ) -> dict[str, float]:
     r"""Fraction of values that count as independent, of groups that the law does not follow.
 
@@ -76,10 +78,10 @@ def independent_fractions(
     w, for the colour, is the harmonic mean over the groups that are misfitted.
     """
     fractions, colours = {}, []
-    group_misfits = left_of(groups, left)
+    group_misfits = group_residuals(groups, residuals)
     for label, group in zip(groups.labels, group_misfits, strict=True):
         slopes = np.stack([column[label] for column in columns])
-        fraction = effective_fraction(left[label], slopes, covariance)
+        fraction = effective_fraction(residuals[label], slopes, covariance)
         if group.is_misfit:
             colours.append(fraction)
         elif fraction <= BY_CHANCE:  # noise that is loud where the prediction moves

@@ -162,11 +162,11 @@ class ModalDecays(Decays):
         beginnings = {"begun": self.begun[record_slice], "amplitude": self.amplitude[record_slice]}
         return super().values_of(record, size) | beginnings
 
-    def with_fitted_noise(self, theta: Theta, left: Rows) -> Self:
+    def with_fitted_noise(self, theta: Theta, residuals: Rows) -> Self:
         """The decays with the noise of every record, looked for from their best starts on."""
         start: Start = matched(theta, self).entry  # pyright: ignore[reportAssignmentType]
         begun = jnp.concatenate([start.state, start.shift[:, None]], axis=1)
-        return replace(super().with_fitted_noise(theta, left), begun=begun)
+        return replace(super().with_fitted_noise(theta, residuals), begun=begun)
 
     def peaks_of_modes(self) -> tuple[float, ...]:
         """Of every mode where the records begin."""
@@ -334,10 +334,10 @@ def _square(residual: Complex[Array, " step"]) -> Float[Array, ""]:
     return jnp.sum(jnp.square(residual.real) + jnp.square(residual.imag))
 
 
-def errors_by_mode(left: Complex[np.ndarray, "record step"], data: ModalDecays) -> list[float]:
+def errors_by_mode(residual: Complex[np.ndarray, "record step"], data: ModalDecays) -> list[float]:
     """What is left over what was measured, in the band of each mode, by lines of the envelopes."""
-    hz = data.centre_hz + np.fft.fftfreq(left.shape[1], data.step_s)
-    lines, measured_lines = (np.fft.fft(np.asarray(rows)) for rows in (left, data.envelope))
+    hz = data.centre_hz + np.fft.fftfreq(residual.shape[1], data.step_s)
+    lines, measured_lines = (np.fft.fft(np.asarray(rows)) for rows in (residual, data.envelope))
     mode_lines = [lines_within(hz, band) for band in data.bands_hz]
     return [
         float(np.linalg.norm(lines[:, k]) / np.linalg.norm(measured_lines[:, k]))

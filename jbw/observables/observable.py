@@ -153,11 +153,11 @@ class Observable(eqx.Module):
         """Terms of the log likelihood besides those of `estimate`, where runs have no offsets."""
         return jnp.zeros(0)
 
-    def left(self, theta: Theta) -> Weighted:
+    def residual(self, theta: Theta) -> Weighted:
         """Every group's mean less its prediction, and this one's change by the run's offsets."""
         raise NotImplementedError
 
-    def left_sums(
+    def residual_sums(
         self,
         theta: Theta,
         rows: Float[Array, "group row value"],
@@ -170,20 +170,20 @@ class Observable(eqx.Module):
             rows: What the misfit of every group is multiplied with.
             offset: Offsets of each group's run; None for none.
         """
-        misfit, directions = self.left(theta)
+        misfit, directions = self.residual(theta)
         if offset is not None and directions.shape[1]:
             misfit = misfit - jnp.einsum("gi,gin->gn", offset, directions)
         return jnp.sum(misfit**2, axis=-1), jnp.einsum("grn,gn->gr", rows, misfit)
 
     def measured_rows(self) -> Float[Array, "group value"] | None:
-        """Every group's mean as `left` has it; None where it is none, but read off one before."""
+        """Every group's mean as `residual` takes it; None where it was read off a mean before."""
         return None
 
     def in_units(self, rows: Mapping[str, Float[np.ndarray, " value"]]) -> dict[str, Row]:
         """Rows by label, or derivatives, in the values' unit, of groups that a fit is judged by."""
         return {}
 
-    def spectra(self, left: Rows) -> dict[str, Spectrum]:
+    def spectra(self, residuals: Rows) -> dict[str, Spectrum]:
         """Groups of `in_units` whose misfit can be tried against its usual causes, by label."""
         return {}
 
@@ -221,16 +221,16 @@ class Observable(eqx.Module):
         """The data with the change of every prediction by its run's offsets, about those known."""
         return self
 
-    def with_discrepancy(self, left: Rows) -> "Observable":
+    def with_discrepancy(self, residuals: Rows) -> "Observable":
         """The data with what the law is expected to leave of them, by what a fit leaves."""
         return self
 
-    def with_fitted_noise(self, theta: Theta, left: Rows) -> "Observable":
+    def with_fitted_noise(self, theta: Theta, residuals: Rows) -> "Observable":
         """The data with the noise of every group that a fit leaves, by `in_units`."""
         return self
 
     def effective_fractions(
-        self, left: Rows, columns: Sequence[Rows], covariance: Covariance
+        self, residuals: Rows, columns: Sequence[Rows], covariance: Covariance
     ) -> dict[str, float]:
         """Fraction of independent values where below one, by what a fit leaves; by label."""
         return {}

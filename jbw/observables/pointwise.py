@@ -166,7 +166,7 @@ def _solved_at(theta: Theta, part: Any) -> Any:
 
 @eqx.filter_jit
 def _left(theta: Theta, part: Observable) -> Float[Array, "group value"]:
-    return part.left(theta)[0]
+    return part.residual(theta)[0]
 
 
 def _single(
@@ -248,7 +248,7 @@ def _sums(theta: Theta, task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]]) -
         if part_rows is None:
             parts.append(_known(of_part(everything, part), part, b))
             continue
-        square, products = part.left_sums(of_part(everything, part), part_rows.rows, b)
+        square, products = part.residual_sums(of_part(everything, part), part_rows.rows, b)
         cross = products[part_rows.group, part_rows.place]
         parts.append(
             {

@@ -253,7 +253,7 @@ class Records(Repeated):
         """Means, or their spectra in a band."""
         return values_of(self.mean, self.lines)
 
-    def left_sums(
+    def residual_sums(
         self,
         theta: Theta,
         rows: Float[Array, "level row value"],
@@ -262,12 +262,12 @@ class Records(Repeated):
         """The same, where it can be added up in the time loop, of which no response is written."""
         if self.solution is not None:
             if self.solution.response is not None:
-                return super().left_sums(theta, rows, offset)
+                return super().residual_sums(theta, rows, offset)
             # The rows are the directions, no offset is known: nothing else was solved for.
             hidden = self._hidden(self.solution.peak)
             return jnp.where(hidden, jnp.nan, self.solution.square), self.solution.along
         if not self._summed(theta) or rows.shape[1] > MOST_ROWS:
-            return super().left_sums(theta, rows, offset)
+            return super().residual_sums(theta, rows, offset)
         offset_from_origin = jnp.zeros((len(self.origin), self.repeats.directions.shape[1]))
         if self.origin.shape[1]:
             offset_from_origin = jnp.stack([theta[name] for name in OFFSETS]) - self.origin
@@ -370,7 +370,7 @@ class Records(Repeated):
 
     def squares(self, theta: Theta) -> Float[Array, " level"]:
         r"""Squared residuals of all repeats, $Q = \sum_k |d_k - m|^2 = K\,|\bar d - m|^2 + S$."""
-        square, _ = self.left_sums(theta, jnp.zeros((len(self.mean), 0, self.width)))
+        square, _ = self.residual_sums(theta, jnp.zeros((len(self.mean), 0, self.width)))
         return self.repeats.num_repeats * square + self.repeats.within
 
     def linearised(self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]) -> Self:
@@ -408,7 +408,7 @@ class Records(Repeated):
         slope = (8 * (ahead - behind) - (far - beyond)) / (12 * steps[:, None])
         return np.moveaxis(slope, 1, -1)
 
-    def spectra(self, left: Rows) -> dict[str, Spectrum]:
+    def spectra(self, residuals: Rows) -> dict[str, Spectrum]:
         """Of every level: samples in time, or lines of a band."""
         order, length, spectra = derivative_order(self.response), self.mean.shape[1], {}
         omega = 2 * np.pi * np.fft.rfftfreq(length, 1 / self.fs)
@@ -416,7 +416,7 @@ class Records(Repeated):
             mean, source = np.asarray(self.mean[i]), np.asarray(self.source[i, self.skipped :])
             if self.lines is None:
                 spectra[label] = of_samples(
-                    mean, left[label], source, self.fs, order, periodic=self.periodic
+                    mean, residuals[label], source, self.fs, order, periodic=self.periodic
                 )
                 continue
             band = slice(*self.lines)
@@ -426,7 +426,7 @@ class Records(Repeated):
             rows = (mean, source, 0.0 * mean if late is None else late)
             x, u, turned = (np.sqrt(2 / length) * np.fft.rfft(row)[band] for row in rows)
             spectra[label] = of_lines(
-                x, left[label], omega[band], u, (1j * omega[band]) ** order,
+                x, residuals[label], omega[band], u, (1j * omega[band]) ** order,
                 None if late is None else turned,
             )  # fmt: skip
         return spectra

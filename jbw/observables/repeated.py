@@ -93,10 +93,10 @@ class Repeated(Observable):
     def weighted(self, theta: Theta) -> Weighted:
         """Residuals and directions in standard errors of a mean."""
         weight = self.weight
-        residual, directions = self.left(theta)
+        residual, directions = self.residual(theta)
         return weight[:, None] * residual, weight[:, None, None] * directions
 
-    def left(self, theta: Theta) -> Weighted:
+    def residual(self, theta: Theta) -> Weighted:
         """Misfit and directions, in the unit of the values."""
         return self.beside_own(self.misfit(theta)), self.repeats.directions
 
@@ -120,7 +120,7 @@ class Repeated(Observable):
         """What each group says of its offsets, its noise integrated out under 1/sigma."""
         repeats = self.repeats
         scatter = repeats.within + repeats.size * repeats.num_repeats * repeats.discrepancy
-        square, along = self.left_sums(theta, repeats.directions)
+        square, along = self.residual_sums(theta, repeats.directions)
         return estimate(
             square, along, scatter, repeats.num_repeats, repeats.num_values, repeats.directions
         )
@@ -180,24 +180,24 @@ class Repeated(Observable):
             directions=np.asarray(self.repeats.directions)[:, :0],
         )
 
-    def with_discrepancy(self, left: Rows) -> Self:
+    def with_discrepancy(self, residuals: Rows) -> Self:
         """The data with what the law leaves of them, one share of the response for all groups."""
         sizes = np.array(list(self.sizes().values()))
-        return self.with_repeats(discrepancy=shared_misfit(self.repeats, sizes, left))
+        return self.with_repeats(discrepancy=shared_misfit(self.repeats, sizes, residuals))
 
-    def with_fitted_noise(self, theta: Theta, left: Rows) -> Self:
+    def with_fitted_noise(self, theta: Theta, residuals: Rows) -> Self:
         r"""The data with the noise that a fit leaves, $\sigma^2 = Q / (N K - q) + \tau^2$."""
         repeats = self.repeats
-        squares = np.array([np.sum(np.abs(left[label]) ** 2) for label in repeats.labels])
+        squares = np.array([np.sum(np.abs(residuals[label]) ** 2) for label in repeats.labels])
         total = np.asarray(repeats.num_repeats) * squares + np.asarray(repeats.within)
         square = total / np.asarray(repeats.num_counted) + np.asarray(repeats.discrepancy)
         return self.with_repeats(noise_std=np.sqrt(square))
 
     def effective_fractions(
-        self, left: Rows, columns: Sequence[Rows], covariance: Covariance
+        self, residuals: Rows, columns: Sequence[Rows], covariance: Covariance
     ) -> dict[str, float]:
         """Fraction of independent values where the law leaves more than noise of the groups."""
-        return independent_fractions(self.repeats, left, columns, covariance)
+        return independent_fractions(self.repeats, residuals, columns, covariance)
 
     def with_effective_values(self, fractions: Mapping[str, float]) -> Self:
         """The data that count for as many values as are independent."""

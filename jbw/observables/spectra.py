@@ -25,7 +25,7 @@ class Spectrum(NamedTuple):
 
     Attributes:
         values: The mean measured, samples or lines.
-        left: What the fit leaves of it.
+        residual: Residual of the fit.
         omega: Frequencies of the lines [rad/s].
         measured: Of the response.
         predicted: Of the response, by the fit.
@@ -38,7 +38,7 @@ class Spectrum(NamedTuple):
     """
 
     values: Row
-    left: Row
+    residual: Row
     omega: Float[np.ndarray, " line"]
     measured: Spectral
     predicted: Spectral
@@ -51,7 +51,7 @@ class Spectrum(NamedTuple):
 
 def of_samples(
     mean: Float[np.ndarray, " time"],
-    left: Float[np.ndarray, " time"],
+    residual: Float[np.ndarray, " time"],
     source: Float[np.ndarray, " time"],
     fs: float,
     order: int,
@@ -61,7 +61,7 @@ def of_samples(
     """A record in time, at rest before and after unless it is one period."""
     length = len(mean)
     padded = length if periodic else 2 * length
-    measured, predicted, driven = (np.fft.rfft(x, padded) for x in (mean, mean - left, source))
+    measured, predicted, driven = (np.fft.rfft(x, padded) for x in (mean, mean - residual, source))
     omega = 2 * np.pi * np.fft.rfftfreq(padded, 1 / fs)
 
     def row(spectrum: Spectral) -> Row:
@@ -70,12 +70,12 @@ def of_samples(
     factor = (1j * omega) ** order
     time = np.arange(length) / fs
     stretched = None if periodic else time * row(1j * omega * predicted)
-    return Spectrum(mean, left, omega, measured, predicted, driven, factor, row, stretched)
+    return Spectrum(mean, residual, omega, measured, predicted, driven, factor, row, stretched)
 
 
 def of_lines(
     values: Spectral,
-    left: Spectral,
+    residual: Spectral,
     omega: Float[np.ndarray, " line"],
     source: Spectral,
     factor: Spectral,
@@ -83,6 +83,6 @@ def of_lines(
 ) -> Spectrum:
     """Lines of a spectrum, or harmonics at some frequencies."""
     return Spectrum(
-        values, left, omega, values, values - left, source, factor, lambda spectrum: spectrum,
-        stretched,
+        values, residual, omega, values, values - residual, source, factor,
+        lambda spectrum: spectrum, stretched,
     )  # fmt: skip

@@ -183,7 +183,7 @@ class Points(Repeated):
         residual = self.mean - self.predict(theta)
         return jnp.concatenate([residual.real, residual.imag], axis=1)
 
-    def spectra(self, left: Rows) -> dict[str, Spectrum]:
+    def spectra(self, residuals: Rows) -> dict[str, Spectrum]:
         """Of every measured response: its harmonic at the frequencies of its points."""
         spectra = {}
         for i, label in enumerate(self.labels):
@@ -194,7 +194,7 @@ class Points(Repeated):
             omega, source = (np.asarray(x)[point] for x in (self.omega, self.load))
             values = np.asarray(self.mean[i])[compared]
             driven = source[:, 0] * (order == 1)  # higher ones are the amplifier's distortion
-            spectra[label] = of_lines(values, left[label], order * omega, driven, factor)
+            spectra[label] = of_lines(values, residuals[label], order * omega, driven, factor)
         return spectra
 
     def first_values(self) -> dict[str, float]:

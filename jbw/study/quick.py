@@ -60,7 +60,7 @@ def fit_tree(seen: Measured, posteriors: Posteriors) -> xr.DataTree:
 
 def fit_errors(fitted: Fitted) -> dict[str, float]:
     """Error of the fit by group of data, over the rms of the group."""
-    residuals = dataset.left_by_label(fitted.fit.residual, fitted.data)
+    residuals = dataset.residual_by_label(fitted.fit.residual, fitted.data)
     errors = dataset.error_by_label(residuals, fitted.data)
     return {label: float(error) for label, error in errors.items()}
 

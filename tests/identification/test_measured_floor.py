@@ -12,7 +12,7 @@ from jbw.campaign.load import load_campaign
 from jbw.campaign.settings import Identify
 from jbw.identification.assemble import measured
 from jbw.identification.prepare import fit_joint
-from jbw.observables.dataset import error_by_label, left_by_label
+from jbw.observables.dataset import error_by_label, residual_by_label
 
 
 @pytest.fixture(scope="module")
@@ -38,7 +38,7 @@ def floor(test, residuals):
     test = replace(test, records=(record,), residuals=residuals)
     seen = measured([test], Identify(offsets="none"), laws=())
     ready = fit_joint(jax.random.key(0), seen, lambda said: None)
-    left = error_by_label(left_by_label(ready.fit.residual, ready.data), ready.data)
+    left = error_by_label(residual_by_label(ready.fit.residual, ready.data), ready.data)
     return left.popitem()[1], ready.fit.theta
 
 

@@ -42,7 +42,7 @@ from jbw.identification.selection import DecaySplit
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.space.box import box
 from jbw.measurement.records import Record, Test
-from jbw.observables.dataset import Dataset, left_by_label, stacked, with_fitted_noise
+from jbw.observables.dataset import Dataset, residual_by_label, stacked, with_fitted_noise
 from jbw.observables.decay import Decays
 from jbw.observables.decay_drift import drift_of
 from jbw.report.messages import discrepancy as messages
@@ -304,7 +304,7 @@ def learned(hardening):
     data = Dataset.of([Decays.of(decays(RUNS, hardening), laws=())])
     prior = box({"omega_n": (0.9 * OMEGA_N, 1.1 * OMEGA_N), "zeta": (1e-4, 2e-2)})
     best = costly_fit(stacked, prior, data, starts={"omega_n": OMEGA_N, "zeta": ZETA})
-    data = with_fitted_noise(best.theta, left_by_label(best.residual, data), data)
+    data = with_fitted_noise(best.theta, residual_by_label(best.residual, data), data)
     best = costly_fit(stacked, prior, data, starts=best.theta)
     y_peak = max(RUNS) / OMEGA_N
     found = model_discrepancy(best, prior, data, fits_without_each_run(best, prior, data))

@@ -159,5 +159,5 @@ def test_a_stated_mass_that_contradicts_the_data_is_a_failure_by_name(mass, stat
     tree = xr.DataTree.from_dict({"posterior": xr.Dataset(draws), "sample_stats": xr.Dataset()})
     judged = verdict(tree, prior, chi_square=explained(best, data))
     assert {one.code: one.status for one in judged.findings}["chi_square"] == status
-    error = dataset.error_by_label(dataset.left_by_label(best.residual, data), data)
+    error = dataset.error_by_label(dataset.residual_by_label(best.residual, data), data)
     assert (max(error.values()) > 0.1) == (status == "failed")

@@ -21,7 +21,7 @@ from jbw.identification.leaving_out import identified_alone
 from jbw.identification.prepare import with_weights
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.space.box import box
-from jbw.observables.dataset import as_arrays, error_by_label, left_by_label, stacked
+from jbw.observables.dataset import as_arrays, error_by_label, residual_by_label, stacked
 from jbw.report.messages.residuals import identified_by
 
 LEVELS = (5, 20, 60)
@@ -84,7 +84,7 @@ def test_the_error_of_a_kind_is_the_rms_of_its_tests():
     assert predicted is not None
     rest = without_kind("tones and curves", data)
     theta = as_arrays(costly_fit(stacked, prior, rest, starts=best.theta).theta, data)
-    residual = left_by_label(np.asarray(stacked(theta, data)), data)
+    residual = residual_by_label(np.asarray(stacked(theta, data)), data)
     errors = error_by_label(residual, data)
     squared = [errors[label] ** 2 for label in kinds_of(data)["tones and curves"]]
     error = predicted["error"].sel(kind="tones and curves").item()

@@ -23,9 +23,9 @@ from jbw.observables.controlled import ControlledPoints
 from jbw.observables.dataset import (
     Dataset,
     by_label,
-    left_by_label,
     log_likelihood,
     residual,
+    residual_by_label,
     stacked,
     without,
 )
@@ -182,7 +182,7 @@ def test_the_residual_is_keyed_by_the_labels_and_comes_back_from_its_rows(kind):
     for label, row in rows.items():
         np.testing.assert_array_equal(again[label], np.asarray(row))
     assert len(data.runs) == len(data.labels)
-    left = left_by_label(np.concatenate(list(again.values())), data)
+    left = residual_by_label(np.concatenate(list(again.values())), data)
     assert set(left) <= set(data.labels)
 
 

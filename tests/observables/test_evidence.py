@@ -37,8 +37,8 @@ from jbw.observables.dataset import (
     effective_fractions,
     estimates,
     fractions_counted,
-    left_by_label,
     log_likelihood,
+    residual_by_label,
     stacked,
     with_fitted_noise,
 )
@@ -146,11 +146,11 @@ def test_least_squares_and_likelihood_agree_about_the_optimum(mixed):
     """At the optimum of one the other has no slope, and their curvatures agree."""
     middle = {name: sum(pair) / 2 for name, pair in PRIOR.items()}
     best = costly_fit(stacked, box(PRIOR), mixed, starts=middle)
-    left = left_by_label(best.residual, mixed)
+    left = residual_by_label(best.residual, mixed)
     again = costly_fit(
         stacked, box(PRIOR), with_fitted_noise(best.theta, left, mixed), starts=best.theta
     )
-    left = left_by_label(again.residual, mixed)
+    left = residual_by_label(again.residual, mixed)
     data = with_fitted_noise(again.theta, left, mixed)
     names = list(PRIOR)
     sd = np.sqrt(np.diag(again.covariance))
@@ -173,7 +173,7 @@ def test_least_squares_and_likelihood_agree_about_the_optimum(mixed):
 
 def test_what_a_fit_leaves_is_read_off_its_residual(mixed):
     at_truth = np.asarray(stacked({**theta(), "gain": GAIN}, mixed))
-    left = left_by_label(at_truth, mixed)
+    left = residual_by_label(at_truth, mixed)
     assert set(left) == {"held at 5", "held at 20", "held at 60", "loop"}
     assert left["held at 5"].shape == (36,)
     assert left["loop"].shape == (400,)
@@ -255,7 +255,7 @@ def test_levels_have_no_damping_of_their_own_to_hide_a_law_that_fails():
         data = with_offsets(best, shifts, data)
         best = costly_fit(stacked, prior, data, starts=best.theta)
         zetas = np.array([offset[1] for offset in best_offsets(best.theta, data).values()])
-        alone = left_by_label(best.residual, data)
+        alone = residual_by_label(best.residual, data)
         return zetas / best.theta["zeta"], max(np.linalg.norm(row) for row in alone.values())
 
     (of_levels, error), (of_days, error_of_days) = (

@@ -101,13 +101,13 @@ def test_the_zero_of_a_load_cell_is_fitted_beside_the_joint(kind):
     record = Record(FS, {"displacement": y, "restoring_force": force + zero},
                     {"displacement": "m", "restoring_force": "N"})  # fmt: skip
     (data,) = Loops.reduce([Test("loop", (record,), "loop", 0.01, settle=1.0, load_cell=kind)])
-    left, _ = data.left(theta())
+    left, _ = data.residual(theta())
     assert np.abs(np.asarray(left)).max() < 1e-7 * np.abs(force).max()
     taken = {"exact": 0, "offset": 1, "drift": 2}[kind]
     assert float(data.repeats.num_counted[0]) == len(y) - 256 - taken
     if kind != "exact":
         (plain,) = Loops.reduce([Test("loop", (record,), "loop", 0.01, settle=1.0)])
-        assert np.abs(np.asarray(plain.left(theta())[0])).max() > 1.0
+        assert np.abs(np.asarray(plain.residual(theta())[0])).max() > 1.0
 
 
 def test_samples_of_a_loop_need_no_time(tmp_path):

@@ -10,7 +10,7 @@ import pytest
 from jaxtyping import Array, Float
 from scipy.signal import lfilter
 
-from jbw.observables.misfit import independent_fractions, left_of, shared_misfit
+from jbw.observables.misfit import group_residuals, independent_fractions, shared_misfit
 from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import RepeatedGroups, repeats
 
@@ -96,7 +96,7 @@ def test_a_misfit_that_all_repeats_share_tells_as_much_as_one_of_them(seed):
     for count in (4, 16, 64):
         data = simulated(rng, shape, count=count, noise=0.1, misfit=0.3)
         part, left, _ = weighed(lines(shape[None], data), 1.0)
-        told = left_of(part.repeats, left)[0]
+        told = group_residuals(part.repeats, left)[0]
         assert told.is_misfit
         # 600 values know a mean square to sqrt(2 / 600).
         assert told.misfit == pytest.approx(0.09, rel=4 * np.sqrt(2 / SIZE))
@@ -212,7 +212,7 @@ def test_a_group_that_a_law_misses_keeps_its_voice(seed, missed):
     # the size of whose response is doubled by it.
     shares = np.asarray(part.repeats.discrepancy) * SIZE / np.sum(np.asarray(part.mean) ** 2, 1)
     np.testing.assert_allclose(shares, shares[0], rtol=1e-12)
-    misfits = [one.misfit for one in left_of(part.repeats, left)]
+    misfits = [one.misfit for one in group_residuals(part.repeats, left)]
     squares = np.mean(np.asarray(part.mean) ** 2, axis=1)
     assert shares[0] == pytest.approx(np.mean(misfits / squares), rel=1e-12)
     raised = np.asarray(part.repeats.discrepancy) / np.asarray(usual.repeats.discrepancy)

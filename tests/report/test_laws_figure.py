@@ -36,7 +36,7 @@ def test_loops_have_the_area_of_the_energy_that_is_lost():
 
 def test_residuals_are_of_the_highest_level_and_of_the_size_of_the_error(monkeypatch):
     left = {"low": np.ones(300), "high": np.full(300, 0.2)}
-    monkeypatch.setattr(compare.dataset, "left_by_label", lambda *of: left)
+    monkeypatch.setattr(compare.dataset, "residual_by_label", lambda *of: left)
     sizes = {"low": 10 * np.sqrt(300), "high": np.sqrt(300)}
     monkeypatch.setattr(compare.dataset, "size_by_label", lambda of: sizes)
     residual_data = residuals(NAMED, "b")

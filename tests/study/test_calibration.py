@@ -17,11 +17,10 @@ from tiers import represented_by
 
 from jbw.cli import run as command
 from jbw.errors import ConfigError, ModelError
-from jbw.identification.paper import kernel
+from jbw.identification.paper import kernel, simulated_kernel
 from jbw.identification.paper.kernel import KernelData
 from jbw.identification.paper.step4 import log_likelihood as opening_likelihood
 from jbw.inference.calibration.replications import calibrate
-from jbw.lab import simulated_kernel
 from jbw.lab.calibration import sbc, suited
 from jbw.oscillator.oscillator import BoucWen
 from jbw.oscillator.response import simulate
