@@ -21,12 +21,11 @@ from jbw.identification.paper import kernel, simulated_kernel
 from jbw.identification.paper.kernel import KernelData
 from jbw.identification.paper.step4 import log_likelihood as opening_likelihood
 from jbw.inference.calibration.replications import calibrate
+from jbw.lab import designs, models
 from jbw.lab.calibration import sbc, suited
 from jbw.oscillator.oscillator import BoucWen
 from jbw.oscillator.response import simulate
 from jbw.rig import SLIDERS
-from jbw.study import calibration_designs as designs
-from jbw.study import calibration_models as models
 
 SEEDS = (0, 1, 2)
 LEAST = 1e-4

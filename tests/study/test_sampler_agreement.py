@@ -13,8 +13,8 @@ from scipy.interpolate import CubicSpline
 from jbw.identification.paper.step4 import log_likelihood, opening_curve
 from jbw.inference.posterior.summary import diagnose
 from jbw.inference.samplers.sampling import sample
+from jbw.lab import designs
 from jbw.lab.models import measured_records
-from jbw.study import calibration_designs as designs
 
 SEEDS = (0,)
 STEPS = 8
