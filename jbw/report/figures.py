@@ -150,7 +150,7 @@ def save_figures(tree: xr.DataTree, folder: Path, dpi: int = 130) -> None:
         under_way.info("figure %s", entry.slug)
         path = folder / f"{entry.slug}.png"
         try:
-            drawing(entry, tree).savefig(path, dpi=dpi, facecolor="white")
+            _save(drawing(entry, tree), path, dpi)
         except OSError:
             raise
         except Exception:
@@ -161,7 +161,13 @@ def save_figures(tree: xr.DataTree, folder: Path, dpi: int = 130) -> None:
         with suppress(DataError):  # there are no further tests
             if entry.rest is not None:
                 rest = path.with_stem(f"{path.stem}_rest")
-                drawing(entry, tree, rest=True).savefig(rest, dpi=dpi, facecolor="white")
+                _save(drawing(entry, tree, rest=True), rest, dpi)
+
+
+def _save(figure: Figure, path: Path, dpi: int) -> None:
+    """Write a figure, whose layout is settled then: of another form it is not worked out again."""
+    figure.savefig(path, dpi=dpi, facecolor="white")
+    figure.set_layout_engine("none")
 
 
 def svg(figure: Figure, name: str) -> str:
