@@ -23,7 +23,7 @@ def truth_of(campaign):
 
 
 class Weighed:
-    """Moments of importance sampling's draws, and its k-hat."""
+    """Moments of weighed points' draws, and the k-hat of their weights."""
 
     def __init__(self, tree):
         self.draws = tree["posterior"].to_dataset()
@@ -37,14 +37,14 @@ class Weighed:
 
 
 def joint_of(data, settings, seed):
-    """The joint step's fits, and their posterior by importance sampling instead of chains."""
+    """The joint step's fits, and their posterior by rounds of points, as a campaign's usual one."""
     known = told_by(data.parts)
     prior = box_of(settings, data, known)
     keys = jax.random.split(jax.random.key(seed), 3)
     first = fit_from(keys[0], data, prior, known)
     ready = reweight(keys[1], data, prior, first, settings)
     tree = sample(
-        keys[2], log_likelihood, ready.box, ready.data, sampler="importance", num_chains=4,
+        keys[2], log_likelihood, ready.box, ready.data, sampler="amis", num_chains=4,
         num_samples=50, start=ready.fit.theta, covariance=ready.fit.covariance,
     )  # fmt: skip
     return Weighed(tree), ready.data
@@ -63,12 +63,8 @@ def test_the_truth_lies_within_the_joint_posterior(seed):
     assert not data.has_offsets  # one assembly, one day: nothing shifts
 
 
-def of_days(offsets, **more):
-    """z-score and sd of omega_n by sweeps of five days; the evidence, and omega_n of each day."""
-    campaign = rig.measure(
-        "mixed", tests=["sweep_1p50N", "sweep_6p00N"], repeats=5, noise_ratio=0.02,
-        omega_n_cv=5e-4, zeta_cv=0.05,
-    )  # fmt: skip
+def of_days(campaign, offsets, **more):
+    """z-score and sd of omega_n by sweeps of five days; the data, and omega_n of each day."""
     settings = Identify(**{**campaign.settings, "offsets": offsets, "substeps": 2, **more})
     data = assemble(measured(campaign.tests, settings))
     found, data = joint_of(data, settings, 0)
@@ -78,7 +74,11 @@ def of_days(offsets, **more):
 
 
 def test_days_switch_offsets_on_and_widen_the_interval_to_hold_the_truth():
-    z, sd, data, days = of_days("auto")
+    campaign = rig.measure(
+        "mixed", tests=["sweep_1p50N", "sweep_6p00N"], repeats=5, noise_ratio=0.02,
+        omega_n_cv=5e-4, zeta_cv=0.05,
+    )  # fmt: skip
+    z, sd, data, days = of_days(campaign, "auto")
     assert data.has_offsets
     assert abs(z) < 3
     # The mean of five days of unknown scatter follows a t distribution of 4 degrees of freedom,
@@ -88,7 +88,7 @@ def test_days_switch_offsets_on_and_widen_the_interval_to_hold_the_truth():
     # The days are known to 1e-4 rad/s, so that the joint of all runs lies at their mean.
     assert abs(z * sd + 2 * np.pi * 18.8 - np.mean(days)) < 0.2 * sd
     # Taken for noise, what differs from day to day makes the interval absurdly narrow.
-    narrow_z, narrow_sd, ignorant, _ = of_days("none", model_error="none")
+    narrow_z, narrow_sd, ignorant, _ = of_days(campaign, "none", model_error="none")
     assert not ignorant.has_offsets
     assert narrow_sd < sd / 3
     assert abs(narrow_z) > 2 * abs(z)
