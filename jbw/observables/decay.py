@@ -14,6 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Key
 
+from jbw.inference.generator import generator
 from jbw.inference.groups.offsets import Estimate
 from jbw.inference.groups.scatter import log_density_of_offsets
 from jbw.measurement.demodulation import read_decay
@@ -204,9 +205,14 @@ class Decays(Envelopes):
         Of the real, and of the imaginary, part; w is the fraction counted.
         """
         shape = np.broadcast_shapes(*(np.shape(values) for values in theta.values()))
-        flat = {name: jnp.ravel(jnp.broadcast_to(v, shape)) for name, v in theta.items()}
-        keys = jax.random.split(key, int(np.prod(shape)))
-        noise = np.asarray(_drawn_noise(keys, flat, alone(self))).reshape(*shape, -1)
+        flat = {
+            name: jax.device_put(np.ravel(np.broadcast_to(values, shape)))
+            for name, values in theta.items()
+        }
+        misfit = np.asarray(_misfits(flat, alone(self))).reshape(*shape, -1)
+        num_free = np.asarray(self._num_values - self.num_own)
+        chi_square = generator(key).chisquare(num_free, misfit.shape)
+        noise = np.sqrt(np.asarray(self.fraction) * misfit / chi_square)
         return {name: noise[..., i] for i, name in enumerate(self.names)}
 
     def first_values(self) -> dict[str, float]:
@@ -405,11 +411,6 @@ def predicted_from_beginnings(
 
 
 @eqx.filter_jit
-def _drawn_noise(keys: Array, theta: Theta, data: Decays) -> Float[Array, "draw record"]:
-    def one(pair: tuple[Array, dict[str, Array]]) -> Float[Array, " record"]:
-        key, some = pair
-        misfit = data.matches(some).misfit
-        chi_square = jax.random.chisquare(key, data._num_values - data.num_own, misfit.shape)
-        return jnp.sqrt(data.fraction * misfit / chi_square)
-
-    return jax.lax.map(one, (keys, dict(theta)), batch_size=8)
+def _misfits(theta: Theta, data: Decays) -> Float[Array, "draw record"]:
+    """Squares of the residual of every record at draws of the parameters."""
+    return jax.lax.map(lambda drawn: data.matches(drawn).misfit, dict(theta), batch_size=8)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from decays import (
 )
 from scipy.integrate import solve_ivp
 from scipy.linalg import expm
+from scipy.stats import chi2, kstest
 
 from jbw.errors import DataError
 from jbw.measurement.demodulation import band_filter, demodulate, read_decay
@@ -188,3 +190,17 @@ def test_a_silenced_record_counts_as_if_it_were_not_there():
     rows, _ = silent.weighted(THETA)
     assert not np.any(rows[0])
     assert silent.fractions_counted()[data.runs[0]] == 0.0
+
+
+def test_noise_is_drawn_from_its_exact_posterior():
+    r"""Of n values and 3 that a record's beginning takes, $w Q / \sigma^2$ is $\chi^2_{n-3}$."""
+    data = Decays.of(decay_test(second=0.0), laws=())
+    theta = {"omega_n": 1.001 * OMEGA_N, "zeta": ZETA}
+    drawn = {name: np.full((4, 1000), value) for name, value in theta.items()}
+    noise = data.draw_noise(jax.random.key(0), drawn, {}, 1)
+    squares = np.asarray(data.matches({n: jnp.asarray(v) for n, v in theta.items()}).misfit)
+    num_values = 2 * data.envelope.shape[1]
+    for label, square in zip(data.labels, squares, strict=True):
+        assert noise[label].shape == (4, 1000)
+        p = kstest((square / noise[label] ** 2).ravel(), chi2(num_values - 3).cdf).pvalue
+        assert p > 1e-3
