@@ -67,7 +67,7 @@ def resonance_window(freq: Curve, magnitude: Curve, depth: float = 0.08) -> tupl
 
 
 def linear_frf(tree: xr.DataTree, ax: Any = None) -> Panels:
-    """How does the structure behave when the joint is stuck?
+    """How does the structure behave with the joint at full stick?
 
     Frequency response at the lowest level with the line fit of Step 2, and the coherence. The fit
     should run through the points on both sides of the peak; a coherence below one at the peak tells

@@ -23,7 +23,7 @@ def truth_of(campaign):
 
 
 class Weighed:
-    """Moments of weighed points' draws, and the k-hat of their weights."""
+    """Moments of importance sampling's draws, and its k-hat."""
 
     def __init__(self, tree):
         self.draws = tree["posterior"].to_dataset()
@@ -37,14 +37,14 @@ class Weighed:
 
 
 def joint_of(data, settings, seed):
-    """The joint step's fits, and their posterior by rounds of points, as a campaign's usual one."""
+    """The joint step's fits, and their posterior by importance sampling instead of chains."""
     known = told_by(data.parts)
     prior = box_of(settings, data, known)
     keys = jax.random.split(jax.random.key(seed), 3)
     first = fit_from(keys[0], data, prior, known)
     ready = reweight(keys[1], data, prior, first, settings)
     tree = sample(
-        keys[2], log_likelihood, ready.box, ready.data, sampler="amis", num_chains=4,
+        keys[2], log_likelihood, ready.box, ready.data, sampler="importance", num_chains=4,
         num_samples=50, start=ready.fit.theta, covariance=ready.fit.covariance,
     )  # fmt: skip
     return Weighed(tree), ready.data
