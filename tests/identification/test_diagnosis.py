@@ -78,7 +78,7 @@ def test_a_smooth_pair_is_told_where_straight_lines_are_seen():
     np.testing.assert_allclose(found.spring, spring, rtol=2e-3)
     np.testing.assert_allclose(found.damper, damper, rtol=1e-3)
     noisy = diagnosis_sentences(diagnose(readings(1.0, 0.245, noise=0.02)))
-    assert noisy[2].endswith("do as much: such readings alone prove no hysteresis.")
+    assert noisy[2].endswith("fit these readings as well: alone they prove no hysteresis.")
     assert len(diagnosis_sentences(diagnose(readings(0.5, 0.245, noise=1e-3)))) == 2
 
 

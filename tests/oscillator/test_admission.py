@@ -45,7 +45,7 @@ def test_unbounded_parameters_warn_once_with_their_inequality(change, words):
 )
 def test_parameters_of_which_no_force_is_known_are_named(law, words):
     assert words in law.doubts()
-    with pytest.warns(UserWarning, match="of which no force is known"):
+    with pytest.warns(UserWarning, match="where the law has no force"):
         warn_of_unbounded_law(Oscillator(118.0, 0.004, (law,)))
 
 

@@ -32,9 +32,9 @@ def test_every_law_is_tried_at_all_joints_and_at_each():
         ("bouc_wen@bolt_1",),
     )
     assert sentence == (
-        "Laws tried at all joints alike: jenkins + cubic, linear. As they are: bouc_wen@bolt_1 + "
-        "bouc_wen@bolt_2, bouc_wen@bolt_1=bolt_2. Each law at one joint, the others keeping "
-        "theirs: 4 further."
+        "Compared with one law at all joints: jenkins + cubic, linear. Compared as the campaign "
+        "has them: bouc_wen@bolt_1 + bouc_wen@bolt_2, bouc_wen@bolt_1=bolt_2. Each law at one "
+        "joint, the others unchanged: 4 more."
     )
 
 
@@ -55,7 +55,7 @@ def test_too_many_sets_leave_the_joints_that_stick():
     assert len(sets) <= MOST
     for joint in range(3):
         assert tuple(law for i, law in enumerate(THREE) if i != joint) in sets
-    assert "One joint that sticks, the others keeping theirs: 3 further" in sentence
+    assert "One joint at full stick, the others unchanged: 3 more" in sentence
     many = tuple(f"bouc_wen@bolt_{i}" for i in range(20))
     sets, sentence = trials_at_joints(many, None)
     assert len(sets) == 6  # five usual ones, of which one is the campaign's, and one law for all
@@ -91,7 +91,7 @@ def test_bolts_that_differ_ask_for_laws_of_their_own():
     # Chi-square: what is left is the noise of the records, 1 % of the motion.
     assert rows[own]["error"] == pytest.approx(two_bolts.NOISE, rel=0.05)
     assert rows[tied]["error"] > 1.1 * two_bolts.NOISE
-    assert compared.record["statements"][0].startswith("As they are: ")
+    assert compared.record["statements"][0].startswith("Compared as the campaign has them: ")
     predicted = compared.predict(campaign.tests[0])
     assert predicted.attrs["nrmse"] == pytest.approx(two_bolts.NOISE, rel=0.2)
 

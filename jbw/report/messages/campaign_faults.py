@@ -15,7 +15,7 @@ TWO_SOURCES = FaultText(
     'Say which with drive = "voltage" or drive = "force".',
 )
 ONE_RUN = "there is one run alone, which nothing can differ from"
-NO_FORCE = "a voltage or a current drives the tests, and tells no force"
+NO_FORCE = "a voltage or a current drives the tests, and gives no force"
 GAIN_STATED = "the campaign states the gain, which is not identified then"
 NO_GAIN = "no test has a source whose gain could be identified"
 NOTHING_FREE = "along a prescribed displacement nothing moves freely"
@@ -154,7 +154,7 @@ def unread(name: str, reason: str) -> FaultText:
 
 def read_by_kinds(kinds: str) -> str:
     """Kinds of test that read a setting."""
-    return f"only tests of kind {kinds} read it, of which there are none"
+    return f"only tests of kind {kinds} read it, and there are none"
 
 
 def no_test_of_kind(kind: str) -> str:

@@ -23,15 +23,14 @@ class Unscored(NamedTuple):
 UNSCORED = {
     "one run": Unscored(
         "one run was fitted",
-        "What the law misses of tests that were not fitted cannot be scored: one run was fitted, "
-        "and leaving it out leaves none. Bands of other tests hold the parameters and the noise "
-        "alone; add a run of another level.",
+        "The model discrepancy cannot be estimated: only one run was fitted. Bands of other tests "
+        "contain the uncertainty of parameters and noise alone; add a run of another level.",
     ),
     "two runs": Unscored(
         "two runs were fitted",
-        "What the law misses of tests that were not fitted cannot be scored: two runs were fitted, "
-        "and the fit without one of them knows one level alone. Bands of other tests hold the "
-        "parameters and the noise alone; add a run of another level.",
+        "The model discrepancy cannot be estimated: two runs were fitted, and a fit without one of "
+        "them sees one level alone. Bands of other tests contain the uncertainty of parameters and "
+        "noise alone; add a run of another level.",
     ),
     "one level": Unscored(
         "every fitted run reaches the same amplitude",

@@ -120,7 +120,7 @@ def smooth_alternative(spring: Estimate, damper: Estimate) -> str:
     """Spring [1/(m s^2)] and damper [1/m] without hysteresis that give the same readings."""
     return (
         f"A smooth spring c y|y| of c = {_number(spring)} 1/(m s^2) and a damper c v|v| of "
-        f"c = {_number(damper)} 1/m do as much: such readings alone prove no hysteresis."
+        f"c = {_number(damper)} 1/m fit these readings as well: alone they prove no hysteresis."
     )
 
 

@@ -92,7 +92,7 @@ def profile_open(name: str, bounds: tuple[float, float], rise: float, *, flat: b
 
 def profile_refused(name: str, count: int) -> str:
     """How many points of a profile could not be solved."""
-    return f"The profile of {name} lacks {count} points at which the model cannot be solved."
+    return f"The profile of {name} is missing {count} points where the model cannot be solved."
 
 
 def better_fit(gain: float) -> str:

@@ -77,8 +77,9 @@ def shaker_reading(
     with_attachment, by_gain = (percent(share, ".1f") for share in residual)
     return (
         f"{name}: the shaker gives {gain:.4g} N/V and is attached by {mass:.3g} kg, "
-        f"{damping:.3g} N s/m and {stiffness:.4g} N/m, which leaves {with_attachment} of the force "
-        f"({by_gain} by its gain alone). Driven by voltage the structure's modes move from {moved}."
+        f"{damping:.3g} N s/m and {stiffness:.4g} N/m; the residual is {with_attachment} of the "
+        f"force ({by_gain} with its gain alone). Driven by voltage the structure's modes move from "
+        f"{moved}."
     )
 
 

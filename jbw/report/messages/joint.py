@@ -70,7 +70,7 @@ def no_known_force(parameter: str, law: str, must: str, value: float) -> str:
     """That a parameter lies below the least value for which the law has a force."""
     return (
         f"Parameter `{parameter}` of `{law}` must be {must}, but it is "
-        f"{value:g}, of which no force is known."
+        f"{value:g}, where the law has no force."
     )
 
 

@@ -16,13 +16,13 @@ def tried_at_joints(
     alike: Sequence[str], own: Sequence[str], num_changed: int, which: str, most: int
 ) -> str:
     """Which laws were tried where there are several joints."""
-    sentences = [f"Laws tried at all joints alike: {', '.join(alike)}."] if alike else []
-    sentences += [f"As they are: {', '.join(own)}."] if own else []
+    sentences = [f"Compared with one law at all joints: {', '.join(alike)}."] if alike else []
+    sentences += [f"Compared as the campaign has them: {', '.join(own)}."] if own else []
     sentences += {
-        EVERY: [f"Each law at one joint, the others keeping theirs: {num_changed} further."],
+        EVERY: [f"Each law at one joint, the others unchanged: {num_changed} more."],
         NONE: [
-            f"One joint that sticks, the others keeping theirs: {num_changed} further; with every "
-            f"law at one joint there would be more than {most}."
+            f"One joint at full stick, the others unchanged: {num_changed} more; every law at one "
+            f"joint would be more than {most}."
         ],
         NEITHER: ["No joint was changed by itself."],
     }[which]

@@ -172,7 +172,7 @@ def idle_lines(shares: Sequence[tuple[str, float]], noise: float) -> str:
 def coherence_of_noise(hz: float, coherence_mean: float) -> str:
     """Coherence of random noise about its strongest response."""
     return (
-        f"coherence at the resonance ({hz:.4g} Hz) is {coherence_mean:.3f}; what it lacks of 1 is "
+        f"coherence at the resonance ({hz:.4g} Hz) is {coherence_mean:.3f}; below 1 it shows "
         "noise, a window too short, or distortion."
     )
 

@@ -20,7 +20,7 @@ def lopsided(ratio: float, *, positive: bool) -> FaultText:
         f"The joint is {ratio:.2g} times as strong on the "
         f"{'positive' if positive else 'negative'} side as on the other.",
         "Every law but `square` gives both sides the same force.",
-        "A fit averages both sides; the law `square` beside the campaign's laws fits a small "
+        "A fit averages both sides; add the law `square` to the campaign's laws to fit a small "
         "difference.",
     )
 

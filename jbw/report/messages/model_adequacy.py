@@ -7,7 +7,7 @@ from jbw.report.messages.message import Message, capital, percent
 
 OFFSETS = "The offset of the {quantity}"
 TREND = (
-    "on the amplitude of the {count} sessions: from the smallest to the largest the law lacks "
+    "on the amplitude of the {count} sessions: from the smallest to the largest it changes by "
     "{change:+.2g} +- {std:.1g} {unit} (p = {p:.1g})."
 )
 

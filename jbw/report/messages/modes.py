@@ -14,7 +14,7 @@ LOOP_FORCE = "force, laws at posterior medians"
 
 def growth_by_neighbours(growth: float) -> str:
     """By how much chi-square grows with linear neighbours."""
-    return f"chi-square grows by {growth:.3g} where modes beside the first are linear neighbours"
+    return f"chi-square grows by {growth:.3g} if the other modes are linear"
 
 
 def one_joint(evidence: str, least: float) -> str:
@@ -25,7 +25,7 @@ def one_joint(evidence: str, least: float) -> str:
 def no_shared_joint(evidence: str) -> str:
     """That nothing shows a shared joint."""
     return (
-        f"Nothing shows that modes beside the first move the joint: {evidence}; drive harder, or "
+        f"Nothing shows that the other modes move the joint: {evidence}; drive harder, or "
         "leave them out of `modes`."
     )
 

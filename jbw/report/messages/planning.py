@@ -13,7 +13,7 @@ PER_KILOGRAM = (
     "The run has no gain, so inputs are in N/kg; for V or N, give gain or modal_mass in a file of "
     "--limits."
 )
-FLEET_NOISE = "The error of each record is neglected beside the scatter."
+FLEET_NOISE = "The error of each record is neglected: the scatter is far larger."
 NO_TEST_NEEDED = "No test is needed: the CV is met already."
 NO_TEST_ADMITTED = "No test is within the limits; raise max_displacement or max_input."
 TIMING = "Timing the first candidate of each form"
@@ -123,8 +123,8 @@ def told_by_run(key: str) -> str:
 
 
 def single_value(key: str, value: Sequence[float]) -> str:
-    """A key that must be a single value beside a run."""
-    return f" {key}: must be a single value beside a run, but is {list(value)}."
+    """A key that must be a single value where a run is given."""
+    return f" {key}: must be a single value where a run is given, but is {list(value)}."
 
 
 def missing(key: str, meaning: str) -> str:

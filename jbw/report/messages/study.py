@@ -21,7 +21,7 @@ LOOPS_OF_JOINTS = (
 )
 FMU = "Force of a joint after exact moves"
 FMU_FORCE = "force of the joint's laws"
-FMU_TOTAL = "the same with the spring and the dashpot beside it"
+FMU_TOTAL = "the same with spring and dashpot in parallel"
 NO_VERDICT = "the run states no verdict"
 HIGHEST_DENSITY = "of the highest posterior density"
 LAW_FACTOR = "factor of the laws' forces"
