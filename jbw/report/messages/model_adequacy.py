@@ -64,7 +64,7 @@ MESSAGES = (
 
         Remedy: see coloured_residual; or accept the law and quote its error.
         """,
-        remedy="Quote this as the error of the law, or try another law. {another_law}",
+        remedy="Quote this as the error of the law. {another_law}",
     ),
     Message(
         "cause",
@@ -176,8 +176,8 @@ MESSAGES = (
 
         Remedy: fit fewer levels, add `cubic`, or doubt that the data show hysteresis.
         """,
-        remedy="The law of the joint does not hold there: fit fewer levels by `fit_levels`, or try "
-        "another law. {another_law}",
+        remedy="The law of the joint does not hold there: fit fewer levels by `fit_levels`. "
+        "{another_law}",
     ),
     Message(
         "discrepancy",
