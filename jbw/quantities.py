@@ -66,7 +66,7 @@ BOUC_WEN = (
 
 # Of the linear oscillator, whatever stands across the joint.
 OSCILLATOR = (
-    Quantity("omega_n", "ωₙ", "rad/s", "natural frequency at full stick", 0.0, is_open=True),
+    Quantity("omega_n", "ωₙ", "rad/s", "natural frequency, full stick", 0.0, is_open=True),
     Quantity("zeta", "ζ", "1", "viscous damping ratio", 0.0),
     Quantity("gain", "gain", "N/kg/V", "force per unit mass and unit of input", 0.0),
 )

@@ -217,7 +217,7 @@ def draw_loops(tree: xr.DataTree, only: Axes) -> None:
         stiffness, top = float(curve["stuck"].isel(quantile=1)), 1.15 * float(np.nanmax(z))
         end = min(largest, top / abs(stiffness)) if stiffness else largest
         stuck = np.array([-end, end])
-        look = {"color": SOFT, "lw": 1.0, "ls": "--", "label": f"full stick, Z = {symbol} y"}
+        look = {"color": SOFT, "lw": 1.0, "ls": "--", "label": labels.full_stick(symbol)}
         only.plot(factor * stuck, stiffness * stuck, **look)
     for x, force, colour in zip(y, slip if small else z, style.LEVELS, strict=False):
         label = f"slipping, {number(factor * x.max())} {unit}"

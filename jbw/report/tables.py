@@ -337,9 +337,7 @@ def joints_table(tree: xr.DataTree) -> Table:
         rows,
         words("joint", "joint", "left"),
         words("mode", "mode", "left"),
-        Column(
-            "strain energy,\nall joints at full stick", lambda row: percent(row["energy"], digits=2)
-        ),
+        Column("strain energy,\nin full stick", lambda row: percent(row["energy"], digits=2)),
         Column("strain energy,\nat that motion", lambda row: _share(row["energy_at_motion"])),
         Column("losses of\nall joints", lambda row: _share(row["losses"])),
         Column("softening of\nall joints", lambda row: _share(row["frequency"])),

@@ -67,6 +67,11 @@ def taken_by_slip(stiffness: str) -> str:
     return f"force lost by slip, Z − {stiffness} y"
 
 
+def full_stick(stiffness: str) -> str:
+    """The line of the joint at full stick, by the name of its stiffness."""
+    return f"full stick, Z = {stiffness} y"
+
+
 def modal_amplitude(unit: str, several_joints: bool) -> str:
     """Of the backbones of several modes: at the joint, or of the mode where joints are several."""
     where = "of the mode" if several_joints else "at the joint"

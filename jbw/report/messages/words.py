@@ -37,7 +37,7 @@ WORDS: dict[tuple[str, ...], str] = {
         "Whether the data narrow a parameter. Where they do not, its interval is that of the "
         "prior, and no result of the test."
     ),
-    ("strain energy, all joints at full stick",): (
+    ("strain energy, in full stick",): (
         "Energy share of a joint in a mode, k_j h_ji^2 / omega_i^2: the part of the mode's strain "
         "energy that the joint holds in full stick. It bounds what the joint can do to the mode."
     ),
