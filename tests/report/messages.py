@@ -348,7 +348,8 @@ OF_TOPICS = {
     "rig": [rig.IDENTIFY, rig.PRIOR, *rig.PURPOSE.values(), *rig.HEAD.splitlines()],
     "figures": [
         *constants(figures),
-        figures.model_residual("2.3 %"), figures.taken_by_slip("alpha"), figures.full_stick("alpha"),
+        figures.model_residual("2.3 %"), figures.taken_by_slip("alpha"),
+        figures.full_stick("alpha"),
         figures.modal_amplitude("mm", several_joints=False),
         figures.modal_amplitude("mm", several_joints=True), figures.fold("mode 2", "3 mm"),
         figures.mode_at(2, 90.47), figures.energy_of("bolt_1 8.2 %"),
