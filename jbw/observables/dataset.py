@@ -142,13 +142,25 @@ def unnamed(data: Dataset) -> Dataset:
 
 
 def solved(
-    theta: Mapping[str, Float[np.ndarray, " point"]], data: Dataset, threads: int, *, writes: bool
+    theta: Mapping[str, Float[np.ndarray, " point"]],
+    data: Dataset,
+    threads: int,
+    *,
+    writes: bool,
+    rows: Sequence[Float[np.ndarray, "group row value"] | None] | None = None,
 ) -> Solved | None:
-    """The dataset without what costs most of predictions at points, and this; or None."""
+    """The dataset without what costs most of predictions at points, and this; or None.
+
+    As `Observable.solved` of every part, of which each has its own rows.
+    """
     size = len(next(iter(theta.values())))
     held = {name: np.full(size, float(value)) for name, value in data.held.items()}
     everything = {**held, **theta}
-    parts = [part.solved(of_part(everything, part), threads, writes=writes) for part in data.parts]
+    of_parts = zip(data.parts, rows or [None] * len(data.parts), strict=True)
+    parts = [
+        part.solved(of_part(everything, part), threads, writes=writes, rows=part_rows)
+        for part, part_rows in of_parts
+    ]
     solved_parts = [i for i, part in enumerate(parts) if part is not None]
     if not solved_parts:
         return None

@@ -204,7 +204,12 @@ class Observable(eqx.Module):
         return {}
 
     def solved(
-        self, theta: Mapping[str, Float[np.ndarray, " point"]], threads: int, *, writes: bool
+        self,
+        theta: Mapping[str, Float[np.ndarray, " point"]],
+        threads: int,
+        *,
+        writes: bool,
+        rows: Float[np.ndarray, "group row value"] | None = None,
     ) -> Self | None:
         """The data that hold what costs most of a prediction at points; None where nothing does.
 
@@ -212,6 +217,7 @@ class Observable(eqx.Module):
             theta: The parameters at points.
             threads: So many at once.
             writes: Whether the misfit itself is asked for, and not its sums alone.
+            rows: What `residual_sums` will be asked for, beside the directions.
         """
         return None
 

@@ -210,10 +210,11 @@ def _solved(
     task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]],
     threads: int,
 ) -> Solved | None:
-    """The responses of every part at draws, for all that is asked of them."""
+    """The sums of every part at draws, with the rows that its records ask for."""
     key, data, rows = task
     point = {name: values for name, values in theta.items() if name != SEED}
-    if (solution := solved(point, data, threads, writes=True)) is None:
+    asked = [None if part_rows is None else part_rows.rows for part_rows in rows]
+    if (solution := solved(point, data, threads, writes=False, rows=asked)) is None:
         return None
     nothing = jax.tree.map(lambda _: None, rows)
     return (key, solution[0], rows), (None, solution[1], nothing)

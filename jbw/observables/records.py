@@ -66,12 +66,14 @@ class Solution(eqx.Module):
         square: Squares of the misfit of every level.
         along: Its products with the directions.
         peak: Largest response.
+        products: Of the response with rows that were given; None where none were.
     """
 
     response: Float[Array, "*point level compared"] | None
     square: Float[Array, "*point level"]
     along: Float[Array, "*point level own"]
     peak: Float[Array, "*point level"]
+    products: Float[Array, "*point level row"] | None = None
 
 
 class Records(Repeated):
@@ -261,18 +263,12 @@ class Records(Repeated):
     ) -> tuple[Float[Array, " level"], Float[Array, "level row"]]:
         """The same, where it can be added up in the time loop, of which no response is written."""
         if self.solution is not None:
-            if self.solution.response is not None:
+            if self.solution.products is None:
                 return super().residual_sums(theta, rows, offset)
-            # The rows are the directions, no offset is known: nothing else was solved for.
-            hidden = self._hidden(self.solution.peak)
-            return jnp.where(hidden, jnp.nan, self.solution.square), self.solution.along
+            return self._sums_by_products(theta, rows, offset)
         if not self._summed(theta) or rows.shape[1] > MOST_ROWS:
             return super().residual_sums(theta, rows, offset)
-        offset_from_origin = jnp.zeros((len(self.origin), self.repeats.directions.shape[1]))
-        if self.origin.shape[1]:
-            offset_from_origin = jnp.stack([theta[name] for name in OFFSETS]) - self.origin
-        if offset is not None and offset_from_origin.shape[1]:
-            offset_from_origin = offset_from_origin + offset
+        offset_from_origin = self._from_origin(theta, offset)
 
         def summed(level: tuple[HeldInput, Array, tuple[Array, ...]]) -> Sums:
             source, origin, rows = level
@@ -288,8 +284,52 @@ class Records(Repeated):
         # Beside a motion that large rounding hides the data.
         return jnp.where(self._hidden(sums.peak), jnp.nan, sums.square), sums.along
 
+    def _from_origin(
+        self, theta: Theta, offset: Float[Array, "level of_run"] | None
+    ) -> Float[Array, "level own"]:
+        """How far omega_n and zeta of every level's run are from where it was linearised."""
+        away = jnp.zeros((len(self.origin), self.repeats.directions.shape[1]))
+        if self.origin.shape[1]:
+            away = jnp.stack([theta[name] for name in OFFSETS]) - self.origin
+        return away if offset is None or not away.shape[1] else away + offset
+
+    def _sums_by_products(
+        self,
+        theta: Theta,
+        rows: Float[Array, "level row value"],
+        offset: Float[Array, "level of_run"] | None,
+    ) -> tuple[Float[Array, " level"], Float[Array, "level row"]]:
+        r"""The sums of a solution that holds what the rows R make of its responses m.
+
+        $$Q_b = Q - 2 b^T s + b^T J J^T b, \qquad R r_b = R d - R m - R J^T (a + b)$$
+
+        at the offsets b, from Q and s = J r without them, linearised a away.
+        """
+        directions = self.repeats.directions
+        square, along = self.own_sums(theta)
+        if offset is not None and directions.shape[1]:
+            normal = jnp.einsum("liv,ljv->lij", directions, directions)
+            moved = jnp.einsum("lij,lj->li", normal, offset)
+            square = square + jnp.sum(offset * (moved - 2 * along), axis=1)
+        measured = jnp.einsum("lrv,lv->lr", rows, self.mean)
+        per_offset = jnp.einsum("lrv,liv->lri", rows, directions)
+        explained = jnp.einsum("lri,li->lr", per_offset, self._from_origin(theta, offset))
+        return square, measured - self.solution.products - explained
+
+    def own_sums(self, theta: Theta) -> tuple[Float[Array, " level"], Float[Array, "level own"]]:
+        """As of all repeated data; where records were solved, what was added up on the way."""
+        if self.solution is None or self.solution.response is not None:
+            return super().own_sums(theta)
+        hidden = self._hidden(self.solution.peak)
+        return jnp.where(hidden, jnp.nan, self.solution.square), self.solution.along
+
     def solved(
-        self, theta: Mapping[str, Float[np.ndarray, " point"]], threads: int, *, writes: bool
+        self,
+        theta: Mapping[str, Float[np.ndarray, " point"]],
+        threads: int,
+        *,
+        writes: bool,
+        rows: Float[np.ndarray, "level row value"] | None = None,
     ) -> Self | None:
         """The records with their solution at points; None where they must be solved as they are.
 
@@ -305,16 +345,20 @@ class Records(Repeated):
             away = here - np.asarray(self.origin)[:, None]
 
         def level(number: int) -> Motions:
-            return self.marched(theta, number, known=away[number], writes=writes)
+            own = None if rows is None or writes else rows[number]
+            return self.marched(theta, number, known=away[number], rows=own, writes=writes)
 
         with ThreadPoolExecutor(threads) as pool:
             motions = list(pool.map(level, range(len(self.labels))))
         num_directions = self.repeats.directions.shape[1]
+        of_levels = [motion.products for motion in motions if motion.products is not None]
+        products = np.stack(of_levels, axis=1) if of_levels else None
         solution = Solution(
             jax.device_put(self._from_first([x.response for x in motions])) if writes else None,
             jax.device_put(np.stack([x.square for x in motions], axis=1)),
             jax.device_put(np.stack([x.along[:, :num_directions] for x in motions], axis=1)),
             jax.device_put(np.stack([x.peak for x in motions], axis=1)),
+            None if products is None else jax.device_put(products),
         )
         return replace(self, laws=(), substeps=SUBSTEPS, depth=SIZE, solution=solution)
 
@@ -328,9 +372,13 @@ class Records(Repeated):
         number: int,
         *,
         known: Float[np.ndarray, "point own"] | None = None,
+        rows: Float[np.ndarray, "row value"] | None = None,
         writes: bool,
     ) -> Motions:
-        """Motions of one level at points, at its own origin where it has one."""
+        """Motions of one level at points, at its own origin where it has one.
+
+        And their products with rows of what is compared.
+        """
         if (joints := self._joints_at(theta, number)) is None:
             raise TypeError("Records that are not `solved` are not marched.")
         measured = None  # of a band nothing is added up sample by sample
@@ -340,7 +388,8 @@ class Records(Repeated):
             joints,
             theta["gain"] * float(np.asarray(self.held.gain)[number]),
             record_of(self.held, number, measured),
-            self.fs, self.substeps, derivative_order(self.response), known=known, writes=writes,
+            self.fs, self.substeps, derivative_order(self.response),
+            known=known, rows=_behind(rows, self.skipped), writes=writes,
         )  # fmt: skip
 
     def _joints_at(
@@ -370,7 +419,7 @@ class Records(Repeated):
 
     def squares(self, theta: Theta) -> Float[Array, " level"]:
         r"""Squared residuals of all repeats, $Q = \sum_k |d_k - m|^2 = K\,|\bar d - m|^2 + S$."""
-        square, _ = self.residual_sums(theta, jnp.zeros((len(self.mean), 0, self.width)))
+        square, _ = self.own_sums(theta)
         return self.repeats.num_repeats * square + self.repeats.within
 
     def linearised(self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]) -> Self:
@@ -513,6 +562,13 @@ def compile_beside(tests: Sequence[Test], laws: Laws) -> Thread | None:
     thread = Thread(target=compiled, name=messages.COMPILING)
     thread.start()
     return thread
+
+
+def _behind(
+    rows: Float[np.ndarray, "row value"] | None, skipped: int
+) -> Float[np.ndarray, "row time"] | None:
+    """Rows of what is compared as rows of all samples."""
+    return None if rows is None else np.pad(rows, ((0, 0), (skipped, 0)))
 
 
 @eqx.filter_jit

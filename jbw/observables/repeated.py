@@ -120,10 +120,14 @@ class Repeated(Observable):
         """What each group says of its offsets, its noise integrated out under 1/sigma."""
         repeats = self.repeats
         scatter = repeats.within + repeats.size * repeats.num_repeats * repeats.discrepancy
-        square, along = self.residual_sums(theta, repeats.directions)
+        square, along = self.own_sums(theta)
         return estimate(
             square, along, scatter, repeats.num_repeats, repeats.num_values, repeats.directions
         )
+
+    def own_sums(self, theta: Theta) -> tuple[Float[Array, " group"], Float[Array, "group own"]]:
+        """Squares of the misfit of every group, and its products with the directions."""
+        return self.residual_sums(theta, self.repeats.directions)
 
     def in_units(self, rows: Mapping[str, Float[np.ndarray, " value"]]) -> dict[str, Row]:
         """Rows of the residual in the unit of the values, complex where the values are."""

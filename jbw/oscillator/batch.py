@@ -30,6 +30,8 @@ from jbw.oscillator.step import State, advance, exact_step
 
 LANES = 32  # oscillators side by side: fewer take as long
 INTERVALS = 4096  # of a piece: what it writes stays in the cache
+# Registers that lanes fill, where a processor has them: XLA's own choice is half as wide.
+WIDE = {"xla_cpu_prefer_vector_width": 512}
 NUM_DIRECTIONS = 2  # rows J; fewer are filled up with zeros
 
 
@@ -57,6 +59,7 @@ class Motions(NamedTuple):
         square: Q of the samples that count; as they are where nothing is compared.
         along: s_k of the same.
         peak: Largest response of the same.
+        products: Sums of the response times each row that was given; None where none were.
     """
 
     response: Any  # Float[np.ndarray, "lane time"] | None
@@ -64,6 +67,7 @@ class Motions(NamedTuple):
     square: Float[np.ndarray, " lane"]
     along: Float[np.ndarray, "lane direction"]
     peak: Float[np.ndarray, " lane"]
+    products: Float[np.ndarray, "lane row"] | None = None
 
 
 class _Totals(NamedTuple):
@@ -118,6 +122,7 @@ def march(
     order: int,
     *,
     known: Float[np.ndarray, "lane direction"] | None = None,
+    rows: Float[np.ndarray, "row time"] | None = None,
     writes: bool = True,
 ) -> Motions:
     """Motions of oscillators, from rest, under one sampled input.
@@ -131,6 +136,7 @@ def march(
         substeps: Steps between samples.
         order: Derivative that is given: 0 displacement, 1 velocity, 2 acceleration.
         known: Parts a of the directions that are no residual; none when None.
+        rows: What the responses are multiplied with, sample by sample; none when None.
         writes: Whether the responses are wanted beside the sums.
     """
     count = len(gains)
@@ -139,7 +145,7 @@ def march(
     if known is not None:
         parts[:count, : known.shape[1]] = known
     state, totals = _at_rest(joints), _none()
-    rows = []
+    written_rows, products = [], np.zeros((count, 0 if rows is None else len(rows)))
     for number, piece in enumerate(record.pieces):
         done = number * INTERVALS
         size = min(INTERVALS, record.num_intervals - done)
@@ -149,14 +155,18 @@ def march(
         )  # fmt: skip
         lanes = _Lanes(joints, gain, parts)
         state, totals, written = _marched(order, lanes, piece, steps, state, totals)
+        begin = 0 if number == 0 else 1  # a piece begins with the last sample of that before
+        if rows is not None:  # while the piece is in the cache
+            response = np.asarray(written)[begin : size + 1]
+            products += (rows[:, done + begin : done + size + 1] @ response).T[:count]
         if writes:
-            rows.append(np.asarray(written)[0 if number == 0 else 1 : size + 1, :count])
+            written_rows.append(np.asarray(written)[begin : size + 1, :count])
     along = np.stack([np.asarray(row) for row in totals.along], axis=-1)[:count]
     square, peak, y_peak = (
         np.asarray(x)[:count] for x in (totals.square, totals.peak, totals.y_peak)
     )
-    response = np.concatenate([row.T for row in rows], axis=1) if writes else None
-    return Motions(response, y_peak, square, along, peak)
+    whole = np.concatenate([row.T for row in written_rows], axis=1) if writes else None
+    return Motions(whole, y_peak, square, along, peak, None if rows is None else products)
 
 
 def compile_ahead(joints: Oscillator, num_powers: int, order: int) -> None:
@@ -289,7 +299,7 @@ class _Cache:
 _CACHE = _Cache()
 
 
-@partial(jax.jit, static_argnums=0)
+@partial(jax.jit, static_argnums=0, compiler_options=WIDE)
 def _marched(
     order: int, lanes: _Lanes, piece: _Piece, steps: _Span, state: State, totals: _Totals
 ) -> tuple[State, _Totals, Float[Array, "sample lane"]]:

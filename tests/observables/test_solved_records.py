@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -70,6 +71,33 @@ def test_points_come_out_as_by_their_own_loop(options):
             # Residuals are differences of a thousandth of what they are made of, by other programs.
             size = np.abs(expected).max()
             np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-11 * size)
+
+
+def alone_at(i, solved_part):
+    """The part with its solution at one of several points."""
+    solution = jax.tree.map(lambda leaf: leaf[i], solved_part.solution)
+    return replace(solved_part, solution=solution)
+
+
+@pytest.mark.parametrize("places", [dataset_of, lambda **of: with_offsets(dataset_of(**of))])
+def test_rows_are_summed_by_products_as_over_the_responses(places):
+    """What single records are asked for: rows of their own, at offsets of their runs."""
+    (part,), theta, rng = places(settle=0.25).parts, points(3), np.random.default_rng(0)
+    rows = rng.standard_normal((2, 4, part.width))
+    offset = jnp.asarray([[0.02, 1e-5], [-0.05, -2e-5]])
+    written = part.solved(theta, 1, writes=True)
+    summed = part.solved(theta, 1, writes=False, rows=rows)
+    assert summed.solution.response is None
+    for i in range(3):
+        point = {name: jnp.asarray(values[i]) for name, values in theta.items()}
+        expected, found = (
+            alone_at(i, solved_part).residual_sums(point, rows, offset)
+            for solved_part in (written, summed)
+        )
+        # Sums of 448 products of each row with responses, ten times the residual.
+        size = np.linalg.norm(rows) * np.linalg.norm(part.mean)
+        np.testing.assert_allclose(found[0], expected[0], rtol=1e-10)
+        np.testing.assert_allclose(found[1], expected[1], rtol=0, atol=1e-13 * size)
 
 
 def test_half_the_step_and_other_levels_need_no_other_program():

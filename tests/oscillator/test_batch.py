@@ -76,8 +76,13 @@ def test_sums_are_those_of_the_written_residual():
     np.testing.assert_allclose(found.square, np.sum(residual**2, axis=1), rtol=1e-12)
     np.testing.assert_allclose(found.along, residual @ rows.T, rtol=0, atol=1e-10 * size)
     np.testing.assert_array_equal(found.peak, np.abs(found.response[:, first:]).max(axis=1))
-    silent = march(many, gains, record, FS, 2, 1, known=known, writes=False)
+    factors = rng.standard_normal((3, size))
+    silent = march(many, gains, record, FS, 2, 1, known=known, rows=factors, writes=False)
     assert silent.response is None
+    assert found.products is None
+    np.testing.assert_allclose(
+        silent.products, found.response @ factors.T, rtol=0, atol=1e-12 * size
+    )
     np.testing.assert_array_equal(silent.square, found.square)
 
 
