@@ -17,7 +17,7 @@ from jbw.identification.coordinates import box_of
 from jbw.identification.stated_modes import unknown_signs, with_signs
 from jbw.identification.thresholds_crossed import log_evidence, other_sides
 from jbw.identification.uncertain_shapes import first_factors
-from jbw.inference.fit.costly_fit import costly_fit, from_search
+from jbw.inference.fit.costly_fit import costly_fit, costly_fits, from_search
 from jbw.inference.fit.fitting import Fit, fit
 from jbw.inference.generator import generator
 from jbw.inference.lanes import at_points
@@ -171,10 +171,8 @@ def by_rounds(begun: Sequence[Mapping[str, float]], prior: Box, data: Dataset) -
     if not going:
         return []
     for number, evaluations in ROUNDS:
-        fits = []
-        for place, theta in enumerate(going[:number], start=1):
-            under_way.info("start %d of %d", place, min(number, len(going)))
-            fits.append(rough(theta, prior, data, evaluations))
+        under_way.info(messages.starts(min(number, len(going))))
+        fits = roughly(going[:number], prior, data, evaluations)
         ends = sorted([*fits, *ends[number:]], key=lambda end: end.cost)
         going = [end.theta for end in ends]
         if explains(ends[0]):
@@ -194,14 +192,20 @@ def further(ends: Sequence[Fit], prior: Box, data: Dataset) -> list[Fit]:
     return sorted([*finished, *stopped], key=lambda fitted: fitted.cost)
 
 
-def rough(
-    theta: Mapping[str, Any], prior: Box, data: Dataset, evaluations: int = ROUNDS[-1][1]
-) -> Fit:
+def rough(theta: Mapping[str, Any], prior: Box, data: Dataset) -> Fit:
     """A fit that others follow, from one start."""
-    start = inside(theta, prior)
-    return costly_fit(
-        dataset.stacked, prior, data, starts=start, max_evaluations=evaluations, tolerance=ROUGH
-    )
+    return roughly([theta], prior, data, ROUNDS[-1][1])[0]
+
+
+def roughly(
+    begun: Sequence[Mapping[str, Any]], prior: Box, data: Dataset, evaluations: int
+) -> list[Fit]:
+    """Fits that others follow, each from its start, by so many evaluations at most."""
+    starts = {name: np.array([theta[name] for theta in begun]) for name in prior.names}
+    return costly_fits(
+        dataset.stacked, prior, data, starts=inside(starts, prior),
+        max_evaluations=evaluations, tolerance=ROUGH,
+    )  # fmt: skip
 
 
 def explains(found: Fit) -> bool:

@@ -80,7 +80,10 @@ def by_rounds(monkeypatch, floors, falls=100.0, at_bound=None):
     """Ends of rounds of costs that fall towards floors of their own, and the evaluations spent."""
     spent, falls = [], np.broadcast_to(falls, len(floors))
 
-    def rough(theta, prior, data, evaluations=60):
+    def roughly(begun, prior, data, evaluations):
+        return [one_fit(theta, evaluations) for theta in begun]
+
+    def one_fit(theta, evaluations):
         number, done = int(theta["number"]), theta["done"] + evaluations
         spent.append((number, evaluations))
         cost = floors[number] + falls[number] / done
@@ -91,7 +94,7 @@ def by_rounds(monkeypatch, floors, falls=100.0, at_bound=None):
             at_bound=at_bound or {},
         )
 
-    monkeypatch.setattr(first_fit, "rough", rough)
+    monkeypatch.setattr(first_fit, "roughly", roughly)
     begun = [{"number": i, "done": 0} for i in range(len(floors))]
     ends = first_fit.by_rounds(begun, None, None)
     return [end.theta["number"] for end in ends], spent

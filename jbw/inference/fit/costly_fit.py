@@ -22,6 +22,7 @@ from jbw.inference.fit.fitting import (
     named_starts,
     real,
 )
+from jbw.inference.fit.side_by_side import Evaluate, side_by_side
 from jbw.inference.lanes import Solved, at_points, seeing, seen_by, solved_first
 from jbw.inference.space.box import Box, named, require_float64
 from jbw.inference.space.coordinates import Composed, Logarithms, Sinh, Vector, unit
@@ -33,7 +34,7 @@ STEP = 1e-5  # of the search coordinate, 0 to 1: an error of its square, and of 
 WIDEST = 0.02
 SAME, SETTLED, MOST_WIDENINGS = 1.2, 1.02, 12  # ratios of standard errors
 UNIFORM = 12.0  # precision of a uniform prior over the unit cube
-LANES = 16  # of seven parameters the differences of both sides
+LANES = 32
 OUT_OF_REACH = 1e100  # a residual as large is refused, long before its square is no number
 NEAR_ZERO = 0.01  # of the upper bound: where a parameter that may be zero is told from zero
 LOPSIDED = 0.5  # of the upper bound, which the lower one stays within
@@ -48,7 +49,7 @@ def costly_fit(
     max_evaluations: int = 60,
     tolerance: float = TOLERANCE,
 ) -> Fit:
-    """Minimise a sum of squares in the box by scipy's trust region, one start after the other.
+    """Minimise a sum of squares in the box by scipy's trust region, from one start or several.
 
     Residual and Jacobian come from one program, compiled once for a `residual`, names and shapes.
     Starts are one value or one a start, by name; evaluations at most are those from each of them,
@@ -58,29 +59,73 @@ def costly_fit(
         Section 3.1, in place of its sequential quadratic programming; Branch, Coleman and Li
         (1999), SIAM J. Sci. Comput. 21, 1.
     """
-    require_float64()
-    part = evaluator(residual, box, data)
+    fits = costly_fits(
+        residual, box, data, starts=starts, max_evaluations=max_evaluations, tolerance=tolerance
+    )
+    best = min(fits, key=lambda end: end.cost)
+    costs = np.sort(np.concatenate([end.waterfall for end in fits]))
+    return replace(best, waterfall=costs, num_refused=sum(end.num_refused for end in fits))
 
+
+def costly_fits(
+    residual: Residual,
+    box: Box,
+    data: PyTree = None,
+    *,
+    starts: Mapping[str, Any],
+    max_evaluations: int = 60,
+    tolerance: float = TOLERANCE,
+) -> list[Fit]:
+    """The same from every start by itself, in their order, but for starts that are refused.
+
+    Where all are refused, that is an error. All starts are solved side by side.
+    """
+    require_float64()
     inside = np.stack([to_search(start, box) for start in named_starts(starts, box)])
-    starting = np.clip(inside, START_MARGIN, 1 - START_MARGIN)
-    ends = [trust_region(part, s, max_evaluations, tolerance) for s in starting]
-    costs = np.array([end.cost for end in ends])
-    best = ends[int(np.argmin(costs))]
-    if not np.isfinite(best.cost):
+
+    def from_start(start: NDArray[np.float64], evaluate: Evaluate) -> Fit | None:
+        return _fitted(start, evaluate, box, max_evaluations, tolerance)
+
+    starting = [*np.clip(inside, START_MARGIN, 1 - START_MARGIN)]
+    ends = side_by_side(from_start, starting, rows_of(residual, box, data))
+    fits = [end for end in ends if end is not None]
+    if not fits:
         raise ModelError(
-            f"The residual is finite at none of the {len(costs)} starts.",
+            f"The residual is finite at none of the {len(ends)} starts.",
             remedy="Look at the data with `jbw check`, for swapped channels, units or NaN, and at "
             "the bounds for parameters that cannot be solved.",
         )
-    x, slope = (np.asarray(point) for point in from_search(jax.device_put(best.x), box))
-    jacobian = part(best.x, 1)
+    first, num_refused = fits[0], len(ends) - len(fits)
+    return [
+        replace(
+            first,
+            num_refused=first.num_refused + num_refused,
+            waterfall=np.append(first.waterfall, np.full(num_refused, np.inf)),
+        ),
+        *fits[1:],
+    ]
+
+
+def _fitted(
+    start: NDArray[np.float64],
+    evaluate: Evaluate,
+    box: Box,
+    max_evaluations: int,
+    tolerance: float,
+) -> Fit | None:
+    """The fit from one start in the unit cube; None where it is refused."""
+    part = part_of(evaluate)
+    end = trust_region(part, start, max_evaluations, tolerance)
+    if not np.isfinite(end.cost):
+        return None
+    x, slope = (np.asarray(point) for point in from_search(jax.device_put(end.x), box))
+    jacobian = part(end.x, 1)
     if tolerance <= TOLERANCE:
-        s = best.x
         jacobian = wide_enough(
-            jacobian, lambda steps: _with_differences(residual, box, data, s, steps)[1], s
+            jacobian, lambda steps: _with_differences(evaluate, end.x, steps)[1], end.x
         )
-    optimum = describe_optimum(x, part(best.x, 0), jacobian / slope, box, costs)
-    return replace(optimum, num_refused=sum(end.num_refused for end in ends))
+    optimum = describe_optimum(x, part(end.x, 0), jacobian / slope, box, np.array([end.cost]))
+    return replace(optimum, num_refused=end.num_refused)
 
 
 def wide_enough(
@@ -172,10 +217,15 @@ def evaluator(residual: Residual, box: Box, data: PyTree) -> Part:
     All points of the differences are solved side by side by the function that gives the residual:
     tangents through a solver in time are a program several times as long to compile.
     """
+    return part_of(rows_of(residual, box, data))
+
+
+def part_of(evaluate: Evaluate) -> Part:
+    """The same where points are evaluated by a function of them."""
 
     @lru_cache(maxsize=1)  # scipy asks for the residual and then for the Jacobian at one point
     def at(s: tuple[float, ...]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        return _with_differences(residual, box, data, np.array(s), np.full(len(s), STEP))
+        return _with_differences(evaluate, np.array(s), np.full(len(s), STEP))
 
     def part(s: NDArray[np.float64], which: int) -> NDArray[np.float64]:
         return at(tuple(s.tolist()))[which]
@@ -183,18 +233,22 @@ def evaluator(residual: Residual, box: Box, data: PyTree) -> Part:
     return part
 
 
+def rows_of(residual: Residual, box: Box, data: PyTree) -> Evaluate:
+    """Residuals at points of the search, a row each; NaN where they are out of reach."""
+
+    def evaluate(points: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, "point value"]:
+        rows = at_points(_real_of, parameters_at(points, box), (residual, data), lanes=LANES)
+        return np.where(np.abs(rows) < OUT_OF_REACH, rows, np.nan)
+
+    return evaluate
+
+
 def _with_differences(
-    residual: Residual,
-    box: Box,
-    data: PyTree,
-    s: NDArray[np.float64],
-    steps: Float[np.ndarray, " parameter"],
+    evaluate: Evaluate, s: NDArray[np.float64], steps: Float[np.ndarray, " parameter"]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Residual and Jacobian, over steps of each parameter; NaN where a residual is out of reach."""
+    """Residual and Jacobian, over steps of each parameter."""
     apart = np.diag(steps)
-    points = s + np.concatenate([np.zeros((1, len(s))), apart, -apart])
-    rows = at_points(_real_of, parameters_at(points, box), (residual, data), lanes=LANES)
-    rows = np.where(np.abs(rows) < OUT_OF_REACH, rows, np.nan)
+    rows = evaluate(s + np.concatenate([np.zeros((1, len(s))), apart, -apart]))
     ahead, behind = np.split(rows[1:], 2)
     return rows[0], _slope(rows[0], ahead, behind, steps[:, None])
 

@@ -72,6 +72,11 @@ def drawing_records(folder: str) -> str:
     return f"Drawing the first record of every test into {folder}"
 
 
+def starts(count: int) -> str:
+    """From how many starts fits begin at once."""
+    return "1 start" if count == 1 else f"{count} starts side by side"
+
+
 def later_round(what: str, number: int) -> str:
     """That a posterior is drawn again."""
     return f"{what}, round {number} (chains disagreed or draws were few: drawn again)"
