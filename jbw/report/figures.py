@@ -8,9 +8,8 @@ as it is, as in `arviz.plot_rank(tree)`; unused here, they need pyplot and JAX a
 import io
 import logging
 import re
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
-from contextvars import ContextVar
+from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -20,7 +19,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.figure import Figure
 
-from jbw.errors import DataError
+from jbw.errors import DataError, reason_of
 from jbw.report import (
     assembly,
     diagrams,
@@ -33,8 +32,10 @@ from jbw.report import (
     responses,
     style,
 )
+from jbw.report.messages import opening as messages
 
 under_way = logging.getLogger("jbw.progress")
+DPI = 130  # of the PNG
 
 
 class ReportFigure(NamedTuple):
@@ -112,56 +113,53 @@ def figure_of(drawn: Any) -> Figure:
     return np.asarray(drawn, dtype=object).reshape(-1)[0].figure
 
 
-_DRAWN: ContextVar[dict[str, Figure | Exception] | None] = ContextVar("drawn", default=None)
+class Drawn(NamedTuple):
+    """What a figure came to."""
+
+    svg: str = ""  # in the page's themes
+    rest: str = ""  # the same of the tests that it leaves, where there are some
+    missing: str = ""  # why there is none, a sentence
 
 
-@contextmanager
-def drawn_once() -> Iterator[None]:
-    """While every figure of one result is drawn once, though it is written in several forms."""
-    token = _DRAWN.set({})
-    try:
-        yield
-    finally:
-        _DRAWN.reset(token)
-
-
-def drawing(entry: ReportFigure, tree: xr.DataTree, *, rest: bool = False) -> Figure:
-    """The figure of a result, or of the `rest` of its tests; raises what its drawing raises."""
-    draw = entry.rest if rest and entry.rest is not None else entry.draw
-    drawn = _DRAWN.get()
-    if drawn is None:
-        return figure_of(draw(tree))
-    key = f"{entry.name}-rest" if rest else entry.name
-    if key not in drawn:
-        try:
-            drawn[key] = figure_of(draw(tree))
-        except Exception as cause:
-            drawn[key] = cause
-    outcome = drawn[key]
-    if isinstance(outcome, Exception):
-        raise outcome
-    return outcome
-
-
-def save_figures(tree: xr.DataTree, folder: Path, dpi: int = 130) -> None:
-    """Write every figure that the result allows as PNG into a folder, made when absent."""
-    folder.mkdir(parents=True, exist_ok=True)
+def draw_figures(tree: xr.DataTree, folder: Path | None = None) -> dict[str, Drawn]:
+    """Draw every figure that a result allows, by name; as PNG too, into a folder made if absent."""
+    if folder is not None:
+        folder.mkdir(parents=True, exist_ok=True)
+    drawn = {}
     for entry in FIGURE_LIST:
         under_way.info("figure %s", entry.slug)
-        path = folder / f"{entry.slug}.png"
-        try:
-            _save(drawing(entry, tree), path, dpi)
-        except OSError:
-            raise
-        except Exception:
-            # A run that left out a step has no such figure, and one that fails costs no other: the
-            # page says why.
-            path.unlink(missing_ok=True)
-            continue
+        drawn[entry.name] = _drawn(entry, tree, folder)
+    return drawn
+
+
+def _drawn(entry: ReportFigure, tree: xr.DataTree, folder: Path | None) -> Drawn:
+    """One figure; one that fails costs neither the others nor the tables."""
+    drawn = Drawn()
+    path = None if folder is None else folder / f"{entry.slug}.png"
+    try:
+        drawn = Drawn(svg=_written(figure_of(entry.draw(tree)), entry.name, path))
+        if entry.rest is None:
+            return drawn
+        rest = None if path is None else path.with_stem(f"{path.stem}_rest")
         with suppress(DataError):  # there are no further tests
-            if entry.rest is not None:
-                rest = path.with_stem(f"{path.stem}_rest")
-                _save(drawing(entry, tree, rest=True), rest, dpi)
+            figure = figure_of(entry.rest(tree))
+            return drawn._replace(rest=_written(figure, f"{entry.name}-rest", rest))
+        return drawn
+    except DataError as cause:  # a run that left out a step has no such figure
+        return drawn._replace(missing=cause.what)
+    except Exception as cause:
+        if path is not None and isinstance(cause, OSError):  # it cannot be written
+            raise
+        if path is not None and not drawn.svg:
+            path.unlink(missing_ok=True)
+        return drawn._replace(missing=f"{messages.UNDRAWN}{reason_of(cause)}")
+
+
+def _written(figure: Figure, name: str, path: Path | None) -> str:
+    """A figure as SVG, and as PNG where a path is given."""
+    if path is not None:
+        _save(figure, path, DPI)
+    return svg(figure, name)
 
 
 def _save(figure: Figure, path: Path, dpi: int) -> None:

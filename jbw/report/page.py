@@ -5,7 +5,6 @@ import logging
 import os
 from base64 import b64encode
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -15,11 +14,11 @@ import jinja2
 import xarray as xr
 from markupsafe import Markup
 
-from jbw.errors import ConfigError, DataError, printable, reason_of
+from jbw.errors import ConfigError, DataError, printable
 from jbw.report import tables
 from jbw.report.charts import CurvePoints, charts_of, decimated, shared_limit, shown_text
 from jbw.report.cycles import cycles_table
-from jbw.report.figures import FIGURE_LIST, GROUPS, ReportFigure, drawing, svg
+from jbw.report.figures import FIGURE_LIST, GROUPS, Drawn, ReportFigure, draw_figures
 from jbw.report.identifiability import directions_table, quantities_table
 from jbw.report.messages import opening as messages
 from jbw.report.opening import lead, opening
@@ -50,13 +49,23 @@ ENVIRONMENT = jinja2.Environment(
 )
 
 
-def write_page(summary: Mapping[str, Any], tree: xr.DataTree, path: Path) -> None:
+def write_page(
+    summary: Mapping[str, Any],
+    tree: xr.DataTree,
+    path: Path,
+    drawn: Mapping[str, Drawn] | None = None,
+) -> None:
     """Write the report of a run with its summary and its tree to a file, whole or not at all."""
-    write_whole(path, render_page(summary, tree).encode())
+    write_whole(path, render_page(summary, tree, drawn).encode())
 
 
-def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
-    """Return the report as HTML; every name that comes from a file is escaped."""
+def render_page(
+    summary: Mapping[str, Any], tree: xr.DataTree, drawn: Mapping[str, Drawn] | None = None
+) -> str:
+    """Return the report as HTML; every name that comes from a file is escaped.
+
+    Figures are those `drawn` before, by name, or drawn here.
+    """
     quantities, look = names_of(tree, summary), summary.get("look") or {}
     identifiability = summary.get("identifiability") or {}
     return ENVIRONMENT.get_template("page.html").render(
@@ -70,7 +79,7 @@ def render_page(summary: Mapping[str, Any], tree: xr.DataTree) -> str:
         ],
         **_parameters(summary, quantities),
         look={"statements": [], "seen": []} | look,
-        **_figures(summary, tree),
+        **_figures(summary, drawn or draw_figures(tree)),
         predictions=tables.table_of_tests(summary, tree),
         directions=directions_table(identifiability, quantities),
         quantities=quantities_table(identifiability, quantities),
@@ -133,17 +142,16 @@ def _parameters(summary: Mapping[str, Any], quantities: Names) -> dict[str, Tabl
     }
 
 
-def _figures(summary: Mapping[str, Any], tree: xr.DataTree) -> dict[str, Any]:
+def _figures(summary: Mapping[str, Any], drawn: Mapping[str, Drawn]) -> dict[str, Any]:
     """All figures: the one that leads, that of a look, the others by groups, those not drawn."""
-    drawn = [_draw(entry, tree) for entry in FIGURE_LIST]
-    by_name = {figure["entry"].name: figure for figure in drawn}
+    by_name = {entry.name: _shown(entry, drawn[entry.name]) for entry in FIGURE_LIST}
     first = lead(summary, [name for name, figure in by_name.items() if figure["svg"]])
     others = [f for name, f in by_name.items() if f["svg"] and name not in (first, LOOK)]
     return {
         "lead": by_name.get(first or ""),
         "looked": by_name[LOOK],
         "groups": _groups(others),
-        "missing": [figure for figure in drawn if figure["missing"]],
+        "missing": [figure for figure in by_name.values() if figure["missing"]],
     }
 
 
@@ -185,26 +193,12 @@ def campaign_name(summary: Mapping[str, Any]) -> str:
     return str(campaign.get("name", "")) if isinstance(campaign, Mapping) else str(campaign or "")
 
 
-def _draw(entry: ReportFigure, tree: xr.DataTree) -> dict[str, Any]:
-    """Return one figure as SVG, or the sentence that says why there is none."""
+def _shown(entry: ReportFigure, drawn: Drawn) -> dict[str, Any]:
+    """One figure as the page has it."""
     number = entry.name.removeprefix("figure_") if entry.name.startswith("figure_") else ""
-    drawn = {"entry": entry, "number": number, "svg": "", "rest": "", "missing": ""}
-    under_way.info("figure %s", entry.slug)
-    try:
-        drawn["svg"] = _picture(drawing(entry, tree), entry.name)
-        with suppress(DataError):  # there are no further tests
-            if entry.rest is not None:
-                drawn["rest"] = _picture(drawing(entry, tree, rest=True), f"{entry.name}-rest")
-        return drawn
-    except DataError as cause:
-        return drawn | {"missing": cause.what}
-    except Exception as cause:  # a figure that fails costs neither the others nor the tables
-        return drawn | {"missing": f"{messages.UNDRAWN}{reason_of(cause)}"}
-
-
-def _picture(figure: Any, name: str) -> Markup:
     # The SVG is our own drawing of numbers, its texts outlines: safe to insert as it is.
-    return Markup(svg(figure, name))
+    pictures = {"svg": Markup(drawn.svg), "rest": Markup(drawn.rest)}
+    return {"entry": entry, "number": number, "missing": drawn.missing, **pictures}
 
 
 def _provenance(summary: Mapping[str, Any]) -> dict[str, str]:

@@ -13,7 +13,7 @@ from typing import Any
 import xarray as xr
 
 from jbw.errors import RunError
-from jbw.report.figures import drawn_once, figure_of, save_figures
+from jbw.report.figures import draw_figures, figure_of
 from jbw.report.page import write_page
 from jbw.report.prediction import prediction
 from jbw.report.style import Panels
@@ -64,9 +64,8 @@ def save_report(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> 
     try:
         with writing(folder, "figures", "report.html") as part:
             (part / "figures").mkdir()
-            with drawn_once():
-                save_figures(tree, part / "figures")
-                write_page(summary, tree, part / "report.html")
+            drawn = draw_figures(tree, part / "figures")
+            write_page(summary, tree, part / "report.html", drawn)
     except Exception as error:
         raise RunError(
             f"The report of {folder} failed: {type(error).__name__}: {error}",

@@ -32,8 +32,8 @@ from jbw.run import checkpoints
 from jbw.study import store as storage
 
 growing.CHUNK_S, checkpoints.EVERY_S, checkpoints.COST = 0.02, 0.0, 1.0
-storage.save_figures = lambda tree, folder: None
-storage.write_page = lambda summary, tree, path: path.write_text("page")
+storage.draw_figures = lambda *_: None
+storage.write_page = lambda *of: of[2].write_text("page")
 death, count, write = os.environ.get("DEATH"), 0, checkpoints.write_whole
 
 def write_and_die(path, content):

@@ -37,8 +37,8 @@ def coordinates(names, campaign):
 
 @pytest.mark.release
 def test_a_fleet_is_measured_identified_pooled_and_the_next_torque_predicted(tmp_path, monkeypatch):
-    monkeypatch.setattr(store, "save_figures", lambda tree, folder: None)
-    monkeypatch.setattr(store, "write_page", lambda summary, tree, path: path.write_text("page"))
+    monkeypatch.setattr(store, "draw_figures", lambda *_: None)
+    monkeypatch.setattr(store, "write_page", lambda *of: of[2].write_text("page"))
     conditions = {"how": LAW, "fs": 256.0, "noise_ratio": 0.05}
     fleet = rig.measure_fleet(PRESET, torques=TORQUES, assemblies=2, seed=1, **conditions)
     files = [rig.write(unit, tmp_path / f"unit_{i}") for i, unit in enumerate(fleet)]

@@ -11,7 +11,7 @@ from PIL import Image
 
 from jbw.errors import ConfigError, DataError
 from jbw.report import figures
-from jbw.report.figures import FIGURE_LIST, FIGURES, figure_of, save_figures, svg
+from jbw.report.figures import FIGURE_LIST, FIGURES, draw_figures, figure_of, svg
 from jbw.report.style import band_label
 
 # The paper's figure 3 shows the rig itself.
@@ -155,7 +155,7 @@ def test_files_are_named_in_order_and_are_pictures(tree, tmp_path):
             "/steps/opening_nuts/posterior": tree["steps/opening_nuts/posterior"].to_dataset(),
         }
     )
-    save_figures(part, tmp_path / "figures")
+    draw_figures(part, tmp_path / "figures")
     names = ["figure_04_linear_frf.png", "figure_10_opening_posterior.png", "extra_routes.png"]
     assert {path.name for path in (tmp_path / "figures").iterdir()} == set(names)
     with Image.open(tmp_path / "figures" / names[0]) as picture:

@@ -228,8 +228,8 @@ def test_the_command_prints_ten_lines_and_with_verbose_the_rest(tmp_path, monkey
     summary = summary_of(findings=[finding("coloured_residual", "ok")]) | {"comparison": {}}
     summary["steps"]["joint"] |= {"statements": ["Drawn at once."], "verdict": {"status": "ok"}}
     monkeypatch.setattr(resumable, "identified", lambda *_: (tree_of(), summary))
-    monkeypatch.setattr(store, "write_page", lambda summary, tree, path: path.write_text("page"))
-    monkeypatch.setattr(store, "save_figures", lambda *_: None)
+    monkeypatch.setattr(store, "write_page", lambda *of: of[2].write_text("page"))
+    monkeypatch.setattr(store, "draw_figures", lambda *_: None)
     out, campaign = tmp_path / "short", tmp_path / "toy.toml"
     campaign.touch()
     assert run(["identify", str(campaign), "--out", str(out)]) == 0

@@ -205,8 +205,8 @@ def test_a_fleet_that_is_killed_goes_on_and_ends_as_the_undisturbed_one(
     first = (tmp_path / "killed" / "unit_0" / "summary.json").stat().st_mtime_ns
 
     # The rest in threads of this process, which compiles but once, and without figures.
-    monkeypatch.setattr(store, "save_figures", lambda tree, folder: None)
-    monkeypatch.setattr(store, "write_page", lambda summary, tree, path: path.write_text("page"))
+    monkeypatch.setattr(store, "draw_figures", lambda *_: None)
+    monkeypatch.setattr(store, "write_page", lambda *of: of[2].write_text("page"))
     with ThreadPoolExecutor(1) as pool:
         undisturbed = jbw.identify_many(files, tmp_path / "whole", executor=pool)
         found = jbw.identify_many(files, tmp_path / "killed", executor=pool)
@@ -239,8 +239,8 @@ def test_dasks_workers_draw_what_a_thread_of_this_process_draws(tmp_path, monkey
         distributed.Client(cluster) as client,
     ):
         found = jbw.identify_many(files, tmp_path / "there", executor=client.get_executor())
-    monkeypatch.setattr(store, "save_figures", lambda tree, folder: None)
-    monkeypatch.setattr(store, "write_page", lambda summary, tree, path: path.write_text("page"))
+    monkeypatch.setattr(store, "draw_figures", lambda *_: None)
+    monkeypatch.setattr(store, "write_page", lambda *of: of[2].write_text("page"))
     with ThreadPoolExecutor(1) as pool:
         here = jbw.identify_many(files, tmp_path / "here", executor=pool)
     require_same_fleets(found, here)
