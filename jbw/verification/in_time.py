@@ -70,13 +70,16 @@ def predict_motion(
     substeps: int = 2,
     residuals: str = "auto",
     point: int = 0,
+    source: HeldInput | None = None,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Response (draw, time) to the measured input of a record, from rest; peak displacement [m].
 
     The peak is of the joint's own mode, without what residual terms add to the response, at the
-    first point of several, also where the response is at a further one.
+    first point of several, also where the response is at a further one. The `source` is the
+    record's input by `band_limited`, for several predictions under it.
     """
-    source = band_limited(record.channels[record.source])
+    if source is None:
+        source = band_limited(record.channels[record.source])
     if not point:
         motions = motions_at(
             draws, source, record.fs, laws=laws, residuals=residuals, substeps=substeps,
@@ -116,16 +119,15 @@ def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Mot
     """Carry the input of a test's first record through the model, by the run's steps when None."""
     test = on_time(test)
     record, steps = test.records[0], substeps or source.basis.substeps
-    (model, peak), others = source.carried(
-        lambda draws, laws: predict_motion(
-            draws,
-            record,
-            laws,
-            substeps=steps,
-            residuals=test.residuals,
-            point=("", *source.basis.points).index(test.point),
-        )
+    predict = partial(
+        predict_motion,
+        record=record,
+        substeps=steps,
+        residuals=test.residuals,
+        point=("", *source.basis.points).index(test.point),
+        source=band_limited(record.channels[record.source]),
     )
+    (model, peak), others = source.carried(lambda draws, laws: predict(draws, laws=laws))
     reference_responses = {name: response for name, (response, _) in others.items()}
     start = round(_settling(test, source.draws) * record.fs)
     if not is_measured(test):
