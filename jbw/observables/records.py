@@ -384,12 +384,12 @@ class Records(Repeated):
         measured = None  # of a band nothing is added up sample by sample
         if self.lines is None:
             measured = MeasuredResponse(self.mean, self.repeats.directions, self.skipped)
+        record = record_of(self.held, number, measured)
         return march(
             joints,
             theta["gain"] * float(np.asarray(self.held.gain)[number]),
-            record_of(self.held, number, measured),
-            self.fs, self.substeps, derivative_order(self.response),
-            known=known, rows=_behind(rows, self.skipped), writes=writes,
+            record._replace(rows=_behind(rows, self.skipped)),
+            self.fs, self.substeps, derivative_order(self.response), known=known, writes=writes,
         )  # fmt: skip
 
     def _joints_at(

@@ -59,7 +59,7 @@ class Motions(NamedTuple):
         square: Q of the samples that count; as they are where nothing is compared.
         along: s_k of the same.
         peak: Largest response of the same.
-        products: Sums of the response times each row that was given; None where none were.
+        products: Sums of the response times each row of the record; None where it has none.
     """
 
     response: Any  # Float[np.ndarray, "lane time"] | None
@@ -111,6 +111,7 @@ class MarchedRecord(NamedTuple):
     pieces: tuple[_Piece, ...]
     num_intervals: int
     first: int
+    rows: Float[np.ndarray, "row time"] | None = None  # that responses are multiplied with
 
 
 def march(
@@ -122,7 +123,6 @@ def march(
     order: int,
     *,
     known: Float[np.ndarray, "lane direction"] | None = None,
-    rows: Float[np.ndarray, "row time"] | None = None,
     writes: bool = True,
 ) -> Motions:
     """Motions of oscillators, from rest, under one sampled input.
@@ -136,7 +136,6 @@ def march(
         substeps: Steps between samples.
         order: Derivative that is given: 0 displacement, 1 velocity, 2 acceleration.
         known: Parts a of the directions that are no residual; none when None.
-        rows: What the responses are multiplied with, sample by sample; none when None.
         writes: Whether the responses are wanted beside the sums.
     """
     count = len(gains)
@@ -145,7 +144,8 @@ def march(
     if known is not None:
         parts[:count, : known.shape[1]] = known
     state, totals = _at_rest(joints), _none()
-    written_rows, products = [], np.zeros((count, 0 if rows is None else len(rows)))
+    written_rows, rows = [], record.rows
+    products = np.zeros((count, 0 if rows is None else len(rows)))
     for number, piece in enumerate(record.pieces):
         done = number * INTERVALS
         size = min(INTERVALS, record.num_intervals - done)

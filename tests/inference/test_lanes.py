@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from jbw.inference import lanes
-from jbw.inference.lanes import LANES, at_points
+from jbw.inference.lanes import LANES, at_points, side_by_side
 
 
 def wavy(theta, data):
@@ -97,3 +97,52 @@ def test_an_error_in_the_function_is_raised():
 
     with pytest.raises(TypeError):
         at_points(wrong, points(40))
+
+
+def halvings(start, evaluate):
+    """Bisection of the square root of a start: so many evaluations, each of its own points."""
+    low, high = 0.0, max(start, 1.0)
+    while high - low > 1e-12 * high:
+        middle = (low + high) / 2
+        (value,) = evaluate(np.array([[middle]]))[0]
+        low, high = (middle, high) if value < start else (low, middle)
+    return middle
+
+
+def test_searches_side_by_side_end_where_each_does_alone():
+    asked, starts = [], [2.0, 9.0, 1e-6, 3.0]
+
+    def squares(points):
+        asked.append(len(points))
+        return points**2
+
+    alone = [halvings(start, squares) for start in starts]
+    calls = len(asked)
+    asked.clear()
+    together = side_by_side(halvings, starts, squares)
+    assert together == alone
+    np.testing.assert_allclose(together, np.sqrt(starts), rtol=1e-11)
+    # The longest search tells how many calls there are; those that have ended ask for nothing.
+    assert sum(asked) == calls
+    assert max(asked) == len(starts)
+    assert asked[-1] == 1
+
+
+def failing(start, evaluate):
+    if start < 0:
+        raise ValueError("no root")
+    return halvings(start, evaluate)
+
+
+@pytest.mark.parametrize("starts", [[4.0, -1.0, 9.0], [-1.0, 4.0, 9.0]])
+def test_an_error_of_one_search_ends_all(starts):
+    with pytest.raises(ValueError, match="no root"):
+        side_by_side(failing, starts, np.square)
+
+
+def test_an_error_of_the_evaluation_is_that_of_the_search():
+    def broken(points):
+        raise FloatingPointError("not a number")
+
+    with pytest.raises(FloatingPointError, match="not a number"):
+        side_by_side(halvings, [4.0, 9.0], broken)

@@ -77,7 +77,8 @@ def test_sums_are_those_of_the_written_residual():
     np.testing.assert_allclose(found.along, residual @ rows.T, rtol=0, atol=1e-10 * size)
     np.testing.assert_array_equal(found.peak, np.abs(found.response[:, first:]).max(axis=1))
     factors = rng.standard_normal((3, size))
-    silent = march(many, gains, record, FS, 2, 1, known=known, rows=factors, writes=False)
+    multiplied = record._replace(rows=factors)
+    silent = march(many, gains, multiplied, FS, 2, 1, known=known, writes=False)
     assert silent.response is None
     assert found.products is None
     np.testing.assert_allclose(

@@ -22,8 +22,15 @@ from jbw.inference.fit.fitting import (
     named_starts,
     real,
 )
-from jbw.inference.fit.side_by_side import Evaluate, side_by_side
-from jbw.inference.lanes import Solved, at_points, seeing, seen_by, solved_first
+from jbw.inference.lanes import (
+    Evaluate,
+    Solved,
+    at_points,
+    seeing,
+    seen_by,
+    side_by_side,
+    solved_first,
+)
 from jbw.inference.space.box import Box, named, require_float64
 from jbw.inference.space.coordinates import Composed, Logarithms, Sinh, Vector, unit
 
