@@ -263,9 +263,9 @@ class Records(Repeated):
     ) -> tuple[Float[Array, " level"], Float[Array, "level row"]]:
         """The same, where it can be added up in the time loop, of which no response is written."""
         if self.solution is not None:
-            if self.solution.products is None:
+            if (products := self.solution.products) is None:
                 return super().residual_sums(theta, rows, offset)
-            return self._sums_by_products(theta, rows, offset)
+            return self._sums_by_products(theta, rows, offset, products)
         if not self._summed(theta) or rows.shape[1] > MOST_ROWS:
             return super().residual_sums(theta, rows, offset)
         offset_from_origin = self._from_origin(theta, offset)
@@ -298,8 +298,9 @@ class Records(Repeated):
         theta: Theta,
         rows: Float[Array, "level row value"],
         offset: Float[Array, "level of_run"] | None,
+        products: Float[Array, "level row"],
     ) -> tuple[Float[Array, " level"], Float[Array, "level row"]]:
-        r"""The sums of a solution that holds what the rows R make of its responses m.
+        r"""The sums of a solution that holds the products R m of its responses m with the rows R.
 
         $$Q_b = Q - 2 b^T s + b^T J J^T b, \qquad R r_b = R d - R m - R J^T (a + b)$$
 
@@ -314,7 +315,7 @@ class Records(Repeated):
         measured = jnp.einsum("lrv,lv->lr", rows, self.mean)
         per_offset = jnp.einsum("lrv,liv->lri", rows, directions)
         explained = jnp.einsum("lri,li->lr", per_offset, self._from_origin(theta, offset))
-        return square, measured - self.solution.products - explained
+        return square, measured - products - explained
 
     def own_sums(self, theta: Theta) -> tuple[Float[Array, " level"], Float[Array, "level own"]]:
         """As of all repeated data; where records were solved, what was added up on the way."""
