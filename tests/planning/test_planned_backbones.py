@@ -29,8 +29,9 @@ def test_weak_points_tell_what_a_linear_oscillator_has_in_closed_form():
         theta, amplitudes, response="velocity", noise_std=NOISE, num_samples=SIZE
     )
     names = ("omega_n", "zeta")
-    scale = jnp.asarray([theta[name] for name in names])
-    information = fisher(theta, names, scale, Dataset.of([data]), jnp.ones(4))
+    one = {name: np.array([float(value)]) for name, value in theta.items()}
+    scale = np.array([[float(theta[name]) for name in names]])
+    (information,) = fisher(one, names, scale, Dataset.of([data]), np.ones(4))
     part = NOISE * np.sqrt(2 / SIZE) / (joint.omega_n * amplitudes)
     square = np.sum(part**-2.0)
     expected = [[square * (joint.zeta**-2.0 + 4), 2 * square], [2 * square, square]]

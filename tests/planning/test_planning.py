@@ -349,11 +349,11 @@ def test_tests_of_a_joint_of_sliders_are_planned_by_its_own_parameters():
 
 
 def test_the_cost_of_a_plan_is_the_first_of_each_form_times_their_number():
-    """Three sweeps of 2 s and two sets of tones of 0.5 s, at four joints: 4 (6 + 1) s."""
+    """Three sweeps of 8 s and two sets of tones of 2 s, at four joints: 24 + 4 s."""
     kinds = [int, int, int, str, str]
     joints = SimpleNamespace(num_joints=4)
     candidates = [kind() for kind in kinds]
-    sentence = cost_sentence(candidates, {int: 2.0, str: 0.5}, joints)  # pyright: ignore
+    sentence = cost_sentence(candidates, {int: 8.0, str: 2.0}, joints)  # pyright: ignore
     assert sentence == cost(5, 4, 28.0)
-    sentence = cost_sentence(candidates, {int: 200.0, str: 0.5}, joints)  # pyright: ignore
+    sentence = cost_sentence(candidates, {int: 800.0, str: 2.0}, joints)  # pyright: ignore
     assert sentence == cost(5, 4, 2400.0)
