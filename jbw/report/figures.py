@@ -113,7 +113,7 @@ def figure_of(drawn: Any) -> Figure:
     return np.asarray(drawn, dtype=object).reshape(-1)[0].figure
 
 
-class Drawn(NamedTuple):
+class DrawnFigure(NamedTuple):
     """What a figure came to."""
 
     svg: str = ""  # in the page's themes
@@ -121,7 +121,7 @@ class Drawn(NamedTuple):
     missing: str = ""  # why there is none, a sentence
 
 
-def draw_figures(tree: xr.DataTree, folder: Path | None = None) -> dict[str, Drawn]:
+def draw_figures(tree: xr.DataTree, folder: Path | None = None) -> dict[str, DrawnFigure]:
     """Draw every figure that a result allows, by name; as PNG too, into a folder made if absent."""
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
@@ -132,12 +132,12 @@ def draw_figures(tree: xr.DataTree, folder: Path | None = None) -> dict[str, Dra
     return drawn
 
 
-def _drawn(entry: ReportFigure, tree: xr.DataTree, folder: Path | None) -> Drawn:
+def _drawn(entry: ReportFigure, tree: xr.DataTree, folder: Path | None) -> DrawnFigure:
     """One figure; one that fails costs neither the others nor the tables."""
-    drawn = Drawn()
+    drawn = DrawnFigure()
     path = None if folder is None else folder / f"{entry.slug}.png"
     try:
-        drawn = Drawn(svg=_written(figure_of(entry.draw(tree)), entry.name, path))
+        drawn = DrawnFigure(svg=_written(figure_of(entry.draw(tree)), entry.name, path))
         if entry.rest is None:
             return drawn
         rest = None if path is None else path.with_stem(f"{path.stem}_rest")

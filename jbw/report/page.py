@@ -18,7 +18,7 @@ from jbw.errors import ConfigError, DataError, printable
 from jbw.report import tables
 from jbw.report.charts import CurvePoints, charts_of, decimated, shared_limit, shown_text
 from jbw.report.cycles import cycles_table
-from jbw.report.figures import FIGURE_LIST, GROUPS, Drawn, ReportFigure, draw_figures
+from jbw.report.figures import FIGURE_LIST, GROUPS, DrawnFigure, ReportFigure, draw_figures
 from jbw.report.identifiability import directions_table, quantities_table
 from jbw.report.messages import opening as messages
 from jbw.report.opening import lead, opening
@@ -53,14 +53,14 @@ def write_page(
     summary: Mapping[str, Any],
     tree: xr.DataTree,
     path: Path,
-    drawn: Mapping[str, Drawn] | None = None,
+    drawn: Mapping[str, DrawnFigure] | None = None,
 ) -> None:
     """Write the report of a run with its summary and its tree to a file, whole or not at all."""
     write_whole(path, render_page(summary, tree, drawn).encode())
 
 
 def render_page(
-    summary: Mapping[str, Any], tree: xr.DataTree, drawn: Mapping[str, Drawn] | None = None
+    summary: Mapping[str, Any], tree: xr.DataTree, drawn: Mapping[str, DrawnFigure] | None = None
 ) -> str:
     """Return the report as HTML; every name that comes from a file is escaped.
 
@@ -142,7 +142,7 @@ def _parameters(summary: Mapping[str, Any], quantities: Names) -> dict[str, Tabl
     }
 
 
-def _figures(summary: Mapping[str, Any], drawn: Mapping[str, Drawn]) -> dict[str, Any]:
+def _figures(summary: Mapping[str, Any], drawn: Mapping[str, DrawnFigure]) -> dict[str, Any]:
     """All figures: the one that leads, that of a look, the others by groups, those not drawn."""
     by_name = {entry.name: _shown(entry, drawn[entry.name]) for entry in FIGURE_LIST}
     first = lead(summary, [name for name, figure in by_name.items() if figure["svg"]])
@@ -193,7 +193,7 @@ def campaign_name(summary: Mapping[str, Any]) -> str:
     return str(campaign.get("name", "")) if isinstance(campaign, Mapping) else str(campaign or "")
 
 
-def _shown(entry: ReportFigure, drawn: Drawn) -> dict[str, Any]:
+def _shown(entry: ReportFigure, drawn: DrawnFigure) -> dict[str, Any]:
     """One figure as the page has it."""
     number = entry.name.removeprefix("figure_") if entry.name.startswith("figure_") else ""
     # The SVG is our own drawing of numbers, its texts outlines: safe to insert as it is.
