@@ -10,6 +10,7 @@ import click
 from rich.text import Text
 
 from jbw.campaign.written import CAMPAIGN, require_file
+from jbw.cli.drawing import DrawingProcess
 from jbw.cli.options import (
     campaign_argument,
     json_option,
@@ -255,11 +256,15 @@ def run_to_end(
         return messages.saved(str(run.folder), shlex.quote(str(run.folder)))
 
     try:
-        with run.interruption.heard(farewell), computing() as say:
+        with (
+            run.interruption.heard(farewell),
+            DrawingProcess(wanted=not run.manifest.quick) as beside,
+            computing() as say,
+        ):
             run.watch = say.chains
             from jbw.study import resumable
 
-            summary, tree = resumable.carried_out(run, say)
+            summary, tree = resumable.carried_out(run, say, beside)
     except KeyboardInterrupt:
         click.echo(farewell(), err=True)
         return INTERRUPTED

@@ -5,6 +5,7 @@ from typing import Any
 
 import click
 
+from jbw.cli.drawing import DrawingProcess
 from jbw.cli.options import json_option, out_option, run_argument
 from jbw.cli.printing import answer
 from jbw.errors import ConfigError
@@ -38,7 +39,7 @@ def report(
         return
     from jbw.cli.progress import telling
 
-    with telling(f"Reading {folder}") as say:
+    with DrawingProcess(wanted=out is None) as beside, telling(f"Reading {folder}") as say:
         from jbw.report.page import campaign_name, write_interactive, write_page
         from jbw.report.result import read_result
         from jbw.study.store import save_report
@@ -47,7 +48,7 @@ def report(
         page = out or folder / "report.html"
         say(f"Writing {page}" if out else stages.drawing_figures(str(page)))
         if out is None:
-            save_report(folder, tree, summary)
+            save_report(folder, tree, summary, beside)
         else:
             write_page(summary, tree, out)
         written = {"report": str(page)}

@@ -6,14 +6,18 @@ as it is, as in `arviz.plot_rank(tree)`; unused here, they need pyplot and JAX a
 """
 
 import io
+import json
 import logging
 import re
-from collections.abc import Callable
+import signal
+import sys
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
+import h5netcdf  # noqa: F401  # which results are read by: loaded while a process beside waits
 import matplotlib
 import numpy as np
 import xarray as xr
@@ -121,15 +125,63 @@ class DrawnFigure(NamedTuple):
     missing: str = ""  # why there is none, a sentence
 
 
-def draw_figures(tree: xr.DataTree, folder: Path | None = None) -> dict[str, DrawnFigure]:
-    """Draw every figure that a result allows, by name; as PNG too, into a folder made if absent."""
+class Beside(Protocol):
+    """A process beside this one that draws figures of a saved result."""
+
+    def ask(self, result: Path, folder: Path, names: Sequence[str]) -> bool:
+        """Ask for figures by name, as PNG into a folder; False where that is in vain."""
+        ...
+
+    def drawn(self) -> Mapping[str, Sequence[str]]:
+        """The fields of each `DrawnFigure` that was asked for, by name; nothing if it failed."""
+        ...
+
+
+def draw_figures(
+    tree: xr.DataTree, folder: Path | None = None, beside: tuple[Beside, Path] | None = None
+) -> dict[str, DrawnFigure]:
+    """Draw every figure that a result allows, by name.
+
+    Args:
+        tree: The result.
+        folder: Where each goes as PNG too, made when absent; None for none.
+        beside: A process that draws all groups but that of the tests, which takes as long as the
+            others together, and the file where the result is saved. What it does not bring is
+            drawn here.
+    """
+    drawn, elsewhere = {}, []
     if folder is not None:
         folder.mkdir(parents=True, exist_ok=True)
-    drawn = {}
+        if beside is not None:
+            process, result = beside
+            names = [entry.name for entry in FIGURE_LIST if entry.group != "tests"]
+            elsewhere = names if process.ask(result, folder, names) else []
     for entry in FIGURE_LIST:
-        under_way.info("figure %s", entry.slug)
-        drawn[entry.name] = _drawn(entry, tree, folder)
+        if entry.name not in elsewhere:
+            under_way.info("figure %s", entry.slug)
+            drawn[entry.name] = _drawn(entry, tree, folder)
+    if elsewhere and beside is not None:
+        drawn |= {name: DrawnFigure(*texts) for name, texts in beside[0].drawn().items()}
+    for entry in FIGURE_LIST:
+        if entry.name not in drawn:
+            drawn[entry.name] = _drawn(entry, tree, folder)
     return drawn
+
+
+def draw_when_asked() -> None:
+    """Draw what a line of standard input asks for: what `Beside` runs."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the process that asks hears of it, and ends this
+    answer, sys.stdout = sys.stdout, sys.stderr  # nothing else is written between
+    if not (line := sys.stdin.readline()):
+        return
+    asked = json.loads(line)
+    with xr.open_datatree(asked["result"], engine="h5netcdf") as tree:
+        drawn = {
+            entry.name: _drawn(entry, tree, Path(asked["folder"]))
+            for entry in FIGURE_LIST
+            if entry.name in asked["names"]
+        }
+    print(json.dumps(drawn), file=answer, flush=True)
 
 
 def _drawn(entry: ReportFigure, tree: xr.DataTree, folder: Path | None) -> DrawnFigure:

@@ -12,6 +12,7 @@ import xarray as xr
 from jbw import rig
 from jbw.campaign.load import load_with_doubts
 from jbw.inference.compiled import forget_when_many
+from jbw.report.figures import Beside
 from jbw.report.opening import opening
 from jbw.report.result import read_result
 from jbw.run.folder import Run, is_first_answer
@@ -23,10 +24,13 @@ from jbw.study.study import input_hashes
 Say = Callable[[str], None]
 
 
-def carried_out(run: Run, say: Say) -> tuple[Mapping[str, Any], xr.DataTree]:
+def carried_out(
+    run: Run, say: Say, beside: Beside | None = None
+) -> tuple[Mapping[str, Any], xr.DataTree]:
     """Do what is left of a run, and return its summary and its tree.
 
     Of a first answer the result alone is written, and the run stays one that can be gone on with.
+    A process `beside` this one draws some of the report's figures.
     """
     if (run.folder / "summary.json").exists() and not is_first_answer(run.folder):
         summary, tree = read_result(run.folder)
@@ -39,7 +43,7 @@ def carried_out(run: Run, say: Say) -> tuple[Mapping[str, Any], xr.DataTree]:
             return summary, tree
     say("Writing figures and report")
     try:
-        save_report(run.folder, tree, summary)
+        save_report(run.folder, tree, summary, beside)
     finally:
         if not run.interruption.asked:
             run.finish()  # a report that failed is `jbw report`'s to try again

@@ -1,5 +1,6 @@
 """Every figure draws what the contract of the result says, and says what it cannot draw."""
 
+import shutil
 import sys
 
 import matplotlib
@@ -9,6 +10,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 from PIL import Image
 
+from jbw.cli.drawing import DrawingProcess
 from jbw.errors import ConfigError, DataError
 from jbw.report import figures
 from jbw.report.figures import FIGURE_LIST, FIGURES, draw_figures, figure_of, svg
@@ -160,6 +162,53 @@ def test_files_are_named_in_order_and_are_pictures(tree, tmp_path):
     assert {path.name for path in (tmp_path / "figures").iterdir()} == set(names)
     with Image.open(tmp_path / "figures" / names[0]) as picture:
         assert picture.width == round(7.2 * 130)
+
+
+@pytest.fixture(scope="module")
+def saved(tree, tmp_path_factory):
+    """A small result, and the file where it is saved."""
+    names = ("steps/linear", "steps/opening_nuts/posterior")
+    groups = {f"/{name}": tree[name].to_dataset() for name in names}
+    small = xr.DataTree.from_dict(groups)
+    path = tmp_path_factory.mktemp("saved") / "posterior.nc"
+    small.to_netcdf(path, engine="h5netcdf")
+    return small, path
+
+
+def test_a_process_beside_draws_the_same(saved, tmp_path):
+    """Pictures and what the page takes, byte by byte."""
+    small, path = saved
+    here = draw_figures(small, tmp_path / "here")
+    with DrawingProcess() as process:
+        assert draw_figures(small, tmp_path / "beside", (process, path)) == here
+    pictures = sorted((tmp_path / "here").iterdir())
+    assert "figure_04_linear_frf.png" in {picture.name for picture in pictures}
+    for picture in pictures:
+        assert picture.read_bytes() == (tmp_path / "beside" / picture.name).read_bytes()
+
+
+@pytest.mark.parametrize("program", ["no such program", shutil.which("false"), None])
+def test_all_is_drawn_here_where_no_process_beside_can(saved, tmp_path, monkeypatch, program):
+    small, path = saved
+    monkeypatch.setattr(sys, "executable", program or sys.executable)
+    # The last can start, but finds no result.
+    where = path if program else path.with_name("missing.nc")
+    with DrawingProcess() as process:
+        drawn = draw_figures(small, tmp_path, (process, where))
+    assert drawn["figure_4"].svg
+    assert drawn == draw_figures(small, tmp_path / "again")
+    assert (tmp_path / "figure_04_linear_frf.png").is_file()
+
+
+def test_a_process_beside_ends_with_its_command():
+    with DrawingProcess() as process:
+        child = process._process
+        assert child is not None
+        assert child.poll() is None
+    assert child.poll() is not None
+    with DrawingProcess() as process:
+        process._process.stdin.close()  # as where the command was killed
+        assert process._process.wait(60) == 0
 
 
 def test_the_measured_peak_falls_with_the_level(drawn):

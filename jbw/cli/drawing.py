@@ -1,0 +1,63 @@
+"""A second process that draws part of a report's figures, while the command draws the rest."""
+
+import json
+import os
+import sys
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from subprocess import DEVNULL, PIPE, Popen
+from typing import Any, Self
+
+PROGRAM = "import jbw.report.figures; jbw.report.figures.draw_when_asked()"
+
+
+class DrawingProcess:
+    """The process: it loads what it needs at once, and waits until it is asked.
+
+    It ends with its input, and so with the command, however that ends. Where it cannot be started,
+    or fails, it brings nothing, and the command draws all by itself.
+    """
+
+    def __init__(self, *, wanted: bool = True) -> None:
+        self._wanted = wanted and os.cpu_count() != 1
+        self._process: Popen[str] | None = None
+
+    def __enter__(self) -> Self:
+        command = [sys.executable, "-c", PROGRAM]
+        if self._wanted:
+            with suppress(OSError):
+                self._process = Popen(
+                    command, stdin=PIPE, stdout=PIPE, stderr=DEVNULL, encoding="utf-8"
+                )
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._process is None:
+            return
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            with suppress(OSError):  # what was not sent is sent in vain
+                if pipe is not None:
+                    pipe.close()
+
+    def ask(self, result: Path, folder: Path, names: Sequence[str]) -> bool:
+        """Ask for figures of a saved result by name, as PNG into a folder; False if in vain."""
+        if self._process is None or self._process.stdin is None:
+            return False
+        asked = {"result": str(result), "folder": str(folder), "names": list(names)}
+        try:
+            print(json.dumps(asked), file=self._process.stdin, flush=True)
+        except OSError:
+            return False
+        return True
+
+    def drawn(self) -> Mapping[str, Any]:
+        """What it has drawn: texts of every figure by its name."""
+        if self._process is None or self._process.stdout is None:
+            return {}
+        try:
+            return json.loads(self._process.stdout.readline())
+        except ValueError:  # it has failed, and its answer is empty or cut
+            return {}
