@@ -15,6 +15,7 @@ from pathlib import Path
 import jax
 import jax.numpy as jnp
 import pytest
+from tiers import represented_by
 
 FOLDER = Path(__file__).parent.parent / "benchmarks"
 SCRIPTS = sorted(p for p in FOLDER.glob("*.py") if "__main__" in p.read_text())
@@ -116,7 +117,7 @@ def test_a_loop_with_a_custom_call_is_left(inner, left):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("options", "code"), [([], 0), (["--control"], 1)])
+@pytest.mark.parametrize(("options", "code"), represented_by(([], 0), (["--control"], 1)))
 def test_time_loop_is_hoisted_and_the_control_is_not(options, code):
     command = [sys.executable, str(FOLDER / "hoisting.py"), "--calls", "1", *options]
     found = subprocess.run(command, capture_output=True, text=True)

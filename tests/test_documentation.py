@@ -385,7 +385,7 @@ def test_the_tutorial_is_so(tmp_path, monkeypatch, capsys):
     assert "BEYOND" in capsys.readouterr().out  # of the sweep at twice the highest level
 
 
-@pytest.mark.slow  # a minute of NUTS
+@pytest.mark.release  # a minute; test_numpyro_model.py has the model
 def test_a_likelihood_of_one_s_own_mixes(tmp_path, monkeypatch):
     page = DOCS / "howto" / "likelihood.md"
     monkeypatch.chdir(tmp_path)

@@ -9,6 +9,11 @@ def represented_by(first, *others):
     return [first, *(pytest.param(*values, marks=pytest.mark.release) for values in waiting)]
 
 
+def standing_for_all(names, *stay):
+    """Values for `pytest.mark.parametrize` or a fixture, of which some stand for all others."""
+    return [n if n in stay else pytest.param(n, marks=pytest.mark.release) for n in names]
+
+
 def not_run_yet(paths, waiting, how):
     """Paths for `pytest.mark.parametrize`, of which those `waiting` must lack their outputs.
 

@@ -117,7 +117,7 @@ def test_posterior_covers_the_truth():
     assert any("softening" in said for said in step.statements)
 
 
-@pytest.mark.slow
+@pytest.mark.release  # the rig's decays stand for it; published numbers are data's
 def test_measured_beam():
     folder = os.environ.get("JBW_DATA", "")
     if not (Path(folder) / "bolted_double_beam" / "data.mat").is_file():

@@ -18,7 +18,7 @@ def flat(theta, data):
     return 0.0 * theta["a"] * theta["b"] * data
 
 
-@pytest.mark.slow
+@pytest.mark.release  # test_sampler_contract.py asks it of every sampler
 @pytest.mark.parametrize("seed", represented_by(0, 1, 2))
 @pytest.mark.parametrize("sampler", ["tempered_smc", "nested"])
 def test_without_data_the_prior_comes_back(sampler, seed):

@@ -55,6 +55,7 @@ def _moments(value, p):
     return mean, np.sqrt(np.sum((value - mean) ** 2 * p))
 
 
+@pytest.mark.release  # as test_sampler_contract.py asks of every sampler
 @pytest.mark.parametrize("seed", represented_by(*SEEDS))
 @pytest.mark.parametrize("sampler", ["nuts", "random_walk", "elliptical_slice"])
 def test_without_data_the_prior_comes_back(sampler, seed):

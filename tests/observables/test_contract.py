@@ -249,7 +249,7 @@ def known_kind():
     del KINDS["ring_down"]
 
 
-@pytest.mark.slow  # tests/study/test_guests.py takes the kind through a campaign
+@pytest.mark.release  # test_guests.py has a campaign of it
 def test_a_kind_of_ones_own_is_identified_without_a_change_to_jbw(known_kind):
     tests = [ring_down(4, "first"), ring_down(4, "second")]
     data = assemble(measured(tests, Identify(), gain=1.0))

@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from tiers import represented_by
 
 from jbw.inference.lanes import at_points
 from jbw.measurement.records import Record, Test
@@ -62,7 +63,7 @@ def both_by_their_own_loop(theta, data):
     return log_likelihood(theta, data), stacked(theta, data)
 
 
-@pytest.mark.parametrize("options", [{}, {"band_hz": (10.0, 30.0), "settle": 0.25}])
+@pytest.mark.parametrize("options", represented_by({"band_hz": (10.0, 30.0), "settle": 0.25}, {}))
 def test_points_come_out_as_by_their_own_loop(options):
     for data in (dataset_of(**options), with_offsets(dataset_of(**options))):
         both = at_points(both_by_their_own_loop, points(), data)

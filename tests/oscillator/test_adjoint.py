@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from tiers import represented_by
 
 from jbw.oscillator.oscillator import BoucWen
 from jbw.oscillator.response import simulate
@@ -73,7 +74,9 @@ def test_golden_gradients_at_four_substeps(case):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("case", [SWEEPS[1], *SWEEPS[3:5]], ids=label)  # one of each hold
+@pytest.mark.parametrize(  # one of each hold
+    "case", represented_by(SWEEPS[1], *SWEEPS[3:5]), ids=label
+)
 def test_golden_gradients_converge_with_order_4(case):
     substeps = (1, 2, 4)
     errors = [
@@ -142,7 +145,7 @@ def last_velocity(theta, u, initial):
 gradient_of_last = jax.jit(jax.grad(last_velocity))
 
 
-@pytest.mark.slow
+@pytest.mark.release  # both modes agree above, by any weights
 def test_jacfwd_equals_jacrev(setting):
     joint, u, initial = setting
     theta = jnp.stack([getattr(joint, name) for name in NAMES])

@@ -52,6 +52,7 @@ def test_they_are_differences_of_the_motion(backward):
     assert np.all(np.abs(backward - differences) <= 2e-6 * scale)
 
 
+@pytest.mark.release  # test_adjoint.py has derivatives by the input
 def test_by_the_input(backward):
     bump = jnp.asarray(np.exp(-(((TIME - 0.5) / 0.05) ** 2)))
 
@@ -69,6 +70,7 @@ def test_by_the_input(backward):
     assert float(by_input @ bump) == pytest.approx(float(jnp.sum(slope)), rel=1e-9)
 
 
+@pytest.mark.release  # test_adjoint.py has lanes
 def test_lanes_have_the_gradients_of_each(backward):
     points = POINT * (1.0 + 0.02 * jnp.arange(3.0)[:, None])
     found = np.asarray(jax.jit(jax.vmap(jax.jacrev(motion)))(points))

@@ -63,7 +63,7 @@ def event_located(u):
     return samples[:, :3], samples[:, 3:].reshape(-1, 3, 5)
 
 
-@pytest.mark.slow
+@pytest.mark.release  # golden gradients of test_adjoint.py have the order
 def test_state_and_sensitivities_converge_with_order_4():
     u, substeps = RECORD, np.array([1, 2, 4, 8, 16])
     states, sensitivities = event_located(u)

@@ -127,7 +127,7 @@ def test_the_transient_is_that_of_an_event_located_reference():
     np.testing.assert_allclose(found.v, v, atol=1e-8 * np.max(np.abs(v)))
 
 
-@pytest.mark.slow
+@pytest.mark.release  # the contract of laws takes it through each of them
 def test_every_door_takes_the_array():
     array = jax.tree.map(lambda x: jnp.asarray(x, float), joint("jenkins_array"))
     fs, omega = RULES["fs"], 112.0

@@ -210,7 +210,7 @@ def test_derivatives_of_the_steady_state():
     np.testing.assert_allclose(program(LAMBDA_3)[1], wanted, rtol=1e-8)
 
 
-@pytest.mark.slow
+@pytest.mark.release  # a force beside, as lanes of other laws
 def test_lanes_are_the_single_responses():
     lambda_3 = jnp.array([-LAMBDA_3, 0.0, LAMBDA_3])
     batch = simulate(joint(lambda_3=lambda_3), INPUT, FS, substeps=2)
@@ -252,7 +252,7 @@ def test_backbone_is_the_phase_resonance_of_the_balance():
     np.testing.assert_allclose(left, 0.0, atol=1e-12 * OMEGA_N**2 * 2e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.release  # test_backbone.py has curves and folds
 def test_curve_of_a_stiffening_joint_leans_to_the_right():
     strong = joint(lambda_3=2e9)
     curve = response_curve(strong, 0.9 * OMEGA_N, 1.25 * OMEGA_N, 0.3, 4)

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from known_laws import THETA, as_arrays, law_of
 from scipy.integrate import solve_ivp
+from tiers import represented_by
 
 import jbw
 from jbw.errors import ConfigError, ModelError
@@ -61,7 +62,14 @@ def label(case):
     return f"{case['input']['kind']}-{len(case['system']['w'])}-{case['input']['fs']:g}"
 
 
-@pytest.mark.parametrize("case", CASES, ids=label)
+# Two modes under a chirp and three under tones; the other systems and rates wait for a release.
+IN_TIERS = [
+    pytest.param(case, marks=() if i in (0, 2) else pytest.mark.release, id=label(case))
+    for i, case in enumerate(CASES)
+]
+
+
+@pytest.mark.parametrize("case", IN_TIERS)
 def test_golden_motions_and_the_order_of_the_step(case):
     """A mode at 0.8 rad a step; the order from one step to four."""
     once, twice, four = (error_of(case, m) for m in (1, 2, 4))
@@ -82,9 +90,7 @@ def slope_of_energy(structure, u, fs, start, last):
     return 0.5 * jnp.sum(jnp.where(jnp.arange(NUM) <= last, jnp.sum(motion.dq, 0), 0.0) ** 2)
 
 
-@pytest.mark.parametrize(
-    "case", [CASES[0], *(pytest.param(c, marks=pytest.mark.slow) for c in CASES[1:])], ids=label
-)
+@pytest.mark.parametrize("case", IN_TIERS)
 def test_golden_gradients_at_four_substeps(case):
     given = case["input"]
     found = slope_of_energy(
@@ -192,7 +198,7 @@ def test_accelerations_are_the_slopes_of_the_velocities():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["iwan4", "jenkins_3"])
+@pytest.mark.parametrize("name", represented_by("iwan4", "jenkins_3"))
 def test_gradients_of_laws_with_longer_memories(name):
     """Along one direction of all numbers, against a central difference."""
     structure = replace(two_modes(), laws=(law_of(name, THETA[name]),))

@@ -145,11 +145,24 @@ LONG = {
 }  # fmt: skip
 
 
-def in_tiers(long):
-    return [pytest.param(name, marks=pytest.mark.slow) if name in long else name for name in CASES]
+# The same solver under another wrapper, which another case or test takes through it.
+AGAIN = {
+    "Structure, backbone", "simulate, periodic", "steady_state", "steady_state, restoring",
+}  # fmt: skip
+# Of slopes also what test_adjoint.py and test_modal_steady.py hold against differences.
+SLOPE_AGAIN = AGAIN | {
+    "Structure, steady_state", "frequency_response", "simulate, function", "simulate, initial",
+}  # fmt: skip
 
 
-@pytest.mark.parametrize("name", in_tiers(LONG))
+def in_tiers(long, again):
+    def marks(name):
+        return pytest.mark.release if name in again else pytest.mark.slow if name in long else ()
+
+    return [pytest.param(name, marks=marks(name)) for name in CASES]
+
+
+@pytest.mark.parametrize("name", in_tiers(LONG, AGAIN))
 def test_numbers_may_be_traced_or_constants(name):
     """All of them traced, none, and all but the joint's."""
     function, *numbers = CASES[name]
@@ -182,7 +195,7 @@ def power(function):
     return total
 
 
-@pytest.mark.parametrize("name", in_tiers(LONG | {"simulate", "steady_state"}))
+@pytest.mark.parametrize("name", in_tiers(LONG | {"simulate"}, SLOPE_AGAIN))
 def test_the_gradient_by_every_number_is_the_slope(name):
     """Along one direction that changes all numbers, against a central difference."""
     function, *numbers = CASES[name]

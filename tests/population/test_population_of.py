@@ -256,7 +256,7 @@ def test_a_frequency_that_saturates_is_predicted_beyond_the_torques(tmp_path):
     assert saturates(["omega_n"], saturation) in bent.record["statements"]
 
 
-@pytest.mark.slow  # each samples a population of its own
+@pytest.mark.release  # as the others alone tell below
 def test_a_unit_that_is_another_is_told(tmp_path):
     fleet = made(tmp_path, torques=(np.nan,) * 8)
     mean = fleet.to_dataset()["mean"].copy(deep=True)

@@ -189,7 +189,7 @@ def test_step_3_is_calibrated_where_the_noise_is_learnt_from_the_repeats(unknown
     assert found.failed.mean() < 0.01
 
 
-@pytest.mark.slow
+@pytest.mark.release  # a slip fails below
 def test_eight_repeats_are_too_few_to_take_their_scatter_for_the_noise(unknown_noise):
     """What the likelihood as printed does to a campaign: 96 % of the truths within 99 %."""
     step, _ = unknown_noise

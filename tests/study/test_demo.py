@@ -117,7 +117,8 @@ def test_each_step_of_its_page_runs_on_the_demo(home, monkeypatch):
     "words",
     [
         ["check", "demo/campaign/campaign.toml"],
-        ["plan", "demo"],
+        # Tests of many joints: test_plan_command.py has a plan of few.
+        pytest.param(["plan", "demo"], marks=pytest.mark.release),
         ["predict", "demo", "--sweep", "10:25", "--level", "0.3"],
         ["export", "demo", "--mass", "2.5"],
         ["report", "demo"],

@@ -386,6 +386,7 @@ def test_the_equations_of_modelica_are_the_laws(tmp_path, laws):
     lines = re.findall(r"^  (\S+) = (.*);$", text.partition("equation\n")[2], re.M)
     choice = re.compile(r"if (.*) then (.*) else (.*)")
     formulas = {left: choice.sub(r"(\2) if (\1) else (\3)", right) for left, right in lines}
+    formulas = {left: compile(right, left, "eval") for left, right in formulas.items()}
 
     def evaluated(x, y, v):
         here = known | dict(zip(states, x, strict=True)) | {"s_rel": y, "v_rel": v}

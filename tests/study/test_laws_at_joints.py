@@ -96,7 +96,7 @@ def test_bolts_that_differ_ask_for_laws_of_their_own():
     assert predicted.attrs["nrmse"] == pytest.approx(two_bolts.NOISE, rel=0.2)
 
 
-@pytest.mark.slow
+@pytest.mark.release  # two bolts and the evidence of laws have tests
 def test_sets_of_laws_have_the_factors_of_their_own_joints():
     """Mode 2 moves bolt 2 by 7 % less than the matrices say, and bolt 1 sticks."""
     laws, factor = ("bouc_wen@bolt_2",), "motion_factor_2@bolt_2"

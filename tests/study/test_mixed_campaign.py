@@ -3,7 +3,6 @@
 import jax
 import numpy as np
 import pytest
-from tiers import represented_by
 
 from jbw import rig
 from jbw.campaign.settings import Identify
@@ -15,7 +14,7 @@ from jbw.inference.samplers.sampling import sample
 from jbw.observables.dataset import log_likelihood
 from jbw.observables.drives import told_by
 
-pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]
+pytestmark = pytest.mark.filterwarnings("ignore")
 
 
 def truth_of(campaign):
@@ -50,7 +49,8 @@ def joint_of(data, settings, seed):
     return Weighed(tree), ready.data
 
 
-@pytest.mark.parametrize("seed", represented_by(0, 1))
+@pytest.mark.release  # a second whole campaign: the tutorial and the demo find their truth
+@pytest.mark.parametrize("seed", [0, 1])
 def test_the_truth_lies_within_the_joint_posterior(seed):
     campaign = rig.measure("mixed", seed=seed, repeats=2, noise_ratio=0.02, force_noise_std=0.2)
     tests, settings = campaign.tests, Identify(**{**campaign.settings, "substeps": 2})
@@ -73,6 +73,7 @@ def of_days(campaign, offsets, **more):
     return (found.mean("omega_n") - truth_of(campaign)["omega_n"]) / sd, sd, data, days
 
 
+@pytest.mark.slow
 def test_days_switch_offsets_on_and_widen_the_interval_to_hold_the_truth():
     campaign = rig.measure(
         "mixed", tests=["sweep_1p50N", "sweep_6p00N"], repeats=5, noise_ratio=0.02,

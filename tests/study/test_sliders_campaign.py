@@ -11,7 +11,8 @@ import jbw
 from jbw import rig
 from jbw.cli import run
 
-pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore")]
+# A second whole campaign: test_guests.py has one of another law, from records to the export.
+pytestmark = [pytest.mark.release, pytest.mark.filterwarnings("ignore")]
 
 TESTS = ["sweep_1p50N", "sweep_6p00N", "pull_4p00mm"]
 # Importance sampling compiles least; of three levels of sweeps the rig's campaign fits two.
