@@ -23,7 +23,7 @@ except ImportError:  # Windows has no such count: processes that a test starts a
     getrusage = None
 
 TABLE = Path(__file__).parent / "durations.json"
-LEAST, LONG = 0.5, 2.0  # [s]
+LEAST, LONG = 0.5, 1.0  # [s]
 
 
 def spent():
@@ -152,7 +152,7 @@ class Meter:
         known = {f"{path}::{name}" for path, rows in table.items() for name in rows}
         new = {n: self.seconds[n] for n in self.fast - known if self.seconds[n] > LONG}
         if new:
-            terminalreporter.section("tests of the fast tier above two CPU seconds, not measured")
+            terminalreporter.section("tests of the fast tier above one CPU second, not measured")
             for nodeid, seconds in sorted(new.items(), key=lambda pair: -pair[1]):
                 terminalreporter.write_line(f"{seconds:7.1f} s  {nodeid}")
             terminalreporter.write_line('pytest --measure -m "" FILE puts them into the table')

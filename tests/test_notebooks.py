@@ -188,11 +188,7 @@ def shared(tmp_path_factory):
 
 
 # Before a release: minutes, or a campaign once more, as the tutorial and the demo have one.
-LONG = {
-    "3_opening_and_joint_posterior", "4_verification_and_prediction", "5_real_bolted_joints",
-    "6_samplers_compared", "7_one_joint_every_law", "8_joints_in_populations",
-    "9_two_modes_and_a_shaker", "10_the_paper", "11_two_bolts_told_apart",
-}  # fmt: skip
+LONG = {path.stem for path in NOTEBOOKS} - {"1_linear_regime"}
 
 
 @pytest.mark.parametrize(

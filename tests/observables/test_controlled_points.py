@@ -1,6 +1,7 @@
 """Points of controlled tests as an observable: against the rig, and the noise that they carry."""
 
 from dataclasses import replace
+from functools import cache
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -36,12 +37,14 @@ def test_of(kind, *repeats, **stated):
 test_of.__test__ = False
 
 
+@cache
 def locked(degrees=-90.0):
     phase = np.full(len(Y), np.radians(degrees))
     frequency, force = locked_points(JOINT, rig.Locked(tuple(Y)), phase)
     return {"frequency": frequency, "force": MASS * force, "displacement": Y, "phase": phase}
 
 
+@cache
 def held(hz=18.5):
     force = MASS * held_points(JOINT, rig.s_curve(hz, tuple(Y)))
     return {"frequency": np.full(len(Y), hz), "force": np.abs(force), "displacement": Y,

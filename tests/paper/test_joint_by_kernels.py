@@ -119,7 +119,9 @@ RECORD = 0.2 * np.sin(0.3 * np.arange(24))
         lambda s: leading_diagonals(s, 0.3, 4)[3],
         lambda s: cross_kernel(s, (0.3, 0.5, 0.9), (0, 1, 1)),
         lambda s: synthesize(tone_response(s, np.array([0.3, 0.8]), np.array([0.2, 0.1j])), 1.7),
-        lambda s: volterra_response(s, RECORD, 4.0).y[:, -3],
+        pytest.param(  # a periodic record stands for it
+            lambda s: volterra_response(s, RECORD, 4.0).y[:, -3], marks=pytest.mark.release
+        ),
         lambda s: periodic_response(s, RECORD, 4.0).y[:, 5],
     ],
     ids=["kernel", "diagonal", "cross", "tones", "record", "periodic"],
@@ -140,7 +142,9 @@ def test_gradients_in_the_oscillator_are_those_of_differences(function):
         lambda j, y: branch(j, y, 1e-5, 2) / (j.alpha * 8e-4),
         lambda j, y: branch(j, y, 1e-5, 3, order=3) / (j.alpha * 8e-4),
         lambda j, y: equivalent_acceleration(j, smoothing(j, y), 3e-4, -0.1, 1.0),
-        lambda j, y: jnp.abs(h3(j, 36.0, y)) * 1e9,
+        pytest.param(  # test_traced_numbers.py has its slope
+            lambda j, y: jnp.abs(h3(j, 36.0, y)) * 1e9, marks=pytest.mark.release
+        ),
         lambda j, y: jnp.angle(cubic_kernel(36.0, j.omega_n, j.zeta, -6e7)),
     ],
     ids=["branch", "taylor", "acceleration", "h3", "cubic_kernel"],

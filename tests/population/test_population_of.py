@@ -100,7 +100,7 @@ def test_slopes_and_scatters_hold_the_truth(found):
     assert any("alpha_delta falls with torque" in statement for statement in record["statements"])
 
 
-@pytest.mark.slow  # each samples a population of its own
+@pytest.mark.release  # units weighed anew are, below
 def test_one_coordinate_alone_is_that_of_the_quadrature(found):
     fleet, _ = found
     of_zeta = jbw.population_of(fleet, parameters=["zeta"])

@@ -91,7 +91,7 @@ def test_amplitudes_must_rise():
     assert jbw.draw_backbones is draw_backbones
 
 
-@pytest.mark.slow
+@pytest.mark.release  # test_modal_steady.py has the golden backbones
 def test_it_is_the_backbone_of_a_golden_structure():
     """A golden amplitude lies on the curve that is drawn, and its 1:3 resonance is marked."""
     case = next(

@@ -14,7 +14,9 @@ from jbw.inference.samplers.sampling import sample
 from jbw.observables.dataset import log_likelihood
 from jbw.observables.drives import told_by
 
-pytestmark = pytest.mark.filterwarnings("ignore")
+# Second whole campaigns: the tutorial and the demo find their truth, and test_evidence.py lets
+# offsets of days in.
+pytestmark = [pytest.mark.release, pytest.mark.filterwarnings("ignore")]
 
 
 def truth_of(campaign):
@@ -49,7 +51,6 @@ def joint_of(data, settings, seed):
     return Weighed(tree), ready.data
 
 
-@pytest.mark.release  # a second whole campaign: the tutorial and the demo find their truth
 @pytest.mark.parametrize("seed", [0, 1])
 def test_the_truth_lies_within_the_joint_posterior(seed):
     campaign = rig.measure("mixed", seed=seed, repeats=2, noise_ratio=0.02, force_noise_std=0.2)
@@ -73,7 +74,6 @@ def of_days(campaign, offsets, **more):
     return (found.mean("omega_n") - truth_of(campaign)["omega_n"]) / sd, sd, data, days
 
 
-@pytest.mark.slow
 def test_days_switch_offsets_on_and_widen_the_interval_to_hold_the_truth():
     campaign = rig.measure(
         "mixed", tests=["sweep_1p50N", "sweep_6p00N"], repeats=5, noise_ratio=0.02,

@@ -92,6 +92,7 @@ def test_the_paper_walk_and_nuts_draw_from_the_same_posterior(model, walked):
         assert abs(np.mean(walked[name]) - TRUTH[name]) < 4 * std
 
 
+@pytest.mark.release  # below `identify` takes one
 def test_draws_under_a_stated_prior_are_those_of_the_box_weighed_by_it(campaign, walked):
     """Importance weights by SciPy's densities of draws under boxes, which cover these priors."""
     weight = stats.norm(3003.0, 3.0).pdf(walked["alpha"])

@@ -26,7 +26,7 @@ def failed(summary):
     return {one["code"] for one in summary["verdict"]["findings"] if one["status"] == "failed"}
 
 
-@pytest.mark.slow
+@pytest.mark.release  # a further whole campaign
 def test_a_hardening_joint_lies_in_the_default_box():
     study, truth, summary = identified("hardening")
     assert failed(summary) == set()
