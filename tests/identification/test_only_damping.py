@@ -141,7 +141,7 @@ def test_a_first_answer_of_drag_doubts_hysteresis_and_the_line_cures():
     assert row["q005"] < DRAG < row["q995"]
 
 
-@pytest.mark.slow
+@pytest.mark.release  # readings of slip are not doubted above
 @pytest.mark.filterwarnings("ignore")
 def test_a_first_answer_of_slip_that_hardly_softens_is_not_doubted():
     study = quick_answer(decays_of(slip))

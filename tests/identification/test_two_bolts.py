@@ -253,7 +253,7 @@ def test_free_decays_tell_modes_and_motion_of_the_bolts():
     assert part.peaks_of_modes() == pytest.approx(np.asarray(part.amplitude).max(axis=0))
 
 
-@pytest.mark.slow
+@pytest.mark.release  # the identified run predicts them, above
 def test_the_truth_leaves_little_of_free_decays_but_noise():
     """Modes that do not ring begin where the joints hold them: 0.2 % of the motion is missed."""
     campaign = replace(two_bolts.campaign(bolts=None), tests=(two_bolts.impacts(noise_ratio=1e-6),))
@@ -298,7 +298,7 @@ def test_two_runs_name_the_bolt_that_was_loosened(tmp_path, capsys):
     assert record["statements"][0].startswith("bolt_2 has changed: ")
 
 
-@pytest.mark.slow
+@pytest.mark.release  # test_exporting_joints.py moves the whole matrices
 def test_the_whole_matrices_with_the_exported_joints_move_within_the_predicted_bands(
     tmp_path, monkeypatch
 ):

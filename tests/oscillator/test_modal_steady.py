@@ -64,10 +64,10 @@ def test_one_mode_is_the_oscillator():
     """Newton's round-off; the joint's displacement is the mode's."""
     structure, joint = one_mode(LAWS)
     omega = np.linspace(110.0, 120.0, 4)
-    one, other = (jbw.frequency_response(x, omega, 2.0) for x in (structure, joint))
+    one, other = (jbw.frequency_response(x, omega, 2.0, 4) for x in (structure, joint))
     assert np.max(np.abs(one.x - other)) < 1e-13 * np.max(np.abs(other))
     assert np.max(np.abs(one.q[:, 0] - other)) < 1e-12 * np.max(np.abs(other))
-    curve, own = (jbw.response_curve(x, 114.0, 119.0, 2.0) for x in (structure, joint))
+    curve, own = (jbw.response_curve(x, 114.0, 119.0, 2.0, 4) for x in (structure, joint))
     np.testing.assert_allclose(curve.omega, own.omega, rtol=1e-12)
     largest = np.max(np.abs(own.harmonics))
     np.testing.assert_allclose(curve.harmonics.x, own.harmonics, rtol=0, atol=1e-12 * largest)
