@@ -61,6 +61,17 @@ def merged(table, seconds, whole):
     return {path: rows for path, rows in lasting.items() if rows}
 
 
+def without_the_gone(table, collected):
+    """The table without tests that are no more, of files whose tests are all known."""
+    files = {split(nodeid)[0] for nodeid in collected}
+    return {
+        path: {name: value for name, value in rows.items() if f"{path}::{name}" in collected}
+        if path in files
+        else rows
+        for path, rows in table.items()
+    }
+
+
 class Meter:
     """Counts the CPU seconds of each test of a session, and tells those that are long."""
 
@@ -144,6 +155,8 @@ class Meter:
         for path, seconds in files.most_common(10):
             terminalreporter.write_line(f"{seconds:7.1f} s  {path}")
         if self.writes:
+            if not any("::" in argument for argument in self.config.args):
+                table = without_the_gone(table, self.collected)
             partly = {split(nodeid)[0] for nodeid in self.collected - set(self.seconds)}
             whole = {split(nodeid)[0] for nodeid in self.seconds} - partly
             text = json.dumps(merged(table, self.seconds, whole), indent=1, ensure_ascii=False)
@@ -155,7 +168,7 @@ class Meter:
             terminalreporter.section("tests of the fast tier above one CPU second, not measured")
             for nodeid, seconds in sorted(new.items(), key=lambda pair: -pair[1]):
                 terminalreporter.write_line(f"{seconds:7.1f} s  {nodeid}")
-            terminalreporter.write_line('pytest --measure -m "" FILE puts them into the table')
+            terminalreporter.write_line("pytest --measure FILE puts them into the table")
 
 
 def pytest_addoption(parser):

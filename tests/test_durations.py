@@ -5,7 +5,7 @@ from pathlib import Path
 
 import durations
 import pytest
-from durations import measured, merged, split
+from durations import measured, merged, split, without_the_gone
 
 pytest_plugins = ["pytester"]
 
@@ -22,7 +22,7 @@ def test_every_measured_test_exists(request):
         assert (ROOT / path).exists(), path
         if path in whole:
             stale = {name for name in rows if f"{path}::{name}" not in collected}
-            assert not stale, f'{path}: `pytest --measure -m "" {path}` forgets {stale}'
+            assert not stale, f"{path}: `pytest --measure {path}` forgets {stale}"
 
 
 def test_what_is_measured_takes_the_place_of_what_was():
@@ -32,6 +32,12 @@ def test_what_is_measured_takes_the_place_of_what_was():
     assert found == {"a.py": {"test_b": 1.3, "test_f[0::1]": 2.0}}
     found = merged(table, seconds, whole=set())
     assert found == {"a.py": {"test_b": 1.3, "test_c": 4.0, "test_f[0::1]": 2.0}}
+
+
+def test_what_is_no_more_is_forgotten_whatever_part_of_its_file_ran():
+    table = {"a.py": {"test_b": 3.0, "test_gone": 4.0}, "d.py": {"test_e": 1.0}}
+    found = without_the_gone(table, {"a.py::test_b", "a.py::test_c"})
+    assert found == {"a.py": {"test_b": 3.0}, "d.py": {"test_e": 1.0}}
 
 
 TWO = """

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from jax.scipy.stats import norm
-from tiers import represented_by
+from tiers import represented_by, standing_for_all
 
 from jbw.errors import ConfigError
 from jbw.inference.calibration.replications import Model, calibrate, split_r_hat
@@ -138,12 +138,10 @@ SAMPLERS = {
 }
 
 
-TAKES_LONG = ("amis", "tempered_smc", "elliptical_slice", "importance")
-
-
+# Of amis test_amis.py has forty seeds.
 @pytest.mark.parametrize(
     "sampler",
-    [pytest.param(n, marks=pytest.mark.slow) if n in TAKES_LONG else n for n in SAMPLERS],
+    standing_for_all(SAMPLERS, *{*SAMPLERS} - {"amis"}),
 )
 def test_samplers_are_calibrated(sampler):
     chosen = named(sampler, **SAMPLERS[sampler])
@@ -179,7 +177,7 @@ ACROSS = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.release  # test_ridge.py has ridges
 @pytest.mark.parametrize(
     ("seed", "sampler"),
     represented_by((0, "importance"), (0, "amis"), (1, "importance"), (2, "importance")),

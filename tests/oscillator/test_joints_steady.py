@@ -112,7 +112,7 @@ def test_one_row_is_one_joint():
     assert np.all(np.asarray(along.loss_share) == 1.0)
 
 
-@pytest.mark.slow
+@pytest.mark.release  # golden motions and backbones are above
 def test_joints_each_on_a_mode_of_its_own_are_oscillators():
     """The other joint does not move at all; its backbone is the closed one with one harmonic."""
     two = replace(pair(), h=np.eye(2))

@@ -195,7 +195,7 @@ def test_the_worst_decile_counts_what_was_never_found():
     assert worst_decile(np.append(np.arange(8.0), [np.inf, np.inf])) == np.inf
 
 
-@pytest.mark.slow
+@pytest.mark.release  # bounds in closed form are above
 def test_predicted_spread_is_that_of_fits_to_noisy_records():
     import jax
     import jax.numpy as jnp

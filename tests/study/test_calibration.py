@@ -165,7 +165,8 @@ def test_step_2_is_calibrated(seed):
     ("of_seeds", "low", "high"),
     [
         # 99 % of 1000: four standard errors of 0.31 %. 99 % of 3000: a standard error of 0.18 %.
-        pytest.param(SEEDS[:1], 0.9774, 1.0, id="one seed"),
+        # Where the noise is learnt, as of a campaign, one seed is in the tier before, below.
+        pytest.param(SEEDS[:1], 0.9774, 1.0, id="one seed", marks=pytest.mark.release),
         pytest.param(SEEDS, 0.98, 0.997, id="all seeds", marks=pytest.mark.release),
     ],
 )

@@ -28,7 +28,7 @@ def study(tmp_path_factory):
     return jbw.identify(campaign, seed=1, report=lambda _: None)
 
 
-@pytest.mark.slow
+@pytest.mark.release  # test_two_bolts.py has two modes from a file on
 def test_the_truth_of_both_modes_lies_in_the_posterior(study):
     posterior, true = study.tree["posterior"].to_dataset(), truth()
     names = [name for name in true if name in posterior]
@@ -43,7 +43,7 @@ def test_the_truth_of_both_modes_lies_in_the_posterior(study):
     assert any("moves the joint by h = -1.1" in one and "fits worse" in one for one in said)
 
 
-@pytest.mark.slow
+@pytest.mark.release  # test_two_bolts.py has two modes from a file on
 def test_a_level_that_no_fit_saw_is_predicted_to_its_noise(study):
     for test in ("low_1", "high_1"):
         attrs = study.tree[f"verification/sweep/{test}"].attrs
