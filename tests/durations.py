@@ -77,6 +77,8 @@ class Meter:
 
     def __init__(self, config):
         self.config, self.writes = config, config.getoption("measure")
+        # A slow test stays slow where another of its tier pays for their program.
+        self.least = LONG + 0.1 if config.option.markexpr.startswith("slow") else LEAST
         self.seconds = {}  # by test
         self.fixtures, self.users = {}, defaultdict(list)  # by file and name of a shared fixture
         self.so_far = 0.0  # of all shared fixtures
@@ -119,7 +121,7 @@ class Meter:
         finally:
             # A marked test stays in the table, however quick, and so is no unknown one.
             marked = is_marked(item)
-            self.seconds[item.nodeid] = max(self.own(began, before), LEAST if marked else 0.0)
+            self.seconds[item.nodeid] = max(self.own(began, before), self.least if marked else 0.0)
             if not marked:
                 self.fast.add(item.nodeid)
             for name in item.fixturenames:

@@ -60,13 +60,19 @@ def test_golden_backbones(case):
     np.testing.assert_allclose(found.shape, found.q[:, 0] / x_peak, rtol=1e-14)
 
 
-def test_one_mode_is_the_oscillator():
+@pytest.mark.release  # its curve is the oscillator's, below, and solves the same balance
+def test_the_response_of_one_mode_is_that_of_the_oscillator():
     """Newton's round-off; the joint's displacement is the mode's."""
     structure, joint = one_mode(LAWS)
     omega = np.linspace(110.0, 120.0, 4)
     one, other = (jbw.frequency_response(x, omega, 2.0, 4) for x in (structure, joint))
     assert np.max(np.abs(one.x - other)) < 1e-13 * np.max(np.abs(other))
     assert np.max(np.abs(one.q[:, 0] - other)) < 1e-12 * np.max(np.abs(other))
+
+
+def test_one_mode_is_the_oscillator():
+    """Newton's round-off; the joint's displacement is the mode's."""
+    structure, joint = one_mode(LAWS)
     curve, own = (jbw.response_curve(x, 114.0, 119.0, 2.0, 4) for x in (structure, joint))
     np.testing.assert_allclose(curve.omega, own.omega, rtol=1e-12)
     largest = np.max(np.abs(own.harmonics))
@@ -109,7 +115,7 @@ def test_steady_state_is_where_the_motion_goes():
     assert np.max(np.abs(found.q[:, 0] - first)) < 1e-6 * np.max(np.abs(first))
 
 
-@pytest.mark.slow
+@pytest.mark.release  # test_joints_steady.py and test_traced_numbers.py have them
 def test_gradients_are_slopes():
     structure = jax.tree.map(jnp.asarray, two_modes())
 

@@ -105,11 +105,11 @@ def test_the_command_compares_a_campaign(tmp_path, capsys):
     names = ("noise_0p005V", "tone_5p00Hz", "tone_5p50Hz", "tone_6p00Hz", "sweep_0p05V")
     rig.write(rig.measure(tests=names, repeats=2, noise_std=1e-3), tmp_path / "campaign")
     path, out = tmp_path / "campaign" / "campaign.toml", tmp_path / "out"
-    command = ["compare", str(path), "--step", "opening", "--samplers", "quadrature,importance"]
+    command = ["compare", str(path), "--step", "opening", "--samplers", "quadrature,tempered_smc"]
     assert run([*command, "--once", "--out", str(out), "--json"]) == 0
     record = json.loads(capsys.readouterr().out)
     assert record == json.loads((out / "compare.json").read_text())
     assert (out / "compare.png").stat().st_size > 1000
-    assert record["samplers"]["importance"]["furthest"] < 4
-    assert abs(record["samplers"]["importance"]["z_log_evidence"]) < 4
+    assert record["samplers"]["tempered_smc"]["furthest"] < 4
+    assert abs(record["samplers"]["tempered_smc"]["z_log_evidence"]) < 4
     assert run([*command, "--samplers", "gibbs", "--out", str(tmp_path / "other")]) == 2

@@ -369,7 +369,9 @@ def test_tables_hold_the_tips_of_steady_loops(tmp_path):
     assert damping[-1, 1] == pytest.approx(c, rel=1e-12)
 
 
-MODELICA = [("bouc_wen",), ("bouc_wen_nu", "cubic"), ("jenkins_3", "stop", "quadratic_damping")]
+MODELICA = [
+    ("bouc_wen",), ("bouc_wen_nu",), ("jenkins_3", "stop", "cubic", "quadratic_damping"),
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("laws", MODELICA, ids="+".join)
