@@ -163,7 +163,7 @@ def standardised(fit):
     return float(away @ np.linalg.solve(covariance, away))
 
 
-@pytest.mark.slow
+@pytest.mark.release  # the run below identifies them from a file on
 def test_a_fit_of_two_modes_finds_the_truth_of_both_bolts():
     seen = measured_in(two_bolts.campaign(), quietly)
     found = fit_alone(seen, seed=0, report=quietly)

@@ -1,7 +1,5 @@
 """NumPyro's NUTS on a likelihood through `simulate`: both modes of AD, both ways of chains."""
 
-from itertools import product
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -9,7 +7,6 @@ import numpyro
 import numpyro.distributions as dist
 import pytest
 from numpyro.infer import MCMC, NUTS
-from tiers import represented_by
 
 from jbw.oscillator.oscillator import BoucWen
 from jbw.oscillator.response import simulate
@@ -29,29 +26,21 @@ def model(data):
     numpyro.sample("v", dist.Normal(velocity(zeta, delta), NOISE), obs=data)
 
 
-# Either mode and either method once; all four programs before a release.
-CROSSED = [(False, "sequential"), (True, "vectorized")]
-
-
-@pytest.mark.parametrize(
-    "pairs",
-    represented_by(CROSSED, [*product((False, True), ("sequential", "vectorized"))]),
-    ids=["crossed", "each with each"],
-)
-@pytest.mark.slow
-def test_modes_and_chain_methods_give_one_posterior(pairs):
+@pytest.mark.release  # test_numpyro_model.py has NUTS on records, test_adjoint.py both modes
+def test_modes_and_chain_methods_give_one_posterior():
     truth = velocity(0.03, 340.0)
     data = truth + NOISE * np.random.default_rng(0).normal(size=truth.shape)
     posteriors = {}
-    for forward, method in pairs:
-        kernel = NUTS(model, forward_mode_differentiation=forward, max_tree_depth=5)
-        mcmc = MCMC(
-            kernel, num_warmup=100, num_samples=100, num_chains=2,
-            chain_method=method, progress_bar=False,
-        )  # fmt: skip
-        mcmc.run(jax.random.key(1), data)
-        assert not np.any(mcmc.get_extra_fields()["diverging"])
-        posteriors[forward, method] = mcmc.get_samples()
+    for forward in (False, True):
+        for method in ("sequential", "vectorized"):
+            kernel = NUTS(model, forward_mode_differentiation=forward, max_tree_depth=5)
+            mcmc = MCMC(
+                kernel, num_warmup=100, num_samples=100, num_chains=2,
+                chain_method=method, progress_bar=False,
+            )  # fmt: skip
+            mcmc.run(jax.random.key(1), data)
+            assert not np.any(mcmc.get_extra_fields()["diverging"])
+            posteriors[forward, method] = mcmc.get_samples()
     for name in ("zeta", "delta"):
         draws = {key: np.asarray(posterior[name]) for key, posterior in posteriors.items()}
         reference = draws[False, "sequential"]

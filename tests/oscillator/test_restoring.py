@@ -183,7 +183,7 @@ def central(function, x, step):
     return (8.0 * near - far) / (12.0 * step)
 
 
-@pytest.mark.slow
+@pytest.mark.release  # the steady state has them, below; test_law_contract.py the cubic
 @pytest.mark.parametrize("law", [PAPER, LINEAR], ids=["hysteretic", "duffing"])
 def test_derivatives_of_the_response(law):
     def last(lambda_3):
@@ -267,7 +267,7 @@ def test_curve_of_a_stiffening_joint_leans_to_the_right():
     np.testing.assert_allclose(curve.harmonics[on], tone, rtol=0, atol=1e-9 * np.abs(tone[0]))
 
 
-@pytest.mark.slow
+@pytest.mark.release  # the steady state is refined by it
 def test_refined_includes_the_force():
     omega = 0.9 * OMEGA_N
     tone = steady_state(joint(), omega, 5.0, 4)

@@ -34,7 +34,6 @@ from jbw.study.identifiability import identifiability
 from jbw.verification.predict import predict, row_of
 from jbw.verification.predictive_basis import basis_of
 
-pytestmark = pytest.mark.slow
 FS = 1280.0  # 1 MHz where time runs 781 times faster
 SWEEP = Sweep(10.0, 30.0, 4.0, burst=4.0, fade=0.2, duration=5.0)
 PLANS = (Plan("sweep", "sweep", SWEEP, 2), Plan("ringing", "decay", BURST, 2, (15.0, 22.0)))
@@ -123,6 +122,7 @@ def silent(_):
     return None
 
 
+@pytest.mark.release  # test_symmetry.py has the likelihoods of images, kind by kind
 def test_a_fit_is_that_of_the_image():
     """Of a sweep, decays, a curve and a loop, time, length and mass scaled and motion turned."""
     campaign = measured("sweep_weak", "ringing", "held_curve", "pulled")
