@@ -90,7 +90,7 @@ def one_row():
     return one, replace(one, h=one.h[None], p=one.p[:, None], laws=(one.laws,))
 
 
-@pytest.mark.release  # tones and backbones are, below; test_modal_steady.py has the curve
+@pytest.mark.release  # tones and backbones are, below
 def test_the_curve_of_one_row_is_that_of_one_joint():
     curve, same = (jbw.response_curve(s, 114.0, 117.0, 2.0, 4) for s in one_row())
     np.testing.assert_allclose(same.omega, curve.omega, rtol=1e-10)

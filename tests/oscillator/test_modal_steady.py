@@ -60,7 +60,6 @@ def test_golden_backbones(case):
     np.testing.assert_allclose(found.shape, found.q[:, 0] / x_peak, rtol=1e-14)
 
 
-@pytest.mark.release  # its curve is the oscillator's, below, and solves the same balance
 def test_the_response_of_one_mode_is_that_of_the_oscillator():
     """Newton's round-off; the joint's displacement is the mode's."""
     structure, joint = one_mode(LAWS)
@@ -70,7 +69,8 @@ def test_the_response_of_one_mode_is_that_of_the_oscillator():
     assert np.max(np.abs(one.q[:, 0] - other)) < 1e-12 * np.max(np.abs(other))
 
 
-def test_one_mode_is_the_oscillator():
+@pytest.mark.release  # its responses are, above; test_backbone.py has the oscillator's curves
+def test_the_curve_of_one_mode_is_that_of_the_oscillator():
     """Newton's round-off; the joint's displacement is the mode's."""
     structure, joint = one_mode(LAWS)
     curve, own = (jbw.response_curve(x, 114.0, 119.0, 2.0, 4) for x in (structure, joint))

@@ -121,7 +121,9 @@ def two_modes():
     return jbw.Structure(**arrays, laws=(law,))
 
 
-@pytest.mark.parametrize("name", ["bouc_wen", "bouc_wen_nu", "jenkins_3", "cubic", "iwan4"])
+@pytest.mark.parametrize(
+    "name", represented_by("bouc_wen", "bouc_wen_nu", "jenkins_3", "cubic", "iwan4")
+)
 def test_one_mode_is_the_oscillator(name):
     """Round-off of two orders of summation; it grows with the steps."""
     structure, oscillator = one_mode((law_of(name, THETA[name]),))

@@ -21,6 +21,7 @@ from scaled_campaigns import (
     with_names_back,
     write_campaign,
 )
+from tiers import standing_for_all
 
 from jbw.campaign.check import as_json, check_campaign
 from jbw.identification.assemble import assemble, measured_in
@@ -40,14 +41,15 @@ SCALES = {
     "turned": Scale(sign=-1.0),
     "all at once": Scale(time=3e-3, length=7e-3, mass=2e4, sign=-1.0),
 }
-SCALES_IN_TIERS = {"100000 times slower", "2^20 times faster", "all at once"}
+IN_TIERS = {"100000 times slower", "2^20 times faster", "all at once"}
 # Rounding of sums and transforms; none where all factors are powers of two.
 ROUNDED, EXACT = 1e-9, 1e-12
 
 
-@pytest.fixture(params=SCALES.values(), ids=SCALES.keys())
+# The ends of the range of time, and all factors at once; each by itself before a release.
+@pytest.fixture(params=standing_for_all(SCALES, *IN_TIERS))
 def scale(request):
-    return request.param
+    return SCALES[request.param]
 
 
 def allowed(scale):
@@ -125,14 +127,6 @@ def reduced(kind, scale):
 ELSEWHERE = {name: 1.001 * value for name, value in AT_TRUTH.items()}
 
 
-# The ends of the range of time, and all factors at once; each by itself before a release.
-@pytest.mark.parametrize(
-    "scale",
-    [
-        pytest.param(scale, id=name, marks=() if name in SCALES_IN_TIERS else pytest.mark.release)
-        for name, scale in SCALES.items()
-    ],
-)
 @pytest.mark.parametrize("kind", ["ringing", "pulled", "held_curve", "sweep_weak"])
 def test_the_likelihood_of_an_image_is_the_same(kind, scale):
     """Its residuals; and its logarithm up to the constant that the unit of a density brings."""
