@@ -136,5 +136,5 @@ def test_a_check_costs_six_times_its_memory_at_most(tmp_path):
     exit_code, added = map(int, ended.stdout.split())
     assert exit_code == 0
     # Both channels, and of one of them spectrum, magnitude, window and what its checks compare:
-    # 4.7 of a channel's memory when this was written. It must not grow with the number of checks.
+    # 4.7 times their memory when this was written. It must not grow with the number of checks.
     assert added < 6 * 2 * 8 * samples, f"{added / 2**30:.1f} GiB"
