@@ -70,7 +70,7 @@ def test_by_the_input(backward):
     assert float(by_input @ bump) == pytest.approx(float(jnp.sum(slope)), rel=1e-9)
 
 
-@pytest.mark.release  # test_adjoint.py has lanes
+@pytest.mark.slow
 def test_lanes_have_the_gradients_of_each(backward):
     points = POINT * (1.0 + 0.02 * jnp.arange(3.0)[:, None])
     found = np.asarray(jax.jit(jax.vmap(jax.jacrev(motion)))(points))

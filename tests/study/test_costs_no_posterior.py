@@ -86,7 +86,7 @@ def test_comparisons_that_fail_leave_the_posterior_and_are_named(tmp_path, monke
     assert "This figure could not be drawn" in (tmp_path / "run" / "report.html").read_text()
 
 
-@pytest.mark.release  # as comparisons that fail, above
+@pytest.mark.slow
 def test_a_second_posterior_that_fails_costs_the_first_one_nothing(tmp_path, monkeypatch):
     path = write_toy(tmp_path, PLAIN)
     rng = np.random.default_rng(0)
