@@ -77,11 +77,11 @@ def costly_fit(
 def costly_fits(
     residual: Residual,
     box: Box,
-    data: PyTree = None,
+    data: PyTree,
     *,
     starts: Mapping[str, Any],
-    max_evaluations: int = 60,
-    tolerance: float = TOLERANCE,
+    max_evaluations: int,
+    tolerance: float,
 ) -> list[Fit]:
     """The same from every start by itself, in their order, but for starts that are refused.
 
