@@ -30,7 +30,8 @@ from jbw.observables.observable import (
     Weighted,
     slope_by_offsets,
 )
-from jbw.oscillator.oscillator import oscillator_of
+from jbw.observables.samples import joints_at
+from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.quantities import DEFAULT_LAWS
 
 MOST = 6.0  # rms: amplitudes beyond have a share of 1e-8
@@ -45,7 +46,8 @@ class LineReading(Observable):
     """What a line fit reads in random motion of `y_rms` [m]: omega_n [rad/s], zeta [-], gain.
 
     The covariance is theirs, the gain in N/kg per unit of the input; directions are the reading's
-    changes by each offset of the run.
+    changes by each offset of the run. The solution is what is read, worked out before at the point
+    that is asked for; None for nothing.
     """
 
     is_linear: ClassVar[bool] = True
@@ -55,6 +57,7 @@ class LineReading(Observable):
     y_rms: Float[Array, ""]
     directions: Float[Array, "own read"]
     run: str = eqx.field(static=True)
+    solution: Float[Array, "*point read"] | None = None
 
     @classmethod
     def of(
@@ -95,16 +98,29 @@ class LineReading(Observable):
 
     def predict(self, theta: Theta) -> Float[Array, " read"]:
         """Equivalent omega_n [rad/s], zeta and gain: (23), (39) over Rayleigh's amplitudes."""
-        joint = oscillator_of(theta, self.laws)
-        x, weights = np.polynomial.legendre.leggauss(NUM_NODES)
-        size = MOST * (x + 1) / 2
-        density = weights * size * np.exp(-(size**2) / 2)
-        loops = jax.vmap(joint.loop)(self.y_rms * size)
-        share = density * size**2 / np.sum(density * size**2)
-        squared = joint.k + share @ loops.stiffness
-        omega = jnp.sqrt(squared)
-        zeta = joint.zeta * joint.omega_n / omega + share @ loops.damping / (2 * squared)
-        return jnp.stack([omega, zeta, theta["gain"]])
+        if self.solution is not None:
+            return self.solution
+        return jnp.stack([*_equivalent(oscillator_of(theta, self.laws), self.y_rms), theta["gain"]])
+
+    def solved(
+        self,
+        theta: Mapping[str, Float[np.ndarray, " point"]],
+        threads: int,
+        *,
+        writes: bool,
+        rows: Float[np.ndarray, "group row value"] | None = None,
+    ) -> Self | None:
+        """The reading with what is read at points, by one program for all that ask for it.
+
+        None of several modes, and of laws that our own step does not know.
+        """
+        if (joints := joints_at(theta, self.laws)) is None:
+            return None
+        equivalent = [
+            np.asarray(row)[: len(theta["gain"])] for row in _equivalents(joints, self.y_rms)
+        ]
+        read = np.stack([*equivalent, np.asarray(theta["gain"])], axis=-1)
+        return replace(self, laws=(), solution=jax.device_put(read))
 
     def _whitened(
         self, theta: Theta
@@ -157,6 +173,27 @@ class LineReading(Observable):
     def y_peak(self, omega_n: float) -> float:
         """Displacement of the random motion, rms [m]."""
         return float(self.y_rms)
+
+
+def _equivalent(
+    joint: Oscillator, y_rms: Float[Array, ""]
+) -> tuple[Float[Array, ""], Float[Array, ""]]:
+    """omega_eq [rad/s] and zeta_eq of an oscillator in random motion of displacement `y_rms`."""
+    x, weights = np.polynomial.legendre.leggauss(NUM_NODES)
+    size = MOST * (x + 1) / 2
+    density = weights * size * np.exp(-(size**2) / 2)
+    loops = jax.vmap(joint.loop)(y_rms * size)
+    share = density * size**2 / np.sum(density * size**2)
+    squared = joint.k + share @ loops.stiffness
+    omega = jnp.sqrt(squared)
+    return omega, joint.zeta * joint.omega_n / omega + share @ loops.damping / (2 * squared)
+
+
+@eqx.filter_jit
+def _equivalents(
+    joints: Oscillator, y_rms: Float[Array, ""]
+) -> tuple[Float[Array, " lane"], Float[Array, " lane"]]:
+    return jax.vmap(_equivalent, (0, None))(joints, y_rms)
 
 
 def oscillator_through(

@@ -9,6 +9,7 @@ from jbw import rig
 from jbw.identification.linear_step import linear_step
 from jbw.observables.line_fit import LineReading
 from jbw.oscillator.laws.hysteresis import steady_loop
+from jbw.oscillator.modes.parameters import NAMES
 from jbw.oscillator.oscillator import BoucWen
 
 TRUTH = {
@@ -52,6 +53,21 @@ def test_small_amplitudes_shift_by_the_series():
     # The next term is of relative order delta sigma = 3e-5; the difference of squares has 12
     # digits less six.
     assert TRUTH["omega_n"] ** 2 - omega**2 == pytest.approx(expected, rel=2e-4)
+
+
+def test_points_are_read_by_one_program_as_each_by_itself():
+    data = LineReading.of(np.ones(3), np.eye(3), 4e-4)
+    points = {name: value * np.array([0.9, 1.0, 1.1]) for name, value in TRUTH.items()}
+    solution = data.solved(points, 1, writes=True).solution
+    alone = [data.predict({name: x[i] for name, x in points.items()}) for i in range(3)]
+    # One program adds up the same 24 amplitudes in another order.
+    np.testing.assert_allclose(solution, alone, rtol=1e-12)
+
+
+def test_readings_of_several_modes_are_left_to_the_program_around_them():
+    data = LineReading.of(np.ones(3), np.eye(3), 4e-4)
+    points = {name: np.full(3, value) for name, value in {**TRUTH, NAMES[0].omega: 500.0}.items()}
+    assert data.solved(points, 1, writes=True) is None
 
 
 def test_the_reading_of_the_rig_is_predicted():
