@@ -119,10 +119,8 @@ class Meter:
         try:
             return (yield)
         finally:
-            # A marked test stays in the table, however quick, and so is no unknown one.
-            marked = is_marked(item)
-            self.seconds[item.nodeid] = max(self.own(began, before), self.least if marked else 0.0)
-            if not marked:
+            self.seconds[item.nodeid] = self.own(began, before)
+            if not is_marked(item):
                 self.fast.add(item.nodeid)
             for name in item.fixturenames:
                 self.users[split(item.nodeid)[0], name].append(item.nodeid)
@@ -161,7 +159,12 @@ class Meter:
                 table = without_the_gone(table, self.collected)
             partly = {split(nodeid)[0] for nodeid in self.collected - set(self.seconds)}
             whole = {split(nodeid)[0] for nodeid in self.seconds} - partly
-            text = json.dumps(merged(table, self.seconds, whole), indent=1, ensure_ascii=False)
+            # A marked test stays in the table, however quick, and so is no unknown one.
+            lasting = {
+                nodeid: seconds if nodeid in self.fast else max(seconds, self.least)
+                for nodeid, seconds in self.seconds.items()
+            }
+            text = json.dumps(merged(table, lasting, whole), indent=1, ensure_ascii=False)
             TABLE.write_text(text + "\n", encoding="utf-8")
             return
         known = {f"{path}::{name}" for path, rows in table.items() for name in rows}

@@ -85,3 +85,23 @@ def test_shared_fixtures_are_shared_out_and_those_of_a_session_are_free(pytester
     # 0.1 + 0.1 + 0.3 + (0.1 + 0.4) / 2, and 0.25: below what is written. Setting up takes the rest.
     assert set(found) == {"test_long"}
     assert 0.7 <= found["test_long"] <= 1.0
+
+
+MARKED = """
+import pytest
+
+@pytest.mark.slow
+def test_quick():
+    pass
+"""
+
+
+def test_a_marked_test_stays_in_the_table_and_counts_for_what_it_takes(pytester, monkeypatch):
+    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
+    pytester.makepyfile(test_marked=MARKED, durations=Path(durations.__file__).read_text("utf-8"))
+    pytester.makeini("[pytest]\nmarkers = slow")
+    outcome = pytester.runpytest_subprocess("-p", "durations", "--measure", "-m", "slow")
+    outcome.assert_outcomes(passed=1)
+    outcome.stdout.fnmatch_lines(["*= 0 CPU seconds, *"])
+    found = json.loads((pytester.path / "durations.json").read_text())
+    assert found == {"test_marked.py": {"test_quick": durations.LONG + 0.1}}

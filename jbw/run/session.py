@@ -6,6 +6,7 @@ import os
 import platform
 import sys
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -58,10 +59,12 @@ def address_space() -> float:
     return float("inf") if soft == resource.RLIM_INFINITY else float(soft)
 
 
+@cache
 def give_back_after_compiling() -> None:
     """Let the C library give back to the system what every longer compile has freed.
 
-    A compiler frees tens of megabytes in small pieces, which glibc keeps for more of them: after a
+    Once a process, however many commands it runs: each listener would search the heap anew. A
+    compiler frees tens of megabytes in small pieces, which glibc keeps for more of them: after a
     dozen programs a gigabyte that nobody uses. Where the library is another, nothing is done.
     """
     from jax import monitoring

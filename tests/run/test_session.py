@@ -38,6 +38,19 @@ def test_the_heap_is_given_back_after_longer_compiles_alone():
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="of glibc")
+def test_a_process_of_several_commands_gives_back_once_a_compile(monkeypatch):
+    import jax
+
+    listeners = []
+    add = "register_event_duration_secs_listener"
+    monkeypatch.setattr(jax.monitoring, add, listeners.append)
+    session.give_back_after_compiling.cache_clear()
+    for _ in range(3):
+        session.give_back_after_compiling()
+    assert len(listeners) <= 1
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="of glibc")
 def test_a_process_asks_after_its_own_compiles(monkeypatch):
     """JAX tells of a compile by the name that is listened for."""
     import jax
