@@ -1,9 +1,11 @@
 """A function of the parameters at many points: side by side in lanes, on all processor cores."""
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import CancelledError, Future, ThreadPoolExecutor
-from threading import Lock
+from contextlib import contextmanager
+from contextvars import ContextVar
+from threading import Event, Lock
 from typing import Any
 
 import equinox as eqx
@@ -12,6 +14,9 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 LANES = 32  # points that one compiled call evaluates side by side
+_GIVEN_UP: ContextVar[Event | None] = ContextVar(
+    "given_up", default=None
+)  # what works in background
 
 OfTheta = Callable[[Mapping[str, Array], Any], PyTree]
 Solved = tuple[PyTree, PyTree]  # data without what was solved, and this, with the points first
@@ -76,10 +81,12 @@ def at_points(
         for first in range(0, count, lanes)
     ]
 
-    solver = getattr(function, "solver", None)
+    solver, given_up = getattr(function, "solver", None), _GIVEN_UP.get()
     cores = num_cores()
 
     def values_of(lot: Mapping[str, np.ndarray]) -> Any:
+        if given_up is not None and given_up.is_set():
+            raise CancelledError
         solved = None if solver is None else solver(lot, data, max(cores // len(lots), 1))
         theta = {name: jax.device_put(values) for name, values in lot.items()}
         if solved is None:
@@ -104,6 +111,27 @@ def _rest(
     return jax.vmap(lambda point, motions: function(point, eqx.combine(data, motions)))(
         dict(theta), solved
     )
+
+
+@contextmanager
+def in_background[Made](work: Callable[[], Made]) -> Iterator[Future[Made]]:
+    """A piece of work in a thread of its own, while the block does another.
+
+    The future gives what it made, or raises. Where the block ends by an error or an interruption,
+    the work is given up at its next lot of points.
+    """
+    given_up = Event()
+
+    def run() -> Made:
+        _GIVEN_UP.set(given_up)
+        return work()
+
+    with ThreadPoolExecutor(1) as thread:
+        try:
+            yield thread.submit(run)
+        except BaseException:
+            given_up.set()
+            raise
 
 
 def side_by_side[Start, End](

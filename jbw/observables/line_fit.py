@@ -186,7 +186,8 @@ def _equivalent(
     share = density * size**2 / np.sum(density * size**2)
     squared = joint.k + share @ loops.stiffness
     omega = jnp.sqrt(squared)
-    return omega, joint.zeta * joint.omega_n / omega + share @ loops.damping / (2 * squared)
+    zeta = joint.zeta * joint.omega_n / omega + share @ loops.damping / (2 * squared)
+    return omega, jnp.asarray(zeta)
 
 
 @eqx.filter_jit

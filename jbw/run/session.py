@@ -1,6 +1,7 @@
 """JAX and linear algebra as every run of jbw wants them, in a process of its own."""
 
 import ctypes
+import gc
 import logging
 import os
 import platform
@@ -33,6 +34,8 @@ def prepare_process() -> None:
         os.environ["XLA_FLAGS"] = f"{flags} --xla_force_host_platform_device_count=2".strip()
     import jax
 
+    # What JAX traces lives long, and looking through it for garbage takes a fiftieth of a run.
+    gc.set_threshold(100_000, 20, 20)
     jax.config.update("jax_enable_x64", True)
     keep_compiled(platform.node())
     give_back_after_compiling()

@@ -30,12 +30,13 @@ from jbw.identification.selection import Sweeps, probing_tests
 from jbw.identification.step import Step
 from jbw.identification.tied_joints import tied_evidence, tied_laws
 from jbw.inference.generator import generator, parts_of
+from jbw.inference.lanes import in_background
 from jbw.inference.posterior.summary import running_mean
 from jbw.inference.space.box import Box, bounds_by_name
 from jbw.measurement.records import Test
 from jbw.observables.dataset import Dataset
 from jbw.observables.decay import Decays
-from jbw.observables.pointwise import RecordTerms, records_of, splits_of
+from jbw.observables.pointwise import RecordTerms, Splits, records_of, splits_of
 from jbw.quantities import DEFAULT_LAWS, derivative_order
 from jbw.report.messages import stages
 from jbw.report.messages import study as messages
@@ -84,26 +85,25 @@ def collect(
     if sweeps is not None:
         groups |= attempts.make(stages.ENERGY, lambda: _conv_of_velocity(steps, sweeps), {})
     basis = basis_of(xr.DataTree.from_dict(groups))
-    groups |= attempts.make(
-        stages.TESTS,
-        lambda: verify(measured, posteriors, basis, seed, attempts),
-        {},
-    )
-    curve = attempts.make(
-        stages.BACKBONE,
-        lambda: backbone_group(basis.thinned(NUM_DRAWS), basis.y_peak, basis.laws),
-        None,
-    )
+    splits: Splits = ()
+    if not posteriors.checks.sees_no_joint:  # single records say nothing of a linear structure
+        splits = attempts.make(stages.RECORD_LIKELIHOOD, lambda: splits_in(measured, joint), ())
+    with in_background(lambda: arviz_groups(joint, splits, seed)) as by_record:
+        groups |= attempts.make(
+            stages.TESTS, lambda: verify(measured, posteriors, basis, seed, attempts), {}
+        )
+        curve = attempts.make(
+            stages.BACKBONE,
+            lambda: backbone_group(basis.thinned(NUM_DRAWS), basis.y_peak, basis.laws),
+            None,
+        )
+        if splits:
+            attempts.report(stages.SINGLE_RECORDS)
+        record_groups = attempts.make(stages.RECORD_LIKELIHOOD, by_record.result, {})
     if curve is not None:
         groups["/verification/backbone"] = curve
     drawn = {name: created(groups[name]) for name in ("/posterior", "/sample_stats")}
-    by_record: Groups = {}
-    if not posteriors.checks.sees_no_joint:  # single records say nothing of a linear structure
-        attempts.report(stages.SINGLE_RECORDS)
-        by_record = attempts.make(
-            stages.RECORD_LIKELIHOOD, lambda: arviz_groups(measured, joint, seed), {}
-        )
-    groups |= drawn | by_record
+    groups |= drawn | record_groups
     return xr.DataTree.from_dict(groups | _tied_joints(order, joint, groups, attempts))
 
 
@@ -243,14 +243,18 @@ def _conv_of_velocity(steps: Mapping[str, Step], sweeps: Sweeps) -> Groups:
     }
 
 
-def arviz_groups(seen: Measured, joint: JointPosterior, seed: int) -> Groups:
+def splits_in(seen: Measured, joint: JointPosterior) -> Splits:
+    """The single records of a campaign, by which `arviz_groups` are made."""
+    return splits_of(joint.fitted.fit.theta, joint.fitted.data, single_records(seen))
+
+
+def arviz_groups(joint: JointPosterior, splits: Splits, seed: int) -> Groups:
     """All of ArviZ's groups of the joint posterior, by path."""
+    if all(split is None for split in splits):  # nothing but what was read off a record before
+        return {}
     posterior, data, box = joint.draws, joint.fitted.data, joint.fitted.box
     shape = posterior.sizes["chain"], posterior.sizes["draw"]
     keys = parts_of(jax.random.fold_in(jax.random.key(seed), KEY), 3)
-    splits = splits_of(joint.fitted.fit.theta, data, single_records(seen))
-    if all(split is None for split in splits):  # nothing but what was read off a record before
-        return {}
     theta = {name: posterior[name].values.ravel() for name in box.names}
     noise = noise_of(posterior)
     flat = {label: values.ravel() for label, values in noise.items()}

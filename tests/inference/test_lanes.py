@@ -1,12 +1,15 @@
 """A function at many points, in lanes on all cores, against the same one point at a time."""
 
+from concurrent.futures import CancelledError
+from threading import Event, Timer
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from jbw.inference import lanes
-from jbw.inference.lanes import LANES, at_points, side_by_side
+from jbw.inference.lanes import LANES, at_points, in_background, side_by_side
 
 
 def wavy(theta, data):
@@ -146,3 +149,41 @@ def test_an_error_of_the_evaluation_is_that_of_the_search():
 
     with pytest.raises(FloatingPointError, match="not a number"):
         side_by_side(halvings, [4.0, 9.0], broken)
+
+
+def test_work_beside_gives_what_it_made_or_its_error():
+    theta = points(40)
+    with in_background(lambda: at_points(product, theta)) as work:
+        here = at_points(product, theta)
+    np.testing.assert_array_equal(work.result(), here)
+    with in_background(lambda: 1 // 0) as failed:
+        pass
+    with pytest.raises(ZeroDivisionError):
+        failed.result()
+
+
+def test_work_beside_a_block_that_is_interrupted_is_given_up_at_its_next_lot(monkeypatch):
+    evaluated, goes_on, started = [], Event(), Event()
+
+    def values(function, theta, data):
+        evaluated.append(len(theta["a"]))
+        started.set()
+        assert goes_on.wait(60)
+        return theta["a"]
+
+    monkeypatch.setattr(lanes, "_values", values)
+    monkeypatch.setattr(lanes, "num_cores", lambda: 1)
+
+    def interrupted():
+        with in_background(lambda: at_points(product, points(1000))) as work:
+            works.append(work)
+            assert started.wait(60)
+            Timer(0.2, goes_on.set).start()  # once the block has ended
+            raise KeyboardInterrupt
+
+    works = []
+    with pytest.raises(KeyboardInterrupt):
+        interrupted()
+    assert evaluated == [LANES]
+    with pytest.raises(CancelledError):
+        works[0].result()
