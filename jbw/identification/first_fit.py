@@ -34,6 +34,7 @@ from jbw.report.messages import stages as messages
 
 under_way = logging.getLogger("jbw.progress")
 ROUGH = 1e-6  # of the cost and of the step: fits that others follow
+SAME_COST = 10 * ROUGH  # relative: fits that ended at one minimum
 NUM_SCREENED = 255  # points of the box that are looked at beside the start
 # Where the best of them does not explain the data: how many others begin, and how many evaluations
 # each has. The best of a round go on to the next.
@@ -164,8 +165,9 @@ def with_waterfall(chosen: Fit, ends: Sequence[Fit]) -> Fit:
 def by_rounds(begun: Sequence[Mapping[str, float]], prior: Box, data: Dataset) -> list[Fit]:
     """Fits from several starts, best first: all begin, and the better ones are gone on with.
 
-    The others too, one by one, where the best ends at a bound and does not explain the data: it has
-    run along a valley to a wall of the prior, which is no optimum to rest on.
+    Where all have ended at one minimum, none is gone on with. The others are too, one by one, where
+    the best ends at a bound and does not explain the data: it has run along a valley to a wall of
+    the prior, which is no optimum to rest on.
     """
     going, ends = [dict(theta) for theta in begun], []
     if not going:
@@ -177,6 +179,8 @@ def by_rounds(begun: Sequence[Mapping[str, float]], prior: Box, data: Dataset) -
         going = [end.theta for end in ends]
         if explains(ends[0]):
             return [rough(going[0], prior, data), *ends[1:]]
+        if len(ends) > 1 and ends[-1].cost <= (1 + SAME_COST) * ends[0].cost:
+            break
     return further(ends, prior, data) if ends[0].at_bound else ends
 
 

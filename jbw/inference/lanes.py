@@ -14,9 +14,8 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 LANES = 32  # points that one compiled call evaluates side by side
-_GIVEN_UP: ContextVar[Event | None] = ContextVar(
-    "given_up", default=None
-)  # what works in background
+# Of what works in background: set once nobody waits for it.
+_GIVEN_UP: ContextVar[Event | None] = ContextVar("given_up", default=None)
 
 OfTheta = Callable[[Mapping[str, Array], Any], PyTree]
 Solved = tuple[PyTree, PyTree]  # data without what was solved, and this, with the points first

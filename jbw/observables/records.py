@@ -36,7 +36,14 @@ from jbw.observables.samples import (
     values_of,
 )
 from jbw.observables.spectra import Spectrum, of_lines, of_samples
-from jbw.oscillator.batch import MeasuredResponse, Motions, compile_ahead, march, record_of
+from jbw.oscillator.batch import (
+    MeasuredResponse,
+    Motions,
+    compile_ahead,
+    filled_up,
+    march,
+    record_of,
+)
 from jbw.oscillator.deepening import with_depth
 from jbw.oscillator.hold import HeldInput
 from jbw.oscillator.laws import quantities_of
@@ -337,7 +344,7 @@ class Records(Repeated):
         Those of several modes, residual terms or periodic motions are, and laws that our own step
         does not know. The steps of the solver, which are no matter any more, are those of any.
         """
-        if self._joints_at(theta, 0) is None:
+        if (joints := self._joints_of_levels(theta)) is None:
             return None
         writes = writes or not self._summed(theta)
         away = np.zeros((len(self.labels), len(theta["gain"]), 0))
@@ -347,7 +354,9 @@ class Records(Repeated):
 
         def level(number: int) -> Motions:
             own = None if rows is None or writes else rows[number]
-            return self.marched(theta, number, known=away[number], rows=own, writes=writes)
+            return self.marched(
+                theta, number, joints[number], known=away[number], rows=own, writes=writes
+            )
 
         with ThreadPoolExecutor(threads) as pool:
             motions = list(pool.map(level, range(len(self.labels))))
@@ -371,6 +380,7 @@ class Records(Repeated):
         self,
         theta: Mapping[str, Float[np.ndarray, " point"]],
         number: int,
+        joints: Oscillator | None = None,
         *,
         known: Float[np.ndarray, "point own"] | None = None,
         rows: Float[np.ndarray, "row value"] | None = None,
@@ -378,9 +388,10 @@ class Records(Repeated):
     ) -> Motions:
         """Motions of one level at points, at its own origin where it has one.
 
-        And their products with rows of what is compared.
+        And their products with rows of what is compared. Joints that are there are not made.
         """
-        if (joints := self._joints_at(theta, number)) is None:
+        joints = self._joints_at(theta, number) if joints is None else joints
+        if joints is None:
             raise TypeError("Records that are not `solved` are not marched.")
         measured = None  # of a band nothing is added up sample by sample
         if self.lines is None:
@@ -392,6 +403,24 @@ class Records(Repeated):
             record._replace(rows=_behind(rows, self.skipped)),
             self.fs, self.substeps, derivative_order(self.response), known=known, writes=writes,
         )  # fmt: skip
+
+    def _joints_of_levels(
+        self, theta: Mapping[str, Float[np.ndarray, " point"]]
+    ) -> list[Oscillator] | None:
+        """The joints of every level by one call, the last point again to fill their lanes."""
+        if self.periodic or any(self.points):
+            return None
+        count, origin = len(self.labels), np.asarray(self.origin)
+        every = {name: np.tile(values, count) for name, values in filled_up(dict(theta)).items()}
+        lanes = len(every["gain"]) // count
+        every |= {
+            name: np.repeat(values, lanes) for name, values in zip(OFFSETS, origin.T, strict=False)
+        }
+        joints = joints_at(every, self.laws, residuals=self.residuals, depth=self.depth)
+        if joints is None:
+            return None
+        rows = jax.tree.map(lambda x: np.asarray(x).reshape(count, lanes, *x.shape[1:]), joints)
+        return [jax.tree.map(lambda x, level=level: x[level], rows) for level in range(count)]
 
     def _joints_at(
         self, theta: Mapping[str, Float[np.ndarray, " point"]], number: int

@@ -107,7 +107,7 @@ def joints_at(
     residuals: str = "none",
     depth: int | None = None,
 ) -> Oscillator | None:
-    """Oscillators at points for `jbw.oscillator.batch`, the last again to fill its lanes.
+    """Oscillators at points for `jbw.oscillator.batch`, the last again to fill all lanes.
 
     Their laws remember `depth` reversals. None where theta has several modes or residual terms, or
     where a stock solver integrates a law.

@@ -190,11 +190,11 @@ def compile_ahead(joints: Oscillator, num_powers: int, order: int) -> None:
 
 
 def filled_up(values: PyTree) -> PyTree:
-    """Values of so many lanes along a first axis, the last one again behind them."""
+    """Values along a first axis, the last one again behind them up to a multiple of `LANES`."""
 
     def filled(leaf: Any) -> np.ndarray:
         leaf = np.asarray(leaf, float)
-        wide = [(0, LANES - len(leaf)), *[(0, 0)] * (leaf.ndim - 1)]
+        wide = [(0, -len(leaf) % LANES), *[(0, 0)] * (leaf.ndim - 1)]
         return np.pad(leaf, wide, "edge")
 
     return jax.tree.map(filled, values)

@@ -107,6 +107,12 @@ def test_the_starts_that_fall_furthest_are_gone_on_with(monkeypatch):
     assert sum(evaluations for _, evaluations in spent) == 6 * 8 + 4 * 12 + 2 * 60
 
 
+def test_starts_that_all_end_at_one_minimum_are_not_gone_on_with(monkeypatch):
+    numbers, spent = by_rounds(monkeypatch, [50.0 + 1e-6 * i for i in range(6)], falls=0.0)
+    assert numbers == [0, 1, 2, 3, 4, 5]
+    assert spent == [(i, 8) for i in range(6)]
+
+
 def test_beside_an_end_at_a_bound_the_others_go_on_until_one_explains_the_data(monkeypatch):
     """The second start falls to nothing, but so late that the rounds leave it behind four."""
     monkeypatch.setattr(first_fit, "EXPLAINED", 40.0)

@@ -175,7 +175,11 @@ def precision(
 def trust_region(
     part: Part, start: NDArray[np.float64], max_evaluations: int, tolerance: float
 ) -> OptimizeResult:
-    """Scipy's trust region in the unit cube, which refuses points that cannot be solved.
+    r"""Scipy's trust region in the unit cube, which refuses points that cannot be solved.
+
+    $$[J \; r] = Q R: \qquad J^T J, \; J^T r \; \text{and} \; r^T r \; \text{are those of} \; R$$
+
+    It therefore sees R, of one row more than there are parameters, in place of all residuals.
 
     A point is refused where its residual or its Jacobian is not finite, as `evaluator` gives them
     where a motion runs away: the region shrinks there,
@@ -184,12 +188,17 @@ def trust_region(
     """
     refused: set[bytes] = set()
 
-    def residual(s: NDArray[np.float64]) -> NDArray[np.float64]:
-        value = part(s, 0)
-        if np.all(np.isfinite(value)) and np.all(np.isfinite(part(s, 1))):
-            return value
+    @lru_cache(maxsize=1)  # scipy asks for the residual and then for the Jacobian at one point
+    def triangle(point: tuple[float, ...]) -> NDArray[np.float64]:
+        s = np.array(point)
+        rows = np.column_stack([part(s, 1), part(s, 0)])
+        if np.all(np.isfinite(rows)):
+            return np.linalg.qr(rows, mode="r")
         refused.add(s.tobytes())
-        return np.full_like(value, OUT_OF_REACH)
+        return np.full((min(rows.shape), rows.shape[1]), OUT_OF_REACH)
+
+    def residual(s: NDArray[np.float64]) -> NDArray[np.float64]:
+        return triangle(tuple(s.tolist()))[:, -1]
 
     residual(start)
     if refused:
@@ -197,7 +206,7 @@ def trust_region(
     end = least_squares(
         residual,
         start,
-        lambda s: part(s, 1),  # pyright: ignore[reportArgumentType]
+        lambda s: triangle(tuple(s.tolist()))[:, :-1],  # pyright: ignore[reportArgumentType]
         bounds=(0.0, 1.0),
         x_scale="jac",
         max_nfev=max_evaluations,
