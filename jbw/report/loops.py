@@ -61,10 +61,11 @@ def validation_loops(tree: xr.DataTree, ax: Any = None) -> Panels:
     needed = ("measured_y", "measured_force", "model_y", "model_force")
     loop_tests = tests(tree, "validation/loops", *needed)
     axes, stack = style.stacks(ax, len(loop_tests), 2, height=4.6, height_ratios=[1, 1.3])
-    for (upper, lower), (_, test) in zip(stack, loop_tests, strict=True):
+    for (upper, lower), (name, test) in zip(stack, loop_tests, strict=True):
         draw_loop(upper, test, 0.0)
         draw_loop(lower, test, secant(test["measured_y"].values, test["measured_force"].values))
-        style.title(upper, f"{level_text(test)}, {number(test.attrs.get('tone_hz'))} Hz")
+        moved = f"{level_text(test)}, {number(test.attrs.get('tone_hz'))} Hz"
+        style.title(upper, f"{short(plain(name))},\n{moved}", size=8)
         style.title(lower, _areas_text(enclosed_areas(test)), size=8)
     unit = plain(unit_text(unit_of(loop_tests[0][1]["measured_force"])))
     labels = (f"restoring force [{unit}]", f"less its secant [{unit}]")

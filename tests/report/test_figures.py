@@ -95,6 +95,15 @@ def test_measured_phases_stay_with_the_model(drawn):
         assert all(np.abs(np.diff(phase)).max() < 90 for phase in measured if len(phase) > 1)
 
 
+def test_loops_of_one_level_are_told_apart_by_their_tests(tree):
+    same = dict.fromkeys(("day 1", "day 2"), next(iter(tree["validation/loops"].children.values())))
+    of_days = xr.DataTree.from_dict(
+        {f"/validation/loops/{n}": x.to_dataset() for n, x in same.items()}
+    )
+    upper = figure_of(FIGURES["figure_13"](of_days)).axes[:2]
+    assert [ax.get_title(loc="left").partition(",")[0] for ax in upper] == ["day 1", "day 2"]
+
+
 def test_the_callers_axes_are_used_and_returned(tree):
     figure = Figure()
     ax = figure.subplots()
