@@ -344,7 +344,7 @@ class Records(Repeated):
         Those of several modes, residual terms or periodic motions are, and laws that our own step
         does not know. The steps of the solver, which are no matter any more, are those of any.
         """
-        if (joints := self._joints_of_levels(theta)) is None:
+        if (joints := self._joints_of_levels(theta, range(len(self.labels)))) is None:
             return None
         writes = writes or not self._summed(theta)
         away = np.zeros((len(self.labels), len(theta["gain"]), 0))
@@ -404,33 +404,31 @@ class Records(Repeated):
             self.fs, self.substeps, derivative_order(self.response), known=known, writes=writes,
         )  # fmt: skip
 
+    def _joints_at(
+        self, theta: Mapping[str, Float[np.ndarray, " point"]], number: int
+    ) -> Oscillator | None:
+        """The joints at points as a level sees them; None of those that are not marched."""
+        joints = self._joints_of_levels(theta, [number])
+        return None if joints is None else joints[0]
+
     def _joints_of_levels(
-        self, theta: Mapping[str, Float[np.ndarray, " point"]]
+        self, theta: Mapping[str, Float[np.ndarray, " point"]], numbers: Sequence[int]
     ) -> list[Oscillator] | None:
-        """The joints of every level by one call, the last point again to fill their lanes."""
+        """The same of several levels by one call, the last point again to fill their lanes."""
         if self.periodic or any(self.points):
             return None
-        count, origin = len(self.labels), np.asarray(self.origin)
+        count, origin = len(numbers), np.asarray(self.origin)[list(numbers)]
         every = {name: np.tile(values, count) for name, values in filled_up(dict(theta)).items()}
         lanes = len(every["gain"]) // count
         every |= {
-            name: np.repeat(values, lanes) for name, values in zip(OFFSETS, origin.T, strict=False)
+            name: np.repeat(values, lanes)
+            for name, values in zip(OFFSETS, origin.T, strict=False)  # none without offsets
         }
         joints = joints_at(every, self.laws, residuals=self.residuals, depth=self.depth)
         if joints is None:
             return None
         rows = jax.tree.map(lambda x: np.asarray(x).reshape(count, lanes, *x.shape[1:]), joints)
         return [jax.tree.map(lambda x, level=level: x[level], rows) for level in range(count)]
-
-    def _joints_at(
-        self, theta: Mapping[str, Float[np.ndarray, " point"]], number: int
-    ) -> Oscillator | None:
-        """The joints at points as a level sees them; None of those that are not marched."""
-        if self.periodic or any(self.points):
-            return None
-        origin = zip(OFFSETS, np.asarray(self.origin)[number], strict=False)
-        place = {name: np.full(len(theta["gain"]), value) for name, value in origin}
-        return joints_at({**theta, **place}, self.laws, residuals=self.residuals, depth=self.depth)
 
     def _hidden(self, peak: Float[Array, " level"]) -> Bool[Array, " level"]:
         """Whether a prediction is absurdly larger than what was measured, if anything was."""
