@@ -1,0 +1,353 @@
+r"""A free decay of one mode in a band: its filtered samples, and the slow flow fitted to them.
+
+$$t = \int \frac{d \ln a}{-\sigma(a)}, \qquad \varphi = \int \frac{\omega(a)}{\sigma(a)}\,d\ln a$$
+
+by quadrature over ln a; the filter's own response at the complex frequency $i\omega - \sigma$
+stands in the model, so that nothing has to settle. The samples themselves are fitted and not
+their logarithm: noise stays additive, and a tail of noise carries no weight.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+from scipy.optimize import least_squares
+from scipy.signal import fftconvolve
+
+from jbw.measurement.channels import Complexes, Reals
+from jbw.measurement.readings.slow_flow import BASES, Basis, Fitted, converter_step
+
+BETA = 7.0  # of the Kaiser window that is the band's filter
+LAW_ERROR = 1e-3  # of the amplitude: residual of a sound joint, by averaging and by the basis
+QUANTUM_NOISE = 0.02  # of a squared half converter step
+FIRST_BLOW = 0.6  # of the largest envelope: a later blow may be the larger one
+QUADRATURE, THINNED = 160, 8  # amplitudes of the quadrature; every so many has a filter's response
+FEWEST_POWERS = 14  # values from which a power of the amplitude is fitted
+WORTH_A_TERM = 0.9  # of the squares: the next term of a basis must leave less
+NO_MODEL = 1e3  # times the signal: value of a model that does not exist
+FADED = 2.4  # half converter steps below which a converter without dither passes nothing
+QUIETEST = 0.3  # of the noise: amplitude at which a decay ends
+FEWEST_KEPT = 24
+
+
+class Jump(NamedTuple):
+    """A decay that goes on from another place of the same flow: when [s], d ln a, d phase."""
+
+    time_s: float
+    growth: float
+    turn: float
+
+
+class Cause(NamedTuple):
+    """A further cause of what a record shows, fitted together with the mode.
+
+    Attributes:
+        start: Starting values of its parameters.
+        apply: Model of signal, model values and parameters with the cause; None of a jump, which
+            changes the flow itself.
+    """
+
+    start: Reals
+    apply: Callable[["DecaySignal", Complexes, Reals], Complexes] | None = None
+
+
+@dataclass(frozen=True)
+class DecaySignal:
+    """A record of a decay, filtered about the centre of its band and thinned.
+
+    Attributes:
+        raw: Samples of the record after `settle`.
+        fs: Sampling frequency [Hz].
+        centre_hz: Frequency that became zero [Hz].
+        half_width_hz: Half of the band [Hz].
+        taps: Impulse response of the filter, sum 1.
+        z: Envelope values, in the unit of the samples.
+        time: Of the values, from the first on [s].
+        begins: Time of the first value in `raw` [s].
+        step_s: Time between two values [s].
+        quantum: Step of the converter.
+        tail: Noise amplitude in the band at the record's end.
+        order: Of the derivative of the displacement that the samples are.
+    """
+
+    raw: Reals
+    fs: float
+    centre_hz: float
+    half_width_hz: float
+    taps: Reals
+    z: Complexes
+    time: Reals
+    begins: float
+    step_s: float
+    quantum: float
+    tail: float
+    order: int
+
+    @property
+    def half(self) -> int:
+        """Samples to either side of the filter's middle tap."""
+        return len(self.taps) // 2
+
+    @property
+    def a0(self) -> float:
+        """Amplitude at the start, to which amplitudes are relative."""
+        return float(np.abs(self.z[: max(len(self.z) // 200, 1)]).mean())
+
+    @property
+    def size(self) -> Reals:
+        """Amplitude of every value."""
+        return np.abs(self.z)
+
+    def first(self) -> tuple[float, float]:
+        """Return damping rate and frequency above the centre [rad/s] of the part above noise."""
+        size = self.size
+        loud = size > max(0.1 * size[0], 3 * min(self.tail, 0.02 * size[0]))
+        stops = np.flatnonzero(~loud)
+        stop = max(int(stops[0]) if stops.size else len(size), min(6, len(size)))
+        turn = float(np.angle(np.sum(self.z[1:stop] * np.conj(self.z[: stop - 1])))) / self.step_s
+        count = max(stop, 3)
+        rate = -np.polyfit(self.time[:count], np.log(size[:count] + 1e-300), 1)[0]
+        return max(float(rate), 1e-3 / self.time[-1]), turn
+
+    def until(self, count: int) -> "DecaySignal":
+        """Return the first values alone."""
+        return replace(self, z=self.z[:count], time=self.time[:count])
+
+    def filtered_step(self, at_s: float) -> Reals:
+        """Return a unit step at a time [s], as the filter passes it."""
+        passed = np.concatenate([[0.0], np.cumsum(self.taps)])
+        place = (self.time - at_s) * self.fs + self.half
+        return np.interp(place, np.arange(len(passed)), passed, left=0.0, right=1.0)
+
+
+def decay_signal(x: Reals, fs: float, band_hz: tuple[float, float], order: int) -> DecaySignal:
+    """Filter a record of a decay about its band, from its first blow on.
+
+    Args:
+        x: Samples after `settle`.
+        fs: Sampling frequency [Hz].
+        band_hz: Lowest and highest frequency of the one mode [Hz].
+        order: Of the derivative of the displacement that the samples are.
+    """
+    centre, half_width = 0.5 * sum(band_hz), 0.5 * (band_hz[1] - band_hz[0])
+    wanted = int(np.ceil(np.hypot(1, BETA / np.pi) * fs / half_width))
+    taps = np.kaiser(min(wanted | 1, (len(x) // 3) | 1), BETA)
+    taps /= taps.sum()
+    half = len(taps) // 2
+    carrier = np.exp(-2j * np.pi * centre / fs * np.arange(len(x)))
+    whole = 2 * fftconvolve(x * carrier, taps, "valid")
+    size = np.abs(whole)
+    # The blow: half a filter behind the envelope's top, or the beginning of the record.
+    top = int(np.argmax(size > FIRST_BLOW * size.max()))
+    top += int(np.argmax(size[top : top + half + 1]))
+    start = 0 if top < half // 4 else top + half + half // 2
+    start = min(start, max(len(whole) - 16 * half, 0))
+    step = max(int(fs / (3 * half_width)), 1)
+    z = whole[start::step]
+    quietest = whole[-max(len(whole) // 10, 8) :]
+    tail = float(np.sqrt(np.mean(np.abs(quietest) ** 2)))
+    return DecaySignal(
+        raw=x, fs=fs, centre_hz=centre, half_width_hz=half_width, taps=taps, z=z,
+        time=np.arange(len(z)) * step / fs, begins=(start + half) / fs, step_s=step / fs,
+        quantum=converter_step(x), tail=max(tail, 1e-12 * float(size.max())), order=order,
+    )  # fmt: skip
+
+
+def _response(signal: DecaySignal, sigma: Reals, turn: Reals) -> Complexes:
+    """Response of the filter to exp((i turn - sigma) t), a value each."""
+    place = (np.arange(len(signal.taps)) - signal.half) / signal.fs
+    every = max(len(place) // 120, 1)  # a smooth kernel is summed as well on fewer taps
+    taps = signal.taps[::every] / signal.taps[::every].sum()
+    return np.exp(np.outer(1j * turn - sigma, place[::every])) @ taps
+
+
+def decay_model(
+    signal: DecaySignal, theta: Reals, basis: Basis, scale: float, jump: Jump | None = None
+) -> Complexes:
+    """Return the filtered decay of a slow flow at the signal's times.
+
+    `theta` holds ln a and phase at the start, then the coefficients of damping rate and of
+    frequency above the centre over `scale` [1/s], then the exponent.
+    """
+    none = np.full(len(signal.time), NO_MODEL * signal.a0 + 0j)
+    terms = basis.terms
+    sigmas, turns = theta[2 : 2 + terms] * scale, theta[2 + terms : 2 + 2 * terms] * scale
+    if not np.all(np.isfinite(theta)) or not abs(theta[0] - np.log(signal.a0)) < 20:
+        return none
+    steepest = 300 * signal.fs / max(signal.half, 1)
+    if terms == 1:
+        if not abs(sigmas[0]) < steepest or not -sigmas[0] * signal.time[-1] < 100:
+            return none
+        pole = 1j * turns[0] - sigmas[0]
+        through = _response(signal, sigmas, turns)[0]
+        model = through * np.exp(theta[0] + 1j * theta[1] + pole * signal.time)
+        if jump is not None:
+            after = signal.filtered_step(jump.time_s)
+            model = model * np.exp(after * (jump.growth + 1j * jump.turn))
+        return model
+    # From above where the decay, or what follows a jump, begins, to below the noise.
+    above = max(jump.growth, 0.0) + 0.05 if jump is not None else 0.0
+    low = min(np.log(max(signal.tail, 1e-4 * signal.a0)) - 2.0, theta[0] - 3.0)
+    logs = np.linspace(theta[0] + above, low, QUADRATURE)
+    powers = basis.values(np.exp(logs) / signal.a0, basis.exponent(theta))
+    sigma = np.maximum(sigmas @ powers, 0.02 * abs(sigmas[0]) + 1e-9 * scale)
+    turn = turns @ powers
+    step = logs[0] - logs[1]
+    time, phase = _integral(1 / sigma, step), _integral(turn / sigma, step)
+    if not np.all(np.diff(time) > 0) or sigma.max() > steepest:
+        return none
+    log_at, time_at = CubicSpline(time, logs), CubicSpline(logs[::-1], time[::-1])
+    phase_at = CubicSpline(time, phase)
+    few = np.r_[len(logs) - 1 : 0 : -THINNED, 0]
+    through_at = CubicSpline(logs[few], _response(signal, sigma[few], turn[few]))
+
+    def course(since: Reals, phase_0: float) -> Complexes:
+        since = np.maximum(since, 0.0)
+        inside, late = np.minimum(since, time[-1]), np.maximum(since - time[-1], 0)
+        log = log_at(inside) - late * sigma[-1]
+        angle = phase_0 + phase_at(inside) + late * turn[-1]
+        return through_at(np.clip(log, low, logs[0])) * np.exp(log + 1j * angle)
+
+    first = float(time_at(theta[0]))
+    phase_0 = theta[1] - float(phase_at(first))
+    if jump is None:
+        return course(signal.time + first, phase_0)
+    at = min(jump.time_s + first, time[-1])
+    second = float(time_at(np.clip(float(log_at(at)) + jump.growth, low, logs[0])))
+    phase_2 = phase_0 + float(phase_at(at)) + jump.turn - float(phase_at(second))
+    after = signal.filtered_step(jump.time_s)
+    later = course(signal.time - jump.time_s + second, phase_2)
+    return (
+        course(signal.time + first, phase_0) * (1 - after) + np.where(after > 0, later, 0) * after
+    )
+
+
+def _integral(values: Reals, step: float) -> Reals:
+    """Running integral by the trapezoidal rule with its end correction, of order 4."""
+    slope = np.gradient(values, step)
+    pieces = step * (values[1:] + values[:-1]) / 2 - step**2 / 12 * (slope[1:] - slope[:-1])
+    return np.concatenate([[0.0], np.cumsum(pieces)])
+
+
+def fit_decay(
+    signal: DecaySignal,
+    name: str,
+    start: Reals,
+    scale: float,
+    weight: Reals,
+    cause: Cause | None = None,
+) -> Fitted:
+    """Fit a basis to a decay, with a further cause where one is given.
+
+    Args:
+        signal: From `decay_signal`.
+        name: Of the basis, one of `BASES`.
+        start: Starting values, as `decay_model` takes them.
+        scale: Unit of rates [1/s].
+        weight: Of every value, one over its standard deviation.
+        cause: What else may have shaped the record.
+    """
+    basis, count = BASES[name], len(start)
+
+    def model(theta: Reals) -> Complexes:
+        if cause is None:
+            return decay_model(signal, theta, basis, scale)
+        more = theta[count:]
+        if cause.apply is None:
+            jump = Jump(
+                float(np.clip(more[0], 0.0, 1.0)) * signal.time[-1],
+                *np.clip(more[1:], -50, 50).tolist(),
+            )
+            return decay_model(signal, theta[:count], basis, scale, jump)
+        return cause.apply(signal, decay_model(signal, theta[:count], basis, scale), more)
+
+    def residual(theta: Reals) -> Reals:
+        left = (signal.z - model(theta)) * weight
+        return np.concatenate([left.real, left.imag])
+
+    begin = np.concatenate([start, cause.start]) if cause is not None else np.array(start, float)
+    lower, upper = np.full(len(begin), -np.inf), np.full(len(begin), np.inf)
+    if basis.is_free:
+        at = count - 1
+        lower[at], upper[at] = (-1.2, 5.0) if basis.terms == 2 else (0.2, 2.2)
+        begin[at] = np.clip(begin[at], lower[at] + 0.05, upper[at] - 0.05)
+    found: Any = least_squares(
+        residual, begin, bounds=(lower, upper), method="trf", x_scale="jac", max_nfev=40
+    )
+    size = len(signal.z)
+    jacobian = -(found.jac[:size] + 1j * found.jac[size:]) / weight[:, None]
+    left = signal.z - model(found.x)
+    return Fitted(found.x, left, jacobian, float(np.sum(np.abs(left * weight) ** 2)))
+
+
+class DecayFits(NamedTuple):
+    """A decay, cut where its noise begins, and all bases fitted to it.
+
+    Attributes:
+        signal: The values that were fitted.
+        fits: By the name of the basis.
+        scale: Unit of rates [1/s].
+        weight: Of every value.
+        noise: Noise amplitude in the band.
+        faded: Amplitude below which the converter passes nothing.
+    """
+
+    signal: DecaySignal
+    fits: dict[str, Fitted]
+    scale: float
+    weight: Reals
+    noise: float
+    faded: float
+
+
+def fit_bases(signal: DecaySignal) -> DecayFits:
+    """Fit all bases to a decay, its noise read where the mode is gone."""
+    scale, turn = signal.first()
+    noise = max(signal.tail, 1e-9 * signal.a0)
+    half_step = 0.5 * signal.quantum
+
+    def weight_at(size: Reals) -> Reals:
+        own = min(noise, 0.3 * signal.a0) ** 2 + QUANTUM_NOISE * half_step**2
+        return 1 / np.sqrt(own + (LAW_ERROR * size) ** 2)
+
+    begin = np.array([np.log(signal.size[0]), np.angle(signal.z[0]), 1.0, turn / scale])
+    linear = fit_decay(signal, "linear", begin, scale, weight_at(signal.size))
+    size = signal.size
+    for _ in range(2):
+        size = np.abs(decay_model(signal, linear.theta, BASES["linear"], scale))
+        quiet = size < 0.5 * noise
+        if quiet.sum() > 8:
+            noise = float(np.sqrt(np.mean(np.abs(linear.residual[quiet]) ** 2)))
+            noise = max(noise, 1e-12 * signal.a0)
+        else:
+            late = np.abs(linear.residual[-max(len(size) // 5, 4) :])
+            noise = max(min(noise, float(np.sqrt(np.mean(late**2)))), 1e-9 * signal.a0)
+    ends = int(np.searchsorted(-size, -max(QUIETEST * noise, FADED * half_step)))
+    signal = signal.until(max(ends, FEWEST_KEPT))
+    weight = weight_at(size[: len(signal.z)])
+    fits = {"linear": fit_decay(signal, "linear", linear.theta, scale, weight)}
+    if len(signal.z) >= FEWEST_POWERS:
+        fits |= _powers(signal, fits["linear"], scale, weight)
+    return DecayFits(signal, fits, scale, weight, noise, half_step)
+
+
+def _powers(signal: DecaySignal, linear: Fitted, scale: float, weight: Reals) -> dict[str, Fitted]:
+    """Bases with powers of the amplitude, as long as the next one leaves less."""
+    level, phase, sigma, turn = linear.theta
+
+    def fitted(name: str, start: list[float]) -> Fitted:
+        return fit_decay(signal, name, np.array(start), scale, weight)
+
+    begin = [level, phase, sigma, 0.0, turn, 0.0]
+    power = min((fitted("power", [*begin, p]) for p in (1.0, 2.0)), key=lambda fit: fit.squares)
+    start = [level, phase, sigma, 0.0, 0.0, turn, 0.0, 0.0]
+    fits = {"power": power, "quadratic": fitted("quadratic", start)}
+    if power.squares < WORTH_A_TERM * linear.squares:
+        one = power.theta.tolist()
+        fits["power2"] = fitted("power2", [*one[:4], 0.0, *one[4:6], 0.0, one[6]])
+        if fits["power2"].squares < WORTH_A_TERM * power.squares and len(signal.z) > FEWEST_KEPT:
+            two = fits["power2"].theta.tolist()
+            fits["power3"] = fitted("power3", [*two[:5], 0.0, *two[5:8], 0.0, two[8]])
+    return fits

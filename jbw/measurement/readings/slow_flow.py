@@ -1,0 +1,125 @@
+r"""Powers of the amplitude that frequency and damping are read in, and errors of what is read.
+
+One mode of amplitude a moves slowly by (averaging of Krylov and Bogoliubov, first order)
+
+$$\frac{\dot a}{a} = -\sigma(a), \qquad \dot\varphi = \omega(a), \qquad
+  \sigma = \sum_{k} \sigma_k r^{kp}, \quad \omega = \sum_{k} \omega_k r^{kp}, \quad
+  r = \frac{a}{a_0}$$
+
+whose power p is a parameter like the others: 1 of a Bouc-Wen law and of quadratic damping, 2 of a
+cubic spring, 1 + chi of an Iwan law.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Complex, Float
+
+from jbw.measurement.channels import Complexes, Reals
+
+LEAST_RATIO = 1e-9  # of an amplitude over the largest: none is zero
+SMOOTHED = 12  # lines of a residual's spectrum that are averaged
+FEWEST_INDEPENDENT = 0.02  # of a residual's values, however coloured it is
+
+
+class Basis(NamedTuple):
+    """Powers of the amplitude: how many, and whether their common exponent is a parameter."""
+
+    terms: int
+    is_free: bool = False
+
+    @property
+    def num_parameters(self) -> int:
+        """Number of coefficients of damping rate and frequency, and of the exponent."""
+        return 2 * self.terms + self.is_free
+
+    def exponent(self, theta: Reals) -> float:
+        """Return the exponent p among parameters, of which it is the last."""
+        return float(theta[-1]) if self.is_free else 1.0
+
+    def values(self, r: Reals, exponent: float) -> Float[np.ndarray, "term amplitude"]:
+        """Return the powers r^(k p) of relative amplitudes."""
+        return np.maximum(r, LEAST_RATIO) ** (exponent * np.arange(self.terms)[:, None])
+
+
+BASES = {
+    "linear": Basis(1),
+    "quadratic": Basis(3),  # for the test of whether anything changes with amplitude
+    "power": Basis(2, is_free=True),
+    "power2": Basis(3, is_free=True),
+    "power3": Basis(4, is_free=True),
+}
+NESTED = ("linear", "power", "power2", "power3")  # each holds the one before it
+
+
+class Fitted(NamedTuple):
+    """Parameters of a basis fitted to a signal: exponents and coefficients, what is left, squares.
+
+    Attributes:
+        theta: Parameters; those of a cause that was fitted together with the mode come last.
+        residual: Signal less model.
+        jacobian: Derivatives of the model by the parameters.
+        squares: Weighted sum of squares of the residual.
+        gains: Linear coefficients that were projected out; empty where there are none.
+    """
+
+    theta: Reals
+    residual: Complexes
+    jacobian: Complex[np.ndarray, "value parameter"]
+    squares: float
+    gains: Reals = np.zeros(0)
+
+
+def independent_share(residual: Complexes) -> float:
+    r"""Return the share of a coloured residual's values that count as independent.
+
+    $$\frac{(\sum_k S_k)^2}{n \sum_k S_k^2}$$ of its smoothed power spectrum S.
+    """
+    if len(residual) < 8:
+        return 1.0
+    power = np.abs(np.fft.fft(residual)) ** 2
+    width = SMOOTHED | 1
+    smooth = np.convolve(np.pad(power, width // 2, "wrap"), np.ones(width) / width, "valid")
+    share = smooth.sum() ** 2 / (len(smooth) * max(float(np.sum(smooth**2)), 1e-300))
+    return float(np.clip(share, FEWEST_INDEPENDENT, 1.0))
+
+
+def covariance(fitted: Fitted, weight: Reals) -> Float[np.ndarray, "parameter parameter"]:
+    r"""Return the sandwich covariance of parameters under coloured noise.
+
+    $$A^{-1} B A^{-1}, \quad A = \mathrm{Re}\,J^H J, \quad
+      B = \tfrac12 \mathrm{Re} \sum_k S_k\,\hat J_k^H \hat J_k$$
+
+    with J weighted, its Fourier transform, and the residual's smoothed spectrum S.
+    """
+    jacobian = fitted.jacobian * weight[:, None]
+    size = np.linalg.norm(jacobian, axis=0) + 1e-300
+    jacobian, residual = jacobian / size, fitted.residual * weight
+    count, unknowns = jacobian.shape
+    padded = 1 << int(np.ceil(np.log2(2 * count)))
+    inner = np.real(jacobian.conj().T @ jacobian)
+    spectrum = _smooth_spectrum(residual, padded) * count / max(count - unknowns / 2, 1)
+    lines = np.fft.fft(jacobian, padded, axis=0)
+    middle = 0.5 * np.real((lines.conj().T * np.maximum(spectrum, 1e-30)) @ lines) / padded
+    scaled_back = np.linalg.pinv(inner, rcond=1e-14, hermitian=True) / size[:, None]
+    return scaled_back @ middle @ scaled_back.T
+
+
+def _smooth_spectrum(residual: Complexes, padded: int) -> Reals:
+    """Power of a residual a line, averaged over lines that its length does not tell apart."""
+    power = np.abs(np.fft.fft(residual, padded)) ** 2 / len(residual)
+    width = max(int(SMOOTHED * padded / len(residual)), 3) | 1
+    kernel = np.hanning(width + 2)[1:-1]
+    around = np.roll(np.pad(kernel / kernel.sum(), (0, padded - width)), -(width // 2))
+    return np.real(np.fft.ifft(np.fft.fft(power) * np.fft.fft(around)))
+
+
+def converter_step(x: Reals) -> float:
+    """Return the step of an analogue-to-digital converter, 0 where samples show none."""
+    levels = np.unique(x[np.isfinite(x)])
+    if len(levels) < 8 or (len(levels) > 0.5 * len(x) and len(x) > 500):
+        return 0.0
+    steps = np.diff(levels)
+    least = float(steps[steps > 1e-12 * np.ptp(levels)].min())
+    whole: Any = steps / least
+    return least if np.mean(np.abs(whole - np.round(whole)) < 0.05) > 0.9 else 0.0

@@ -1,0 +1,370 @@
+r"""One mode passed by a sweep: a time-varying linear filter of the drive.
+
+In the frame of the drive's phase $\phi(t)$ the mode's complex amplitude moves by
+
+$$\dot z = (i\omega(a) - \sigma(a) - i\dot\phi)\,z + g u$$
+
+with the amplitude a of the motion *given*: what was measured, smoothed by the model. Then the
+equation is linear, a trial of $\omega$ and $\sigma$ is two bidiagonal solves, and gains are
+projected out. A jump from branch to branch does no harm, as nothing is integrated with an
+amplitude of its own; the phase is the joint's.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from jaxtyping import Complex, Float
+from scipy.linalg import solve_banded
+from scipy.optimize import least_squares
+from scipy.signal import fftconvolve, firwin
+
+from jbw.measurement.channels import Complexes, Reals
+from jbw.measurement.readings.slow_flow import BASES, Fitted, converter_step
+
+LAW_ERROR = 3e-3  # of the amplitude: residual of a sound joint, by averaging and by the basis
+DRIVEN = 0.2  # of the drive's largest amplitude: below, nothing is driven
+WORTH_A_TERM = 0.9  # of the squares: the next term of a basis must leave less
+CLEAR = 30.0  # noise amplitudes above which the measured amplitude schedules, below the model's
+MODES_OWN = (0.5, 2.0)  # of response over frequency^order: motion while the mode rings by itself
+
+Columns = Complex[np.ndarray, "value column"]
+
+
+class Cause(NamedTuple):
+    """A further cause of what a sweep shows, fitted together with the mode.
+
+    Attributes:
+        start: Starting values of its parameters.
+        apply: Of signal, columns of the model and parameters, the columns with the cause.
+    """
+
+    start: Reals
+    apply: Callable[["SweepSignal", Columns, Reals], Columns]
+
+
+@dataclass(frozen=True)
+class SweepSignal:
+    """Drive and response of a sweep, filtered, thinned and turned back by the drive's phase.
+
+    Attributes:
+        raw: Samples of the response.
+        fs: Sampling frequency [Hz].
+        centre_hz: Centre of the band that is kept [Hz].
+        half: Samples to either side of the filter's middle tap.
+        time: Of the values [s].
+        u: Drive in its own frame: real and slow.
+        z: Response in that frame.
+        phase: Of the drive [rad].
+        rate: Frequency of the drive [rad/s].
+        step_s: Time between two values [s].
+        quantum: Step of the response's converter.
+        order: Of the derivative of the displacement that the response is.
+        lag_s: Stated lag of the response [s].
+        amplitude: Of the motion, in the unit of the response at resonance; schedules the filter.
+        a0: Its largest value.
+    """
+
+    raw: Reals
+    fs: float
+    centre_hz: float
+    half: int
+    time: Reals
+    u: Complexes
+    z: Complexes
+    phase: Reals
+    rate: Reals
+    step_s: float
+    quantum: float
+    order: int
+    lag_s: float
+    amplitude: Reals
+    a0: float
+
+    @property
+    def top(self) -> int:
+        """Index of the largest motion."""
+        return int(np.argmax(np.abs(self.z) / self.rate**self.order))
+
+    @property
+    def mean_period_s(self) -> float:
+        """Period of the drive in the middle of the sweep [s]."""
+        return float(2 * np.pi / np.median(self.rate))
+
+    def at_amplitude(self, amplitude: Reals) -> "SweepSignal":
+        """Return the same, scheduled by another course of the amplitude."""
+        return replace(self, amplitude=amplitude)
+
+
+def sweep_signal(
+    u: Reals, y: Reals, fs: float, band_hz: tuple[float, float], order: int, lag_s: float = 0.0
+) -> SweepSignal:
+    """Filter drive and response about a band and turn both back by the drive's phase.
+
+    Args:
+        u: Samples of the drive.
+        y: Samples of the response.
+        fs: Sampling frequency [Hz].
+        band_hz: Lowest and highest frequency to keep [Hz].
+        order: Of the derivative of the displacement that the response is.
+        lag_s: Stated lag of the response [s].
+    """
+    low, high = band_hz
+    centre, half_width = 0.5 * (low + high), 0.5 * (high - low)
+    edge = 0.5 * min(half_width, low)  # flat to the edges of the band
+    num_taps = min(int(7.3 * fs / edge) | 1, (len(u) // 8) | 1)
+    cutoff = min(half_width + 0.2 * edge, 0.999 * fs / 2)
+    taps = np.asarray(firwin(num_taps, cutoff, window=("kaiser", 6.5), fs=fs), float)
+    carrier = np.exp(-2j * np.pi * centre / fs * np.arange(len(u)))
+    every = max(int(fs / (5.2 * half_width)), 1)
+    time = (np.arange(len(u) - num_taps + 1)[::every] + num_taps // 2) / fs
+    turn = np.exp(2j * np.pi * centre * time)
+    drive, response = (2 * fftconvolve(x * carrier, taps, "valid")[::every] * turn for x in (u, y))
+    loud = np.flatnonzero(np.abs(drive) > DRIVEN * np.abs(drive).max())
+    kept = slice(int(loud[0]), int(loud[-1]) + 1)
+    drive, response, time = drive[kept], response[kept], time[kept]
+    slow = np.unwrap(np.angle(drive * np.exp(-2j * np.pi * centre * time)))
+    phase = slow + 2 * np.pi * centre * time
+    back = np.exp(-1j * phase)
+    step_s = every / fs
+    window = max(len(phase) // 200, 3) | 1
+    rate = np.gradient(phase, step_s)
+    rate = np.convolve(np.pad(rate, window // 2, "edge"), np.ones(window) / window, "valid")
+    z = response * back
+    size = np.abs(z)
+    top = int(np.argmax(size / rate**order))
+    motion = size * (rate[top] / rate) ** order
+    return SweepSignal(
+        raw=y, fs=fs, centre_hz=centre, half=num_taps // 2, time=time, u=drive * back, z=z,
+        phase=phase, rate=rate, step_s=step_s, quantum=converter_step(y), order=order,
+        lag_s=lag_s, amplitude=motion, a0=float(np.quantile(motion, 0.999)),
+    )  # fmt: skip
+
+
+def sweep_columns(signal: SweepSignal, sigma: Reals, omega: Reals) -> tuple[Columns, Reals]:
+    """Return responses to the drive and to an initial state, and of other modes; and the motion.
+
+    The motion is its amplitude over that of the response, by the model.
+
+    Args:
+        signal: From `sweep_signal`.
+        sigma: Damping rate at every time [1/s].
+        omega: Frequency at every time [rad/s].
+    """
+    pole = -sigma + 1j * omega
+    turned = np.diff(signal.phase)
+    middle = 0.5 * (pole[1:] + pole[:-1])
+    growth = np.exp(middle * signal.step_s - 1j * turned)
+    first, second = _moments(middle * signal.step_s - 1j * turned, growth)
+    forced = signal.step_s * (signal.u[:-1] * (first - second) + signal.u[1:] * second)
+    right = np.zeros((len(signal.time), 2), complex)
+    right[1:, 0] = forced
+    right[0, 1] = 1.0
+    states = _marched(growth, right)
+    # The conjugate pole: far from resonance, one slow rotation of the frame to the other.
+    growth = np.exp(np.conj(middle) * signal.step_s - 1j * turned)
+    first, second = _moments(np.conj(middle) * signal.step_s - 1j * turned, growth)
+    forced = signal.step_s * (signal.u[:-1] * (first - second) + signal.u[1:] * second)
+    begins = signal.u[0] / (1j * signal.rate[0] - np.conj(pole[0]))
+    mirror = _marched(growth, np.concatenate([[begins], forced])[:, None])[:, 0]
+    order = signal.order
+    main = (pole**order * states[:, 0] - np.conj(pole) ** order * mirror) / (2j * omega)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        motion = np.abs(states[:, 0] - mirror) / np.abs(main * 2 * omega)
+    free = pole**order * states[:, 1]
+    free = free / (np.abs(free).max() + 1e-300)
+    away = signal.rate / signal.rate.mean() - 1
+    columns = np.stack([main, signal.u, signal.u * away, free], axis=1)
+    if signal.lag_s:
+        columns = late(columns, signal.rate, signal.lag_s)
+    return columns, np.nan_to_num(motion, nan=0.0, posinf=0.0)
+
+
+def late(columns: Columns, rate: Reals, lag_s: Any) -> Columns:
+    """Return columns of a response that comes late by a lag, or by one at every time [s]."""
+    return columns * np.exp(-1j * rate * lag_s)[:, None]
+
+
+def _moments(x: Complexes, growth: Complexes) -> tuple[Complexes, Complexes]:
+    """Integrals of exp(x s) and of (1 - s) exp(x s) over a step, safe at zero."""
+    is_small = np.abs(x) < 1e-4
+    safe = np.where(is_small, 1.0, x)
+    first = np.where(is_small, 1 + x / 2, (growth - 1) / safe)
+    second = np.where(is_small, 0.5 + x / 6, (growth - 1 - safe) / safe**2)
+    return first, second
+
+
+def _marched(growth: Complexes, right: Columns) -> Columns:
+    """Solution of z[n] = growth[n - 1] z[n - 1] + right[n]."""
+    bands = np.ones((2, len(right)), complex)
+    bands[1, :-1], bands[1, -1] = -growth, 0.0
+    return solve_banded((1, 0), bands, right, check_finite=False)
+
+
+def fit_sweep(
+    signal: SweepSignal,
+    name: str,
+    start: Reals,
+    scale: float,
+    weight: Reals,
+    cause: Cause | None = None,
+) -> Fitted:
+    """Fit a basis to a sweep, gains projected out, with a further cause where one is given.
+
+    The gain of the mode is real: its joint and what drives it have no other lag.
+
+    Args:
+        signal: From `sweep_signal`.
+        name: Of the basis, one of `BASES`.
+        start: Coefficients of damping rate, and of frequency above the centre, over `scale`; then
+            the exponent.
+        scale: Unit of rates [1/s].
+        weight: Of every value, one over its standard deviation.
+        cause: What else may have shaped the record.
+    """
+    basis, count = BASES[name], len(start)
+    wanted = signal.z * weight
+    target = np.concatenate([wanted.real, wanted.imag])
+
+    def projected(theta: Reals) -> tuple[Reals, Reals]:
+        sigma, omega = rates_of(signal, theta[:count], name, scale)
+        columns, _ = sweep_columns(signal, sigma, omega)
+        if cause is not None:
+            columns = cause.apply(signal, columns, theta[count:])
+        weighted = columns * weight[:, None]
+        parts = [weighted[:, 0]] + [x * f for x in weighted[:, 1:].T for f in (1, 1j)]
+        design = np.stack([np.concatenate([x.real, x.imag]) for x in parts], axis=1)
+        size = np.linalg.norm(design, axis=0) + 1e-300
+        # Normal equations: a handful of columns of unit length, with a hair of ridge.
+        design = design / size
+        normal = design.T @ design
+        normal[np.diag_indices_from(normal)] += 1e-12
+        gains = np.linalg.solve(normal, design.T @ target)
+        return target - design @ gains, gains / size
+
+    begin = np.concatenate([start, cause.start]) if cause is not None else np.array(start, float)
+    lower, upper = np.full(len(begin), -np.inf), np.full(len(begin), np.inf)
+    if basis.is_free:
+        at = count - 1
+        lower[at], upper[at] = (0.2, 4.0) if basis.terms == 2 else (0.2, 2.2)
+        begin[at] = np.clip(begin[at], lower[at] + 0.05, upper[at] - 0.05)
+    found: Any = least_squares(
+        lambda theta: projected(theta)[0], begin, bounds=(lower, upper), x_scale="jac", max_nfev=30
+    )
+    left, gains = projected(found.x)
+    size = len(signal.z)
+    residual = (left[:size] + 1j * left[size:]) / weight
+    jacobian = -(found.jac[:size] + 1j * found.jac[size:]) / weight[:, None]
+    squares = float(np.sum(np.abs(residual * weight) ** 2))
+    return Fitted(found.x, residual, jacobian, squares, gains)
+
+
+def rates_of(signal: SweepSignal, theta: Reals, name: str, scale: float) -> tuple[Reals, Reals]:
+    """Return damping rate [1/s] and frequency [rad/s] at every time, by a basis."""
+    basis = BASES[name]
+    powers = basis.values(signal.amplitude / signal.a0, basis.exponent(theta))
+    sigma = np.maximum(theta[: basis.terms] @ powers * scale, 1e-3 * scale)
+    turn = theta[basis.terms : 2 * basis.terms] @ powers * scale
+    return sigma, turn + 2 * np.pi * signal.centre_hz
+
+
+class SweepFits(NamedTuple):
+    """A sweep, scheduled by the amplitude of the motion, and all bases fitted to it.
+
+    Attributes:
+        signal: With the amplitude that schedules.
+        fits: By the name of the basis.
+        scale: Unit of rates [1/s].
+        weight: Of every value.
+        noise: Noise amplitude in the band.
+        faded: Amplitude below which the converter passes nothing.
+    """
+
+    signal: SweepSignal
+    fits: dict[str, Fitted]
+    scale: float
+    weight: Reals
+    noise: float
+    faded: float
+
+
+def fit_bases(signal: SweepSignal) -> SweepFits:
+    """Fit all bases to a sweep, and schedule the filter anew by what they found."""
+    top, order = signal.top, signal.order
+    motion = (signal.rate[top] / signal.rate) ** order
+    size = np.abs(signal.z)
+    linear, scale = _linear_start(signal, top)
+    fits: dict[str, Fitted] = {}
+    weight = np.ones(len(size)) / signal.a0
+    noise = 0.0
+    rounds = 3 if order else 2
+    for number in range(rounds):
+        linear = fit_sweep(signal, "linear", linear.theta, scale, weight)
+        best = next((n for n in ("power3", "power2", "power") if n in fits), None)
+        residual = linear.residual if best is None else fits[best].residual
+        noise = float(np.sqrt(np.median(np.abs(residual) ** 2) / np.log(2)))
+        noise = max(noise, 1e-9 * signal.a0)
+        amplitude = size * motion
+        weight = 1 / np.sqrt(noise**2 + (LAW_ERROR * amplitude) ** 2)
+        if best is not None and order:  # a response that rings is no motion at the drive's rate
+            rates = rates_of(signal, fits[best].theta, best, scale)
+            own = sweep_columns(signal, *rates)[1] * signal.rate[top] ** order
+            motion = np.clip(own, MODES_OWN[0] * motion, MODES_OWN[1] * motion)
+            amplitude = size * motion
+        smooth = np.abs(signal.z - residual) * motion
+        signal = signal.at_amplitude(np.where(amplitude > CLEAR * noise, amplitude, smooth))
+        fits = _bases(signal, linear, fits, scale, weight)
+        linear = fits["linear"]
+        if number == rounds - 1:
+            fits["quadratic"] = _quadratic(signal, linear, scale, weight)
+    return SweepFits(signal, fits, scale, weight, noise, 2 * signal.quantum)
+
+
+def _linear_start(signal: SweepSignal, top: int) -> tuple[Fitted, float]:
+    """A linear mode near the largest motion, the best of several starts, and its rate [1/s]."""
+    above = signal.amplitude > signal.amplitude[top] / np.sqrt(2)
+    width = abs(float(np.ptp(signal.rate[above]))) + 1e-9
+    at_top = signal.rate[top] - 2 * np.pi * signal.centre_hz
+    weight = np.ones(len(signal.z)) / signal.a0
+    trials = [
+        (fit_sweep(signal, "linear", np.array([1.0, at_top / rate + shift]), rate, weight), rate)
+        for rate in (width / 8, width / 2)
+        for shift in (-1.0, 0.0, 1.0)
+    ]
+    best, rate = min(trials, key=lambda trial: trial[0].squares)
+    scale = abs(rate * best.theta[0]) or rate
+    theta = np.array([np.sign(best.theta[0]), best.theta[1] * rate / scale])
+    return best._replace(theta=theta), scale
+
+
+def _bases(
+    signal: SweepSignal,
+    linear: Fitted,
+    before: Mapping[str, Fitted],
+    scale: float,
+    weight: Reals,
+) -> dict[str, Fitted]:
+    """Bases with powers of the amplitude, from the last round's on, while the next leaves less."""
+
+    def fitted(name: str, *starts: list[float]) -> Fitted:
+        begun = [before[name].theta.tolist()] if name in before else starts
+        ends = [fit_sweep(signal, name, np.array(start), scale, weight) for start in begun]
+        return min(ends, key=lambda fit: fit.squares)
+
+    fits = {"linear": fit_sweep(signal, "linear", linear.theta, scale, weight)}
+    sigma, turn = fits["linear"].theta.tolist()
+    fits["power"] = fitted("power", *([sigma, 0.0, turn, 0.0, p] for p in (1.0, 2.0)))
+    if fits["power"].squares < WORTH_A_TERM * fits["linear"].squares:
+        one = fits["power"].theta.tolist()
+        fits["power2"] = fitted("power2", [*one[:2], 0.0, *one[2:4], 0.0, one[4]])
+        if fits["power2"].squares < WORTH_A_TERM * fits["power"].squares:
+            two = fits["power2"].theta.tolist()
+            fits["power3"] = fitted("power3", [*two[:3], 0.0, *two[3:6], 0.0, two[6]])
+    return fits
+
+
+def _quadratic(signal: SweepSignal, linear: Fitted, scale: float, weight: Reals) -> Fitted:
+    sigma, turn = linear.theta.tolist()
+    start = np.array([sigma, 0.0, 0.0, turn, 0.0, 0.0])
+    return fit_sweep(signal, "quadratic", start, scale, weight)

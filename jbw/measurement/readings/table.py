@@ -1,0 +1,264 @@
+r"""The table of a record: frequency and damping at amplitudes, with the covariance of both.
+
+Damping is that of the *motion*: a response of order n falls otherwise where the frequency changes,
+
+$$\sigma_{motion} = \sigma_{response} \Big(1 - n \frac{d \ln\omega}{d \ln a}\Big)$$
+
+Errors are the sandwich covariance of a basis with one coefficient more than the data ask for, half
+of what that coefficient moves, and a floor: the frequency at an amplitude is not defined closer
+than first-order averaging is,
+
+$$(c + \zeta)\,\Delta f + \Delta f^2 / f + f \zeta \Delta\zeta, \qquad
+  (c + \zeta)\,\Delta\zeta + \zeta\,\Delta f / f$$
+
+and 0.3 % of zeta (1 % in a sweep, for the frequency), which the documentation states.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import fdtrc
+
+from jbw.measurement.channels import Reals
+from jbw.measurement.readings.decay import DecayFits, decay_model
+from jbw.measurement.readings.slow_flow import (
+    BASES,
+    NESTED,
+    Fitted,
+    covariance,
+    independent_share,
+)
+from jbw.measurement.readings.sweep import SweepFits
+
+POINTS = 12  # amplitudes of a table
+ABOVE_NOISE = 3.0  # noise amplitudes from which an amplitude is read
+DEEPEST = 0.02  # of the largest amplitude: the smallest that is read
+SECOND_ORDER = {"decay": 3e-3, "sweep": 0.05}  # c of the floor: amplitudes of a sweep grow faster
+FLOOR = {"decay": 0.003, "sweep": 0.01}  # of zeta: floor of the frequency, relative
+FLOOR_OF_DAMPING = 0.003  # of zeta
+BEYOND = 0.3  # of zeta, a relative misfit beyond the noise
+ODDS = 1e-4  # chance of a change of amplitude by a linear mode, below which it is nonlinear
+LEAST_CHANGE = 5e-3  # of zeta: a smaller change, of zeta or of the frequency, is none
+SURE = 3.0  # standard deviations of a change
+
+Square = Float[np.ndarray, "row row"]
+
+
+class Change(NamedTuple):
+    """A change from the smallest to the largest amplitude, and its standard deviation."""
+
+    value: float
+    sd: float
+
+
+@dataclass(frozen=True)
+class RecordReading:
+    """Frequency and damping of one mode by one record, against amplitude.
+
+    Attributes:
+        kind: "decay" or "sweep".
+        order: Of the derivative of the displacement that the response is.
+        amplitude: Peak amplitude of the response, falling, in its unit.
+        hz: Frequency at each amplitude [Hz].
+        zeta: Damping ratio of the motion at each amplitude.
+        hz_covariance: Of the frequencies [Hz^2].
+        zeta_covariance: Of the damping ratios.
+        linear_hz: Frequency and its standard deviation, by a linear mode [Hz].
+        linear_zeta: The same of the damping ratio.
+        basis: Name of the basis that the data ask for.
+        chance: Probability that a linear mode shows such a change with amplitude.
+        hz_change: Relative change of the frequency.
+        zeta_change: Change of the damping ratio.
+        exponent: Power of the amplitude and its standard deviation; NaN of a linear record.
+        residual: Root mean square of what is left, over that of the response.
+        noise: Amplitude of the noise in the band, in the unit of the response.
+    """
+
+    kind: str
+    order: int
+    amplitude: Reals
+    hz: Reals
+    zeta: Reals
+    hz_covariance: Square
+    zeta_covariance: Square
+    linear_hz: Change
+    linear_zeta: Change
+    basis: str
+    chance: float
+    hz_change: Change
+    zeta_change: Change
+    exponent: Change
+    residual: float
+    noise: float
+
+    @property
+    def hz_sd(self) -> Reals:
+        """Standard deviation of each frequency [Hz]."""
+        return np.sqrt(np.diag(self.hz_covariance))
+
+    @property
+    def zeta_sd(self) -> Reals:
+        """Standard deviation of each damping ratio."""
+        return np.sqrt(np.diag(self.zeta_covariance))
+
+    @property
+    def y(self) -> Reals:
+        """Amplitude of the displacement [m]."""
+        return self.amplitude / (2 * np.pi * self.hz) ** self.order
+
+    @property
+    def is_nonlinear(self) -> bool:
+        """Whether frequency or damping change with the amplitude."""
+        return self.chance < ODDS
+
+
+def read_fits(kind: str, fits: DecayFits | SweepFits) -> RecordReading:
+    """Choose the basis of a record and read frequency and damping from it, with errors."""
+    best = min(fits.fits.values(), key=lambda fit: fit.squares)
+    count = 2 * len(fits.signal.z) * independent_share(best.residual * fits.weight)
+    chosen = _chosen(fits.fits, count)
+    richer = chosen
+    if chosen != "linear":
+        further = [name for name in NESTED if name in fits.fits]
+        richer = further[min(further.index(chosen) + 1, len(further) - 1)]
+    elif "quadratic" in fits.fits:
+        richer = "quadratic"
+    grid = _amplitudes(kind, fits, richer)
+    rows = _Rows(kind, fits, richer, grid)
+    simple = _Rows(kind, fits, chosen, grid)
+    floor_hz, floor_zeta = _floors(kind, fits, best, rows)
+    if chosen != "linear" and richer != chosen:
+        floor_hz = np.hypot(floor_hz, 0.5 * (rows.hz - simple.hz))
+        floor_zeta = np.hypot(floor_zeta, 0.5 * (rows.zeta - simple.zeta))
+    if chosen != "linear":
+        own_hz, own_zeta = _second_order(kind, rows)
+        floor_hz, floor_zeta = np.hypot(floor_hz, own_hz), np.hypot(floor_zeta, own_zeta)
+    hz_covariance = rows.hz_covariance + np.diag(floor_hz**2)
+    zeta_covariance = rows.zeta_covariance + np.diag(floor_zeta**2)
+    hz_change = _change(rows.hz, rows.hz_covariance, floor_hz[0], 1 / rows.hz[0])
+    zeta_change = _change(rows.zeta, rows.zeta_covariance, floor_zeta[0])
+    linear = _Rows(kind, fits, "linear", grid[:1])
+    linear_zeta = Change(float(linear.zeta[0]), float(np.sqrt(linear.zeta_covariance[0, 0])))
+    chance = _chance_of_linear(kind, fits, count)
+    if not _matters(hz_change, zeta_change, linear_zeta.value):
+        chance = max(chance, 0.5)
+    exponent = Change(np.nan, np.nan)
+    if "power" in fits.fits and chance < ODDS:
+        power = fits.fits["power"]
+        sd = float(np.sqrt(max(covariance(power, fits.weight)[-1, -1], 0.0)))
+        exponent = Change(float(power.theta[-1]), sd)
+    amplitude = grid
+    if kind == "sweep":  # from the motion at resonance to the response at its own frequency
+        top = fits.signal.rate[fits.signal.top]
+        amplitude = grid * (2 * np.pi * rows.hz / top) ** fits.signal.order
+    left = fits.fits[chosen].residual
+    return RecordReading(
+        kind=kind, order=fits.signal.order, amplitude=amplitude, hz=rows.hz, zeta=rows.zeta,
+        hz_covariance=hz_covariance, zeta_covariance=zeta_covariance,
+        linear_hz=Change(float(linear.hz[0]), float(np.sqrt(linear.hz_covariance[0, 0]))),
+        linear_zeta=linear_zeta, basis=chosen, chance=chance, hz_change=hz_change,
+        zeta_change=zeta_change, exponent=exponent,
+        residual=float(np.linalg.norm(left) / np.linalg.norm(fits.signal.z)), noise=fits.noise,
+    )  # fmt: skip
+
+
+def _chosen(fits: dict[str, Fitted], count: float) -> str:
+    """Basis of the least concentrated likelihood, with a penalty a parameter (BIC)."""
+    scores = {
+        name: count * np.log(max(fit.squares, 1e-300)) + len(fit.theta) * np.log(count)
+        for name, fit in fits.items()
+    }
+    chosen = min(scores, key=scores.__getitem__)
+    if chosen == "quadratic":
+        return "power2" if "power2" in fits else "power"
+    return chosen
+
+
+def _amplitudes(kind: str, fits: DecayFits | SweepFits, name: str) -> Reals:
+    """Amplitudes of the table: from the largest down to where the noise begins."""
+    if isinstance(fits, DecayFits):
+        size = np.abs(decay_model(fits.signal, fits.fits[name].theta, BASES[name], fits.scale))
+    else:
+        size = fits.signal.amplitude
+    top = float(size.max())
+    low = max(ABOVE_NOISE * fits.noise, 2 * fits.faded, float(size.min()), DEEPEST * top)
+    return np.geomspace(top, low, POINTS) if low < 0.9 * top else np.array([top])
+
+
+class _Rows:
+    """Frequency and damping at amplitudes by one basis, with their covariances."""
+
+    def __init__(self, kind: str, fits: DecayFits | SweepFits, name: str, grid: Reals) -> None:
+        basis, fit, scale = BASES[name], fits.fits[name], fits.scale
+        first = 2 if kind == "decay" else 0
+        own = slice(first, first + basis.terms)
+        turned = slice(own.stop, own.stop + basis.terms)
+        theta, exponent = fit.theta, basis.exponent(fit.theta)
+        ratio = np.maximum(grid / fits.signal.a0, 1e-9)
+        powers = basis.values(ratio, exponent)
+        sigma = theta[own] @ powers * scale
+        omega = theta[turned] @ powers * scale + 2 * np.pi * fits.signal.centre_hz
+        by_sigma, by_omega = np.zeros((2, len(grid), len(theta)))
+        by_sigma[:, own] = by_omega[:, turned] = powers.T * scale
+        if basis.is_free:
+            slope = np.arange(basis.terms)[:, None] * powers * np.log(ratio)
+            by_sigma[:, -1], by_omega[:, -1] = (theta[x] @ slope * scale for x in (own, turned))
+        if kind == "decay" and len(grid) > 3:
+            along = np.gradient(np.log(omega), np.log(grid))
+            sigma = sigma * (1 - fits.signal.order * along)
+        self.hz = omega / (2 * np.pi)
+        self.zeta = sigma / np.hypot(sigma, omega)
+        by_zeta = by_sigma / omega[:, None] - (sigma / omega**2)[:, None] * by_omega
+        spread = covariance(fit, fits.weight)
+        self.hz_covariance = by_omega @ spread @ by_omega.T / (2 * np.pi) ** 2
+        self.zeta_covariance = by_zeta @ spread @ by_zeta.T
+
+
+def _floors(
+    kind: str, fits: DecayFits | SweepFits, best: Fitted, rows: _Rows
+) -> tuple[Reals, Reals]:
+    """What a residual at high amplitude beyond the noise leaves open, and the stated floor."""
+    size = np.abs(fits.signal.z)
+    loud = size > 0.4 * size.max()
+    excess = float(np.mean(np.abs(best.residual[loud]) ** 2)) - 1.5 * fits.noise**2
+    beyond = BEYOND * np.sqrt(max(excess, 0.0)) / float(size.max())
+    zeta = np.abs(rows.zeta)
+    return (
+        max(beyond, FLOOR[kind]) * zeta * rows.hz,
+        max(beyond, FLOOR_OF_DAMPING) * zeta,
+    )
+
+
+def _second_order(kind: str, rows: _Rows) -> tuple[Reals, Reals]:
+    """What first-order averaging leaves open where frequency or damping change."""
+    hz, zeta = rows.hz, np.abs(rows.zeta)
+    share = SECOND_ORDER[kind] + float(zeta.max())
+    change, growth = np.ptp(hz), np.ptp(rows.zeta)
+    of_hz = share * change + change**2 / hz + hz * zeta.max() * growth
+    return of_hz, share * growth + change / hz * zeta
+
+
+def _change(values: Reals, spread: Square, floor: float, factor: float = 1.0) -> Change:
+    """Difference of the first and the last value of a table."""
+    variance = spread[0, 0] + spread[-1, -1] - 2 * spread[0, -1]
+    sd = np.hypot(np.sqrt(max(float(variance), 0.0)), floor)
+    return Change(float((values[0] - values[-1]) * factor), float(sd * factor))
+
+
+def _matters(hz: Change, zeta: Change, damping: float) -> bool:
+    """Whether a change is larger than averaging tells, and sure."""
+    is_large = max(abs(hz.value), abs(zeta.value)) >= LEAST_CHANGE * abs(damping)
+    return is_large and any(abs(change.value) >= SURE * change.sd for change in (hz, zeta))
+
+
+def _chance_of_linear(kind: str, fits: DecayFits | SweepFits, count: float) -> float:
+    """Probability of the coefficients beyond the constants by chance: Wald's test."""
+    if "quadratic" not in fits.fits:
+        return 1.0
+    fit, first = fits.fits["quadratic"], 2 if kind == "decay" else 0
+    at = [first + 1, first + 2, first + 4, first + 5]
+    spread = covariance(fit, fits.weight)[np.ix_(at, at)]
+    statistic = fit.theta[at] @ np.linalg.pinv(spread, hermitian=True) @ fit.theta[at]
+    return float(fdtrc(4, max(count - len(fit.theta), 4), max(float(statistic), 0.0) / 4))
