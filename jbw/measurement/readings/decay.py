@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 from scipy.optimize import least_squares
 from scipy.signal import fftconvolve
 
@@ -23,7 +22,8 @@ BETA = 7.0  # of the Kaiser window that is the band's filter
 LAW_ERROR = 1e-3  # of the amplitude: residual of a sound joint, by averaging and by the basis
 QUANTUM_NOISE = 0.02  # of a squared half converter step
 FIRST_BLOW = 0.6  # of the largest envelope: a later blow may be the larger one
-QUADRATURE, THINNED = 160, 8  # amplitudes of the quadrature; every so many has a filter's response
+QUADRATURE = 160  # amplitudes of the quadrature
+MOMENTS = 24  # even moments of the filter: its response to 1e-12 in its band
 FEWEST_POWERS = 14  # values from which a power of the amplitude is fitted
 WORTH_A_TERM = 0.9  # of the squares: the next term of a basis must leave less
 NO_MODEL = 1e3  # times the signal: value of a model that does not exist
@@ -63,6 +63,8 @@ class DecaySignal:
         centre_hz: Frequency that became zero [Hz].
         half_width_hz: Half of the band [Hz].
         taps: Impulse response of the filter, sum 1.
+        moments: Its even moments over (2k)! [s^2k].
+        a0: Amplitude at the start, to which amplitudes are relative.
         z: Envelope values, in the unit of the samples.
         time: Of the values, from the first on [s].
         begins: Time of the first value in `raw` [s].
@@ -77,6 +79,8 @@ class DecaySignal:
     centre_hz: float
     half_width_hz: float
     taps: Reals
+    moments: Reals
+    a0: float
     z: Complexes
     time: Reals
     begins: float
@@ -89,11 +93,6 @@ class DecaySignal:
     def half(self) -> int:
         """Samples to either side of the filter's middle tap."""
         return len(self.taps) // 2
-
-    @property
-    def a0(self) -> float:
-        """Amplitude at the start, to which amplitudes are relative."""
-        return float(np.abs(self.z[: max(len(self.z) // 200, 1)]).mean())
 
     @property
     def size(self) -> Reals:
@@ -149,18 +148,28 @@ def decay_signal(x: Reals, fs: float, band_hz: tuple[float, float], order: int) 
     quietest = whole[-max(len(whole) // 10, 8) :]
     tail = float(np.sqrt(np.mean(np.abs(quietest) ** 2)))
     return DecaySignal(
-        raw=x, fs=fs, centre_hz=centre, half_width_hz=half_width, taps=taps, z=z,
+        raw=x, fs=fs, centre_hz=centre, half_width_hz=half_width, taps=taps,
+        moments=_moments(taps, fs), a0=float(np.abs(z[: max(len(z) // 200, 1)]).mean()), z=z,
         time=np.arange(len(z)) * step / fs, begins=(start + half) / fs, step_s=step / fs,
         quantum=converter_step(x), tail=max(tail, 1e-12 * float(size.max())), order=order,
     )  # fmt: skip
 
 
-def _response(signal: DecaySignal, sigma: Reals, turn: Reals) -> Complexes:
-    """Response of the filter to exp((i turn - sigma) t), a value each."""
-    place = (np.arange(len(signal.taps)) - signal.half) / signal.fs
-    every = max(len(place) // 120, 1)  # a smooth kernel is summed as well on fewer taps
-    taps = signal.taps[::every] / signal.taps[::every].sum()
-    return np.exp(np.outer(1j * turn - sigma, place[::every])) @ taps
+def _moments(taps: Reals, fs: float) -> Reals:
+    """Even moments of a symmetric filter, sum h t^2k / (2k)!."""
+    square = ((np.arange(len(taps)) - len(taps) // 2) / fs) ** 2
+    k = np.arange(1, MOMENTS)
+    factors = np.cumprod(np.append(1.0, 1 / (2 * k * (2 * k - 1))))
+    return np.array([float(taps @ square**n) * factor for n, factor in enumerate(factors)])
+
+
+def _log_response(signal: DecaySignal, pole: Complexes) -> Complexes:
+    """Logarithm of the filter's response to exp(s t), by its even moments."""
+    square = pole**2
+    response = np.full(len(pole), signal.moments[-1], complex)
+    for moment in signal.moments[-2::-1]:
+        response = response * square + moment
+    return np.log(response)
 
 
 def decay_model(
@@ -180,13 +189,12 @@ def decay_model(
     if terms == 1:
         if not abs(sigmas[0]) < steepest or not -sigmas[0] * signal.time[-1] < 100:
             return none
-        pole = 1j * turns[0] - sigmas[0]
-        through = _response(signal, sigmas, turns)[0]
-        model = through * np.exp(theta[0] + 1j * theta[1] + pole * signal.time)
+        pole = 1j * turns - sigmas
+        through = complex(_log_response(signal, pole)[0])
+        log = theta[0] + 1j * theta[1] + through + pole[0] * signal.time
         if jump is not None:
-            after = signal.filtered_step(jump.time_s)
-            model = model * np.exp(after * (jump.growth + 1j * jump.turn))
-        return model
+            log = log + signal.filtered_step(jump.time_s) * (jump.growth + 1j * jump.turn)
+        return np.exp(log)
     # From above where the decay, or what follows a jump, begins, to below the noise.
     above = max(jump.growth, 0.0) + 0.05 if jump is not None else 0.0
     low = min(np.log(max(signal.tail, 1e-4 * signal.a0)) - 2.0, theta[0] - 3.0)
@@ -195,32 +203,61 @@ def decay_model(
     sigma = np.maximum(sigmas @ powers, 0.02 * abs(sigmas[0]) + 1e-9 * scale)
     turn = turns @ powers
     step = logs[0] - logs[1]
-    time, phase = _integral(1 / sigma, step), _integral(turn / sigma, step)
+    time = _integral(1 / sigma, step)
     if not np.all(np.diff(time) > 0) or sigma.max() > steepest:
         return none
-    log_at, time_at = CubicSpline(time, logs), CubicSpline(logs[::-1], time[::-1])
-    phase_at = CubicSpline(time, phase)
-    few = np.r_[len(logs) - 1 : 0 : -THINNED, 0]
-    through_at = CubicSpline(logs[few], _response(signal, sigma[few], turn[few]))
-
-    def course(since: Reals, phase_0: float) -> Complexes:
-        since = np.maximum(since, 0.0)
-        inside, late = np.minimum(since, time[-1]), np.maximum(since - time[-1], 0)
-        log = log_at(inside) - late * sigma[-1]
-        angle = phase_0 + phase_at(inside) + late * turn[-1]
-        return through_at(np.clip(log, low, logs[0])) * np.exp(log + 1j * angle)
-
-    first = float(time_at(theta[0]))
-    phase_0 = theta[1] - float(phase_at(first))
+    through = _log_response(signal, 1j * turn - sigma)
+    course = _Course(
+        time=time, log=logs + 1j * _integral(turn / sigma, step),
+        slope=1j * turn - sigma, through=through, through_slope=np.gradient(through, time),
+    )  # fmt: skip
     if jump is None:
-        return course(signal.time + first, phase_0)
-    at = min(jump.time_s + first, time[-1])
-    second = float(time_at(np.clip(float(log_at(at)) + jump.growth, low, logs[0])))
-    phase_2 = phase_0 + float(phase_at(at)) + jump.turn - float(phase_at(second))
+        return np.exp(course.at(signal.time) + 1j * theta[1])
+    first = course.time_of(float(theta[0]))
+    phase = 1j * (theta[1] - course.bare(first).imag)
+    at = course.bare(min(jump.time_s + first, time[-1]))
+    second = course.time_of(float(np.clip(at.real + jump.growth, low, logs[0])))
+    phase_2 = phase + 1j * (at.imag + jump.turn - course.bare(second).imag)
     after = signal.filtered_step(jump.time_s)
-    later = course(signal.time - jump.time_s + second, phase_2)
-    return (
-        course(signal.time + first, phase_0) * (1 - after) + np.where(after > 0, later, 0) * after
+    before = np.exp(course.at(signal.time + first) + phase)
+    since = np.maximum(signal.time - jump.time_s + second, 0.0)
+    later = np.where(after > 0, np.exp(course.at(since) + phase_2), 0)
+    return before * (1 - after) + later * after
+
+
+class _Course(NamedTuple):
+    """A slow flow along time: knots, log a + j phase with its slopes, and the filter's part."""
+
+    time: Reals
+    log: Complexes
+    slope: Complexes
+    through: Complexes
+    through_slope: Complexes
+
+    def at(self, since: Reals) -> Complexes:
+        """Return the logarithm of the filtered decay, straight on beyond the last knot."""
+        both = self.log + self.through, self.slope + self.through_slope
+        late = np.maximum(since - self.time[-1], 0.0)
+        return _hermite(self.time, *both, np.minimum(since, self.time[-1])) + late * self.slope[-1]
+
+    def bare(self, since: float) -> complex:
+        """Return log a + j phase without the filter at one time."""
+        return complex(_hermite(self.time, self.log, self.slope, np.array([since]))[0])
+
+    def time_of(self, log_size: float) -> float:
+        """Return the time at which the flow has an amplitude."""
+        return float(np.interp(-log_size, -self.log.real, self.time))
+
+
+def _hermite(knots: Reals, values: Complexes, slopes: Complexes, at: Reals) -> Complexes:
+    """Cubic interpolation by values and slopes at knots."""
+    i = np.clip(np.searchsorted(knots, at, "right") - 1, 0, len(knots) - 2)
+    step = knots[i + 1] - knots[i]
+    x = (at - knots[i]) / step
+    rise = values[i + 1] - values[i]
+    first, last = slopes[i] * step, slopes[i + 1] * step
+    return values[i] + x * (
+        first + x * (3 * rise - 2 * first - last + x * (first + last - 2 * rise))
     )
 
 

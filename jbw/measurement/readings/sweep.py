@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Complex
 from scipy.linalg import solve_banded
 from scipy.optimize import least_squares
 from scipy.signal import fftconvolve, firwin

@@ -11,7 +11,7 @@ than first-order averaging is,
 $$(c + \zeta)\,\Delta f + \Delta f^2 / f + f \zeta \Delta\zeta, \qquad
   (c + \zeta)\,\Delta\zeta + \zeta\,\Delta f / f$$
 
-and 0.3 % of zeta (1 % in a sweep, for the frequency), which the documentation states.
+and 0.3 % of zeta (1.5 % in a sweep, for the frequency), which the documentation states.
 """
 
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ POINTS = 12  # amplitudes of a table
 ABOVE_NOISE = 3.0  # noise amplitudes from which an amplitude is read
 DEEPEST = 0.02  # of the largest amplitude: the smallest that is read
 SECOND_ORDER = {"decay": 3e-3, "sweep": 0.05}  # c of the floor: amplitudes of a sweep grow faster
-FLOOR = {"decay": 0.003, "sweep": 0.01}  # of zeta: floor of the frequency, relative
+FLOOR = {"decay": 0.003, "sweep": 0.015}  # of zeta: floor of the frequency, relative
 FLOOR_OF_DAMPING = 0.003  # of zeta
 BEYOND = 0.3  # of zeta, a relative misfit beyond the noise
 ODDS = 1e-4  # chance of a change of amplitude by a linear mode, below which it is nonlinear

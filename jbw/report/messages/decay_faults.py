@@ -71,6 +71,33 @@ def steady_line(hz: str, share: float) -> FaultText:
     )
 
 
+def line_in_sweep(hz: str) -> FaultText:
+    """A line in a sweep that its drive does not make [Hz]."""
+    return FaultText(
+        f"A line at {hz} Hz does not come from the drive.",
+        "Where the sweep passes it, it is taken for the response.",
+        "Measure without it.",
+    )
+
+
+def second_mode(first_hz: float, second_hz: float, band: tuple[float, float]) -> FaultText:
+    """Frequencies of two modes in a band, and a band without the second [Hz]."""
+    return FaultText(
+        f"`band` holds two modes, at {first_hz:.4g} and {second_hz:.4g} Hz.",
+        "They beat; read as one mode, frequency and damping are those of neither.",
+        f"Put under [[test]]: `band = [{band[0]:g}, {band[1]:g}]`.",
+    )
+
+
+def unexplained(share: float) -> FaultText:
+    """Share of a response that one mode and no known fault explain."""
+    return FaultText(
+        f"One mode leaves {share:.2g} of the response unexplained, and no known fault explains it.",
+        "Frequency and damping that are read from it are those of no mode.",
+        "Look at the record: `band` may hold several modes, or none.",
+    )
+
+
 def windowed(tau_s: float, error: float) -> FaultText:
     """Time constant of an exponential window, and its standard error [s]."""
     return FaultText(

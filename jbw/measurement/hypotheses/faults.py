@@ -1,0 +1,35 @@
+"""All hypotheses in one list, and the faults of one record by them."""
+
+from collections.abc import Iterator
+
+from jbw.measurement.hypotheses.hypothesis import (
+    UNEXPLAINED,
+    UNEXPLAINED_SHARE,
+    Facts,
+    Fits,
+    Hypothesis,
+    named_cause,
+    remainder,
+)
+from jbw.measurement.hypotheses.lag import Clock, Delay, LostBlock
+from jbw.measurement.hypotheses.second_blow import SecondBlow
+from jbw.measurement.hypotheses.second_mode import SecondMode
+from jbw.measurement.hypotheses.steady_line import SteadyLine
+from jbw.report.messages import decay_faults as messages
+from jbw.report.messages.message import FaultText
+
+HYPOTHESES: tuple[Hypothesis, ...] = (
+    SecondBlow(), Delay(), Clock(), LostBlock(), SteadyLine(), SecondMode(),
+)  # fmt: skip
+
+
+def explained(fits: Fits, facts: Facts) -> Iterator[tuple[str, FaultText]]:
+    """Yield the one cause of what a mode leaves of a record: name, and what to say of it."""
+    left = remainder(fits)
+    if left.is_noise:
+        return
+    named = named_cause(fits, HYPOTHESES)
+    if named is not None:
+        yield named.hypothesis.name, named.hypothesis.fault(named.values, fits, facts)
+    elif left.rms > UNEXPLAINED and left.share > UNEXPLAINED_SHARE:
+        yield "unexplained", messages.unexplained(left.share)

@@ -1,0 +1,191 @@
+r"""A fault as a hypothesis against a reading, and the conditions under which it is named.
+
+A mode is fitted first. Only where something is left beyond noise and the law's own error is a
+further cause tried, one at a time, *fitted together with the mode*. It is named where four
+conditions hold, calibrated on sound records of every law (`benchmarks/outside`):
+
+1. something is left: a weighted rms above 1.2, a line of 30 times its local median and 0.2 % of
+   the largest response, or 6 % of the response;
+2. the cause takes at least 40 % of the weighted squares;
+3. $2 \ln L_1/L_0 - k \ln n > 25$, with n the effective number of values of a coloured residual
+   and k the cause's parameters;
+4. it has a size that matters, each hypothesis its own.
+
+Of causes within 20 of the best one that has fewer parameters is named.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from jbw.measurement.channels import Complexes, Reals
+from jbw.measurement.readings.decay import Cause as DecayCause
+from jbw.measurement.readings.decay import DecayFits, fit_decay
+from jbw.measurement.readings.slow_flow import Fitted, independent_share
+from jbw.measurement.readings.sweep import Cause as SweepCause
+from jbw.measurement.readings.sweep import SweepFits, fit_sweep
+from jbw.measurement.records import Record
+from jbw.report.messages.message import FaultText
+
+LEFT, LINE, LINE_SIZE, LEFT_SHARE = 1.2, 30.0, 2e-3, 0.06  # of condition 1
+EXPLAINS = 0.6  # of the squares that are left, at the most, by a cause: condition 2
+ODDS = 25.0  # condition 3
+NEARLY = 20.0  # of 2 ln of the likelihood: causes that are alike
+UNEXPLAINED, UNEXPLAINED_SHARE = 20.0, 0.03  # weighted rms and share of the response that are said
+AROUND = 61  # lines of a residual's spectrum, whose median a line is held against
+
+Fits = DecayFits | SweepFits
+
+
+class Named(NamedTuple):
+    """A cause that is named: the hypothesis, its values, and 2 ln of the likelihood ratio."""
+
+    hypothesis: "Hypothesis"
+    values: Reals
+    odds: float
+
+
+class Hypothesis(Protocol):
+    """One kind of fault that a record's residual may have."""
+
+    @property
+    def name(self) -> str:
+        """Words for it in a table."""
+        ...
+
+    def causes(self, fits: Fits) -> Iterator[DecayCause | SweepCause]:
+        """Yield the cause with its starting values; none of records that it does not concern."""
+        ...
+
+    def matters(self, values: Reals, fits: Fits) -> bool:
+        """Return whether a cause of these values is large enough, and physical."""
+        ...
+
+    def fault(self, values: Reals, fits: Fits, facts: "Facts") -> FaultText:
+        """Return what, why and remedy."""
+        ...
+
+
+class Facts(NamedTuple):
+    """A record and what is stated of it, for a remedy's line.
+
+    Attributes:
+        record: The whole record.
+        settle_s: Time at its start that was not read [s].
+        delay_s: Stated lag of the response [s].
+        band_hz: Band that was read [Hz].
+    """
+
+    record: Record
+    settle_s: float
+    delay_s: float
+    band_hz: tuple[float, float]
+
+
+class Remainder(NamedTuple):
+    """What a mode leaves of a record.
+
+    Attributes:
+        rms: Weighted root mean square: 1 of noise alone.
+        line: Largest line of its spectrum over the local median.
+        line_size: Amplitude of that line over the largest response.
+        share: Of the rms of the response.
+    """
+
+    rms: float
+    line: float
+    line_size: float
+    share: float
+
+    @property
+    def is_noise(self) -> bool:
+        """Whether nothing is left to be explained."""
+        has_line = self.line > LINE and self.line_size > LINE_SIZE
+        return self.rms < LEFT and not has_line and self.share < LEFT_SHARE
+
+
+def best_of(fits: Fits) -> Fitted:
+    """Return the fit of the basis that leaves least."""
+    return min(fits.fits.values(), key=lambda fit: fit.squares)
+
+
+def remainder(fits: Fits) -> Remainder:
+    """Return what the best basis leaves of a record."""
+    best, signal = best_of(fits), fits.signal
+    turned = best.residual
+    if isinstance(fits, SweepFits):  # a steady line turns against the frame of the drive
+        frame = fits.signal.phase - 2 * np.pi * fits.signal.centre_hz * fits.signal.time
+        turned = turned * np.exp(1j * frame)
+    power = np.abs(np.fft.fft(turned * fits.weight)) ** 2
+    local = median_filter(power, min(AROUND, len(power) | 1), mode="wrap") / np.log(2)
+    over = power / (local + 0.02 * power.mean() + 1e-300)
+    at = int(np.argmax(over))
+    size = abs(np.fft.fft(turned)[at]) / len(turned) / np.abs(signal.z).max()
+    share = float(np.linalg.norm(best.residual) / np.linalg.norm(signal.z))
+    rms = float(np.sqrt(best.squares / len(signal.z)))
+    return Remainder(rms, float(over[at]), float(size), share)
+
+
+def named_cause(fits: Fits, hypotheses: Sequence[Hypothesis]) -> Named | None:
+    """Return the hypothesis that explains what a mode leaves of a record, if one does."""
+    nothing = best_of(fits)
+    tried = [
+        (hypothesis, values, fitted)
+        for hypothesis in hypotheses
+        for values, fitted in _joint_fits(fits, hypothesis)
+        if hypothesis.matters(values, fits)
+    ]
+    if not tried:
+        return None
+    closest = min(tried, key=lambda row: row[2].squares)[2]
+    count = 2 * len(fits.signal.z) * independent_share(closest.residual * fits.weight)
+
+    def score(fitted: Fitted) -> float:
+        return count * np.log(max(fitted.squares, 1e-300)) + len(fitted.theta) * np.log(count)
+
+    zero = min(score(fitted) for fitted in fits.fits.values())
+    rows = sorted(((zero - score(row[2]), *row) for row in tried), key=lambda row: -row[0])
+    alike = [row for row in rows if row[0] > rows[0][0] - NEARLY]
+    odds, hypothesis, values, fitted = min(alike, key=lambda row: len(row[2]))
+    if odds > ODDS and fitted.squares < EXPLAINS * nothing.squares:
+        return Named(hypothesis, values, odds)
+    return None
+
+
+def _joint_fits(fits: Fits, hypothesis: Hypothesis) -> Iterator[tuple[Reals, Fitted]]:
+    """Joint fits of a hypothesis: with a linear mode from every start, and the best with a power.
+
+    A power of the amplitude costs ten times as much, and begins where the linear mode ended.
+    """
+    linear = [
+        (fitted, cause)
+        for cause in hypothesis.causes(fits)
+        if (fitted := joint_fit(fits, "linear", cause)) is not None
+    ]
+    if not linear:
+        return
+    fitted, cause = min(linear, key=lambda row: row[0].squares)
+    values = fitted.theta[len(fits.fits["linear"].theta) :]
+    yield values, fitted
+    again = joint_fit(fits, "power", cause._replace(start=values)) if "power" in fits.fits else None
+    if again is not None:
+        yield again.theta[len(fits.fits["power"].theta) :], again
+
+
+def joint_fit(fits: Fits, basis: str, cause: DecayCause | SweepCause) -> Fitted | None:
+    """Return the fit of a mode with a cause; None where its numbers fail."""
+    fit: Any = fit_decay if isinstance(fits, DecayFits) else fit_sweep
+    try:
+        return fit(fits.signal, basis, fits.fits[basis].theta, fits.scale, fits.weight, cause)
+    except (ValueError, np.linalg.LinAlgError):
+        return None
+
+
+def strongest_line(values: Complexes, step_s: float) -> tuple[float, complex]:
+    """Return frequency [rad/s] and complex amplitude of the strongest line among values."""
+    padded = 4 * len(values)
+    spectrum = np.fft.fft(values, padded)
+    at = int(np.argmax(np.abs(spectrum)))
+    return float(2 * np.pi * np.fft.fftfreq(padded, step_s)[at]), complex(spectrum[at])

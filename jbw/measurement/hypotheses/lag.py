@@ -1,0 +1,153 @@
+r"""Drive and response that do not keep one time: a lag that stays, grows or jumps.
+
+A response that comes late by $\tau(t)$ turns by $e^{-i\dot\phi\tau}$ in the frame of the drive. A
+constant lag is a delay, one that grows the clocks of two recorders, one that jumps a block of
+samples that one of them lost. Lags are in mean periods of the sweep. A lag of half a period is the
+other sign of a channel.
+"""
+
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from jbw.measurement.channels import Complexes, Reals
+from jbw.measurement.hypotheses.hypothesis import Facts, Fits, joint_fit
+from jbw.measurement.readings.sweep import Cause, SweepFits, SweepSignal, late
+from jbw.measurement.spans import kept_before
+from jbw.report.messages import clock_faults as messages
+from jbw.report.messages.message import FaultText
+
+OTHER_SIGN = 0.45  # of a period
+LEAST_DELAY, LEAST_DRIFT, LEAST_STEP = 0.02, 0.08, 0.05  # of a period; the drift along the record
+LEAST_LOST = 1.6  # samples
+PLACES = (0.04, 0.12, 0.25, 0.4, 0.55, 0.7, 0.85, 0.95)  # shares of the motion before a step
+MILLION = 1e6
+
+
+def _courses(signal: SweepSignal) -> tuple[float, Reals]:
+    """Mean period of a drive [s], and time from the middle of the record over its length."""
+    time = signal.time
+    return signal.mean_period_s, (time - time.mean()) / np.ptp(time)
+
+
+class _Lag:
+    """A lag of some course over the record."""
+
+    name: str
+    starts: tuple[tuple[float, ...], ...]
+
+    def course(self, signal: SweepSignal, values: Reals) -> Reals:
+        """Return the lag at every time, in mean periods."""
+        raise NotImplementedError
+
+    def causes(self, fits: Fits) -> Iterator[Cause]:
+        """Yield the lag from several starts."""
+        if not isinstance(fits, SweepFits):
+            return
+        period = fits.signal.mean_period_s
+
+        def delayed(signal: SweepSignal, columns: Complexes, values: Reals) -> Complexes:
+            return late(columns, signal.rate, self.course(signal, values) * period)
+
+        yield from (Cause(np.array(start), delayed) for start in self.starts)
+
+
+class Delay(_Lag):
+    """A constant lag, in mean periods."""
+
+    name = "delay of the response"
+    starts = ((-0.35,), (-0.12,), (0.12,), (0.35,))
+
+    def course(self, signal: SweepSignal, values: Reals) -> Reals:
+        """Return a constant."""
+        return np.full(len(signal.time), values[0])
+
+    def matters(self, values: Reals, fits: Fits) -> bool:
+        """Return whether it is 2 % of a period and not the other sign."""
+        return LEAST_DELAY <= abs(values[0]) <= OTHER_SIGN
+
+    def fault(self, values: Reals, fits: Fits, facts: Facts) -> FaultText:
+        """Name lag and stated delay."""
+        assert isinstance(fits, SweepFits)
+        seconds = facts.delay_s + float(values[0]) * fits.signal.mean_period_s
+        way = "lags behind" if seconds > 0 else "leads"
+        return messages.another_delay(way, abs(seconds), facts.delay_s, seconds)
+
+
+class Clock(_Lag):
+    """A lag that grows: in the middle of the record, and its change along it, in mean periods."""
+
+    name = "clocks of drive and response"
+    starts = ((-0.25, -0.5), (-0.12, -0.25), (0.12, 0.25), (0.25, 0.5))
+
+    def course(self, signal: SweepSignal, values: Reals) -> Reals:
+        """Return a straight line."""
+        return values[0] + values[1] * _courses(signal)[1]
+
+    def matters(self, values: Reals, fits: Fits) -> bool:
+        """Return whether it changes by 8 % of a period along the record."""
+        return abs(values[0]) <= OTHER_SIGN and abs(values[1]) >= LEAST_DRIFT
+
+    def fault(self, values: Reals, fits: Fits, facts: Facts) -> FaultText:
+        """Name the difference of the clocks."""
+        assert isinstance(fits, SweepFits)
+        change = float(values[1]) * fits.signal.mean_period_s
+        slope = change / float(np.ptp(fits.signal.time))
+        fast = "fast" if slope > 0 else "slow"
+        ppm = MILLION * slope
+        return messages.another_clock(abs(ppm), fast, abs(change), ppm)
+
+
+class LostBlock(_Lag):
+    """A lag that jumps: before, its change in mean periods, and the time from a first place."""
+
+    name = "lost block of samples in a sweep"
+
+    def causes(self, fits: Fits) -> Iterator[Cause]:
+        """Yield steps at the two best of several places."""
+        if not isinstance(fits, SweepFits):
+            return
+        signal, count = fits.signal, len(fits.fits["linear"].theta)
+        share = np.cumsum(np.abs(signal.z)) / np.sum(np.abs(signal.z))
+        rows = []
+        for place in PLACES:
+            at = float(signal.time[min(int(np.searchsorted(share, place)), len(share) - 1)])
+            for step in (-0.25, 0.25):
+                cause = Cause(np.array([0.0, step]), self._stepped(fits, at, moves=False))
+                fitted = joint_fit(fits, "linear", cause)
+                if fitted is not None:
+                    rows.append((fitted.squares, at, fitted.theta[count:]))
+        rows.sort(key=lambda row: row[0])
+        for _, at, values in rows[:2]:
+            start = np.array([*values, at / float(np.ptp(signal.time))])
+            yield Cause(start, self._stepped(fits, 0.0, moves=True))
+
+    def _stepped(
+        self, fits: SweepFits, at: float, *, moves: bool
+    ) -> Callable[[SweepSignal, Complexes, Reals], Complexes]:
+        signal = fits.signal
+        width = max(signal.half / signal.fs, 2 * signal.step_s)
+        period, length = signal.mean_period_s, float(np.ptp(signal.time))
+
+        def stepped(signal: SweepSignal, columns: Complexes, values: Reals) -> Complexes:
+            place = at + (values[2] * length if moves else 0.0)
+            after = np.clip(0.5 + (signal.time - place) / width, 0.0, 1.0)
+            return late(columns, signal.rate, (values[0] + values[1] * after) * period)
+
+        return stepped
+
+    def matters(self, values: Reals, fits: Fits) -> bool:
+        """Return whether it is 1.6 samples and 5 % of a period."""
+        assert isinstance(fits, SweepFits)
+        samples = abs(values[1]) * fits.signal.mean_period_s * fits.signal.fs
+        return samples >= LEAST_LOST and abs(values[1]) >= LEAST_STEP
+
+    def fault(self, values: Reals, fits: Fits, facts: Facts) -> FaultText:
+        """Name the time and the length of the block, and keep what comes before it."""
+        assert isinstance(fits, SweepFits)
+        signal = fits.signal
+        at = float(values[2]) * float(np.ptp(signal.time))
+        jump = float(values[1]) * signal.mean_period_s
+        keep = kept_before(facts.record, at - signal.mean_period_s)
+        ahead = "ahead of" if jump < 0 else "behind"
+        return messages.lost_block(at, messages.response_jumps(abs(jump), ahead), keep)

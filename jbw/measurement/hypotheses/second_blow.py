@@ -1,0 +1,79 @@
+"""A decay that goes on from another place of its own course: hit again, or samples are missing."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from jbw.measurement.channels import Reals
+from jbw.measurement.hypotheses.hypothesis import Facts, Fits
+from jbw.measurement.readings.decay import Cause, DecayFits
+from jbw.measurement.spans import left_out_from
+from jbw.report.messages import decay_faults as messages
+from jbw.report.messages.message import FaultText
+
+PLACES = 60  # at which a jump is looked for
+APART = 0.1  # of the record between the two places that are tried
+LOUD = 6.0  # noise amplitudes
+LEAST = 0.05  # of ln a and of the phase [rad] together
+LOST = 0.08  # of ln a: a smaller jump of the size is one of the phase alone
+GROWTH = (-1.5, 3.0)  # of ln a: no jump is larger
+ENDS = 0.02  # of the record, at which nothing is told
+
+
+class SecondBlow:
+    """A jump along the same decay: its time, of ln a, of the phase."""
+
+    name = "second blow or lost samples in a decay"
+
+    def causes(self, fits: Fits) -> Iterator[Cause]:
+        """Yield jumps at the two places where the logarithm of the envelope steps most."""
+        if isinstance(fits, DecayFits):
+            yield from map(Cause, _places(fits))
+
+    def matters(self, values: Reals, fits: Fits) -> bool:
+        """Return whether it lies within the record and moves size or phase by 5 %."""
+        place, growth, turn = values
+        size = np.hypot(growth, np.angle(np.exp(1j * turn)))
+        return ENDS < place < 1 - ENDS and GROWTH[0] < growth < GROWTH[1] and size > LEAST
+
+    def fault(self, values: Reals, fits: Fits, facts: Facts) -> FaultText:
+        """Name time and size, and leave out what follows."""
+        place, growth, turn = values
+        assert isinstance(fits, DecayFits)
+        signal = fits.signal
+        at = facts.settle_s + signal.begins + float(place) * float(signal.time[-1])
+        remedy = left_out_from(facts.record, at)
+        jump = float(np.hypot(growth, np.angle(np.exp(1j * turn))))
+        if abs(growth) < LOST:
+            return messages.interrupted(at, remedy)
+        return messages.second_blow(at, jump, remedy, grows=bool(growth > 0))
+
+
+def _places(fits: DecayFits) -> list[Reals]:
+    """Starting values of jumps: where a step explains most of ln z about a cubic in time."""
+    signal, linear = fits.signal, fits.fits["linear"].theta
+    size, count = signal.size, len(signal.z)
+    loud = np.flatnonzero(size > LOUD * max(signal.tail, 1e-4 * size.max()))
+    count = int(loud[-1]) + 1 if loud.size else count
+    if count <= 30:
+        return []
+    time, z = signal.time[:count], signal.z[:count]
+    turned = z * np.exp(-1j * linear[3] * fits.scale * time)
+    logs = np.log(np.abs(z) + 1e-300) + 1j * np.unwrap(np.angle(turned))
+    weight = np.minimum(size[:count], size[count // 2])
+    powers = np.vander(time / time[-1], 4, increasing=True)
+    smooth, _ = np.linalg.qr(powers * weight[:, None])
+    left = logs * weight - smooth @ (smooth.T @ (logs * weight))
+    found = []
+    for at in np.unique(np.linspace(0.03 * count, 0.97 * count, PLACES).astype(int)):
+        step = signal.filtered_step(time[at])[:count] * weight
+        step = step - smooth @ (smooth.T @ step)
+        power = float(step @ step)
+        jump = complex(step @ left) / power if power > 1e-12 else 0j
+        found.append((abs(jump) ** 2 * power, int(at), jump))
+    found.sort(key=lambda row: -row[0])
+    others = [row for row in found if abs(row[1] - found[0][1]) > APART * count]
+    return [
+        np.array([time[at] / signal.time[-1], jump.real, jump.imag])
+        for _, at, jump in found[:1] + others[:1]
+    ]

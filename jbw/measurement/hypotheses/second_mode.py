@@ -1,0 +1,94 @@
+"""A second mode within the band, which beats with the first."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from jbw.measurement.channels import Complexes, Reals
+from jbw.measurement.hypotheses.hypothesis import Facts, Fits, strongest_line
+from jbw.measurement.readings.decay import Cause as DecayCause
+from jbw.measurement.readings.decay import DecayFits, DecaySignal
+from jbw.measurement.readings.sweep import Cause as SweepCause
+from jbw.measurement.readings.sweep import SweepFits, SweepSignal, sweep_columns
+from jbw.report.messages import decay_faults as messages
+from jbw.report.messages.message import FaultText
+
+LEAST = 0.02  # of the amplitude at the start
+DAMPINGS = (0.2, 6.0)  # times that of the first: a mode that decays so fast or slowly is none
+BEAT = 4.0  # damping rates of the first apart: where it is looked for within the first's own line
+
+
+class SecondMode:
+    """A second mode: amplitude and phase, distance and damping in damping rates of the first."""
+
+    name = "second mode in the band"
+
+    def causes(self, fits: Fits) -> Iterator[DecayCause | SweepCause]:
+        """Yield modes to both sides of the first, and at the strongest line of what is left."""
+        if isinstance(fits, DecayFits):
+            yield from _in_decay(fits)
+            return
+        reach = 0.3 * float(np.ptp(fits.signal.rate)) / fits.scale
+        for away in (-reach, -3.0, 3.0, reach):
+            yield _in_sweep(fits, away)
+
+    def matters(self, values: Reals, fits: Fits) -> bool:
+        """Return whether it is 2 % of a decay and decays about as the first does."""
+        if isinstance(fits, SweepFits):
+            return True
+        low, high = DAMPINGS
+        return low < abs(values[3]) < high and float(np.hypot(*values[:2])) > LEAST
+
+    def fault(self, values: Reals, fits: Fits, facts: Facts) -> FaultText:
+        """Name both frequencies, and a band without the second."""
+        first = _first_hz(fits)
+        away = values[2] if isinstance(fits, DecayFits) else values[1]
+        second = first + float(away) * _rate(fits) / (2 * np.pi)
+        low, high = facts.band_hz
+        middle = 0.5 * (first + second)
+        band = (low, middle) if second > first else (middle, high)
+        return messages.second_mode(first, second, (_three(band[0]), _three(band[1])))
+
+
+def _three(hz: float) -> float:
+    return float(f"{hz:.4g}")
+
+
+def _rate(fits: Fits) -> float:
+    """Damping rate of the linear mode [1/s]."""
+    at = 2 if isinstance(fits, DecayFits) else 0
+    return abs(float(fits.fits["linear"].theta[at])) * fits.scale
+
+
+def _first_hz(fits: Fits) -> float:
+    at = 3 if isinstance(fits, DecayFits) else 1
+    turn = float(fits.fits["linear"].theta[at]) * fits.scale
+    return fits.signal.centre_hz + turn / (2 * np.pi)
+
+
+def _in_decay(fits: DecayFits) -> Iterator[DecayCause]:
+    signal, linear = fits.signal, fits.fits["linear"]
+    sigma, omega = _rate(fits), 2 * np.pi * (_first_hz(fits) - signal.centre_hz)
+    strongest, _ = strongest_line(linear.residual, signal.step_s)
+
+    def with_mode(signal: DecaySignal, model: Complexes, values: Reals) -> Complexes:
+        pole = 1j * (omega + values[2] * sigma) - abs(values[3]) * sigma
+        return model + signal.a0 * (values[0] + 1j * values[1]) * np.exp(pole * signal.time)
+
+    for side in (-1.0, 1.0):
+        at = strongest if abs(strongest - omega) > 1.5 * sigma else omega + side * BEAT * sigma
+        shape = np.exp((1j * at - sigma) * signal.time)
+        size = np.vdot(shape, linear.residual) / np.vdot(shape, shape) / signal.a0
+        yield DecayCause(np.array([size.real, size.imag, (at - omega) / sigma, 1.0]), with_mode)
+
+
+def _in_sweep(fits: SweepFits, away: float) -> SweepCause:
+    rate, first = _rate(fits), 2 * np.pi * _first_hz(fits)
+
+    def with_mode(signal: SweepSignal, columns: Complexes, values: Reals) -> Complexes:
+        ones = np.ones(len(signal.time))
+        sigma, omega = (abs(values[0]) + 1e-6) * rate, first + values[1] * rate
+        second, _ = sweep_columns(signal, sigma * ones, omega * ones)
+        return np.column_stack([columns, second[:, 0]])
+
+    return SweepCause(np.array([1.0, away]), with_mode)

@@ -1,0 +1,91 @@
+"""A line that does not decay, or that the drive does not make: hum, or a machine that runs."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from jbw.measurement.channels import Complexes, Reals
+from jbw.measurement.hypotheses.hypothesis import (
+    Facts,
+    Fits,
+    remainder,
+    strongest_line,
+)
+from jbw.measurement.readings.decay import Cause as DecayCause
+from jbw.measurement.readings.decay import DecayFits, DecaySignal
+from jbw.measurement.readings.sweep import Cause as SweepCause
+from jbw.measurement.readings.sweep import SweepFits, SweepSignal
+from jbw.report.messages import decay_faults as messages
+from jbw.report.messages.message import FaultText
+
+LEAST = 5e-3  # of the amplitude at the start
+STANDS_OUT = 60.0  # times the local median of a sweep's residual
+
+
+class SteadyLine:
+    """A steady line: amplitude, phase and frequency."""
+
+    name = "steady line"
+
+    def causes(self, fits: Fits) -> Iterator[DecayCause | SweepCause]:
+        """Yield a line at the strongest frequency of the residual of each basis."""
+        for name in ("linear", "power"):
+            if name not in fits.fits:
+                continue
+            residual = fits.fits[name].residual
+            if isinstance(fits, DecayFits):
+                yield _in_decay(fits, residual)
+            else:
+                yield _in_sweep(fits, residual)
+
+    def matters(self, values: Reals, fits: Fits) -> bool:
+        """Return whether it is half a percent of the decay, or stands out of a sweep's residual."""
+        if isinstance(fits, SweepFits):
+            return remainder(fits).line > STANDS_OUT
+        return bool(np.hypot(values[0], values[1]) > LEAST)
+
+    def fault(self, values: Reals, fits: Fits, facts: Facts) -> FaultText:
+        """Name the line's frequency and size."""
+        hz = fits.signal.centre_hz + self.turn(values, fits) / (2 * np.pi)
+        # As many digits as tell its place among the lines of the record's spectrum.
+        digits = max(
+            4, 1 + int(np.ceil(np.log10(abs(hz) * facts.record.num_samples / facts.record.fs)))
+        )
+        named = f"{hz:.{digits}g}"
+        if isinstance(fits, SweepFits):
+            return messages.line_in_sweep(named)
+        return messages.steady_line(named, float(np.hypot(values[0], values[1])))
+
+    def turn(self, values: Reals, fits: Fits) -> float:
+        """Return the line's frequency above the centre of the band [rad/s]."""
+        if isinstance(fits, DecayFits):
+            return float(values[2]) / fits.signal.time[-1] * 2 * np.pi
+        return float(values[0]) / float(np.ptp(fits.signal.time)) * 2 * np.pi
+
+
+def _in_decay(fits: DecayFits, residual: Complexes) -> DecayCause:
+    """Amplitudes over the decay's at its start, and lines above the centre of the band."""
+    signal = fits.signal
+    turn, size = strongest_line(residual * fits.weight**2, signal.step_s)
+    level = size / np.sum(fits.weight**2) / signal.a0
+    lines = turn * signal.time[-1] / (2 * np.pi)
+
+    def with_line(signal: DecaySignal, model: Complexes, values: Reals) -> Complexes:
+        wave = np.exp(2j * np.pi * values[2] / signal.time[-1] * signal.time)
+        return model + signal.a0 * (values[0] + 1j * values[1]) * wave
+
+    return DecayCause(np.array([level.real, level.imag, lines]), with_line)
+
+
+def _in_sweep(fits: SweepFits, residual: Complexes) -> SweepCause:
+    """Lines above the centre of the band; its amplitude is a gain."""
+    signal = fits.signal
+    frame = signal.phase - 2 * np.pi * signal.centre_hz * signal.time
+    turn, _ = strongest_line(residual * np.exp(1j * frame), signal.step_s)
+    length = float(np.ptp(signal.time))
+
+    def with_line(signal: SweepSignal, columns: Complexes, values: Reals) -> Complexes:
+        turned = 2 * np.pi * (values[0] / length + signal.centre_hz) * signal.time - signal.phase
+        return np.column_stack([columns, np.exp(1j * turned)])
+
+    return SweepCause(np.array([turn * length / (2 * np.pi)]), with_line)

@@ -1,0 +1,92 @@
+"""Records of decays and sweeps to fits of one mode: the band that is read."""
+
+import numpy as np
+
+from jbw.errors import JbwError
+from jbw.measurement.channels import Reals
+from jbw.measurement.readings import decay, sweep
+from jbw.measurement.readings.decay import DecayFits
+from jbw.measurement.readings.sweep import SweepFits, SweepSignal
+from jbw.measurement.records import Record
+from jbw.quantities import derivative_order
+
+FEWEST = 16  # values of an envelope
+MOVING = 0.05  # of the largest motion: frequencies at which the mode moves
+PADDED = 0.35  # of that range, to either side
+NARROWER = 0.7  # of a band: a narrower one is read instead
+FAST = (
+    6.0  # sqrt of the sweep's rate: half of a band that it passes in many of its filter's lengths
+)
+DRIVEN = 5e-3  # of the drive's energy, beyond either end of what it sweeps
+MARGIN = 0.15  # of what it sweeps, to either side
+MOST_VALUES = 20_000  # of a thinned sweep: more are of a band that no mode needs
+
+
+def decay_fits(record: Record, band_hz: tuple[float, float], settle_s: float) -> DecayFits | None:
+    """Fit one mode to a record of a decay; None where its band holds too few values."""
+    x = record.channels[record.response][round(settle_s * record.fs) :]
+    low, high = band_hz
+    if len(x) < FEWEST or not 0 < low < high < record.fs / 2 or not np.any(x):
+        return None
+    signal = decay.decay_signal(
+        x - np.mean(x), record.fs, band_hz, derivative_order(record.response)
+    )
+    if len(signal.z) < FEWEST or not np.all(signal.size > 0):
+        return None
+    return decay.fit_bases(signal)
+
+
+def sweep_fits(
+    record: Record, band_hz: tuple[float, float] | None, lag_s: float
+) -> tuple[SweepFits, tuple[float, float]] | None:
+    """Fit one mode to a record of a sweep, and the band that was read; None where that is none."""
+    u, y = (record.channels[role] for role in (record.source, record.response))
+    band = swept_band(u - np.mean(u), y - np.mean(y), record.fs, band_hz)
+    if band is None:
+        return None
+    order = derivative_order(record.response)
+    u, y = u - np.mean(u), y - np.mean(y)
+    try:
+        signal = sweep.sweep_signal(u, y, record.fs, band, order, lag_s)
+        if (near := near_resonance(signal, band)) is not None:
+            band = near
+            signal = sweep.sweep_signal(u, y, record.fs, band, order, lag_s)
+        if not FEWEST < len(signal.time) < MOST_VALUES or np.any(signal.rate <= 0):
+            return None
+        return sweep.fit_bases(signal), band
+    except (ValueError, np.linalg.LinAlgError, JbwError):
+        return None
+
+
+def swept_band(
+    u: Reals, y: Reals, fs: float, band_hz: tuple[float, float] | None
+) -> tuple[float, float] | None:
+    """Return the frequencies that a drive sweeps about the resonance [Hz]; None of no sweep."""
+    freq = np.fft.rfftfreq(len(u), 1 / fs)
+    power = np.abs(np.fft.rfft(u)) ** 2
+    if not power.sum() > 0 or len(freq) < 8:
+        return None
+    share = np.cumsum(power) / power.sum()
+    low, high = (float(freq[np.searchsorted(share, x)]) for x in (DRIVEN, 1 - DRIVEN))
+    wide = max(high - low, 0.05 * high)
+    low, high = max(low - MARGIN * wide, 0.25 * low), min(high + MARGIN * wide, 0.49 * fs)
+    if band_hz is not None:
+        low, high = max(low, band_hz[0]), min(high, band_hz[1])
+    return (low, high) if 0 < low < high else None
+
+
+def near_resonance(signal: SweepSignal, band_hz: tuple[float, float]) -> tuple[float, float] | None:
+    """Return frequencies about the one resonance [Hz]; None where those of a band are few enough.
+
+    They are those at which the motion is above 5 % of its largest, ringing included, and a third as
+    many to either side; no fewer than the sweep passes in many lengths of their own filter.
+    """
+    hz, motion = signal.rate / (2 * np.pi), signal.amplitude
+    moving = hz[motion > MOVING * motion.max()]
+    low, high = float(moving.min()), float(moving.max())
+    speed = abs(hz[-1] - hz[0]) / float(np.ptp(signal.time))
+    at_top = float(hz[signal.top])
+    reach = max(PADDED * (high - low), FAST * np.sqrt(speed))
+    low, high = min(low, at_top) - reach, max(high, at_top) + reach
+    low, high = max(low, band_hz[0]), min(high, band_hz[1])
+    return (low, high) if high - low < NARROWER * (band_hz[1] - band_hz[0]) else None
