@@ -24,15 +24,15 @@ from jbw.errors import ConfigError, DataError, JbwError
 from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement.checks import responses
 from jbw.measurement.checks.channels import inspect
-from jbw.measurement.checks.clocks import untimely
 from jbw.measurement.checks.controlled import Control, uncontrolled
-from jbw.measurement.checks.decays import not_free, too_short
 from jbw.measurement.checks.drive_noise import noisy_drive
 from jbw.measurement.checks.faults import Fault, doubt, gathered, refusal, worst
 from jbw.measurement.checks.long_records import long_records
 from jbw.measurement.checks.loops import degrading, off_centre, travels_freely
 from jbw.measurement.checks.plausibility import doubts, swapped
 from jbw.measurement.curves import forced_loop, response_curve
+from jbw.measurement.hypotheses.examine import examined_decay, examined_sweep
+from jbw.measurement.hypotheses.lag_of_noise import untimely
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
 from jbw.measurement.records import INPUTS, Record, is_sampled
@@ -365,7 +365,7 @@ def _stated(record: Record, test: TestSpec, spec: CampaignSpec) -> Iterator[Faul
     if test.traits.is_free and test.band is None:
         yield from responses.bandless(record, test.settle)
     elif test.traits.is_free and test.band is not None and test.band[1] < record.fs / 2:
-        yield from too_short(record, test.band, test.settle)
+        yield from responses.too_short(record, test.band, test.settle)
     driven = test.traits.is_transient and test.traits.is_driven
     if driven and test.band is None and spec.structure is None and spec.assembled is None:
         yield from responses.several_resonances(record)
@@ -384,11 +384,11 @@ def _believable(
     traits = test.traits
     if traits.is_broadband:
         yield from doubts(record, test.band, test.delay, per_unit)
-        yield from untimely(record, test.delay, is_sweep=False) if driven else ()
+        yield from untimely(record, test.delay) if driven else ()
     elif traits.is_transient and driven:
         yield from swapped(record)
         yield from responses.already_moving(record, test.band, test.settle)
-        yield from untimely(record, test.delay, is_sweep=True)
+        yield from examined_sweep(record, test.band, test.delay).faults
     elif traits.is_steady:
         dwell = test.dwell if traits.is_stepped else None
         yield from responses.unsteady(record, test.tones, test.settle, dwell)
@@ -412,4 +412,4 @@ def _believable(
         yield from responses.gives_energy(forced_loop(record))
         yield from degrading(forced_loop(record), laws)
     elif traits.is_free:
-        yield from not_free(record, test.band, test.settle)
+        yield from examined_decay(record, test.band, test.settle).faults

@@ -49,6 +49,8 @@ class Reading(NamedTuple):
     damping: float
     left: float = np.nan  # of the response near resonance, by the linear oscillator, over its rms
     third: float = np.nan  # third harmonic of the displacement over the first, at the largest
+    frequency_sd: float = np.nan  # standard deviation of the frequency [Hz]
+    damping_sd: float = np.nan
 
     @property
     def holds(self) -> bool:
@@ -138,12 +140,14 @@ def read_resonance(
     centre = float(omega[int(np.argmax(np.abs(omega * y)))])
     half, least = WIDE * centre, LEAST_POINTS if is_curve else LEAST_LINES
     damping = residual = np.nan
+    sds = np.nan, np.nan
     for _ in range(ROUNDS):
         away = np.abs(omega - centre)
         near = away <= max(half, float(np.sort(away)[min(least, len(away)) - 1]))
-        centre, damping, residual = _through(omega[near], source[near], y[near], is_curve)
+        centre, damping, residual, *sds = _through(omega[near], source[near], y[near], is_curve)
         half = min(half, HALF_WIDTHS * abs(damping) * centre)
-    return Reading(np.nan, centre / (2 * np.pi), damping, residual)
+    sd_hz, sd_damping = float(sds[0]) / (2 * np.pi), float(sds[1])
+    return Reading(np.nan, centre / (2 * np.pi), damping, residual, np.nan, sd_hz, sd_damping)
 
 
 def _through(
@@ -151,8 +155,11 @@ def _through(
     source: Complex[np.ndarray, " line"],
     y: Complex[np.ndarray, " line"],
     is_curve: bool,
-) -> tuple[float, float, float]:
-    """Natural frequency [rad/s], damping ratio, and what is left of the response over its rms."""
+) -> tuple[float, float, float, float, float]:
+    """Natural frequency [rad/s], damping ratio, residual over the rms; errors of the first two.
+
+    Standard deviations are those of the linear least squares, by its residual.
+    """
     # What velocities or accelerations lack of a displacement adds the third.
     ends = [] if is_curve else [np.ones_like(y), 1j * omega, 1 / (1j * omega)]
     columns = np.column_stack([y, 1j * omega * y, -source, *(-column for column in ends)])
@@ -162,6 +169,9 @@ def _through(
     target = omega**2 * y
     both = np.concatenate([np.real(target), np.imag(target)])
     coefficients = np.linalg.lstsq(stacked, both)[0] / scale
+    degrees = max(len(both) - stacked.shape[1], 1)
+    variance = float(np.sum((both - stacked @ (coefficients * scale)) ** 2)) / degrees
+    spread = variance * np.diag(np.linalg.pinv(stacked.T @ stacked)) / scale**2
     if not coefficients[0] > 0.0:
         raise DataError("The lines about the largest response show no resonance.")
     model = -(columns[:, 2:] @ coefficients[2:]) / (
@@ -169,7 +179,9 @@ def _through(
     )
     residual = np.linalg.norm(y - model) / np.linalg.norm(y)
     omega_n = float(np.sqrt(coefficients[0]))
-    return omega_n, float(coefficients[1] / (2 * omega_n)), float(residual)
+    sds = np.sqrt(spread[:2]) / (2 * omega_n)
+    damping = float(coefficients[1] / (2 * omega_n))
+    return omega_n, damping, float(residual), float(sds[0]), float(sds[1])
 
 
 def _weighed(envelope: Complex[np.ndarray, " value"]) -> float:

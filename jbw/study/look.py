@@ -13,23 +13,26 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Complex, Float
+from scipy.special import fdtrc
 
 from jbw.campaign.gains import force_per_unit, gain_of
 from jbw.campaign.load import Campaign
 from jbw.campaign.tables import TestSpec
 from jbw.errors import DataError, JbwError
-from jbw.identification.diagnosis import diagnose
 from jbw.identification.shaker import read_shaker, shaker_sentence
 from jbw.measurement.channels import rms
 from jbw.measurement.curves import ForcedLoop, forced_loop
 from jbw.measurement.delays import on_time
-from jbw.measurement.envelopes import bands_of, readings
+from jbw.measurement.envelopes import bands_of
+from jbw.measurement.hypotheses.examine import examined_decay, examined_sweep
 from jbw.measurement.loops import readings_of_cycles
 from jbw.measurement.nonlinearity import coherence_at_resonance, seen_in
+from jbw.measurement.readings.statement import LEAST_RANGE, RECORDS, Table, Trend, laws_with, trend
+from jbw.measurement.readings.table import RecordReading
 from jbw.measurement.records import INPUTS, Record, Test, drive_of
 from jbw.measurement.resonances import (
+    MISSED,
     WIDE,
-    AmplitudeCurve,
     Reading,
     driven_lines,
     locked_sentence,
@@ -37,10 +40,8 @@ from jbw.measurement.resonances import (
     read_lines,
     readings_of_points,
 )
-from jbw.measurement.spectra import strongest_line
 from jbw.observables.harmonic_groups import groups_of
-from jbw.quantities import UNIT_OF, derivative_order, per
-from jbw.report.messages import effects
+from jbw.quantities import UNIT_OF, per
 from jbw.report.messages import look as messages
 from jbw.report.messages.look import NO_OSCILLATOR
 from jbw.report.messages.study import no_shaker
@@ -54,15 +55,17 @@ CHANGED = 0.5  # scatter of repeats over their mean from where on they are no re
 # What a record that shows nothing ends a reading with: it is named, and the others are read.
 UNREADABLE = (DataError, ValueError, np.linalg.LinAlgError)
 NUM_SHOWN = 2000  # lines of a response that are drawn
-UNITS = {"y": "m", "frequency_hz": "Hz", "damping": "1"}
-MEANING = {"y": "motion", "frequency_hz": "natural frequency", "damping": "damping ratio"}
-Values = Float[np.ndarray, " reading"]
-Band = tuple[float, float, float]  # ends and middle of 99 %
-# Of the frequency, and of the damping at rest: below, leakage and noise may make it.
-LEAST_CHANGE = (1e-4, 0.03)
-SURE = 3.0  # standard deviations from where on a change is none of chance
+UNITS = {"y": "m", "frequency_hz": "Hz", "damping": "1", "frequency_sd": "Hz", "damping_sd": "1"}
+MEANING = {
+    "y": "motion", "frequency_hz": "natural frequency", "damping": "damping ratio",
+    "frequency_sd": "standard deviation of the frequency",
+    "damping_sd": "standard deviation of the damping ratio",
+}  # fmt: skip
 WORN = 0.02  # of the secant stiffness of equal cycles: less is how a rig repeats
 CLEAR = 0.2  # of half width and of damping: no noise that leaves a resonance to be read does it
+RISES = 1e-3  # chance that offsets of records go with their order, or with runs, by themselves
+ORDERED = 4  # records, of which an order is told
+PLATEAU = 3  # readings below an onset, by which the structure is linear there
 
 
 class ShownResponse(NamedTuple):
@@ -75,10 +78,11 @@ class ShownResponse(NamedTuple):
 
 @dataclass(frozen=True)
 class Look:
-    """Result of `look`: `record` in plain values, readings and responses by test."""
+    """Result of `look`: `record` in plain values, readings, tables and responses by test."""
 
     record: dict[str, Any]
     readings: dict[str, list[Reading]]
+    tables: dict[str, list[Table]]
     responses: dict[str, ShownResponse]
 
 
@@ -90,6 +94,7 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
         report: Called with one sentence a test.
     """
     readings_of: dict[str, list[Reading]] = {}
+    tables_of: dict[str, list[Table]] = {}
     responses: dict[str, ShownResponse] = {}
     rows, unread, per_unit = [], {}, force_per_unit(campaign)
     campaign = replace(campaign, tests=tuple(_of_first_mode(campaign)))
@@ -97,9 +102,10 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
         report(f"Reading {name}")
         try:
             read, response = _read(tests, gain_of(per_unit, drive_of(tests[0])))
-            held = [reading for reading in read if reading.holds]
-            if len(held) < len(read):
-                left_out = f"{len(read) - len(held)} of {len(read)} readings of {name}"
+            held = [kept for one in read if (kept := _holding(one)) is not None]
+            count, num = (sum(len(one.rows) for one in some) for some in (held, read))
+            if count < num:
+                left_out = f"{num - count} of {num} readings of {name}"
                 unread[left_out] = NO_OSCILLATOR
             if not held:
                 continue
@@ -107,7 +113,8 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
         except UNREADABLE as why:
             unread[name] = str(why).splitlines()[0]
             continue
-        readings_of[name] = held
+        readings_of[name] = [row for one in held for row in one.rows]
+        tables_of[name] = [one.table for one in held]
         if response is not None:
             responses[name] = response
     loops = []
@@ -124,8 +131,9 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
         "unread": unread,
         "seen": [sentence for test in campaign.tests for sentence in _seen(test)],
     }
-    sentences = statements(record, readings_of, _modes_hz(campaign))
-    return Look(record | {"statements": sentences}, readings_of, responses)
+    found = statements(record, tables_of, _modes_hz(campaign))
+    facts = {"statements": found.sentences, "laws": list(found.laws)}
+    return Look(record | facts, readings_of, tables_of, responses)
 
 
 def _modes_hz(campaign: Campaign) -> tuple[float, ...]:
@@ -199,35 +207,101 @@ def _curves(tests: Sequence[Test]) -> dict[str, list[Test]]:
     return groups_of_tests
 
 
-def _read(tests: Sequence[Test], gain: float | None) -> tuple[list[Reading], ShownResponse | None]:
+class RecordRead(NamedTuple):
+    """One record: its rows, and the same as a table with covariances."""
+
+    rows: tuple[Reading, ...]
+    table: Table
+
+
+def _read(
+    tests: Sequence[Test], gain: float | None
+) -> tuple[list[RecordRead], ShownResponse | None]:
     traits = tests[0].traits
     if traits.is_controlled:
-        return [reading for test in tests for reading in readings_of_points(test, gain)], None
+        return [_of_rows([row]) for test in tests for row in readings_of_points(test, gain)], None
     if traits.is_free:
-        return [reading for test in tests for reading in _of_decays(test)], None
+        return [one for test in tests for one in _of_decays(test)], None
     if traits.is_steady or traits.is_curve:
         return _of_harmonics(tests)
     if not traits.is_driven or traits.is_plain:
         raise DataError(f"Tests of kind {tests[0].kind} show no resonance without a model.")
     timely = [on_time(test) for test in tests]
     lines = [driven_lines(record, test.band_hz) for test in timely for record in test.records]
-    lines_read = [read_lines(reading) for reading in lines]
-    return lines_read, _shown(*lines[0][:3], lines_read[0], tests[0])
+    linear = [read_lines(reading) for reading in lines]
+    of_records = [_of_rows([row]) for row in linear]
+    if traits.is_transient:
+        records = [(record, test) for test in tests for record in test.records]
+        of_records = [
+            _of_sweep(record, test) or alone
+            for (record, test), alone in zip(records, of_records, strict=True)
+        ]
+    return of_records, _shown(*lines[0][:3], linear[0], tests[0])
 
 
-def _of_decays(test: Test) -> Iterator[Reading]:
-    """Along the envelopes of a test's decays, in its band or in one about its strongest line."""
-    record = test.records[0]
-    if test.band_hz is None:
-        peak = strongest_line(record.channels[record.response], record.fs, window="boxcar")
-        test = replace(test, band_hz=((1 - WIDE) * peak, (1 + WIDE) * peak))
-    order = derivative_order(record.response)
-    for reading in readings(test):
-        y = reading.amplitude / (2 * np.pi * reading.frequency_hz) ** order
-        yield from map(Reading, y.tolist(), reading.frequency_hz.tolist(), reading.damping.tolist())
+def _of_rows(rows: Sequence[Reading]) -> RecordRead:
+    """Rows that do not know of each other, as a table."""
+    y, hz, zeta, hz_sd, zeta_sd = (
+        np.array([getattr(row, name) for row in rows], float)
+        for name in ("y", "frequency_hz", "damping", "frequency_sd", "damping_sd")
+    )
+    variances = (np.diag(np.nan_to_num(sd) ** 2) for sd in (hz_sd, zeta_sd))
+    return RecordRead(tuple(rows), Table(y, hz, zeta, *variances))
 
 
-def _of_harmonics(tests: Sequence[Test]) -> tuple[list[Reading], ShownResponse]:
+def _of_reading(read: RecordReading) -> RecordRead:
+    """The table of a decay or a sweep, from the smallest amplitude on."""
+    table = Table(
+        read.y[::-1], read.hz[::-1], read.zeta[::-1], read.hz_covariance[::-1, ::-1],
+        read.zeta_covariance[::-1, ::-1], read.chance,
+    )  # fmt: skip
+    sds = (np.sqrt(np.diag(x)) for x in (table.hz_covariance, table.zeta_covariance))
+    columns = table.y, table.hz, table.zeta, *sds
+    rows = tuple(
+        Reading(y, hz, zeta, read.linear_residual, np.nan, hz_sd, zeta_sd)
+        for y, hz, zeta, hz_sd, zeta_sd in zip(*(x.tolist() for x in columns), strict=True)
+    )
+    return RecordRead(rows, table)
+
+
+def _of_decays(test: Test) -> Iterator[RecordRead]:
+    """Every record of a test, in its band or in one about its strongest line."""
+    found = [examined_decay(record, test.band_hz, test.settle) for record in test.records]
+    read = [one.reading for one in found if one.reading is not None]
+    if not read:
+        faults = [fault.what for one in found for fault in one.faults]
+        why = faults[0] if faults else "Its records hold too few values in `band`."
+        raise DataError(f"Test {test.name} shows no free decay of one mode. {why}")
+    yield from map(_of_reading, read)
+
+
+def _of_sweep(record: Record, test: Test) -> RecordRead | None:
+    """A record of a sweep; None of a drive that is none."""
+    read = examined_sweep(record, test.band_hz, test.delay).reading
+    return None if read is None or read.residual > MISSED else _of_reading(read)
+
+
+def _holding(one: RecordRead) -> RecordRead | None:
+    """A record without rows that are no oscillator's; None where none is left."""
+    holds = np.array([row.holds for row in one.rows])
+    if np.all(holds):
+        return one
+    kept = np.flatnonzero(holds)
+    if not len(kept):
+        return None
+    square = np.ix_(kept, kept)
+    table = one.table
+    return RecordRead(
+        tuple(one.rows[i] for i in kept),
+        table._replace(
+            y=table.y[kept], hz=table.hz[kept], zeta=table.zeta[kept],
+            hz_covariance=table.hz_covariance[square],
+            zeta_covariance=table.zeta_covariance[square],
+        ),
+    )  # fmt: skip
+
+
+def _of_harmonics(tests: Sequence[Test]) -> tuple[list[RecordRead], ShownResponse]:
     """From the first harmonics of a curve, near its largest motion."""
     groups = [group for group in groups_of(list(tests)) if group.order == 1]
     if not groups:
@@ -238,18 +312,24 @@ def _of_harmonics(tests: Sequence[Test]) -> tuple[list[Reading], ShownResponse]:
         top = int(np.argmax(np.abs(y)))
         third = abs(group.motion[top, 1] / y[top]) if group.motion.shape[1] > 1 else 0.0
         read = read_curve(group.omega, group.load[:, 0].astype(complex), y)
-        readings_found.append(read._replace(third=float(third) or np.nan))
+        readings_found.append(_of_rows([read._replace(third=float(third) or np.nan)]))
     first = groups[0]
     load, motion = (x[:, 0].astype(complex) for x in (first.load, first.motion))
-    return readings_found, _shown(first.omega, load, motion, readings_found[0], tests[0])
+    return readings_found, _shown(first.omega, load, motion, readings_found[0].rows[0], tests[0])
 
 
-def _row(name: str, test: Test, readings: Sequence[Reading]) -> dict[str, Any]:
-    """Means over the records of a test, and their scatter."""
-    columns = {
-        key: np.array([getattr(reading, key) for reading in readings]) for key in Reading._fields
+def _row(name: str, test: Test, records: Sequence[RecordRead]) -> dict[str, Any]:
+    """Frequency and damping of a test at its largest motion: means over records, and errors.
+
+    The error is the standard deviation between records where there are several, else a record's.
+    """
+    tops = [max(one.rows, key=lambda row: row.y) for one in records]
+    columns = {key: np.array([getattr(row, key) for row in tops]) for key in Reading._fields}
+    spread = {
+        key: float(np.std(columns[of], ddof=1)) if len(tops) > 1 else _finite(columns[key][0])
+        for key, of in (("frequency_sd", "frequency_hz"), ("damping_sd", "damping"))
     }
-    scatter = len(readings) > 1 and not (test.traits.is_free or test.traits.is_controlled)
+    means = {key: _finite(np.mean(values)) for key, values in columns.items()}
     return {
         "test": name,
         "kind": test.kind,
@@ -258,10 +338,10 @@ def _row(name: str, test: Test, readings: Sequence[Reading]) -> dict[str, Any]:
         "records": len(test.records),
         "run": test.run or None,
         "assembly": test.assembly or None,
-        **{key: _finite(np.mean(values)) for key, values in columns.items()},
+        **means,
+        **spread,
+        "y_min": min(row.y for one in records for row in one.rows),
         "y_max": float(columns["y"].max()),
-        "frequency_sd": float(np.std(columns["frequency_hz"], ddof=1)) if scatter else None,
-        "damping_sd": float(np.std(columns["damping"], ddof=1)) if scatter else None,
         "noise": _scatter(test),
         "coherence": _coherence(test),
     }
@@ -356,24 +436,29 @@ def read_of_shaker(spec: TestSpec, record: Record) -> str:
         return no_shaker(spec.name, " ".join(str(error).split()))
 
 
+class Statements(NamedTuple):
+    """Sentences on a structure, and the laws that its readings propose, the simplest first."""
+
+    sentences: list[str]
+    laws: tuple[str, ...]
+
+
 def statements(
-    record: Mapping[str, Any], by_test: Mapping[str, list[Reading]], modes_hz: Sequence[float] = ()
-) -> list[str]:
-    """Whether the structure is linear over the levels, and how frequency and damping change.
+    record: Mapping[str, Any], by_test: Mapping[str, list[Table]], modes_hz: Sequence[float] = ()
+) -> Statements:
+    """Say whether records differ, whether frequency and damping change with amplitude, and how.
 
     Of several modes each is told by itself, by the readings that are nearest to its frequency.
     """
-    readings = sorted(
-        (reading for test in by_test.values() for reading in test), key=lambda reading: reading.y
-    )
-    sentences = []
-    for hz, of_mode in _by_mode(readings, modes_hz).items():
-        rows = [row for row in record["tests"] if _nearest(row["frequency_hz"], modes_hz) == hz]
-        answer = nonlinear(of_mode)
-        answers = [answer.sentence, *(onset(rows, of_mode) if answer.is_seen else [])]
-        sentences += (
-            answers if hz is None else [messages.of_mode(hz, sentence) for sentence in answers]
-        )
+    sentences, laws = [], ()
+    labels = {row["test"]: row["assembly"] or row["run"] or "" for row in record["tests"]}
+    for hz, tables in _by_mode(by_test, modes_hz).items():
+        answer = nonlinear([table for _, table in tables], [labels.get(n, "") for n, _ in tables])
+        laws = laws or answer.laws
+        sentences += [
+            sentence if hz is None else messages.of_mode(hz, sentence)
+            for sentence in answer.sentences
+        ]
     sentences += days(record["tests"])
     coherent = [row for row in record["tests"] if row["coherence"] is not None]
     if len(coherent) > 1:
@@ -389,18 +474,20 @@ def statements(
     reasons: dict[str, list[str]] = {}
     for name, why in record["unread"].items():
         reasons.setdefault(why, []).append(name)
-    return [*sentences, *(messages.not_read(names, why) for why, names in reasons.items())]
+    unread = [messages.not_read(names, why) for why, names in reasons.items()]
+    return Statements([*sentences, *unread], laws)
 
 
 def _by_mode(
-    readings: Sequence[Reading], modes_hz: Sequence[float]
-) -> dict[float | None, list[Reading]]:
-    """Readings by the frequency of the mode that they are nearest to, in the order of these."""
-    groups = {
-        mode_hz: [] for mode_hz in (_nearest(mode_hz, modes_hz) for mode_hz in modes_hz or (1.0,))
+    by_test: Mapping[str, list[Table]], modes_hz: Sequence[float]
+) -> dict[float | None, list[tuple[str, Table]]]:
+    """Tables with their tests, by the frequency of the mode that they are nearest to."""
+    groups: dict[float | None, list[tuple[str, Table]]] = {
+        _nearest(mode_hz, modes_hz): [] for mode_hz in modes_hz or (1.0,)
     }
-    for reading in readings:
-        groups[_nearest(reading.frequency_hz, modes_hz)].append(reading)
+    for name, tables in by_test.items():
+        for table in tables:
+            groups[_nearest(float(np.mean(table.hz)), modes_hz)].append((name, table))
     return {hz: group for hz, group in groups.items() if group}
 
 
@@ -412,10 +499,11 @@ def _nearest(frequency_hz: float, modes_hz: Sequence[float]) -> float | None:
 
 
 class Nonlinear(NamedTuple):
-    """Whether frequency or damping are seen to change with amplitude, and the sentence on it."""
+    """Whether frequency or damping are seen to change with amplitude; sentences; likely laws."""
 
     is_seen: bool
-    sentence: str
+    sentences: list[str]
+    laws: tuple[str, ...] = ()
 
 
 def _worn(loop: Mapping[str, Any]) -> str | None:
@@ -430,81 +518,91 @@ def _worn(loop: Mapping[str, Any]) -> str | None:
     return messages.worn(loop["test"], loop["cycles"].index(last) + 1, change)
 
 
-def nonlinear(readings: Sequence[Reading]) -> Nonlinear:
-    """Whether frequency or damping change with amplitude, of readings in its order."""
-    columns = (np.array([getattr(row, name) for row in readings]) for name in Reading._fields[:3])
-    y, frequency, damping = columns
-    diagnosis = diagnose(AmplitudeCurve(y, 2 * np.pi * frequency, damping))
-    if diagnosis is None:
-        return _between_ends(y, frequency, damping)
-    turn, softening = diagnosis.turn, diagnosis.softening
-    least_damping = LEAST_CHANGE[1] * abs(float(damping[0]))
-    changes = [
-        effects.turning(*turn)
-        if turn is not None
-        else _change("frequency", softening, LEAST_CHANGE[0], diagnosis.softening_exponent),
-        _change("damping ratio", diagnosis.damping, least_damping, diagnosis.damping_exponent),
+def nonlinear(tables: Sequence[Table], labels: Sequence[str] = ()) -> Nonlinear:
+    """Return whether frequency and damping change with amplitude, by one table a record.
+
+    Args:
+        tables: In the order in which the records were measured.
+        labels: Run or assembly of each; empty where none is stated.
+    """
+    y = [
+        min(float(table.y.min()) for table in tables),
+        max(float(table.y.max()) for table in tables),
     ]
-    unchanged = [messages.no_change("frequency"), messages.no_change("damping ratio")]
-    is_seen = turn is not None or changes != unchanged
-    return Nonlinear(is_seen, messages.nonlinear(is_seen, y.tolist(), changes))
+    hz, zeta = trend(tables, "hz"), trend(tables, "zeta")
+    differ = _differing(hz, zeta, labels)
+    if y[1] < LEAST_RANGE * y[0]:
+        return Nonlinear(False, [*differ, messages.one_amplitude(y[1], len(tables))])
+    if not (hz.is_seen or zeta.is_seen) and all(len(table.y) == 1 for table in tables):
+        return _between_ends(sorted(tables, key=lambda table: float(table.y[0])), differ)
+    changes = [_change("frequency", hz), _change("damping ratio", zeta)]
+    is_seen = hz.is_seen or zeta.is_seen
+    sentences = [*differ, messages.nonlinear(is_seen, y, len(tables), changes)]
+    laws = laws_with(hz, zeta) if is_seen else ()
+    if laws:
+        sentences.append(messages.likely_laws(laws))
+    if hz.is_seen and hz.onset is not None:
+        plateau = sum(int(np.sum(table.y < hz.onset)) for table in tables)
+        sentences.append(messages.onset(hz.onset, is_linear=plateau >= PLATEAU))
+    return Nonlinear(is_seen, sentences, laws)
 
 
-def _change(what: str, band: Band, least: float, power: Band) -> str:
-    """How one quantity changes, as a part of a sentence; a softening falls where it is positive."""
-    low, middle, high = sorted(band)
-    if low <= 0.0 <= high or abs(middle) < least:
-        return messages.no_change(what)
-    size = sorted(100 * abs(x) for x in band)
-    falls = (middle > 0.0) == (what == "frequency")
+def _change(what: str, seen: Trend) -> str:
+    """How one quantity changes, as a part of a sentence."""
     unit = "" if what == "frequency" else " of critical damping"
-    return messages.change(what, (size[0], size[1], size[2]), power, falls=falls, unit=unit)
+    if not seen.is_seen:
+        return messages.no_change(what, seen.change, seen.change_sd, unit)
+    if seen.turn is not None:
+        return messages.turning(what, *seen.turn, seen.change)
+    return messages.change(what, seen.change, seen.change_sd, seen.exponent, unit)
 
 
-def _between_ends(y: Values, frequency: Values, damping: Values) -> Nonlinear:
-    """The same of too few readings for an exponent: the last held against the first."""
-    half_width = abs(float(damping[0]))
-    if len(frequency) < 2:
-        return Nonlinear(False, messages.one_reading(float(y[0])))
-    shift, growth = float(frequency[-1] / frequency[0] - 1), float(damping[-1] / damping[0] - 1)
+def _differing(hz: Trend, zeta: Trend, labels: Sequence[str]) -> list[str]:
+    """What is said of records that differ at equal amplitude, and what they go with."""
+    seen = [
+        (name, one.scatter)
+        for name, one in (("frequency", hz), ("damping ratio", zeta))
+        if one.records_chance < RECORDS and one.scatter > 0
+    ]
+    if not seen:
+        return []
+    offsets = np.array(
+        [offset for offset, _ in (hz if seen[0][0] == "frequency" else zeta).offsets]
+    )
+    return [messages.records_differ(seen, _goes_with(offsets, labels))]
+
+
+def _goes_with(offsets: np.ndarray, labels: Sequence[str]) -> str:
+    """With what the offsets of records go: runs or assemblies, their order, or nothing known."""
+    count = len(offsets)
+    groups = [offsets[[label == name for label in labels]] for name in dict.fromkeys(labels)]
+    if 1 < len(groups) < count:
+        within = sum(float(np.sum((group - group.mean()) ** 2)) for group in groups)
+        total = float(np.sum((offsets - offsets.mean()) ** 2))
+        ratio = (total - within) / (len(groups) - 1) / (within / (count - len(groups)) + 1e-300)
+        if fdtrc(len(groups) - 1, count - len(groups), ratio) < RISES:
+            return "runs"
+    if count >= ORDERED:
+        r = float(np.corrcoef(np.arange(count), offsets)[0, 1])
+        ratio = r**2 * (count - 2) / max(1 - r**2, 1e-300)
+        if fdtrc(1, count - 2, ratio) < RISES:
+            return "order"
+    return ""
+
+
+def _between_ends(tables: Sequence[Table], differ: list[str]) -> Nonlinear:
+    """The same of one reading a record, too few for a test: the last against the first."""
+    y, frequency, damping = (
+        [float(getattr(table, name)[0]) for table in tables] for name in ("y", "hz", "zeta")
+    )
+    half_width = abs(damping[0])
+    shift, growth = frequency[-1] / frequency[0] - 1, damping[-1] / damping[0] - 1
     shifts, grows = abs(shift) > CLEAR * half_width, abs(growth) > CLEAR
     kind = ("softens" if shift < 0 else "hardens") if shifts else "changes its damping"
-    ends = float(damping[0]), float(damping[-1])
+    ends = damping[0], damping[-1]
     kind = kind if shifts or grows else ""
-    sentence = messages.between_ends(y.tolist(), shift, abs(shift) / half_width, ends, kind)
-    return Nonlinear(shifts or grows, sentence)
-
-
-def onset(rows: Sequence[Mapping[str, Any]], readings: Sequence[Reading]) -> list[str]:
-    """From which motion on the frequency differs from that of the weakest, as records scatter."""
-    scattering = [row for row in rows if row["frequency_sd"]]
-    if len(scattering) > 1:
-        y, frequency = (np.array([row[key] for row in scattering]) for key in ("y", "frequency_hz"))
-        sd = frequency * rms([row["frequency_sd"] / row["frequency_hz"] for row in scattering])
-        names = [row["test"] for row in scattering]
-    elif len(readings) > 3:
-        y, frequency = (
-            np.array([getattr(row, key) for row in readings]) for key in Reading._fields[:2]
-        )
-        # Of neighbours that a curve joins, what the second differences leave.
-        sd = np.full(len(y), np.std(np.diff(frequency, 2)) / np.sqrt(6.0))
-        names = [""] * len(y)
-    else:
-        return []
-    least = np.maximum(SURE * np.hypot(sd, sd[0]), LEAST_CHANGE[0] * frequency[0])
-    change = frequency - frequency[0]
-    shifted = np.where(np.abs(change) > least, np.sign(change), 0.0)
-    if not shifted[-1]:
-        return []
-    first = _last_onset(shifted)
-    return [messages.onset(float(y[first]), names[first], SURE)]
-
-
-def _last_onset(shifted: Values) -> int:
-    """From which reading on all are shifted, -1 or 1, but where the shift changes its sign."""
-    at = np.flatnonzero(shifted)
-    is_broken = (np.diff(at) > 1) & (np.diff(shifted[at]) == 0)
-    return int(at[0] if not np.any(is_broken) else at[1 + np.flatnonzero(is_broken)[-1]])
+    sentence = messages.between_ends(y, shift, abs(shift) / half_width, ends, kind)
+    return Nonlinear(shifts or grows, [*differ, sentence])
 
 
 def days(rows: Sequence[Mapping[str, Any]]) -> list[str]:

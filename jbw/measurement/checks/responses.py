@@ -5,14 +5,16 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from jbw.errors import JbwError
+from jbw.errors import DataError, JbwError
 from jbw.measurement.channels import Reals, lines_within
 from jbw.measurement.checks.faults import Fault, doubt, refusal
 from jbw.measurement.curves import ForcedLoop, MeasuredCurve, displacement_of
+from jbw.measurement.demodulation import band_filter
 from jbw.measurement.harmonics import NOISE_FLOOR, Harmonics, harmonics
 from jbw.measurement.records import INPUTS, Record
 from jbw.measurement.resonances import driven_lines
 from jbw.quantities import derivative_order
+from jbw.report.messages import decay_faults as decay_messages
 from jbw.report.messages import response_faults as messages
 
 THIRD = 3  # the highest order looked at
@@ -30,6 +32,9 @@ ELSEWHERE = 0.3  # of the power of a displacement: more is no flank of one reson
 STANDS_OUT = 5.0  # times the median around: of 1000 lines of noise the largest is 3.2 times it
 FEW = 256  # samples of a displacement: fewer are points that somebody read off
 PERIODS = 8  # of a record at least, where a line is taken for a mode
+FEWEST_VALUES = 16  # of an envelope, before anything is said of it
+WIDENED = (1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0)  # times a band
+LOWEST = 0.2  # of its centre, at the least
 DECAYED = 0.9  # last quarter of a decay over its first: more is no decay
 
 
@@ -264,3 +269,35 @@ def _around(freq: Reals, size: Reals) -> Reals:
         strict=True,
     )
     return np.interp(freq, middles, medians)
+
+
+def too_short(record: Record, band: tuple[float, float], settle: float) -> Iterator[Fault]:
+    """The refusal of a record that holds too few independent values in its band."""
+    size = record.num_samples - round(settle * record.fs)
+    count = _num_values(band, size, record.fs)
+    if count >= FEWEST_VALUES:
+        return
+    centre, half = (band[0] + band[1]) / 2, (band[1] - band[0]) / 2
+    wider = (
+        (float(f"{centre - k * half:.3g}"), float(f"{centre + k * half:.3g}")) for k in WIDENED
+    )
+    enough = (
+        (low, high)
+        for low, high in wider
+        if LOWEST * centre < low < high < record.fs / 2
+        and _num_values((low, high), size, record.fs) >= FEWEST_VALUES
+    )
+    narrowest = next(enough, None)
+    remedy = decay_messages.put_wider_band(*narrowest) if narrowest else decay_messages.LONGER
+    length = size / record.fs, size / record.fs * centre
+    fault = decay_messages.few_values(count, FEWEST_VALUES, band, length, remedy)
+    yield refusal(record.response, *fault)
+
+
+def _num_values(band: tuple[float, float], size: int, fs: float) -> int:
+    """Independent values that a record of some samples has in a band."""
+    try:
+        chosen = band_filter(band, fs)
+    except DataError:  # a band that no record resolves
+        return 0
+    return max(0, -(-(size - 2 * chosen.half) // chosen.step))

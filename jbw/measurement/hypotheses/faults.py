@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 
+from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.hypotheses.hypothesis import (
     UNEXPLAINED,
     UNEXPLAINED_SHARE,
@@ -16,14 +17,13 @@ from jbw.measurement.hypotheses.second_blow import SecondBlow
 from jbw.measurement.hypotheses.second_mode import SecondMode
 from jbw.measurement.hypotheses.steady_line import SteadyLine
 from jbw.report.messages import decay_faults as messages
-from jbw.report.messages.message import FaultText
 
 HYPOTHESES: tuple[Hypothesis, ...] = (
     SecondBlow(), Delay(), Clock(), LostBlock(), SteadyLine(), SecondMode(),
 )  # fmt: skip
 
 
-def explained(fits: Fits, facts: Facts) -> Iterator[tuple[str, FaultText]]:
+def explained(fits: Fits, facts: Facts) -> Iterator[tuple[str, Fault]]:
     """Yield the one cause of what a mode leaves of a record: name, and what to say of it."""
     left = remainder(fits)
     if left.is_noise:
@@ -32,4 +32,4 @@ def explained(fits: Fits, facts: Facts) -> Iterator[tuple[str, FaultText]]:
     if named is not None:
         yield named.hypothesis.name, named.hypothesis.fault(named.values, fits, facts)
     elif left.rms > UNEXPLAINED and left.share > UNEXPLAINED_SHARE:
-        yield "unexplained", messages.unexplained(left.share)
+        yield "unexplained", doubt(facts.record.response, *messages.unexplained(left.share))

@@ -11,11 +11,11 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from jbw.measurement.channels import Complexes, Reals
+from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.hypotheses.hypothesis import Facts, Fits, joint_fit
 from jbw.measurement.readings.sweep import Cause, SweepFits, SweepSignal, late
 from jbw.measurement.spans import kept_before
 from jbw.report.messages import clock_faults as messages
-from jbw.report.messages.message import FaultText
 
 OTHER_SIGN = 0.45  # of a period
 LEAST_DELAY, LEAST_DRIFT, LEAST_STEP = 0.02, 0.08, 0.05  # of a period; the drift along the record
@@ -40,9 +40,9 @@ class _Lag:
         """Return the lag at every time, in mean periods."""
         raise NotImplementedError
 
-    def causes(self, fits: Fits) -> Iterator[Cause]:
+    def causes(self, fits: Fits, basis: str) -> Iterator[Cause]:
         """Yield the lag from several starts."""
-        if not isinstance(fits, SweepFits):
+        if not isinstance(fits, SweepFits) or basis != "linear":
             return
         period = fits.signal.mean_period_s
 
@@ -66,12 +66,15 @@ class Delay(_Lag):
         """Return whether it is 2 % of a period and not the other sign."""
         return LEAST_DELAY <= abs(values[0]) <= OTHER_SIGN
 
-    def fault(self, values: Reals, fits: Fits, facts: Facts) -> FaultText:
+    def fault(self, values: Reals, fits: Fits, facts: Facts) -> Fault:
         """Name lag and stated delay."""
         assert isinstance(fits, SweepFits)
         seconds = facts.delay_s + float(values[0]) * fits.signal.mean_period_s
         way = "lags behind" if seconds > 0 else "leads"
-        return messages.another_delay(way, abs(seconds), facts.delay_s, seconds)
+        return doubt(
+            facts.record.response,
+            *messages.another_delay(way, abs(seconds), facts.delay_s, seconds),
+        )
 
 
 class Clock(_Lag):
@@ -88,14 +91,16 @@ class Clock(_Lag):
         """Return whether it changes by 8 % of a period along the record."""
         return abs(values[0]) <= OTHER_SIGN and abs(values[1]) >= LEAST_DRIFT
 
-    def fault(self, values: Reals, fits: Fits, facts: Facts) -> FaultText:
+    def fault(self, values: Reals, fits: Fits, facts: Facts) -> Fault:
         """Name the difference of the clocks."""
         assert isinstance(fits, SweepFits)
         change = float(values[1]) * fits.signal.mean_period_s
         slope = change / float(np.ptp(fits.signal.time))
         fast = "fast" if slope > 0 else "slow"
         ppm = MILLION * slope
-        return messages.another_clock(abs(ppm), fast, abs(change), ppm)
+        return doubt(
+            facts.record.response, *messages.another_clock(abs(ppm), fast, abs(change), ppm)
+        )
 
 
 class LostBlock(_Lag):
@@ -103,9 +108,9 @@ class LostBlock(_Lag):
 
     name = "lost block of samples in a sweep"
 
-    def causes(self, fits: Fits) -> Iterator[Cause]:
+    def causes(self, fits: Fits, basis: str) -> Iterator[Cause]:
         """Yield steps at the two best of several places."""
-        if not isinstance(fits, SweepFits):
+        if not isinstance(fits, SweepFits) or basis != "linear":
             return
         signal, count = fits.signal, len(fits.fits["linear"].theta)
         share = np.cumsum(np.abs(signal.z)) / np.sum(np.abs(signal.z))
@@ -142,7 +147,7 @@ class LostBlock(_Lag):
         samples = abs(values[1]) * fits.signal.mean_period_s * fits.signal.fs
         return samples >= LEAST_LOST and abs(values[1]) >= LEAST_STEP
 
-    def fault(self, values: Reals, fits: Fits, facts: Facts) -> FaultText:
+    def fault(self, values: Reals, fits: Fits, facts: Facts) -> Fault:
         """Name the time and the length of the block, and keep what comes before it."""
         assert isinstance(fits, SweepFits)
         signal = fits.signal
@@ -150,4 +155,7 @@ class LostBlock(_Lag):
         jump = float(values[1]) * signal.mean_period_s
         keep = kept_before(facts.record, at - signal.mean_period_s)
         ahead = "ahead of" if jump < 0 else "behind"
-        return messages.lost_block(at, messages.response_jumps(abs(jump), ahead), keep)
+        return doubt(
+            facts.record.response,
+            *messages.lost_block(at, messages.response_jumps(abs(jump), ahead), keep),
+        )

@@ -5,11 +5,11 @@ from collections.abc import Iterator
 import numpy as np
 
 from jbw.measurement.channels import Reals
+from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.hypotheses.hypothesis import Facts, Fits
 from jbw.measurement.readings.decay import Cause, DecayFits
 from jbw.measurement.spans import left_out_from
 from jbw.report.messages import decay_faults as messages
-from jbw.report.messages.message import FaultText
 
 PLACES = 60  # at which a jump is looked for
 APART = 0.1  # of the record between the two places that are tried
@@ -25,7 +25,7 @@ class SecondBlow:
 
     name = "second blow or lost samples in a decay"
 
-    def causes(self, fits: Fits) -> Iterator[Cause]:
+    def causes(self, fits: Fits, basis: str) -> Iterator[Cause]:
         """Yield jumps at the two places where the logarithm of the envelope steps most."""
         if isinstance(fits, DecayFits):
             yield from map(Cause, _places(fits))
@@ -36,7 +36,7 @@ class SecondBlow:
         size = np.hypot(growth, np.angle(np.exp(1j * turn)))
         return ENDS < place < 1 - ENDS and GROWTH[0] < growth < GROWTH[1] and size > LEAST
 
-    def fault(self, values: Reals, fits: Fits, facts: Facts) -> FaultText:
+    def fault(self, values: Reals, fits: Fits, facts: Facts) -> Fault:
         """Name time and size, and leave out what follows."""
         place, growth, turn = values
         assert isinstance(fits, DecayFits)
@@ -45,8 +45,10 @@ class SecondBlow:
         remedy = left_out_from(facts.record, at)
         jump = float(np.hypot(growth, np.angle(np.exp(1j * turn))))
         if abs(growth) < LOST:
-            return messages.interrupted(at, remedy)
-        return messages.second_blow(at, jump, remedy, grows=bool(growth > 0))
+            return doubt(facts.record.response, *messages.interrupted(at, remedy))
+        return doubt(
+            facts.record.response, *messages.second_blow(at, jump, remedy, grows=bool(growth > 0))
+        )
 
 
 def _places(fits: DecayFits) -> list[Reals]:

@@ -5,16 +5,17 @@ from collections.abc import Iterator
 import numpy as np
 
 from jbw.measurement.channels import Complexes, Reals
+from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.hypotheses.hypothesis import Facts, Fits, strongest_line
 from jbw.measurement.readings.decay import Cause as DecayCause
 from jbw.measurement.readings.decay import DecayFits, DecaySignal
 from jbw.measurement.readings.sweep import Cause as SweepCause
 from jbw.measurement.readings.sweep import SweepFits, SweepSignal, sweep_columns
 from jbw.report.messages import decay_faults as messages
-from jbw.report.messages.message import FaultText
 
 LEAST = 0.02  # of the amplitude at the start
 DAMPINGS = (0.2, 6.0)  # times that of the first: a mode that decays so fast or slowly is none
+NEAREST = 2.0  # damping rates of the first apart, in a sweep
 BEAT = 4.0  # damping rates of the first apart: where it is looked for within the first's own line
 
 
@@ -23,10 +24,12 @@ class SecondMode:
 
     name = "second mode in the band"
 
-    def causes(self, fits: Fits) -> Iterator[DecayCause | SweepCause]:
+    def causes(self, fits: Fits, basis: str) -> Iterator[DecayCause | SweepCause]:
         """Yield modes to both sides of the first, and at the strongest line of what is left."""
         if isinstance(fits, DecayFits):
-            yield from _in_decay(fits)
+            yield from _in_decay(fits, basis)
+            return
+        if basis != "linear":
             return
         reach = 0.3 * float(np.ptp(fits.signal.rate)) / fits.scale
         for away in (-reach, -3.0, 3.0, reach):
@@ -34,12 +37,12 @@ class SecondMode:
 
     def matters(self, values: Reals, fits: Fits) -> bool:
         """Return whether it is 2 % of a decay and decays about as the first does."""
-        if isinstance(fits, SweepFits):
-            return True
+        if isinstance(fits, SweepFits):  # nearer, it is the first one turned by a lag
+            return abs(float(values[1])) > NEAREST
         low, high = DAMPINGS
         return low < abs(values[3]) < high and float(np.hypot(*values[:2])) > LEAST
 
-    def fault(self, values: Reals, fits: Fits, facts: Facts) -> FaultText:
+    def fault(self, values: Reals, fits: Fits, facts: Facts) -> Fault:
         """Name both frequencies, and a band without the second."""
         first = _first_hz(fits)
         away = values[2] if isinstance(fits, DecayFits) else values[1]
@@ -47,7 +50,10 @@ class SecondMode:
         low, high = facts.band_hz
         middle = 0.5 * (first + second)
         band = (low, middle) if second > first else (middle, high)
-        return messages.second_mode(first, second, (_three(band[0]), _three(band[1])))
+        return doubt(
+            facts.record.response,
+            *messages.second_mode(first, second, (_three(band[0]), _three(band[1]))),
+        )
 
 
 def _three(hz: float) -> float:
@@ -66,10 +72,11 @@ def _first_hz(fits: Fits) -> float:
     return fits.signal.centre_hz + turn / (2 * np.pi)
 
 
-def _in_decay(fits: DecayFits) -> Iterator[DecayCause]:
-    signal, linear = fits.signal, fits.fits["linear"]
+def _in_decay(fits: DecayFits, basis: str) -> Iterator[DecayCause]:
+    signal = fits.signal
     sigma, omega = _rate(fits), 2 * np.pi * (_first_hz(fits) - signal.centre_hz)
-    strongest, _ = strongest_line(linear.residual, signal.step_s)
+    residual = fits.fits[basis].residual
+    strongest, _ = strongest_line(residual, signal.step_s)
 
     def with_mode(signal: DecaySignal, model: Complexes, values: Reals) -> Complexes:
         pole = 1j * (omega + values[2] * sigma) - abs(values[3]) * sigma
@@ -78,7 +85,7 @@ def _in_decay(fits: DecayFits) -> Iterator[DecayCause]:
     for side in (-1.0, 1.0):
         at = strongest if abs(strongest - omega) > 1.5 * sigma else omega + side * BEAT * sigma
         shape = np.exp((1j * at - sigma) * signal.time)
-        size = np.vdot(shape, linear.residual) / np.vdot(shape, shape) / signal.a0
+        size = np.vdot(shape, residual) / np.vdot(shape, shape) / signal.a0
         yield DecayCause(np.array([size.real, size.imag, (at - omega) / sigma, 1.0]), with_mode)
 
 

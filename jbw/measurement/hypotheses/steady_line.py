@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from jbw.measurement.channels import Complexes, Reals
+from jbw.measurement.checks.faults import Fault, doubt, refusal
 from jbw.measurement.hypotheses.hypothesis import (
     Facts,
     Fits,
@@ -16,9 +17,9 @@ from jbw.measurement.readings.decay import DecayFits, DecaySignal
 from jbw.measurement.readings.sweep import Cause as SweepCause
 from jbw.measurement.readings.sweep import SweepFits, SweepSignal
 from jbw.report.messages import decay_faults as messages
-from jbw.report.messages.message import FaultText
 
-LEAST = 5e-3  # of the amplitude at the start
+LEAST = 2e-3  # of the amplitude at the start: a weaker line matters to no reading
+SPOILS = 0.01  # of that amplitude: readings a decade below it are off by 10 %
 STANDS_OUT = 60.0  # times the local median of a sweep's residual
 
 
@@ -27,24 +28,20 @@ class SteadyLine:
 
     name = "steady line"
 
-    def causes(self, fits: Fits) -> Iterator[DecayCause | SweepCause]:
-        """Yield a line at the strongest frequency of the residual of each basis."""
-        for name in ("linear", "power"):
-            if name not in fits.fits:
-                continue
-            residual = fits.fits[name].residual
-            if isinstance(fits, DecayFits):
-                yield _in_decay(fits, residual)
-            else:
-                yield _in_sweep(fits, residual)
+    def causes(self, fits: Fits, basis: str) -> Iterator[DecayCause | SweepCause]:
+        """Yield a line at the strongest frequency of the basis' residual."""
+        residual = fits.fits[basis].residual
+        yield (
+            _in_decay(fits, residual) if isinstance(fits, DecayFits) else _in_sweep(fits, residual)
+        )
 
     def matters(self, values: Reals, fits: Fits) -> bool:
         """Return whether it is half a percent of the decay, or stands out of a sweep's residual."""
         if isinstance(fits, SweepFits):
             return remainder(fits).line > STANDS_OUT
-        return bool(np.hypot(values[0], values[1]) > LEAST)
+        return self.share(values, fits) > LEAST
 
-    def fault(self, values: Reals, fits: Fits, facts: Facts) -> FaultText:
+    def fault(self, values: Reals, fits: Fits, facts: Facts) -> Fault:
         """Name the line's frequency and size."""
         hz = fits.signal.centre_hz + self.turn(values, fits) / (2 * np.pi)
         # As many digits as tell its place among the lines of the record's spectrum.
@@ -53,8 +50,16 @@ class SteadyLine:
         )
         named = f"{hz:.{digits}g}"
         if isinstance(fits, SweepFits):
-            return messages.line_in_sweep(named)
-        return messages.steady_line(named, float(np.hypot(values[0], values[1])))
+            return doubt(facts.record.response, *messages.line_in_sweep(named))
+        share = self.share(values, fits)
+        severity = refusal if share > SPOILS else doubt
+        return severity(facts.record.response, *messages.steady_line(named, share))
+
+    def share(self, values: Reals, fits: DecayFits) -> float:
+        """Return the line's amplitude before the filter, over that of the decay at its start."""
+        mode = float(fits.fits["linear"].theta[3]) * fits.scale
+        passed = fits.signal.passed(mode) / fits.signal.passed(self.turn(values, fits))
+        return float(np.hypot(values[0], values[1])) * passed
 
     def turn(self, values: Reals, fits: Fits) -> float:
         """Return the line's frequency above the centre of the band [rad/s]."""

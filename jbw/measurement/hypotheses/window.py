@@ -1,49 +1,95 @@
-r"""An exponential window: the noise of a record decays along all of it.
+r"""An exponential window: a record was multiplied by exp(-t / tau), so that its noise decays too.
 
-Noise is read above the band, by the median of its modulus in 16 parts of the record; it decays as
-$e^{-t/\tau}$ under a window, and stays without one.
+$$\log P(t, f) = c(f) - 2 t / \tau$$
+
+of the noise outside the band, alike at all frequencies and to the record's end.
 """
 
+from typing import NamedTuple
+
 import numpy as np
-from scipy.signal import fftconvolve, firwin
+from jaxtyping import Float
+from scipy.signal import ShortTimeFFT
+from scipy.signal.windows import blackmanharris
+from scipy.special import chdtrc
 
 from jbw.measurement.channels import Reals
-from jbw.measurement.readings.slow_flow import converter_step
 
-PARTS = 16
-ABOVE = 3.2  # times the mode's frequency: above it there is noise
-LINES = (0.01, 0.15)  # this share of lines holds that share of noise: more is a mode
-FALL = 0.7  # of ln along the record, at the least
-SURE = 8.0  # standard errors
-STRAIGHT = (0.6, 1.7)  # of the fall in the second half over that in the first
+SURE = 8.0  # standard errors of the fall
+FRAMES, LINES_OF_NOISE = 10, 10  # in time and in frequency, at the least, for the noise's course
+APART = 3  # lines between two that a Blackman-Harris window leaves independent
+GROUPS, LEAST_OF_GROUP = 4, 5  # of frequencies, in which noise under a window falls alike; of lines
+SCATTERED = 0.67  # lower quartile of the noise's lines over their median, at the most
+ALIKE = 1e-3  # probability of the scatter between them and along time, at the least
+OF_MODE = 0.95  # of the mode's own decay: noise that falls faster is its skirt
+CONVERTED = 0.35  # of a converter step: rms of noise below which samples show steps, not noise
 
 
-def window_constant(x: Reals, fs: float, hz: float) -> tuple[float, float] | None:
+def window_constant(
+    x: Reals, fs: float, outside_hz: tuple[float, float], decay_rate: float, quantum: float
+) -> tuple[float, float] | None:
     """Return the time constant of a window and its standard error [s]; None where there is none.
 
     Args:
-        x: Samples of the whole record.
+        x: Samples of the decay.
         fs: Sampling frequency [Hz].
-        hz: Frequency of the mode [Hz].
+        outside_hz: Below and above these there is noise alone [Hz].
+        decay_rate: Of the mode's amplitude [1/s].
+        quantum: Step of the converter, 0 where none shows.
     """
-    edge = min(ABOVE * hz, 0.42 * fs) if ABOVE * hz < 0.4 * fs else 0.38 * fs
-    noise = fftconvolve(x - np.median(x), firwin(65, edge, pass_zero=False, fs=fs), "valid")
-    if len(noise) < 40 * PARTS:
+    size = len(x) // (2 * FRAMES)
+    if size < LINES_OF_NOISE:
         return None
-    lines = np.sort(np.abs(np.fft.rfft(noise)) ** 2)
-    if lines[-max(int(len(lines) * LINES[0]), 1) :].sum() > LINES[1] * lines.sum():
+    window = blackmanharris(2 * size, sym=False)
+    transform = ShortTimeFFT(window, size, fs)
+    spectra = np.abs(transform.stft(x - np.mean(x))) ** 2
+    complete = slice(transform.lower_border_end[1], transform.upper_border_begin(len(x))[1])
+    spectra, time = spectra[:, complete], transform.t(len(x))[complete]
+    low, high = outside_hz
+    outside = (transform.f < low) | (transform.f > high)
+    spectra = spectra[outside][1:-1:APART]
+    if len(spectra) < LINES_OF_NOISE or spectra.shape[1] < FRAMES // 2 or not spectra.min() > 0:
         return None
-    size = np.array([np.median(np.abs(part)) for part in np.array_split(noise, PARTS)])
-    if size[-4:].min() < max(0.6 * converter_step(x), 1e-13 * np.abs(x).max()):
+    quietest = np.median(spectra, axis=0).min() / np.log(2) / np.sum(window**2)
+    if np.sqrt(quietest) < CONVERTED * quantum:
         return None
-    time, logs = np.arange(PARTS)[3:], np.log(size[3:])
-    slope, level = np.polyfit(time, logs, 1)
-    spread = np.sqrt(np.sum((time - time.mean()) ** 2))
-    error = float(np.std(logs - slope * time - level, ddof=2) / spread)
-    ends = [-np.polyfit(time[part], logs[part], 1)[0] for part in (slice(6), slice(-6, None))]
-    is_straight = STRAIGHT[0] < ends[1] / ends[0] < STRAIGHT[1]
-    if -slope * len(time) < FALL or -slope < SURE * error or not is_straight:
+    groups = np.array_split(spectra, min(GROUPS, len(spectra) // LEAST_OF_GROUP))
+    logs = np.array([np.log(np.median(group, axis=0)) for group in groups])
+    count = len(spectra) // len(groups)
+    # The median of n exponential variables has the relative variance 1 / (n ln^2 2).
+    variance = 1 / (count * np.log(2) ** 2)
+    # Noise scatters about its median; the skirt of a strong line is smooth. Low values tell:
+    # the lower quartile of an exponential variable is 0.415 of its median.
+    quartiles = np.array([np.log(np.quantile(group, 0.25, axis=0)) for group in groups])
+    if np.mean(quartiles - logs) > np.log(SCATTERED):
         return None
-    part_s = len(x) / fs / PARTS
-    tau = part_s / -slope
-    return float(tau), float(tau * error / -slope)
+    # Frames overlap by half: every second is independent.
+    logs, time = logs[:, ::2], time[::2]
+    fall = _fall_of(logs, time, variance)
+    if fall.unlike < ALIKE:
+        # Of few lines those that other modes stand in are more than a median passes over.
+        modal = int(np.argmax([group.max() for group in groups]))
+        fall = _fall_of(np.delete(logs, modal, axis=0), time, variance)
+    is_sure = SURE * fall.error <= fall.rate <= OF_MODE * 2 * decay_rate
+    if fall.unlike < ALIKE or not is_sure:
+        return None
+    return 2 / fall.rate, 2 * fall.error / fall.rate**2
+
+
+class _Fall(NamedTuple):
+    """Fall of log P [1/s], its standard error, and how likely its misfit is by chance."""
+
+    rate: float
+    error: float
+    unlike: float
+
+
+def _fall_of(logs: Float[np.ndarray, "group frame"], time: Reals, variance: float) -> _Fall:
+    """The one fall of all groups, whose values have a variance."""
+    centred = time - time.mean()
+    spread = float(np.sum(centred**2))
+    rate = -float(np.mean(logs @ centred)) / spread
+    misfit = logs - logs.mean(axis=1, keepdims=True) + rate * centred
+    degrees = misfit.size - len(logs) - 1
+    unlike = float(chdtrc(degrees, float(np.sum(misfit**2)) / variance))
+    return _Fall(rate, float(np.sqrt(variance / spread / len(logs))), unlike)

@@ -102,13 +102,15 @@ class DecaySignal:
     def first(self) -> tuple[float, float]:
         """Return damping rate and frequency above the centre [rad/s] of the part above noise."""
         size = self.size
-        loud = size > max(0.1 * size[0], 3 * min(self.tail, 0.02 * size[0]))
-        stops = np.flatnonzero(~loud)
-        stop = max(int(stops[0]) if stops.size else len(size), min(6, len(size)))
+        loud = np.flatnonzero(size > max(0.1 * size[0], 3 * min(self.tail, 0.02 * size[0])))
+        stop = max(int(loud[-1]) + 1 if loud.size else len(size), min(6, len(size)))
         turn = float(np.angle(np.sum(self.z[1:stop] * np.conj(self.z[: stop - 1])))) / self.step_s
-        count = max(stop, 3)
-        rate = -np.polyfit(self.time[:count], np.log(size[:count] + 1e-300), 1)[0]
+        rate = -np.polyfit(self.time[:stop], np.log(size[:stop] + 1e-300), 1)[0]
         return max(float(rate), 1e-3 / self.time[-1]), turn
+
+    def passed(self, turn: float) -> float:
+        """Return the filter's response to a steady line above the centre [rad/s]."""
+        return float(np.abs(np.exp(_log_response(self, np.array([1j * turn])))[0]))
 
     def until(self, count: int) -> "DecaySignal":
         """Return the first values alone."""
@@ -356,8 +358,9 @@ def fit_bases(signal: DecaySignal) -> DecayFits:
         size = np.abs(decay_model(signal, linear.theta, BASES["linear"], scale))
         quiet = size < 0.5 * noise
         if quiet.sum() > 8:
-            noise = float(np.sqrt(np.mean(np.abs(linear.residual[quiet]) ** 2)))
-            noise = max(noise, 1e-12 * signal.a0)
+            left = float(np.sqrt(np.mean(np.abs(linear.residual[quiet]) ** 2)))
+            # Noise is no larger than what the record ends with, whatever a mode alone leaves.
+            noise = max(min(left, signal.tail), 1e-12 * signal.a0)
         else:
             late = np.abs(linear.residual[-max(len(size) // 5, 4) :])
             noise = max(min(noise, float(np.sqrt(np.mean(late**2)))), 1e-9 * signal.a0)

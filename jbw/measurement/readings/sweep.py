@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Complex
-from scipy.linalg import solve_banded
+from scipy.linalg import lapack
 from scipy.optimize import least_squares
 from scipy.signal import fftconvolve, firwin
 
@@ -142,7 +142,9 @@ def sweep_signal(
     )  # fmt: skip
 
 
-def sweep_columns(signal: SweepSignal, sigma: Reals, omega: Reals) -> tuple[Columns, Reals]:
+def sweep_columns(
+    signal: SweepSignal, sigma: Reals, omega: Reals, mirror: Complexes | None = None
+) -> tuple[Columns, Reals]:
     """Return responses to the drive and to an initial state, and of other modes; and the motion.
 
     The motion is its amplitude over that of the response, by the model.
@@ -151,34 +153,40 @@ def sweep_columns(signal: SweepSignal, sigma: Reals, omega: Reals) -> tuple[Colu
         signal: From `sweep_signal`.
         sigma: Damping rate at every time [1/s].
         omega: Frequency at every time [rad/s].
+        mirror: The part of the conjugate pole, from `mirror_of`, where it is known.
     """
     pole = -sigma + 1j * omega
-    turned = np.diff(signal.phase)
-    middle = 0.5 * (pole[1:] + pole[:-1])
-    growth = np.exp(middle * signal.step_s - 1j * turned)
-    first, second = _moments(middle * signal.step_s - 1j * turned, growth)
-    forced = signal.step_s * (signal.u[:-1] * (first - second) + signal.u[1:] * second)
-    right = np.zeros((len(signal.time), 2), complex)
-    right[1:, 0] = forced
-    right[0, 1] = 1.0
-    states = _marched(growth, right)
-    # The conjugate pole: far from resonance, one slow rotation of the frame to the other.
-    growth = np.exp(np.conj(middle) * signal.step_s - 1j * turned)
-    first, second = _moments(np.conj(middle) * signal.step_s - 1j * turned, growth)
-    forced = signal.step_s * (signal.u[:-1] * (first - second) + signal.u[1:] * second)
-    begins = signal.u[0] / (1j * signal.rate[0] - np.conj(pole[0]))
-    mirror = _marched(growth, np.concatenate([[begins], forced])[:, None])[:, 0]
+    if mirror is None:
+        mirror = mirror_of(signal, sigma, omega)
+    growth, forced = _steps(signal, pole)
+    state = _marched(growth, np.append(0.0, forced))
     order = signal.order
-    main = (pole**order * states[:, 0] - np.conj(pole) ** order * mirror) / (2j * omega)
+    main = (pole**order * state - np.conj(pole) ** order * mirror) / (2j * omega)
     with np.errstate(divide="ignore", invalid="ignore"):
-        motion = np.abs(states[:, 0] - mirror) / np.abs(main * 2 * omega)
-    free = pole**order * states[:, 1]
+        motion = np.abs(state - mirror) / np.abs(main * 2 * omega)
+    free = pole**order * np.cumprod(np.append(1.0, growth))
     free = free / (np.abs(free).max() + 1e-300)
     away = signal.rate / signal.rate.mean() - 1
     columns = np.stack([main, signal.u, signal.u * away, free], axis=1)
     if signal.lag_s:
         columns = late(columns, signal.rate, signal.lag_s)
     return columns, np.nan_to_num(motion, nan=0.0, posinf=0.0)
+
+
+def mirror_of(signal: SweepSignal, sigma: Reals, omega: Reals) -> Complexes:
+    """Return the part of the conjugate pole: far from resonance, the same for all close poles."""
+    pole = -sigma - 1j * omega
+    growth, forced = _steps(signal, pole)
+    begins = signal.u[0] / (1j * signal.rate[0] - pole[0])
+    return _marched(growth, np.append(begins, forced))
+
+
+def _steps(signal: SweepSignal, pole: Complexes) -> tuple[Complexes, Complexes]:
+    """Growth of a state in every step, and what the drive, linear within it, adds."""
+    x = 0.5 * (pole[1:] + pole[:-1]) * signal.step_s - 1j * np.diff(signal.phase)
+    growth = np.exp(x)
+    first, second = _moments(x, growth)
+    return growth, signal.step_s * (signal.u[:-1] * (first - second) + signal.u[1:] * second)
 
 
 def late(columns: Columns, rate: Reals, lag_s: Any) -> Columns:
@@ -195,11 +203,11 @@ def _moments(x: Complexes, growth: Complexes) -> tuple[Complexes, Complexes]:
     return first, second
 
 
-def _marched(growth: Complexes, right: Columns) -> Columns:
+def _marched(growth: Complexes, right: Complexes) -> Complexes:
     """Solution of z[n] = growth[n - 1] z[n - 1] + right[n]."""
     bands = np.ones((2, len(right)), complex)
     bands[1, :-1], bands[1, -1] = -growth, 0.0
-    return solve_banded((1, 0), bands, right, check_finite=False)
+    return np.asarray(lapack.ztbtrs(bands, right, uplo="L", diag="U")[0]).reshape(len(right))
 
 
 def fit_sweep(
@@ -224,24 +232,31 @@ def fit_sweep(
         cause: What else may have shaped the record.
     """
     basis, count = BASES[name], len(start)
-    wanted = signal.z * weight
-    target = np.concatenate([wanted.real, wanted.imag])
+    target = signal.z * weight
+    mirror = mirror_of(signal, *rates_of(signal, np.asarray(start, float), name, scale))
 
-    def projected(theta: Reals) -> tuple[Reals, Reals]:
+    def projected(theta: Reals) -> tuple[Complexes, Reals]:
         sigma, omega = rates_of(signal, theta[:count], name, scale)
-        columns, _ = sweep_columns(signal, sigma, omega)
+        columns, _ = sweep_columns(signal, sigma, omega, mirror)
         if cause is not None:
             columns = cause.apply(signal, columns, theta[count:])
         weighted = columns * weight[:, None]
-        parts = [weighted[:, 0]] + [x * f for x in weighted[:, 1:].T for f in (1, 1j)]
-        design = np.stack([np.concatenate([x.real, x.imag]) for x in parts], axis=1)
-        size = np.linalg.norm(design, axis=0) + 1e-300
-        # Normal equations: a handful of columns of unit length, with a hair of ridge.
-        design = design / size
-        normal = design.T @ design
-        normal[np.diag_indices_from(normal)] += 1e-12
-        gains = np.linalg.solve(normal, design.T @ target)
-        return target - design @ gains, gains / size
+        weighted = weighted / (np.linalg.norm(weighted, axis=0) + 1e-300)
+        # The first gain is real; of the others real and imaginary part.
+        others = np.repeat(np.arange(1, weighted.shape[1]), 2)
+        at, turn = np.append(0, others), np.append(1.0, np.tile([1.0, 1j], len(others) // 2))
+        turned = np.conj(turn)
+        inner = np.real(np.outer(turned, turn) * (weighted.conj().T @ weighted)[np.ix_(at, at)])
+        inner[np.diag_indices_from(inner)] += 1e-12  # a hair: columns may be alike
+        right = np.real(turned * (weighted.conj().T @ target)[at])
+        gains = np.linalg.solve(inner, right)
+        sums = np.zeros(weighted.shape[1], complex)
+        np.add.at(sums, at, turn * gains)
+        return target - weighted @ sums, gains
+
+    def residual(theta: Reals) -> Reals:
+        left = projected(theta)[0]
+        return np.concatenate([left.real, left.imag])
 
     begin = np.concatenate([start, cause.start]) if cause is not None else np.array(start, float)
     lower, upper = np.full(len(begin), -np.inf), np.full(len(begin), np.inf)
@@ -249,15 +264,11 @@ def fit_sweep(
         at = count - 1
         lower[at], upper[at] = (0.2, 4.0) if basis.terms == 2 else (0.2, 2.2)
         begin[at] = np.clip(begin[at], lower[at] + 0.05, upper[at] - 0.05)
-    found: Any = least_squares(
-        lambda theta: projected(theta)[0], begin, bounds=(lower, upper), x_scale="jac", max_nfev=30
-    )
+    found: Any = least_squares(residual, begin, bounds=(lower, upper), x_scale="jac", max_nfev=30)
     left, gains = projected(found.x)
     size = len(signal.z)
-    residual = (left[:size] + 1j * left[size:]) / weight
     jacobian = -(found.jac[:size] + 1j * found.jac[size:]) / weight[:, None]
-    squares = float(np.sum(np.abs(residual * weight) ** 2))
-    return Fitted(found.x, residual, jacobian, squares, gains)
+    return Fitted(found.x, left / weight, jacobian, float(np.sum(np.abs(left) ** 2)), gains)
 
 
 def rates_of(signal: SweepSignal, theta: Reals, name: str, scale: float) -> tuple[Reals, Reals]:

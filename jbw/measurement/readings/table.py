@@ -73,6 +73,7 @@ class RecordReading:
         zeta_change: Change of the damping ratio.
         exponent: Power of the amplitude and its standard deviation; NaN of a linear record.
         residual: Root mean square of what is left, over that of the response.
+        linear_residual: The same of a linear mode.
         noise: Amplitude of the noise in the band, in the unit of the response.
     """
 
@@ -91,6 +92,7 @@ class RecordReading:
     zeta_change: Change
     exponent: Change
     residual: float
+    linear_residual: float
     noise: float
 
     @property
@@ -153,14 +155,17 @@ def read_fits(kind: str, fits: DecayFits | SweepFits) -> RecordReading:
     if kind == "sweep":  # from the motion at resonance to the response at its own frequency
         top = fits.signal.rate[fits.signal.top]
         amplitude = grid * (2 * np.pi * rows.hz / top) ** fits.signal.order
-    left = fits.fits[chosen].residual
+    size = float(np.linalg.norm(fits.signal.z))
+    residual, linear_residual = (
+        float(np.linalg.norm(fits.fits[name].residual)) / size for name in (chosen, "linear")
+    )
     return RecordReading(
         kind=kind, order=fits.signal.order, amplitude=amplitude, hz=rows.hz, zeta=rows.zeta,
         hz_covariance=hz_covariance, zeta_covariance=zeta_covariance,
         linear_hz=Change(float(linear.hz[0]), float(np.sqrt(linear.hz_covariance[0, 0]))),
         linear_zeta=linear_zeta, basis=chosen, chance=chance, hz_change=hz_change,
         zeta_change=zeta_change, exponent=exponent,
-        residual=float(np.linalg.norm(left) / np.linalg.norm(fits.signal.z)), noise=fits.noise,
+        residual=residual, linear_residual=linear_residual, noise=fits.noise,
     )  # fmt: skip
 
 

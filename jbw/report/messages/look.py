@@ -1,6 +1,7 @@
 """What records say without a model of the joint: nonlinear or not, from where, which scatter."""
 
 from collections.abc import Sequence
+from math import floor, log10
 
 from jbw.report.messages.message import percent
 
@@ -51,40 +52,78 @@ def of_mode(hz: float, sentence: str) -> str:
 
 def reach(y: Sequence[float]) -> str:
     """Between which amplitudes [m] there are readings."""
-    return f"{1e3 * y[0]:.2g} to {1e3 * y[-1]:.2g} mm"
+    return f"{1e3 * y[0]:.3g} to {1e3 * y[-1]:.3g} mm"
 
 
-def no_change(what: str) -> str:
+def no_change(what: str, change: float, sd: float, unit: str) -> str:
     """That a quantity does not change beyond its error."""
-    return f"no change of the {what} is detected"
+    return f"no change of the {what} is detected ({_with_error(change, sd)}{unit})"
 
 
-def change(what: str, size: Estimate, power: Estimate, *, falls: bool, unit: str) -> str:
+def change(what: str, size: float, sd: float, power: Estimate | None, unit: str) -> str:
     """By how much a quantity changes up to the largest amplitude, and as which power of it."""
-    low, middle, high = size
-    least, exponent, most = power
+    verb = "falls" if size < 0 else "rises"
+    text = f"the {what} {verb} by {_with_error(abs(size), sd)}{unit}"
+    if power is None:
+        return text
+    exponent, least, most = power
+    return f"{text}, with the amplitude to the power {exponent:.2g} [{least:.2g}, {most:.2g}]"
+
+
+def turning(what: str, y: float, value: float, change: float) -> str:
+    """Where a quantity turns round [m], and its value there."""
+    first, then = ("falls", "rises") if change > 0 else ("rises", "falls")
+    return f"the {what} {first} to {value:.4g} at {1e3 * y:.3g} mm, then {then}"
+
+
+def _with_error(value: float, sd: float) -> str:
+    """A share in per cent with its standard deviation, to two digits of that."""
+    digits = max(0, 1 - floor(log10(100 * sd))) if sd > 0 else 3
+    return f"{100 * value:.{digits}f} ± {100 * sd:.{digits}f} %"
+
+
+def nonlinear(answer: bool, y: Sequence[float], count: int, changes: Sequence[str]) -> str:
+    """Whether frequency or damping change with amplitude, by so many records."""
+    word = "yes" if answer else "not detected"
+    return f"Nonlinear: {word}. From {reach(y)} ({_records(count)}) {'; '.join(changes)}."
+
+
+def one_amplitude(y: float, count: int) -> str:
+    """That readings at one amplitude say nothing of a change."""
     return (
-        f"the {what} {'falls' if falls else 'rises'} by {middle:.2g} % [{low:.2g}, "
-        f"{high:.2g}]{unit}, as amplitude^{exponent:.2g} [{least:.2g}, {most:.2g}]"
+        f"Nonlinear: not assessed, because {_records(count)} at one amplitude ({1e3 * y:.3g} mm) "
+        "show no change with amplitude."
     )
 
 
-def nonlinear(answer: bool, y: Sequence[float], changes: Sequence[str]) -> str:
-    """Whether frequency or damping change with amplitude."""
-    word = "yes" if answer else "not detected"
-    return f"Nonlinear: {word}. From {reach(y)} ({len(y)} readings) {'; '.join(changes)}."
+def _records(count: int) -> str:
+    return "1 record" if count == 1 else f"{count} records"
 
 
-def one_reading(y: float) -> str:
-    """That one amplitude says nothing of a change."""
-    return f"Nonlinear: not assessed, because there is one reading ({1e3 * y:.2g} mm)."
+def records_differ(scatter: Sequence[tuple[str, float]], goes_with: str) -> str:
+    """By how much records differ at equal amplitude, and what the differences go with."""
+    sizes = " and ".join(f"the {name} by {percent(size)}" for name, size in scatter)
+    causes = {
+        "order": "They drift in the order of the records: the joint relaxes, wears or warms up.",
+        "runs": "They go with the stated runs or assemblies.",
+        "": "Torque, day, temperature, the sensor's mass or its place may differ.",
+    }
+    return (
+        f"Records differ at equal amplitude, {sizes} (standard deviation between records). "
+        f"{causes[goes_with]}"
+    )
+
+
+def likely_laws(laws: Sequence[str]) -> str:
+    """Laws whose frequency and damping change by such powers of the amplitude."""
+    return f"Laws with these powers of the amplitude: {', '.join(laws)}."
 
 
 def between_ends(
     y: Sequence[float], shift: float, half_widths: float, damping: tuple[float, float], kind: str,
 ) -> str:  # fmt: skip
-    """The same of too few readings for an exponent: the last against the first."""
-    word = f"yes, it {kind}" if kind else "not detected"
+    """The same of one reading a record: the last against the first."""
+    word = f"yes, it {kind}, if records differ in nothing but amplitude" if kind else "not detected"
     return (
         f"Nonlinear: {word}. From {reach(y)} ({len(y)} readings, too few for an exponent) the "
         f"frequency {'falls' if shift < 0 else 'rises'} by {percent(abs(shift))}, "
@@ -93,13 +132,10 @@ def between_ends(
     )
 
 
-def onset(y: float, test: str, sds: float) -> str:
+def onset(y: float, *, is_linear: bool) -> str:
     """From which amplitude [m] on the frequency differs from that at the smallest."""
-    where = f"{1e3 * y:.2g} mm" + (f" ({test})" if test else "")
-    return (
-        f"The frequency changes significantly from {where} on (by {sds:g} standard deviations of a "
-        "reading); below, the structure may be taken as linear."
-    )
+    below = "; below, the structure may be taken as linear" if is_linear else ""
+    return f"The change of the frequency is certain (99 %) from {1e3 * y:.3g} mm on{below}."
 
 
 def session_scatter(count: int, rows: Sequence[tuple[str, float, float]]) -> str:

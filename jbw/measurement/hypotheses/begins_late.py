@@ -1,0 +1,109 @@
+"""Decays that do not begin with free motion: recorded before the blow, or still driven."""
+
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from jbw.errors import DataError
+from jbw.measurement.channels import Reals, whole_up
+from jbw.measurement.checks.faults import Fault, refusal
+from jbw.measurement.demodulation import band_filter, demodulate
+from jbw.measurement.records import Record
+from jbw.report.messages import decay_faults as messages
+
+QUIET, LOUD = 0.1, 0.5  # of the largest response, before a blow and within a period after it
+FLAT = 0.05  # change of log X while a shaker holds the motion
+FALLS = 0.3  # change of log X in the time after it, as long as the held one, at the least
+TIMES_FLAT = 12.0  # of that change over the held one; at the top of a beat it is 8
+FEWEST_VALUES = 16  # of an envelope, before anything is said of it
+
+
+class _Course(NamedTuple):
+    """The envelope of a record in its band: log |X|, and its times [s].
+
+    A sudden change is spread over `across` values; the filter reaches `half_s` to either side.
+    """
+
+    size: Reals
+    time: Reals
+    half_s: float
+    across: int
+    centre_hz: float
+
+
+def begins_late(record: Record, band_hz: tuple[float, float], settle_s: float) -> Iterator[Fault]:
+    """Yield the refusal of a record that does not begin with its free motion."""
+    course = _course(record, band_hz, settle_s)
+    if course is not None:
+        found = [*late_blow(record, course)] or [*still_driven(record, course)]
+        yield from found
+
+
+def _course(record: Record, band_hz: tuple[float, float], settle_s: float) -> _Course | None:
+    x = record.channels[record.response][round(settle_s * record.fs) :]
+    try:
+        chosen = band_filter(band_hz, record.fs)
+        time, envelope = demodulate(x - np.mean(x), chosen)
+    except DataError:
+        return None
+    time, size = time[:: chosen.step], np.abs(envelope[:: chosen.step])
+    if len(time) < FEWEST_VALUES or not np.all(size > 0):
+        return None
+    across = -(-chosen.half // chosen.step)
+    half_s = chosen.half / record.fs
+    return _Course(np.log(size), settle_s + time, half_s, across, chosen.centre_hz)
+
+
+def late_blow(record: Record, course: _Course) -> Iterator[Fault]:
+    """Yield the refusal of a record that begins before its blow."""
+    begins = course.time[0] - course.half_s
+    onset = _onset(record.channels[record.response], record.fs, begins, course.centre_hz)
+    if onset is None:
+        size = course.size
+        peak = int(np.argmax(size))
+        # A beat of two modes rises as well, but not within a filter's length out of quiet.
+        before = size[: max(peak - course.across, 0)]
+        if len(before) <= course.across or before.max() > size[peak] + np.log(QUIET):
+            return
+        onset = float(course.time[peak])
+    yield refusal(
+        record.response,
+        *messages.late_blow(onset - begins, begins, _rounded_up(onset + 1 / course.centre_hz)),
+    )
+
+
+def _onset(x: Reals, fs: float, begins: float, centre_hz: float) -> float | None:
+    """Return when a quiet record turns loud within a period [s]; None where it does not."""
+    first, period = round(begins * fs), whole_up(fs / centre_hz)
+    size = np.abs(x[first:] - np.median(x[first:]))
+    size = size / size.max()
+    blow = int(np.argmax(size > QUIET))
+    if blow < period or size[blow : blow + period].max() < LOUD:
+        return None
+    return begins + blow / fs
+
+
+def still_driven(record: Record, course: _Course) -> Iterator[Fault]:
+    """Yield the refusal of a record that begins with steady motion and decays later."""
+    size = course.size
+    best = None
+    for held in range(course.across, (len(size) - course.across) // 2 + 1):
+        steady, after = size[:held], size[held + course.across : 2 * held + course.across]
+        flat = float(np.ptp(steady))
+        if flat > FLAT:
+            break
+        fall = float(after[0] - after[-1])
+        if fall > FALLS and fall > TIMES_FLAT * flat:
+            best = held
+    if best is None:
+        return
+    # The largest part that is flat ends where the drive does.
+    end = course.time[best - 1] + 2 * course.half_s
+    yield refusal(record.response, *messages.still_driven(course.time[best - 1], _rounded_up(end)))
+
+
+def _rounded_up(seconds: float) -> str:
+    """Return a time to two digits, not below it."""
+    unit = 10.0 ** (np.floor(np.log10(seconds)) - 1)
+    return f"{np.ceil(seconds / unit * (1 - 1e-12)) * unit:.2g}"

@@ -1,0 +1,186 @@
+"""A record read once: its table, and its faults; kept by what was read, for the next command."""
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, fields
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+from typing import Any
+
+import numpy as np
+import platformdirs
+
+from jbw.measurement.checks.faults import Fault, doubt
+from jbw.measurement.checks.responses import about_peak, undecaying
+from jbw.measurement.hypotheses.begins_late import begins_late
+from jbw.measurement.hypotheses.faults import explained
+from jbw.measurement.hypotheses.hypothesis import Facts
+from jbw.measurement.hypotheses.window import window_constant
+from jbw.measurement.readings.read import decay_fits, sweep_fits
+from jbw.measurement.readings.table import Change, RecordReading, read_fits
+from jbw.measurement.records import Record
+from jbw.measurement.spans import start_of
+from jbw.report.messages import decay_faults as messages
+
+Band = tuple[float, float]
+KEPT_DAYS = 30  # a reading that nobody asked for
+# Packages whose source makes a reading: another source reads anew.
+SOURCES = ("jbw.measurement.readings", "jbw.measurement.hypotheses", "jbw.report.messages")
+
+
+@dataclass(frozen=True)
+class Examined:
+    """What one record shows.
+
+    Attributes:
+        reading: Frequency and damping against amplitude; None where none can be read.
+        faults: What is wrong with the record, or doubtful.
+        band_hz: Band that was read [Hz].
+    """
+
+    reading: RecordReading | None
+    faults: tuple[Fault, ...]
+    band_hz: Band
+
+
+_read: dict[str, Examined] = {}
+
+
+def examined_decay(record: Record, band_hz: Band | None, settle_s: float) -> Examined:
+    """Read a record of a decay and name its faults; a band about its strongest line unless given.
+
+    Args:
+        record: With finite samples.
+        band_hz: Band of its one mode [Hz].
+        settle_s: Time at its start that is not read [s].
+    """
+    band = band_hz or about_peak(record, settle_s)
+    key = _key(record, "decay", (*band, settle_s))
+    with np.errstate(all="ignore"):  # of searches that run away
+        return _kept(key, lambda: _decay(record, band, settle_s))
+
+
+def examined_sweep(record: Record, band_hz: Band | None, delay_s: float) -> Examined:
+    """Read a record of a sweep and name its faults.
+
+    Args:
+        record: With a source and a response of finite samples.
+        band_hz: Band of its one mode [Hz]; what the drive sweeps unless given.
+        delay_s: Stated lag of the response [s].
+    """
+    key = _key(record, "sweep", (*(band_hz or ()), delay_s))
+    with np.errstate(all="ignore"):
+        return _kept(key, lambda: _sweep(record, band_hz, delay_s))
+
+
+def _decay(record: Record, band: Band, settle_s: float) -> Examined:
+    role = record.response
+    if late := list(begins_late(record, band, settle_s)):
+        return Examined(None, tuple(late), band)
+    if undying := list(undecaying(record, settle_s)):
+        return Examined(None, tuple(undying), band)
+    fits = decay_fits(record, band, settle_s)
+    if fits is None:
+        return Examined(None, (), band)
+    reading = read_fits("decay", fits)
+    low, high = band
+    outside = 1.5 * low - 0.5 * high, 1.5 * high - 0.5 * low
+    rate = 2 * np.pi * reading.linear_hz.value * reading.linear_zeta.value
+    x = record.channels[role][round((settle_s + fits.signal.begins) * record.fs) :]
+    window = window_constant(x, record.fs, outside, rate, fits.signal.quantum)
+    faults = []
+    if window is not None:
+        faults.append(doubt(role, *messages.windowed(*window)))
+    facts = Facts(record, settle_s, 0.0, band)
+    faults += [fault for _, fault in explained(fits, facts)]
+    return Examined(reading, tuple(faults), band)
+
+
+def _sweep(record: Record, band_hz: Band | None, delay_s: float) -> Examined:
+    found = sweep_fits(record, band_hz, delay_s)
+    if found is None:
+        return Examined(None, (), band_hz or (0.0, record.fs / 2))
+    fits, band = found
+    facts = Facts(record, 0.0, delay_s, band)
+    faults = tuple(fault for _, fault in explained(fits, facts))
+    return Examined(read_fits("sweep", fits), faults, band)
+
+
+def _key(record: Record, kind: str, numbers: Sequence[float]) -> str:
+    """Digest of everything that an examination depends on."""
+    digest = hashlib.blake2b(_sources(), digest_size=20)
+    facts = kind, record.fs, numbers, record.name, start_of(record), record.drive
+    digest.update(repr(facts).encode())
+    for role in sorted(record.channels):
+        digest.update(role.encode())
+        digest.update(np.ascontiguousarray(record.channels[role]).tobytes())
+    return digest.hexdigest()
+
+
+@cache
+def _sources() -> bytes:
+    """Digest of the code that makes a reading."""
+    digest = hashlib.blake2b(digest_size=20)
+    for package in SOURCES:
+        folder = Path(str(import_module(package).__file__)).parent
+        for path in sorted(folder.glob("*.py")):
+            digest.update(path.read_bytes())
+    return digest.digest()
+
+
+def _kept(key: str, make: Callable[[], Examined]) -> Examined:
+    """What was made before, in this process or by an earlier command; else made and kept.
+
+    A folder that cannot be written, or a file that cannot be read, costs a reading its time alone.
+    """
+    if key not in _read:
+        path = platformdirs.user_cache_path("jbw") / "readings" / f"{key}.json"
+        try:
+            _read[key] = _from_json(json.loads(path.read_text()))
+        except (OSError, ValueError, TypeError, KeyError):
+            _read[key] = make()
+            _write(path, _read[key])
+    return _read[key]
+
+
+def _write(path: Path, examined: Examined) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        _forget(path.parent)
+        with NamedTemporaryFile("w", dir=path.parent, suffix=".part", delete=False) as file:
+            file.write(json.dumps(asdict(examined), default=np.ndarray.tolist))
+        Path(file.name).replace(path)
+    except OSError:
+        return
+
+
+@cache
+def _forget(folder: Path) -> None:
+    """Remove readings that no command asked for in a month, once a process."""
+    oldest = time.time() - KEPT_DAYS * 86400
+    for path in folder.iterdir():
+        with suppress(OSError):  # another process may have removed it
+            if path.stat().st_mtime < oldest:
+                path.unlink()
+
+
+def _from_json(kept: Mapping[str, Any]) -> Examined:
+    reading = kept["reading"]
+    if reading is not None:
+        types = {field.name: field.type for field in fields(RecordReading)}
+        reading = RecordReading(**{
+            name: Change(*value) if types[name] in (Change, "Change") else _array(value)
+            for name, value in reading.items()
+        })  # fmt: skip
+    faults = tuple(Fault(**fault) for fault in kept["faults"])
+    low, high = kept["band_hz"]
+    return Examined(reading, faults, (low, high))
+
+
+def _array(value: Any) -> Any:
+    return np.array(value) if isinstance(value, list) else value

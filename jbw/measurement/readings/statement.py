@@ -1,0 +1,282 @@
+r"""Statements on readings as tests: do records differ, does amplitude matter, by which power.
+
+Of a frequency, or a damping ratio, row j of record i at amplitude $a_{ij}$,
+
+$$y_{ij} = \mu + b_1 r_{ij} + b_2 r_{ij}^2 + \beta_i + \epsilon_{ij}, \qquad
+  \beta_i \sim N(0, \tau^2), \quad \epsilon_i \sim N(0, C_i), \quad r = a / a_{max}$$
+
+with the covariance C of every record's own reading. Whether records differ at equal amplitude is
+asked first: $\tau$ by restricted maximum likelihood, tested by its likelihood ratio against 0.
+Whether amplitude matters is Wald's test of b with $\tau$ in its errors: a joint that relaxes from
+record to record is not taken for one that softens. The power is that of $\mu + b\,r^p$ by the
+profile of its likelihood.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import chdtrc, erfc, fdtrc
+
+from jbw.measurement.channels import Reals
+
+ROWS = 4  # of a record: its table is that smooth
+EXPONENTS = np.round(np.concatenate([np.arange(-1.2, 0.0, 0.1), np.arange(0.1, 4.01, 0.05)]), 3)
+INSIDE = 6.63  # of 2 ln of the likelihood: the 99 % interval of one parameter
+RECORDS, AMPLITUDE = 1e-3, 1e-4  # chances below which records are said to differ, and a change
+SPREADS = np.geomspace(1e-7, 1.0, 141)  # relative standard deviations of records that are tried
+LEAST_RANGE = 1.2  # largest over smallest amplitude: over less nothing is said of amplitude
+LEAST = {"hz": 3e-3, "zeta": 5e-3}  # least change: of zeta for a frequency, relative for zeta
+SURE = 3.5  # standard deviations by which a turning frequency falls and rises again
+CERTAIN = 2.576  # standard deviations of a 99 % interval
+EQUAL = 0.05  # of a power: what averaging moves it by
+SPRING = 0.02  # of the relative change of frequency: a spring's damping ratio changes by as little
+# Laws by the power of the amplitude that frequency, damping, or both go with.
+SPRINGS = {"square": 1.0, "cubic": 2.0, "quintic": 4.0}
+DAMPERS = {"quadratic_damping": 1.0, "cubic_damping": 2.0}
+HYSTERESIS = {"bouc_wen": 1.0}
+SLIDERS = ("masing_power", "iwan4")
+
+
+class Table(NamedTuple):
+    """Readings of one record: amplitude of the motion, frequency and damping with covariances.
+
+    `chance` is the probability that a linear mode would make such a record, where it was tested.
+    """
+
+    y: Reals
+    hz: Reals
+    zeta: Reals
+    hz_covariance: Float[np.ndarray, "row row"]
+    zeta_covariance: Float[np.ndarray, "row row"]
+    chance: float = 0.0
+
+
+class Trend(NamedTuple):
+    """What readings say of one quantity.
+
+    Attributes:
+        at_rest: Its value at vanishing amplitude.
+        change: From the smallest to the largest amplitude, relative of a frequency; and its
+            standard deviation.
+        chance: Probability of such a change without any influence of the amplitude.
+        is_seen: Whether it is improbable and large enough to matter.
+        exponent: Power of the amplitude with the ends of its 99 % interval; None where no change
+            is seen, or where it turns.
+        turn: Amplitude and value at which it turns round; None where it goes one way.
+        scatter: Standard deviation between records at equal amplitude, relative.
+        records_chance: Probability of such a scatter among equal records.
+        offsets: Of every record from the mean, relative, with standard deviations.
+        onset: Smallest amplitude at which the change is sure; None where none is seen.
+    """
+
+    at_rest: float
+    change: float
+    change_sd: float
+    chance: float
+    is_seen: bool
+    exponent: tuple[float, float, float] | None
+    turn: tuple[float, float] | None
+    scatter: float
+    records_chance: float
+    offsets: tuple[tuple[float, float], ...]
+    onset: float | None
+
+
+class _Rows(NamedTuple):
+    """Rows of all records, in units of a mean value: relative amplitude, value, covariance."""
+
+    r: Reals
+    value: Reals
+    blocks: tuple[Float[np.ndarray, "row row"], ...]
+
+    def split(self, values: Reals) -> list[Reals]:
+        """Return values of all rows by record."""
+        return np.split(values, np.cumsum([len(block) for block in self.blocks])[:-1])
+
+
+class _Estimate(NamedTuple):
+    values: Reals
+    covariance: Float[np.ndarray, "unknown unknown"]
+    squares: float  # of the residual, in units of its covariance
+    penalty: float  # -2 ln of the restricted likelihood
+
+
+def trend(tables: Sequence[Table], quantity: str) -> Trend:
+    """Return what a set of readings says of `hz` or of `zeta`.
+
+    Args:
+        tables: One a record.
+        quantity: "hz" or "zeta".
+    """
+    unit = float(np.mean([np.mean(getattr(table, quantity)) for table in tables]))
+    top = max(float(table.y.max()) for table in tables)
+    low = min(float(table.y.min()) for table in tables)
+    rows = _rows(tables, quantity, unit, top)
+    spans = top > LEAST_RANGE * low
+    terms = min(2, len(rows.value) - 2) if spans else 0
+    shape = np.stack([rows.r ** (k + 1) for k in range(terms)], axis=1)
+    design = np.column_stack([np.ones(len(rows.r)), shape])
+    tau, records_chance = _between_records(rows, design)
+    found = _estimated(rows, design, tau)
+    degrees = max(len(rows.value) - design.shape[1], 1)
+    inflated = found.covariance * max(found.squares / degrees, 1.0)
+    offsets = _offsets(rows, design, found, tau)
+    at_rest, sd_scale = float(found.values[0]) * unit, 1.0 if quantity == "hz" else unit
+    none = Trend(
+        at_rest, 0.0, float(np.sqrt(inflated[0, 0])) * sd_scale, 1.0, False, None, None, tau,
+        records_chance, offsets, None,
+    )  # fmt: skip
+    if terms == 0:
+        return none
+    b = found.values[1:]
+    statistic = max(float(b @ np.linalg.pinv(inflated[1:, 1:], hermitian=True) @ b), 0.0)
+    # Of one reading a record the scatter is estimated; along records each has its own errors.
+    is_along = max(len(table.y) for table in tables) > 1
+    chance = float(
+        chdtrc(terms, statistic) if is_along else fdtrc(terms, degrees, statistic / terms)
+    )
+    if len(tables) == 1:
+        chance = max(chance, tables[0].chance)
+    step = np.array([1.0 - (low / top) ** (k + 1) for k in range(terms)])
+    change, change_sd = float(step @ b), float(np.sqrt(max(step @ inflated[1:, 1:] @ step, 0.0)))
+    turn = _turn(b, inflated[1:, 1:], low / top) if terms == 2 else None
+    zeta = float(np.mean([np.mean(table.zeta) for table in tables]))
+    least = LEAST[quantity] * (abs(zeta) if quantity == "hz" else 1.0)
+    is_seen = chance < AMPLITUDE and (abs(change) > least or turn is not None)
+    if not is_seen:
+        return none._replace(
+            change=change * sd_scale, change_sd=change_sd * sd_scale, chance=chance
+        )
+    return Trend(
+        at_rest=at_rest, change=change * sd_scale, change_sd=change_sd * sd_scale, chance=chance,
+        is_seen=True, exponent=None if turn else _exponent(rows, tau, found.squares / degrees),
+        turn=None if turn is None else (turn * top, (_at(found.values, turn)) * unit),
+        scatter=tau, records_chance=records_chance, offsets=offsets,
+        onset=_onset(b, inflated[1:, 1:], low / top, top),
+    )  # fmt: skip
+
+
+def _rows(tables: Sequence[Table], quantity: str, unit: float, top: float) -> _Rows:
+    values, r, blocks = [], [], []
+    for table in tables:
+        pick = np.unique(np.linspace(0, len(table.y) - 1, ROWS).astype(int))
+        values.append(getattr(table, quantity)[pick] / unit)
+        r.append(table.y[pick] / top)
+        covariance = getattr(table, f"{quantity}_covariance")[np.ix_(pick, pick)] / unit**2
+        blocks.append(covariance + 1e-14 * np.eye(len(pick)))
+    return _Rows(np.concatenate(r), np.concatenate(values), tuple(blocks))
+
+
+def _estimated(rows: _Rows, design: Float[np.ndarray, "row unknown"], tau: float) -> _Estimate:
+    """Generalised least squares, records differing by tau."""
+    num = design.shape[1]
+    normal, right, squares, log_det = np.zeros((num, num)), np.zeros(num), 0.0, 0.0
+    designs = [
+        np.stack(part, axis=1) for part in zip(*(rows.split(x) for x in design.T), strict=True)
+    ]
+    for block, part, value in zip(rows.blocks, designs, rows.split(rows.value), strict=True):
+        covariance = block + tau**2
+        inverse = np.linalg.inv(covariance)
+        normal += part.T @ inverse @ part
+        right += part.T @ inverse @ value
+        squares += float(value @ inverse @ value)
+        log_det += float(np.linalg.slogdet(covariance)[1])
+    spread = np.linalg.pinv(normal, rcond=1e-13, hermitian=True)
+    values = spread @ right
+    left = max(squares - float(right @ values), 0.0)
+    return _Estimate(values, spread, left, left + log_det + float(np.linalg.slogdet(normal)[1]))
+
+
+def _between_records(rows: _Rows, design: Float[np.ndarray, "row unknown"]) -> tuple[float, float]:
+    """Standard deviation between records, and the probability of its likelihood by chance."""
+    if len(rows.blocks) < 2 or len(rows.value) - design.shape[1] < 1:
+        return 0.0, 1.0
+    nothing = _estimated(rows, design, 0.0).penalty
+    penalties = [_estimated(rows, design, float(tau)).penalty for tau in SPREADS]
+    at = int(np.argmin(penalties))
+    gain = max(nothing - penalties[at], 0.0)
+    # A variance at its bound: half of a chi-square of one degree of freedom.
+    chance = 0.5 * float(erfc(np.sqrt(gain / 2)))
+    return (float(SPREADS[at]), chance) if gain > 0 else (0.0, 1.0)
+
+
+def _offsets(
+    rows: _Rows, design: Float[np.ndarray, "row unknown"], found: _Estimate, tau: float
+) -> tuple[tuple[float, float], ...]:
+    """Mean residual of every record and its standard deviation."""
+    left = rows.split(rows.value - design @ found.values)
+    weights = [np.linalg.inv(block).sum() for block in rows.blocks]
+    sums = [
+        float(np.linalg.inv(block).sum(axis=0) @ part)
+        for block, part in zip(rows.blocks, left, strict=True)
+    ]
+    return tuple((s / w, 1 / float(np.sqrt(w))) for s, w in zip(sums, weights, strict=True))
+
+
+def _at(values: Reals, r: float) -> float:
+    return float(values[0] + values[1] * r + values[2] * r**2)
+
+
+def _turn(b: Reals, covariance: Reals, low: float) -> float | None:
+    """Relative amplitude at which a parabola turns, sure to both sides; None where it does not."""
+    if b[1] == 0.0 or not low < (at := float(-b[0] / (2 * b[1]))) < 1.0:
+        return None
+    for end in (low, 1.0):
+        step = np.array([end - at, end**2 - at**2])
+        if abs(step @ b) < SURE * np.sqrt(max(float(step @ covariance @ step), 0.0)):
+            return None
+    return at
+
+
+def _onset(b: Reals, covariance: Reals, low: float, top: float) -> float | None:
+    """Smallest amplitude whose value differs surely from that at the smallest."""
+    powers = np.arange(1, len(b) + 1)
+    for r in np.geomspace(low, 1.0, 60)[1:]:
+        step = r**powers - low**powers
+        if abs(step @ b) > CERTAIN * np.sqrt(max(float(step @ covariance @ step), 0.0)):
+            return float(r * top)
+    return None
+
+
+def _exponent(rows: _Rows, tau: float, inflation: float) -> tuple[float, float, float] | None:
+    """Power of the amplitude and its 99 % interval, by the profile of the likelihood."""
+    if len(rows.value) < 4:
+        return None
+    squares = np.array([
+        _estimated(rows, np.column_stack([np.ones(len(rows.r)), rows.r**p]), tau).squares
+        for p in EXPONENTS
+    ]) / max(inflation, 1.0)  # fmt: skip
+    best = int(np.argmin(squares))
+    inside = EXPONENTS[squares < squares[best] + INSIDE]
+    return float(EXPONENTS[best]), float(inside.min()), float(inside.max())
+
+
+def laws_with(hz: Trend, zeta: Trend) -> tuple[str, ...]:
+    """Return names of laws whose frequency and damping change by such powers of the amplitude.
+
+    To first order in the amplitude; of several laws the simplest first. A law of sliders has any
+    power by the distribution of their slips.
+    """
+    if hz.turn is not None:
+        return ("bouc_wen", "cubic")
+    if not hz.is_seen:
+        return _with_power(DAMPERS, zeta.exponent) if zeta.is_seen else ()
+    if not zeta.is_seen or abs(zeta.change) < SPRING * abs(hz.change):
+        return _with_power(SPRINGS, hz.exponent)
+    if hz.exponent is None:
+        return ()
+    low, high = hz.exponent[1:]
+    laws = _with_power(HYSTERESIS, hz.exponent)
+    return (*laws, *(SLIDERS if low < 1 - EQUAL or high > 1 + EQUAL else ()))
+
+
+def _with_power(
+    laws: Mapping[str, float], interval: tuple[float, float, float] | None
+) -> tuple[str, ...]:
+    """Laws whose power lies in an interval; none without one."""
+    if interval is None:
+        return ()
+    low, high = interval[1] - EQUAL, interval[2] + EQUAL
+    return tuple(name for name, power in laws.items() if low <= power <= high)
