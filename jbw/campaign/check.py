@@ -20,6 +20,7 @@ from jbw.campaign.joints import STRUCTURE, JointsCheck, check_joints
 from jbw.campaign.schema import CampaignSpec, read_spec
 from jbw.campaign.tables import TestSpec
 from jbw.campaign.together import Level, against_levels, level_of
+from jbw.campaign.trial import tried
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.inference.samplers.register import SAMPLERS
 from jbw.measurement.checks import responses
@@ -33,6 +34,7 @@ from jbw.measurement.checks.plausibility import doubts, swapped
 from jbw.measurement.curves import forced_loop, response_curve
 from jbw.measurement.hypotheses.examine import examined_decay, examined_sweep
 from jbw.measurement.hypotheses.lag_of_noise import untimely
+from jbw.measurement.hypotheses.unlike_gains import unlike_gains
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
 from jbw.measurement.records import INPUTS, Record, is_sampled
@@ -140,6 +142,7 @@ class _CheckedTest:
     held: int = 0  # samples of all repeats
     sources: list[ResponseOrigin] = field(default_factory=list)
     levels: list[Level] = field(default_factory=list)
+    gains: list[tuple[str, float]] = field(default_factory=list)  # of the mode, by the repeat
     proposed: list[str] = field(default_factory=list)
     seen: list[str] = field(default_factory=list)
 
@@ -152,6 +155,7 @@ class _CheckedTest:
         self.codes |= {DataError.exit_code} if spoilt else set()
         self.codes |= {ConfigError.exit_code} if worst(stated) == "error" else set()
         self.named += [(record.name, fault) for fault in (*faults, *stated)]
+        self.gains += [] if spoilt else gain_read(record, test)
         self.sources.append(source_of(record, test))
         self.repeats += 1
         self.held += record.num_samples * len(record.channels)
@@ -177,6 +181,7 @@ def _checked_test(
             checked.failures.setdefault(item.args, item)
         else:
             raise item
+    checked.named += unlike_gains(checked.gains, *_roles(checked.first))
     named = gathered(checked.named, checked.repeats)
     faults = [beside_stated(fault, test) for fault in named]
     failures = checked.failures.values()
@@ -198,6 +203,21 @@ def _checked_test(
         failed = []
     checked.small_records.clear()
     return checked
+
+
+def gain_read(record: Record, test: TestSpec) -> list[tuple[str, float]]:
+    """Return a repeat's name and the gain of its mode, of a sweep with a drive; else nothing."""
+    driven = any(role in record.channels for role in INPUTS)
+    if not (test.traits.is_transient and driven):
+        return []
+    reading = examined_sweep(record, test.band, test.delay).reading
+    return [] if reading is None else [(record.name, reading.gain)]
+
+
+def _roles(first: Sequence[Record]) -> tuple[str, str]:
+    """Roles of response and drive of a test with a sweep."""
+    driven = [one for one in first if any(role in one.channels for role in INPUTS)]
+    return (driven[0].response, driven[0].source) if driven else ("", "")
 
 
 def beside_stated(fault: Fault, test: TestSpec) -> Fault:
@@ -287,11 +307,33 @@ def findings(
     per_unit: float | None = None,
     laws: Sequence[str] = (),
 ) -> tuple[Fault, ...]:
-    """Everything found in a record: by itself, against its test, beside the test's first repeat.
+    """Return everything found in a record, by itself, against its test, beside its first repeat.
 
-    `per_unit` is the force per modal mass for one unit of the input, when known; `laws` those of
-    the joint.
+    A line of a remedy is tried before it is told.
+
+    Args:
+        record: In SI.
+        test: Its table.
+        first: The first repeat of its test; empty where the record is that.
+        per_unit: Force per modal mass for one unit of the input, when known.
+        laws: Those of the joint.
     """
+
+    def look(record: Record, test: TestSpec) -> tuple[Fault, ...]:
+        return _found(record, test, first, per_unit=per_unit, laws=laws)
+
+    return tried(look(record, test), record, test, look)
+
+
+def _found(
+    record: Record,
+    test: TestSpec,
+    first: Sequence[Record],
+    *,
+    per_unit: float | None,
+    laws: Sequence[str],
+) -> tuple[Fault, ...]:
+    """Faults of a record with remedies that nobody has tried."""
     in_order = test.traits.is_curve and not test.traits.is_controlled
     faults = list(inspect(record, masked=test.gaps == "mask", is_curve=in_order))
     fits = _fits_curve if test.traits.is_curve else _fits_test

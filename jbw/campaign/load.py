@@ -8,7 +8,7 @@ from math import isnan
 from pathlib import Path
 from textwrap import shorten
 
-from jbw.campaign.check import beside_stated, findings, unread
+from jbw.campaign.check import beside_stated, findings, gain_read, unread
 from jbw.campaign.duplicates import held_twice, source_of
 from jbw.campaign.files import repeats_of
 from jbw.campaign.gains import Gain, force_per_unit, gain_of
@@ -19,6 +19,7 @@ from jbw.campaign.tables import NOT_STATED, Assembly, Instruments, TestSpec
 from jbw.errors import DataError, JbwError
 from jbw.measurement.checks.faults import Fault, gathered
 from jbw.measurement.files.read import report
+from jbw.measurement.hypotheses.unlike_gains import unlike_gains
 from jbw.measurement.records import Record, Test
 from jbw.quantities import DEFAULT_LAWS
 
@@ -158,6 +159,7 @@ def load_test(
     loaded: list[Record] = []
     gain = gain_of(per_unit, test.driven_by)
     doubts: list[tuple[str, Fault]] = []
+    gains: list[tuple[str, float]] = []
     for item in repeats_of(test, folder, allow_outside=allow_outside):
         if isinstance(item, JbwError):
             raise item
@@ -165,7 +167,10 @@ def load_test(
         errors = [fault for fault in faults if fault.severity == "error"]
         report(item, [beside_stated(fault, test) for fault in errors])
         doubts += [(item.name, fault) for fault in faults]
+        gains += gain_read(item, test)
         loaded.append(item)
+    if gains:
+        doubts += unlike_gains(gains, loaded[0].response, loaded[0].source)
     for gathered_fault in gathered(doubts, len(loaded)):
         fault = beside_stated(gathered_fault, test)
         warning = f"Test {test.name}, channel `{fault.channel}`: {fault.what} {fault.remedy}"

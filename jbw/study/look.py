@@ -321,14 +321,15 @@ def _of_harmonics(tests: Sequence[Test]) -> tuple[list[RecordRead], ShownRespons
 def _row(name: str, test: Test, records: Sequence[RecordRead]) -> dict[str, Any]:
     """Frequency and damping of a test at its largest motion: means over records, and errors.
 
-    The error is the standard deviation between records where there are several, else a record's.
+    Errors are those of a record, and the standard deviation between several, together.
     """
     tops = [max(one.rows, key=lambda row: row.y) for one in records]
     columns = {key: np.array([getattr(row, key) for row in tops]) for key in Reading._fields}
     spread = {
-        key: float(np.std(columns[of], ddof=1)) if len(tops) > 1 else _finite(columns[key][0])
+        key: _finite(np.hypot(np.std(columns[of], ddof=1) if len(tops) > 1 else 0.0,
+                              np.mean(columns[key])))
         for key, of in (("frequency_sd", "frequency_hz"), ("damping_sd", "damping"))
-    }
+    }  # fmt: skip
     means = {key: _finite(np.mean(values)) for key, values in columns.items()}
     return {
         "test": name,

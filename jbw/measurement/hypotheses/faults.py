@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from jbw.measurement.checks.faults import Fault, doubt
+from jbw.measurement.hypotheses.drop_off import drop_off
 from jbw.measurement.hypotheses.hypothesis import (
     UNEXPLAINED,
     UNEXPLAINED_SHARE,
@@ -16,6 +17,8 @@ from jbw.measurement.hypotheses.lag import Clock, Delay, LostBlock
 from jbw.measurement.hypotheses.second_blow import SecondBlow
 from jbw.measurement.hypotheses.second_mode import SecondMode
 from jbw.measurement.hypotheses.steady_line import SteadyLine
+from jbw.measurement.readings.sweep import SweepFits
+from jbw.report.messages import clock_faults as clocks
 from jbw.report.messages import decay_faults as messages
 
 HYPOTHESES: tuple[Hypothesis, ...] = (
@@ -27,6 +30,9 @@ def explained(fits: Fits, facts: Facts) -> Iterator[tuple[str, Fault]]:
     """Yield the one cause of what a mode leaves of a record: name, and what to say of it."""
     left = remainder(fits)
     if left.is_noise:
+        return
+    if isinstance(fits, SweepFits) and (dropped := drop_off(fits.signal)) is not None:
+        yield "drop-off of the drive", doubt(facts.record.source, *clocks.drop_off(*dropped))
         return
     named = named_cause(fits, HYPOTHESES)
     if named is not None:

@@ -18,7 +18,7 @@ from jbw.measurement.spans import kept_before
 from jbw.report.messages import clock_faults as messages
 
 OTHER_SIGN = 0.45  # of a period
-LEAST_DELAY, LEAST_DRIFT, LEAST_STEP = 0.02, 0.08, 0.05  # of a period; the drift along the record
+LEAST_DELAY, LEAST_DRIFT, LEAST_STEP = 0.01, 0.08, 0.05  # of a period; the drift along the record
 LEAST_LOST = 1.6  # samples
 PLACES = (0.04, 0.12, 0.25, 0.4, 0.55, 0.7, 0.85, 0.95)  # shares of the motion before a step
 MILLION = 1e6
@@ -63,7 +63,7 @@ class Delay(_Lag):
         return np.full(len(signal.time), values[0])
 
     def matters(self, values: Reals, fits: Fits) -> bool:
-        """Return whether it is 2 % of a period and not the other sign."""
+        """Return whether it is 1 % of a period and not the other sign."""
         return LEAST_DELAY <= abs(values[0]) <= OTHER_SIGN
 
     def fault(self, values: Reals, fits: Fits, facts: Facts) -> Fault:
@@ -144,8 +144,11 @@ class LostBlock(_Lag):
     def matters(self, values: Reals, fits: Fits) -> bool:
         """Return whether it is 1.6 samples and 5 % of a period."""
         assert isinstance(fits, SweepFits)
-        samples = abs(values[1]) * fits.signal.mean_period_s * fits.signal.fs
-        return samples >= LEAST_LOST and abs(values[1]) >= LEAST_STEP
+        signal = fits.signal
+        samples = abs(values[1]) * signal.mean_period_s * signal.fs
+        at = float(values[2]) * float(np.ptp(signal.time))
+        is_inside = signal.time[0] < at < signal.time[-1]
+        return is_inside and samples >= LEAST_LOST and abs(values[1]) >= LEAST_STEP
 
     def fault(self, values: Reals, fits: Fits, facts: Facts) -> Fault:
         """Name the time and the length of the block, and keep what comes before it."""

@@ -1,5 +1,7 @@
 """Records of decays and sweeps to fits of one mode: the band that is read."""
 
+from typing import Any
+
 import numpy as np
 
 from jbw.errors import JbwError
@@ -46,11 +48,12 @@ def sweep_fits(
         return None
     order = derivative_order(record.response)
     u, y = u - np.mean(u), y - np.mean(y)
+    facts: Any = {"lag_s": lag_s, "is_force": record.source == "force"}
     try:
-        signal = sweep.sweep_signal(u, y, record.fs, band, order, lag_s)
+        signal = sweep.sweep_signal(u, y, record.fs, band, order, **facts)
         if (near := near_resonance(signal, band)) is not None:
             band = near
-            signal = sweep.sweep_signal(u, y, record.fs, band, order, lag_s)
+            signal = sweep.sweep_signal(u, y, record.fs, band, order, **facts)
         if not FEWEST < len(signal.time) < MOST_VALUES or np.any(signal.rate <= 0):
             return None
         return sweep.fit_bases(signal), band

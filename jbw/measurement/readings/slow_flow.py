@@ -67,7 +67,7 @@ class Fitted(NamedTuple):
     residual: Complexes
     jacobian: Complex[np.ndarray, "value parameter"]
     squares: float
-    gains: Reals = np.zeros(0)
+    gains: Complexes = np.zeros(0, complex)
 
 
 def independent_share(residual: Complexes) -> float:

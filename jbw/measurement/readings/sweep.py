@@ -62,6 +62,7 @@ class SweepSignal:
         quantum: Step of the response's converter.
         order: Of the derivative of the displacement that the response is.
         lag_s: Stated lag of the response [s].
+        is_force: Whether the drive is the force itself, in phase with what the mode feels.
         amplitude: Of the motion, in the unit of the response at resonance; schedules the filter.
         a0: Its largest value.
     """
@@ -79,6 +80,7 @@ class SweepSignal:
     quantum: float
     order: int
     lag_s: float
+    is_force: bool
     amplitude: Reals
     a0: float
 
@@ -98,7 +100,14 @@ class SweepSignal:
 
 
 def sweep_signal(
-    u: Reals, y: Reals, fs: float, band_hz: tuple[float, float], order: int, lag_s: float = 0.0
+    u: Reals,
+    y: Reals,
+    fs: float,
+    band_hz: tuple[float, float],
+    order: int,
+    *,
+    lag_s: float = 0.0,
+    is_force: bool = True,
 ) -> SweepSignal:
     """Filter drive and response about a band and turn both back by the drive's phase.
 
@@ -109,6 +118,7 @@ def sweep_signal(
         band_hz: Lowest and highest frequency to keep [Hz].
         order: Of the derivative of the displacement that the response is.
         lag_s: Stated lag of the response [s].
+        is_force: Whether the drive is a force; a voltage is out of phase with that.
     """
     low, high = band_hz
     centre, half_width = 0.5 * (low + high), 0.5 * (high - low)
@@ -138,7 +148,7 @@ def sweep_signal(
     return SweepSignal(
         raw=y, fs=fs, centre_hz=centre, half=num_taps // 2, time=time, u=drive * back, z=z,
         phase=phase, rate=rate, step_s=step_s, quantum=converter_step(y), order=order,
-        lag_s=lag_s, amplitude=motion, a0=float(np.quantile(motion, 0.999)),
+        lag_s=lag_s, is_force=is_force, amplitude=motion, a0=float(np.quantile(motion, 0.999)),
     )  # fmt: skip
 
 
@@ -220,7 +230,7 @@ def fit_sweep(
 ) -> Fitted:
     """Fit a basis to a sweep, gains projected out, with a further cause where one is given.
 
-    The gain of the mode is real: its joint and what drives it have no other lag.
+    The gain of the mode is real where the drive is a force: nothing else has a lag.
 
     Args:
         signal: From `sweep_signal`.
@@ -235,16 +245,19 @@ def fit_sweep(
     target = signal.z * weight
     mirror = mirror_of(signal, *rates_of(signal, np.asarray(start, float), name, scale))
 
-    def projected(theta: Reals) -> tuple[Complexes, Reals]:
+    def projected(theta: Reals) -> tuple[Complexes, Complexes]:
         sigma, omega = rates_of(signal, theta[:count], name, scale)
         columns, _ = sweep_columns(signal, sigma, omega, mirror)
         if cause is not None:
             columns = cause.apply(signal, columns, theta[count:])
         weighted = columns * weight[:, None]
-        weighted = weighted / (np.linalg.norm(weighted, axis=0) + 1e-300)
-        # The first gain is real; of the others real and imaginary part.
-        others = np.repeat(np.arange(1, weighted.shape[1]), 2)
-        at, turn = np.append(0, others), np.append(1.0, np.tile([1.0, 1j], len(others) // 2))
+        size = np.linalg.norm(weighted, axis=0) + 1e-300
+        weighted = weighted / size
+        # Real and imaginary part of every gain, but for the first one of a force.
+        at = np.repeat(np.arange(weighted.shape[1]), 2)
+        turn = np.tile([1.0, 1j], weighted.shape[1])
+        if signal.is_force:
+            at, turn = np.delete(at, 1), np.delete(turn, 1)
         turned = np.conj(turn)
         inner = np.real(np.outer(turned, turn) * (weighted.conj().T @ weighted)[np.ix_(at, at)])
         inner[np.diag_indices_from(inner)] += 1e-12  # a hair: columns may be alike
@@ -252,7 +265,7 @@ def fit_sweep(
         gains = np.linalg.solve(inner, right)
         sums = np.zeros(weighted.shape[1], complex)
         np.add.at(sums, at, turn * gains)
-        return target - weighted @ sums, gains
+        return target - weighted @ sums, sums / size
 
     def residual(theta: Reals) -> Reals:
         left = projected(theta)[0]

@@ -61,7 +61,7 @@ class RecordReading:
         kind: "decay" or "sweep".
         order: Of the derivative of the displacement that the response is.
         amplitude: Peak amplitude of the response, falling, in its unit.
-        hz: Frequency at each amplitude [Hz].
+        hz: Natural frequency at each amplitude, sqrt(omega^2 + sigma^2) / (2 pi) [Hz].
         zeta: Damping ratio of the motion at each amplitude.
         hz_covariance: Of the frequencies [Hz^2].
         zeta_covariance: Of the damping ratios.
@@ -75,6 +75,7 @@ class RecordReading:
         residual: Root mean square of what is left, over that of the response.
         linear_residual: The same of a linear mode.
         noise: Amplitude of the noise in the band, in the unit of the response.
+        gain: Of the mode per unit of the drive, real of a force; NaN of a decay.
     """
 
     kind: str
@@ -94,6 +95,7 @@ class RecordReading:
     residual: float
     linear_residual: float
     noise: float
+    gain: float
 
     @property
     def hz_sd(self) -> Reals:
@@ -155,6 +157,8 @@ def read_fits(kind: str, fits: DecayFits | SweepFits) -> RecordReading:
     if kind == "sweep":  # from the motion at resonance to the response at its own frequency
         top = fits.signal.rate[fits.signal.top]
         amplitude = grid * (2 * np.pi * rows.hz / top) ** fits.signal.order
+    gains = fits.fits[chosen].gains
+    gain = float(np.real(gains[0])) if kind == "sweep" and fits.signal.is_force else np.nan
     size = float(np.linalg.norm(fits.signal.z))
     residual, linear_residual = (
         float(np.linalg.norm(fits.fits[name].residual)) / size for name in (chosen, "linear")
@@ -165,7 +169,7 @@ def read_fits(kind: str, fits: DecayFits | SweepFits) -> RecordReading:
         linear_hz=Change(float(linear.hz[0]), float(np.sqrt(linear.hz_covariance[0, 0]))),
         linear_zeta=linear_zeta, basis=chosen, chance=chance, hz_change=hz_change,
         zeta_change=zeta_change, exponent=exponent,
-        residual=residual, linear_residual=linear_residual, noise=fits.noise,
+        residual=residual, linear_residual=linear_residual, noise=fits.noise, gain=gain,
     )  # fmt: skip
 
 
@@ -213,7 +217,7 @@ class _Rows:
         if kind == "decay" and len(grid) > 3:
             along = np.gradient(np.log(omega), np.log(grid))
             sigma = sigma * (1 - fits.signal.order * along)
-        self.hz = omega / (2 * np.pi)
+        self.hz = np.hypot(sigma, omega) / (2 * np.pi)
         self.zeta = sigma / np.hypot(sigma, omega)
         by_zeta = by_sigma / omega[:, None] - (sigma / omega**2)[:, None] * by_omega
         spread = covariance(fit, fits.weight)

@@ -44,3 +44,31 @@ def another_delay(way: str, size_s: float, stated_s: float, lag_s: float) -> Fau
         "A lag acts as damping, a lead removes damping; the signal of an AC-coupled sensor leads.",
         f"Put under [[test]]: `delay = {lag_s:.3g}`, or correct the phase of the channels.",
     )
+
+
+def drop_off(share: float, noise: float) -> FaultText:
+    """How far a drive falls at the resonance, over its usual size, and its noise over it there."""
+    return FaultText(
+        f"At the resonance the drive falls to {share:.2g} of its usual size, of which its noise is "
+        f"{noise:.0%}.",
+        "The noise of the drive there is taken for motion, which adds damping.",
+        "Measure the drive with a more sensitive gauge, or hold its level through the resonance.",
+    )
+
+
+def other_sign(name: str, source: str) -> FaultText:
+    """A repeat whose response has the other sign, over its drive, than that of most."""
+    return FaultText(
+        f"{name}: the response has the other sign, over the drive, than in most repeats.",
+        "A channel was turned over: the mean of both cancels, and a fit meets neither.",
+        f"Give it a [[test]] of its own with `scale = {{ {source} = -1.0 }}`.",
+    )
+
+
+def other_gain(name: str, ratio: float, source: str) -> FaultText:
+    """A repeat whose response over its drive is another multiple than that of most."""
+    return FaultText(
+        f"{name}: the response over the drive is {ratio:.4g} times that of most repeats.",
+        "A channel has another unit or gain.",
+        f"Give it a [[test]] of its own with `scale = {{ {source} = {ratio:.4g} }}`.",
+    )

@@ -85,7 +85,8 @@ def second_mode(first_hz: float, second_hz: float, band: tuple[float, float]) ->
     return FaultText(
         f"`band` holds two modes, at {first_hz:.4g} and {second_hz:.4g} Hz.",
         "They beat; read as one mode, frequency and damping are those of neither.",
-        f"Put under [[test]]: `band = [{band[0]:g}, {band[1]:g}]`.",
+        f"Put under [[test]]: `band = [{band[0]:g}, {band[1]:g}]`, or state both modes by "
+        "[structure].",
     )
 
 

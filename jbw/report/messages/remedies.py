@@ -7,6 +7,7 @@ from typing import Any
 PUT = "Put under [[test]]:"
 LEAVE_OUT_BY_NUMBER = "leave the record out by its number in `exclude`"
 LEAVE_OUT_TEST = "Leave the test out."
+NO_LINE = "No line of the campaign file was found that repairs it: measure again."
 OTHER_LAWS = "Try other laws: jbw laws."
 # What the functions below write, to be found in a remedy again.
 SPAN = re.compile(r"`span = \[([^,\]]+), ([^\]]+)\]`")

@@ -1,0 +1,115 @@
+"""Remedies tried before they are printed: the line is put into a copy, and the record looked at.
+
+A line is printed where what it is to cure is gone and nothing new has come. Lines of keys that do
+not change a record in memory (units, laws, levels) are printed as they are.
+"""
+
+import re
+import tomllib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any
+
+from pydantic import ValidationError
+
+from jbw.campaign.tables import TestSpec
+from jbw.errors import JbwError
+from jbw.measurement.checks.faults import NUMBER, Fault
+from jbw.measurement.files.assemble import unwindowed
+from jbw.measurement.records import RESPONSES, Record
+from jbw.measurement.resampled import on_one_clock
+from jbw.measurement.spans import start_of
+from jbw.measurement.steady_lines import without_lines
+from jbw.report.messages import remedies
+
+LINE = re.compile(r"`((\w+) = [^`]+)`")
+STATED = {"settle", "band", "delay"}  # keys that a record is looked at with, as it is
+
+Look = Callable[[Record, TestSpec], Sequence[Fault]]
+Change = Callable[[Record, Any], Record]
+
+
+def tried(faults: Sequence[Fault], record: Record, test: TestSpec, look: Look) -> tuple[Fault, ...]:
+    """Return faults of a record with only such lines in their remedies as cure them.
+
+    Args:
+        faults: What `look` found of the record and its test.
+        record: The record.
+        test: Its table.
+        look: Finds the faults of a record under a table.
+    """
+    known = {_kind(fault) for fault in faults}
+    return tuple(
+        fault
+        if _cures(fault, known, record, test, look)
+        else replace(fault, remedy=_without(fault))
+        for fault in faults
+    )
+
+
+def _kind(fault: Fault) -> tuple[str, str]:
+    return fault.channel, NUMBER.sub("#", fault.what)
+
+
+def _cures(
+    fault: Fault, known: set[tuple[str, str]], record: Record, test: TestSpec, look: Look
+) -> bool:
+    """Whether the first line of a remedy takes a fault away and brings no other."""
+    line = LINE.search(fault.remedy)
+    if line is None or (line[2] not in STATED and line[2] not in CHANGES):
+        return True
+    value = tomllib.loads(line[1])[line[2]]
+    try:
+        if line[2] in STATED:
+            test = test.model_copy(update={line[2]: tuple(value) if line[2] == "band" else value})
+        else:
+            record = CHANGES[line[2]](record, value)
+        left = {_kind(one) for one in look(record, test)}
+    except (JbwError, ValueError, ValidationError):
+        return False
+    return _kind(fault) not in left and left <= known
+
+
+def _without(fault: Fault) -> str:
+    """A remedy without the line that does not cure, as far as it names something else to do."""
+    others = [part for part in fault.remedy.split(", or ")[1:] if not LINE.match(part)]
+    if not others:
+        return remedies.NO_LINE
+    first = others[0]
+    excludes = remedies.EXCLUDE.search(first)
+    sentence = first[0].upper() + ", or ".join(others)[1:]
+    return f"{remedies.PUT} `exclude = {excludes[1]}`." if excludes else sentence
+
+
+def _cut(record: Record, span: Sequence[float]) -> Record:
+    begins = start_of(record)
+    first, last = (max(round((end - begins) * record.fs), 0) for end in span)
+    return replace(record, channels={role: x[first:last] for role, x in record.channels.items()})
+
+
+def _of_responses(record: Record, change: Callable[[Any], Any]) -> Record:
+    channels = {role: change(x) if role in RESPONSES else x for role, x in record.channels.items()}
+    return replace(record, channels=channels)
+
+
+def _without_window(record: Record, tau_s: float) -> Record:
+    first = round(start_of(record) * record.fs)
+    return _of_responses(record, lambda x: unwindowed(x, tau_s * record.fs, first))
+
+
+def _scaled(record: Record, factors: Mapping[str, float]) -> Record:
+    channels = {role: factors.get(role, 1.0) * x for role, x in record.channels.items()}
+    return replace(record, channels=channels)
+
+
+# By the key of a campaign file: what it makes of a record that was read without it.
+CHANGES: Mapping[str, Change] = {
+    "span": _cut,
+    "window_s": _without_window,
+    "lines_hz": lambda record, hz: _of_responses(
+        record, lambda x: without_lines(x, record.fs, hz)[0]
+    ),
+    "clock_ppm": on_one_clock,
+    "scale": _scaled,
+    "remove_mean": lambda record, _: _of_responses(record, lambda x: x - x.mean()),
+}
