@@ -19,7 +19,7 @@ from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.checks.responses import about_peak, undecaying
 from jbw.measurement.hypotheses.begins_late import begins_late
 from jbw.measurement.hypotheses.faults import explained
-from jbw.measurement.hypotheses.hypothesis import Facts
+from jbw.measurement.hypotheses.hypothesis import Facts, Fits
 from jbw.measurement.hypotheses.window import window_constant
 from jbw.measurement.readings.read import decay_fits, sweep_fits
 from jbw.measurement.readings.table import Change, RecordReading, read_fits
@@ -87,15 +87,13 @@ def _decay(record: Record, band: Band, settle_s: float) -> Examined:
     fits = decay_fits(record, band, settle_s)
     if fits is None:
         return Examined(None, (), band)
-    reading = read_fits("decay", fits)
+    reading, signal = _read_fits("decay", fits), fits.signal
     low, high = band
     outside = 1.5 * low - 0.5 * high, 1.5 * high - 0.5 * low
-    rate = 2 * np.pi * reading.linear_hz.value * reading.linear_zeta.value
-    x = record.channels[role][round((settle_s + fits.signal.begins) * record.fs) :]
-    window = window_constant(x, record.fs, outside, rate, fits.signal.quantum)
-    faults = []
-    if window is not None:
-        faults.append(doubt(role, *messages.windowed(*window)))
+    rate = float(fits.fits["linear"].theta[2]) * fits.scale
+    x = record.channels[role][round((settle_s + signal.begins) * record.fs) :]
+    window = window_constant(x, record.fs, outside, rate, signal.quantum)
+    faults = [] if window is None else [doubt(role, *messages.windowed(*window))]
     facts = Facts(record, settle_s, 0.0, band)
     faults += [fault for _, fault in explained(fits, facts)]
     return Examined(reading, tuple(faults), band)
@@ -108,7 +106,15 @@ def _sweep(record: Record, band_hz: Band | None, delay_s: float) -> Examined:
     fits, band = found
     facts = Facts(record, 0.0, delay_s, band)
     faults = tuple(fault for _, fault in explained(fits, facts))
-    return Examined(read_fits("sweep", fits), faults, band)
+    return Examined(_read_fits("sweep", fits), faults, band)
+
+
+def _read_fits(kind: str, fits: Fits) -> RecordReading | None:
+    """The table of a record; None where its errors cannot be told."""
+    try:
+        return read_fits(kind, fits)
+    except np.linalg.LinAlgError:
+        return None
 
 
 def _key(record: Record, kind: str, numbers: Sequence[float]) -> str:
@@ -140,12 +146,18 @@ def _kept(key: str, make: Callable[[], Examined]) -> Examined:
     """
     if key not in _read:
         path = platformdirs.user_cache_path("jbw") / "readings" / f"{key}.json"
-        try:
-            _read[key] = _from_json(json.loads(path.read_text()))
-        except (OSError, ValueError, TypeError, KeyError):
-            _read[key] = make()
+        kept = _opened(path)
+        _read[key] = make() if kept is None else kept
+        if kept is None:
             _write(path, _read[key])
     return _read[key]
+
+
+def _opened(path: Path) -> Examined | None:
+    try:
+        return _from_json(json.loads(path.read_text()))
+    except (OSError, ValueError, TypeError, KeyError):
+        return None
 
 
 def _write(path: Path, examined: Examined) -> None:

@@ -31,6 +31,7 @@ from jbw.measurement.records import Record
 
 LEFT, LINE, LINE_SIZE, LEFT_SHARE = 1.2, 30.0, 5e-4, 0.06  # of condition 1
 EXPLAINS = 0.6  # of the squares that are left, at the most, by a cause: condition 2
+ENOUGH = 0.1  # of these squares: a cause that leaves less needs no rival
 ODDS = 25.0  # condition 3
 NEARLY = 20.0  # of 2 ln of the likelihood: causes that are alike
 UNEXPLAINED, UNEXPLAINED_SHARE = 20.0, 0.03  # weighted rms and share of the response that are said
@@ -138,7 +139,8 @@ def named_cause(fits: Fits, hypotheses: Sequence[Hypothesis]) -> Named | None:
             if hypothesis.matters(values, fits):
                 tried.append((hypothesis, values, fitted))
         # The first one that leaves noise alone is enough: they are in the order of parameters.
-        if any(fitted.squares < LEFT**2 * len(fits.signal.z) for _, _, fitted in tried):
+        enough = min(LEFT**2 * len(fits.signal.z), ENOUGH * nothing.squares)
+        if any(fitted.squares < enough for _, _, fitted in tried):
             break
     if not tried:
         return None

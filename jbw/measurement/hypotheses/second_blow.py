@@ -16,6 +16,7 @@ APART = 0.1  # of the record between the two places that are tried
 LOUD = 6.0  # noise amplitudes
 LEAST = 0.05  # of ln a and of the phase [rad] together
 LOST = 0.08  # of ln a: a smaller jump of the size is one of the phase alone
+GREW = 0.2  # of ln a: no samples that are missing make a decay so much larger
 GROWTH = (-1.5, 3.0)  # of ln a: no jump is larger
 ENDS = 0.02  # of the record, at which nothing is told
 
@@ -43,11 +44,12 @@ class SecondBlow:
         signal = fits.signal
         at = facts.settle_s + signal.begins + float(place) * float(signal.time[-1])
         remedy = left_out_from(facts.record, at)
-        jump = float(np.hypot(growth, np.angle(np.exp(1j * turn))))
+        jump = float(abs(np.exp(growth + 1j * turn) - 1))
         if abs(growth) < LOST:
             return doubt(facts.record.response, *messages.interrupted(at, remedy))
         return doubt(
-            facts.record.response, *messages.second_blow(at, jump, remedy, grows=bool(growth > 0))
+            facts.record.response,
+            *messages.second_blow(at, jump, remedy, grows=bool(growth > GREW)),
         )
 
 

@@ -29,7 +29,11 @@ WORTH_A_TERM = 0.9  # of the squares: the next term of a basis must leave less
 NO_MODEL = 1e3  # times the signal: value of a model that does not exist
 FADED = 2.4  # half converter steps below which a converter without dither passes nothing
 QUIETEST = 0.3  # of the noise: amplitude at which a decay ends
+LOUD = 4.0  # noise amplitudes, which one value in 10^7 of noise exceeds
 FEWEST_KEPT = 24
+LEAST_FALL = 1e-3  # of the rate at which the envelope falls
+HALF_GAIN, FEWEST_LINES = 0.5, 12  # of the filter, and lines within: those that noise is read off
+SAFE = 1.15  # times a noise that few lines tell
 
 
 class Jump(NamedTuple):
@@ -149,12 +153,32 @@ def decay_signal(x: Reals, fs: float, band_hz: tuple[float, float], order: int) 
     z = whole[start::step]
     quietest = whole[-max(len(whole) // 10, 8) :]
     tail = float(np.sqrt(np.mean(np.abs(quietest) ** 2)))
+    tail = min(tail, _between_lines(whole[::step], taps, step))
     return DecaySignal(
         raw=x, fs=fs, centre_hz=centre, half_width_hz=half_width, taps=taps,
         moments=_moments(taps, fs), a0=float(np.abs(z[: max(len(z) // 200, 1)]).mean()), z=z,
         time=np.arange(len(z)) * step / fs, begins=(start + half) / fs, step_s=step / fs,
         quantum=converter_step(x), tail=max(tail, 1e-12 * float(size.max())), order=order,
     )  # fmt: skip
+
+
+def _between_lines(z: Complexes, taps: Reals, step: int) -> float:
+    r"""Noise amplitude by the last third of an envelope, between lines and modes that it holds.
+
+    $$E|Z(f)|^2 = 4\sigma^2 |H(f)|^2 \sum w^2, \qquad E|z|^2 = 4\sigma^2 \sum h^2$$
+
+    by the median of its lines in the middle of the band; infinite where there are too few.
+    """
+    late = z[-(len(z) // 3) :]
+    window = np.hanning(len(late) + 2)[1:-1]
+    freq = np.fft.fftfreq(len(late), step) if len(late) else np.zeros(0)
+    response = np.abs(np.exp(2j * np.pi * np.outer(freq, np.arange(len(taps)))) @ taps)
+    inner = response > HALF_GAIN
+    if inner.sum() < FEWEST_LINES:
+        return np.inf
+    power = np.abs(np.fft.fft(late * window)) ** 2 / response**2 / np.sum(window**2)
+    density = float(np.median(power[inner])) / np.log(2)
+    return SAFE * float(np.sqrt(density * np.sum(taps**2)))
 
 
 def _moments(taps: Reals, fs: float) -> Reals:
@@ -308,6 +332,8 @@ def fit_decay(
 
     begin = np.concatenate([start, cause.start]) if cause is not None else np.array(start, float)
     lower, upper = np.full(len(begin), -np.inf), np.full(len(begin), np.inf)
+    if basis.terms == 1:  # a free motion falls; what beats may seem to grow
+        lower[2], begin[2] = LEAST_FALL, max(begin[2], 2 * LEAST_FALL)
     if basis.is_free:
         at = count - 1
         lower[at], upper[at] = (-1.2, 5.0) if basis.terms == 2 else (0.2, 2.2)
@@ -365,7 +391,9 @@ def fit_bases(signal: DecaySignal) -> DecayFits:
             late = np.abs(linear.residual[-max(len(size) // 5, 4) :])
             noise = max(min(noise, float(np.sqrt(np.mean(late**2)))), 1e-9 * signal.a0)
     ends = int(np.searchsorted(-size, -max(QUIETEST * noise, FADED * half_step)))
-    signal = signal.until(max(ends, FEWEST_KEPT))
+    # A mode alone may die where two that beat go on.
+    loud = np.flatnonzero(signal.size > max(LOUD * noise, FADED * half_step))
+    signal = signal.until(max(ends, FEWEST_KEPT, int(loud[-1]) + 1 if loud.size else 0))
     weight = weight_at(size[: len(signal.z)])
     fits = {"linear": fit_decay(signal, "linear", linear.theta, scale, weight)}
     if len(signal.z) >= FEWEST_POWERS:
