@@ -111,11 +111,12 @@ def test_a_block_lost_at_the_resonance_of_a_short_sweep_is_named(later, lost, do
     x = response(np.append(u, np.zeros(lost)))
     x = np.concatenate([x[:at], x[at + lost :]])
     (fault,) = found(u, x, "sweep")
-    assert "the response lost a block" in fault.what
-    assert float(fault.what.split()[1]) == pytest.approx(at / FS, abs=0.5 / HZ)
-    # Of a turn, lost HZ / FS; to two digits, and to what the size changes in two periods.
-    turn = float(fault.what.split("jumps by ")[1].split()[0])
-    assert turn == pytest.approx(lost * HZ / FS, abs=0.03)
+    assert "lost a block of samples" in fault.what
+    # The size changes little within a period: the place is known to one of them.
+    assert float(fault.what.split()[1]) == pytest.approx(at / FS, abs=1 / HZ)
+    # To two of three digits, and to whole periods, whose phase is the same.
+    jump = float(fault.what.split("jumps by ")[1].split()[0])
+    assert jump == pytest.approx(lost / FS, abs=0.05 / HZ)
     before = float(fault.remedy.split("span = [0.0, ")[1].split("]")[0])
     assert at / FS - 3 / HZ < before < at / FS
     kept = slice(0, round(before * FS))
@@ -129,7 +130,7 @@ def test_a_lag_that_jumps_at_the_resonance_has_the_time_of_the_cut(lost):
     x = response(np.append(u, np.zeros(lost)))
     (fault,) = found(u, np.concatenate([x[:at], x[at + lost :]]), "sweep")
     assert "lost a block" in fault.what
-    assert float(fault.what.split()[1]) == pytest.approx(at / FS, abs=0.5 / HZ)  # three digits
+    assert float(fault.what.split()[1]) == pytest.approx(at / FS, abs=2 / HZ)  # three digits
 
 
 @pytest.mark.parametrize("clicks", [1, 6])

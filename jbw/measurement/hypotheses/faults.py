@@ -21,8 +21,9 @@ from jbw.measurement.readings.sweep import SweepFits
 from jbw.report.messages import clock_faults as clocks
 from jbw.report.messages import decay_faults as messages
 
+# In the order of their parameters.
 HYPOTHESES: tuple[Hypothesis, ...] = (
-    SecondBlow(), Delay(), Clock(), LostBlock(), SteadyLine(), SecondMode(),
+    Delay(), Clock(), SteadyLine(), SecondBlow(), LostBlock(), SecondMode(),
 )  # fmt: skip
 
 

@@ -133,14 +133,14 @@ def remainder(fits: Fits) -> Remainder:
 def named_cause(fits: Fits, hypotheses: Sequence[Hypothesis]) -> Named | None:
     """Return the hypothesis that explains what a mode leaves of a record, if one does."""
     nothing = best_of(fits)
-    tried = []
+    enough = min(LEFT**2 * len(fits.signal.z), ENOUGH * nothing.squares)
+    tried, rivals = [], 0
     for hypothesis in hypotheses:
-        for values, fitted in _joint_fits(fits, hypothesis):
-            if hypothesis.matters(values, fits):
-                tried.append((hypothesis, values, fitted))
-        # The first one that leaves noise alone is enough: they are in the order of parameters.
-        enough = min(LEFT**2 * len(fits.signal.z), ENOUGH * nothing.squares)
-        if any(fitted.squares < enough for _, _, fitted in tried):
+        found = list(_joint_fits(fits, hypothesis))
+        tried += [(hypothesis, *row) for row in found if hypothesis.matters(row[0], fits)]
+        rivals += len(found) > 0
+        # They are in the order of parameters: one of two that leaves noise alone is enough.
+        if rivals > 1 and any(fitted.squares < enough for _, _, fitted in tried):
             break
     if not tried:
         return None

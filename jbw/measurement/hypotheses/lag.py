@@ -18,9 +18,9 @@ from jbw.measurement.spans import kept_before
 from jbw.report.messages import clock_faults as messages
 
 OTHER_SIGN = 0.45  # of a period
-LEAST_DELAY, LEAST_DRIFT, LEAST_STEP = 0.01, 0.08, 0.05  # of a period; the drift along the record
+LEAST_DELAY, LEAST_DRIFT, LEAST_STEP = 0.01, 0.03, 0.05  # of a period; the drift along the record
 LEAST_LOST = 1.6  # samples
-PLACES = (0.04, 0.12, 0.25, 0.4, 0.55, 0.7, 0.85, 0.95)  # shares of the motion before a step
+PLACES = np.linspace(0.03, 0.97, 16)  # shares of the motion before a step
 MILLION = 1e6
 
 
@@ -88,7 +88,7 @@ class Clock(_Lag):
         return values[0] + values[1] * _courses(signal)[1]
 
     def matters(self, values: Reals, fits: Fits) -> bool:
-        """Return whether it changes by 8 % of a period along the record."""
+        """Return whether it changes by 3 % of a period along the record."""
         return abs(values[0]) <= OTHER_SIGN and abs(values[1]) >= LEAST_DRIFT
 
     def fault(self, values: Reals, fits: Fits, facts: Facts) -> Fault:
@@ -104,12 +104,12 @@ class Clock(_Lag):
 
 
 class LostBlock(_Lag):
-    """A lag that jumps: before, its change in mean periods, and the time from a first place."""
+    """A lag that jumps from none: its size in mean periods, and its time over the length."""
 
     name = "lost block of samples in a sweep"
 
     def causes(self, fits: Fits, basis: str) -> Iterator[Cause]:
-        """Yield steps at the two best of several places."""
+        """Yield steps at the three best of several places."""
         if not isinstance(fits, SweepFits) or basis != "linear":
             return
         signal, count = fits.signal, len(fits.fits["linear"].theta)
@@ -118,47 +118,43 @@ class LostBlock(_Lag):
         for place in PLACES:
             at = float(signal.time[min(int(np.searchsorted(share, place)), len(share) - 1)])
             for step in (-0.25, 0.25):
-                cause = Cause(np.array([0.0, step]), self._stepped(fits, at, moves=False))
-                fitted = joint_fit(fits, "linear", cause)
+                fitted = joint_fit(fits, "linear", Cause(np.array([step]), _stepped(at)))
                 if fitted is not None:
-                    rows.append((fitted.squares, at, fitted.theta[count:]))
+                    rows.append((fitted.squares, at, float(fitted.theta[count])))
         rows.sort(key=lambda row: row[0])
-        for _, at, values in rows[:2]:
-            start = np.array([*values, at / float(np.ptp(signal.time))])
-            yield Cause(start, self._stepped(fits, 0.0, moves=True))
-
-    def _stepped(
-        self, fits: SweepFits, at: float, *, moves: bool
-    ) -> Callable[[SweepSignal, Complexes, Reals], Complexes]:
-        signal = fits.signal
-        width = max(signal.half / signal.fs, 2 * signal.step_s)
-        period, length = signal.mean_period_s, float(np.ptp(signal.time))
-
-        def stepped(signal: SweepSignal, columns: Complexes, values: Reals) -> Complexes:
-            place = at + (values[2] * length if moves else 0.0)
-            after = np.clip(0.5 + (signal.time - place) / width, 0.0, 1.0)
-            return late(columns, signal.rate, (values[0] + values[1] * after) * period)
-
-        return stepped
+        for _, at, step in rows[:3]:
+            yield Cause(np.array([step, at / float(np.ptp(signal.time))]), _stepped(None))
 
     def matters(self, values: Reals, fits: Fits) -> bool:
         """Return whether it is 1.6 samples and 5 % of a period."""
         assert isinstance(fits, SweepFits)
         signal = fits.signal
-        samples = abs(values[1]) * signal.mean_period_s * signal.fs
-        at = float(values[2]) * float(np.ptp(signal.time))
+        samples = abs(values[0]) * signal.mean_period_s * signal.fs
+        at = float(values[1]) * float(np.ptp(signal.time))
         is_inside = signal.time[0] < at < signal.time[-1]
-        return is_inside and samples >= LEAST_LOST and abs(values[1]) >= LEAST_STEP
+        return is_inside and samples >= LEAST_LOST and abs(values[0]) >= LEAST_STEP
 
     def fault(self, values: Reals, fits: Fits, facts: Facts) -> Fault:
         """Name the time and the length of the block, and keep what comes before it."""
         assert isinstance(fits, SweepFits)
         signal = fits.signal
-        at = float(values[2]) * float(np.ptp(signal.time))
-        jump = float(values[1]) * signal.mean_period_s
+        at = float(values[1]) * float(np.ptp(signal.time))
+        jump = float(values[0]) * signal.mean_period_s
         keep = kept_before(facts.record, at - signal.mean_period_s)
         ahead = "ahead of" if jump < 0 else "behind"
         return doubt(
             facts.record.response,
             *messages.lost_block(at, messages.response_jumps(abs(jump), ahead), keep),
         )
+
+
+def _stepped(at_s: float | None) -> Callable[[SweepSignal, Complexes, Reals], Complexes]:
+    """A lag that jumps at a time [s], or at one that is a parameter."""
+
+    def stepped(signal: SweepSignal, columns: Complexes, values: Reals) -> Complexes:
+        place = float(values[1]) * float(np.ptp(signal.time)) if at_s is None else at_s
+        after = signal.filtered_step(place)[:, None]
+        moved = late(columns, signal.rate, values[0] * signal.mean_period_s)
+        return columns * (1 - after) + moved * after
+
+    return stepped

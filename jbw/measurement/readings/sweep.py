@@ -52,7 +52,7 @@ class SweepSignal:
         raw: Samples of the response.
         fs: Sampling frequency [Hz].
         centre_hz: Centre of the band that is kept [Hz].
-        half: Samples to either side of the filter's middle tap.
+        taps: Impulse response of the filter, sum 1.
         time: Of the values [s].
         u: Drive in its own frame: real and slow.
         z: Response in that frame.
@@ -70,7 +70,7 @@ class SweepSignal:
     raw: Reals
     fs: float
     centre_hz: float
-    half: int
+    taps: Reals
     time: Reals
     u: Complexes
     z: Complexes
@@ -93,6 +93,12 @@ class SweepSignal:
     def mean_period_s(self) -> float:
         """Period of the drive in the middle of the sweep [s]."""
         return float(2 * np.pi / np.median(self.rate))
+
+    def filtered_step(self, at_s: float) -> Reals:
+        """Return a unit step at a time [s], as the filter passes it."""
+        passed = np.concatenate([[0.0], np.cumsum(self.taps)])
+        place = (self.time - at_s) * self.fs + len(self.taps) // 2
+        return np.interp(place, np.arange(len(passed)), passed, left=0.0, right=1.0)
 
     def at_amplitude(self, amplitude: Reals) -> "SweepSignal":
         """Return the same, scheduled by another course of the amplitude."""
@@ -146,7 +152,7 @@ def sweep_signal(
     top = int(np.argmax(size / rate**order))
     motion = size * (rate[top] / rate) ** order
     return SweepSignal(
-        raw=y, fs=fs, centre_hz=centre, half=num_taps // 2, time=time, u=drive * back, z=z,
+        raw=y, fs=fs, centre_hz=centre, taps=taps, time=time, u=drive * back, z=z,
         phase=phase, rate=rate, step_s=step_s, quantum=converter_step(y), order=order,
         lag_s=lag_s, is_force=is_force, amplitude=motion, a0=float(np.quantile(motion, 0.999)),
     )  # fmt: skip
