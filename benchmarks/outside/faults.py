@@ -12,7 +12,7 @@ import numpy as np
 import scipy.signal
 
 from .plants import Rng, log_uniform
-from .records import KINDS, Choice, Drawn, recorded
+from .records import KINDS, Choice, Drawn, recorded, specimen
 from .simulator import Array, Plant, march, substeps_of
 
 Edit = Callable[[Rng, Drawn], Drawn]
@@ -395,15 +395,19 @@ def load_cell_drift(rng: Rng, drawn: Drawn) -> Drawn:
     return _said(drawn, x, f"offset {offset:.0%}, drift {share:.0%}")
 
 
+def spoilt(rng: Rng, clean: Drawn, fault: Fault) -> Drawn:
+    """Return a perfect record as its recorder writes it, with a fault."""
+    drawn = recorded(rng, fault.edit(rng, clean) if fault.before else clean)
+    drawn = drawn if fault.before else fault.edit(rng, drawn)
+    return replace(drawn, fault=fault.name)
+
+
 def mishandled(rng: Rng, kind: str, name: str, choice: Choice | None = None) -> Drawn:
     """Draw a record of a kind and do to it what `name` says."""
     fault = FAULTS[name]
     while True:
         try:
-            clean = KINDS[kind](rng, choice or fault.choice)
-            clean = fault.edit(rng, clean) if fault.before else clean
-            drawn = recorded(rng, clean)
-            drawn = drawn if fault.before else fault.edit(rng, drawn)
-            return replace(drawn, fault=name, size=drawn.size or clean.size)
+            one = specimen(rng, kind, choice or fault.choice)
+            return spoilt(rng, KINDS[kind](rng, one), fault)
         except FloatingPointError:
             continue

@@ -2,10 +2,11 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import CubicSpline
+from numpy.polynomial import polynomial as P
 
 from .simulator import Array, Plant, force_along, free_decay, substeps_of
 
@@ -216,6 +217,30 @@ class Truth(NamedTuple):
         )
 
 
+def extrema(y: Array, v: Array, a: Array, step: float) -> tuple[Array, Array]:
+    """Return times and values of a motion's extrema, by quintics through y, v, a at samples."""
+    (at,) = np.nonzero(np.sign(v[:-1]) * np.sign(v[1:]) < 0)
+    y0, v0, a0 = y[at], step * v[at], step**2 * a[at]
+    y1, v1, a1 = y[at + 1], step * v[at + 1], step**2 * a[at + 1]
+    rest, slope, bend = y1 - y0 - v0 - a0 / 2, v1 - v0 - a0, a1 - a0
+    powers = np.array([
+        y0, v0, a0 / 2, 10 * rest - 4 * slope + bend / 2, -15 * rest + 7 * slope - bend,
+        6 * rest - 3 * slope + bend / 2,
+    ])  # fmt: skip
+    first, second = P.polyder(powers, axis=0), P.polyder(powers, 2, axis=0)
+    s = v0 / (v0 - v1)
+    for _ in range(5):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            newton = s - _values(first, s) / _values(second, s)
+        s = np.where(np.isfinite(newton), np.clip(newton, 0.0, 1.0), s)
+    return (at + s) * step, _values(powers, s)
+
+
+def _values(powers: Array, s: Array) -> Array:
+    return P.polyval(s, powers, tensor=False)
+
+
+@lru_cache(maxsize=64)
 def truth_of(plant: Plant, top: float) -> Truth:
     """Read frequency and damping off a free decay from above `top`, cycle by cycle."""
     if plant == Plant(omega_n=plant.omega_n, zeta=plant.zeta):
@@ -225,11 +250,10 @@ def truth_of(plant: Plant, top: float) -> Truth:
     plant = replace(plant, gain_2=0.0, drift=0.0)
     length = min(6.0 / max(plant.zeta, 2e-4), 6000.0)
     count = int(length * PER_PERIOD / (2 * np.pi)) + int(8 * PER_PERIOD)
-    y, v, *_ = free_decay(plant, count, PER_PERIOD, (1.3 * top, 0.0), pulled=True)
-    t = np.arange(count) * 2 * np.pi / PER_PERIOD
-    peaks = CubicSpline(t, v).roots(extrapolate=False)[2:-2]
+    motion = free_decay(plant, count, PER_PERIOD, (1.3 * top, 0.0), pulled=True)[:3]
+    peaks, y = (values[2:-2] for values in extrema(*motion, 2 * np.pi / PER_PERIOD))
     # From peak to peak, as sliders leave an offset; by whole periods, as halves of it differ.
-    size = np.abs(np.diff(CubicSpline(t, y)(peaks))) / 2
+    size = np.abs(np.diff(y)) / 2
     middle = (peaks[1:] + peaks[:-1]) / 2
     keep = size > 1e-9 * top
     size, middle = size[keep], middle[keep]

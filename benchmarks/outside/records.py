@@ -8,12 +8,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
+import scipy.fft
 
-from .plants import COMMON, LAWS, Plant, Rng, Truth, draw_plant, log_uniform, truth_of
-from .simulator import Array, force_along, free_decay, march, substeps_of
+from .plants import COMMON, LAWS, Rng, Truth, draw_plant, log_uniform, truth_of
+from .simulator import Array, Plant, force_along, free_decay, march, substeps_of
 
 RESPONSES = ("displacement", "velocity", "acceleration")
-HZ = (0.2, 2e4)  # natural frequencies
+HZ = (0.2, 2e4)  # natural frequencies, before a usual rate is chosen
 SAMPLES = 60_000  # of a record, at most
 PERIODS = (5, 5000)  # of a decay
 SEEN = 3.0  # amplitude over noise that at least three periods of a decay have
@@ -100,7 +101,7 @@ class Drawn:
 
     def truth(self) -> Truth:
         """Read the truth off the plant's free decay, in units of the plant."""
-        return truth_of(self.plant, max(self.top, 1e-3))
+        return truth_of(self.plant, max(self.top, 1.0))  # the same for all levels
 
     def true_at(self, displacement: Array) -> tuple[Array, Array]:
         """Return true frequency [Hz] and damping ratio at displacement amplitudes [m]."""
@@ -129,13 +130,26 @@ class Choice:
     laws: tuple[str, ...] = COMMON
 
 
+ANY = Choice()
+
+
 @dataclass(frozen=True)
-class _Start:
-    """What every kind of record draws first."""
+class Specimen:
+    """A structure and the instruments on it: what all records of a campaign share.
+
+    Attributes:
+        law: Name in `plants.LAWS`.
+        plant: In units of 1 rad/s and of `length`.
+        hz: Natural frequency, fully stuck [Hz].
+        per_period: Samples a natural period.
+        noise: Standard deviation over the largest response at a level of one.
+        response: Quantity that the sensor measures.
+        mass: Modal mass [kg].
+        length: Displacement that is an amplitude of one in the plant [m].
+    """
 
     law: str
     strong: bool
-    zeta: float
     plant: Plant
     hz: float
     per_period: float
@@ -143,9 +157,16 @@ class _Start:
     bits: int
     response: str
     mass: float
+    length: float
+
+    @property
+    def zeta(self) -> float:
+        """The viscous damping ratio."""
+        return self.plant.zeta
 
     @property
     def fs(self) -> float:
+        """Sampling frequency [Hz]."""
         return self.hz * self.per_period
 
     @property
@@ -153,11 +174,37 @@ class _Start:
         """Samples a unit of the plant's time."""
         return self.per_period / (2 * np.pi)
 
+    def record(self, kind: str, motion: Array, u: Array | None, level: float, **more: Any) -> Drawn:
+        """Scale a motion (displacement, velocity, acceleration) and a force to SI."""
+        w = 2 * np.pi * self.hz
+        order = RESPONSES.index(self.response)
+        channels = {self.response: motion[order] * self.length * w**order}
+        if u is not None:
+            channels = {"force": u * self.mass * self.length * w**2, **channels}
+        return Drawn(
+            kind, self.law, self.strong, self.plant, self.hz, self.length, self.mass,
+            self.per_period, self.fs, self.response, channels, bits=self.bits,
+            noise=self.noise / level, top=float(np.max(np.abs(motion[0]))), **more,
+        )  # fmt: skip
 
-def _start(rng: Rng, choice: Choice, per_period: tuple[float, float]) -> _Start:
+
+# Samples a period, and damping of linear plants and of others, by kind.
+RANGES: dict[str, tuple[tuple[float, float], tuple[float, float], tuple[float, float]]] = {
+    "decay": ((8, 40), (5e-4, 0.2), (5e-4, 0.1)),
+    "sweep": ((8, 30), (1e-3, 0.2), (1e-3, 0.05)),
+    "multisine": ((8, 20), (2e-3, 0.1), (2e-3, 0.05)),
+    "noise": ((8, 20), (2e-3, 0.1), (2e-3, 0.05)),
+    "loop": ((8, 40), (1e-3, 0.01), (1e-3, 0.01)),
+    "mixed": ((9, 20), (2e-3, 0.05), (2e-3, 0.03)),
+}
+
+
+def specimen(rng: Rng, kind: str, choice: Choice = ANY) -> Specimen:
+    """Draw a structure and its instruments for records of a kind."""
+    per_period, of_linear, of_others = RANGES[kind]
     law = choice.law or _law(rng, choice.laws)
     strong = bool(rng.integers(2)) if choice.strong is None else choice.strong
-    zeta = log_uniform(rng, *(choice.zeta or (5e-4, 0.2 if law == "linear" else 0.1)))
+    zeta = log_uniform(rng, *(choice.zeta or (of_linear if law == "linear" else of_others)))
     per = rng.uniform(*per_period)
     hz = log_uniform(rng, *HZ)
     if rng.random() < 0.5:
@@ -167,10 +214,15 @@ def _start(rng: Rng, choice: Choice, per_period: tuple[float, float]) -> _Start:
     if choice.noise:
         noise = log_uniform(rng, *choice.noise)
     bits = max(int(rng.choice([8, 10, 12, 14, 16, 24])), choice.bits)
-    return _Start(
-        law, strong, zeta, draw_plant(rng, law, zeta, strong=strong), hz, per, noise, bits,
-        RESPONSES[rng.integers(3)], log_uniform(rng, 0.05, 50.0),
-    )  # fmt: skip
+    # An acceleration that a laboratory meets, of a motion that a bench has.
+    length = min(log_uniform(rng, 0.1, 500) / (2 * np.pi * hz) ** 2, log_uniform(rng, 1e-3, 3e-2))
+    mass = log_uniform(rng, 0.05, 50.0)
+    if kind == "loop":  # a testing machine's joint, by its stiffness
+        length, mass = log_uniform(rng, 1e-5, 1e-2), log_uniform(rng, 1e5, 1e9)
+        mass /= (2 * np.pi * hz) ** 2
+    plant = draw_plant(rng, law, zeta, strong=strong)
+    response = RESPONSES[rng.integers(3)]
+    return Specimen(law, strong, plant, hz, per, noise, bits, response, mass, length)
 
 
 def _law(rng: Rng, laws: tuple[str, ...]) -> str:
@@ -180,49 +232,23 @@ def _law(rng: Rng, laws: tuple[str, ...]) -> str:
     return str(rng.choice(laws))
 
 
-def _length(rng: Rng, hz: float) -> float:
-    """Draw a displacement whose acceleration a laboratory meets [m]."""
-    return min(log_uniform(rng, 0.1, 500.0) / (2 * np.pi * hz) ** 2, log_uniform(rng, 1e-3, 3e-2))
-
-
-def _drawn(
-    start: _Start, kind: str, length: float, motion: Array, u: Array | None, **more: Any
-) -> Drawn:
-    """Scale a motion (displacement, velocity, acceleration) and a force to SI."""
-    w = 2 * np.pi * start.hz
-    order = RESPONSES.index(start.response)
-    channels = {start.response: motion[order] * length * w**order}
-    if u is not None:
-        channels = {"force": u * start.mass * length * w**2, **channels}
-    return Drawn(
-        kind, start.law, start.strong, start.plant, start.hz, length, start.mass, start.per_period,
-        start.fs, start.response, channels, noise=start.noise, bits=start.bits, **more,
-    )  # fmt: skip
-
-
 # ------------------------------------------------------------------------------------------ decays
-def decay(rng: Rng, choice: Choice = Choice()) -> Drawn:
+def decay(rng: Rng, one: Specimen, level: float = 1.0) -> Drawn:
     """Draw a free decay after a blow or a release, with a second mode elsewhere in half of them."""
-    start = _start(rng, choice, (8, 40))
-    z = start.zeta
-    least = 3 * start.per_period
+    z = one.zeta
     enough = np.exp(-2 * np.pi * 3 * z) / SEEN  # that three periods stand out of noise
-    start = replace(start, noise=min(start.noise, enough))
+    one = replace(one, noise=min(one.noise, enough * level))
     periods = np.clip(log_uniform(rng, 3, 40) / (2 * np.pi * z), *PERIODS)
-    count = int(min(max(periods * start.per_period, least), SAMPLES))
+    count = int(min(periods * one.per_period, SAMPLES))
     released = rng.random() < 0.3
     # A blow meets a joint without force, a release one that was pulled.
-    first = (1.0, 0.0) if released else (0.0, 1.0)
-    motion = free_decay(start.plant, count, start.per_period, first, pulled=released)
-    ahead = 0 if rng.random() < 0.5 else int(rng.uniform(0, 1) * start.per_period)
-    motion = motion[:3, ahead:]
+    first = (level, 0.0) if released else (0.0, level)
+    motion = free_decay(one.plant, count, one.per_period, first, pulled=released)
+    ahead = 0 if rng.random() < 0.5 else int(rng.uniform(0, 1) * one.per_period)
     width = rng.uniform(0.25, 0.5) if z < 0.02 else rng.uniform(0.5, 0.7)
-    top = float(np.max(np.abs(motion[0])))
-    drawn = _drawn(
-        start, "decay", _length(rng, start.hz), motion, None,
-        band=(start.hz * (1 - width), start.hz * (1 + width)), top=top,
-        facts={"released": released, "time_constants": count / start.per_period * 2 * np.pi * z},
-    )  # fmt: skip
+    facts = {"released": released, "time_constants": count / one.per_period * 2 * np.pi * z}
+    band = (one.hz * (1 - width), one.hz * (1 + width))
+    drawn = one.record("decay", motion[:3, ahead:], None, level, band=band, facts=facts)
     share = rng.uniform(0.0, 0.5) if rng.random() < 0.5 else 0.0
     return _with_mode_elsewhere(rng, drawn, share)
 
@@ -257,43 +283,48 @@ def sweep_drive(
     return np.sin(2 * np.pi * phase) * np.minimum(1, np.minimum(s, 1 - s) / fade)
 
 
-def sweep(rng: Rng, choice: Choice = Choice()) -> Drawn:
+def sweep(rng: Rng, one: Specimen, level: float = 1.0) -> Drawn:
     """Draw a sweep up or down through the resonance, linear or exponential, from rest."""
-    start = _start(rng, replace(choice, zeta=choice.zeta or _of_sweeps(choice)), (8, 30))
-    z = start.zeta
+    z = one.zeta
     low = 1 - rng.uniform(0.12, 0.35) - min(2 * z, 0.3)
     high = 1 + rng.uniform(0.12, 0.35) + min(2 * z, 0.4)
     cycles = np.clip(log_uniform(rng, 0.5, 10) * (high - low) / z, 100, 2500)
     ends = (low, high) if rng.random() < 0.6 else (high, low)
     linear = bool(rng.random() < 0.7)
-    count, substeps = int(min(cycles * start.per_period, SAMPLES)), substeps_of(start.per_period)
-    drive = sweep_drive(count, start.per_period, substeps, ends, 0.02, linear=linear)
-    facts = {"ends": ends, "linear": linear, "cycles": count / start.per_period}
-    return _driven(rng, start, "sweep", drive, substeps, (low, high), facts=facts)
+    count, substeps = int(min(cycles * one.per_period, SAMPLES)), substeps_of(one.per_period)
+    drive = sweep_drive(count, one.per_period, substeps, ends, 0.02, linear=linear)
+    facts = {"ends": ends, "linear": linear, "cycles": count / one.per_period}
+    return driven(one, "sweep", drive, (low, high), level, facts=facts)
 
 
-def _of_sweeps(choice: Choice) -> tuple[float, float]:
-    return (1e-3, 0.2) if choice.law == "linear" else (1e-3, 0.05)
-
-
-def _driven(
-    rng: Rng, start: _Start, kind: str, drive: Array, substeps: int, span: tuple[float, float],
-    *, skip: int = 0, facts: Mapping[str, Any],
+def driven(
+    one: Specimen, kind: str, drive: Array, span: tuple[float, float], level: float, *,
+    skip: int = 0, facts: Mapping[str, Any],
 ) -> Drawn:  # fmt: skip
-    """Drive a plant so strongly that it moves by about one, and record from sample `skip` on."""
-    # A convex shape: the level is found by trial, as the law bends the response.
-    level = 2 * start.zeta
+    """Drive a plant so strongly that it moves by about `level`; record from sample `skip` on.
+
+    Args:
+        one: The structure.
+        kind: Of the record.
+        drive: In any unit, at every half step.
+        span: Frequencies of the drive over the natural one.
+        level: Largest displacement to be reached, within a factor of 1.4.
+        skip: Samples before the record begins.
+        facts: Whatever was drawn of the drive.
+    """
+    substeps = substeps_of(one.per_period)
+    size = 2 * one.zeta * level  # found by trial, as the law bends the response
     for _ in range(4):
-        motion = march(start.plant, level * drive, start.rate, substeps)
-        top = float(np.max(np.abs(motion[0])))
+        motion = march(one.plant, size * drive, one.rate, substeps)
+        top = float(np.max(np.abs(motion[0]))) / level
         if 0.7 < top < 1.4:
             break
-        level /= top
-    u = level * drive[:: 2 * substeps]
+        size /= top
+    u = size * drive[:: 2 * substeps]
     low, high = span
-    return _drawn(
-        start, kind, _length(rng, start.hz), motion[:3, skip:], u[skip:],
-        band=(low * start.hz, high * start.hz), top=top, facts={**facts, "level": level},
+    return one.record(
+        kind, motion[:3, skip:], u[skip:], level, band=(low * one.hz, high * one.hz),
+        facts={**facts, "force": size},
     )  # fmt: skip
 
 
@@ -327,72 +358,66 @@ def band_limited(
     return x / x.std()
 
 
-def multisine(rng: Rng, choice: Choice = Choice()) -> Drawn:
+def multisine(rng: Rng, one: Specimen, level: float = 1.0) -> Drawn:
     """Draw several periods of a multisine, recorded after as many as the transient lasts."""
-    zeta = choice.zeta or (2e-3, 0.05)
-    start = _start(rng, replace(choice, zeta=zeta), (8, 20))
-    span = _band_of(rng, start.zeta, start.per_period)
-    substeps, periods = substeps_of(start.per_period), int(rng.integers(3, 9))
+    span = _band_of(rng, one.zeta, one.per_period)
+    substeps, periods = substeps_of(one.per_period), int(rng.integers(3, 9))
     # The lines are as close as a quarter of the half-power width, at least.
-    length = int(min(rng.uniform(4, 8) / (2 * start.zeta) * start.per_period, SAMPLES / periods))
-    waiting = int(np.ceil(8 / (2 * np.pi * start.zeta) * start.per_period / length))
-    one = band_limited(rng, 2 * substeps * length, length / start.per_period, span, flat=True)
-    drive = np.append(np.tile(one, waiting + periods), one[0])
-    skip = waiting * length
+    length = int(min(rng.uniform(4, 8) / (2 * one.zeta) * one.per_period, SAMPLES / periods))
+    waiting = int(np.ceil(8 / (2 * np.pi * one.zeta) * one.per_period / length))
+    period = band_limited(rng, 2 * substeps * length, length / one.per_period, span, flat=True)
+    drive = np.append(np.tile(period, waiting + periods), period[0])
     facts = {"periods": periods, "period": length, "span": span}
-    drawn = _driven(rng, start, "multisine", drive, substeps, span, skip=skip, facts=facts)
+    drawn = driven(one, "multisine", drive, span, level, skip=waiting * length, facts=facts)
     count = periods * length
     return replace(drawn, channels={name: x[:count] for name, x in drawn.channels.items()})
 
 
-def noise(rng: Rng, choice: Choice = Choice()) -> Drawn:
+def noise(rng: Rng, one: Specimen, level: float = 1.0) -> Drawn:
     """Draw a response to band-limited noise."""
-    start = _start(rng, replace(choice, zeta=choice.zeta or (2e-3, 0.05)), (8, 20))
-    span = _band_of(rng, start.zeta, start.per_period)
-    substeps = substeps_of(start.per_period)
+    span = _band_of(rng, one.zeta, one.per_period)
     # By widths of the resonance: fewer than some hundred say little of it.
-    cycles = rng.uniform(100, 600) / (2 * start.zeta)
-    count = int(min(cycles * start.per_period, SAMPLES))
-    size = 2 * substeps * (count - 1) + 1
-    drive = band_limited(rng, size, count / start.per_period, span, flat=False)
-    return _driven(rng, start, "noise", drive, substeps, span, facts={"span": span})
+    cycles = rng.uniform(100, 600) / (2 * one.zeta)
+    count = int(min(cycles * one.per_period, SAMPLES / 2))
+    fine = 2 * substeps_of(one.per_period)
+    # The noise repeats itself only after the record, where a transform is quick.
+    size = scipy.fft.next_fast_len(fine * count)
+    cycles = size / fine / one.per_period
+    drive = band_limited(rng, size, cycles, span, flat=False)[: fine * (count - 1) + 1]
+    return driven(one, "noise", drive, span, level, facts={"span": span})
 
 
 # ------------------------------------------------------------------------------------------- loops
-def loop(rng: Rng, choice: Choice = Choice()) -> Drawn:
-    """Draw slow cycles of a testing machine at several amplitudes: displacement and force."""
-    start = _start(rng, replace(choice, zeta=choice.zeta or (1e-4, 1e-2)), (8, 40))
+def loop(rng: Rng, one: Specimen, level: float = 1.0) -> Drawn:
+    """Draw slow cycles of a testing machine at several amplitudes: displacement and force.
+
+    The machine sees the stiffness omega_n^2 mass; viscous damping has no force at its pace.
+    """
     amplitudes = np.sort(rng.uniform(0.1, 1.0, int(rng.integers(2, 6))))
-    amplitudes[-1] = 1.0
+    amplitudes *= level / amplitudes[-1]
     cycles, per_cycle = int(rng.integers(2, 5)), int(rng.uniform(80, 600))
     seconds = log_uniform(rng, 0.5, 60.0)  # of a cycle
-    # A slider's joint carries more of a machine's stiffness than of a beam's.
-    plant = replace(start.plant, zeta=0.0)
-    steps = substeps_of(per_cycle)
+    plant, steps = replace(one.plant, zeta=0.0), substeps_of(per_cycle)
     count = cycles * per_cycle * len(amplitudes) + 1
     turns = np.arange(2 * steps * (count - 1) + 1) / (2 * steps * per_cycle)  # cycles done
     size = amplitudes[np.minimum((turns / cycles).astype(int), len(amplitudes) - 1)]
     sine = bool(rng.random() < 0.5)
-    wave = np.sin(2 * np.pi * turns) if sine else 1 - 4 * np.abs((turns + 0.25) % 1 - 0.5)
-    wave = wave if sine else -wave
-    y = size * wave
+    y = size * (np.sin(2 * np.pi * turns) if sine else 4 * np.abs((turns + 0.25) % 1 - 0.5) - 1)
+    y = y if sine else -y
     fs = per_cycle / seconds
-    v = np.gradient(y, 1 / (2 * steps * fs)) / (2 * np.pi * start.hz)  # in the plant's time
-    force = force_along(plant, y, v, per_cycle / (2 * np.pi), steps)
-    length = log_uniform(rng, 1e-5, 1e-2)
-    stiffness = log_uniform(rng, 1e5, 1e9)  # of the fully stuck joint [N/m]
+    pace = fs / (2 * np.pi * one.hz)  # samples a unit of the plant's time
+    force = force_along(plant, y, np.gradient(y, 1 / (2 * steps * pace)), pace, steps)
+    length, stiffness = one.length, one.mass * (2 * np.pi * one.hz) ** 2
     channels = {
         "displacement": length * y[:: 2 * steps], "restoring_force": stiffness * length * force
     }  # fmt: skip
-    hz = start.hz
-    mass = stiffness / (2 * np.pi * hz) ** 2
     facts = {
         "amplitudes": (length * amplitudes).tolist(), "cycles": cycles, "per_cycle": per_cycle,
         "seconds": seconds, "sine": sine, "stiffness": stiffness,
     }  # fmt: skip
     return Drawn(
-        "loop", start.law, start.strong, plant, hz, length, mass, start.per_period, fs,
-        "displacement", channels, (0.0, fs / 2), 1.0, min(start.noise, 0.03), start.bits, facts,
+        "loop", one.law, one.strong, plant, one.hz, length, one.mass, one.per_period, fs,
+        "displacement", channels, (0.0, fs / 2), level, min(one.noise, 0.03), one.bits, facts,
     )  # fmt: skip
 
 
@@ -422,10 +447,10 @@ def recorded(rng: Rng, drawn: Drawn) -> Drawn:
     return replace(drawn, channels=found)
 
 
-def sound(rng: Rng, kind: str, choice: Choice = Choice()) -> Drawn:
+def sound(rng: Rng, kind: str, choice: Choice = ANY) -> Drawn:
     """Draw a sound record, again where its motion grows without bound."""
     while True:
         try:
-            return recorded(rng, KINDS[kind](rng, choice))
+            return recorded(rng, KINDS[kind](rng, specimen(rng, kind, choice)))
         except FloatingPointError:
             continue
