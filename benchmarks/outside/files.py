@@ -19,6 +19,7 @@ UNITS = {
     "force": {"N": 1.0, "kN": 1e3},
     "restoring_force": {"N": 1.0, "kN": 1e3},
 }
+TIMES = ("decimals", "exact", "none")
 TRUTH_POINTS, TRUTH_RANGE = 12, 50.0
 
 
@@ -41,7 +42,7 @@ class Layout:
     delimiter: str
 
 
-def layout(rng: Rng, roles: Sequence[str]) -> Layout:
+def layout(rng: Rng, roles: Sequence[str], times: Sequence[str] = TIMES) -> Layout:
     """Draw how files are written."""
     units = {role: str(rng.choice(list(UNITS[role]))) for role in roles}
     short = {"displacement": "disp", "velocity": "vel", "acceleration": "acc", "force": "F",
@@ -49,7 +50,7 @@ def layout(rng: Rng, roles: Sequence[str]) -> Layout:
     plain = rng.random() < 0.7
     return Layout(
         units, {role: role if plain else short[role] for role in roles},
-        str(rng.choice(["decimals", "exact", "none"], p=[0.4, 0.4, 0.2])),
+        str(rng.choice(times)),
         str(rng.choice(["brackets", "parentheses", "nowhere"])),
         str(rng.choice([",", ";"])),
     )  # fmt: skip
@@ -74,11 +75,11 @@ def write_csv(path: Path, drawn: Drawn, how: Layout) -> None:
     path.write_text("\n".join([how.delimiter.join(heads), *lines]) + "\n")
 
 
-def write_campaign(folder: Path, made: Campaign, rng: Rng) -> Path:
+def write_campaign(folder: Path, made: Campaign, rng: Rng, times: Sequence[str] = TIMES) -> Path:
     """Write records, campaign.toml and truth.json; return the campaign file."""
     folder.mkdir(parents=True, exist_ok=True)
     roles = dict.fromkeys(role for one in made.members for role in one.drawn.channels)
-    how, mass = layout(rng, list(roles)), made.members[0].drawn.mass
+    how, mass = layout(rng, list(roles), times), made.members[0].drawn.mass
     files, tables = [], {}
     for number, one in enumerate(made.members):
         repeat = sum(other.test == one.test for other in made.members[:number]) + 1
