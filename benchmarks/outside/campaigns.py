@@ -134,6 +134,31 @@ def _sessions(rng: Rng, choice: Choice) -> Campaign:
     return Campaign("sessions", one, tuple(members), {"what": what, **facts})
 
 
+def stretched(made: Campaign, factor: float) -> Campaign:
+    """Return the same motion of a structure that is so many times as fast.
+
+    A faster one moves less, so that its acceleration remains one that a laboratory meets.
+    """
+    size = min(1.0, factor**-2)
+
+    def faster(drawn: Drawn) -> Drawn:
+        powers = {"displacement": 0, "velocity": 1, "acceleration": 2, "force": 2}
+        scaled = {
+            role: x * size * factor ** powers.get(role, 0) for role, x in drawn.channels.items()
+        }
+        low, high = drawn.band
+        if drawn.kind == "loop":  # the force of slow cycles has no time
+            scaled = dict(drawn.channels)
+        return replace(
+            drawn, hz=drawn.hz * factor, fs=drawn.fs * factor, length=drawn.length * size,
+            channels=scaled,
+            band=(low * factor, high * factor),
+        )  # fmt: skip
+
+    members = tuple(replace(one, drawn=faster(one.drawn)) for one in made.members)
+    return replace(made, members=members)
+
+
 CAMPAIGNS: dict[str, Callable[[Rng, Choice], Campaign]] = {
     "decays": _of_levels("decay", 3),
     "sweeps": _of_levels("sweep", 1),

@@ -88,7 +88,10 @@ def write_campaign(folder: Path, made: Campaign, rng: Rng, times: Sequence[str] 
         tables.setdefault(one.test, []).append((files[-1], one))
     driven = any("force" in one.drawn.channels for one in made.members)
     head = ["[campaign]", 'name = "outside"', *([f"modal_mass = {mass:.9g}"] if driven else [])]
-    text = "\n".join([*head, *(_test(name, rows, how) for name, rows in tables.items())]) + "\n"
+    # Decays of a mode share a band, and so do tests of another kind: the first one's.
+    bands = {one.drawn.kind: one.drawn.band for one in reversed(made.members)}
+    tests = (_test(name, rows, how, bands) for name, rows in tables.items())
+    text = "\n".join([*head, *tests]) + "\n"
     path = folder / "campaign.toml"
     path.write_text(text)
     truth = {"campaign": made.name, "law": made.law, "fault": made.fault, "size": made.size,
@@ -99,7 +102,9 @@ def write_campaign(folder: Path, made: Campaign, rng: Rng, times: Sequence[str] 
     return path
 
 
-def _test(name: str, rows: list[tuple[str, Member]], how: Layout) -> str:
+def _test(
+    name: str, rows: list[tuple[str, Member]], how: Layout, bands: dict[str, tuple[float, float]]
+) -> str:
     """Return the [[test]] table of a test's records."""
     first = rows[0][1].drawn
     names = {role: how.names[role] for role in first.channels}
@@ -116,7 +121,7 @@ def _test(name: str, rows: list[tuple[str, Member]], how: Layout) -> str:
         names, units = {"time": "time" + form, **names}, {"time": "s", **units}
     lines += [f"channels = {_inline(names)}", f"units = {_inline(units)}"]
     if first.kind in ("decay", "noise", "multisine"):
-        low, high = first.band
+        low, high = bands[first.kind]
         lines.append(f"band = [{low:.6g}, {min(high, 0.45 * first.fs):.6g}]")
     if "periods" in first.facts:
         lines.append(f"periods = {first.facts['periods']}")

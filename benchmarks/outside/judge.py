@@ -6,7 +6,7 @@ appended to a file, a line each, so that a run can be analysed, and any of them 
 
     python -m benchmarks.outside [--sound 20] [--mishandled 1] [--campaigns 2] [--seed S]
         [--kind decay ...] [--law bouc_wen ...] [--fault "held samples" ...] [--draft] [--quick]
-        [--times exact ...] [--workers 2] [--keep FOLDER] [--out outcomes.jsonl]
+        [--stretch] [--times exact ...] [--workers 2] [--keep FOLDER] [--out outcomes.jsonl]
 
 `--sound` counts records of a kind, `--mishandled` records of a fault and kind, `--campaigns` sound
 and as many mishandled campaigns of a name. `--only N` repeats one outcome of a seed by its number.
@@ -34,6 +34,7 @@ from .campaigns import (
     Member,
     mishandled_campaign,
     sound_campaign,
+    stretched,
 )
 from .doors import Finding, Said, ask, draft, paste, quick
 from .faults import FAULTS, mishandled
@@ -74,6 +75,7 @@ class Options:
     quick: bool
     keep: Path | None
     times: tuple[str, ...] = TIMES
+    stretch: bool = False
 
 
 def jobs(chosen: argparse.Namespace) -> list[Job]:
@@ -157,6 +159,13 @@ def _judged(job: Job, options: Options, made: Campaign, folder: Path) -> dict[st
     row |= _errors(made, said)
     if made.fault:
         row |= _remedies(made, said, accusing, path)
+    if options.stretch:
+        factor = float(np.exp(rng.uniform(np.log(0.02), np.log(100))))
+        again = folder.with_name(f"{folder.name}-stretched")
+        rng = np.random.default_rng([options.seed, job.number, 1])  # the same layout
+        other = ask(write_campaign(again, stretched(made, factor), rng, options.times))
+        row["stretched"] = {"factor": factor, "same": _in_words(said) == _in_words(other),
+                            "findings": [one._asdict() for one in other.findings]}  # fmt: skip
     if options.draft:
         text, asked, checked = draft(folder / "draft", sorted(folder.glob("*.csv")))
         refused = [one.what for one in checked.findings if one.severity == "error"]
@@ -164,6 +173,14 @@ def _judged(job: Job, options: Options, made: Campaign, folder: Path) -> dict[st
     if options.quick and job.is_campaign:
         row["quick"] = _quick(path)
     return row
+
+
+def _in_words(said: Said) -> list[str]:
+    """Return what is said without its numbers, in an order that does not depend on them."""
+    said_of = [*(one.what for one in said.findings), *said.statements, *said.errors]
+    return sorted(
+        re.sub(r"[-+]?\d[\d.]*(e[-+]?\d+)?( [munk]?(m|s|Hz)\b)?", "#", x) for x in said_of
+    )
 
 
 def _pattern(made: Campaign) -> re.Pattern[str]:
@@ -297,6 +314,13 @@ def tables(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
                 for kind, group in _groups(drafts, "kind")
             ],
         )  # fmt: skip
+    timed = [row for row in good if "stretched" in row]
+    if timed:
+        others = [str(row["number"]) for row in timed if not row["stretched"]["same"]]
+        yield (
+            f"Said otherwise of the same motion in another time: {len(others)} of {len(timed)}"
+            f"{': numbers ' + ', '.join(others) if others else ''}.\n"
+        )
     failed = len(rows) - len(good)
     accused = sum(row["accused"] for row in of_sound)
     linear = [row for row in of_sound if row["law"] == "linear"]
@@ -400,6 +424,7 @@ def parser() -> argparse.ArgumentParser:
     )
     made.add_argument("--only", type=int, nargs="+", metavar="N", help="numbers of outcomes")
     made.add_argument("--draft", action="store_true", help="draft a campaign by init, and check it")
+    made.add_argument("--stretch", action="store_true", help="the same motion in another time")
     made.add_argument("--quick", action="store_true", help="identify --quick of campaigns")
     made.add_argument("--workers", type=int, default=1, help="processes")
     made.add_argument("--keep", type=Path, help="folder that keeps the files")
@@ -413,7 +438,9 @@ def main(arguments: Sequence[str] | None = None) -> None:
     seed = secrets.randbits(48) if chosen.seed is None else chosen.seed
     print(f"Seed {seed}: add `--seed {seed}` to repeat.\n", flush=True)
     todo = [job for job in jobs(chosen) if not chosen.only or job.number in chosen.only]
-    options = Options(seed, chosen.draft, chosen.quick, chosen.keep, tuple(chosen.times))
+    options = Options(
+        seed, chosen.draft, chosen.quick, chosen.keep, tuple(chosen.times), chosen.stretch
+    )
     rows = []
     for row in _outcomes(todo, options, chosen.workers):
         rows.append(row)
