@@ -13,7 +13,7 @@ from scipy.integrate import solve_ivp
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
-from outside.plants import LAWS, draw_plant, kappa, masing, stuck, truth_of
+from outside.plants import LAWS, draw_plant, kappa, masing, steady_truth, stuck, truth_of
 from outside.records import KINDS, sound
 from outside.simulator import Plant, force_along, free_decay, library, march
 
@@ -191,16 +191,18 @@ def test_equivalent_stiffness_is_that_of_a_jenkins_element():
         (Plant(zeta=2e-3, cubic_damping=2e-3), lambda y: 3 / 8 * 2e-3 * y**2),
     ],
 )
-def test_the_truth_of_nonlinear_damping_is_its_slow_flow(plant, slope):
-    truth = truth_of(plant, 1.0)
+@pytest.mark.parametrize("find", [truth_of, steady_truth])
+def test_the_truth_of_nonlinear_damping_is_its_slow_flow(plant, slope, find):
+    truth = find(plant, 1.0)
     amplitude = np.array([0.2, 0.5, 1.0])
     _, zeta = truth.at(amplitude, 0)
     # Second order in damping, and half a period to either side: 1e-4 of it; cubes are curved.
     np.testing.assert_allclose(zeta, plant.zeta + slope(amplitude), rtol=1e-3)
 
 
-def test_the_truth_of_a_cubic_spring_is_its_backbone():
-    truth = truth_of(Plant(zeta=1e-3, cubic=0.01), 1.0)
+@pytest.mark.parametrize("find", [truth_of, steady_truth])
+def test_the_truth_of_a_cubic_spring_is_its_backbone(find):
+    truth = find(Plant(zeta=1e-3, cubic=0.01), 1.0)
     amplitude = np.array([0.2, 0.5, 1.0])
     omega, zeta = truth.at(amplitude, 0)
     # Second order in the change of 0.4 %: (3/8 * 0.01)^2 = 1.4e-5.

@@ -13,6 +13,7 @@ from .simulator import Array, Plant, force_along, free_decay, substeps_of
 Rng = np.random.Generator
 MOST_STIFFNESS = 0.3  # of omega_n^2 that a joint carries
 NUM_SLIDERS = 60
+STEADY_RANGE, STEADY_POINTS = 100.0, 40  # of amplitudes of steady loops
 PER_PERIOD = 64.0  # samples of a free decay that the truth is read from
 
 
@@ -188,7 +189,7 @@ def draw_plant(rng: Rng, law: str, zeta: float, *, strong: bool) -> Plant:
 
 
 class Truth(NamedTuple):
-    """Frequency and damping ratio of the plant's free decay against displacement amplitude."""
+    """Frequency and damping ratio of a plant against displacement amplitude."""
 
     amplitude: Array  # rising
     omega: Array  # damped frequency, in units of omega_n
@@ -264,6 +265,22 @@ def truth_of(plant: Plant, top: float) -> Truth:
     return Truth(amplitude[order], omega[order], sigma[order])
 
 
+@lru_cache(maxsize=64)
+def steady_truth(plant: Plant, top: float) -> Truth:
+    """Return frequency and damping by the steady loops of sines, up to above `top`.
+
+    With kappa of `kappa`: omega^2 = Re kappa and sigma = zeta omega_n + Im kappa / (2 omega). A
+    Bouc-Wen element closes its loops only in steady motion: its free decay is another one by up to
+    some per cent of the damping, and what is driven is nearer to the loops.
+    """
+    bare = replace(plant, gain_2=0.0, drift=0.0)
+    amplitude = np.geomspace(top / STEADY_RANGE, 1.3 * top, STEADY_POINTS)
+    loops = np.array([kappa(bare, size) for size in amplitude])
+    squared = np.maximum(loops.real, 0.0)
+    sigma = plant.zeta * plant.omega_n + loops.imag / (2 * np.sqrt(squared))
+    return Truth(amplitude, np.sqrt(np.maximum(squared - sigma**2, 0.0)), sigma)
+
+
 def loop_of(plant: Plant, amplitude: float, rate: float = 1e-3) -> tuple[float, float]:
     """Return secant stiffness and energy per cycle of the steady loop of a slow sine."""
     per_period, periods = 4096, 3
@@ -278,5 +295,5 @@ def loop_of(plant: Plant, amplitude: float, rate: float = 1e-3) -> tuple[float, 
 
 __all__ = [
     "COMMON", "LAWS", "Plant", "Rng", "Truth", "draw_plant", "effect", "kappa", "log_uniform",
-    "loop_of", "substeps_of", "truth_of",
+    "loop_of", "steady_truth", "substeps_of", "truth_of",
 ]  # fmt: skip

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import scipy.fft
 
-from .plants import COMMON, LAWS, Rng, Truth, draw_plant, log_uniform, truth_of
+from .plants import COMMON, LAWS, Rng, Truth, draw_plant, log_uniform, steady_truth, truth_of
 from .simulator import Array, Plant, force_along, free_decay, march, substeps_of
 
 RESPONSES = ("displacement", "velocity", "acceleration")
@@ -100,8 +100,9 @@ class Drawn:
         )
 
     def truth(self) -> Truth:
-        """Read the truth off the plant's free decay, in units of the plant."""
-        return truth_of(self.plant, max(self.top, 1.0))  # the same for all levels
+        """Return the truth by the plant's free decay, or where it is driven by its steady loops."""
+        find = truth_of if self.kind == "decay" else steady_truth
+        return find(self.plant, max(self.top, 1.0))  # the same for all levels
 
     def true_at(self, displacement: Array) -> tuple[Array, Array]:
         """Return true frequency [Hz] and damping ratio at displacement amplitudes [m]."""
