@@ -101,8 +101,11 @@ def draft(folder: Path, files: list[Path]) -> tuple[str, list[str], Said]:
     return drafted.text, list(drafted.assumed), checked
 
 
-def quick(path: Path) -> dict[str, Any]:
-    """Identify a campaign by its fit alone, as `jbw identify --quick` does: its summary.
+def quick(path: Path) -> tuple[dict[str, Any], dict[str, tuple[float, float]]]:
+    """Identify a campaign by its fit alone, as `jbw identify --quick` does.
+
+    Returns:
+        The summary, and mean and standard deviation of each parameter that is one number.
 
     Raises:
         JbwError: What the command would refuse.
@@ -113,7 +116,13 @@ def quick(path: Path) -> dict[str, Any]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         study = jbw.identify(jbw.load_campaign(path), quick=True, report=lambda _: None)
-    return study.summary()
+    draws = study.tree["posterior"].to_dataset()
+    numbers = {
+        str(name): (float(x.mean()), float(x.std()))
+        for name, x in draws.data_vars.items()
+        if set(x.dims) <= {"chain", "draw"}
+    }
+    return study.summary(), numbers
 
 
 def paste(text: str, finding: Finding) -> str | None:

@@ -171,7 +171,7 @@ def _judged(job: Job, options: Options, made: Campaign, folder: Path) -> dict[st
         refused = [one.what for one in checked.findings if one.severity == "error"]
         row["draft"] = {"text": text, "asked": asked, "errors": checked.errors, "refused": refused}
     if options.quick and job.is_campaign:
-        row["quick"] = _quick(path)
+        row["quick"] = _quick(made, path)
     return row
 
 
@@ -275,13 +275,20 @@ def _remedies(
     return {"remedies": found, "right": _is_right(_errors(made, said))}
 
 
-def _quick(path: Path) -> dict[str, Any]:
+def _quick(made: Campaign, path: Path) -> dict[str, Any]:
+    """Identify a campaign by its fit: errors by group, parameters, and how far omega_n is off."""
     try:
-        summary = quick(path)
+        summary, numbers = quick(path)
     except Exception as error:
         return {"refused": f"{type(error).__name__}: {' '.join(str(error).split())}"}
-    keys = ("verdict", "quick", "parameters", "statements")
-    return {key: summary[key] for key in keys if key in summary}
+    found = {key: summary[key] for key in ("verdict", "quick") if key in summary}
+    true = {"omega_n": 2 * np.pi * made.specimen.hz, "zeta": made.specimen.zeta}
+    off = {
+        name: (numbers[name][0] - value) / numbers[name][1]
+        for name, value in true.items()
+        if name in numbers and numbers[name][1] > 0
+    }
+    return found | {"parameters": numbers, "off_by_sd": off}
 
 
 # ------------------------------------------------------------------------------------------- tables
@@ -321,6 +328,13 @@ def tables(rows: Sequence[dict[str, Any]]) -> Iterator[str]:
             f"Said otherwise of the same motion in another time: {len(others)} of {len(timed)}"
             f"{': numbers ' + ', '.join(others) if others else ''}.\n"
         )
+    fitted = [row for row in good if "quick" in row]
+    if fitted:
+        yield _markdown(
+            ("first answer of", "number", "refused", "status ok or not assessed",
+             "largest error of a group", "omega_n off by, sd", "zeta off by, sd"),
+            _quick_rows(fitted),
+        )  # fmt: skip
     failed = len(rows) - len(good)
     accused = sum(row["accused"] for row in of_sound)
     linear = [row for row in of_sound if row["law"] == "linear"]
@@ -348,6 +362,22 @@ def _sound_rows(rows: Sequence[dict[str, Any]]) -> Iterator[tuple[Any, ...]]:
                 _median(part, "width_hz"), _median(part, "width_zeta"),
                 _median(part, "hz_error"), _median(part, "zeta_error"),
             )  # fmt: skip
+
+
+def _quick_rows(rows: Sequence[dict[str, Any]]) -> Iterator[tuple[Any, ...]]:
+    for kind, group in _groups(rows, "kind"):
+        answers = [row["quick"] for row in group if "refused" not in row["quick"]]
+        errors = [max(one["quick"].values()) for one in answers if one.get("quick")]
+        off = {
+            name: [abs(one["off_by_sd"][name]) for one in answers if name in one["off_by_sd"]]
+            for name in ("omega_n", "zeta")
+        }
+        yield (
+            kind, len(group), len(group) - len(answers),
+            sum(one["verdict"]["status"] != "failed" for one in answers),
+            f"{np.median(errors):.2g}" if errors else "-",
+            *(f"{np.median(values):.2g}" if values else "-" for values in off.values()),
+        )  # fmt: skip
 
 
 def _accusations(row: dict[str, Any]) -> list[str]:
