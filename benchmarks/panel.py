@@ -1,7 +1,8 @@
 """Does the posterior converge by itself, and does the verdict say what it should, on 40 campaigns?
 
 Each campaign is identified with the defaults, in a process of its own with nothing compiled. Most
-are made by `outside.py`, which shares nothing with jbw; those with steady tones by jbw's rig.
+are made by `outside`, whose integrator shares nothing with jbw; those with steady tones by jbw's
+rig.
 """
 
 import json
@@ -15,7 +16,8 @@ from time import perf_counter
 from typing import Any
 
 import numpy as np
-import outside
+from outside import programmes
+from outside.simulator import Plant
 from timing import Table, options, show
 
 import jbw
@@ -23,7 +25,7 @@ import jbw
 GAIN, FS = 15.0, 256.0
 OMEGA_N, ZETA = 2 * np.pi * 18.8, 0.00444
 JOINT = {"omega_n": OMEGA_N, "zeta": ZETA, "alpha": 500.0, "delta": 340.0, "gamma": 33.0}
-SWEEPS, NOISE, DECAYS = outside.Sweeps(), outside.Noise(), outside.Decays()
+SWEEPS, NOISE, DECAYS = programmes.Sweeps(), programmes.Noise(), programmes.Decays()
 NO_JOINT = {"omega_n": OMEGA_N, "zeta": ZETA}
 FIFTY = np.geomspace(5e-5, 5e-3, 50)
 QUESTIONS = ("sampling", "law", "knowledge")
@@ -39,9 +41,9 @@ COLUMNS = {
 class Outside:
     """A campaign from the outside integrator."""
 
-    joint: outside.Specimen | None = None  # Bouc-Wen of `parameters` when None
+    joint: Plant | None = None  # Bouc-Wen of `parameters` when None
     parameters: Mapping[str, float] = field(default_factory=lambda: JOINT)  # of the truth
-    excitations: tuple[outside.Excitation, ...] = (SWEEPS,)
+    excitations: tuple[programmes.Excitation, ...] = (SWEEPS,)
     noise: float = 0.002  # over the rms of the strongest sweep, or of the strongest test [-]
     repeats: int = 4
     fs: float = FS
@@ -51,11 +53,11 @@ class Outside:
 
     def campaign(self) -> tuple[jbw.Campaign, dict[str, float]]:
         """The campaign, and its truth by the names of a posterior."""
-        joint = self.joint or outside.bouc_wen(**self.parameters)
+        joint = self.joint or programmes.bouc_wen(**self.parameters)
         made = [
             test
             for seed, excitation in enumerate(self.excitations)
-            for test in outside.taken(
+            for test in programmes.taken(
                 joint, excitation, gain=GAIN, fs=self.fs, repeats=self.repeats, seed=seed,
                 noise_std=self.noise * self._rms(joint), delay=self.delay,
             )
@@ -63,9 +65,9 @@ class Outside:
         truth = {"gain": GAIN, **self.parameters} if self.right else {}
         return jbw.Campaign("panel", Path(), tuple(made), laws=self.laws), truth
 
-    def _rms(self, joint: outside.Specimen) -> float:
+    def _rms(self, joint: Plant) -> float:
         """Velocity of the strongest test, without noise [m/s]."""
-        (test,) = outside.taken(
+        (test,) = programmes.taken(
             joint, replace(self.excitations[0], levels=self.excitations[0].levels[-1:]),
             gain=GAIN, fs=self.fs, repeats=1, noise_std=0.0, seed=0,
         )  # fmt: skip
@@ -91,11 +93,11 @@ def _with(**changed: float) -> dict[str, float]:
     return {**JOINT, **changed}
 
 
-def _level(*levels: float) -> tuple[outside.Sweeps]:
+def _level(*levels: float) -> tuple[programmes.Sweeps]:
     return (replace(SWEEPS, levels=levels),)
 
 
-def _wrong(joint: outside.Specimen, **more: Any) -> Outside:
+def _wrong(joint: Plant, **more: Any) -> Outside:
     return Outside(joint, right=False, **more)
 
 
@@ -138,21 +140,21 @@ CAMPAIGNS: dict[str, Outside | Rig] = {
     "every kind of test": Rig({"preset": "mixed"}),
     "days with other frequencies": Rig({"preset": "mixed", "omega_n_cv": 0.0018}),
     "days with other damping": Rig({"preset": "mixed", "zeta_cv": 0.05}),
-    "linear": Outside(outside.Specimen(OMEGA_N, ZETA), parameters=NO_JOINT),
+    "linear": Outside(Plant(OMEGA_N, ZETA), parameters=NO_JOINT),
     "linear, sweeps, noise, decays": Outside(
-        outside.Specimen(OMEGA_N, ZETA), parameters=NO_JOINT, excitations=(SWEEPS, NOISE, DECAYS)
+        Plant(OMEGA_N, ZETA), parameters=NO_JOINT, excitations=(SWEEPS, NOISE, DECAYS)
     ),
-    "cubic": _wrong(outside.bouc_wen(**_with(alpha=0.0, delta=0.0, gamma=0.0), cubic=4e7)),
-    "cubic beside Bouc-Wen": _wrong(outside.bouc_wen(**JOINT, cubic=4e7)),
+    "cubic": _wrong(programmes.bouc_wen(**_with(alpha=0.0, delta=0.0, gamma=0.0), cubic=4e7)),
+    "cubic beside Bouc-Wen": _wrong(programmes.bouc_wen(**JOINT, cubic=4e7)),
     "three sliders by jenkins_3": Outside(
-        outside.sliders(OMEGA_N, ZETA, springs=(200, 200, 100), slips=(0.2e-3, 0.6e-3, 2e-3)),
+        programmes.sliders(OMEGA_N, ZETA, springs=(200, 200, 100), slips=(0.2e-3, 0.6e-3, 2e-3)),
         parameters={"omega_n": OMEGA_N, "zeta": ZETA, **THREE}, laws=("jenkins_3",),
     ),
     "fifty sliders": _wrong(
-        outside.sliders(OMEGA_N, ZETA, springs=[10.0] * 50, slips=list(FIFTY))
+        programmes.sliders(OMEGA_N, ZETA, springs=[10.0] * 50, slips=list(FIFTY))
     ),
-    "nu = 0.5": _wrong(outside.bouc_wen(**_with(delta=10.0, gamma=3.0), nu=0.5)),
-    "velocity late by a sample": _wrong(outside.bouc_wen(**JOINT), delay=1 / FS),
+    "nu = 0.5": _wrong(programmes.bouc_wen(**_with(delta=10.0, gamma=3.0), nu=0.5)),
+    "velocity late by a sample": _wrong(programmes.bouc_wen(**JOINT), delay=1 / FS),
 }  # fmt: skip
 
 

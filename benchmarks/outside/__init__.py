@@ -1,0 +1,1 @@
+"""Records and campaigns of a joint from outside jbw, and what jbw says of them."""
