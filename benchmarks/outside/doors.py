@@ -152,7 +152,7 @@ def _rows(readings: dict[str, list[Any]]) -> Iterator[Row]:
             zeta = _column(one, "zeta", "damping")
             y = _column(one, "y")
             nothing = np.full_like(hz, np.nan)
-            sds = [_column(one, name) for name in ("hz_sd", "zeta_sd")]
+            sds = [_column(one, name) for name in ("frequency_sd", "damping_sd")]
             hz_sd, zeta_sd = (nothing if sd is None else sd for sd in sds)
             for values in zip(y, hz, hz_sd, zeta, zeta_sd, strict=True):
                 yield Row(test, *map(float, values))

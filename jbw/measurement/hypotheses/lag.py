@@ -18,7 +18,7 @@ from jbw.measurement.spans import kept_before
 from jbw.report.messages import clock_faults as messages
 
 OTHER_SIGN = 0.45  # of a period
-LEAST_DELAY, LEAST_DRIFT, LEAST_STEP = 0.01, 0.03, 0.05  # of a period; the drift along the record
+LEAST_DELAY, LEAST_DRIFT, LEAST_STEP = 0.01, 0.04, 0.05  # of a period; the drift along the record
 LEAST_LOST = 1.6  # samples
 PLACES = np.linspace(0.03, 0.97, 16)  # shares of the motion before a step
 MILLION = 1e6
@@ -88,7 +88,7 @@ class Clock(_Lag):
         return values[0] + values[1] * _courses(signal)[1]
 
     def matters(self, values: Reals, fits: Fits) -> bool:
-        """Return whether it changes by 3 % of a period along the record."""
+        """Return whether it changes by 4 % of a period along the record."""
         return abs(values[0]) <= OTHER_SIGN and abs(values[1]) >= LEAST_DRIFT
 
     def fault(self, values: Reals, fits: Fits, facts: Facts) -> Fault:

@@ -27,6 +27,7 @@ LAW_ERROR = 3e-3  # of the amplitude: residual of a sound joint, by averaging an
 DRIVEN = 0.2  # of the drive's largest amplitude: below, nothing is driven
 WORTH_A_TERM = 0.9  # of the squares: the next term of a basis must leave less
 CLEAR = 30.0  # noise amplitudes above which the measured amplitude schedules, below the model's
+IN_PHASE = (1, 3, 5)  # imaginary parts of the gains of the mode and of those outside the band
 MODES_OWN = (0.5, 2.0)  # of response over frequency^order: motion while the mode rings by itself
 
 Columns = Complex[np.ndarray, "value column"]
@@ -182,8 +183,10 @@ def sweep_columns(
         motion = np.abs(state - mirror) / np.abs(main * 2 * omega)
     free = pole**order * np.cumprod(np.append(1.0, growth))
     free = free / (np.abs(free).max() + 1e-300)
+    # Modes outside the band move with the drive, as displacements in phase with it.
     away = signal.rate / signal.rate.mean() - 1
-    columns = np.stack([main, signal.u, signal.u * away, free], axis=1)
+    beyond = (1j * signal.rate / signal.rate.mean()) ** order * signal.u
+    columns = np.stack([main, beyond, beyond * away, free], axis=1)
     if signal.lag_s:
         columns = late(columns, signal.rate, signal.lag_s)
     return columns, np.nan_to_num(motion, nan=0.0, posinf=0.0)
@@ -236,7 +239,7 @@ def fit_sweep(
 ) -> Fitted:
     """Fit a basis to a sweep, gains projected out, with a further cause where one is given.
 
-    The gain of the mode is real where the drive is a force: nothing else has a lag.
+    Gains are real where the drive is a force, but for that of the initial state.
 
     Args:
         signal: From `sweep_signal`.
@@ -259,11 +262,11 @@ def fit_sweep(
         weighted = columns * weight[:, None]
         size = np.linalg.norm(weighted, axis=0) + 1e-300
         weighted = weighted / size
-        # Real and imaginary part of every gain, but for the first one of a force.
+        # Real and imaginary part of every gain; of a force what it drives is in phase with it.
         at = np.repeat(np.arange(weighted.shape[1]), 2)
         turn = np.tile([1.0, 1j], weighted.shape[1])
         if signal.is_force:
-            at, turn = np.delete(at, 1), np.delete(turn, 1)
+            at, turn = np.delete(at, IN_PHASE), np.delete(turn, IN_PHASE)
         turned = np.conj(turn)
         inner = np.real(np.outer(turned, turn) * (weighted.conj().T @ weighted)[np.ix_(at, at)])
         inner[np.diag_indices_from(inner)] += 1e-12  # a hair: columns may be alike
