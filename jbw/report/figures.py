@@ -17,7 +17,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
-import h5netcdf  # noqa: F401  # which results are read by: loaded while a process beside waits
 import matplotlib
 import numpy as np
 import xarray as xr
@@ -37,6 +36,7 @@ from jbw.report import (
     style,
 )
 from jbw.report.messages import opening as messages
+from jbw.run.netcdf import read_tree
 
 under_way = logging.getLogger("jbw.progress")
 DPI = 130  # of the PNG
@@ -175,12 +175,12 @@ def draw_when_asked() -> None:
     if not (line := sys.stdin.readline()):
         return
     asked = json.loads(line)
-    with xr.open_datatree(asked["result"], engine="h5netcdf") as tree:
-        drawn = {
-            entry.name: _drawn(entry, tree, Path(asked["folder"]))
-            for entry in FIGURE_LIST
-            if entry.name in asked["names"]
-        }
+    tree = read_tree(Path(asked["result"]))
+    drawn = {
+        entry.name: _drawn(entry, tree, Path(asked["folder"]))
+        for entry in FIGURE_LIST
+        if entry.name in asked["names"]
+    }
     print(json.dumps(drawn), file=answer, flush=True)
 
 

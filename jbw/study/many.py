@@ -232,7 +232,7 @@ def _finished_before(task: Task) -> RunOutcome | None:
     if (folder / HIDDEN / MANIFEST).exists() or not (folder / "summary.json").is_file():
         return None
     try:
-        summary, _ = read_result(folder)
+        summary, _ = read_result(folder, "posterior")
         _require_same_result(task, summary)
     except JbwError as error:
         return _failed(task, error)

@@ -18,6 +18,7 @@ from jbw.report.page import write_page
 from jbw.report.prediction import prediction
 from jbw.report.style import Panels
 from jbw.run.integrity import MARK, sealed
+from jbw.run.netcdf import write_tree
 from jbw.verification.places import safe
 
 
@@ -48,7 +49,7 @@ def save_result(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> 
         with writing(folder, "posterior.nc", "summary.json") as part:
             marked = tree.copy()
             marked.attrs = {**tree.attrs, MARK: 1}
-            marked.to_netcdf(part / "posterior.nc", engine="h5netcdf")
+            write_tree(part / "posterior.nc", marked)
             plain = json.loads(json.dumps(summary, allow_nan=False))
             write_json(part / "summary.json", sealed(plain, part / "posterior.nc"))
     except OSError as error:
@@ -88,7 +89,7 @@ def save_predictions(
         tree = xr.DataTree.from_dict(
             {f"/{safe(test)}": comparison for test, comparison in found.items()}
         )
-        tree.to_netcdf(part / "predictions.nc", engine="h5netcdf")
+        write_tree(part / "predictions.nc", tree)
         (part / "figures").mkdir()
         for number, (test, comparison) in enumerate(found.items(), start=1):
             slug = re.sub(r"[^\w.-]+", "_", test)

@@ -20,7 +20,7 @@ from jbw.report.result import node, read_result
 from jbw.study.store import claim, save_report, save_result
 from jbw.verification.planned import planned_sweep
 from jbw.verification.predict import Request, chosen, predict
-from jbw.verification.predictive_basis import NUM_DRAWS, Basis, basis_of
+from jbw.verification.predictive_basis import GROUPS_OF_BASIS, NUM_DRAWS, Basis, basis_of
 
 LINE = 300  # characters of what is known, in a cell
 
@@ -139,7 +139,7 @@ def load_study(folder: str | Path, campaign: Campaign | None = None) -> Study:
 
 def basis_of_run(folder: Path) -> Basis:
     """What a finished run predicts with."""
-    return _basis(folder, *read_result(folder))
+    return _basis(folder, *read_result(folder, *GROUPS_OF_BASIS))
 
 
 def _basis(folder: Path, record: Mapping[str, Any], tree: xr.DataTree) -> Basis:
@@ -156,7 +156,7 @@ def _basis(folder: Path, record: Mapping[str, Any], tree: xr.DataTree) -> Basis:
 
 def campaign_of(folder: Path, stated: Path | None = None) -> Path:
     """The campaign file of a run's folder: what the user says it is, or the run."""
-    summary, _ = read_result(folder)
+    summary, _ = read_result(folder, "posterior")
     within = sorted(folder.glob("*/campaign.toml"))
     for campaign_path in filter(None, [stated, summary.get("campaign_file"), *within]):
         for path in (folder / campaign_path, Path(campaign_path)):
@@ -171,7 +171,7 @@ def campaign_of(folder: Path, stated: Path | None = None) -> Path:
 
 def known_of(folder: Path) -> tuple[dict[str, Any], Known]:
     """The summary of a run, and what its posterior knows of priors and of Step 3."""
-    summary, tree = read_result(folder)
+    summary, tree = read_result(folder, "posterior", "steps")
     bounds, means = {}, {}
     if summary["main"] == "joint" and "posterior" in tree.children:
         for name, values in tree["posterior"].data_vars.items():
