@@ -13,7 +13,7 @@ from typing import Any
 import xarray as xr
 
 from jbw.errors import RunError
-from jbw.report.figures import Beside, draw_figures, figure_of
+from jbw.report.figures import Beside, Files, draw_figures, figure_of
 from jbw.report.page import write_page
 from jbw.report.prediction import prediction
 from jbw.report.style import Panels
@@ -61,17 +61,22 @@ def save_result(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> 
 
 
 def save_report(
-    folder: Path, tree: xr.DataTree, summary: Mapping[str, Any], beside: Beside | None = None
+    folder: Path,
+    tree: xr.DataTree,
+    summary: Mapping[str, Any],
+    beside: Beside | None = None,
+    formats: Sequence[str] = (),
 ) -> None:
-    """Write figures/ and report.html beside a result, which a failing report does not touch.
+    """Write report.html beside a result, which a failing report does not touch.
 
-    A process `beside` this one draws some of the figures, from the result that is saved.
+    The figures go to figures/ too, in every one of `formats`. A process `beside` this one draws
+    some of them, from the result that is saved.
     """
     try:
-        with writing(folder, "figures", "report.html") as part:
-            (part / "figures").mkdir()
+        with writing(folder, *(["figures"] if formats else []), "report.html") as part:
+            files = Files(part / "figures", formats) if formats else None
             process = None if beside is None else (beside, folder / "posterior.nc")
-            drawn = draw_figures(tree, part / "figures", process)
+            drawn = draw_figures(tree, files, process)
             write_page(summary, tree, part / "report.html", drawn)
     except Exception as error:
         raise RunError(

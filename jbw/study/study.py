@@ -1,6 +1,6 @@
 """The result of an identification, as it comes from `identify` or from a run's folder."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib.metadata import version
@@ -15,6 +15,7 @@ from jbw.errors import ConfigError, DataError
 from jbw.identification.procedure import Identification, Known
 from jbw.inference.posterior.finding import Verdict, kept_finding
 from jbw.measurement.records import Test
+from jbw.report.formats import formats_of
 from jbw.report.opening import known_parameters
 from jbw.report.result import node, read_result
 from jbw.study.store import claim, save_report, save_result
@@ -110,11 +111,22 @@ class Study:
         """
         return planned_sweep(basis_of(self.tree), band_hz, level, duration, fs)
 
-    def save(self, folder: str | Path) -> None:
-        """Write posterior.nc, summary.json, figures and report.html into a new or empty folder."""
+    def save(self, folder: str | Path, *, figures: Sequence[str] = ()) -> None:
+        """Write posterior.nc, summary.json and report.html into a new or empty folder.
+
+        Args:
+            folder: Where they are written.
+            figures: Formats of the files that figures go to, in `folder`/figures: "png", "svg",
+                "pdf".
+
+        Raises:
+            ConfigError: A format that is none of these.
+            RunError: The folder holds something, or cannot be written.
+        """
+        formats = formats_of(figures, "Argument `figures`")
         claimed = claim(Path(folder))
         save_result(claimed, self.tree, self.record)
-        save_report(claimed, self.tree, self.record)
+        save_report(claimed, self.tree, self.record, formats=formats)
 
 
 def load_study(folder: str | Path, campaign: Campaign | None = None) -> Study:
