@@ -41,7 +41,7 @@ from jbw.run.netcdf import read_tree
 under_way = logging.getLogger("jbw.progress")
 DPI = 130  # of the PNG
 EMBEDDED = 42  # fonts of a PDF as TrueType, which journals ask for
-# What would differ from one run to the next.
+# Without a date two runs write the same bytes.
 DATES: dict[str, dict[str, None]] = {
     "png": {},
     "svg": {"Date": None},
@@ -133,7 +133,7 @@ class DrawnFigure(NamedTuple):
 
 
 class Files(NamedTuple):
-    """Files that figures go to beside the page."""
+    """The folder and the formats in which figures are written to files."""
 
     folder: Path
     formats: Sequence[str]
@@ -146,11 +146,11 @@ class Files(NamedTuple):
                     self.folder / f"{slug}.{ending}", dpi=DPI, facecolor="white",
                     metadata=DATES[ending],
                 )  # fmt: skip
-            # The layout is settled: of another form it is not worked out again.
+            # The next format reuses the layout, which takes long to compute.
             figure.set_layout_engine("none")
 
     def remove(self, slug: str) -> None:
-        """Remove what was written of a figure that failed."""
+        """Remove the files of a figure that failed."""
         for ending in self.formats:
             (self.folder / f"{slug}.{ending}").unlink(missing_ok=True)
 
