@@ -1,5 +1,6 @@
 """Keep the figures of finished runs for the page that explains them.
 
+    jbw report RUN --figures png
     python docs/draw_figures.py RUN [RUN ...]
 
 Each figure is taken from the first run that has it; one that none of them has stays as it is.

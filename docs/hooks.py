@@ -324,7 +324,7 @@ def figure(name: str) -> str:
     stored = f"figures/{name}.png"
     shown = f"![{entry.question}]({stored})" if (ROOT / "docs" / stored).is_file() else ""
     head = f"### {entry.question} {{ #{name} }}"
-    return f"{head}\n\n`{entry.slug}.png`\n\n{shown}\n\n{entry.caption}"
+    return f"{head}\n\n`{entry.slug}`\n\n{shown}\n\n{entry.caption}"
 
 
 def cells(path: Path) -> list[Any]:

@@ -86,6 +86,7 @@ def keep(page: Path) -> None:
         prepare(page, folder)
         shown = [printed(words, folder) for words in commands(page)]
         found = {"source": source_of(page), "shown": shown}
+        printed(["jbw", "report", "run", "--figures", "png"], folder)
         SHOWN.mkdir(exist_ok=True)
         text = json.dumps(found, indent=1, ensure_ascii=False)
         (SHOWN / f"{page.stem}.json").write_text(text + "\n", encoding="utf-8")

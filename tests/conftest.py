@@ -1,13 +1,12 @@
 """Shared by all tests: float64, jaxtyping shapes checked by beartype, the golden numbers.
 
-Compiled code is kept in the user's cache folder, one a machine, as the command does it: most of the
-tests' time is compiling. `JAX_ENABLE_COMPILATION_CACHE=0` turns that off.
+Compiled code is kept in the user's cache folder, as the command does it: most of the tests' time is
+compiling. `JAX_ENABLE_COMPILATION_CACHE=0` turns that off.
 """
 
 import gc
 import json
 import os
-import platform
 import time
 from pathlib import Path
 
@@ -33,7 +32,7 @@ gc.set_threshold(100_000, 20, 20)
 from jbw.inference.compiled import forget_when_large, forget_when_many  # noqa: E402
 from jbw.run.session import keep_compiled  # noqa: E402
 
-KEPT = keep_compiled(f"tests of {platform.node()}")
+KEPT = keep_compiled("tests")
 # Each test file compiles hundreds of small things anew, together as long as the few large ones.
 jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
 
@@ -63,7 +62,8 @@ def pytest_sessionstart(session):
     if hasattr(session.config, "workerinput"):
         return
     forget(FORTNIGHT)
-    for entry in KEPT.glob("*") if KEPT is not None else ():
+    # Of other processors and versions too, which a cache of several machines gathers.
+    for entry in KEPT.parent.glob("tests*/*") if KEPT is not None else ():
         if time.time() - entry.stat().st_mtime > FORTNIGHT:
             entry.unlink(missing_ok=True)
 

@@ -3,28 +3,22 @@
 from collections.abc import Iterator, Sequence
 from operator import attrgetter
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from jbw.campaign.asked import answered, channels_named_by, still_doubtful
-from jbw.campaign.check import Check, Row, as_json, check_campaign
-from jbw.campaign.draft import (
-    NAMED,
-    Draft,
-    already_written,
-    start_campaign,
-    write_campaign,
-)
-from jbw.campaign.files import repeats_of
-from jbw.campaign.joints import JointsCheck
-from jbw.campaign.schema import read_spec
 from jbw.cli.options import json_option, outside_option
 from jbw.cli.printing import answer, following, show_json
 from jbw.errors import RunError
-from jbw.measurement.records import Record
 from jbw.report.messages import commands, tables
 from jbw.report.messages.stages import drawing_records
 from jbw.report.table import Cell, Column, Table, table
+
+if TYPE_CHECKING:  # SciPy takes a second to load, which the help of a command does without
+    from jbw.campaign.check import Check, Row
+    from jbw.campaign.draft import Draft
+    from jbw.campaign.joints import JointsCheck
+    from jbw.measurement.records import Record
 
 MARKS = {"ok": "good", "warning": "doubt", "error": "bad"}
 
@@ -41,6 +35,8 @@ def init(folder: Path, print_: bool, ask: bool, json_: bool) -> None:
 
     An existing campaign file is never overwritten. What the records do not say is marked CHECK.
     """
+    from jbw.campaign.draft import start_campaign, write_campaign
+
     if ask:
         require_unwritten(folder, print_)
     draft = asked_about(folder) if ask else start_campaign(folder)
@@ -57,15 +53,19 @@ def init(folder: Path, print_: bool, ask: bool, json_: bool) -> None:
 
 def require_unwritten(folder: Path, print_: bool) -> None:
     """Refuse before the first question what would be refused after the last."""
+    from jbw.campaign.draft import NAMED, already_written
+
     if not print_ and (folder / NAMED).exists():
         raise already_written(folder / NAMED)
 
 
-def asked_about(folder: Path) -> Draft:
+def asked_about(folder: Path) -> "Draft":
     """The draft of a folder with a person's answers; doubtful is what is still marked in it.
 
     Questions go to stderr, so that --print and --json stay what they are.
     """
+    from jbw.campaign.asked import answered, channels_named_by, still_doubtful
+    from jbw.campaign.draft import Draft, start_campaign
 
     def ask(question: str) -> str:
         click.echo(question, nl=False, err=True)
@@ -95,6 +95,8 @@ def check(campaign: Path, figures: Path | None, json_: bool, allow_outside: bool
 
     Ends with 0 when it can be identified, 2 when the campaign file must change, 3 when data must.
     """
+    from jbw.campaign.check import as_json, check_campaign
+
     checked = check_campaign(campaign, allow_outside=allow_outside)
     shaker_notes = _shakers(campaign, allow_outside)
     answer(
@@ -127,6 +129,8 @@ def check(campaign: Path, figures: Path | None, json_: bool, allow_outside: bool
 
 def _shakers(campaign: Path, allow_outside: bool) -> list[str]:
     """What is read of shakers, a sentence a test of voltage, force and drive point."""
+    from jbw.campaign.schema import read_spec
+
     tests = {test.name: test for test in read_spec(campaign).tests}
     if not any("drive_point" in test.channels for test in tests.values()):
         return []
@@ -140,8 +144,12 @@ def _shakers(campaign: Path, allow_outside: bool) -> list[str]:
     ]
 
 
-def _first_records(campaign: Path, allow_outside: bool) -> Iterator[tuple[str, Record]]:
+def _first_records(campaign: Path, allow_outside: bool) -> "Iterator[tuple[str, Record]]":
     """Each test's name and the first of its repeats that can be read."""
+    from jbw.campaign.files import repeats_of
+    from jbw.campaign.schema import read_spec
+    from jbw.measurement.records import Record
+
     spec = read_spec(campaign)
     folder = campaign.resolve().parent
     for test in spec.tests:
@@ -151,7 +159,7 @@ def _first_records(campaign: Path, allow_outside: bool) -> Iterator[tuple[str, R
             yield test.name, record
 
 
-def _lines(checked: Check) -> Iterator[Table | str]:
+def _lines(checked: "Check") -> Iterator[Table | str]:
     """The channels, a line each, and what was found of them."""
     names = ("test", "channel", "role", "unit")
     columns = [Column(name, attrgetter(name), align="left") for name in names]
@@ -166,7 +174,7 @@ def _lines(checked: Check) -> Iterator[Table | str]:
     yield from _findings(checked.rows)
 
 
-def _joints(joints: JointsCheck) -> Iterator[Table | str]:
+def _joints(joints: "JointsCheck") -> Iterator[Table | str]:
     """Modes with the energy share of every joint and with B, and what was done to the model."""
     separability = joints.separability
     rows = list(enumerate(joints.frequencies_hz))
@@ -197,7 +205,7 @@ def _joints(joints: JointsCheck) -> Iterator[Table | str]:
     yield from joints.notes
 
 
-def _findings(rows: Sequence[Row]) -> Iterator[str]:
+def _findings(rows: "Sequence[Row]") -> Iterator[str]:
     """A line a finding with all tests that it concerns; why and remedy once where alike."""
     by_remedy: dict[tuple[str, str, str], dict[tuple[str, str], list[str]]] = {}
     for row in rows:

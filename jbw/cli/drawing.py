@@ -7,7 +7,10 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from subprocess import DEVNULL, PIPE, Popen
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
+
+if TYPE_CHECKING:
+    from jbw.report.figures import Files
 
 PROGRAM = "import jbw.report.figures; jbw.report.figures.draw_when_asked()"
 
@@ -42,11 +45,15 @@ class DrawingProcess:
                 if pipe is not None:
                     pipe.close()
 
-    def ask(self, result: Path, folder: Path, names: Sequence[str]) -> bool:
-        """Ask for figures of a saved result by name, as PNG into a folder; False if in vain."""
+    def ask(self, result: Path, names: Sequence[str], files: "Files | None") -> bool:
+        """Ask for figures of a saved result by name; False if in vain."""
         if self._process is None or self._process.stdin is None:
             return False
-        asked = {"result": str(result), "folder": str(folder), "names": list(names)}
+        folder, formats = (None, ()) if files is None else files
+        asked = {
+            "result": str(result), "names": list(names),
+            "folder": None if folder is None else str(folder), "formats": list(formats),
+        }  # fmt: skip
         try:
             print(json.dumps(asked), file=self._process.stdin, flush=True)
         except OSError:

@@ -13,6 +13,7 @@ from jbw.campaign.written import CAMPAIGN, require_file
 from jbw.cli.drawing import DrawingProcess
 from jbw.cli.options import (
     campaign_argument,
+    figures_option,
     json_option,
     out_option,
     outside_option,
@@ -89,10 +90,14 @@ def identifiability(
     help="The paper's programme and its own Steps 2 to 4 beside the joint posterior, as "
     "--preset laboratory.",
 )
+@figures_option
 @strict_option
 @json_option
 @verbose_option
-def demo(out: Path | None, seed: int, preset: str, strict: bool, json_: bool, verbose: bool) -> int:
+def demo(
+    out: Path | None, seed: int, preset: str, figures: tuple[str, ...], strict: bool, json_: bool,
+    verbose: bool,
+) -> int:  # fmt: skip
     """Measure the paper's cantilever on the virtual rig and identify it.
 
     Three assemblies on three days, with noise as a laboratory has it. Writes the records with their
@@ -100,7 +105,9 @@ def demo(out: Path | None, seed: int, preset: str, strict: bool, json_: bool, ve
     and its route step by step, its Table 1 with the truth beside it; that its own Step 3 fails is
     expected, and the report says why. The exit code is about the joint posterior.
     """
-    manifest = Manifest(command_line(), "campaign/campaign.toml", seed=seed, preset=preset)
+    manifest = Manifest(
+        command_line(), "campaign/campaign.toml", seed=seed, preset=preset, figures=figures
+    )
     programme = preset != "everyday"
     return run_to_end(
         begin(out or Path("demo"), manifest), json_=json_, verbose=verbose, steps=programme,
@@ -126,13 +133,15 @@ def demo(out: Path | None, seed: int, preset: str, strict: bool, json_: bool, ve
     "processors when left out.",
 )  # fmt: skip
 @seed_option("campaign")
+@figures_option
 @strict_option
 @json_option
 @verbose_option
 @outside_option
 def identify(
     campaigns: tuple[Path, ...], out: Path | None, quick: bool, final: bool, workers: int | None,
-    seed: int | None, strict: bool, json_: bool, verbose: bool, allow_outside: bool,
+    seed: int | None, figures: tuple[str, ...], strict: bool, json_: bool, verbose: bool,
+    allow_outside: bool,
 ) -> int:  # fmt: skip
     """Identify the joint from the campaign file CAMPAIGN, or from each of several.
 
@@ -159,31 +168,32 @@ def identify(
                 "other."
             )
         place = out or Path("runs")
-        return identify_several(campaigns, place, workers, seed, json_, allow_outside, strict)
+        asked = {"seed": seed, "allow_outside": allow_outside, "figures": figures}
+        return identify_several(campaigns, place, workers, json_, strict, asked)
     if workers is not None:
         raise click.UsageError("--workers is for several campaigns; one runs in one process.")
     require_file(campaign, *CAMPAIGN)
     source = str(campaign.resolve())
     manifest = Manifest(
-        command_line(), source, seed=seed, allow_outside=allow_outside, quick=quick, final=final
-    )
+        command_line(), source, seed=seed, allow_outside=allow_outside, quick=quick, final=final,
+        figures=figures,
+    )  # fmt: skip
     run = begin(out or Path(f"{campaign.stem}-run"), manifest)
     return run_to_end(run, json_=json_, verbose=verbose, strict=strict)
 
 
 def identify_several(
-    campaigns: Sequence[Path], out: Path, workers: int | None, seed: int | None, json_: bool,
-    allow_outside: bool, strict: bool,
+    campaigns: Sequence[Path], out: Path, workers: int | None, json_: bool, strict: bool,
+    asked: Mapping[str, Any],
 ) -> int:  # fmt: skip
-    """Identify several campaigns in processes, and tell what became of each."""
+    """Identify several campaigns in processes, `asked` of each, and tell what became of each."""
     try:
         with computing() as say:
             from jbw.study.many import identify_many
 
             outcomes = identify_many(
-                campaigns, out, workers=workers, seed=seed, allow_outside=allow_outside, report=say,
-                command=command_line(),
-            )  # fmt: skip
+                campaigns, out, workers=workers, report=say, command=command_line(), **asked
+            )
     except KeyboardInterrupt:
         click.echo(SAVED, err=True)
         return INTERRUPTED

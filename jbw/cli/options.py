@@ -7,8 +7,9 @@ from typing import Any
 import click
 
 from jbw.errors import ConfigError
+from jbw.report.formats import FORMATS, formats_of
 
-PICTURES = (".png", ".svg", ".pdf")
+PICTURES = tuple(f".{name}" for name in FORMATS)
 Option = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 json_option = click.option("--json", "json_", is_flag=True, help="Print JSON for programs.")
@@ -20,6 +21,16 @@ outside_option = click.option(
 )
 strict_option = click.option(
     "--strict", is_flag=True, help="End with 4 where the verdict is anything but ok."
+)
+
+
+figures_option = click.option(
+    "--figures",
+    metavar="FORMATS",
+    default="",
+    callback=lambda _, __, value: formats_of(filter(None, value.split(",")), "Option --figures"),
+    help="Write every figure of the report to figures/ as well: png, svg, pdf, or several of them "
+    "with commas between.",
 )
 
 

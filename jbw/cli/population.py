@@ -110,12 +110,13 @@ def _write(
     folder: Path, record: Mapping[str, Any], tree: "xr.DataTree", page: str, figure: "Panels"
 ) -> None:
     """Write all files of a population, or none."""
+    from jbw.run.netcdf import write_tree
     from jbw.study.store import write_figure, write_json, writing
 
     files = [f"population.{ending}" for ending in ("nc", "png", "html", "json")]
     with writing(folder, *files) as part:
         (part / "population.html").write_text(page, encoding="utf-8")
-        tree.to_netcdf(part / "population.nc", engine="h5netcdf")
+        write_tree(part / "population.nc", tree)
         write_figure(part / "population.png", figure)
         write_json(part / "population.json", record)
 

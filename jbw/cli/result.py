@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from jbw.cli.drawing import DrawingProcess
-from jbw.cli.options import json_option, out_option, run_argument
+from jbw.cli.options import figures_option, json_option, out_option, run_argument
 from jbw.cli.printing import answer
 from jbw.errors import ConfigError
 from jbw.report.messages import stages
@@ -29,11 +29,21 @@ from jbw.report.messages import stages
     is_flag=True,
     help="Write brief.pdf alone: one page with the verdict, frequency, damping ratio and Q.",
 )
+@figures_option
 @json_option
 def report(
-    folder: Path, out: Path | None, interactive: bool, brief: bool, json_: bool
+    folder: Path, out: Path | None, interactive: bool, brief: bool, figures: tuple[str, ...],
+    json_: bool,
 ) -> None:  # fmt: skip
-    """Write the one-file report of the finished run in DIR, and its figures beside it."""
+    """Write the one-file report of the finished run in DIR.
+
+    With --figures pdf its figures go to DIR/figures too, for a paper.
+    """
+    if figures and (brief or out is not None):
+        raise click.UsageError(
+            f"Option {'--brief' if brief else '--out'} writes one file alone: leave it out with "
+            "--figures."
+        )
     if brief:
         _write_brief(folder, out, json_, interactive=interactive)
         return
@@ -48,10 +58,12 @@ def report(
         page = out or folder / "report.html"
         say(f"Writing {page}" if out else stages.drawing_figures(str(page)))
         if out is None:
-            save_report(folder, tree, summary, beside)
+            save_report(folder, tree, summary, beside, figures)
         else:
             write_page(summary, tree, out)
         written = {"report": str(page)}
+        if figures:
+            written["figures"] = str(folder / "figures")
         if interactive:
             page_with_zoom = page.with_name("interactive.html")
             say(f"Writing {page_with_zoom}")

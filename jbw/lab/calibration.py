@@ -23,6 +23,7 @@ from jbw.lab import designs, models
 from jbw.quantities import BY_NAME, attrs_of
 from jbw.report.messages import study as messages
 from jbw.report.studies import rank_ecdfs
+from jbw.run.netcdf import write_tree
 from jbw.study.store import write_figure, write_json
 
 logger = logging.getLogger("jbw")
@@ -241,6 +242,6 @@ def _tree(calibration: Calibration, record: dict[str, Any]) -> xr.DataTree:
 
 def save_sbc(folder: Path, found: Sbc) -> None:
     """Write ranks.nc, sbc.png and sbc.json, the numbers last."""
-    found.tree.to_netcdf(folder / "ranks.nc", engine="h5netcdf")
+    write_tree(folder / "ranks.nc", found.tree)
     write_figure(folder / "sbc.png", rank_ecdfs(found.calibration))
     write_json(folder / "sbc.json", found.record)

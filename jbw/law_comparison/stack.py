@@ -19,6 +19,7 @@ from jbw.law_comparison.answers import weights_for
 from jbw.measurement.records import Test
 from jbw.report.laws import laws_figure, render_laws
 from jbw.report.messages.laws import ACROSS, OUTWARD, WITHIN
+from jbw.run.netcdf import read_tree, write_tree
 from jbw.study.store import write_figure, write_json, writing
 from jbw.verification.predictive_basis import Basis, basis_attrs, basis_of
 
@@ -40,7 +41,7 @@ def law_groups(
 def save_laws(folder: Path, tree: xr.DataTree, record: Mapping) -> None:
     """Write laws.nc, laws.png, laws.html and laws.json, the numbers last."""
     with writing(folder, "laws.nc", "laws.png", "laws.html", "laws.json") as part:
-        tree.to_netcdf(part / "laws.nc", engine="h5netcdf")
+        write_tree(part / "laws.nc", tree)
         write_figure(part / "laws.png", laws_figure(tree))
         (part / "laws.html").write_text(render_laws(tree, record), encoding="utf-8")
         write_json(part / "laws.json", record)
@@ -79,9 +80,7 @@ def basis_of_laws(folder: Path) -> Basis:
     """
     try:
         record = json.loads((folder / "laws.json").read_text())
-        with xr.open_datatree(folder / "laws.nc", engine="h5netcdf") as opened:
-            tree = opened.load()
-        return stack_of(tree, record)
+        return stack_of(read_tree(folder / "laws.nc"), record)
     except (OSError, KeyError, TypeError, ValueError) as cause:
         raise DataError(
             f"The comparison of laws in {folder} cannot be read: {type(cause).__name__} {cause}",

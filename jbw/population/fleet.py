@@ -58,8 +58,6 @@ has the density exp(sum ln theta) over ln theta: nothing here takes it out.
 """
 
 import json
-import os
-import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -72,6 +70,7 @@ from jbw.errors import DataError, RunError
 from jbw.population.covariates import NUMBERS, Covariates, covariates_of, require_torque_of_all
 from jbw.population.unit import GAIN, NOISE, Unit, require_alike, units_of
 from jbw.report.messages import population as messages
+from jbw.run.netcdf import read_tree, write_tree
 from jbw.study.study import Study
 
 FORMAT = 1
@@ -124,9 +123,8 @@ def read_fleet(path: str | Path) -> xr.DataTree:
     """
     path, remedy = Path(path), messages.WRITE_FLEET
     try:
-        with xr.open_datatree(path, engine="h5netcdf") as stored:
-            tree = stored.load()
-    except (OSError, ValueError) as cause:
+        tree = read_tree(path)
+    except OSError as cause:
         raise DataError(f"The fleet {path} cannot be read: {cause}", remedy=remedy) from cause
     if tree.attrs.get("format") != FORMAT or "unit" not in tree.coords:
         raise DataError(f"{path} holds no fleet of format {FORMAT}.", remedy=remedy)
@@ -137,9 +135,7 @@ def write_fleet(path: str | Path, fleet: xr.DataTree) -> None:
     """Write a fleet to one NetCDF file, whole or not at all."""
     path = Path(path)
     try:
-        with tempfile.TemporaryDirectory(dir=path.parent, prefix=".part-") as part:
-            fleet.to_netcdf(Path(part, path.name), engine="h5netcdf")
-            os.replace(Path(part, path.name), path)
+        write_tree(path, fleet)
     except OSError as error:
         raise RunError(
             f"The fleet {path} cannot be written: {error.strerror or error}.",

@@ -3,9 +3,8 @@
 import json
 from pathlib import Path
 
-import xarray as xr
-
 from jbw.errors import DataError
+from jbw.run.netcdf import read_tree
 from jbw.verification.predictive_basis import Basis, basis_of
 
 SAME_TORQUE = 1e-3  # a part: what is stated with three digits
@@ -23,8 +22,7 @@ def basis_of_population(folder: Path) -> Basis:
         DataError: The folder holds no whole population.
     """
     try:
-        with xr.open_datatree(folder / "population.nc", engine="h5netcdf") as opened:
-            return basis_of(opened.load())
+        return basis_of(read_tree(folder / "population.nc"))
     except (OSError, KeyError, TypeError, ValueError, DataError) as cause:
         raise DataError(
             f"The population in {folder} cannot be read: {type(cause).__name__} {cause}",

@@ -17,7 +17,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
 
-import h5netcdf  # noqa: F401  # which results are read by: loaded while a process beside waits
 import matplotlib
 import numpy as np
 import xarray as xr
@@ -37,9 +36,17 @@ from jbw.report import (
     style,
 )
 from jbw.report.messages import opening as messages
+from jbw.run.netcdf import read_tree
 
 under_way = logging.getLogger("jbw.progress")
 DPI = 130  # of the PNG
+EMBEDDED = 42  # fonts of a PDF as TrueType, which journals ask for
+# Without a date two runs write the same bytes.
+DATES: dict[str, dict[str, None]] = {
+    "png": {},
+    "svg": {"Date": None},
+    "pdf": {"CreationDate": None},
+}
 
 
 class ReportFigure(NamedTuple):
@@ -125,11 +132,34 @@ class DrawnFigure(NamedTuple):
     missing: str = ""  # why there is none, a sentence
 
 
+class Files(NamedTuple):
+    """The folder and the formats in which figures are written to files."""
+
+    folder: Path
+    formats: Sequence[str]
+
+    def write(self, figure: Figure, slug: str) -> None:
+        """Write a figure in every format."""
+        for ending in self.formats:
+            with matplotlib.rc_context({"svg.hashsalt": slug, "pdf.fonttype": EMBEDDED}):
+                figure.savefig(
+                    self.folder / f"{slug}.{ending}", dpi=DPI, facecolor="white",
+                    metadata=DATES[ending],
+                )  # fmt: skip
+            # The next format reuses the layout, which takes long to compute.
+            figure.set_layout_engine("none")
+
+    def remove(self, slug: str) -> None:
+        """Remove the files of a figure that failed."""
+        for ending in self.formats:
+            (self.folder / f"{slug}.{ending}").unlink(missing_ok=True)
+
+
 class Beside(Protocol):
     """A process beside this one that draws figures of a saved result."""
 
-    def ask(self, result: Path, folder: Path, names: Sequence[str]) -> bool:
-        """Ask for figures by name, as PNG into a folder; False where that is in vain."""
+    def ask(self, result: Path, names: Sequence[str], files: "Files | None") -> bool:
+        """Ask for figures by name; False where that is in vain."""
         ...
 
     def drawn(self) -> Mapping[str, Sequence[str]]:
@@ -138,33 +168,33 @@ class Beside(Protocol):
 
 
 def draw_figures(
-    tree: xr.DataTree, folder: Path | None = None, beside: tuple[Beside, Path] | None = None
+    tree: xr.DataTree, files: Files | None = None, beside: tuple[Beside, Path] | None = None
 ) -> dict[str, DrawnFigure]:
     """Draw every figure that a result allows, by name.
 
     Args:
         tree: The result.
-        folder: Where each goes as PNG too, made when absent; None for none.
+        files: Where each goes to files too, in a folder that is made when absent; None for none.
         beside: A process that draws all groups but that of the tests, which takes as long as the
             others together, and the file where the result is saved. What it does not bring is
             drawn here.
     """
     drawn, elsewhere = {}, []
-    if folder is not None:
-        folder.mkdir(parents=True, exist_ok=True)
-        if beside is not None:
-            process, result = beside
-            names = [entry.name for entry in FIGURE_LIST if entry.group != "tests"]
-            elsewhere = names if process.ask(result, folder, names) else []
+    if files is not None:
+        files.folder.mkdir(parents=True, exist_ok=True)
+    if beside is not None:
+        process, result = beside
+        names = [entry.name for entry in FIGURE_LIST if entry.group != "tests"]
+        elsewhere = names if process.ask(result, names, files) else []
     for entry in FIGURE_LIST:
         if entry.name not in elsewhere:
             under_way.info("figure %s", entry.slug)
-            drawn[entry.name] = _drawn(entry, tree, folder)
+            drawn[entry.name] = _drawn(entry, tree, files)
     if elsewhere and beside is not None:
         drawn |= {name: DrawnFigure(*texts) for name, texts in beside[0].drawn().items()}
     for entry in FIGURE_LIST:
         if entry.name not in drawn:
-            drawn[entry.name] = _drawn(entry, tree, folder)
+            drawn[entry.name] = _drawn(entry, tree, files)
     return drawn
 
 
@@ -175,49 +205,40 @@ def draw_when_asked() -> None:
     if not (line := sys.stdin.readline()):
         return
     asked = json.loads(line)
-    with xr.open_datatree(asked["result"], engine="h5netcdf") as tree:
-        drawn = {
-            entry.name: _drawn(entry, tree, Path(asked["folder"]))
-            for entry in FIGURE_LIST
-            if entry.name in asked["names"]
-        }
+    tree = read_tree(Path(asked["result"]))
+    files = None if asked["folder"] is None else Files(Path(asked["folder"]), asked["formats"])
+    drawn = {
+        entry.name: _drawn(entry, tree, files)
+        for entry in FIGURE_LIST
+        if entry.name in asked["names"]
+    }
     print(json.dumps(drawn), file=answer, flush=True)
 
 
-def _drawn(entry: ReportFigure, tree: xr.DataTree, folder: Path | None) -> DrawnFigure:
+def _drawn(entry: ReportFigure, tree: xr.DataTree, files: Files | None) -> DrawnFigure:
     """One figure; one that fails costs neither the others nor the tables."""
     drawn = DrawnFigure()
-    path = None if folder is None else folder / f"{entry.slug}.png"
+
+    def written(figure: Figure, end: str = "") -> str:
+        if files is not None:
+            files.write(figure, f"{entry.slug}{end}")
+        return svg(figure, f"{entry.name}{end.replace('_', '-')}")
+
     try:
-        drawn = DrawnFigure(svg=_written(figure_of(entry.draw(tree)), entry.name, path))
+        drawn = DrawnFigure(svg=written(figure_of(entry.draw(tree))))
         if entry.rest is None:
             return drawn
-        rest = None if path is None else path.with_stem(f"{path.stem}_rest")
         with suppress(DataError):  # there are no further tests
-            figure = figure_of(entry.rest(tree))
-            return drawn._replace(rest=_written(figure, f"{entry.name}-rest", rest))
+            return drawn._replace(rest=written(figure_of(entry.rest(tree)), "_rest"))
         return drawn
     except DataError as cause:  # a run that left out a step has no such figure
         return drawn._replace(missing=cause.what)
     except Exception as cause:
-        if path is not None and isinstance(cause, OSError):  # it cannot be written
+        if files is not None and isinstance(cause, OSError):  # it cannot be written
             raise
-        if path is not None and not drawn.svg:
-            path.unlink(missing_ok=True)
+        if files is not None and not drawn.svg:
+            files.remove(entry.slug)
         return drawn._replace(missing=f"{messages.UNDRAWN}{reason_of(cause)}")
-
-
-def _written(figure: Figure, name: str, path: Path | None) -> str:
-    """A figure as SVG, and as PNG where a path is given."""
-    if path is not None:
-        _save(figure, path, DPI)
-    return svg(figure, name)
-
-
-def _save(figure: Figure, path: Path, dpi: int) -> None:
-    """Write a figure, whose layout is settled then: of another form it is not worked out again."""
-    figure.savefig(path, dpi=dpi, facecolor="white")
-    figure.set_layout_engine("none")
 
 
 def svg(figure: Figure, name: str) -> str:

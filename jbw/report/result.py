@@ -15,6 +15,7 @@ from jbw.quantities import BY_NAME, GAINS, Quantity, in_dialect, natural
 from jbw.report.style import plain
 from jbw.report.text import about, quantity, symbol, unit_text
 from jbw.run.integrity import MARK, SEAL, damaged, unsealed
+from jbw.run.netcdf import read_tree
 
 TURN = 360.0  # degrees
 BACKBONE = "verification/backbone"
@@ -33,8 +34,11 @@ class PosteriorParameter(NamedTuple):
     truth: float | None
 
 
-def read_result(folder: Path) -> tuple[dict[str, Any], xr.DataTree]:
-    """Read the summary and the posterior of a run's folder, or raise a DataError."""
+def read_result(folder: Path, *groups: str) -> tuple[dict[str, Any], xr.DataTree]:
+    """Read the summary and the posterior of a run's folder, or raise a DataError.
+
+    Of the posterior only `groups` below the root are read, or all if none is given.
+    """
     for name in ("summary.json", "posterior.nc"):
         if not (folder / name).is_file():
             raise _unfinished(folder, name)
@@ -44,13 +48,12 @@ def read_result(folder: Path) -> tuple[dict[str, Any], xr.DataTree]:
             raise ValueError("summary.json holds no table")
         has_hashes = SEAL in summary
         summary = unsealed(summary, folder / "posterior.nc")
-        with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as stored:
-            tree = stored.load()
+        tree = read_tree(folder / "posterior.nc", *groups)
         if tree.attrs.pop(MARK, None) is not None and not has_hashes:
             raise damaged(folder / "summary.json")
     except DataError:
         raise
-    except Exception as cause:  # HDF5 raises what it likes where a file is damaged
+    except Exception as cause:  # JSON and HDF5 raise what they like where a file is damaged
         raise DataError(
             f"The result in {folder} cannot be read, it is damaged: {reason_of(cause)}",
             remedy="Run the identification again, or restore the folder from a copy.",

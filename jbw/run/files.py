@@ -24,6 +24,22 @@ def write_whole(path: Path, content: bytes) -> None:
             f"{path} must be a file or a new name, but is a {kind}.",
             remedy="Name a file, for example result.html.",
         )
+    try:
+        put_whole(path, content)
+    except OSError as error:
+        raise RunError(
+            f"{path} cannot be written: {error.strerror or error}.",
+            why="What was saved before is whole.",
+            remedy="Free some space, or make the folder writable, and go on: jbw resume DIR.",
+        ) from error
+
+
+def put_whole(path: Path, content: bytes) -> None:
+    """Put a file in place of the one of before; where that fails, leave the old one untouched.
+
+    Raises:
+        OSError: The file cannot be written.
+    """
     part = path.with_name(f"{path.name}.part")
     try:
         with part.open("wb") as stream:
@@ -32,13 +48,9 @@ def write_whole(path: Path, content: bytes) -> None:
             os.fsync(stream.fileno())
         os.replace(part, path)
         _sync_folder(path.parent)
-    except OSError as error:
+    except BaseException:
         part.unlink(missing_ok=True)
-        raise RunError(
-            f"{path} cannot be written: {error.strerror or error}.",
-            why="What was saved before is whole.",
-            remedy="Free some space, or make the folder writable, and go on: jbw resume DIR.",
-        ) from error
+        raise
 
 
 def _sync_folder(folder: Path) -> None:

@@ -46,6 +46,7 @@ class Manifest:
     allow_outside: bool = False  # whether files may lie outside the campaign's folder
     quick: bool = False  # whether a first answer is all that was asked for
     final: bool = False  # whether all tests are to be fitted for use in the end
+    figures: tuple[str, ...] = ()  # formats of the files that figures go to
     text: str | None = None  # content of the campaign file, once it was read
     # Hash of every data file by its path, relative to the campaign's folder where it lies below.
     inputs: dict[str, str] | None = None
@@ -66,6 +67,7 @@ def read_manifest(path: Path) -> Manifest:
         content = json.loads(path.read_text(encoding="utf-8"))
         intact = content.pop("sha256") == _digest(content) and content.pop("format") == FORMAT
         if intact:
+            content["figures"] = tuple(content.get("figures", ()))
             return Manifest(**content)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         pass

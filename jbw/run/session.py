@@ -2,16 +2,24 @@
 
 import ctypes
 import gc
+import hashlib
 import logging
+import math
 import os
 import platform
 import sys
+import tempfile
+import warnings
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
+from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import platformdirs
+
+from jbw.report.messages import stages
 
 COMPILED = "/jax/core/compile/backend_compile_duration"
 # Of address space, less than which compilers and linear algebra may end the process, 0.7 to 1.5
@@ -24,8 +32,8 @@ THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OMP_NUM_THREADS")
 def prepare_process() -> None:
     """Two host devices, so that chains run side by side, float64, and compiled code kept.
 
-    Before JAX starts. What was compiled stays in the user's cache folder, one a machine, for the
-    code holds instructions of its processor; JAX_ENABLE_COMPILATION_CACHE=0 turns that off.
+    Before JAX starts. What was compiled stays in the user's cache folder (`keep_compiled`);
+    JAX_ENABLE_COMPILATION_CACHE=0 turns that off.
     Linear algebra has one thread unless the environment names a number: OpenBLAS's turn while they
     wait, which gains a fit nothing, and takes it seconds for 8 ms beside another busy process.
     """
@@ -37,7 +45,7 @@ def prepare_process() -> None:
     # What JAX traces lives long, and looking through it for garbage takes a fiftieth of a run.
     gc.set_threshold(100_000, 20, 20)
     jax.config.update("jax_enable_x64", True)
-    keep_compiled(platform.node())
+    keep_compiled()
     give_back_after_compiling()
     logging.getLogger("jax").setLevel(logging.ERROR)
     limit_threads()
@@ -89,13 +97,50 @@ def trimming(trim: Callable[[int], Any]) -> Callable[..., None]:
     return after_compile
 
 
-def keep_compiled(name: str) -> Path | None:
-    """Keep compiled code in a folder of the user's cache; None where one is named already."""
+def keep_compiled(purpose: str = "compiled") -> Path | None:
+    """Keep compiled code in a folder of the user's cache; return it, None where one is named.
+
+    The folder is named by `purpose`, the instructions of the processor and the versions of JAX, so
+    that containers and nodes of one cluster find what any of them compiled, and no processor runs
+    instructions that it lacks. A folder without write permission is only read, with a warning.
+    """
     import jax
 
-    if jax.config.jax_compilation_cache_dir is not None:  # the environment's, or a program's
-        return None
-    cache = platformdirs.user_cache_path("jbw") / name
-    jax.config.update("jax_compilation_cache_dir", str(cache))
-    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
-    return cache
+    named = jax.config.jax_compilation_cache_dir  # by the environment, or by a program
+    digest = hashlib.sha256(instructions().encode()).hexdigest()[:12]
+    versions = f"jax-{version('jax')}-{version('jaxlib')}"
+    own = platformdirs.user_cache_path("jbw") / f"{purpose}-{digest}-{versions}"
+    folder = own if named is None else Path(named)
+    if named is None:
+        jax.config.update("jax_compilation_cache_dir", str(own))
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+    if "://" not in str(named):  # a folder that JAX reaches by itself
+        _require_writable(folder)
+    return own if named is None else None
+
+
+def instructions() -> str:
+    """Return the processor's features in one line, or what else tells its instructions."""
+    with suppress(OSError):
+        for line in Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines():
+            name, _, features = line.partition(":")
+            if name.strip() in ("flags", "Features"):  # of x86, of Arm
+                return " ".join(sorted(features.split()))
+    # Apple names the chip in the version of its kernel alone.
+    return f"{platform.machine()} {platform.processor()} {platform.version()}"
+
+
+def _require_writable(folder: Path) -> None:
+    """Warn once where compiled code cannot be kept in a folder, and have JAX write none there."""
+    import jax
+
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=folder):
+            pass
+    except OSError as error:
+        warnings.warn(stages.unkept_code(str(folder), error.strerror or str(error)), stacklevel=3)
+        # JAX would warn of every program: a folder is read at most.
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", math.inf)
+        if not folder.is_dir():
+            jax.config.update("jax_compilation_cache_dir", None)

@@ -19,6 +19,7 @@ from typing import Any, Literal
 
 from jbw.campaign.load import Campaign
 from jbw.errors import ConfigError, DataError, JbwError, RunError
+from jbw.report.formats import formats_of
 from jbw.report.messages import stages
 from jbw.report.messages import study as messages
 from jbw.report.result import read_result
@@ -42,6 +43,7 @@ class Task:
     seed: int | None
     allow_outside: bool
     command: str
+    figures: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -79,6 +81,7 @@ def identify_many(
     workers: int | None = None,
     seed: int | None = None,
     allow_outside: bool = False,
+    figures: Sequence[str] = (),
     report: Callable[[str], None] = logger.info,
     command: str | None = None,
 ) -> list[RunOutcome]:
@@ -93,6 +96,7 @@ def identify_many(
         workers: Processes of this machine; half its processors when None. Not beside `executor`.
         seed: Seed of every campaign; each campaign's own when None.
         allow_outside: Let `files` of campaigns point out of their folders.
+        figures: Formats of the files that figures of each run go to: "png", "svg", "pdf".
         report: Called with one sentence whenever a campaign ends.
         command: What was typed, for the summaries; this process's when None.
 
@@ -100,7 +104,8 @@ def identify_many(
         One outcome a campaign, in the order given.
 
     Raises:
-        ConfigError: No campaign, two that would write to one folder, or one without a file.
+        ConfigError: No campaign, two that would write to one folder, one without a file, or an
+            unknown format.
     """
     if executor is not None and workers is not None:
         raise ConfigError(
@@ -109,8 +114,9 @@ def identify_many(
             remedy="Say it where the executor is made.",
         )
     command = command or " ".join(["jbw", *sys.argv[1:]])
+    formats = formats_of(figures, "Argument `figures`")
     tasks = [
-        Task(str(path), str(folder), seed, allow_outside, command)
+        Task(str(path), str(folder), seed, allow_outside, command, formats)
         for path, folder in _folders(
             [_file_of(campaign) for campaign in campaigns], Path(out)
         ).items()
@@ -156,8 +162,9 @@ def _run(task: Task) -> RunOutcome:
             began, run = "resumed", reopen(folder)
         else:
             manifest = Manifest(
-                task.command, task.campaign, seed=task.seed, allow_outside=task.allow_outside
-            )
+                task.command, task.campaign, seed=task.seed, allow_outside=task.allow_outside,
+                figures=task.figures,
+            )  # fmt: skip
             run = begin(folder, manifest)
         if run is None:  # another process has finished it meanwhile
             return _finished_before(task) or _failed(task, RunError(f"{folder} has no result."))
@@ -232,7 +239,7 @@ def _finished_before(task: Task) -> RunOutcome | None:
     if (folder / HIDDEN / MANIFEST).exists() or not (folder / "summary.json").is_file():
         return None
     try:
-        summary, _ = read_result(folder)
+        summary, _ = read_result(folder, "posterior")
         _require_same_result(task, summary)
     except JbwError as error:
         return _failed(task, error)

@@ -43,7 +43,7 @@ def carried_out(
             return summary, tree
     say("Writing figures and report")
     try:
-        save_report(run.folder, tree, summary, beside)
+        save_report(run.folder, tree, summary, beside, run.manifest.figures)
     finally:
         if not run.interruption.asked:
             run.finish()  # a report that failed is `jbw report`'s to try again

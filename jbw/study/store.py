@@ -13,11 +13,12 @@ from typing import Any
 import xarray as xr
 
 from jbw.errors import RunError
-from jbw.report.figures import Beside, draw_figures, figure_of
+from jbw.report.figures import Beside, Files, draw_figures, figure_of
 from jbw.report.page import write_page
 from jbw.report.prediction import prediction
 from jbw.report.style import Panels
 from jbw.run.integrity import MARK, sealed
+from jbw.run.netcdf import write_tree
 from jbw.verification.places import safe
 
 
@@ -48,7 +49,7 @@ def save_result(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> 
         with writing(folder, "posterior.nc", "summary.json") as part:
             marked = tree.copy()
             marked.attrs = {**tree.attrs, MARK: 1}
-            marked.to_netcdf(part / "posterior.nc", engine="h5netcdf")
+            write_tree(part / "posterior.nc", marked)
             plain = json.loads(json.dumps(summary, allow_nan=False))
             write_json(part / "summary.json", sealed(plain, part / "posterior.nc"))
     except OSError as error:
@@ -60,17 +61,22 @@ def save_result(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> 
 
 
 def save_report(
-    folder: Path, tree: xr.DataTree, summary: Mapping[str, Any], beside: Beside | None = None
+    folder: Path,
+    tree: xr.DataTree,
+    summary: Mapping[str, Any],
+    beside: Beside | None = None,
+    formats: Sequence[str] = (),
 ) -> None:
-    """Write figures/ and report.html beside a result, which a failing report does not touch.
+    """Write report.html beside a result, which a failing report does not touch.
 
-    A process `beside` this one draws some of the figures, from the result that is saved.
+    The figures go to figures/ too, in every one of `formats`. A process `beside` this one draws
+    some of them, from the result that is saved.
     """
     try:
-        with writing(folder, "figures", "report.html") as part:
-            (part / "figures").mkdir()
+        with writing(folder, *(["figures"] if formats else []), "report.html") as part:
+            files = Files(part / "figures", formats) if formats else None
             process = None if beside is None else (beside, folder / "posterior.nc")
-            drawn = draw_figures(tree, part / "figures", process)
+            drawn = draw_figures(tree, files, process)
             write_page(summary, tree, part / "report.html", drawn)
     except Exception as error:
         raise RunError(
@@ -88,7 +94,7 @@ def save_predictions(
         tree = xr.DataTree.from_dict(
             {f"/{safe(test)}": comparison for test, comparison in found.items()}
         )
-        tree.to_netcdf(part / "predictions.nc", engine="h5netcdf")
+        write_tree(part / "predictions.nc", tree)
         (part / "figures").mkdir()
         for number, (test, comparison) in enumerate(found.items(), start=1):
             slug = re.sub(r"[^\w.-]+", "_", test)

@@ -1,6 +1,6 @@
 """The result of an identification, as it comes from `identify` or from a run's folder."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib.metadata import version
@@ -15,12 +15,13 @@ from jbw.errors import ConfigError, DataError
 from jbw.identification.procedure import Identification, Known
 from jbw.inference.posterior.finding import Verdict, kept_finding
 from jbw.measurement.records import Test
+from jbw.report.formats import formats_of
 from jbw.report.opening import known_parameters
 from jbw.report.result import node, read_result
 from jbw.study.store import claim, save_report, save_result
 from jbw.verification.planned import planned_sweep
 from jbw.verification.predict import Request, chosen, predict
-from jbw.verification.predictive_basis import NUM_DRAWS, Basis, basis_of
+from jbw.verification.predictive_basis import GROUPS_OF_BASIS, NUM_DRAWS, Basis, basis_of
 
 LINE = 300  # characters of what is known, in a cell
 
@@ -110,11 +111,22 @@ class Study:
         """
         return planned_sweep(basis_of(self.tree), band_hz, level, duration, fs)
 
-    def save(self, folder: str | Path) -> None:
-        """Write posterior.nc, summary.json, figures and report.html into a new or empty folder."""
+    def save(self, folder: str | Path, *, figures: Sequence[str] = ()) -> None:
+        """Write posterior.nc, summary.json and report.html into a new or empty folder.
+
+        Args:
+            folder: Where they are written.
+            figures: Formats of the files that figures go to, in `folder`/figures: "png", "svg",
+                "pdf".
+
+        Raises:
+            ConfigError: A format that is none of these.
+            RunError: The folder holds something, or cannot be written.
+        """
+        formats = formats_of(figures, "Argument `figures`")
         claimed = claim(Path(folder))
         save_result(claimed, self.tree, self.record)
-        save_report(claimed, self.tree, self.record)
+        save_report(claimed, self.tree, self.record, formats=formats)
 
 
 def load_study(folder: str | Path, campaign: Campaign | None = None) -> Study:
@@ -139,7 +151,7 @@ def load_study(folder: str | Path, campaign: Campaign | None = None) -> Study:
 
 def basis_of_run(folder: Path) -> Basis:
     """What a finished run predicts with."""
-    return _basis(folder, *read_result(folder))
+    return _basis(folder, *read_result(folder, *GROUPS_OF_BASIS))
 
 
 def _basis(folder: Path, record: Mapping[str, Any], tree: xr.DataTree) -> Basis:
@@ -156,7 +168,7 @@ def _basis(folder: Path, record: Mapping[str, Any], tree: xr.DataTree) -> Basis:
 
 def campaign_of(folder: Path, stated: Path | None = None) -> Path:
     """The campaign file of a run's folder: what the user says it is, or the run."""
-    summary, _ = read_result(folder)
+    summary, _ = read_result(folder, "posterior")
     within = sorted(folder.glob("*/campaign.toml"))
     for campaign_path in filter(None, [stated, summary.get("campaign_file"), *within]):
         for path in (folder / campaign_path, Path(campaign_path)):
@@ -171,7 +183,7 @@ def campaign_of(folder: Path, stated: Path | None = None) -> Path:
 
 def known_of(folder: Path) -> tuple[dict[str, Any], Known]:
     """The summary of a run, and what its posterior knows of priors and of Step 3."""
-    summary, tree = read_result(folder)
+    summary, tree = read_result(folder, "posterior", "steps")
     bounds, means = {}, {}
     if summary["main"] == "joint" and "posterior" in tree.children:
         for name, values in tree["posterior"].data_vars.items():

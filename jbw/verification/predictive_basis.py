@@ -34,6 +34,8 @@ from jbw.quantities import (
 )
 
 AS_RECORDED = "as_recorded"  # draws as the records know them, where stated errors widened them
+# All that `basis_of` reads of a result.
+GROUPS_OF_BASIS = ("posterior", AS_RECORDED, "runs", "discrepancy", "steps")
 NUM_DRAWS = 100  # outer quantiles of 99 % bands need about as many
 SUBSTEPS = 2  # of the solver a sample, for a run that does not say how many its data took
 SCATTER_KEY = 200  # of the seed

@@ -157,7 +157,7 @@ def test_errors_become_messages_and_exit_codes(monkeypatch, capsys, error, code,
         raise error
 
     monkeypatch.delenv("JBW_TRACEBACK", raising=False)
-    monkeypatch.setattr("jbw.cli.check.check_campaign", fail)
+    monkeypatch.setattr("jbw.campaign.check.check_campaign", fail)
     assert run(["check", "x.toml"]) == code
     streams = capsys.readouterr()
     assert says in streams.err
@@ -165,7 +165,7 @@ def test_errors_become_messages_and_exit_codes(monkeypatch, capsys, error, code,
 
 
 def test_internal_error_tells_how_to_see_more(monkeypatch, capsys):
-    monkeypatch.setattr("jbw.cli.check.check_campaign", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("jbw.campaign.check.check_campaign", lambda *_, **__: 1 / 0)
     run(["check", "x.toml"])
     assert "JBW_TRACEBACK=1" in capsys.readouterr().err
     monkeypatch.setenv("JBW_TRACEBACK", "1")

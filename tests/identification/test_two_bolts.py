@@ -216,7 +216,7 @@ def test_a_campaign_file_is_identified_from_end_to_end(tmp_path, capsys):
     assert "mode 2 is damped by bolt_2" in printed.replace("\n", " ")
     summary = json.loads((out / "summary.json").read_text())
     assert [row["verdict"] for row in summary["joints"]["joints"]] == ["identified"] * 2
-    run(["report", str(out)])
+    run(["report", str(out), "--figures", "png"])
     page = (out / "report.html").read_text()
     assert "Shares of the joints in every mode" in page
     for drawn in ("extra_assembly", "extra_joint_loops"):

@@ -358,6 +358,7 @@ OF_TOPICS = {
     ],
     "stages": [
         *constants(stages), stages.little_address_space(1.5, 3.0), stages.design(3),
+        stages.unkept_code("/var/cache/jbw", "Read-only file system"),
         stages.scoring("cubic", 6, by_fit=True),
         stages.scoring("cubic", 6, by_fit=False), stages.scoring("cubic", 1, by_fit=True),
         stages.scoring("cubic", 1, by_fit=False), stages.points(1000, "products"),

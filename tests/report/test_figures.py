@@ -13,7 +13,8 @@ from PIL import Image
 from jbw.cli.drawing import DrawingProcess
 from jbw.errors import ConfigError, DataError
 from jbw.report import figures
-from jbw.report.figures import FIGURE_LIST, FIGURES, draw_figures, figure_of, svg
+from jbw.report.figures import FIGURE_LIST, FIGURES, Files, draw_figures, figure_of, svg
+from jbw.report.formats import FORMATS, formats_of
 from jbw.report.style import band_label
 
 # The paper's figure 3 shows the rig itself.
@@ -166,7 +167,7 @@ def test_files_are_named_in_order_and_are_pictures(tree, tmp_path):
             "/steps/opening_nuts/posterior": tree["steps/opening_nuts/posterior"].to_dataset(),
         }
     )
-    draw_figures(part, tmp_path / "figures")
+    draw_figures(part, Files(tmp_path / "figures", ["png"]))
     names = ["figure_04_linear_frf.png", "figure_10_opening_posterior.png", "extra_routes.png"]
     assert {path.name for path in (tmp_path / "figures").iterdir()} == set(names)
     with Image.open(tmp_path / "figures" / names[0]) as picture:
@@ -187,11 +188,12 @@ def saved(tree, tmp_path_factory):
 def test_a_process_beside_draws_the_same(saved, tmp_path):
     """Pictures and what the page takes, byte by byte."""
     small, path = saved
-    here = draw_figures(small, tmp_path / "here")
+    here = draw_figures(small, Files(tmp_path / "here", FORMATS))
     with DrawingProcess() as process:
-        assert draw_figures(small, tmp_path / "beside", (process, path)) == here
+        assert draw_figures(small, Files(tmp_path / "beside", FORMATS), (process, path)) == here
     pictures = sorted((tmp_path / "here").iterdir())
-    assert "figure_04_linear_frf.png" in {picture.name for picture in pictures}
+    endings = {picture.suffix for picture in pictures if picture.stem == "figure_04_linear_frf"}
+    assert endings == {".png", ".svg", ".pdf"}
     for picture in pictures:
         assert picture.read_bytes() == (tmp_path / "beside" / picture.name).read_bytes()
 
@@ -203,10 +205,37 @@ def test_all_is_drawn_here_where_no_process_beside_can(saved, tmp_path, monkeypa
     # The last can start, but finds no result.
     where = path if program else path.with_name("missing.nc")
     with DrawingProcess() as process:
-        drawn = draw_figures(small, tmp_path, (process, where))
+        drawn = draw_figures(small, Files(tmp_path, ["png"]), (process, where))
     assert drawn["figure_4"].svg
-    assert drawn == draw_figures(small, tmp_path / "again")
+    assert drawn == draw_figures(small, Files(tmp_path / "again", ["png"]))
     assert (tmp_path / "figure_04_linear_frf.png").is_file()
+
+
+def test_the_page_needs_no_files(saved, tmp_path):
+    """A process beside draws for the page alone where no format is asked for."""
+    small, path = saved
+    with DrawingProcess() as process:
+        drawn = draw_figures(small, None, (process, path))
+    assert drawn["figure_4"].svg.startswith("<svg")
+    assert drawn["figure_10"].svg.startswith("<svg")
+    assert [file.name for file in path.parent.iterdir()] == [path.name]
+
+
+def test_a_figure_that_fails_leaves_no_file_in_any_format(saved, tmp_path, monkeypatch):
+    small, _ = saved
+    monkeypatch.setattr(figures, "svg", lambda *_: 1 / 0)
+    drawn = draw_figures(small, Files(tmp_path, FORMATS))
+    assert "ZeroDivisionError" in drawn["figure_4"].missing
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_pdf_has_its_fonts_within_as_journals_ask(saved, tmp_path):
+    small, _ = saved
+    draw_figures(small, Files(tmp_path, ["pdf"]))
+    content = (tmp_path / "figure_04_linear_frf.pdf").read_bytes()
+    assert content.startswith(b"%PDF")
+    assert b"/FontFile2" in content  # TrueType
+    assert b"/Type3" not in content
 
 
 def test_a_process_beside_ends_with_its_command():
@@ -236,3 +265,10 @@ def test_svg_follows_the_theme_and_keeps_its_ids_to_itself(drawn):
     assert 'id="figure_10-' in text
     assert "url(#figure_10-" in text
     assert text == svg(drawn["figure_10"], "figure_10")
+
+
+def test_formats_are_named_in_any_spelling_and_a_slip_is_refused():
+    assert formats_of(["PNG", " .pdf", "png"], "Option --figures") == ("png", "pdf")
+    assert formats_of([], "Option --figures") == ()
+    with pytest.raises(ConfigError, match=r"Option --figures must name formats .* 'jpg'"):
+        formats_of(["png", "jpg"], "Option --figures")

@@ -1,8 +1,11 @@
-"""A process of jbw's own: threads of linear algebra, which only a fresh process shows."""
+"""A process of jbw's own: threads of linear algebra, and where compiled code is kept."""
 
 import os
+import platform
 import subprocess
 import sys
+from contextlib import contextmanager
+from pathlib import Path
 
 import pytest
 
@@ -84,3 +87,108 @@ def test_a_limit_on_the_address_space_that_may_end_the_process_is_said(limit, is
     command = [sys.executable, "-c", LIMITED.format(limit=limit)]
     told = subprocess.run(command, capture_output=True, text=True, check=True).stderr
     assert ("limited to 2.5 GiB" in told and "ulimit -v unlimited" in told) is is_said
+
+
+KEPT = """
+import platform
+platform.node = lambda: {host!r}
+from jbw.run.session import prepare_process
+prepare_process()
+import jax
+if jax.config.jax_compilation_cache_dir:
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
+jax.jit(lambda x: x + 1)(0.0)
+print(jax.config.jax_compilation_cache_dir)
+"""
+
+
+def compiling(cache, host="node-1"):
+    """A process whose user has the folder `cache`, on a host of that name."""
+    free = {name: value for name, value in os.environ.items() if "JAX_" not in name}
+    environment = free | {"XDG_CACHE_HOME": str(cache)}
+    command = [sys.executable, "-c", KEPT.format(host=host)]
+    return subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="XDG_CACHE_HOME names the folder on Linux")
+def test_a_host_of_another_name_uses_what_was_compiled(tmp_path):
+    first = compiling(tmp_path)
+    folder = Path(first.stdout.strip())
+    kept = sorted(folder.iterdir())
+    assert kept
+    assert folder.is_relative_to(tmp_path)
+    second = compiling(tmp_path, "node-2")
+    assert second.stdout == first.stdout
+    assert sorted(folder.iterdir()) == kept
+    assert not first.stderr + second.stderr
+
+
+def test_processors_with_other_instructions_and_other_versions_have_folders_of_their_own(
+    monkeypatch,
+):
+    """Code of one processor ends a process on another, which lacks its instructions."""
+    import jax
+
+    monkeypatch.setattr(session, "_require_writable", lambda folder: None)
+    folders = set()
+    with jax_config_kept():
+        for found in ("avx avx2", "avx avx2 avx512f"):
+            for number in ("0.12.0", "0.12.1"):
+                jax.config.update("jax_compilation_cache_dir", None)
+                monkeypatch.setattr(session, "instructions", lambda found=found: found)
+                monkeypatch.setattr(session, "version", lambda name, number=number: number)
+                folders.add(session.keep_compiled())
+    assert len(folders) == 4
+
+
+@contextmanager
+def jax_config_kept():
+    """Give back what `keep_compiled` sets."""
+    import jax
+
+    names = "jax_compilation_cache_dir", "jax_persistent_cache_min_compile_time_secs"
+    before = {name: getattr(jax.config, name) for name in names}
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            jax.config.update(name, value)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="of /proc/cpuinfo")
+def test_instructions_are_those_that_the_system_names():
+    assert ("Features" if platform.machine() == "aarch64" else "flags") in Path(
+        "/proc/cpuinfo"
+    ).read_text()
+    assert session.instructions().split() == sorted(session.instructions().split())
+
+
+def test_where_the_system_lists_none_the_processor_is_named(monkeypatch, tmp_path):
+    monkeypatch.setattr(session, "Path", lambda name: tmp_path / "none")
+    assert session.instructions().startswith(platform.machine())
+    assert platform.version() in session.instructions()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="XDG_CACHE_HOME names the folder on Linux")
+def test_a_cache_folder_that_cannot_be_written_is_said_once_and_the_work_goes_on(tmp_path):
+    blocked = tmp_path / "file"
+    blocked.write_text("no folder")
+    told = compiling(blocked)
+    assert told.stdout.strip() == "None"
+    assert told.stderr.count("Compiled code cannot be kept") == 1
+    assert "persistent compilation cache" not in told.stderr
+
+
+def test_a_folder_that_may_only_be_read_is_read(tmp_path, monkeypatch):
+    import jax
+
+    def refuse(**_):
+        raise OSError(30, "Read-only file system")
+
+    monkeypatch.setattr(session.tempfile, "TemporaryFile", refuse)
+    with jax_config_kept():
+        jax.config.update("jax_compilation_cache_dir", str(tmp_path))
+        with pytest.warns(UserWarning, match=r"cannot be kept in .*: Read-only file system\. "):
+            session.keep_compiled()
+        assert jax.config.jax_compilation_cache_dir == str(tmp_path)
+        assert jax.config.jax_persistent_cache_min_compile_time_secs == float("inf")

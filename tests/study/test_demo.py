@@ -40,12 +40,13 @@ def test_demo_of_three_days_finds_the_truth_with_bands_that_are_seen(home):
     for row in summary["predictions"].values():
         assert row["nrmse"] < 0.021  # noise of 2 %, and the model hardly adds to it
     assert (home / "demo" / "report.html").stat().st_size > 100_000
+    assert not (home / "demo" / "figures").exists()  # none was asked for
 
 
 @pytest.mark.release
 def test_demo_of_the_paper_from_the_first_record_to_the_report(tmp_path, capsys):
     folder = tmp_path / "paper"
-    assert run(["demo", "--paper", "--out", str(folder)]) == 0
+    assert run(["demo", "--paper", "--figures", "png", "--out", str(folder)]) == 0
     # Table 1, the paper's steps among its rows and the truth in a column.
     told = capsys.readouterr().out
     assert "truth" in told

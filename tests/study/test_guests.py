@@ -271,7 +271,7 @@ def of_a_kind(bilinear, tmp_path_factory):
     folder = tmp_path_factory.mktemp("rings")
     path = write_rings(folder)
     study = jbw.identify(jbw.load_campaign(path), seed=1, report=lambda _: None)
-    study.save(folder / "run")
+    study.save(folder / "run", figures=["png"])
     yield study, folder / "run"
     del kinds.KINDS["ring_down"], samplers.SAMPLERS["about_the_fit"]
     observables.OBSERVABLES.remove(RingDown)

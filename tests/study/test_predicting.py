@@ -1,6 +1,6 @@
 """Predictions from a run's posterior, against integrations and closed forms made without jbw."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -26,9 +26,11 @@ from jbw.campaign.load import Campaign
 from jbw.errors import ConfigError, DataError
 from jbw.identification.discrepancy import NO_SCATTER, Discrepancy, Missed, Scatter
 from jbw.measurement.records import Test
+from jbw.report.result import read_result
+from jbw.run.netcdf import read_tree, write_tree
 from jbw.study.collect import run_attrs
 from jbw.study.store import save_result
-from jbw.study.study import Study, load_study
+from jbw.study.study import Study, basis_of_run, load_study
 from jbw.verification.planned import planned_sweep, planned_tones
 from jbw.verification.predict import Request, predict, row_of, warnings_of
 from jbw.verification.predicted import (
@@ -42,7 +44,7 @@ from jbw.verification.predicted import (
     RepeatNoise,
     noise_of,
 )
-from jbw.verification.predictive_basis import basis_of
+from jbw.verification.predictive_basis import AS_RECORDED, GROUPS_OF_BASIS, basis_of
 
 
 def test_the_truth_predicts_an_integrated_record():
@@ -247,6 +249,24 @@ def test_a_run_writes_what_predictions_read_back(tmp_path):
     assert basis.scatter == (0.3, 1e-3)
     assert basis.decay_facts == {"worth": 0.7, "shift_std": 0.02, "substeps": 3}
     assert basis.laws == ("bouc_wen",)
+
+
+def test_all_that_predictions_start_from_is_read(toy, tmp_path):
+    """Predictions read some groups of a run, which give the same basis as all groups."""
+    _, run = read_result(toy / "run")
+    draws = run["posterior"].to_dataset()
+    run[AS_RECORDED], run["steps/decay/posterior"] = xr.DataTree(draws + 1), xr.DataTree(draws + 2)
+    write_tree(tmp_path / "posterior.nc", run)
+    some = read_tree(tmp_path / "posterior.nc", *GROUPS_OF_BASIS)
+    assert "verification" not in some.children
+    found, expected = basis_of(some), basis_of(run)
+    for field in fields(expected):
+        part, same_part = getattr(found, field.name), getattr(expected, field.name)
+        if isinstance(same_part, xr.Dataset):
+            xr.testing.assert_identical(part, same_part)
+        else:
+            assert part == same_part, field.name
+    assert basis_of_run(toy / "run").laws == expected.laws
 
 
 def test_a_prediction_reaches_as_far_as_the_edge_of_its_peaks():

@@ -2,13 +2,17 @@
 
 import errno
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 import xarray as xr
 
-from jbw.errors import RunError
+from jbw.cli import run as command
+from jbw.errors import ConfigError, RunError
+from jbw.run.manifest import Manifest, read_manifest, write_manifest
 from jbw.study import store as storage
+from jbw.study.study import Study
 
 
 def a_tree():
@@ -60,3 +64,37 @@ def test_a_full_disk_leaves_nothing_half_written(tmp_path, monkeypatch):
         save(tmp_path, a_tree(), {"campaign": "toy"})
     assert "jbw resume" in caught.value.remedy
     assert list(tmp_path.iterdir()) == []
+
+
+def test_figures_are_files_only_where_formats_are_asked_for(tmp_path, capsys):
+    """`--figures png` gives what every report wrote before; the page holds the figures anyway."""
+    save(tmp_path, a_tree(), {"campaign": "toy", "steps": {}, "verdict": {}})
+    assert not (tmp_path / "figures").exists()
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert "<svg" in page
+    assert command(["report", str(tmp_path), "--figures", "png,pdf"]) == 0
+    written = {path.name for path in (tmp_path / "figures").iterdir()}
+    assert {"extra_trace_rank.png", "extra_trace_rank.pdf"} <= written
+    assert {Path(name).suffix for name in written} == {".png", ".pdf"}
+    assert str(tmp_path / "figures") in capsys.readouterr().out.replace("\n", "")
+
+
+@pytest.mark.parametrize("other", [["--out", "page.html"], ["--brief"]])
+def test_one_file_alone_has_no_figures_beside_it(tmp_path, capsys, other):
+    assert command(["report", str(tmp_path), "--figures", "pdf", *other]) == 2
+    assert other[0] in capsys.readouterr().err
+
+
+def test_a_format_that_is_none_is_refused_before_any_work(tmp_path, capsys):
+    assert command(["demo", "--figures", "png,jpeg", "--out", str(tmp_path / "demo")]) == 2
+    assert "among png, svg, pdf" in " ".join(capsys.readouterr().err.split())
+    assert not (tmp_path / "demo").exists()
+    with pytest.raises(ConfigError, match="Argument `figures`"):
+        Study(a_tree(), {}).save(tmp_path / "run", figures=["tiff"])
+    assert not (tmp_path / "run").exists()
+
+
+def test_a_run_that_goes_on_knows_which_figures_were_asked_for(tmp_path):
+    manifest = Manifest("jbw identify", "campaign.toml", figures=("png", "pdf"))
+    write_manifest(tmp_path / "manifest.json", manifest)
+    assert read_manifest(tmp_path / "manifest.json") == manifest

@@ -41,6 +41,15 @@ def little_address_space(limit_gib: float, needed_gib: float) -> str:
     )
 
 
+def unkept_code(folder: str, reason: str) -> str:
+    """Return the warning that compiled code cannot be kept in a folder."""
+    return (
+        f"Compiled code cannot be kept in {folder}: {reason}. The results are the same, but every "
+        "command compiles again. Name a folder that can be written: "
+        "export JAX_COMPILATION_CACHE_DIR=FOLDER."
+    )
+
+
 def design(step: int) -> str:
     """Of a calibration: that the design of a step of the paper is read."""
     return f"Reading the design of Step {step} from the campaign"

@@ -1,0 +1,23 @@
+"""Formats of files that figures are written in."""
+
+from collections.abc import Iterable
+
+from jbw.errors import ConfigError
+
+FORMATS = ("png", "svg", "pdf")
+
+
+def formats_of(names: Iterable[str], source: str) -> tuple[str, ...]:
+    """Return the formats of these names, each once; `source` says where the names stand.
+
+    Raises:
+        ConfigError: A name that is no format.
+    """
+    formats = tuple(dict.fromkeys(name.strip().lower().removeprefix(".") for name in names))
+    for name in formats:
+        if name not in FORMATS:
+            raise ConfigError(
+                f"{source} must name formats among {', '.join(FORMATS)}, but one is {name!r}.",
+                remedy="Name some of them, for example pdf.",
+            )
+    return formats
