@@ -30,7 +30,7 @@ from jbw.measurement.checks.responses import band_about_peak, height_within
 from jbw.measurement.files.assemble import Wanted
 from jbw.measurement.files.paths import select
 from jbw.measurement.files.read import READERS, opened, records
-from jbw.measurement.files.sampling import sampling_frequency
+from jbw.measurement.files.clocks import sampling_frequency
 from jbw.measurement.files.tree import RATE, Contents, Leaf, load, names
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.recorders.facts import is_time

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from jbw.errors import DataError, JbwError
 from jbw.measurement.channels import Reals
 from jbw.measurement.files.cells import is_lost, since_first, stamp, ungrouped
-from jbw.measurement.files.sampling import sampling_frequency
+from jbw.measurement.files.clocks import sampling_frequency
 from jbw.measurement.files.tree import Contents, Leaf, Node, Opaque, leaf
 from jbw.measurement.recorders import of_lines
 from jbw.measurement.recorders.facts import is_time, rate_in, stated

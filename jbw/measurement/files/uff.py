@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from jbw.errors import ConfigError, DataError
-from jbw.measurement.files.sampling import sampling_frequency
+from jbw.measurement.files.clocks import sampling_frequency
 from jbw.measurement.files.tree import Contents, Leaf, Node, cells, leaf, load, names, optional
 from jbw.measurement.records import Record
 from jbw.units import FACTORS, measured, plain

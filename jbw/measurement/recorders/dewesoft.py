@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 
 from jbw.errors import JbwError
-from jbw.measurement.files.sampling import sampling_frequency
+from jbw.measurement.files.clocks import sampling_frequency
 from jbw.measurement.files.tree import Contents, Leaf, load
 from jbw.measurement.recorders.facts import number_at, rate_of, stated, titled_leaf, top
 from jbw.measurement.recorders.recorder import Recorder

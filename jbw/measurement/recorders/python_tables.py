@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 
 from jbw.errors import JbwError
-from jbw.measurement.files.sampling import sampling_frequency
+from jbw.measurement.files.clocks import sampling_frequency
 from jbw.measurement.files.tree import Contents, Leaf, Opaque, load
 from jbw.measurement.recorders.facts import number_in, positive, top
 from jbw.measurement.recorders.recorder import Recorder

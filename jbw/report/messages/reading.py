@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from jbw.report.messages.message import percent
+from jbw.report.messages.message import FaultText, percent
 
 STATE_MASS = (
     "Controlled points determine the damping only if the modal mass is known: state "
@@ -20,7 +20,8 @@ MINE = (
 )
 EXPORT = "Export the record again."
 EVEN = "Spectra and sampled inputs need even samples."
-STATE_RATE = "Put under [[test]]: `fs = HZ`, where HZ is the sampling frequency in hertz."
+FS_LINE = "`fs = HZ`"
+STATE_RATE = f"Put under [[test]]: {FS_LINE}, where HZ is the sampling frequency in hertz."
 HIGHER_RATE = "Measure at a higher rate."
 
 
@@ -37,6 +38,28 @@ def resample_or_part(resample: str, part: str) -> str:
 def part_or_higher_rate(line: str) -> str:
     """The line of a part without pauses, or what to measure."""
     return f"{line}, or measure at a higher rate."
+
+
+def coarse_times(fs: float) -> str:
+    """What to do about times of too few digits, whose mean rate is known [Hz]."""
+    return (
+        "Export the times with more digits. If no sample is lost, take `time` out of `channels` "
+        f"and put under [[test]]: `fs = {fs:.9g}`."
+    )
+
+
+def time_without_unit(name: str, first: Sequence[float], guess: str) -> FaultText:
+    """Times of whole numbers without a unit, and the likeliest unit; empty of counts."""
+    count = f"where it counts samples, take `time` out of `channels` and state the rate, {FS_LINE}"
+    unit = (
+        "Put under [[test]] its unit, one of s, ms, us and ns, in `units`, such as "
+        f'`units = {{ time = "{guess or "ms"}" }}`'
+    )
+    return FaultText(
+        f"Column `{name}` holds whole numbers without a unit: {', '.join(f'{x:.15g}' for x in first)}, ...",
+        "They may be counts of samples, or times in a small unit; the sampling frequency hangs on it.",
+        f"{unit}; {count}.",
+    )
 
 
 def beginning(fs: float | None, most: float) -> str:
