@@ -5,6 +5,8 @@ that instant less the same q / 2 where digits are cut off. A column is even wher
 $t_0 + n / f_s$ passes within that distance of every time.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -67,35 +69,36 @@ def sampling_frequency(
             f"Time channel `{name}` must hold at least two samples on one axis, "
             f"but its shape is {time.shape}."
         )
-    quanta = _quanta(time) * factor
     seconds = np.asarray(time, np.float64) * factor
-    steps = np.diff(seconds)
-    if np.ptp(steps) > quanta.max() / 2 and (fs := coarse_rate(time, factor)):
+    every_quanta = [quanta * factor for quanta in _quanta(time)]
+    if fs := _coarse_rate(seconds, every_quanta):
         raise DataError(
-            f"Time channel `{name}` has too few digits: its times are {quanta.max():.3g} s apart or "
-            f"equal, its samples {1 / fs:.3g} s.",
+            f"Time channel `{name}` has too few digits to tell its samples apart, which are "
+            f"{1 / fs:.3g} s from one to the next.",
             why="A lost sample cannot be seen in such times.",
             remedy=messages.coarse_times(fs),
         )
     _require_steps(seconds, name, begins)
     mean_rate = float((len(seconds) - 1) / (seconds[-1] - seconds[0]))
     bit = 4 * np.spacing(np.abs(seconds).max())
-    within = np.where(quanta * mean_rate > COARSEST, 0.0, quanta / 2) + bit
+    distances = [np.where(q * mean_rate > COARSEST, 0.0, q / 2) + bit for q in every_quanta]
     for near in _round_rates(mean_rate):
-        if _line_within(seconds, within + ROUND / near, 1 / near, slopes=1):
-            return near, mean_rate
-    interval = _line_within(seconds, within + REGULARITY / mean_rate, 1 / mean_rate)
-    if interval is None:
-        off = np.abs((seconds - seconds[0]) * mean_rate - np.arange(len(seconds)))
-        i = int(np.argmax(off > REGULARITY + within * mean_rate))
-        raise DataError(
-            f"Time channel `{name}` must be even within {REGULARITY:g} of an interval at "
-            f"{mean_rate:.6g} Hz, but sample {i} is {off[i]:.3g} off and the worst {off.max():.3g}.",
-            why=messages.EVEN,
-            remedy="A sampling frequency beside it would be wrong: put under [[test]] "
-            f"`resample = {proposed_rate(seconds):.9g}`, which says the error that it makes.",
-        )
-    return (1 / interval if interval != 1 / mean_rate else mean_rate), mean_rate
+        for within in distances:
+            if _line_within(seconds, within + ROUND / near, 1 / near, slopes=1):
+                return near, mean_rate
+    for within in distances:
+        interval = _line_within(seconds, within + REGULARITY / mean_rate, 1 / mean_rate)
+        if interval is not None:
+            return (mean_rate if interval == 1 / mean_rate else 1 / interval), mean_rate
+    off = np.abs((seconds - seconds[0]) * mean_rate - np.arange(len(seconds)))
+    i = int(np.argmax(off > REGULARITY + np.maximum(*distances) * mean_rate))
+    raise DataError(
+        f"Time channel `{name}` must be even within {REGULARITY:g} of an interval at "
+        f"{mean_rate:.6g} Hz, but sample {i} is {off[i]:.3g} off and the worst {off.max():.3g}.",
+        why=messages.EVEN,
+        remedy="A sampling frequency beside it would be wrong: put under [[test]] "
+        f"`resample = {proposed_rate(seconds):.9g}`, which says the error that it makes.",
+    )
 
 
 def coarse_rate(time: NDArray[np.number], factor: float = 1.0) -> float | None:
@@ -104,15 +107,27 @@ def coarse_rate(time: NDArray[np.number], factor: float = 1.0) -> float | None:
     Such times repeat or skip a quantum, but lie within half of it from a line. The rate has the
     digits that they leave; None of other times.
     """
-    quanta, seconds = _quanta(time) * factor, np.asarray(time, np.float64) * factor
-    quantum, lasts = float(quanta.max()), float(np.ptp(seconds))
-    if len(seconds) < 2 or not (np.isfinite(lasts) and lasts > 2 * quantum):
+    return _coarse_rate(
+        np.asarray(time, np.float64) * factor, [quanta * factor for quanta in _quanta(time)]
+    )
+
+
+def _coarse_rate(seconds: Reals, every_quanta: Sequence[Reals]) -> float | None:
+    lasts = float(np.ptp(seconds))
+    if len(seconds) < 3 or not (np.isfinite(lasts) and lasts > 0) or _is_exact(seconds):
         return None
     interval = lasts / (len(seconds) - 1)
-    within = quanta / 2 + REGULARITY * interval
-    if quantum <= COARSEST * interval or not _line_within(seconds, within, interval):
-        return None
-    return float(f"{1 / interval:.{max(1, int(np.log10(lasts / quantum)))}g}")
+    for quanta in every_quanta:
+        quantum, within = float(quanta.max()), quanta / 2 + REGULARITY * interval
+        if COARSEST * interval < quantum < lasts / 2 and _line_within(seconds, within, interval):
+            return float(f"{1 / interval:.{max(1, int(np.log10(lasts / quantum)))}g}")
+    return None
+
+
+def _is_exact(seconds: Reals) -> bool:
+    """Return whether all steps are one but for round-off, whatever their digits."""
+    steps = np.diff(seconds)
+    return float(np.ptp(steps)) <= REGULARITY * abs(float(np.median(steps)))
 
 
 def are_whole_numbers(time: NDArray[np.number]) -> bool:
@@ -167,24 +182,27 @@ def _line_within(
     return None
 
 
-def _quanta(time: NDArray[np.number]) -> Reals:
-    """Return the quantum of every time in its own unit: of the column's decimals, or of its digits.
+def _quanta(time: NDArray[np.number]) -> tuple[Reals, Reals]:
+    """Return the quantum of every time in its own unit, by common decimals and by common digits.
 
     `%.6f` writes the same decimals everywhere; `%.7g` writes 9.876953 and 10.00195, rounded the
     more, the later. Times of a binary file have the last bit of their type.
     """
     exact = np.asarray(time, np.float64)
     if not np.isfinite(exact).all():
-        return np.zeros(len(exact))
+        return np.zeros(len(exact)), np.zeros(len(exact))
     is_float = np.issubdtype(time.dtype, np.floating)
     bit = float(np.spacing(np.abs(time).max())) if is_float else 0.0
     size = np.abs(exact)
     magnitude = np.power(10.0, np.floor(np.log10(np.where(size > 0, size, 1.0))) + 1)
     significant = (np.where(size > 0, magnitude / 10.0**digits, 0.0) for digits in SIGNIFICANT)
     decimal = (np.full(len(exact), 10.0**-decimals) for decimals in DECIMALS)
-    found = (next((q for q in family if _are_whole(exact, q, bit)), np.zeros(1))
-             for family in (decimal, significant))  # fmt: skip
-    return np.maximum(np.maximum(*found), bit)
+    none = np.zeros(len(exact))
+    of_digits, of_decimals = (
+        next((q for q in family if _are_whole(exact, q, bit)), none)
+        for family in (significant, decimal)
+    )
+    return np.maximum(of_decimals, bit), np.maximum(of_digits, bit)
 
 
 def _are_whole(values: Reals, quanta: Reals, error: float) -> bool:
