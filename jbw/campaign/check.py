@@ -35,7 +35,7 @@ from jbw.measurement.checks.plausibility import doubts, swapped
 from jbw.measurement.curves import forced_loop, response_curve
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
-from jbw.measurement.records import INPUTS, Record, is_sampled
+from jbw.measurement.records import INPUTS, Record, is_sampled, share_clock
 from jbw.measurement.spans import toml_list
 from jbw.quantities import FED
 from jbw.report.messages import campaign_faults as messages
@@ -297,7 +297,7 @@ def findings(
     fits = _fits_curve if test.traits.is_curve else _fits_test
     contradictions = list(fits(record, test))
     for other in first:
-        if record.fs != other.fs and not np.isnan(record.fs):
+        if not (np.isnan(record.fs) or share_clock(record.fs, other.fs)):
             contradictions.append(messages.two_rates(record.fs, other.name, other.fs))
     faults += [refusal(record.response, *contradiction) for contradiction in contradictions]
     if not first:

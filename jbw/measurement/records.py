@@ -33,6 +33,8 @@ QUANTITIES: dict[str, tuple[str, ...]] = {
 }
 ROLES = tuple(QUANTITIES)
 COUNTED = "none: samples of a loop without times are counted"
+# Relative, of two clocks: quartz holds 1e-5 or better, a microcontroller's timer 1e-4.
+CLOCKS = 1e-4
 LOAD_CELLS = ("exact", "offset", "drift")
 OF = " / "  # between the name of an assembly and that of one of its runs
 
@@ -157,6 +159,14 @@ class Test:
 def belongs_to(label: str, name: str) -> bool:
     """Whether a run, or a group of data, is that of a name: it has it, or that and more."""
     return label == name or label.startswith(f"{name} ")
+
+
+def share_clock(fs: float, other_fs: float) -> bool:
+    """Return whether two rates [Hz] are one nominal rate, as clocks of recorders keep it.
+
+    Records of one test may differ so far, each at its own rate.
+    """
+    return fs == other_fs or abs(fs - other_fs) <= CLOCKS * fs
 
 
 def is_sampled(record: Record) -> bool:

@@ -84,8 +84,8 @@ def decimal_points(bounds: str) -> str:
 def two_rates(fs: float, other: str, other_fs: float) -> FaultText:
     """Repeats of two sampling frequencies [Hz]."""
     return FaultText(
-        f"Repeats of a test must have one sampling frequency, but this has {fs:g} Hz and {other} "
-        f"has {other_fs:g} Hz.",
+        f"Repeats of a test must have one sampling frequency, but this has {fs:.7g} Hz and {other} "
+        f"has {other_fs:.7g} Hz.",
         remedy="Make two tests of them.",
     )
 
