@@ -76,4 +76,5 @@ def since_first(stamps: Sequence[tuple[int, float] | None]) -> Reals:
         turned = np.concatenate([[0.0], np.cumsum(np.diff(plain) < -DAY / 2)])
     first = seconds[np.isfinite(seconds)][:1]
     since = seconds + DAY * turned - (first[0] if len(first) else 0.0)
-    return np.asarray(np.round(since, DIGITS), np.float64)  # without the round-off of the time of day
+    # Without the round-off of the time of day.
+    return np.asarray(np.round(since, DIGITS), np.float64)

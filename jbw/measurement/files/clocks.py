@@ -160,9 +160,7 @@ def _round_rates(fs: float) -> tuple[float, ...]:
     return tuple(near for near in (float(round(fs)), round(10 * fs) / 10) if near > 0)
 
 
-def _line_within(
-    time: Reals, within: Reals, interval: float, slopes: int = SLOPES
-) -> float | None:
+def _line_within(time: Reals, within: Reals, interval: float, slopes: int = SLOPES) -> float | None:
     """Return the interval of a line within given distances of all times; None where none is found.
 
     The excess over the distances is convex in the interval, so that Newton's steps towards its zero

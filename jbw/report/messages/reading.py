@@ -62,6 +62,15 @@ def time_without_unit(name: str, first: Sequence[float], guess: str) -> FaultTex
     )
 
 
+def unfitting_names(names: Sequence[str], columns: int) -> str:
+    """Names above a table that are not as many as its columns."""
+    some = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
+    return (
+        f"its header names {len(names)} columns ({some}), but its rows have {columns}, so that "
+        "which is which is not known; columns are counted from zero, `column[0]`."
+    )
+
+
 def beginning(fs: float | None, most: float) -> str:
     """How to read at most some samples of a channel of that sampling frequency [Hz], if known."""
     if not fs:
