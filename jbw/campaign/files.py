@@ -78,11 +78,11 @@ def _file_sets(test: TestSpec, folder: Path, allow_outside: bool) -> list[list[P
     columns = []
     for patterns in dict.fromkeys(test.files.values()):
         roles = [role for role, role_files in test.files.items() if role_files == patterns]
-        channels, units, scale = (
-            {role: table[role] for role in roles if role in table}
-            for table in (test.channels, test.units, test.scale)
-        )
-        some = replace(selection, channels=channels, units=units, scale=scale)
+        of_roles = {
+            table: {role: x for role, x in getattr(test, table).items() if role in roles}
+            for table in ("channels", "units", "scale", "sensitivity")
+        }
+        some = replace(selection, **of_roles)
         columns.append([(file, some) for file in found_files(patterns, folder, allow_outside)])
     counts = {len(column) for column in columns}
     if len(counts) > 1:

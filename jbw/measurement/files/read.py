@@ -47,6 +47,7 @@ def read(
     *,
     fs: float | str | None = None,
     scale: Mapping[str, float] | None = None,
+    sensitivity: Mapping[str, str] | None = None,
     repeats: str = "files",
     span: tuple[float, float] | None = None,
     exclude: Sequence[int] = (),
@@ -64,6 +65,8 @@ def read(
         fs: Sampling frequency [Hz], or the path of a scalar that holds it; when None, from the
             time channel or the file's attributes.
         scale: Role to factor, applied before the unit: calibration of a WAV file.
+        sensitivity: Role to volts per unit of the sensor of a channel in volts, such as
+            {"acceleration": "100 mV/g"}.
         repeats: "files" when the file is one repeat; "rows" when the rows of a 2-D channel are.
         span: First and last second to read, for cutting; only that part is loaded.
         exclude: Repeats to leave out, counted from zero.
@@ -81,7 +84,9 @@ def read(
         raise ConfigError(
             f"Argument `span` must be [first, last] in seconds, rising from 0, but is {span}."
         )
-    request = Wanted(channels, units or {}, fs, scale or {}, repeats, span)
+    request = Wanted(
+        channels, units or {}, fs, scale or {}, repeats, span, sensitivity=sensitivity or {}
+    )
     included = [r for i, r in enumerate(records(Path(path), request)) if i not in exclude]
     for record in included:
         report(record, inspect(record))
@@ -90,7 +95,8 @@ def read(
 
 def records(path: Path, request: Wanted) -> tuple[Record, ...]:
     """Records of a file in SI, not yet checked sample by sample; raises as `read` does."""
-    for role in [*(request.channels or {}), *request.units, *request.scale]:
+    tables = (request.channels or {}, request.units, request.scale, request.sensitivity)
+    for role in [role for table in tables for role in table]:
         if role not in ROLES:
             roles_known = f"Known: {', '.join(ROLES)}."
             raise ConfigError(

@@ -47,6 +47,8 @@ class Wanted:
     conjugate: bool = False
     resample: float | None = None  # [Hz], for channels of several rates or uneven clocks
     units_are: str = "file"  # whose units count where the file's are others: "file", or "mine"
+    # Volts per unit, of sensors whose channels are in volts, such as "100 mV/g".
+    sensitivity: Mapping[str, str] = field(default_factory=dict)
     is_timed: bool = True  # whether samples must have a time: those of a loop need none
 
 

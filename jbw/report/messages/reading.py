@@ -71,6 +71,15 @@ def unfitting_names(names: Sequence[str], columns: int) -> str:
     )
 
 
+def of_sensor(sensitivity: str, *, is_scaled: bool) -> str:
+    """The sensitivity of a sensor whose channel is in volts, beside a factor or without one."""
+    which = "beside its `scale`" if is_scaled else "with the value of its certificate"
+    return (
+        "The file holds the volts of a sensor. Put under [[test]] its sensitivity, "
+        f"{which}: `sensitivity = {sensitivity}`."
+    )
+
+
 def beginning(fs: float | None, most: float) -> str:
     """How to read at most some samples of a channel of that sampling frequency [Hz], if known."""
     if not fs:
