@@ -338,7 +338,9 @@ Units = Annotated[
 ]
 Sensitivities = Annotated[
     dict[str, str],
-    BeforeValidator(_by_role(_sensitivity, "200 mV/(mm/s)"), json_schema_input_type=dict[Role, str]),
+    BeforeValidator(
+        _by_role(_sensitivity, "200 mV/(mm/s)"), json_schema_input_type=dict[Role, str]
+    ),
 ]
 Factors = Annotated[
     dict[str, float],

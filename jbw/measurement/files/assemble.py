@@ -125,7 +125,9 @@ def _channel(
     unit, against = _unit(role, items[0].unit, request)
     reference, unit = decibels(unit) or (0.0, unit)
     factor, si, source = si_of(role, unit)
-    factor *= _calibration(role, contents.reader, request) / _volts_per_unit(role, items[0], request)
+    factor *= _calibration(role, contents.reader, request) / _volts_per_unit(
+        role, items[0], request
+    )
     part = WHOLE if request.resample else clock.part
     rows = [row for item in items for row in rows_of(item, role, request, part, curve=is_curve)]
     if clock.is_resampled:

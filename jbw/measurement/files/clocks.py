@@ -6,16 +6,19 @@ $t_0 + n / f_s$ passes within that distance of every time.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jbw.errors import DataError
+from jbw.errors import DataError, JbwError
 from jbw.measurement.channels import Reals
+from jbw.measurement.files.tree import Leaf
 from jbw.measurement.resampled import proposed_rate, resample_line
 from jbw.measurement.spans import unbroken_line
 from jbw.report.messages import reading as messages
 from jbw.report.messages.remedies import PUT
+from jbw.units import factor_of
 
 REGULARITY = 1e-3  # of a sampling interval: the largest deviation of a sample from the even grid
 ROUND = 1e-6  # of an interval: how far a record drifts from a round rate that is taken for its own
@@ -128,6 +131,21 @@ def _is_exact(seconds: Reals) -> bool:
     """Return whether all steps are one but for round-off, whatever their digits."""
     steps = np.diff(seconds)
     return float(np.ptp(steps)) <= REGULARITY * abs(float(np.median(steps)))
+
+
+def on_clock(item: Leaf, time: NDArray[np.number], unit: str) -> Leaf:
+    """Return a channel with rate and start by its own times, or as it is where nothing is stated.
+
+    Nothing is by uneven times, in an unknown unit, and by whole numbers without one.
+    """
+    if not unit and are_whole_numbers(time):
+        return item
+    try:
+        factor = factor_of(unit or "s", "time")
+        fs, _ = sampling_frequency(time, factor=factor)
+    except JbwError:
+        return item
+    return replace(item, fs=fs, start_s=float(time[0]) * factor)
 
 
 def are_whole_numbers(time: NDArray[np.number]) -> bool:

@@ -11,15 +11,15 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from jbw.errors import DataError, JbwError
+from jbw.errors import DataError
 from jbw.measurement.channels import Reals
 from jbw.measurement.files.cells import is_lost, since_first, stamp, ungrouped
-from jbw.measurement.files.clocks import are_whole_numbers, sampling_frequency
+from jbw.measurement.files.clocks import on_clock
 from jbw.measurement.files.tree import Contents, Leaf, Node, Opaque, leaf
 from jbw.measurement.recorders import of_lines
 from jbw.measurement.recorders.facts import axis_in, is_time, rate_in, stated
 from jbw.report.messages import reading as messages
-from jbw.units import factor_of, is_unit, titled
+from jbw.units import is_unit, titled
 
 WORDS = {None: "spaces", "\t": "tab", ";": "semicolon", ",": "comma", "|": "stroke"}
 LOOKED_AT = 400  # lines, to find the dialect
@@ -177,9 +177,8 @@ def _sniffed(lines: Sequence[str], file: str, mark: str) -> tuple[list[str], int
 def _text_columns(lines: Sequence[str], marks: Dialect) -> tuple[int, ...]:
     """Return the columns of a table that hold words and no number; none where there is no table."""
     rows = [marks.fields(line) for line in lines if line.strip() and not COMMENT.match(line)]
-    tail = list(takewhile(lambda row: len(row) == len(rows[-1]), reversed(rows)))
-    # The names of the columns may stand above them.
-    tail = tail[:-1] if len(tail) < len(lines) else tail
+    tail = [row for row in takewhile(lambda row: len(row) == len(rows[-1]), reversed(rows))
+            if any(map(marks.is_number, row))]  # fmt: skip
     if len(tail) < LEAST_ROWS:
         return ()
     columns = list(zip(*tail, strict=True))
@@ -368,7 +367,7 @@ def _titles(header: Sequence[str], dialect: Dialect) -> tuple[list[str], list[st
                 units = [_bare(text) for text in rows[-1]]  # above the names
             if not units and not any(behind) and dialect.columns == 1:
                 units = _unit_in(header)
-            return [name for name, _ in parts], units or behind
+            return [name.replace('"', "") for name, _ in parts], units or behind
     return [], []
 
 
@@ -548,7 +547,8 @@ def _on_own_clocks(
         if _filled(columns[i]) > size:
             raise ValueError(f"column {i + 1} is longer than its times, column {clock + 1}")
         plain_leaf = replace(leaf(columns[i][:size]), unit=plain_leaf.unit, label=plain_leaf.label)
-        leaves.append(plain_leaf if i == clock else _timed(plain_leaf, time[:size], units[clock]))
+        timed = plain_leaf if i == clock else on_clock(plain_leaf, time[:size], units[clock])
+        leaves.append(timed)
     return leaves
 
 
@@ -556,18 +556,6 @@ def _filled(column: Reals) -> int:
     """Length of a column without the empty cells at its end."""
     filled = np.flatnonzero(np.isfinite(column))
     return int(filled[-1]) + 1 if len(filled) else 0
-
-
-def _timed(untimed: Leaf, time: Reals, unit: str) -> Leaf:
-    """A leaf with rate and start by its own times, where these are even."""
-    if not unit and are_whole_numbers(time):  # counts, or in a small unit
-        return untimed
-    try:
-        seconds = time * factor_of(unit or "s", "time")
-        fs, _ = sampling_frequency(seconds)
-    except JbwError:  # uneven, or in no unit of time: nothing is stated then
-        return untimed
-    return replace(untimed, fs=fs, start_s=float(seconds[0]))
 
 
 def _of_slower(full_rate: Leaf, columns: Sequence[Reals], clocks: Sequence[int]) -> Leaf:
@@ -580,7 +568,7 @@ def _of_slower(full_rate: Leaf, columns: Sequence[Reals], clocks: Sequence[int])
     first = int(np.argmax(is_filled))
     time = columns[clocks[0]][first::step]
     slow = replace(leaf(values[first::step]), unit=full_rate.unit, label=full_rate.label)
-    return _timed(slow, time, "s")
+    return on_clock(slow, time, "s")
 
 
 def _stride(is_filled: NDArray[np.bool_]) -> int:

@@ -32,12 +32,30 @@ def register(module: str, *suffixes: str) -> None:
 
 
 register("jbw.measurement.files.mat", ".mat")
-register("jbw.measurement.files.hdf5", ".h5", ".hdf5", ".hdf", ".nc")
+register("jbw.measurement.files.hdf5", ".h5", ".hdf5", ".hdf", ".nc", ".nc4")
 register("jbw.measurement.files.npz", ".npz", ".npy")
 register("jbw.measurement.files.csv", ".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm")
 register("jbw.measurement.files.wav", ".wav")
 register("jbw.measurement.files.uff", ".uff", ".unv")
 register("jbw.measurement.files.tdms", ".tdms")
+register("jbw.measurement.files.mdf", ".mf4", ".mdf")
+register("jbw.measurement.files.seismic", ".mseed", ".sac")
+
+# Suffix of what is not read to how it is exported.
+_SHEET = "Save the sheet with the record as CSV."
+EXPORTS = {
+    ".xlsx": _SHEET,
+    ".xls": _SHEET,
+    ".ods": _SHEET,
+    ".parquet": 'Save it as CSV or HDF5: pandas.read_parquet("FILE").to_csv("FILE.csv").',
+    ".feather": 'Save it as CSV or HDF5: pandas.read_feather("FILE").to_csv("FILE.csv").',
+    ".ide": "Export it as CSV or MATLAB by enDAQ Lab, or by the package endaq-ide.",
+    ".svd": "Export time records or FRFs as a universal file (UFF 58) by Polytec's PSV software.",
+    ".sie": "Export it as MATLAB or CSV by the recorder's software, or by libsie.",
+    ".dxd": "Export it as MATLAB or CSV by DEWESoft X.",
+    ".d7d": "Export it as MATLAB or CSV by DEWESoft X.",
+    ".op2": "It holds results of a model. Export measured records as UFF 58 or CSV.",
+}
 
 
 def read(
@@ -55,7 +73,8 @@ def read(
     """Records of one measurement file, in SI and checked.
 
     Args:
-        path: The file: .mat (any version), .h5, .npz, .csv and other text, .wav, .uff, .tdms.
+        path: The file: .mat (any version), .h5, .npz, .csv and other text, .wav, .uff, .tdms, .mf4,
+            .mseed, .sac.
         channels: Role to the channel's path in the file, such as
             {"force": "FRdata.ResponseControl[3].force"}; brackets count from zero, parentheses and
             braces from one as in MATLAB, and `[:]` over cells gives a repeat an item. `a - b` is
@@ -153,7 +172,7 @@ def _reader_of(path: Path) -> str:
     if suffix not in READERS:
         raise DataError(
             f"File `{path.name}` has the suffix `{suffix}`, for which there is no reader.",
-            remedy=f"Readers: {', '.join(READERS)}.",
+            remedy=EXPORTS.get(suffix, f"Readers: {', '.join(READERS)}."),
         )
     if path.stat().st_size == 0:
         raise DataError(

@@ -82,7 +82,8 @@ def names_of(node: Node, path: str) -> Iterator[tuple[str, Leaf]]:
 
 def _stated(dataset: Mapping[str, Any], key: str) -> str:
     """A text of a set; empty where it says NONE."""
-    text = str(dataset.get(key, "")).strip()
+    # pyuff replaces what is no UTF-8: behind a second that is a power, of files in Latin-1.
+    text = re.sub("(?<=s)\ufffd", "^2", str(dataset.get(key, "")).strip())
     return "" if text.upper() == "NONE" else text
 
 
