@@ -91,6 +91,10 @@ def records_of(contents: Contents, path: Path, request: Wanted, digest: str) -> 
     if request.span:
         read = read.beside(_Channels({}, {}, {SPAN: span_words(request.span)}))
     rows = _of_one_length(read.rows) if clock.is_resampled else read.rows
+    if "frequency" in rows and all(row[0] == 0 for row in rows["frequency"]):
+        # Analysers export the mean as a line, of which no response is measured.
+        rows = {role: [row[1:] for row in each] for role, each in rows.items()}
+        read = read.beside(_Channels({}, {}, {"line at 0 Hz": "left out"}))
     return _repeats(rows, Record(clock.fs, {}, dict(read.units), path.name, dict(read.done)))
 
 
@@ -124,6 +128,11 @@ def _channel(
     items, is_curve, done = sources[role], _is_curve(role, sources), {}
     unit, against = _unit(role, items[0].unit, request)
     reference, unit = decibels(unit) or (0.0, unit)
+    if is_voltage(unit) and role in SENSITIVITIES:
+        line = toml_table({**request.sensitivity, role: SENSITIVITIES[role]})
+        raise ConfigError(
+            f"role `{role}` is in `{unit}` by the file.", remedy=messages.of_sensor(line)
+        )
     factor, si, source = si_of(role, unit)
     factor *= _calibration(role, contents.reader, request) / _volts_per_unit(
         role, items[0], request

@@ -198,7 +198,8 @@ def _unused_times(contents: Contents, sources: Sources) -> Iterator[tuple[str, L
     for name, item in names(contents.root):
         is_time = isinstance(item, Leaf) and re.search(TIME, name.rpartition(".")[2].lower())
         if isinstance(item, Leaf) and is_time and len(item.shape) == 1 and item.shape[0] in lengths:
-            yield name, item
+            if item.unit or time_unit(load(item)):  # others count samples
+                yield name, item
 
 
 def _stated_fs(contents: Contents, fs: float | str) -> tuple[float, str]:

@@ -71,7 +71,7 @@ def unfitting_names(names: Sequence[str], columns: int) -> str:
     )
 
 
-def of_sensor(sensitivity: str, *, is_scaled: bool) -> str:
+def of_sensor(sensitivity: str, *, is_scaled: bool = False) -> str:
     """The sensitivity of a sensor whose channel is in volts, beside a factor or without one."""
     which = "beside its `scale`" if is_scaled else "with the value of its certificate"
     return (
