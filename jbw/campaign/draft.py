@@ -338,7 +338,7 @@ def _block(
         matrices = _matrices(looked.leaves)
         assume(messages.matrices(matrices) if matrices else messages.NO_RESPONSE)
         return _skeleton(files, looked, channels)
-    timed = looked.fs is not None or "time" in channels
+    timed = looked.fs is not None or "time" in channels or bool(_scalar_rate(looked.leaves))
     kind, is_sure = _kind_of(files[0], channels, series, is_timed=timed)
     traits = KINDS[kind]
     if traits.is_prescribed and "restoring_force" not in channels:
@@ -410,6 +410,8 @@ def _clock(channels: Mapping[str, Channel], looked: Looked, traits: Kind) -> Clo
         channel = channels["time"]
         clock = looked.series[channel.path]
         unit, fs = _of_times(channel, looked)
+        if traits.is_prescribed and np.any(np.diff(np.ravel(load(clock))) <= 0):
+            return Clock(True, ("time",), (), tuple(lines), ())  # a loop needs no clock
         if not unit:  # it counts samples
             return Clock(looked.fs is not None, ("time",), (channel.path,), tuple(lines), ())
         if fs and not rates:
@@ -428,7 +430,7 @@ def _clock(channels: Mapping[str, Channel], looked: Looked, traits: Kind) -> Clo
 def _of_times(channel: Channel, looked: Looked) -> tuple[str, float | None]:
     """Return the unit of a column of times, empty of counts, and its rate where it is coarse [Hz]."""
     printed = np.ravel(np.asarray(load(looked.series[channel.path])))
-    unit = channel.unit or _unit_of_times(printed, looked.fs)
+    unit = channel.unit or _unit_of_times(printed, looked.fs)[0]
     return unit, coarse_rate(printed, si_of("time", unit)[0]) if unit else None
 
 
@@ -472,8 +474,8 @@ def _units(channels: Mapping[str, Channel], looked: Looked, assume: Assume) -> l
             assume(messages.in_volts(role))
         elif role == "time":
             printed = np.ravel(np.asarray(load(looked.series[channel.path])))
-            units[role] = _unit_of_times(printed, looked.fs)
-            if not _agrees(printed, units[role], looked.fs):
+            units[role], is_sure = _unit_of_times(printed, looked.fs)
+            if not is_sure:
                 guessed.append(role)
                 assume(messages.assumed_time_unit(channel.path, units[role]))
         else:
@@ -493,9 +495,10 @@ def _agrees(printed: NDArray[np.number], unit: str, fs: float | None) -> bool:
     return abs(lasts * fs / (len(printed) - 1) - 1) < CLOCKS
 
 
-def _unit_of_times(printed: NDArray[np.number], fs: float | None) -> str:
-    """Return the unit of times that state none: by their file's rate, else the likeliest."""
-    return next((unit for unit in SECONDS if _agrees(printed, unit, fs)), time_unit(printed))
+def _unit_of_times(printed: NDArray[np.number], fs: float | None) -> tuple[str, bool]:
+    """Return the unit of times that state none, and whether it is sure: by their file's rate."""
+    by_rate = [(unit, True) for unit in SECONDS if _agrees(printed, unit, fs)]
+    return by_rate[0] if by_rate else time_unit(printed)
 
 
 def _matrices(leaves: Leaves) -> list[str]:
@@ -555,12 +558,16 @@ def _tones(path: Path, roles: Mapping[str, str], lines: Sequence[str], assume: A
 
 
 def _sampling(leaves: Leaves, assume: Assume, counts: Sequence[str] = ()) -> str:
-    for name, leaf in leaves.items():
-        is_scalar = all(length == 1 for length in leaf.shape)
-        if is_scalar and RATE.search(last_name(name)):
-            return messages.scalar_rate(toml(name))
+    if name := _scalar_rate(leaves):
+        return messages.scalar_rate(toml(name))
     assume(messages.counts_samples(counts[0]) if counts else messages.NO_RATE)
     return messages.EXAMPLE_RATE
+
+
+def _scalar_rate(leaves: Leaves) -> str:
+    """Return the path of a number that is called like a sampling frequency; empty without one."""
+    scalars = (n for n, leaf in leaves.items() if all(length == 1 for length in leaf.shape))
+    return next((name for name in scalars if RATE.search(last_name(name))), "")
 
 
 def _skeleton(files: Sequence[Path], looked: Looked, channels: Mapping[str, Channel]) -> str:
@@ -594,6 +601,7 @@ def _skeleton(files: Sequence[Path], looked: Looked, channels: Mapping[str, Chan
     timed = "time" in paths or any(leaf.fs for leaf in leaves.values()) or looked.fs is not None
     timed = timed or (traits is not None and traits.is_curve)
     lines = [
+        *(messages.doubtful(doubt) for doubt in looked.doubts),
         messages.name_channels(toml(files[0].name), _listed(leaves)),
         "# [[test]]",
         messages.kind(toml(kind if is_sure else "..."), ", ".join(KINDS)),

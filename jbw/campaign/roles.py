@@ -32,6 +32,7 @@ HINTS = (
 OF_THE_DAY = r"\b(?:minutes?|hours?|seconds?|days?|minuten?|stunden?|sekunden?)\b"
 ELAPSED = r"elapsed|relative|since|verstrichen|vergangen"  # of times that are no date
 AXES = re.compile(r"(?:^|(?<=[\W_\d])|(?<=[a-z](?=[XYZ])))[xyzXYZ](?![^\W_])")
+AXES_IN_SPACE = 3
 TURNED = r"angle|rotation|twist|torque|moment"  # in names of torsion
 STRONGER = 3.0  # times the first channel of a role, for another to be meant
 MOST_SAMPLES = 4_000_000  # of a channel that is looked at
@@ -188,14 +189,23 @@ def _meant(channels: Sequence[Channel], series: Leaves) -> Channel:
     channels = exact or channels
     if len(channels) == 1:
         return channels[0]
+    axes = _axes_of(channels)
+    if len(axes) >= AXES_IN_SPACE:
+        strongest = max(axes, key=lambda channel: strength(series[channel.path]))
+        return strongest._replace(axes=tuple(channel.path for channel in axes))
     sizes = [strength(series[channel.path]) for channel in channels]
     strongest = int(np.argmax(sizes))
-    bare = [AXES.sub("", channel.path.rpartition(".")[2]) for channel in channels]
-    axes = [c.path for c, name in zip(channels, bare, strict=True)
-            if name == bare[0] and name != c.path.rpartition(".")[2]]  # fmt: skip
-    if len(axes) > 1:
-        return channels[strongest]._replace(axes=tuple(axes))
     return channels[strongest if sizes[strongest] > STRONGER * sizes[0] else 0]
+
+
+def _axes_of(channels: Sequence[Channel]) -> list[Channel]:
+    """Return the channels whose names differ from the first one's by the letter of an axis alone."""
+    names = [channel.path.rpartition(".")[2] for channel in channels]
+    bare = [AXES.sub("", name) for name in names]
+    return [
+        channel for channel, name, without in zip(channels, names, bare, strict=True)
+        if without == bare[0] and name != without
+    ]  # fmt: skip
 
 
 def _clock_of(channels: Sequence[Channel], series: Leaves) -> Channel:
@@ -227,8 +237,8 @@ def _in_degrees(leaf: Leaf) -> bool:
 def _of_a_curve(roles: dict[str, Channel], series: Leaves) -> dict[str, Channel]:
     """Where a channel is complex, a real one that rises from a positive number is its frequency.
 
-    Where no name tells the response, the first complex channel is it, by its unit or its phase;
-    without a channel of the force it is per newton.
+    Where no name tells the response, the first complex channel is it by its unit, or the only one
+    by its phase; without a channel of the force it is per newton.
     """
     is_complex = [p for p, leaf in series.items() if _is_complex(leaf)]
     if not is_complex:
@@ -243,10 +253,10 @@ def _of_a_curve(roles: dict[str, Channel], series: Leaves) -> dict[str, Channel]
                 break
     if "frequency" not in known_roles:
         return known_roles
-    if known_roles.keys().isdisjoint(RESPONSES):
-        path, *others = is_complex
-        unit = series[path].unit
-        by_unit = [role for role in RESPONSES if _fits(role, unit)]
+    path, *others = is_complex
+    unit = series[path].unit
+    by_unit = [role for role in RESPONSES if _fits(role, unit)]
+    if known_roles.keys().isdisjoint(RESPONSES) and (by_unit or not others):
         role = by_unit[0] if by_unit else _by_phase(series[path])
         axes = tuple(is_complex) if others else ()
         known_roles[role] = Channel(path, unit if by_unit else "", "", not by_unit, axes)

@@ -154,22 +154,22 @@ def are_whole_numbers(time: NDArray[np.number]) -> bool:
     return bool(len(values) > 2 and np.isfinite(values).all() and np.all(values == np.rint(values)))
 
 
-def time_unit(time: NDArray[np.number]) -> str:
-    """Return the likeliest unit of times that state none; empty where they count samples.
+def time_unit(time: NDArray[np.number]) -> tuple[str, bool]:
+    """Return the likeliest unit of times that state none, empty of counts, and whether it is sure.
 
-    It is the largest one that gives the rate of a recorder; of the time of a computer's clock, the
-    one in which that lies in this century.
+    It is the largest one that gives the rate of a recorder; of the time of a computer's clock, for
+    sure, the one in which that lies in this century.
     """
     values = np.asarray(time, np.float64)
     steps = np.diff(values[np.isfinite(values)])
     is_whole = are_whole_numbers(time)
     if not len(steps) or (is_whole and np.all(steps == 1)):
-        return "" if is_whole else "s"
+        return "" if is_whole else "s", False
     of_computer = [unit for unit in SECONDS if EPOCH[0] < values[0] * SECONDS[unit] < EPOCH[1]]
-    if is_whole and of_computer:
-        return of_computer[0]
+    if of_computer:
+        return of_computer[0], True
     usual, least = float(np.mean(np.abs(steps))), SLOWEST_COUNTED if is_whole else SLOWEST
-    return next((unit for unit, s in SECONDS.items() if usual * s * least <= 1), "ns")
+    return next((unit for unit, s in SECONDS.items() if usual * s * least <= 1), "ns"), False
 
 
 def _round_rates(fs: float) -> tuple[float, ...]:

@@ -198,7 +198,7 @@ def _unused_times(contents: Contents, sources: Sources) -> Iterator[tuple[str, L
     for name, item in names(contents.root):
         is_time = isinstance(item, Leaf) and re.search(TIME, name.rpartition(".")[2].lower())
         if isinstance(item, Leaf) and is_time and len(item.shape) == 1 and item.shape[0] in lengths:
-            if item.unit or time_unit(load(item)):  # others count samples
+            if item.unit or time_unit(load(item))[0]:  # others count samples
                 yield name, item
 
 
@@ -254,7 +254,7 @@ def _seconds_in(item: Leaf, printed: NDArray[np.number], request: Wanted) -> flo
             remedy=messages.MINE,
         )
     if not (unit or item.unit) and request.is_timed and are_whole_numbers(printed):
-        name, guess = (request.channels or {}).get("time", "time"), time_unit(printed)
+        name, guess = (request.channels or {}).get("time", "time"), time_unit(printed)[0]
         what, why, remedy = messages.time_without_unit(name, printed[:4], guess)
         raise ConfigError(what, why=why, remedy=remedy)
     return si_of("time", unit or item.unit or "s")[0]

@@ -90,6 +90,16 @@ def two_rates(fs: float, other: str, other_fs: float) -> FaultText:
     )
 
 
+def motion_of_metres(motion: float, hz: float) -> FaultText:
+    """A motion [m] that no bench has, by a line [Hz]; 0 of a displacement."""
+    line = f" at its strongest line, {hz:.3g} Hz" if hz else ""
+    return FaultText(
+        f"The motion would be {motion:.3g} m{line}.",
+        "A joint on a bench moves by less than centimetres.",
+        "Correct the unit of the channel, the unit of `time`, or `fs`.",
+    )
+
+
 def band_beyond(end: float, nyquist: float) -> FaultText:
     """A band that ends above half the sampling frequency [Hz]."""
     return FaultText(

@@ -142,8 +142,8 @@ def doubtful(doubt: str) -> str:
 
 
 def one_of_axes(role: str, channels: str) -> str:
-    """That one of several axes is drafted."""
-    return f"{role} is one of {channels}; make a test of each axis that the joint moves along."
+    """That one of several axes or curves is drafted."""
+    return f"{role} is one of {channels}: choose, or make a test of each."
 
 
 def check_axes(role: str, channels: str) -> str:
