@@ -2,7 +2,9 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -20,24 +22,22 @@ def contents(path: Path) -> Iterator[Contents]:
     series: dict[str, Leaf] = {}
     with optional("asammdf", "mdf", path).MDF(path) as file:
         for number in range(len(file.groups)):
-            group: dict[str, Node] = {}
-            for signal in file.select(_channels_of(file, number), validate=True):
-                item = numeric(np.ma.filled(signal.samples, np.nan))
-                if not isinstance(item, Leaf) or len(item.shape) != 1:
-                    continue
-                group.setdefault("time", leaf(signal.timestamps, unit="s"))
-                unit = str(signal.unit or "").strip()
-                named = Leaf(item.array, item.axes, unit=unit, label=signal.name)
-                group[signal.name] = on_clock(named, signal.timestamps, "s")
-                series[f"group {number}.{signal.name}"] = group[signal.name]
+            group = _group(file, number)
             if group:
                 root[f"group {number}"] = group
-                series = {f"group {number}.time": group["time"], **series}
+                series |= {f"group {number}.{name}": item for name, item in group.items()}
     yield Contents(root, "MDF", series=series)
 
 
-def _channels_of(file: object, number: int) -> list[tuple[str, int, int]]:
-    """Return name, group and place of the channels of a group but its times."""
-    group = file.groups[number]
-    master = file.masters_db.get(number)
-    return [(channel.name, number, i) for i, channel in enumerate(group.channels) if i != master]
+def _group(file: Any, number: int) -> dict[str, Leaf]:
+    """Return the channels of a group that hold a number a time, and their times before them."""
+    channels, master = file.groups[number].channels, file.masters_db.get(number)
+    chosen = [(channel.name, number, i) for i, channel in enumerate(channels) if i != master]
+    group: dict[str, Leaf] = {}
+    for signal in file.select(chosen):
+        item = numeric(np.asarray(signal.samples))
+        if isinstance(item, Leaf) and len(item.shape) == 1:
+            group.setdefault("time", leaf(signal.timestamps, unit="s"))
+            channel = replace(item, unit=str(signal.unit or "").strip(), label=signal.name)
+            group[signal.name] = on_clock(channel, signal.timestamps, "s")
+    return group
