@@ -112,7 +112,8 @@ WORDS = {
 SYMBOLS = {
     "G": "g", "gn": "g", "HZ": "Hz", "hz": "Hz", "Nm": "N m", "kNm": "kN m", "mNm": "mN m",
     "Nmm": "N mm", "Ncm": "N cm", "ms-1": "m/s", "ms^-1": "m/s", "ms-2": "m/s^2",
-    "ms^-2": "m/s^2", "ms2": "m/s^2", "mms2": "mm/s^2", "mms": "mm/s", "mms-1": "mm/s", "mms^-1": "mm/s",
+    "ms^-2": "m/s^2", "ms2": "m/s^2", "mms2": "mm/s^2", "mms": "mm/s", "mms-1": "mm/s",
+    "mms^-1": "mm/s",
 }  # fmt: skip
 # SI dimensions of symbols that have prefixes or stand in compounds: metre, kilogram, second,
 # volt, ampere, radian.

@@ -428,7 +428,7 @@ def _clock(channels: Mapping[str, Channel], looked: Looked, traits: Kind) -> Clo
 
 
 def _of_times(channel: Channel, looked: Looked) -> tuple[str, float | None]:
-    """Return the unit of a column of times, empty of counts, and its rate where it is coarse [Hz]."""
+    """Return the unit of times, empty of counts, and their rate where they are coarse [Hz]."""
     printed = np.ravel(np.asarray(load(looked.series[channel.path])))
     unit = channel.unit or _unit_of_times(printed, looked.fs)[0]
     return unit, coarse_rate(printed, si_of("time", unit)[0]) if unit else None

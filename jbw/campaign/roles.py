@@ -199,7 +199,7 @@ def _meant(channels: Sequence[Channel], series: Leaves) -> Channel:
 
 
 def _axes_of(channels: Sequence[Channel]) -> list[Channel]:
-    """Return the channels whose names differ from the first one's by the letter of an axis alone."""
+    """Return the channels whose names differ from the first by the letter of an axis alone."""
     names = [channel.path.rpartition(".")[2] for channel in channels]
     bare = [AXES.sub("", name) for name in names]
     return [

@@ -84,7 +84,12 @@ def sampling_frequency(
     _require_steps(seconds, name, begins)
     mean_rate = float((len(seconds) - 1) / (seconds[-1] - seconds[0]))
     bit = 4 * np.spacing(np.abs(seconds).max())
-    distances = [np.where(q * mean_rate > COARSEST, 0.0, q / 2) + bit for q in every_quanta]
+    exact = np.full(len(seconds), bit)
+    if _line_within(seconds, exact + ROUND / mean_rate, 1 / mean_rate, slopes=1):
+        # No digit is lost: 0.033 s is no rounding of 1 / 30.3 s.
+        distances = [exact]
+    else:
+        distances = [np.where(q * mean_rate > COARSEST, 0.0, q / 2) + bit for q in every_quanta]
     for near in _round_rates(mean_rate):
         for within in distances:
             if _line_within(seconds, within + ROUND / near, 1 / near, slopes=1):
@@ -94,7 +99,7 @@ def sampling_frequency(
         if interval is not None:
             return (mean_rate if interval == 1 / mean_rate else 1 / interval), mean_rate
     off = np.abs((seconds - seconds[0]) * mean_rate - np.arange(len(seconds)))
-    i = int(np.argmax(off > REGULARITY + np.maximum(*distances) * mean_rate))
+    i = int(np.argmax(off > REGULARITY + np.max(distances, axis=0) * mean_rate))
     raise DataError(
         f"Time channel `{name}` must be even within {REGULARITY:g} of an interval at "
         f"{mean_rate:.6g} Hz, but sample {i} is {off[i]:.3g} off and the worst {off.max():.3g}.",

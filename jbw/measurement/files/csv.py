@@ -160,7 +160,7 @@ def table(
 
 
 def _sniffed(lines: Sequence[str], file: str, mark: str) -> tuple[list[str], int, Dialect]:
-    """Return the lines of the table, how many columns of text were left out of them, its dialect."""
+    """Return a table's lines, how many columns of text they are rid of, and their dialect."""
     try:
         return list(lines), 0, sniff(lines[:LOOKED_AT], file, mark)
     except DataError as error:
@@ -476,10 +476,8 @@ def _tree(
     titles = list(titles) if len(titles) == len(columns) else [""] * len(columns)
     units = list(units) if len(units) == len(columns) else [""] * len(columns)
     # A column of one date is no clock.
-    clocks = [
-        i for i, title in enumerate(titles)
-        if is_time(title) and np.ptp(columns[i][: _filled(columns[i])] if _filled(columns[i]) else 0)
-    ]  # fmt: skip
+    moving = [len(np.unique(column[np.isfinite(column)])) > 1 for column in columns]
+    clocks = [i for i, title in enumerate(titles) if is_time(title) and moving[i]]
     leaves = _on_own_clocks(columns, titles, units, clocks)
     root: dict[str, Node] = {"column": _numbered(columns, leaves)}
     series: dict[str, Leaf] = {}

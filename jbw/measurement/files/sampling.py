@@ -255,7 +255,7 @@ def _seconds_in(item: Leaf, printed: NDArray[np.number], request: Wanted) -> flo
         )
     if not (unit or item.unit) and request.is_timed and are_whole_numbers(printed):
         name, guess = (request.channels or {}).get("time", "time"), time_unit(printed)[0]
-        what, why, remedy = messages.time_without_unit(name, printed[:4], guess)
+        what, why, remedy = messages.time_without_unit(name, printed[:4].tolist(), guess)
         raise ConfigError(what, why=why, remedy=remedy)
     return si_of("time", unit or item.unit or "s")[0]
 

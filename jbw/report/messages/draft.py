@@ -163,9 +163,7 @@ def counts_samples(channel: str) -> str:
 
 def coarse_times(channel: str, fs: float) -> str:
     """Times that have too few digits, and their mean rate [Hz]."""
-    return (
-        f"times {channel} have too few digits to tell samples apart; their mean rate is {fs:g} Hz."
-    )
+    return f"times {channel} have too few digits; their mean rate is {fs:g} Hz."
 
 
 def mean_rate(fs: str) -> str:
@@ -186,7 +184,7 @@ def sensitivity(sensors: str) -> str:
 def matrices(names: Sequence[str]) -> str:
     """A file of matrices of a model in place of a record."""
     listed = ", ".join(names[:6])
-    return f"{listed} are square matrices, as of a model, no record; [structure] `matrices` reads such."
+    return f"{listed} are square matrices, as of a model, no record: see `matrices` of [structure]."
 
 
 def to_export(remedy: str) -> str:

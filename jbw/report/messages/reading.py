@@ -55,9 +55,10 @@ def time_without_unit(name: str, first: Sequence[float], guess: str) -> FaultTex
         "Put under [[test]] its unit, one of s, ms, us and ns, in `units`, such as "
         f'`units = {{ time = "{guess or "ms"}" }}`'
     )
+    listed = ", ".join(f"{x:.15g}" for x in first)
     return FaultText(
-        f"Column `{name}` holds whole numbers without a unit: {', '.join(f'{x:.15g}' for x in first)}, ...",
-        "They may be counts of samples, or times in a small unit; the sampling frequency hangs on it.",
+        f"Column `{name}` holds whole numbers without a unit: {listed}, ...",
+        "They may be counts of samples, or times in a small unit, on which the rate hangs.",
         f"{unit}; {count}.",
     )
 
