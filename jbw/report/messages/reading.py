@@ -20,8 +20,7 @@ MINE = (
 )
 EXPORT = "Export the record again."
 EVEN = "Spectra and sampled inputs need even samples."
-FS_LINE = "`fs = HZ`"
-STATE_RATE = f"Put under [[test]]: {FS_LINE}, where HZ is the sampling frequency in hertz."
+STATE_RATE = "Put under [[test]]: `fs = HZ`, where HZ is the sampling frequency in hertz."
 HIGHER_RATE = "Measure at a higher rate."
 
 
@@ -50,7 +49,7 @@ def coarse_times(fs: float) -> str:
 
 def time_without_unit(name: str, first: Sequence[float], guess: str) -> FaultText:
     """Times of whole numbers without a unit, and the likeliest unit; empty of counts."""
-    count = f"where it counts samples, take `time` out of `channels` and state the rate, {FS_LINE}"
+    count = "where it counts samples, take `time` out of `channels` and state the rate by `fs = HZ`"
     unit = (
         "Put under [[test]] its unit, one of s, ms, us and ns, in `units`, such as "
         f'`units = {{ time = "{guess or "ms"}" }}`'
