@@ -113,6 +113,17 @@ def test_files_of_clocks_that_differ_by_1e_5_are_one_test(tmp_path):
     assert check_campaign(tmp_path / "campaign.toml").exit_code == 0
 
 
+def test_one_clock_printed_from_two_origins_has_one_rate(tmp_path):
+    fs = 2441.40625
+    for i, begins in enumerate((0.0, 3.3333337)):
+        t = np.round(begins + np.arange(8192) / fs, 6)
+        lines = (f"{a:.6f},{b:.7f}" for a, b in zip(t, np.cos(40 * t), strict=True))
+        (tmp_path / f"tap_{i + 1}.csv").write_text("time [s],acc [g]\n" + "\n".join(lines) + "\n")
+    first, second = loaded(tmp_path, "", "tap_*.csv").records
+    # Half a digit at either end of 3.4 s.
+    assert first.fs == second.fs == pytest.approx(fs, rel=1e-6 / 3.3)
+
+
 def test_rates_that_no_two_clocks_have_are_two_tests(tmp_path):
     for i, fs in enumerate((1024.0, 1024.5)):
         t = np.arange(8192) / fs
