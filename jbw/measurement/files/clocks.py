@@ -53,10 +53,11 @@ def stated_rate(fs: float) -> float:
 def sampling_frequency(
     time: NDArray[np.number], name: str = "time", *, begins: float = 0.0, factor: float = 1.0
 ) -> tuple[float, float]:
-    """Return the sampling frequency of an even column of times [Hz], and its mean rate.
+    """Return the sampling frequency of an even column of times [Hz], and it before rounding.
 
-    The rate is the roundest one, of 1 Hz or 0.1 Hz, that agrees with every printed digit; else the
-    mean rate; else the rate of a line within half of the last digit of every time.
+    The rate is the roundest one, of 1 Hz or 0.1 Hz, that agrees with every printed digit; else that
+    of the line through all times in least squares, which is within half of the last digit of every
+    one, or of the nearest line that is.
 
     Args:
         time: Times as they are printed, of one axis.
@@ -94,10 +95,14 @@ def sampling_frequency(
         for within in distances:
             if _line_within(seconds, within + ROUND / near, 1 / near, slopes=1):
                 return near, mean_rate
+    if len(distances) > 1:  # all times tell more than the first and the last, which are rounded
+        n = np.arange(len(seconds)) - (len(seconds) - 1) / 2
+        mean_rate = float(np.sum(n**2) / np.sum(n * (seconds - seconds.mean())))
     for within in distances:
         interval = _line_within(seconds, within + REGULARITY / mean_rate, 1 / mean_rate)
         if interval is not None:
-            return (mean_rate if interval == 1 / mean_rate else 1 / interval), mean_rate
+            fs = mean_rate if interval == 1 / mean_rate else 1 / interval
+            return fs, fs
     off = np.abs((seconds - seconds[0]) * mean_rate - np.arange(len(seconds)))
     i = int(np.argmax(off > REGULARITY + np.max(distances, axis=0) * mean_rate))
     raise DataError(
