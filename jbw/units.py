@@ -112,7 +112,8 @@ WORDS = {
 SYMBOLS = {
     "G": "g", "gn": "g", "HZ": "Hz", "hz": "Hz", "Nm": "N m", "kNm": "kN m", "mNm": "mN m",
     "Nmm": "N mm", "Ncm": "N cm", "ms-1": "m/s", "ms^-1": "m/s", "ms-2": "m/s^2",
-    "ms^-2": "m/s^2", "mms-1": "mm/s", "mms^-1": "mm/s",
+    "ms^-2": "m/s^2", "ms2": "m/s^2", "mms2": "mm/s^2", "mms": "mm/s", "mms-1": "mm/s",
+    "mms^-1": "mm/s",
 }  # fmt: skip
 # SI dimensions of symbols that have prefixes or stand in compounds: metre, kilogram, second,
 # volt, ampere, radian.
@@ -240,8 +241,10 @@ def _factors(unit: str, sign: int = 1, depth: int = 0) -> Iterator[tuple[str, in
             )  # fmt: skip
             if end < 0:
                 raise ValueError(unit)
-            yield from _factors(rest[1:end], sign * below, depth + 1)
-            rest = rest[end + 1 :]
+            power = re.match(r"\^?(\d)", rest[end + 1 :])
+            for symbol, each in _factors(rest[1:end], sign * below, depth + 1):
+                yield symbol, each * int(power[1] if power else 1)
+            rest = rest[end + 1 + (power.end() if power else 0) :]
         else:
             match = re.match(r"(1(?![\d.])|[A-Za-z]+)(?:\^?(-?\d+)|\^\((-?\d+)\))?", rest)
             if not match:
@@ -295,6 +298,11 @@ def is_unit(text: str) -> bool:
     if decibels(text) is not None or _in_table(written):
         return True
     return bool(re.search("[/ *^]", written)) and measured(written) is not None
+
+
+def is_voltage(unit: str) -> bool:
+    """Return whether a unit is one of voltage, as of a channel before its sensor's sensitivity."""
+    return plain(unit) in FACTORS["voltage"]
 
 
 def quantity_of(unit: str, among: tuple[str, ...] = tuple(FACTORS)) -> str:

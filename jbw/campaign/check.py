@@ -28,7 +28,7 @@ from jbw.measurement.checks.channels import inspect
 from jbw.measurement.checks.controlled import Control, uncontrolled
 from jbw.measurement.checks.drive_noise import noisy_drive
 from jbw.measurement.checks.faults import Fault, doubt, gathered, refusal, worst
-from jbw.measurement.checks.long_records import long_records
+from jbw.measurement.checks.long_records import DRIFTS, long_records
 from jbw.measurement.checks.loops import degrading, off_centre, travels_freely
 from jbw.measurement.checks.plausibility import doubts, swapped
 from jbw.measurement.curves import forced_loop, response_curve
@@ -37,13 +37,16 @@ from jbw.measurement.hypotheses.lag_of_noise import untimely
 from jbw.measurement.hypotheses.unlike_gains import unlike_gains
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
-from jbw.measurement.records import INPUTS, Record, is_sampled
+from jbw.measurement.records import INPUTS, RESPONSES, Record, is_sampled, share_clock
 from jbw.measurement.spans import toml_list
+from jbw.measurement.spectra import strongest_line
 from jbw.quantities import FED
 from jbw.report.messages import campaign_faults as messages
 from jbw.report.messages.message import FaultText
 from jbw.report.messages.remedies import EXCLUDE, OF_ONE_ROLE, exclude
 
+LARGEST_MOTION = 1.0  # [m]: joints on benches and in machines move by centimetres at most
+FEWEST_SAMPLES = 32  # by which a motion is judged
 # Settings that not every kind of test reads, and the traits of those that do.
 READ_BY: dict[str, Callable[[Kind], bool]] = {
     "fit_levels": lambda kind: kind.is_transient,
@@ -339,13 +342,14 @@ def _found(
     fits = _fits_curve if test.traits.is_curve else _fits_test
     contradictions = list(fits(record, test))
     for other in first:
-        if record.fs != other.fs and not np.isnan(record.fs):
+        if not (np.isnan(record.fs) or share_clock(record.fs, other.fs)):
             contradictions.append(messages.two_rates(record.fs, other.name, other.fs))
     faults += [refusal(record.response, *contradiction) for contradiction in contradictions]
     if not first:
         faults += _of_two_sources(record, test)
     faults += _started_apart(record, test)
     if worst(faults) != "error":
+        faults += _of_metres(record, test)
         faults += _believable(record, test, per_unit, laws)
         if first and test.traits.is_transient and test.traits.is_driven:
             faults += noisy_drive(first[0], record)
@@ -366,6 +370,19 @@ def _started_apart(record: Record, test: TestSpec) -> Iterator[Fault]:
     delay = drive - response
     if abs(delay - test.delay) > 0.5 / record.fs:
         yield refusal(record.response, *messages.started_apart(abs(delay), delay, later=delay < 0))
+
+
+def _of_metres(record: Record, test: TestSpec) -> Iterator[Fault]:
+    """Doubt a motion of metres on a bench: its unit is another one, or its rate."""
+    response = record.response
+    x = record.channels[response]
+    if test.traits.is_curve or record.units[response].startswith("rad") or len(x) < FEWEST_SAMPLES:
+        return
+    order, amplitude = RESPONSES.index(response), float(np.ptp(x)) / 2
+    hz = sum(test.band) / 2 if test.band else strongest_line(x, record.fs, lowest=DRIFTS)
+    motion = amplitude / (2 * np.pi * hz) ** order if order else amplitude
+    if motion > LARGEST_MOTION:
+        yield doubt(response, *messages.motion_of_metres(motion, hz if order else 0.0))
 
 
 def _of_two_sources(record: Record, test: TestSpec) -> Iterator[Fault]:

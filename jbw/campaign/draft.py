@@ -28,13 +28,13 @@ from jbw.campaign.tables import Head, TestSpec
 from jbw.errors import ConfigError, DataError, JbwError, RunError
 from jbw.measurement.checks.responses import band_about_peak, height_within
 from jbw.measurement.files.assemble import Wanted
+from jbw.measurement.files.clocks import SECONDS, coarse_rate, sampling_frequency, time_unit
 from jbw.measurement.files.paths import select
-from jbw.measurement.files.read import READERS, opened, records
-from jbw.measurement.files.sampling import sampling_frequency
+from jbw.measurement.files.read import EXPORTS, READERS, opened, records
 from jbw.measurement.files.tree import RATE, Contents, Leaf, load, names
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.recorders.facts import is_time
-from jbw.measurement.records import INPUTS, RESPONSES, Record, si_of
+from jbw.measurement.records import CLOCKS, INPUTS, RESPONSES, SENSITIVITIES, Record, si_of
 from jbw.measurement.resampled import proposed_rate
 from jbw.measurement.spectra import strongest_line
 from jbw.report.messages import draft as messages
@@ -45,6 +45,7 @@ LISTED = 12  # channels named in a comment
 MOST_GROUPS = 500  # names of files that are not repeats of one another
 BEGINNING = 1 << 14  # bytes of a file by which it is told whether it may hold a curve
 BAND = "\nband = ["
+SENSORS = "# sensitivity = "
 SAME_LINE = 1.25  # largest over smallest centre of bands about one line
 LEAST_HEIGHT = 0.02  # of a decay's strongest line, for another to be shown by it
 FOLLOWING = 0.7  # correlation of force and displacement from which they are drafted as a loop
@@ -68,6 +69,7 @@ class Looked:
     series: Leaves  # those that may be channels
     fs: float | None  # of the whole file [Hz]
     recorder: str
+    doubts: tuple[str, ...] = ()  # what its reader cannot use
 
 
 @dataclass(frozen=True)
@@ -95,7 +97,9 @@ def start_campaign(folder: str | Path, named: Named = lambda path, channels: {})
     if not folder.is_dir():
         raise DataError(f"Folder `{folder}` does not exist.", remedy="Name the folder of records.")
     visible = sorted(_measurement_files(folder), key=_stem)
-    assumed: list[tuple[str, str]] = []  # file and what was assumed of it
+    # File and what was assumed of it.
+    assumed = [(path.name, messages.to_export(EXPORTS[path.suffix.lower()]))
+               for path in sorted(folder.iterdir()) if path.suffix.lower() in EXPORTS]  # fmt: skip
     blocks: list[str] = []
     names: list[str] = []
     groups = [sorted(repeats) for _, repeats in groupby(visible, key=_stem)]
@@ -206,7 +210,7 @@ def looked_at(contents: Contents) -> Looked:
     """The channels of an open file, its rate and its recorder."""
     leaves = {name: item for name, item in names(contents.root) if isinstance(item, Leaf)}
     series = _series_in(leaves) if contents.series is None else dict(contents.series)
-    return Looked(leaves, series, contents.fs, contents.recorder)
+    return Looked(leaves, series, contents.fs, contents.recorder, contents.doubts)
 
 
 def _once(assumed: Sequence[tuple[str, str]]) -> Iterator[str]:
@@ -302,8 +306,9 @@ def _blocks(
                 for series in by_record[:MOST_BLOCKS]
             ]
     except JbwError as error:
-        assumed.append(("", error.what))
-        return ["".join(f"# {line}\n" for line in error.what.splitlines())]
+        said = [error.what, error.remedy] if error.remedy else [error.what]
+        assumed.append(("", " ".join(said)))
+        return ["".join(f"# {line}\n" for text in said for line in text.splitlines())]
     if len(by_record) > MOST_BLOCKS:
         blocks.append(messages.more_groups(len(by_record) - MOST_BLOCKS))
     return blocks
@@ -321,6 +326,8 @@ def _block(
     def assume(what: str) -> None:
         assumed.append((files[0].name, what))
 
+    for doubt in looked.doubts:
+        assume(doubt)
     series = looked.series
     channels = channels_by_role(series)
     if channels.keys().isdisjoint(RESPONSES):
@@ -328,9 +335,11 @@ def _block(
         unknown = [path for path in series if path not in paths]
         channels = with_roles(channels, named(files[0], unknown), series)
     if channels.keys().isdisjoint(RESPONSES):
-        assume(messages.NO_RESPONSE)
+        matrices = _matrices(looked.leaves)
+        assume(messages.matrices(matrices) if matrices else messages.NO_RESPONSE)
         return _skeleton(files, looked, channels)
-    kind, is_sure = _kind_of(files[0], channels, series)
+    timed = looked.fs is not None or "time" in channels or bool(_scalar_rate(looked.leaves))
+    kind, is_sure = _kind_of(files[0], channels, series, is_timed=timed)
     traits = KINDS[kind]
     if traits.is_prescribed and "restoring_force" not in channels:
         channels = {"restoring_force" if r == "force" else r: c for r, c in channels.items()}
@@ -342,18 +351,24 @@ def _block(
     guessed = [r for r, c in channels.items() if c.guessed or "ampl" in last_name(c.path)]
     for role in guessed:
         assume(messages.guessed_role(role, roles[role]))
+    several = {role: _listed(c.axes) for role, c in channels.items() if c.axes}
+    for role, listed in several.items():
+        assume(messages.one_of_axes(role, listed))
+    checks = messages.check_roles(guessed) if guessed else ""
+    checks = checks or "".join(messages.check_axes(*item) for item in several.items())
     lines = [
+        *(messages.doubtful(doubt) for doubt in looked.doubts),
         "[[test]]",
         f"kind = {toml(kind)}" + ("" if is_sure else messages.GUESS),
         messages.files(toml(_pattern(files)), len(files)),
-        f"channels = {toml(roles)}" + (messages.check_roles(guessed) if guessed else ""),
-        _units(channels, assume),
+        f"channels = {toml(roles)}{checks}",
+        *_units(channels, looked, assume),
         *clock.lines,
     ]
     for line in clock.assumed:
         assume(line)
     if not (clock.is_known or traits.is_prescribed):
-        lines.append(_sampling(looked.leaves, assume))
+        lines.append(_sampling(looked.leaves, assume, clock.columns))
     if traits.is_free:
         lines.append(_band(files[0], roles, lines, assume, curves))
     if traits.is_steady:
@@ -394,13 +409,29 @@ def _clock(channels: Mapping[str, Channel], looked: Looked, traits: Kind) -> Clo
     if "time" in channels:
         channel = channels["time"]
         clock = looked.series[channel.path]
+        unit, fs = _of_times(channel, looked)
+        if traits.is_prescribed and np.any(np.diff(np.ravel(load(clock))) <= 0):
+            return Clock(True, ("time",), (), tuple(lines), ())  # a loop needs no clock
+        if not unit:  # it counts samples
+            return Clock(looked.fs is not None, ("time",), (channel.path,), tuple(lines), ())
+        if fs and not rates:
+            lines.append(messages.mean_rate(toml(fs)))
+            assumed.append(messages.coarse_times(channel.path, fs))
+            return Clock(True, ("time",), (channel.path,), tuple(lines), tuple(assumed))
         if rates:  # beside channels of the table's own times, slower ones
             lines.append(messages.slowest(toml(_round(min(rates)))))
-        elif proposal := _uneven(clock, channel.unit or "s"):
+        elif proposal := _uneven(clock, unit):
             lines.append(messages.resampled(toml(proposal)))
             assumed.append(messages.resampled_at(proposal))
         return Clock(True, (), (), tuple(lines), tuple(assumed))
     return Clock(bool(rates) or looked.fs is not None, (), (), tuple(lines), ())
+
+
+def _of_times(channel: Channel, looked: Looked) -> tuple[str, float | None]:
+    """Return the unit of times, empty of counts, and their rate where they are coarse [Hz]."""
+    printed = np.ravel(np.asarray(load(looked.series[channel.path])))
+    unit = channel.unit or _unit_of_times(printed, looked.fs)[0]
+    return unit, coarse_rate(printed, si_of("time", unit)[0]) if unit else None
 
 
 def _delay(leaves: Mapping[str, Leaf]) -> float:
@@ -432,17 +463,51 @@ def _uneven(leaf: Leaf, unit: str) -> float | None:
     return None
 
 
-def _units(channels: Mapping[str, Channel], assume: Assume) -> str:
-    units, guessed = {}, []
+def _units(channels: Mapping[str, Channel], looked: Looked, assume: Assume) -> list[str]:
+    """The lines of units, and of sensors whose channels are in volts."""
+    units, guessed, sensors = {}, [], {}
     for role, channel in channels.items():
         if channel.unit:
             units[role] = channel.unit if decibels(channel.unit) else plain(channel.unit)
-        elif role != "time":  # seconds, unless the file says otherwise
+        elif channel.sensitivity:
+            sensors[role] = channel.sensitivity
+            assume(messages.in_volts(role))
+        elif role == "time":
+            printed = np.ravel(np.asarray(load(looked.series[channel.path])))
+            units[role], is_sure = _unit_of_times(printed, looked.fs)
+            if not is_sure:
+                guessed.append(role)
+                assume(messages.assumed_time_unit(channel.path, units[role]))
+        else:
             units[role] = channel.default
             guessed.append(role)
             assume(messages.assumed_unit(role, units[role]))
     mark = messages.check_units(", ".join(guessed)) if guessed else ""
-    return f"units = {toml(units)}{mark}"
+    lines = [f"units = {toml(units)}{mark}"] if units or not sensors else []
+    return [*lines, messages.sensitivity(toml(sensors))] if sensors else lines
+
+
+def _agrees(printed: NDArray[np.number], unit: str, fs: float | None) -> bool:
+    """Return whether times in a unit have the rate that their file states."""
+    if fs is None or not unit:
+        return False
+    lasts = float(printed[-1] - printed[0]) * si_of("time", unit)[0]
+    return abs(lasts * fs / (len(printed) - 1) - 1) < CLOCKS
+
+
+def _unit_of_times(printed: NDArray[np.number], fs: float | None) -> tuple[str, bool]:
+    """Return the unit of times that state none, and whether it is sure: by their file's rate."""
+    by_rate = [(unit, True) for unit in SECONDS if _agrees(printed, unit, fs)]
+    return by_rate[0] if by_rate else time_unit(printed)
+
+
+def _matrices(leaves: Leaves) -> list[str]:
+    """Return the names of square matrices of one size, as a model has; none of fewer than two."""
+    square = [
+        name for name, x in leaves.items() if len(x.shape) == 2 and x.shape[0] == x.shape[1] > 2
+    ]
+    sizes = {leaves[name].shape for name in square}
+    return square if len(square) > 1 and len(sizes) == 1 else []
 
 
 def _band(
@@ -469,7 +534,13 @@ def _band(
 def _first_record(path: Path, roles: Mapping[str, str], lines: Sequence[str]) -> Record:
     """The first record of a file, as the lines of its table have it so far."""
     stated = tomllib.loads("\n".join(lines[1:]))
-    selection = Wanted(roles, stated["units"], stated.get("fs"), resample=stated.get("resample"))
+    # The band of a sensor in volts is the same by any sensitivity.
+    sensors = [role for line in lines if line.startswith(SENSORS)
+               for role in tomllib.loads(line.lstrip("# "))["sensitivity"]]  # fmt: skip
+    selection = Wanted(
+        roles, stated.get("units", {}), stated.get("fs"), resample=stated.get("resample"),
+        sensitivity={role: SENSITIVITIES[role] for role in sensors},
+    )  # fmt: skip
     return records(path, selection)[0]
 
 
@@ -486,13 +557,17 @@ def _tones(path: Path, roles: Mapping[str, str], lines: Sequence[str], assume: A
     return messages.EXAMPLE_TONES
 
 
-def _sampling(leaves: Leaves, assume: Assume) -> str:
-    for name, leaf in leaves.items():
-        is_scalar = all(length == 1 for length in leaf.shape)
-        if is_scalar and RATE.search(last_name(name)):
-            return messages.scalar_rate(toml(name))
-    assume(messages.NO_RATE)
+def _sampling(leaves: Leaves, assume: Assume, counts: Sequence[str] = ()) -> str:
+    if name := _scalar_rate(leaves):
+        return messages.scalar_rate(toml(name))
+    assume(messages.counts_samples(counts[0]) if counts else messages.NO_RATE)
     return messages.EXAMPLE_RATE
+
+
+def _scalar_rate(leaves: Leaves) -> str:
+    """Return the path of a number that is called like a sampling frequency; empty without one."""
+    scalars = (n for n, leaf in leaves.items() if all(length == 1 for length in leaf.shape))
+    return next((name for name in scalars if RATE.search(last_name(name))), "")
 
 
 def _skeleton(files: Sequence[Path], looked: Looked, channels: Mapping[str, Channel]) -> str:
@@ -513,16 +588,31 @@ def _skeleton(files: Sequence[Path], looked: Looked, channels: Mapping[str, Chan
         roles["acceleration"] = "..."
     units = {role: channels[role].unit if role in channels else "" for role in roles}
     units = {role: unit or "..." for role, unit in units.items() if role != "time"}
+    rate = ""
+    if "time" in paths:
+        unit, fs = _of_times(channels["time"], looked)
+        rate = (
+            "" if unit and not fs else messages.mean_rate(toml(fs)) if fs else messages.EXAMPLE_RATE
+        )
+        if rate:
+            del paths["time"], roles["time"]
+        elif not channels["time"].unit:
+            units["time"] = unit
     timed = "time" in paths or any(leaf.fs for leaf in leaves.values()) or looked.fs is not None
     timed = timed or (traits is not None and traits.is_curve)
     lines = [
+        *(messages.doubtful(doubt) for doubt in looked.doubts),
         messages.name_channels(toml(files[0].name), _listed(leaves)),
         "# [[test]]",
         messages.kind(toml(kind if is_sure else "..."), ", ".join(KINDS)),
         f"# files = {toml(_pattern(files))}",
         f"# channels = {toml(roles)}",
         f"# units = {toml(units)}",
-        *([] if timed else ["# " + _sampling(looked.leaves, lambda _: None).lstrip("# ")]),
+        *(
+            []
+            if timed
+            else ["# " + (rate or _sampling(looked.leaves, lambda _: None)).lstrip("# ")]
+        ),
     ]
     if sources := {role: _pattern(files) for role in paths if role in INPUTS}:
         separate_files = toml({**sources, "velocity": "..."})
@@ -573,7 +663,9 @@ def _is_complex(leaf: Leaf) -> bool:
     return np.issubdtype(leaf.array.dtype, np.complexfloating)
 
 
-def _kind_of(path: Path, roles: Mapping[str, Channel], series: Leaves) -> tuple[str, bool]:
+def _kind_of(
+    path: Path, roles: Mapping[str, Channel], series: Leaves, *, is_timed: bool = True
+) -> tuple[str, bool]:
     """Kind of a test by its file's name and channels, and whether these say so."""
     if kind := controlled_kind(roles, series):
         return kind, True
@@ -591,8 +683,11 @@ def _kind_of(path: Path, roles: Mapping[str, Channel], series: Leaves) -> tuple[
             return kind, True
     if not driven and {"restoring_force", "displacement"} <= set(roles):
         return "loop", True
-    if driven and {"force", "displacement"} <= set(roles) and _follows(roles, series):
-        return "loop", False
+    if driven and {"force", "displacement"} <= set(roles):
+        # A cyclic test needs no clock, a motion under a force does.
+        clocked = is_timed or any(series[roles[r].path].fs for r in ("force", "displacement"))
+        if not clocked or _follows(roles, series):
+            return "loop", False
     if not driven:
         samples = _samples_of(series, roles[response].path) if response else None
         return "decay", samples is not None and falls(samples)
@@ -624,7 +719,11 @@ def _follows(roles: Mapping[str, Channel], series: Leaves) -> bool:
     finite = np.isfinite(force) & np.isfinite(displacement)
     if finite.sum() < 3 or not (np.ptp(force[finite]) and np.ptp(displacement[finite])):
         return False
-    return float(np.corrcoef(force[finite], displacement[finite])[0, 1]) > FOLLOWING
+    force, displacement = force[finite], displacement[finite]
+    # Along a fat loop they are a quarter of a period apart too, but rise and fall together.
+    steps = np.diff(force) * np.diff(displacement)
+    together = float(steps.sum() / max(float(np.abs(steps).sum()), 1e-300))
+    return max(float(np.corrcoef(force, displacement)[0, 1]), together) > FOLLOWING
 
 
 def _is_complex_in(series: Leaves, path: str) -> bool:

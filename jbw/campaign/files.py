@@ -10,6 +10,7 @@ from pathlib import Path
 from jbw.campaign.tables import TestSpec
 from jbw.errors import ConfigError, DataError, JbwError, did_you_mean
 from jbw.measurement.files.assemble import joined
+from jbw.measurement.files.clocks import REGULARITY
 from jbw.measurement.files.read import records
 from jbw.measurement.files.sampling import Wanted
 from jbw.measurement.records import Record
@@ -29,6 +30,7 @@ def repeats_of(
     """
     unused = set(test.exclude)
     number = num_repeats = 0
+    fs = float("nan")  # of the first repeat
     try:
         sets = _file_sets(test, folder, allow_outside)
     except JbwError as error:
@@ -52,7 +54,10 @@ def repeats_of(
                 unused.remove(number)
             else:
                 num_repeats += 1
-                yield _as_stated(item, test) if isinstance(item, Record) else item
+                if isinstance(item, Record):
+                    item = _on_grid(_as_stated(item, test), fs)
+                    fs = item.fs if fs != fs else fs
+                yield item
             number += 1
     if unused:
         listed = ", ".join(repr(item) for item in sorted(unused, key=str))
@@ -62,6 +67,15 @@ def repeats_of(
         )
     elif not num_repeats:
         yield DataError(f"Test {test.name!r} has no repeats left.", remedy="Shorten `exclude`.")
+
+
+def _on_grid(record: Record, fs: float) -> Record:
+    """Return a record at the rate of another one where no sample tells the two rates apart.
+
+    Times that are printed from other origins have mean rates that differ by their last digit.
+    """
+    is_one = abs(record.fs - fs) * record.num_samples <= REGULARITY * fs
+    return replace(record, fs=fs) if is_one else record
 
 
 def _as_stated(record: Record, test: TestSpec) -> Record:
@@ -78,11 +92,11 @@ def _file_sets(test: TestSpec, folder: Path, allow_outside: bool) -> list[list[P
     columns = []
     for patterns in dict.fromkeys(test.files.values()):
         roles = [role for role, role_files in test.files.items() if role_files == patterns]
-        channels, units, scale = (
-            {role: table[role] for role in roles if role in table}
-            for table in (test.channels, test.units, test.scale)
-        )
-        some = replace(selection, channels=channels, units=units, scale=scale)
+        of_roles = {
+            table: {role: x for role, x in getattr(test, table).items() if role in roles}
+            for table in ("channels", "units", "scale", "sensitivity")
+        }
+        some = replace(selection, **of_roles)
         columns.append([(file, some) for file in found_files(patterns, folder, allow_outside)])
     counts = {len(column) for column in columns}
     if len(counts) > 1:

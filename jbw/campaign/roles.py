@@ -9,8 +9,8 @@ import numpy as np
 
 from jbw.errors import ConfigError
 from jbw.measurement.files.tree import Leaf, load
-from jbw.measurement.records import INPUTS, QUANTITIES, RESPONSES, ROLES, si_of
-from jbw.units import TORSION, plain, quantity_of, si_unit
+from jbw.measurement.records import INPUTS, QUANTITIES, RESPONSES, ROLES, SENSITIVITIES, si_of
+from jbw.units import TORSION, is_voltage, plain, quantity_of, si_unit
 
 Leaves = Mapping[str, Leaf]
 # A channel's name to its role, most telling first.
@@ -28,6 +28,11 @@ HINTS = (
     (r"force|load|^f$|torque|moment|kraft|hammer", "force"),
     (r"input|shaker|volt|drive|source|(?<!s)amp|^u$|^v1$", "input"),
 )
+# Parts of the time of day, which are no clock of a record, nor metres by their unit `m`.
+OF_THE_DAY = r"\b(?:minutes?|hours?|seconds?|days?|minuten?|stunden?|sekunden?)\b"
+ELAPSED = r"elapsed|relative|since|verstrichen|vergangen"  # of times that are no date
+AXES = re.compile(r"(?:^|(?<=[\W_\d])|(?<=[a-z](?=[XYZ])))[xyzXYZ](?![^\W_])")
+AXES_IN_SPACE = 3
 TURNED = r"angle|rotation|twist|torque|moment"  # in names of torsion
 STRONGER = 3.0  # times the first channel of a role, for another to be meant
 MOST_SAMPLES = 4_000_000  # of a channel that is looked at
@@ -47,6 +52,8 @@ class Channel(NamedTuple):
     unit: str  # as the file states it, or as its name does
     default: str  # SI unit where nothing states one
     guessed: bool = False  # by its unit alone
+    axes: tuple[str, ...] = ()  # all channels of its axes, where there are several
+    sensitivity: str = ""  # an example, where the channel is the voltage of a sensor
 
 
 def last_name(path: str) -> str:
@@ -58,7 +65,11 @@ def channels_by_role(series: Leaves) -> dict[str, Channel]:
     """Role to channel, by names, labels and units."""
     named: dict[str, list[Channel]] = {}
     rest: list[tuple[str, Leaf]] = []
+    # Three letters alone are axes of what nobody says.
+    unknown = {"x", "y", "z"} if {"x", "y", "z"} <= {last_name(path) for path in series} else set()
     for path, leaf in series.items():
+        if re.search(OF_THE_DAY, last_name(path)) or (last_name(path) in unknown and not leaf.unit):
+            continue
         texts = [text for text in (last_name(path), leaf.label.lower()) if text]
         for text in texts:
             if role_channel := _by_text(path, text, leaf.unit):
@@ -67,14 +78,20 @@ def channels_by_role(series: Leaves) -> dict[str, Channel]:
                 break
         else:
             rest.append((path, leaf))
+    by_unit: set[str] = set()
     for path, leaf in rest:
         role = _by_unit(leaf)
         others = [other_leaf for _, other_leaf in rest if _by_unit(other_leaf) == role]
         # Of several voltages none is known to be the source's.
-        if role and role not in named and not (role == "input" and len(others) > 1):
+        is_new = role not in named or named[role][0].path in by_unit
+        if role and is_new and not (role == "input" and len(others) > 1):
             # A voltage may be anything; other units tell what is measured.
-            named[role] = [Channel(path, leaf.unit, "", role == "input")]
-    roles = {role: _meant(many, series) for role, many in named.items()}
+            named.setdefault(role, []).append(Channel(path, leaf.unit, "", role == "input"))
+            by_unit.add(path)
+    roles = {
+        role: (_clock_of if role == "time" else _meant)(many, series)
+        for role, many in named.items()
+    }
     roles = _of_a_curve(roles, series)
     if "phase" in roles and not roles["phase"].unit:
         turned = _in_degrees(series[roles["phase"].path])
@@ -122,6 +139,8 @@ def _of_amplitudes(roles: dict[str, Channel]) -> dict[str, Channel]:
 
 def _by_text(path: str, text: str, unit: str) -> tuple[str, Channel] | None:
     """Role of a channel by a text, unless its unit says otherwise; None where unknown."""
+    if plain(text) in ("ms", "us", "ns"):  # a column called by its unit
+        return "time", Channel(path, plain(text), "s")
     by_name = [text] if text in ROLES else []
     by_name += [role for pattern, role in HINTS if re.search(pattern, text)]
     for role in by_name:
@@ -130,6 +149,9 @@ def _by_text(path: str, text: str, unit: str) -> tuple[str, Channel] | None:
             continue
         turned = [q for q in QUANTITIES[role] if q in TORSION] if re.search(TURNED, text) else []
         return role, Channel(path, stated, si_unit((turned or QUANTITIES[role])[0]))
+    sensors = [role for role in by_name if role in SENSITIVITIES]
+    if sensors and is_voltage(unit):
+        return sensors[0], Channel(path, "", "", sensitivity=SENSITIVITIES[sensors[0]])
     return None
 
 
@@ -167,9 +189,35 @@ def _meant(channels: Sequence[Channel], series: Leaves) -> Channel:
     channels = exact or channels
     if len(channels) == 1:
         return channels[0]
+    axes = _axes_of(channels)
+    if len(axes) >= AXES_IN_SPACE:
+        strongest = max(axes, key=lambda channel: strength(series[channel.path]))
+        return strongest._replace(axes=tuple(channel.path for channel in axes))
     sizes = [strength(series[channel.path]) for channel in channels]
     strongest = int(np.argmax(sizes))
     return channels[strongest if sizes[strongest] > STRONGER * sizes[0] else 0]
+
+
+def _axes_of(channels: Sequence[Channel]) -> list[Channel]:
+    """Return the channels whose names differ from the first by the letter of an axis alone."""
+    names = [channel.path.rpartition(".")[2] for channel in channels]
+    bare = [AXES.sub("", name) for name in names]
+    return [
+        channel for channel, name, without in zip(channels, names, bare, strict=True)
+        if without == bare[0] and name != without
+    ]  # fmt: skip
+
+
+def _clock_of(channels: Sequence[Channel], series: Leaves) -> Channel:
+    """Return the clock of a record among columns of times: one that rises, that says it elapses."""
+
+    def merits(channel: Channel) -> tuple[bool, bool, bool]:
+        time = load(series[channel.path])
+        is_clock = time.ndim == 1 and np.isrealobj(time) and bool(np.all(np.diff(time) > 0))
+        elapses = re.search(ELAPSED, channel.path.lower()) is not None
+        return is_clock, elapses, bool(channel.unit)
+
+    return channels[0] if len(channels) == 1 else max(channels, key=merits)
 
 
 def strength(leaf: Leaf) -> float:
@@ -189,8 +237,8 @@ def _in_degrees(leaf: Leaf) -> bool:
 def _of_a_curve(roles: dict[str, Channel], series: Leaves) -> dict[str, Channel]:
     """Where a channel is complex, a real one that rises from a positive number is its frequency.
 
-    Where no name tells the response, the only complex channel is it, by its phase; without a
-    channel of the force it is per newton.
+    Where no name tells the response, the first complex channel is it by its unit, or the only one
+    by its phase; without a channel of the force it is per newton.
     """
     is_complex = [p for p, leaf in series.items() if _is_complex(leaf)]
     if not is_complex:
@@ -205,11 +253,13 @@ def _of_a_curve(roles: dict[str, Channel], series: Leaves) -> dict[str, Channel]
                 break
     if "frequency" not in known_roles:
         return known_roles
-    if known_roles.keys().isdisjoint(RESPONSES) and len(is_complex) == 1:
-        (path,) = is_complex
-        role = _by_phase(series[path])
-        unit = series[path].unit
-        known_roles[role] = Channel(path, unit if _fits(role, unit) else "", "", True)
+    path, *others = is_complex
+    unit = series[path].unit
+    by_unit = [role for role in RESPONSES if _fits(role, unit)]
+    if known_roles.keys().isdisjoint(RESPONSES) and (by_unit or not others):
+        role = by_unit[0] if by_unit else _by_phase(series[path])
+        axes = tuple(is_complex) if others else ()
+        known_roles[role] = Channel(path, unit if by_unit else "", "", not by_unit, axes)
     source = next((roles[role] for role in INPUTS if role in roles), None)
     is_of_curve = source is not None and series[source.path].shape in sizes
     if source is not None and is_of_curve and source.path != known_roles["frequency"].path:

@@ -87,6 +87,12 @@ class TestSpec(FileTable):
     )
     units: values.Units = key(dict, "role = unit")
     scale: values.Factors = key(dict, "role = calibration factor, before the unit")
+    sensitivity: values.Sensitivities = key(
+        dict,
+        "role = volts per unit of the sensor of a channel that its file states in volts, in place "
+        "of its unit",
+        {"acceleration": "100 mV/g"},
+    )
     name: values.Text = key("", "a short name, unique")
     level: values.NonNegative = key(
         NAN, "nominal level, in the unit of what the rig held constant", 0.20
@@ -233,7 +239,8 @@ class TestSpec(FileTable):
 def _needs(test: TestSpec) -> Iterator[str]:
     """What a test's kind needs and its table lacks."""
     roles, traits = set(test.channels), test.traits
-    for table, names in (("units", test.units), ("scale", test.scale)):
+    per_role = ("units", "scale", "sensitivity")
+    for table, names in ((table, getattr(test, table)) for table in per_role):
         for role in names:
             if role not in roles:
                 yield f"{table}: names role `{role}`, which channels does not."

@@ -22,7 +22,7 @@ from jbw.campaign.document import toml, unlike
 from jbw.errors import ConfigError
 from jbw.inference.density import Density, density_of, is_distribution
 from jbw.measurement.kinds import KINDS
-from jbw.measurement.records import ROLES, si_of
+from jbw.measurement.records import ROLES, SENSITIVITIES, sensitivity_of, si_of
 from jbw.report.messages.campaign_faults import decimal_points
 
 ALL = "all"  # of the repeats
@@ -235,6 +235,13 @@ def _unit(role: str, item: Any) -> str:
     return item
 
 
+def _sensitivity(role: str, item: Any) -> str:
+    if role not in SENSITIVITIES or not isinstance(item, str):
+        raise ValueError(f"role `{role}` needs volts per unit as text, but has {item!r}.")
+    sensitivity_of(role, item)
+    return item
+
+
 def _factor(role: str, item: Any) -> float:
     if number(item) == 0:
         raise ValueError(f"the factor of role `{role}` must not be 0.")
@@ -328,6 +335,12 @@ Named = Annotated[dict[str, str], BeforeValidator(named)]
 Units = Annotated[
     dict[str, str],
     BeforeValidator(_by_role(_unit, "mm/s"), json_schema_input_type=dict[Role, str]),
+]
+Sensitivities = Annotated[
+    dict[str, str],
+    BeforeValidator(
+        _by_role(_sensitivity, "200 mV/(mm/s)"), json_schema_input_type=dict[Role, str]
+    ),
 ]
 Factors = Annotated[
     dict[str, float],

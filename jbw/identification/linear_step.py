@@ -89,7 +89,10 @@ def linear_step(
     u = np.stack([(gain or 1.0) * record.channels[record.source] for record in timely])
     y = np.stack([record.channels[response] for record in timely])
     with told_together(test.name, len(test.records)):
-        estimates = (frf(one_u, one_y, fs, **how) for one_u, one_y in zip(u, y, strict=True))
+        estimates = (
+            frf(one_u, one_y, record.fs, **how)
+            for one_u, one_y, record in zip(u, y, timely, strict=True)
+        )
         modal = None
         if modes:
             together = frf(u, y, fs, **how)

@@ -7,7 +7,7 @@ from operator import attrgetter
 from jbw.campaign.settings import Identify
 from jbw.campaign.values import ALL
 from jbw.errors import ConfigError
-from jbw.measurement.records import Test, drive_of
+from jbw.measurement.records import Test, drive_of, share_clock
 
 THIRD = (0.2, 0.45)  # of the natural frequency: where a tone probes the third-order kernel
 LEVEL = attrgetter("level")  # to sort tests by
@@ -106,14 +106,22 @@ def decay_tests(
     decays = [test for test in tests if test.traits.is_free]
     if not decays:
         return None
-    forms = {(t.band_hz, t.settle, t.records[0].fs, t.records[0].response, drive_of(t))
-             for t in decays}  # fmt: skip
-    if len(forms) > 1:
-        raise ConfigError(
-            "Tests of kind decay must share band, settle, sampling frequency, response and drive, "
-            f"but {len(forms)} combinations were found.",
-            remedy="Make one campaign of each mode.",
-        )
+    rates = [record.fs for t in decays for record in t.records]
+    shared = {
+        "band [Hz]": {t.band_hz for t in decays},
+        "settle [s]": {t.settle for t in decays},
+        "sampling frequency [Hz]": {rates[0]} if share_clock(max(rates), min(rates)) else {*rates},
+        "response": {t.records[0].response for t in decays},
+        "drive": {drive_of(t) for t in decays},
+    }
+    for name, found in shared.items():
+        if len(found) > 1:
+            listed = " and ".join(sorted(map(str, found)))
+            raise ConfigError(
+                "Tests of kind decay must share band, settle, sampling frequency, response and "
+                f"drive, but their {name} are {listed}.",
+                remedy="Give all decays of one mode the same; make one campaign of each mode.",
+            )
     allowed = {test.name for test in (decays if chosen is None else chosen)}
     first, rest = [], []
     for test in decays:

@@ -1,13 +1,14 @@
 """Measurement records: what a data-acquisition system leaves behind, in SI units."""
 
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from jbw.errors import DataError, naming
+from jbw.errors import ConfigError, DataError, naming
 from jbw.measurement.channels import Reals
 from jbw.measurement.kinds import Kind, kind_named
 from jbw.quantities import Motion
@@ -33,6 +34,13 @@ QUANTITIES: dict[str, tuple[str, ...]] = {
 }
 ROLES = tuple(QUANTITIES)
 COUNTED = "none: samples of a loop without times are counted"
+# Relative, of two clocks: quartz holds 1e-5 or better, a microcontroller's timer 1e-4.
+CLOCKS = 1e-4
+# Of usual sensors, as examples: IEPE accelerometers, vibrometers, displacement sensors, load cells.
+SENSITIVITIES = {
+    "acceleration": "100 mV/g", "drive_point": "100 mV/g", "velocity": "200 mV/(mm/s)",
+    "displacement": "1 V/mm", "force": "10 mV/N", "restoring_force": "10 mV/N",
+}  # fmt: skip
 LOAD_CELLS = ("exact", "offset", "drift")
 OF = " / "  # between the name of an assembly and that of one of its runs
 
@@ -159,6 +167,14 @@ def belongs_to(label: str, name: str) -> bool:
     return label == name or label.startswith(f"{name} ")
 
 
+def share_clock(fs: float, other_fs: float) -> bool:
+    """Return whether two rates [Hz] are one nominal rate, as clocks of recorders keep it.
+
+    Records of one test may differ so far, each at its own rate.
+    """
+    return fs == other_fs or abs(fs - other_fs) <= CLOCKS * fs
+
+
 def is_sampled(record: Record) -> bool:
     """Whether its samples have a time: those of a curve have none, nor may those of a loop."""
     return record.fs == record.fs and record.provenance.get("fs") != COUNTED
@@ -245,6 +261,26 @@ def si_of(role: str, unit: str) -> tuple[float, str, str]:
     with naming(f"Role `{role}`"):
         quantity = quantity_of(unit, QUANTITIES[role])
     return factor_of(unit, quantity), si_unit(quantity), ""
+
+
+def sensitivity_of(role: str, written: str) -> tuple[float, str]:
+    """Return the volts of a sensor per unit of what a role measures, and that unit.
+
+    `100 mV/g` is (0.1, `g`), `40 mV/(mm/s)` is (0.04, `mm/s`).
+
+    Raises:
+        ConfigError: Not a number of volts per unit, or a unit of another quantity than the role's.
+    """
+    number, _, units = written.strip().partition(" ")
+    volts, _, below = units.partition("/")
+    with suppress(ValueError, KeyError):
+        value = float(number) * FACTORS["voltage"][plain(volts)]
+        if np.isfinite(value) and value != 0 and below and not si_of(role, below)[2]:
+            return value, plain(below)
+    raise ConfigError(
+        f"the sensitivity of role `{role}` must be volts per unit, but is {written!r}.",
+        remedy=f'State it as the sensor\'s certificate does, such as "{SENSITIVITIES[role]}".',
+    )
 
 
 def _per_source(role: str, unit: str) -> tuple[float, str, str] | None:

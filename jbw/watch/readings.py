@@ -18,9 +18,9 @@ from jaxtyping import Complex, Float
 
 from jbw.errors import DataError
 from jbw.measurement.channels import lines_within
-from jbw.measurement.demodulation import BandFilter, demodulate
+from jbw.measurement.demodulation import BandFilter, band_filter, demodulate
 from jbw.measurement.envelopes import filter_of
-from jbw.measurement.records import Record, Test
+from jbw.measurement.records import Record, Test, share_clock
 from jbw.population.coordinates import unit_names
 from jbw.population.population import Population, population_of, require_torque
 from jbw.population.prediction import new_units
@@ -124,12 +124,13 @@ def _envelope(
             f"`{record.name}` has no {response}, in which test `{test.name}` is read.",
             remedy="Give a record of the same channels.",
         )
-    if not np.isclose(record.fs, chosen.fs, rtol=1e-6):
+    if not share_clock(record.fs, chosen.fs):
         raise DataError(
             f"`{record.name}` is sampled at {record.fs:g} Hz, test `{test.name}` at {chosen.fs:g}.",
             why="The band's filter is of one rate, and readings through two are not comparable.",
             remedy="Resample it, or watch another run.",
         )
+    chosen = chosen if record.fs == chosen.fs else band_filter(chosen.band_hz, record.fs)
     skipped = round(test.settle * record.fs)
     times, envelope = demodulate(record.channels[response][skipped:], chosen)
     return times + skipped / record.fs, envelope

@@ -35,7 +35,7 @@ from jbw.identification.usable import usable
 from jbw.inference.lanes import at_points
 from jbw.inference.posterior.summary import evenly_spaced
 from jbw.inference.space.box import require_float64
-from jbw.measurement.records import Record, Test
+from jbw.measurement.records import Record, Test, share_clock
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
 from jbw.observables.decay import Decays
@@ -215,7 +215,7 @@ def _with_records(part: Decays, test: Test, records: Sequence[Record]) -> Decays
     """The decays of a run with further records of their kind."""
     response, fs = test.records[0].response, test.records[0].fs
     for record in records:
-        if response not in record.channels or record.fs != fs:
+        if response not in record.channels or not share_clock(record.fs, fs):
             raise DataError(
                 f"`{record.name}` has not the channel or the rate of the run's records: "
                 f"{response} at {fs:g} Hz.",

@@ -127,7 +127,7 @@ def test_few_points_are_banded_about_their_only_line(tmp_path):
     t = np.unique(rng.uniform(0, 1014, 34).round())
     x = 54 + 2.2 * np.exp(-t / 2900) * np.cos(t / 40.0)
     np.savetxt(tmp_path / "decay_1.csv", np.stack([t, x.round(2)], 1), delimiter=",",
-               header="time,displacement", comments="")  # fmt: skip
+               header="time [s],displacement", comments="")  # fmt: skip
     low, high = drafted(tmp_path)[1][0].band
     assert low < 1 / (2 * np.pi * 40.0) < high
 
@@ -209,7 +209,7 @@ def test_channels_with_names_that_say_nothing_are_asked_for_once(tmp_path):
     for test in parse(text).tests:
         assert test.kind == "noise"
         assert test.channels == {"time": "zeit", "velocity": "kanal9", "force": "kanal7"}
-    assert text.count("SI assumed, not in the file, for velocity, force") == 2
+    assert text.count("SI assumed, not in the file, for time, velocity, force") == 2
 
 
 def test_a_response_alone_is_drafted_by_its_samples_and_nobodys_answer_is_a_comment(tmp_path):

@@ -475,6 +475,60 @@ def rigol(path):
     )
 
 
+@dialect("sweep_1.csv", "Rigol")
+def rigol_without_numbers_of_samples(path):
+    text(
+        path,
+        "CH1,CH2,Start,Increment,",
+        f"N,mm/s,-6.0e-02,{1 / FS:.10e}",
+        *(f"{f:.7g},{1e3 * v:.7g}," for f, v in zip(FORCE, VELOCITY, strict=True)),
+    )
+
+
+@dialect("sweep_1.csv")
+def words_in_a_column(path):
+    lines = (f"unit 7,{row},ok" for row in rows(TFV))
+    text(path, "rig,time [s],force [N],velocity [m/s],state", *lines)
+
+
+@dialect("sweep_1.csv")
+def dates_above_a_row_of_units(path):
+    found = zip(stamps("%d.%m.%Y"), stamps("%H:%M:%S.%f"), FORCE, VELOCITY, strict=True)
+    lines = (f"{day};{hour};{f:.7g};{v:.7g}" for day, hour, f, v in found)
+    text(path, "Date;Time;Force;Velocity", "dd.mm.yyyy;hh:mm:ss.ffffff;N;m/s", *lines)
+
+
+@dialect("sweep_1.csv")
+def a_rate_in_a_sentence(path):
+    lines = rows((FORCE, VELOCITY))
+    text(path, "# hall 3, sampled at 1.024 kHz by hand", "force [N],velocity [m/s]", *lines)
+
+
+@dialect("sweep_1.csv")
+def comments_by_semicolons(path):
+    text(path, ";SampleRate, 1024,Hz", ";Headers, time,force [N],velocity [m/s]", *rows(TFV),
+         "; 3 stopped")  # fmt: skip
+
+
+@dialect("sweep_1.csv")
+def doubled_ends_and_null_bytes(path):
+    text(path, "time [s],force [N],velocity [m/s]", *rows(TFV), end="\r\r\n")
+    path.write_bytes(path.read_bytes() + b"\0" * 512)
+
+
+@dialect("sweep_1.csv")
+def times_called_by_their_unit(path):
+    text(path, "ms,force [N],velocity [m/s]", *rows((1e3 * T, FORCE, VELOCITY)))
+
+
+@dialect("frf.csv", kind="frf", fs=np.nan, roles=("frequency", "velocity", "phase"),
+         truth={"velocity": np.abs(MOBILITY), "phase": np.angle(MOBILITY)})  # fmt: skip
+def real_and_imaginary_parts(path):
+    parts = rows((HZ, MOBILITY.real, MOBILITY.imag), ";", ",", "{:.9e}")
+    text(path, "Format;Spectrum", "First;20,0", "Delta;0,25", "AxisUnit;Hz", "",
+         "';Laser (Real);Laser (Imag.)", "';(m/s)/N;(m/s)/N", *parts)  # fmt: skip
+
+
 @dialect("sweep_1.txt")
 def catman_text(path):
     text(
@@ -767,6 +821,17 @@ def h5py_with_units_of_each(path):
             file.create_dataset(f"run/{name}", data=x).attrs["units"] = unit
 
 
+@dialect("sweep_1.nc", "Rattlesnake", rtol=1e-12)
+def rattlesnake(path):
+    with h5py.File(path, "w") as file:
+        file.attrs["sample_rate"] = 1024
+        file["time_data"] = np.stack([FORCE, VELOCITY])
+        told = {"node_number": ("1", "101"), "node_direction": ("Z+", "Z+"),
+                "channel_type": ("Force", "Velocity"), "unit": ("N", "m/s")}  # fmt: skip
+        for name, words in told.items():
+            file[f"channels/{name}"] = np.array(words, dtype=h5py.string_dtype())
+
+
 @dialect("sweep_1.h5", "Python tables", asks=True, rtol=1e-12)
 def a_data_frame_of_pandas(path):
     with h5py.File(path, "w") as file:
@@ -870,6 +935,14 @@ def uff(path, *sets):
 @dialect("sweep_1.uff", "Universal file 58")
 def uff_named_by_identification(path):
     uff(path, set58("Force", FORCE, "N", "NONE", 13), set58("Laser", VELOCITY, "m/s", "NONE", 11))
+
+
+@dialect("sweep_1.uff", "Universal file 58")
+def uff_of_lines_that_are_not_filled(path):
+    uff_named_by_identification(path)
+    lines = [line.rstrip() for line in path.read_text().splitlines()]
+    geometry = ["    -1", "  2411", "         1         1", "    -1"]
+    path.write_text("\n".join([*geometry, *lines]) + "\n")
 
 
 @dialect("sweep_1.unv", "Universal file 58")

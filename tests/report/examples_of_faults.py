@@ -23,6 +23,8 @@ EXAMPLES = {
         *campaign_faults.in_one_table(9, 10, "scale", "scale = { force = -1.0 }"),
         campaign_faults.decimal_points("[5.05, 40.0]"),
         campaign_faults.two_rates(1024.0, "b.mat", 512.0),
+        *campaign_faults.motion_of_metres(3280.0, 0.04),
+        *campaign_faults.motion_of_metres(1.7, 0.0),
         campaign_faults.band_beyond(600.0, 512.0),
         campaign_faults.tone_beyond(200.0, 170.7),
         campaign_faults.too_short(10.0, 12.0, is_stepped=True),

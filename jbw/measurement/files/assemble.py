@@ -11,6 +11,7 @@ from jbw.errors import ConfigError, DataError, naming
 from jbw.measurement.channels import Reals
 from jbw.measurement.files.paths import select
 from jbw.measurement.files.sampling import (
+    SAME_RATE,
     Repeats,
     Wanted,
     on_even_grid,
@@ -18,11 +19,20 @@ from jbw.measurement.files.sampling import (
     sampling_of,
 )
 from jbw.measurement.files.tree import WHOLE, Contents, Leaf, names
-from jbw.measurement.records import INPUTS, QUANTITIES, RESPONSES, ROLES, Record, si_of
+from jbw.measurement.records import (
+    INPUTS,
+    QUANTITIES,
+    RESPONSES,
+    ROLES,
+    SENSITIVITIES,
+    Record,
+    sensitivity_of,
+    si_of,
+)
 from jbw.measurement.spans import SPAN, span_words, toml_table
 from jbw.measurement.steady_lines import lines_removed, without_lines
 from jbw.report.messages import reading as messages
-from jbw.units import TORSION, decibels, plain, si_unit
+from jbw.units import TORSION, decibels, factor_of, is_voltage, plain, si_unit
 
 LARGEST_GAIN = 30.0  # exponent: 1e13, beyond what any converter resolves
 TURNING = {si_unit(quantity) for quantity in TORSION}
@@ -81,6 +91,10 @@ def records_of(contents: Contents, path: Path, request: Wanted, digest: str) -> 
     if request.span:
         read = read.beside(_Channels({}, {}, {SPAN: span_words(request.span)}))
     rows = _of_one_length(read.rows) if clock.is_resampled else read.rows
+    if "frequency" in rows and all(row[0] == 0 for row in rows["frequency"]):
+        # Analysers export the mean as a line, of which no response is measured.
+        rows = {role: [row[1:] for row in each] for role, each in rows.items()}
+        read = read.beside(_Channels({}, {}, {"line at 0 Hz": "left out"}))
     return _repeats(rows, Record(clock.fs, {}, dict(read.units), path.name, dict(read.done)))
 
 
@@ -114,8 +128,15 @@ def _channel(
     items, is_curve, done = sources[role], _is_curve(role, sources), {}
     unit, against = _unit(role, items[0].unit, request)
     reference, unit = decibels(unit) or (0.0, unit)
+    if is_voltage(unit) and role in SENSITIVITIES:
+        line = toml_table({**request.sensitivity, role: SENSITIVITIES[role]})
+        raise ConfigError(
+            f"role `{role}` is in `{unit}` by the file.", remedy=messages.of_sensor(line)
+        )
     factor, si, source = si_of(role, unit)
-    factor *= _calibration(role, contents.reader, request)
+    factor *= _calibration(role, contents.reader, request) / _volts_per_unit(
+        role, items[0], request
+    )
     part = WHOLE if request.resample else clock.part
     rows = [row for item in items for row in rows_of(item, role, request, part, curve=is_curve)]
     if clock.is_resampled:
@@ -129,6 +150,8 @@ def _channel(
         done[f"start of {role}"] = f"{items[0].start_s:.9g} s"
     done[f"channel of {role}"] = (request.channels or {}).get(role, role)
     unit_words = unit if factor == 1.0 else f"{unit}, times {factor:.10g}"
+    if role in request.sensitivity:
+        done[f"sensitivity of {role}"] = request.sensitivity[role]
     done[f"unit of {role}"] = messages.against_file(unit_words, against) if against else unit_words
     rows, removed = _cleared(rows, role, clock.fs, clock.first, request)
     return _Channels({role: rows}, {role: si}, done | removed), source
@@ -252,6 +275,9 @@ def _unit(role: str, stated: str, request: Wanted) -> tuple[str, str]:
     The caller's must not contradict the file's, unless he says that his are right.
     """
     stated_unit = request.units.get(role, "")
+    if role in request.sensitivity:
+        below = sensitivity_of(role, request.sensitivity[role])[1]
+        stated, stated_unit = below, stated_unit or below
     if not (stated_unit or stated):
         raise ConfigError(
             f"the unit of role `{role}` is missing.",
@@ -267,11 +293,31 @@ def _unit(role: str, stated: str, request: Wanted) -> tuple[str, str]:
         return stated_unit, stated
     # Of decibels the file says that they are such, and the campaign what 0 dB stands for.
     if contradicts and not (plain(stated).lower() == "db" and not bare):
+        remedy = messages.MINE
+        if is_voltage(stated) and role in SENSITIVITIES:
+            # A factor beside the unit is the calibration of one volt.
+            example = f"1 V/{stated_unit}" if role in request.scale else SENSITIVITIES[role]
+            line = toml_table({**request.sensitivity, role: example})
+            remedy = messages.of_sensor(line, is_scaled=role in request.scale)
         raise DataError(
             f"role `{role}` is in `{stated_unit}` by the campaign but in `{stated}` by the file.",
-            remedy=messages.MINE,
+            remedy=remedy,
         )
     return stated_unit or stated, ""
+
+
+def _volts_per_unit(role: str, item: Leaf, request: Wanted) -> float:
+    """Return the sensitivity of a role's sensor in the file's unit of voltage; 1 without one."""
+    if role not in request.sensitivity:
+        return 1.0
+    if item.unit and not is_voltage(item.unit):
+        raise ConfigError(
+            f"`sensitivity` of role `{role}` is for a channel in volts, but the file states "
+            f"`{item.unit}`.",
+            remedy="Leave it out; the file's own unit counts.",
+        )
+    volts = sensitivity_of(role, request.sensitivity[role])[0]
+    return volts / factor_of(item.unit or "V", "voltage")
 
 
 def _calibration(role: str, reader: str, request: Wanted) -> float:
@@ -314,7 +360,8 @@ def joined(parts: Sequence[Sequence[Record]]) -> tuple[Record, ...]:
         listed = ", ".join(f"{part[0].name} has {len(part)}" for part in parts)
         raise DataError(f"Files of one test must have equally many repeats, but {listed}.")
     for head in heads[1:]:
-        if head.fs != heads[0].fs and not (np.isnan(head.fs) and np.isnan(heads[0].fs)):
+        same = abs(head.fs - heads[0].fs) <= SAME_RATE * heads[0].fs
+        if not same and not (np.isnan(head.fs) and np.isnan(heads[0].fs)):
             raise DataError(
                 f"Channels of one record must have one sampling frequency, but {heads[0].name} has "
                 f"{heads[0].fs:.7g} Hz and {head.name} has {head.fs:.7g} Hz.",

@@ -21,6 +21,7 @@ CLOCK = r"(\d{1,2}):(\d{2})(?::(\d{2})(?:[.,:](\d{1,9}))?)?\s*([AaPp][Mm])?(?:Z|
 DATES = (r"(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})", r"(\d{1,2})[./-](\d{1,2})[./-](\d{4}|\d{2})")
 STAMP = re.compile(rf"(?:(?:{DATES[0]}|{DATES[1]})(?:[ T,;_]+|$))?(?:{CLOCK})?")
 DAY = 86400.0
+DIGITS = 9  # of a second, that stamps have at most
 
 
 def is_lost(text: str) -> bool:
@@ -74,4 +75,6 @@ def since_first(stamps: Sequence[tuple[int, float] | None]) -> Reals:
     if not turned.any():
         turned = np.concatenate([[0.0], np.cumsum(np.diff(plain) < -DAY / 2)])
     first = seconds[np.isfinite(seconds)][:1]
-    return np.asarray(seconds + DAY * turned - (first[0] if len(first) else 0.0), np.float64)
+    since = seconds + DAY * turned - (first[0] if len(first) else 0.0)
+    # Without the round-off of the time of day.
+    return np.asarray(np.round(since, DIGITS), np.float64)

@@ -11,21 +11,29 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from jbw.errors import DataError, JbwError
+from jbw.errors import DataError
 from jbw.measurement.channels import Reals
 from jbw.measurement.files.cells import is_lost, since_first, stamp, ungrouped
-from jbw.measurement.files.sampling import sampling_frequency
+from jbw.measurement.files.clocks import on_clock
 from jbw.measurement.files.tree import Contents, Leaf, Node, Opaque, leaf
 from jbw.measurement.recorders import of_lines
-from jbw.measurement.recorders.facts import is_time, rate_in, stated
-from jbw.units import factor_of, is_unit, titled
+from jbw.measurement.recorders.facts import axis_in, is_time, rate_in, stated
+from jbw.report.messages import reading as messages
+from jbw.units import is_unit, titled
 
 WORDS = {None: "spaces", "\t": "tab", ";": "semicolon", ",": "comma", "|": "stroke"}
 LOOKED_AT = 400  # lines, to find the dialect
 LEAST_LINES = 2  # of numbers, before a dialect is believed
 HEADED = 6  # lines above a table, among which names and units are looked for
 SEPARATOR = re.compile(r'\s*"?sep\s*=\s*(\\t|.)"?\s*$', re.IGNORECASE)  # for spreadsheets
-NO_UNIT = ("-", "--", "none", "1", "[-]", "(-)", "[]", "()")  # in a row of units
+NO_UNIT = ("-", "--", "none", "1", "[-]", "(-)", "[]", "()", "'")  # in a row of units
+OTHER_UNIT = re.compile(r"EU|%|Pa|[a-z]?C|degC|K|bar|psi|[dDmMyYhHsSfF][dDmMyYhHsSfF.:/ -]*")
+COMMENT = re.compile(r'\s*"?(?:[#;%!*]|//)')  # that a line begins with
+LEAST_ROWS = 3  # of a table with columns of text
+PART = re.compile(
+    r"(.*?)[\s_.]*[\[(]?\b(?:(re|real)|(im|imag|imaginary))\b\.?[\])]?", re.IGNORECASE
+)
+KEYED = re.compile(r"^(?:[A-Z]{2,}\s*=|headers?[:;,\t]|columns?[:;,\t])\s*", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
@@ -93,7 +101,7 @@ DIALECTS = tuple(
 def contents(path: Path) -> Iterator[Contents]:
     """Open a text file of columns; without a header they are `column[0]`, `column[1]`, ..."""
     text = _decode(path.read_bytes())
-    lines = text.splitlines()
+    lines = text.replace("\r\r\n", "\n").splitlines()
     recorded = of_lines(lines, path)
     yield recorded or table(lines, path, is_ended=text.endswith(("\n", "\r")))
 
@@ -122,24 +130,80 @@ def table(
     separator = SEPARATOR.match(lines[0].lstrip("\ufeff")) if lines else None
     lines = lines[1:] if separator else lines
     mark = separator[1].replace("\\t", "\t") if separator else ""
-    dialect = dialect or sniff(lines[:LOOKED_AT], path.name, mark)
+    texts = 0
+    if dialect is None:
+        lines, texts, dialect = _sniffed(lines, path.name, mark)
     header, body = lines[: dialect.first], lines[dialect.first :]
     _refuse_broken(header, dialect, path)
     body, footer = _without_footer(body, dialect)
-    if not is_ended and not footer:
-        _refuse_cut(body, dialect, path)
-    columns = _columns(body, dialect, path)
+    is_cut = not is_ended and not footer and _is_cut(body, dialect, path)
+    columns, stamped = _columns(body[:-1] if is_cut else body, dialect, path)
     titles, stated = _titles(header, dialect)
-    titles = list(names) if names is not None else titles
-    stated = list(units) if units is not None else stated
+    doubts = [] if titles or names is not None else _unfitting_names(header, dialect)
+    titles = list(names) if names is not None else titles or [""] * len(columns)
+    stated = list(units) if units is not None else stated or [""] * len(columns)
+    axis = axis_in(header)
+    if axis and not re.search(r"\w", titles[0]):
+        titles[0], stated[0] = axis.name, axis.unit
+    stated = ["s" if i in stamped else unit for i, unit in enumerate(stated)]
     notes = {
         "delimiter": WORDS.get(dialect.delimiter, str(dialect.delimiter)),
         "decimal mark": dialect.decimal,
         "header lines": str(dialect.first + bool(separator)),
-    } | ({"footer": f"{len(footer)} lines left out"} if footer else {})
+    }
+    for name, count in (("footer", len(footer)), ("columns of text", texts), ("cut line", is_cut)):
+        notes |= {name: f"{count:d} left out"} if count else {}
     root, series = _tree(columns, titles, stated)
-    fs = rate_in(header) if fs is None else fs
-    return Contents(root, "CSV", fs=fs, notes=notes, series=series)
+    is_timed = any(is_time(title) for title in titles)
+    fs = fs or rate_in(header, with_sentences=not is_timed) or (axis.fs if axis else None)
+    return Contents(root, "CSV", fs=fs, notes=notes, series=series, doubts=tuple(doubts))
+
+
+def _sniffed(lines: Sequence[str], file: str, mark: str) -> tuple[list[str], int, Dialect]:
+    """Return a table's lines, how many columns of text they are rid of, and their dialect."""
+    try:
+        return list(lines), 0, sniff(lines[:LOOKED_AT], file, mark)
+    except DataError as error:
+        for marks in DIALECTS:
+            texts = _text_columns(lines[:LOOKED_AT], marks)
+            if texts:
+                numbers = [_without(line, marks, texts) for line in lines]
+                with suppress(DataError):
+                    found = sniff(numbers[:LOOKED_AT], file, marks.delimiter or "")
+                    return numbers, len(texts), found
+        raise error
+
+
+def _text_columns(lines: Sequence[str], marks: Dialect) -> tuple[int, ...]:
+    """Return the columns of a table that hold words and no number; none where there is no table."""
+    rows = [marks.fields(line) for line in lines if line.strip() and not COMMENT.match(line)]
+    tail = [row for row in takewhile(lambda row: len(row) == len(rows[-1]), reversed(rows))
+            if any(map(marks.is_number, row))]  # fmt: skip
+    if len(tail) < LEAST_ROWS:
+        return ()
+    columns = list(zip(*tail, strict=True))
+    texts = [
+        i for i, cells in enumerate(columns)
+        if not any(map(marks.is_number, cells)) and not all(map(marks.is_cell, cells))
+    ]  # fmt: skip
+    numeric = sum(all(map(marks.is_cell, cells)) for cells in columns)
+    return tuple(texts) if texts and len(texts) + numeric == len(columns) and numeric > 1 else ()
+
+
+def _without(line: str, marks: Dialect, columns: Sequence[int]) -> str:
+    """Return a line without some of its columns."""
+    fields = line.split(marks.delimiter)
+    delimiter = marks.delimiter or " "
+    return delimiter.join(field for i, field in enumerate(fields) if i not in columns)
+
+
+def _unfitting_names(header: Sequence[str], dialect: Dialect) -> list[str]:
+    """Return the doubt about a line of names that are more or fewer than the columns."""
+    rows = [_row(line, dialect) for line in header[-HEADED:] if line.strip()]
+    words = [text for text in (rows[-1] if rows else []) if text and not dialect.is_number(text)]
+    if len(words) < 2 or dialect.columns < 2:
+        return []
+    return [messages.unfitting_names(words, dialect.columns)]
 
 
 def sniff(lines: Sequence[str], file: str, mark: str = "") -> Dialect:
@@ -177,7 +241,7 @@ def _trial(lines: Sequence[str], marks: Dialect) -> tuple[int, Dialect]:
     ):
         marks = replace(marks, trailing=True)
         widths = [marks.width(line) for line in lines]
-    while widths and (widths[-1] < 0 or (widths[-1] == 0 and _is_label(lines[len(widths) - 1]))):
+    while widths and (widths[-1] < 0 or (widths[-1] == 0 and _is_remark(lines[len(widths) - 1]))):
         widths.pop()  # blank lines and statistics at the end
     columns = widths[-1] if widths else 0
     count = len(list(takewhile(lambda width: width == columns, reversed(widths))))
@@ -203,10 +267,15 @@ def _is_label(line: str) -> bool:
     return bool(re.match(r"\s*[^\W\d_]{2,}", first)) and not is_lost(first.split(";")[0])
 
 
+def _is_remark(line: str) -> bool:
+    """Return whether a line is a comment, or begins with a word as those of statistics do."""
+    return bool(COMMENT.match(line)) or _is_label(line)
+
+
 def _without_footer(body: Sequence[str], dialect: Dialect) -> tuple[list[str], list[str]]:
     """Rows, and the lines below them that begin with a word: maxima, means, an end mark."""
     end = len(body)
-    while end and (not body[end - 1].strip() or _is_label(body[end - 1])):
+    while end and (not body[end - 1].strip() or _is_remark(body[end - 1])):
         if body[end - 1].strip() and dialect.width(body[end - 1]) == dialect.columns:
             break
         end -= 1
@@ -254,20 +323,25 @@ def _refuse_broken(header: Sequence[str], dialect: Dialect, path: Path) -> None:
         )
 
 
-def _refuse_cut(body: Sequence[str], dialect: Dialect, path: Path) -> None:
-    """A last line without its end, with fewer digits than all others: some may be lacking."""
+def _is_cut(body: Sequence[str], dialect: Dialect, path: Path) -> bool:
+    """Return whether a last line without its end has fewer digits than all others.
+
+    Raises:
+        DataError: All others have the same digits, so that some are lacking.
+    """
     if len(body) < 2:
-        return
+        return False
     last, *others = map(dialect.digits, (body[-1], *body[:-1]))
-    if any(
-        digits < min(column) for digits, column in zip(last, zip(*others, strict=True), strict=True)
-    ):
+    columns = list(zip(*others, strict=True))
+    fewer = [digits < min(column) for digits, column in zip(last, columns, strict=True)]
+    if any(fewer) and all(min(column) == max(column) for column in columns[1:]):
         raise DataError(
             f"File `{path}` ({path.stat().st_size} bytes) ends in the middle of a line for the csv "
             f"reader: {body[-1][:60]!r} has no end and fewer digits than every other line.",
             why="The last number may lack digits.",
             remedy="Copy the file again; if it is whole, end its last line.",
         )
+    return any(fewer)
 
 
 def _titles(header: Sequence[str], dialect: Dialect) -> tuple[list[str], list[str]]:
@@ -279,7 +353,7 @@ def _titles(header: Sequence[str], dialect: Dialect) -> tuple[list[str], list[st
     while rows:
         *rows, last = rows
         if not units and _are_units(last) and (rows or len(last) == 1):
-            units = ["" if text.lower() in NO_UNIT else text.strip("[](){} ") for text in last]
+            units = [_bare(text) for text in last]
         elif not any(text and not dialect.is_number(text) for text in last):
             if any(text.strip() for text in last) and not rows:
                 return last, units or [""] * len(last)  # numbers may name the columns too
@@ -290,10 +364,10 @@ def _titles(header: Sequence[str], dialect: Dialect) -> tuple[list[str], list[st
                 return last, units or [""] * len(last)
             behind = [unit for _, unit in parts]
             if not units and not any(behind) and rows and _are_units(rows[-1]):
-                units = [text.strip("[](){} ") for text in rows[-1]]  # above the names
+                units = [_bare(text) for text in rows[-1]]  # above the names
             if not units and not any(behind) and dialect.columns == 1:
                 units = _unit_in(header)
-            return [name for name, _ in parts], units or behind
+            return [name.replace('"', "") for name, _ in parts], units or behind
     return [], []
 
 
@@ -308,18 +382,26 @@ def _row(line: str, dialect: Dialect) -> list[str]:
     if dialect.columns == 1:  # of one name, which may have several words
         is_fact = rate_in([line]) or stated(line, "units?|einheit|y[ _]units?")
         return [] if is_fact else [line.strip().strip('#% "')]
-    fields = dialect.fields(line.lstrip("#% "))
+    fields = dialect.fields(KEYED.sub("", line.lstrip("#%; ")))
     extra = len(fields) == dialect.columns + 1 and not fields[-1] and dialect.delimiter
     return fields[:-1] if extra else fields
 
 
 def _are_units(row: Sequence[str]) -> bool:
     """Whether a row holds units, one of them at least, and nothing else but signs of none."""
-    bare = [text.strip("[](){} ") for text in row]
-    are_units = [is_unit(text) or bool(re.fullmatch(r"EU|%|Pa|[a-z]?C|degC|K|bar|psi", text))
-             for text in bare]  # fmt: skip
-    empty = [not text or text.lower() in NO_UNIT for text in bare]
-    return any(are_units) and all(k or e for k, e in zip(are_units, empty, strict=True))
+    bare = [_bare(text) for text in row]
+    return any(map(is_unit, bare)) and all(
+        not text or is_unit(text) or OTHER_UNIT.fullmatch(text) for text in bare
+    )
+
+
+def _bare(text: str) -> str:
+    """Return a unit without what encloses it; empty of a sign of none."""
+    text = text.strip(" '\"")
+    if text.lower() in NO_UNIT:
+        return ""
+    outer = re.fullmatch(r"\[([^\[\]]*)\]|\(([^()]*)\)|\{([^{}]*)\}", text)
+    return next((part.strip() for part in outer.groups() if part), "") if outer else text
 
 
 def _names_times(row: Sequence[str]) -> bool:
@@ -327,8 +409,13 @@ def _names_times(row: Sequence[str]) -> bool:
     return sum(is_time(titled(title)[0]) for title in row) > 1
 
 
-def _columns(body: Sequence[str], dialect: Dialect, path: Path) -> list[Reals]:
-    """The columns of a table, lost samples as NaN; a ValueError names a line that breaks it."""
+def _columns(
+    body: Sequence[str], dialect: Dialect, path: Path
+) -> tuple[list[Reals], frozenset[int]]:
+    """Return the columns of a table, lost samples as NaN, and which are dates or times of day [s].
+
+    A ValueError names a line that breaks the table.
+    """
     rows = "\n".join(
         line.rstrip().rstrip(dialect.delimiter) if dialect.trailing else line for line in body
     ).replace('"', "")
@@ -341,10 +428,10 @@ def _columns(body: Sequence[str], dialect: Dialect, path: Path) -> list[Reals]:
         return _cell_by_cell(body, dialect)
     if matrix.shape[1] != dialect.columns:
         raise ValueError(f"{matrix.shape[1]} columns in place of {dialect.columns}")
-    return list(matrix.T)
+    return list(matrix.T), frozenset()
 
 
-def _cell_by_cell(body: Sequence[str], dialect: Dialect) -> list[Reals]:
+def _cell_by_cell(body: Sequence[str], dialect: Dialect) -> tuple[list[Reals], frozenset[int]]:
     """The same of a table with lost cells, grouped digits, dates or times."""
     cells: list[list[str]] = []
     for i, line in enumerate(body):
@@ -357,7 +444,7 @@ def _cell_by_cell(body: Sequence[str], dialect: Dialect) -> list[Reals]:
                 f"{i + 1}: {line[:60]!r}"
             )
         cells.append(fields)
-    columns = []
+    columns, stamped = [], set()
     for k in range(dialect.columns):
         texts = [row[k] for row in cells]
         stamps = [stamp(text) for text in texts]
@@ -366,9 +453,10 @@ def _cell_by_cell(body: Sequence[str], dialect: Dialect) -> list[Reals]:
                             if s is None and not is_lost(x)), None):  # fmt: skip
                 raise ValueError(f"could not read the time {texts[bad][:40]!r} at row {bad + 1}")
             columns.append(since_first(stamps))
+            stamped.add(k)
             continue
         columns.append(np.array([_value(text, dialect, i, k) for i, text in enumerate(texts)]))
-    return columns
+    return columns, frozenset(stamped)
 
 
 def _value(text: str, dialect: Dialect, row: int, column: int) -> float:
@@ -387,17 +475,40 @@ def _tree(
     """Columns by number and by title; and those that were measured, by the path of each."""
     titles = list(titles) if len(titles) == len(columns) else [""] * len(columns)
     units = list(units) if len(units) == len(columns) else [""] * len(columns)
-    clocks = [i for i, title in enumerate(titles) if is_time(title)]
+    # A column of one date is no clock.
+    moving = [len(np.unique(column[np.isfinite(column)])) > 1 for column in columns]
+    clocks = [i for i, title in enumerate(titles) if is_time(title) and moving[i]]
     leaves = _on_own_clocks(columns, titles, units, clocks)
     root: dict[str, Node] = {"column": _numbered(columns, leaves)}
     series: dict[str, Leaf] = {}
+    pairs = _complex_pairs(titles, leaves)
+    parts = {title for title in titles if _part(title)[0] in pairs}
     for i, (title, column_leaf) in enumerate(zip(titles, leaves, strict=True)):
         # A name that is given twice would be a guess; its columns keep their numbers only.
         is_unique = bool(title) and titles.count(title) == 1
         if is_unique:
             root[title] = column_leaf
-        series[title if is_unique else f"column[{i}]"] = column_leaf
-    return root, series
+        if title not in parts:
+            series[title if is_unique else f"column[{i}]"] = column_leaf
+    return root | pairs, series | pairs
+
+
+def _part(title: str) -> tuple[str, bool]:
+    """Return what a real or imaginary part is of, and whether it is the real one; else nothing."""
+    match = PART.fullmatch(title)
+    return (match[1] or "response", bool(match[2])) if match else ("", False)
+
+
+def _complex_pairs(titles: Sequence[str], leaves: Sequence[Leaf]) -> dict[str, Leaf]:
+    """Return the complex channels whose real and imaginary parts are columns, by their names."""
+    found = {_part(title): i for i, title in enumerate(titles)}
+    pairs = {}
+    for (name, is_real), i in found.items():
+        if name and is_real and (name, False) in found:
+            real, imaginary = leaves[i], leaves[found[name, False]]
+            both = np.asarray(real.array) + 1j * np.asarray(imaginary.array)
+            pairs[name] = replace(leaf(both), unit=real.unit, label=name)
+    return pairs
 
 
 def _numbered(columns: Sequence[Reals], leaves: Sequence[Leaf]) -> Node:
@@ -434,7 +545,8 @@ def _on_own_clocks(
         if _filled(columns[i]) > size:
             raise ValueError(f"column {i + 1} is longer than its times, column {clock + 1}")
         plain_leaf = replace(leaf(columns[i][:size]), unit=plain_leaf.unit, label=plain_leaf.label)
-        leaves.append(plain_leaf if i == clock else _timed(plain_leaf, time[:size], units[clock]))
+        timed = plain_leaf if i == clock else on_clock(plain_leaf, time[:size], units[clock])
+        leaves.append(timed)
     return leaves
 
 
@@ -442,16 +554,6 @@ def _filled(column: Reals) -> int:
     """Length of a column without the empty cells at its end."""
     filled = np.flatnonzero(np.isfinite(column))
     return int(filled[-1]) + 1 if len(filled) else 0
-
-
-def _timed(untimed: Leaf, time: Reals, unit: str) -> Leaf:
-    """A leaf with rate and start by its own times, where these are even."""
-    try:
-        seconds = time * factor_of(unit or "s", "time")
-        fs, _ = sampling_frequency(seconds)
-    except JbwError:  # uneven, or in no unit of time: nothing is stated then
-        return untimed
-    return replace(untimed, fs=fs, start_s=float(seconds[0]))
 
 
 def _of_slower(full_rate: Leaf, columns: Sequence[Reals], clocks: Sequence[int]) -> Leaf:
@@ -464,7 +566,7 @@ def _of_slower(full_rate: Leaf, columns: Sequence[Reals], clocks: Sequence[int])
     first = int(np.argmax(is_filled))
     time = columns[clocks[0]][first::step]
     slow = replace(leaf(values[first::step]), unit=full_rate.unit, label=full_rate.label)
-    return _timed(slow, time, "s")
+    return on_clock(slow, time, "s")
 
 
 def _stride(is_filled: NDArray[np.bool_]) -> int:
@@ -479,6 +581,9 @@ def _stride(is_filled: NDArray[np.bool_]) -> int:
 def _decode(data: bytes) -> str:
     if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
         return data.decode("utf-16")
+    if data[1:64:2] and not any(data[1:64:2]):
+        return data.decode("utf-16-le", "replace")
+    data = data.replace(b"\0", b"")  # that a recorder leaves where it was switched off
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:

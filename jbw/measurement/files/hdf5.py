@@ -30,8 +30,20 @@ REACH = 2**26  # bytes looked through at either end of a file; samples lie betwe
 @contextmanager
 def contents(path: Path) -> Iterator[Contents]:
     """Open an HDF5 file: groups are names, datasets stay on disk until loaded."""
+    with path.open("rb") as stream:
+        is_classic = stream.read(3) == b"CDF"
+    if is_classic:
+        raise DataError(
+            f"File `{path.name}` is NetCDF 3, which is not HDF5.",
+            remedy=f"Convert it: nccopy -k netCDF-4 {path.name} {path.stem}_4.nc",
+        )
     require_sound_heaps(path)
     with h5py.File(path, "r") as file:
+        if {"NASTRAN", "INDEX"} <= set(file):
+            raise DataError(
+                f"File `{path.name}` holds input and results of a Nastran model, no record.",
+                remedy="Export measured time records or FRFs as UFF 58 or CSV.",
+            )
         yield Contents(
             group_tree(file, _node), "HDF5", fs=fs_of(file.attrs), attributes=facts_of(file.attrs)
         )

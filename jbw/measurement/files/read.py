@@ -32,12 +32,30 @@ def register(module: str, *suffixes: str) -> None:
 
 
 register("jbw.measurement.files.mat", ".mat")
-register("jbw.measurement.files.hdf5", ".h5", ".hdf5", ".hdf", ".nc")
+register("jbw.measurement.files.hdf5", ".h5", ".hdf5", ".hdf", ".nc", ".nc4")
 register("jbw.measurement.files.npz", ".npz", ".npy")
 register("jbw.measurement.files.csv", ".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm")
 register("jbw.measurement.files.wav", ".wav")
 register("jbw.measurement.files.uff", ".uff", ".unv")
 register("jbw.measurement.files.tdms", ".tdms")
+register("jbw.measurement.files.mdf", ".mf4", ".mdf")
+register("jbw.measurement.files.seismic", ".mseed", ".sac")
+
+# Suffix of what is not read to how it is exported.
+_SHEET = "Save the sheet with the record as CSV."
+EXPORTS = {
+    ".xlsx": _SHEET,
+    ".xls": _SHEET,
+    ".ods": _SHEET,
+    ".parquet": 'Save it as CSV or HDF5: pandas.read_parquet("FILE").to_csv("FILE.csv").',
+    ".feather": 'Save it as CSV or HDF5: pandas.read_feather("FILE").to_csv("FILE.csv").',
+    ".ide": "Export it as CSV or MATLAB by enDAQ Lab, or by the package endaq-ide.",
+    ".svd": "Export time records or FRFs as a universal file (UFF 58) by Polytec's PSV software.",
+    ".sie": "Export it as MATLAB or CSV by the recorder's software, or by libsie.",
+    ".dxd": "Export it as MATLAB or CSV by DEWESoft X.",
+    ".d7d": "Export it as MATLAB or CSV by DEWESoft X.",
+    ".op2": "It holds results of a model. Export measured records as UFF 58 or CSV.",
+}
 
 
 def read(
@@ -47,6 +65,7 @@ def read(
     *,
     fs: float | str | None = None,
     scale: Mapping[str, float] | None = None,
+    sensitivity: Mapping[str, str] | None = None,
     repeats: str = "files",
     span: tuple[float, float] | None = None,
     exclude: Sequence[int] = (),
@@ -54,7 +73,8 @@ def read(
     """Records of one measurement file, in SI and checked.
 
     Args:
-        path: The file: .mat (any version), .h5, .npz, .csv and other text, .wav, .uff, .tdms.
+        path: The file: .mat (any version), .h5, .npz, .csv and other text, .wav, .uff, .tdms, .mf4,
+            .mseed, .sac.
         channels: Role to the channel's path in the file, such as
             {"force": "FRdata.ResponseControl[3].force"}; brackets count from zero, parentheses and
             braces from one as in MATLAB, and `[:]` over cells gives a repeat an item. `a - b` is
@@ -64,6 +84,8 @@ def read(
         fs: Sampling frequency [Hz], or the path of a scalar that holds it; when None, from the
             time channel or the file's attributes.
         scale: Role to factor, applied before the unit: calibration of a WAV file.
+        sensitivity: Role to volts per unit of the sensor of a channel in volts, such as
+            {"acceleration": "100 mV/g"}.
         repeats: "files" when the file is one repeat; "rows" when the rows of a 2-D channel are.
         span: First and last second to read, for cutting; only that part is loaded.
         exclude: Repeats to leave out, counted from zero.
@@ -81,7 +103,9 @@ def read(
         raise ConfigError(
             f"Argument `span` must be [first, last] in seconds, rising from 0, but is {span}."
         )
-    request = Wanted(channels, units or {}, fs, scale or {}, repeats, span)
+    request = Wanted(
+        channels, units or {}, fs, scale or {}, repeats, span, sensitivity=sensitivity or {}
+    )
     included = [r for i, r in enumerate(records(Path(path), request)) if i not in exclude]
     for record in included:
         report(record, inspect(record))
@@ -90,7 +114,8 @@ def read(
 
 def records(path: Path, request: Wanted) -> tuple[Record, ...]:
     """Records of a file in SI, not yet checked sample by sample; raises as `read` does."""
-    for role in [*(request.channels or {}), *request.units, *request.scale]:
+    tables = (request.channels or {}, request.units, request.scale, request.sensitivity)
+    for role in [role for table in tables for role in table]:
         if role not in ROLES:
             roles_known = f"Known: {', '.join(ROLES)}."
             raise ConfigError(
@@ -147,7 +172,7 @@ def _reader_of(path: Path) -> str:
     if suffix not in READERS:
         raise DataError(
             f"File `{path.name}` has the suffix `{suffix}`, for which there is no reader.",
-            remedy=f"Readers: {', '.join(READERS)}.",
+            remedy=EXPORTS.get(suffix, f"Readers: {', '.join(READERS)}."),
         )
     if path.stat().st_size == 0:
         raise DataError(

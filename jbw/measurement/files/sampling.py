@@ -8,24 +8,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbw.errors import ConfigError, DataError
+from jbw.measurement.files.clocks import (
+    are_whole_numbers,
+    sampling_frequency,
+    stated_rate,
+    time_unit,
+)
 from jbw.measurement.files.paths import select
 from jbw.measurement.files.tree import WHOLE, Contents, Leaf, load, names
 from jbw.measurement.records import COUNTED, si_of
-from jbw.measurement.resampled import at_rate, from_uneven, proposed_rate, resample_line
-from jbw.measurement.spans import rows_of_span, toml_table, unbroken_line
+from jbw.measurement.resampled import at_rate, from_uneven
+from jbw.measurement.spans import rows_of_span, toml_table
 from jbw.report.messages import reading as messages
 from jbw.report.messages.remedies import PUT
 from jbw.units import TIME, plain
 
 SLOWEST, FASTEST = 1e-6, 1e12  # [Hz] sampling frequencies that recorders have
-REGULARITY = 1e-3  # of a sampling interval: the largest deviation of a sample from the even grid
-LOOSEST_SNAP = 2e-5  # relative: however coarse the times are printed
-SNAP = 5e-6  # relative: what six printed digits of a sampling interval lose
-
-SIGNIFICANT = range(4, 10)  # digits that programs print of a time
-LEAST_STEPS = 0.1  # of an interval: what the last of these digits is at most
+SAME_RATE = 2e-5  # relative: between channels of one record
 ADRIFT = 1.0  # intervals at most between a sample's time and its place
-MOST = 0.5  # of a record, in a part between gaps that is kept rather than resampled
 Repeats = list[NDArray[np.float64]]
 Sources = Mapping[str, list[Leaf]]  # role to the arrays that its path selects
 
@@ -47,6 +47,8 @@ class Wanted:
     conjugate: bool = False
     resample: float | None = None  # [Hz], for channels of several rates or uneven clocks
     units_are: str = "file"  # whose units count where the file's are others: "file", or "mine"
+    # Volts per unit, of sensors whose channels are in volts, such as "100 mV/g".
+    sensitivity: Mapping[str, str] = field(default_factory=dict)
     is_timed: bool = True  # whether samples must have a time: those of a loop need none
 
 
@@ -66,7 +68,7 @@ def sampling_of(contents: Contents, sources: Sources, request: Wanted) -> tuple[
     }
     of_file = {} if contents.fs is None else {"the file": contents.fs}
     timed, part = _timed(sources, request)
-    rates = {**(of_channels or of_file), **timed}
+    rates = {**timed, **(of_channels or of_file)}
     if request.fs is not None:
         fs, source = _stated_fs(contents, request.fs)
         rates = {source: fs, **rates}
@@ -82,7 +84,7 @@ def sampling_of(contents: Contents, sources: Sources, request: Wanted) -> tuple[
             remedy="Correct `fs`, or the unit of the times.",
         )
     for other, value in others:
-        if abs(value - fs) > 2e-5 * fs:
+        if abs(value - fs) > SAME_RATE * fs:
             raise DataError(
                 f"sampling frequencies must agree, but {source} is {fs:.7g} Hz "
                 f"and {other} is {value:.7g} Hz.",
@@ -91,7 +93,7 @@ def sampling_of(contents: Contents, sources: Sources, request: Wanted) -> tuple[
             )
     if "time" not in sources:
         _agree_with_unused_time(contents, sources, request, fs)
-    fs_used = snapped(fs) if request.fs is None else fs
+    fs_used = fs if request.fs is not None else stated_rate(fs)
     rounded = "" if fs_used == fs else f", snapped from {fs:.10g} Hz"
     part = part or cut(fs_used, request.span)
     return fs_used, f"{fs_used:.10g} Hz from {source}{rounded}", part
@@ -130,11 +132,10 @@ def _own_clock(
     if item.fs is not None:
         return item.fs, None
     for clock in sources.get("time", ()):
-        unit = clock.unit if request.units_are == "file" else ""
-        factor = si_of("time", unit or request.units.get("time", "") or clock.unit or "s")[0]
-        time = np.asarray(np.ravel(load(clock)), np.float64) * factor
-        if len(time) != len(row):
+        printed = np.ravel(load(clock))
+        if len(printed) != len(row):
             continue
+        time = np.asarray(printed, np.float64) * _seconds_in(clock, printed, request)
         times = time if request.span is None else time[rows_of_span(time, request.span)]
         if not np.isfinite(times).all() or np.any(np.diff(times) <= 0):
             sampling_frequency(times)  # which refuses them by their places
@@ -197,7 +198,8 @@ def _unused_times(contents: Contents, sources: Sources) -> Iterator[tuple[str, L
     for name, item in names(contents.root):
         is_time = isinstance(item, Leaf) and re.search(TIME, name.rpartition(".")[2].lower())
         if isinstance(item, Leaf) and is_time and len(item.shape) == 1 and item.shape[0] in lengths:
-            yield name, item
+            if item.unit or time_unit(load(item))[0]:  # others count samples
+                yield name, item
 
 
 def _stated_fs(contents: Contents, fs: float | str) -> tuple[float, str]:
@@ -222,30 +224,40 @@ def _timed(sources: Sources, request: Wanted) -> tuple[dict[str, float], slice |
     timed: dict[str, float] = {}
     part: slice | None = None
     for item in sources.get("time", ()):
-        stated_unit = request.units.get("time", "")
-        mine = request.units_are == "mine"
-        if stated_unit and item.unit and plain(stated_unit) != plain(item.unit) and not mine:
-            raise DataError(
-                f"role `time` is in `{stated_unit}` by the campaign but in `{item.unit}` by the "
-                "file.",
-                why="The sampling frequency hangs on it.",
-                remedy=messages.MINE,
-            )
-        factor = si_of("time", stated_unit or item.unit or "s")[0]
         rows = rows_of(item, "time", request, exact=False)
         for row in rows:
             name = (request.channels or {}).get("time", "time")
-            time = row if factor == 1.0 else row * factor
+            factor = _seconds_in(item, row, request)
             try:
-                fs, before = sampling_frequency(time, name)
+                fs, before = sampling_frequency(row, name, factor=factor)
             except DataError:
                 if request.span is None or len(rows) > 1:
                     raise
-                part = rows_of_span(np.asarray(time, np.float64), request.span)
-                fs, before = sampling_frequency(time[part], name, begins=request.span[0])
+                part = rows_of_span(np.asarray(row, np.float64) * factor, request.span)
+                begins = request.span[0]
+                fs, before = sampling_frequency(row[part], name, begins=begins, factor=factor)
             source = f"`{name}`" if fs == before else f"`{name}` (snapped from {before:.10g} Hz)"
             timed[source] = fs
     return timed, part
+
+
+def _seconds_in(item: Leaf, printed: NDArray[np.number], request: Wanted) -> float:
+    """Return the seconds in the unit of a time channel, by the campaign or by the file.
+
+    Whole numbers without a unit are refused: they may be counts, or in a small unit.
+    """
+    unit = request.units.get("time", "")
+    if unit and item.unit and plain(unit) != plain(item.unit) and request.units_are != "mine":
+        raise DataError(
+            f"role `time` is in `{unit}` by the campaign but in `{item.unit}` by the file.",
+            why="The sampling frequency hangs on it.",
+            remedy=messages.MINE,
+        )
+    if not (unit or item.unit) and request.is_timed and are_whole_numbers(printed):
+        name, guess = (request.channels or {}).get("time", "time"), time_unit(printed)[0]
+        what, why, remedy = messages.time_without_unit(name, printed[:4].tolist(), guess)
+        raise ConfigError(what, why=why, remedy=remedy)
+    return si_of("time", unit or item.unit or "s")[0]
 
 
 def cut(fs: float, span: tuple[float, float] | None) -> slice:
@@ -282,125 +294,3 @@ def rows_of(
             remedy="Name the real channel, or its `frequency` when it is a measured FRF.",
         )
     return list(np.atleast_2d(loaded))
-
-
-def snapped(fs: float, uncertainty: float = 0.0) -> float:
-    """The multiple of 1 Hz, or of 0.1 Hz, that a rounded sampling frequency means, or itself."""
-    # A file that keeps dt = 0.000976562 s means 1024 Hz, not 1024.0005 Hz: after 16 s the two are
-    # 8 us apart. `uncertainty` is that of `fs`, relative, beyond six digits.
-    for step in (1.0, 0.1):
-        # Dividing by 10 instead of multiplying by 0.1 keeps 51.2 exactly 51.2.
-        near = round(fs / step) / round(1 / step)
-        if near > 0 and abs(near - fs) <= (SNAP + uncertainty) * fs:
-            return near
-    return fs
-
-
-def sampling_frequency(
-    time: NDArray[np.floating], name: str = "time", *, begins: float = 0.0
-) -> tuple[float, float]:
-    """Sampling frequency (N - 1) / (t_N - t_1) of an even time column [Hz], snapped, and not.
-
-    `begins` is where the column lies in its file, for the remedies of an uneven one [s].
-    """
-    # Even: |t_n - t_1 - (n - 1) / f_s| <= 1e-3 / f_s + r, with r the rounding of the times.
-    if time.ndim != 1 or len(time) < 2:
-        raise DataError(
-            f"Time channel `{name}` must hold at least two samples on one axis, "
-            f"but its shape is {time.shape}."
-        )
-    roundings = _roundings(time)
-    rounding = float(roundings.max())
-    time = np.asarray(time, dtype=np.float64)
-    _require_steps(time, rounding, name, begins)
-    mean_rate = (len(time) - 1) / (time[-1] - time[0])
-    fs = snapped(mean_rate, min(2 * rounding / (time[-1] - time[0]), LOOSEST_SNAP))
-    off = np.abs((time - time[0]) * fs - np.arange(len(time)))
-    if np.any(uneven := off > REGULARITY + roundings * fs):
-        i = int(np.argmax(uneven))
-        raise DataError(
-            f"Time channel `{name}` must be even within {REGULARITY:g} of an interval at "
-            f"{fs:.6g} Hz, but sample {i} is {off[i]:.3g} off and the worst {off.max():.3g}.",
-            why=messages.EVEN,
-            remedy="A sampling frequency beside it would be wrong: put under [[test]] "
-            f"`resample = {proposed_rate(time):.9g}`, which says the error that it makes.",
-        )
-    return fs, mean_rate
-
-
-def _roundings(time: NDArray[np.floating]) -> NDArray[np.float64]:
-    """Rounding of every time of a column [s]: the column's, or that of its significant digits.
-
-    `%.7g` writes 9.876953 and 10.00195: rounded the more, the later. Digits that leave less than
-    ten steps between two samples are no rounding of an even clock that anyone can tell.
-    """
-    resolutions = np.full(len(time), _resolution(time))
-    seconds = np.abs(np.asarray(time, np.float64))
-    written = seconds > 0
-    if not np.isfinite(seconds).all() or not np.any(written):
-        return resolutions
-    size = 10 ** (np.floor(np.log10(seconds[written])) + 1)
-    interval = float(np.ptp(seconds)) / (len(seconds) - 1)
-    some = slice(None, None, 1 + len(size) // 1000)  # which say of most columns that it is none
-    for digits in SIGNIFICANT:
-        unit = size / 10.0**digits
-        if all(_are_whole(seconds[written][part] / unit[part]) for part in (some, WHOLE)):
-            if unit.max() <= LEAST_STEPS * interval:
-                resolutions[written] = np.maximum(resolutions[written], unit)
-            break
-    return resolutions
-
-
-def _are_whole(steps: NDArray[np.float64]) -> bool:
-    return bool(np.all(np.abs(steps - np.round(steps)) < 1e-4))
-
-
-def _resolution(time: NDArray[np.floating]) -> float:
-    """Rounding of a time column [s]: its last bit, or its last decimal digit if that is more."""
-    # A clock that keeps significant digits from another origin shows its rounding only in the
-    # intervals, late in the record; that counts up to a hundredth of an interval.
-    bit = float(np.spacing(np.abs(time).max()))
-    time = np.asarray(time, dtype=np.float64)
-    late = np.diff(time)[len(time) // 2 :]
-    interval = float(time[-1] - time[0]) / (len(time) - 1)
-    return max(bit, _last_digit(time, bit), min(_last_digit(late, 2 * bit), 0.01 * interval))
-
-
-def _last_digit(values: NDArray[np.float64], error: float) -> float:
-    """The decimal unit of which all values are multiples within their error; 0 if there is none."""
-    for digits in range(3, 10):
-        scaled = values * 10**digits
-        if np.all(np.abs(scaled - np.round(scaled)) < 1e-6 + error * 10**digits):
-            return 10.0**-digits
-    return 0.0
-
-
-def _require_steps(time: NDArray[np.float64], rounding: float, name: str, begins: float) -> None:
-    if not np.isfinite(time).all():
-        first = int(np.flatnonzero(~np.isfinite(time))[0])
-        raise DataError(f"Time channel `{name}` must be finite, but sample {first} is not.")
-    steps = np.diff(time)
-    backward = np.flatnonzero(steps <= 0)
-    if len(backward):
-        i = int(backward[0]) + 1
-        line = unbroken_line(time, backward, begins)
-        raise DataError(
-            f"Time channel `{name}` must increase, but sample {i} ({time[i]:.9g} s) "
-            f"follows {time[i - 1]:.9g} s.",
-            why="Sorting or dropping samples silently could hide a damaged file.",
-            remedy=f"Export the record again, or keep a part. {line}." if line else messages.EXPORT,
-        )
-    usual = float(np.median(steps))
-    gaps = np.flatnonzero(steps - usual > max(0.5 * usual, 1.01 * rounding))
-    if len(gaps):
-        listed = ", ".join(f"{time[i]:.6g}-{time[i + 1]:.6g} s" for i in gaps[:5])
-        line = unbroken_line(time, gaps, begins)
-        resample = resample_line(time)
-        remedy = f"{line}, or {resample}." if line else f"{PUT} {resample}."
-        if line and not unbroken_line(time, gaps, begins, least=MOST):
-            remedy = messages.resample_or_part(resample, line.partition(": ")[2])
-        raise DataError(
-            f"Time channel `{name}` must be even, but has {len(gaps)} gap(s): {listed}.",
-            why=messages.EVEN,
-            remedy=remedy,
-        )

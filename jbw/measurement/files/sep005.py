@@ -10,8 +10,9 @@ import numpy as np
 from jbw.errors import DataError, naming
 from jbw.measurement.checks.channels import inspect
 from jbw.measurement.files.assemble import records_of
+from jbw.measurement.files.clocks import sampling_frequency
 from jbw.measurement.files.read import report
-from jbw.measurement.files.sampling import Wanted, sampling_frequency
+from jbw.measurement.files.sampling import Wanted
 from jbw.measurement.files.tree import Contents, Leaf, leaf
 from jbw.measurement.records import ROLES, Record
 

@@ -81,6 +81,7 @@ class Contents:
     # Path to the channels that a recorder measured; None where all arrays may be such.
     series: "Mapping[str, Leaf] | None" = None
     recorder: str = ""  # which wrote it, if it is known
+    doubts: tuple[str, ...] = ()  # what the file says and its reader cannot use, a sentence each
 
 
 # A container of cells is a numpy array of objects, each a node.

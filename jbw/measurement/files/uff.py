@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from jbw.errors import ConfigError, DataError
-from jbw.measurement.files.sampling import sampling_frequency
+from jbw.measurement.files.clocks import sampling_frequency
 from jbw.measurement.files.tree import Contents, Leaf, Node, cells, leaf, load, names, optional
 from jbw.measurement.records import Record
 from jbw.units import FACTORS, measured, plain
@@ -28,19 +28,30 @@ SYSTEMS = {
 SAME_FACTOR = 1e-5  # of a unit that has a name, as files round it
 MOST_PADDED = 5  # numbers that fill the last line of a set
 FREQUENCY_RESPONSE = 4  # function type of the format
-SET_58 = re.compile(rb"^ {4}-1 *\r?\n *58[ b]", re.MULTILINE)
+SET = re.compile(rb"^ {4}-1[ \t]*\r?\n[ \t]*(\d+)b?(?=\s)", re.MULTILINE)  # the head of a set
+TAKEN = (58, 151, 164)  # types of sets that are read: functions, the program, units
 
 
 @contextmanager
 def contents(path: Path) -> Iterator[Contents]:
     """Open a universal file as `set[0]`, `set[1]`, ..., and by their names where unique."""
-    declared = len(SET_58.findall(path.read_bytes()))
-    read_sets = optional("pyuff", "uff", path).UFF(str(path)).read_sets()
+    declared = [int(number) for number in SET.findall(path.read_bytes())]
+    if declared and 58 not in declared:
+        others = ", ".join(map(str, sorted(set(declared))))
+        raise DataError(
+            f"File `{path}` holds no set of type 58, which records and FRFs are, but sets of type "
+            f"{others}.",
+            remedy="Export the functions, time records or FRFs, as UFF 58.",
+        )
+    library = optional("pyuff", "uff", path).UFF(str(path))
+    taken = [i for i, number in enumerate(library.get_set_types()) if int(number) in TAKEN]
+    read_sets = library.read_sets(taken) if taken else []
     every = read_sets if isinstance(read_sets, list) else [read_sets]
     sets = [dataset for dataset in every if dataset.get("type") == 58]
-    if not sets or len(sets) != declared:
+    if not sets or len(sets) != declared.count(58):
         raise DataError(
-            f"File `{path}` declares {declared} sets of type 58, but {len(sets)} can be read.",
+            f"File `{path}` declares {declared.count(58)} sets of type 58, but {len(sets)} can be "
+            "read.",
             remedy="Export it again, as UFF 58 with time records.",
         )
     system = next((dataset for dataset in every if dataset.get("type") == 164), {})
@@ -71,7 +82,8 @@ def names_of(node: Node, path: str) -> Iterator[tuple[str, Leaf]]:
 
 def _stated(dataset: Mapping[str, Any], key: str) -> str:
     """A text of a set; empty where it says NONE."""
-    text = str(dataset.get(key, "")).strip()
+    # pyuff replaces what is no UTF-8: behind a second that is a power, of files in Latin-1.
+    text = re.sub("(?<=s)\ufffd", "^2", str(dataset.get(key, "")).strip())
     return "" if text.upper() == "NONE" else text
 
 

@@ -6,14 +6,15 @@ to be changed. Its docstring is its row in the documentation: a title, then line
 """
 
 import pkgutil
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import cache
 from importlib import import_module
 from pathlib import Path
 
-from jbw.measurement.files.tree import Contents
+from jbw.measurement.files.tree import Contents, Leaf, Node
 from jbw.measurement.recorders.recorder import Recorder
+from jbw.units import titled
 
 LOOKED_AT = 80  # lines of a text by which its recorder is known
 
@@ -51,5 +52,21 @@ def annotated(contents: Contents) -> Contents:
     """An open file with what its recorder says of the channels; as it is where none is known."""
     for recorder in recorders() if not contents.recorder else ():
         if recorder.of and recorder.read and recorder.of(contents):
-            return replace(recorder.read(contents), recorder=recorder.name)
-    return contents
+            contents = replace(recorder.read(contents), recorder=recorder.name)
+            break
+    series = contents.series
+    if series is not None:
+        series = {path: _with_unit(item, path) for path, item in series.items()}
+    return replace(contents, root=_with_units(contents.root), series=series)
+
+
+def _with_units(node: Node, name: str = "") -> Node:
+    """Return a tree whose arrays have the units that their names end in, if they state none."""
+    if isinstance(node, Mapping):
+        return {key: _with_units(child, str(key)) for key, child in node.items()}
+    return _with_unit(node, name) if isinstance(node, Leaf) else node
+
+
+def _with_unit(item: Leaf, path: str) -> Leaf:
+    unit = item.unit or titled(path)[1] or titled(item.label)[1]
+    return replace(item, unit=unit) if unit != item.unit else item

@@ -18,8 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from jbw.errors import JbwError
-from jbw.measurement.files.sampling import sampling_frequency
+from jbw.measurement.files.clocks import on_clock
 from jbw.measurement.files.tree import Contents, Leaf, load
 from jbw.measurement.recorders.facts import number_at, rate_of, stated, titled_leaf, top
 from jbw.measurement.recorders.recorder import Recorder
@@ -44,18 +43,10 @@ def read(contents: Contents) -> Contents:
         clock = root.get(f"{data[1]}_time_{data[2]}", root.get(f"{data[1]}_time"))
         channel = titled_leaf(item, data[2])
         if isinstance(clock, Leaf) and clock.shape == item.shape:
-            channel = _timed(channel, clock)
+            channel = on_clock(channel, np.ravel(load(clock)), "s")
         root[name] = series[str(name)] = channel
     fs = rate_of(1 / number_at(root, "Sample_rate")) if "Sample_rate" in root else None
     return replace(contents, root=root, series=series, fs=contents.fs or fs)
-
-
-def _timed(item: Leaf, clock: Leaf) -> Leaf:
-    time = np.asarray(load(clock), np.float64)
-    try:
-        return replace(item, fs=sampling_frequency(time)[0], start_s=float(time[0]))
-    except JbwError:  # uneven: its rate is not stated
-        return item
 
 
 def is_text(lines: Sequence[str]) -> bool:

@@ -4,12 +4,12 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from jbw.measurement.files.tree import Contents, Leaf, Opaque, load
-from jbw.units import is_unit, plain, titled
+from jbw.units import FACTORS, is_unit, plain, titled
 
 MOST_VALUES = 4096  # that are read to learn one fact
 
@@ -65,32 +65,70 @@ def positive(value: float) -> float | None:
 
 def stated(text: str, pattern: str) -> str:
     """What stands behind a key in a line such as `Sample rate: 1000 Hz`, or `Key;value`; or ''."""
-    match = re.match(rf"[\"#%\s]*(?:{pattern})[\"\s]*(?:[:=;,\t]|\s{{2,}})[\"\s]*(.*)", text,
+    match = re.match(rf"[\"#%;\s]*(?:{pattern})[\"\s]*(?:[:=;,\t]|\s{{2,}})[\"\s]*(.*)", text,
                      re.IGNORECASE)  # fmt: skip
     return match[1].strip(' "\t;,') if match else ""
 
 
 RATE = re.compile(
-    r"^[\"#%\s]*(?:default\s+)?(?P<key>fs|f_s|(?:sampling|sample|scan|acquisition)[\s_]*"
+    r"^[\"#%;\s]*(?:default\s+)?(?P<key>fs|f_s|(?:sampling|sample|scan|acquisition)[\s_]*"
     r"(?:frequency|freq\.?|rate)|samplerate|abtastrate|abtastfrequenz|messrate)"
     r"\s*(?:\[(?P<unit>[^\]]*)\]|\((?P<unit2>[^)]*)\))?[\"\s]*[:=;,\t ][\"\s]*"
-    r"(?P<value>[-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*(?P<behind>[A-Za-zµ/]*)",
+    r"(?P<value>[-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*[,;]?\s*(?P<behind>[A-Za-zµ/]*)",
     re.IGNORECASE,
 )
 INTERVAL = re.compile(
-    r"^[\"#%\s]*(?P<key>dt|d(?:elta)[\s_]*[tx]|(?:sampling|sample|x|time|horizontal)[\s_]*"
+    r"^[\"#%;\s]*(?P<key>dt|d(?:elta)[\s_]*[tx]|(?:sampling|sample|x|time|horizontal)[\s_]*"
     r"(?:interval|increment|period|resolution)|x[\s_]*increment|abtastintervall|increment)"
     r"\s*(?:\[(?P<unit>[^\]]*)\]|\((?P<unit2>[^)]*)\))?[\"\s]*[:=;,\t ][\"\s]*"
     r"(?P<value>[-+]?\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*(?P<behind>[A-Za-zµ]*)",
     re.IGNORECASE,
 )
+# A rate within a sentence, which must name its unit: `sampled at 2 kHz`, `1000 Hz sampling rate`.
+SPOKEN = re.compile(
+    r"(?:(?<!re)(?<!down)sampl|abtast|acquisition\s+rate|scan\s+rate|\bfs\b)[^\d\n]{0,40}?(?P<value>\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)"
+    r"\s*(?P<unit>[kM]?(?:Hz|S/s|Sa/s))\b"
+    r"|(?P<value2>\d+(?:[.,]\d+)?(?:[eE][-+]?\d+)?)\s*(?P<unit2>[kM]?(?:Hz|S/s|Sa/s))\s+(?:sampl|abtast)",
+    re.IGNORECASE,
+)
 TIMES = r"^t$|\btime|\bdatetime\b|\bzeit(?:stempel)?\b|\btemps\b|^date$"
-HERTZ = {"hz": 1.0, "khz": 1e3, "mhz": 1e6, "s/s": 1.0, "sa/s": 1.0, "ks/s": 1e3, "": 1.0}
+HERTZ = {"hz": 1.0, "khz": 1e3, "mhz": 1e6, "s/s": 1.0, "sa/s": 1.0, "ks/s": 1e3, "ksa/s": 1e3,
+         "ms/s": 1e6, "msa/s": 1e6, "": 1.0}  # fmt: skip
 SECONDS = {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "ns": 1e-9, "sec": 1.0, "": 1.0}
 
 
-def rate_in(lines: Sequence[str]) -> float | None:
-    """Sampling frequency that the lines above a table state [Hz]; None where they state none."""
+class Axis(NamedTuple):
+    """The axis of a table that lines above it describe."""
+
+    name: str  # time, or frequency
+    unit: str
+    fs: float | None  # sampling frequency, of an axis of times [Hz]
+
+
+def axis_in(lines: Sequence[str]) -> Axis | None:
+    """Return the axis that keys such as `Delta` and `AxisUnit` describe; None where none do."""
+    facts = {
+        key: next(filter(None, (stated(line, pattern) for line in lines)), "")
+        for key, pattern in (
+            ("unit", r"(?:x[\s_]*)?axis[\s_]*unit|x[\s_]*units?"),
+            ("delta", "delta"),
+        )
+    }
+    unit, delta = plain(facts["unit"]), number_in(facts["delta"])
+    if unit in FACTORS["frequency"]:
+        return Axis("frequency", unit, None)
+    return (
+        Axis("time", unit, rate_of(delta * FACTORS["time"][unit]))
+        if unit in FACTORS["time"]
+        else None
+    )
+
+
+def rate_in(lines: Sequence[str], *, with_sentences: bool = False) -> float | None:
+    """Sampling frequency that the lines above a table state [Hz]; None where they state none.
+
+    Sentences of comments are read where asked for.
+    """
     for pattern, units, to_fs in (
         (RATE, HERTZ, lambda x: x),
         (INTERVAL, SECONDS, lambda x: 1 / x),
@@ -103,6 +141,10 @@ def rate_in(lines: Sequence[str]) -> float | None:
             value = float(match["value"].replace(",", "."))
             if unit in units and value > 0:
                 return float(to_fs(value * units[unit]))
+    for line in lines if with_sentences else ():
+        if match := SPOKEN.search(line[:200]):
+            value = float((match["value"] or match["value2"]).replace(",", "."))
+            return positive(value * HERTZ[(match["unit"] or match["unit2"]).lower()])
     return None
 
 

@@ -2,7 +2,7 @@
 
 Files: .csv, .txt
 Known by: Tektronix: `Record Length` first, facts in the first columns and samples in the last two;
-    Rigol: a first line of `X`, channels, `Start` and `Increment`
+    Rigol: a first line of channels, `Start` and `Increment`, perhaps with `X` before them
 Names: Tektronix `Source`; Rigol the channels of the first line
 Units: Tektronix `Vertical Units`; Rigol the second line
 Rate: Tektronix `Sample Interval`, which must agree with the times; Rigol `Increment`
@@ -44,17 +44,23 @@ def read_tektronix(lines: Sequence[str], path: Path) -> Contents:
 
 def is_rigol(lines: Sequence[str]) -> bool:
     """Whether the first line ends in start and increment."""
-    return bool(lines) and re.match(r"X,.*,\s*Start,\s*Increment", lines[0], re.I) is not None
+    return (
+        bool(lines)
+        and re.match(r"(?:X|CH\d),.*,?\s*Start,\s*Increment", lines[0], re.I) is not None
+    )
 
 
 def read_rigol(lines: Sequence[str], path: Path) -> Contents:
     """Channels of the rate that the second line states."""
-    names = [text.strip() for text in lines[0].split(",") if text.strip()][1:-2]
+    first = [text.strip() for text in lines[0].split(",") if text.strip()][:-2]
+    counted = first[0].upper() == "X"  # a column that counts the samples
     second = [text.strip() for text in lines[1].split(",")]
-    units, numbers = second[1 : 1 + len(names)], second[1 + len(names) :]
-    rows = [",".join(line.split(",")[: 1 + len(names)]) for line in lines[2:]]
-    columns = table(rows, path, names=["number", *names], units=["", *units],
-                  fs=rate_of(number_in(numbers[1]) if len(numbers) > 1 else 0.0))  # fmt: skip
+    units, numbers = second[: len(first)], second[len(first) :]
+    rows = [",".join(line.split(",")[: len(first)]) for line in lines[2:]]
+    names = ["number", *first[1:]] if counted else first
+    units = ["", *units[1:]] if counted else units
+    fs = rate_of(number_in(numbers[1]) if len(numbers) > 1 else 0.0)
+    columns = table(rows, path, names=names, units=units, fs=fs)
     start = number_in(numbers[0]) if numbers else math.nan
     start_s = None if math.isnan(start) else start
     series = {

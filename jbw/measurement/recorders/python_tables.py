@@ -22,8 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from jbw.errors import JbwError
-from jbw.measurement.files.sampling import sampling_frequency
+from jbw.measurement.files.clocks import on_clock
 from jbw.measurement.files.tree import Contents, Leaf, Opaque, load
 from jbw.measurement.recorders.facts import number_in, positive, top
 from jbw.measurement.recorders.recorder import Recorder
@@ -100,7 +99,8 @@ def read(contents: Contents) -> Contents:
         fs, start = _rate(facts) or contents.fs or _rate(contents.attributes), None
         index = facts.get(INDEX)
         if isinstance(index, Leaf) and index.shape == (item.shape[1 - along],):
-            fs, start = _timed(index, fs)
+            clock = on_clock(Leaf(None, (), fs=fs), load(index), "")  # whole numbers count rows
+            fs, start = clock.fs, clock.start_s
         for i, (name, unit) in enumerate(zip(names, units, strict=True)):
             axis = item.axes[along]
             channel = Leaf(
@@ -111,17 +111,6 @@ def read(contents: Contents) -> Contents:
                 continue  # the file has another thing of that name
             root[name] = series[name] = channel
     return replace(contents, root=root, series=series)
-
-
-def _timed(index: Leaf, fs: float | None) -> tuple[float | None, float | None]:
-    """Rate and start by an index of times in seconds; one of whole numbers counts the rows."""
-    values = load(index)
-    if np.issubdtype(values.dtype, np.integer):
-        return fs, None
-    try:
-        return sampling_frequency(values)[0], float(values[0])
-    except JbwError:
-        return fs, None
 
 
 def is_labelled(contents: Contents) -> bool:

@@ -84,9 +84,19 @@ def decimal_points(bounds: str) -> str:
 def two_rates(fs: float, other: str, other_fs: float) -> FaultText:
     """Repeats of two sampling frequencies [Hz]."""
     return FaultText(
-        f"Repeats of a test must have one sampling frequency, but this has {fs:g} Hz and {other} "
-        f"has {other_fs:g} Hz.",
+        f"Repeats of a test must have one sampling frequency, but this has {fs:.7g} Hz and {other} "
+        f"has {other_fs:.7g} Hz.",
         remedy="Make two tests of them.",
+    )
+
+
+def motion_of_metres(motion: float, hz: float) -> FaultText:
+    """A motion [m] that no bench has, by a line [Hz]; 0 of a displacement."""
+    line = f" at its strongest line, {hz:.3g} Hz" if hz else ""
+    return FaultText(
+        f"The motion would be {motion:.3g} m{line}.",
+        "A joint on a bench moves by less than centimetres.",
+        "Correct the unit of the channel, the unit of `time`, or `fs`.",
     )
 
 

@@ -134,3 +134,59 @@ def separate_files(files: str) -> str:
 def slowest(rate: str) -> str:
     """The rate of the slowest channel [Hz]."""
     return f"resample = {rate}  # [Hz], the slowest channel's"
+
+
+def doubtful(doubt: str) -> str:
+    """A line of what a reader cannot use."""
+    return f"# CHECK: {doubt}"
+
+
+def one_of_axes(role: str, channels: str) -> str:
+    """That one of several axes or curves is drafted."""
+    return f"{role} is one of {channels}: choose, or make a test of each."
+
+
+def check_axes(role: str, channels: str) -> str:
+    """The mark of a channel that is one of several axes."""
+    return f"  # CHECK: {role} is one of {channels}"
+
+
+def assumed_time_unit(channel: str, unit: str) -> str:
+    """A unit of times that the file does not state."""
+    return f"unit of the times {channel} assumed to be {unit}; the sampling frequency hangs on it."
+
+
+def counts_samples(channel: str) -> str:
+    """A column that counts samples, beside which no rate is stated."""
+    return f"{channel} counts samples, so that the sampling frequency fs must be given."
+
+
+def coarse_times(channel: str, fs: float) -> str:
+    """Times that have too few digits, and their mean rate [Hz]."""
+    return f"times {channel} have too few digits; their mean rate is {fs:g} Hz."
+
+
+def mean_rate(fs: str) -> str:
+    """The mean rate of times with too few digits [Hz]."""
+    return f"fs = {fs}  # CHECK: [Hz], the mean rate of times with too few digits"
+
+
+def in_volts(role: str) -> str:
+    """A channel of a sensor that the file states in volts."""
+    return f"{role} is in volts by the file: state the sensitivity of its sensor."
+
+
+def sensitivity(sensors: str) -> str:
+    """The line of sensitivities, to be filled in."""
+    return f"# sensitivity = {sensors}  # CHECK: of the sensor, by its certificate"
+
+
+def matrices(names: Sequence[str]) -> str:
+    """A file of matrices of a model in place of a record."""
+    listed = ", ".join(names[:6])
+    return f"{listed} are square matrices, as of a model, no record: see `matrices` of [structure]."
+
+
+def to_export(remedy: str) -> str:
+    """What to do about a file that nobody reads."""
+    return f"there is no reader of it. {remedy}"

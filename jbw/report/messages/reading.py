@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from jbw.report.messages.message import percent
+from jbw.report.messages.message import FaultText, percent
 
 STATE_MASS = (
     "Controlled points determine the damping only if the modal mass is known: state "
@@ -37,6 +37,47 @@ def resample_or_part(resample: str, part: str) -> str:
 def part_or_higher_rate(line: str) -> str:
     """The line of a part without pauses, or what to measure."""
     return f"{line}, or measure at a higher rate."
+
+
+def coarse_times(fs: float) -> str:
+    """What to do about times of too few digits, whose mean rate is known [Hz]."""
+    return (
+        "Export the times with more digits. If no sample is lost, take `time` out of `channels` "
+        f"and put under [[test]]: `fs = {fs:.9g}`."
+    )
+
+
+def time_without_unit(name: str, first: Sequence[float], guess: str) -> FaultText:
+    """Times of whole numbers without a unit, and the likeliest unit; empty of counts."""
+    count = "where it counts samples, take `time` out of `channels` and state the rate by `fs = HZ`"
+    unit = (
+        "Put under [[test]] its unit, one of s, ms, us and ns, in `units`, such as "
+        f'`units = {{ time = "{guess or "ms"}" }}`'
+    )
+    listed = ", ".join(f"{x:.15g}" for x in first)
+    return FaultText(
+        f"Column `{name}` holds whole numbers without a unit: {listed}, ...",
+        "They may be counts of samples, or times in a small unit, on which the rate hangs.",
+        f"{unit}; {count}.",
+    )
+
+
+def unfitting_names(names: Sequence[str], columns: int) -> str:
+    """Names above a table that are not as many as its columns."""
+    some = ", ".join(names[:8]) + (", ..." if len(names) > 8 else "")
+    return (
+        f"its header names {len(names)} columns ({some}), but its rows have {columns}, so that "
+        "which is which is not known; columns are counted from zero, `column[0]`."
+    )
+
+
+def of_sensor(sensitivity: str, *, is_scaled: bool = False) -> str:
+    """The sensitivity of a sensor whose channel is in volts, beside a factor or without one."""
+    which = "beside its `scale`" if is_scaled else "with the value of its certificate"
+    return (
+        "The file holds the volts of a sensor. Put under [[test]] its sensitivity, "
+        f"{which}: `sensitivity = {sensitivity}`."
+    )
 
 
 def beginning(fs: float | None, most: float) -> str:

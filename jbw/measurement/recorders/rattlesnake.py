@@ -1,0 +1,64 @@
+"""Rattlesnake, a controller of vibration tests: NetCDF.
+
+Files: .nc, .nc4
+Known by: an array `time_data` of channels by samples, and a group `channels`
+Names: node and direction of each channel, behind its type
+Units: `channels.unit`
+Rate: the attribute `sample_rate`
+Start: none
+Rests on: the user's manual of sandialabs/rattlesnake-vibration-controller, chapter on output files
+Never seen: files of several environments with other rates
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from jbw.measurement.files.tree import Contents, Leaf, Opaque, load
+from jbw.measurement.recorders.facts import node_at, positive, top
+from jbw.measurement.recorders.recorder import Recorder
+from jbw.units import plain
+
+
+def _texts(channels: Mapping[str, Any], name: str, number: int) -> list[str]:
+    """Return a fact of every channel as text; empty texts where the file has none."""
+    node = channels.get(name)
+    if isinstance(node, Opaque):
+        found = node.text.split("\n")
+    else:
+        found = [f"{x:g}" for x in np.ravel(load(node))] if isinstance(node, Leaf) else []
+    return [text.strip() for text in found] if len(found) == number else [""] * number
+
+
+def is_of(contents: Contents) -> bool:
+    """Return whether there are the samples and the group of the channels."""
+    root = top(contents)
+    table = root.get("time_data")
+    is_table = isinstance(table, Leaf) and len(table.shape) == 2
+    return contents.reader == "HDF5" and is_table and isinstance(root.get("channels"), Mapping)
+
+
+def read(contents: Contents) -> Contents:
+    """Return every row of the samples as a channel of its name, unit and rate."""
+    root = top(contents)
+    table, channels = root["time_data"], node_at(root, "channels")
+    number = table.shape[0]
+    facts = [
+        _texts(channels, name, number)
+        for name in ("channel_type", "node_number", "node_direction", "comment", "unit")
+    ]
+    fs = positive(float(contents.attributes.get("sample_rate", 0.0))) or contents.fs
+    series: dict[str, Leaf] = {}
+    for i, (*words, unit) in enumerate(zip(*facts, strict=True)):
+        axis = table.axes[0]
+        series[f"time_data[{i}]"] = replace(
+            table, axes=table.axes[1:], fixed={**table.fixed, axis: i}, fs=fs, unit=plain(unit),
+            label=" ".join(filter(None, words)),
+        )  # fmt: skip
+    root["time_data"] = replace(table, fs=fs)
+    return replace(contents, root=root, series=series)
+
+
+RECORDER = Recorder("Rattlesnake", of=is_of, read=read)
