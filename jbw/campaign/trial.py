@@ -1,7 +1,8 @@
 """Remedies tried before they are printed: the line is put into a copy, and the record looked at.
 
-A line is printed where what it is to cure is gone and nothing new has come. Lines of keys that do
-not change a record in memory (units, laws, levels) are printed as they are.
+A line is printed where what it is to cure is gone and nothing new has come, but for a doubt whose
+own line cures it in turn: a record may have two faults. Lines of keys that do not change a record
+in memory (units, laws, levels) are printed as they are.
 """
 
 import re
@@ -41,7 +42,7 @@ def tried(faults: Sequence[Fault], record: Record, test: TestSpec, look: Look) -
     known = {_kind(fault) for fault in faults}
     return tuple(
         fault
-        if _cures(fault, known, record, test, look)
+        if _cures(fault, known, record, test, look, further=True)
         else replace(fault, remedy=_without(fault))
         for fault in faults
     )
@@ -52,22 +53,40 @@ def _kind(fault: Fault) -> tuple[str, str]:
 
 
 def _cures(
-    fault: Fault, known: set[tuple[str, str]], record: Record, test: TestSpec, look: Look
+    fault: Fault,
+    known: set[tuple[str, str]],
+    record: Record,
+    test: TestSpec,
+    look: Look,
+    *,
+    further: bool,
 ) -> bool:
-    """Whether the first line of a remedy takes a fault away and brings no other."""
+    """Whether the first line of a remedy takes a fault away and brings no other.
+
+    A `further` one may come that a line of its own cures.
+    """
     line = LINE.search(fault.remedy)
     if line is None or (line[2] not in STATED and line[2] not in CHANGES):
-        return True
+        return line is not None or further
     value = tomllib.loads(line[1])[line[2]]
     try:
         if line[2] in STATED:
             test = test.model_copy(update={line[2]: tuple(value) if line[2] == "band" else value})
         else:
             record = CHANGES[line[2]](record, value)
-        left = {_kind(one) for one in look(record, test)}
+        left = look(record, test)
     except (JbwError, ValueError, ValidationError):
         return False
-    return _kind(fault) not in left and left <= known
+    if _kind(fault) in {_kind(one) for one in left}:
+        return False
+    new = [one for one in left if _kind(one) not in known]
+    known = known | {_kind(one) for one in left}
+    return all(
+        further
+        and one.severity == "warning"
+        and _cures(one, known, record, test, look, further=False)
+        for one in new
+    )
 
 
 def _without(fault: Fault) -> str:

@@ -4,6 +4,7 @@ import tomllib
 
 import numpy as np
 import pytest
+from jbw.measurement.checks.decays import course_of
 from pasted import lines_of
 from scipy.io import savemat
 
@@ -11,7 +12,6 @@ from jbw.campaign.check import check_campaign
 from jbw.campaign.draft import start_campaign, write_campaign
 from jbw.cli import run
 from jbw.errors import DataError
-from jbw.measurement.checks.decays import course_of
 from jbw.measurement.checks.responses import band_about_peak, level_unlike
 from jbw.measurement.demodulation import band_filter
 from jbw.measurement.records import Record

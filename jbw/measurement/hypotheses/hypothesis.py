@@ -31,7 +31,7 @@ from jbw.measurement.records import Record
 
 LEFT, LINE, LINE_SIZE, LEFT_SHARE = 1.2, 30.0, 5e-4, 0.06  # of condition 1
 EXPLAINS = 0.6  # of the squares that are left, at the most, by a cause: condition 2
-ENOUGH = 0.1  # of these squares: a cause that leaves less needs no rival
+ENOUGH = 0.01  # of these squares: a cause that leaves less needs no rival
 ODDS = 25.0  # condition 3
 NEARLY = 20.0  # of 2 ln of the likelihood: causes that are alike
 UNEXPLAINED, UNEXPLAINED_SHARE = 20.0, 0.03  # weighted rms and share of the response that are said
