@@ -245,8 +245,8 @@ def _of_rows(rows: Sequence[Reading]) -> RecordRead:
         np.array([getattr(row, name) for row in rows], float)
         for name in ("y", "frequency_hz", "damping", "frequency_sd", "damping_sd")
     )
-    variances = (np.diag(np.nan_to_num(sd) ** 2) for sd in (hz_sd, zeta_sd))
-    return RecordRead(tuple(rows), Table(y, hz, zeta, *variances))
+    of_hz, of_zeta = (np.diag(np.nan_to_num(sd) ** 2) for sd in (hz_sd, zeta_sd))
+    return RecordRead(tuple(rows), Table(y, hz, zeta, of_hz, of_zeta))
 
 
 def _of_reading(read: RecordReading) -> RecordRead:

@@ -182,13 +182,14 @@ def _forget(folder: Path) -> None:
 
 
 def _from_json(kept: Mapping[str, Any]) -> Examined:
-    reading = kept["reading"]
+    reading: Any = kept["reading"]
     if reading is not None:
         types = {field.name: field.type for field in fields(RecordReading)}
-        reading = RecordReading(**{
+        values: dict[str, Any] = {
             name: Change(*value) if types[name] in (Change, "Change") else _array(value)
             for name, value in reading.items()
-        })  # fmt: skip
+        }
+        reading = RecordReading(**values)
     faults = tuple(Fault(**fault) for fault in kept["faults"])
     low, high = kept["band_hz"]
     return Examined(reading, faults, (low, high))

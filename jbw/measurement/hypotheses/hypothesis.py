@@ -151,11 +151,12 @@ def named_cause(fits: Fits, hypotheses: Sequence[Hypothesis]) -> Named | None:
         return count * np.log(max(fitted.squares, 1e-300)) + len(fitted.theta) * np.log(count)
 
     zero = min(score(fitted) for fitted in fits.fits.values())
-    rows = sorted(((zero - score(row[2]), *row) for row in tried), key=lambda row: -row[0])
-    alike = [row for row in rows if row[0] > rows[0][0] - NEARLY]
-    odds, hypothesis, values, fitted = min(alike, key=lambda row: len(row[2]))
-    if odds > ODDS and fitted.squares < EXPLAINS * nothing.squares:
-        return Named(hypothesis, values, odds)
+    odds = [zero - score(fitted) for _, _, fitted in tried]
+    alike = [i for i in range(len(tried)) if odds[i] > max(odds) - NEARLY]
+    chosen = min(alike, key=lambda i: (len(tried[i][1]), -odds[i]))
+    hypothesis, values, fitted = tried[chosen]
+    if odds[chosen] > ODDS and fitted.squares < EXPLAINS * nothing.squares:
+        return Named(hypothesis, values, odds[chosen])
     return None
 
 

@@ -201,7 +201,7 @@ def _jump_within(at: int, lags: Reals) -> _Fit:
     return _squares(np.column_stack([np.ones_like(lags), part > at, part == at]), lags)
 
 
-def _course(time: Reals, lags: Reals) -> Lag | None:
+def _course(time: Reals, lags: Reals) -> Lag:
     """Which of slope and step lags of noise follow; of neither, a constant."""
     constant = np.ones_like(time)
     plain = _squares(constant[:, None], lags)

@@ -70,7 +70,7 @@ def _places(fits: DecayFits) -> list[Reals]:
     left = logs * weight - smooth @ (smooth.T @ (logs * weight))
     found = []
     for at in np.unique(np.linspace(0.03 * count, 0.97 * count, PLACES).astype(int)):
-        step = signal.filtered_step(time[at])[:count] * weight
+        step = signal.filtered_step(float(time[at]))[:count] * weight
         step = step - smooth @ (smooth.T @ step)
         power = float(step @ step)
         jump = complex(step @ left) / power if power > 1e-12 else 0j

@@ -215,7 +215,7 @@ def decay_model(
     if terms == 1:
         if not abs(sigmas[0]) < steepest or not -sigmas[0] * signal.time[-1] < 100:
             return none
-        pole = 1j * turns - sigmas
+        pole: Any = 1j * turns - sigmas
         through = complex(_log_response(signal, pole)[0])
         log = theta[0] + 1j * theta[1] + through + pole[0] * signal.time
         if jump is not None:
@@ -232,10 +232,11 @@ def decay_model(
     time = _integral(1 / sigma, step)
     if not np.all(np.diff(time) > 0) or sigma.max() > steepest:
         return none
-    through = _log_response(signal, 1j * turn - sigma)
+    slope: Any = 1j * turn - sigma
+    through = _log_response(signal, slope)
     course = _Course(
         time=time, log=logs + 1j * _integral(turn / sigma, step),
-        slope=1j * turn - sigma, through=through, through_slope=np.gradient(through, time),
+        slope=slope, through=through, through_slope=np.gradient(through, time),
     )  # fmt: skip
     if jump is None:
         return np.exp(course.at(signal.time) + 1j * theta[1])

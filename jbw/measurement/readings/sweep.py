@@ -24,6 +24,7 @@ from jbw.measurement.channels import Complexes, Reals
 from jbw.measurement.readings.slow_flow import BASES, Fitted, converter_step
 
 LAW_ERROR = 3e-3  # of the amplitude: residual of a sound joint, by averaging and by the basis
+SOLVE: Any = vars(lapack)["ztbtrs"]  # of a triangular band, which SciPy's stubs leave out
 DRIVEN = 0.2  # of the drive's largest amplitude: below, nothing is driven
 WORTH_A_TERM = 0.9  # of the squares: the next term of a basis must leave less
 CLEAR = 30.0  # noise amplitudes above which the measured amplitude schedules, below the model's
@@ -132,7 +133,8 @@ def sweep_signal(
     edge = 0.5 * min(half_width, low)  # flat to the edges of the band
     num_taps = min(int(7.3 * fs / edge) | 1, (len(u) // 8) | 1)
     cutoff = min(half_width + 0.2 * edge, 0.999 * fs / 2)
-    taps = np.asarray(firwin(num_taps, cutoff, window=("kaiser", 6.5), fs=fs), float)
+    window: Any = ("kaiser", 6.5)
+    taps = np.asarray(firwin(num_taps, cutoff, window=window, fs=fs), float)
     carrier = np.exp(-2j * np.pi * centre / fs * np.arange(len(u)))
     every = max(int(fs / (5.2 * half_width)), 1)
     time = (np.arange(len(u) - num_taps + 1)[::every] + num_taps // 2) / fs
@@ -145,9 +147,9 @@ def sweep_signal(
     phase = slow + 2 * np.pi * centre * time
     back = np.exp(-1j * phase)
     step_s = every / fs
-    window = max(len(phase) // 200, 3) | 1
+    width = max(len(phase) // 200, 3) | 1
     rate = np.gradient(phase, step_s)
-    rate = np.convolve(np.pad(rate, window // 2, "edge"), np.ones(window) / window, "valid")
+    rate = np.convolve(np.pad(rate, width // 2, "edge"), np.ones(width) / width, "valid")
     z = response * back
     size = np.abs(z)
     top = int(np.argmax(size / rate**order))
@@ -226,7 +228,7 @@ def _marched(growth: Complexes, right: Complexes) -> Complexes:
     """Solution of z[n] = growth[n - 1] z[n - 1] + right[n]."""
     bands = np.ones((2, len(right)), complex)
     bands[1, :-1], bands[1, -1] = -growth, 0.0
-    return np.asarray(lapack.ztbtrs(bands, right, uplo="L", diag="U")[0]).reshape(len(right))
+    return np.asarray(SOLVE(bands, right, uplo="L", diag="U")[0]).reshape(len(right))
 
 
 def fit_sweep(
@@ -260,7 +262,7 @@ def fit_sweep(
         if cause is not None:
             columns = cause.apply(signal, columns, theta[count:])
         weighted = columns * weight[:, None]
-        size = np.linalg.norm(weighted, axis=0) + 1e-300
+        size: Any = np.linalg.norm(weighted, axis=0) + 1e-300
         weighted = weighted / size
         # Real and imaginary part of every gain; of a force what it drives is in phase with it.
         at = np.repeat(np.arange(weighted.shape[1]), 2)
@@ -271,7 +273,7 @@ def fit_sweep(
         inner = np.real(np.outer(turned, turn) * (weighted.conj().T @ weighted)[np.ix_(at, at)])
         inner[np.diag_indices_from(inner)] += 1e-12  # a hair: columns may be alike
         right = np.real(turned * (weighted.conj().T @ target)[at])
-        gains = np.linalg.solve(inner, right)
+        gains: Any = np.linalg.solve(inner, right)
         sums = np.zeros(weighted.shape[1], complex)
         np.add.at(sums, at, turn * gains)
         return target - weighted @ sums, sums / size

@@ -153,12 +153,13 @@ def read_fits(kind: str, fits: DecayFits | SweepFits) -> RecordReading:
         power = fits.fits["power"]
         sd = float(np.sqrt(max(covariance(power, fits.weight)[-1, -1], 0.0)))
         exponent = Change(float(power.theta[-1]), sd)
-    amplitude = grid
-    if kind == "sweep":  # from the motion at resonance to the response at its own frequency
+    amplitude, gain = grid, np.nan
+    if isinstance(fits, SweepFits):
+        # From the motion at resonance to the response at its own frequency.
         top = fits.signal.rate[fits.signal.top]
         amplitude = grid * (2 * np.pi * rows.hz / top) ** fits.signal.order
-    gains = fits.fits[chosen].gains
-    gain = float(np.real(gains[0])) if kind == "sweep" and fits.signal.is_force else np.nan
+        if fits.signal.is_force:
+            gain = float(np.real(fits.fits[chosen].gains[0]))
     size = float(np.linalg.norm(fits.signal.z))
     residual, linear_residual = (
         float(np.linalg.norm(fits.fits[name].residual)) / size for name in (chosen, "linear")
