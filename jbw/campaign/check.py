@@ -47,6 +47,7 @@ from jbw.report.messages.remedies import EXCLUDE, OF_ONE_ROLE, exclude
 
 LARGEST_MOTION = 1.0  # [m]: joints on benches and in machines move by centimetres at most
 FEWEST_SAMPLES = 32  # by which a motion is judged
+OF_ONE_MODE = 0.3  # of a response: of one that a mode leaves more of, the gain means nothing
 # Settings that not every kind of test reads, and the traits of those that do.
 READ_BY: dict[str, Callable[[Kind], bool]] = {
     "fit_levels": lambda kind: kind.is_transient,
@@ -214,7 +215,9 @@ def gain_read(record: Record, test: TestSpec) -> list[tuple[str, float]]:
     if not (test.traits.is_transient and driven):
         return []
     reading = examined_sweep(record, test.band, test.delay).reading
-    return [] if reading is None else [(record.name, reading.gain)]
+    if reading is None or reading.residual > OF_ONE_MODE:
+        return []
+    return [(record.name, reading.gain)]
 
 
 def _roles(first: Sequence[Record]) -> tuple[str, str]:

@@ -15,7 +15,8 @@ PURE, ONE, OF_ROW = "1", object(), "its row's"
 # equal readings is a difference of nearly equal numbers, or `ONE`.
 UNITS = {
     # look
-    "y": "m", "y_max": "m", "frequency_hz": "Hz", "frequency_sd": ("Hz", "frequency_hz"),
+    **dict.fromkeys(("y", "y_min", "y_max"), "m"),
+    "frequency_hz": "Hz", "frequency_sd": ("Hz", "frequency_hz"),
     "damping_sd": (PURE, "damping"), "stiffness": "N/m", "tone_hz": "Hz",
     **dict.fromkeys(("damping", "records", "left", "third", "noise", "coherence"), PURE),
     # cycles of a loop

@@ -7,12 +7,13 @@ other sign of a channel.
 """
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import numpy as np
 
 from jbw.measurement.channels import Complexes, Reals
 from jbw.measurement.checks.faults import Fault, doubt
-from jbw.measurement.hypotheses.hypothesis import Facts, Fits, joint_fit
+from jbw.measurement.hypotheses.hypothesis import Facts, joint_fit
 from jbw.measurement.readings.sweep import Cause, SweepFits, SweepSignal, late
 from jbw.measurement.spans import kept_before
 from jbw.report.messages import clock_faults as messages
@@ -40,7 +41,7 @@ class _Lag:
         """Return the lag at every time, in mean periods."""
         raise NotImplementedError
 
-    def causes(self, fits: Fits, basis: str) -> Iterator[Cause]:
+    def causes(self, fits: Any, basis: str) -> Iterator[Cause]:
         """Yield the lag from several starts."""
         if not isinstance(fits, SweepFits) or basis != "linear":
             return
@@ -62,13 +63,12 @@ class Delay(_Lag):
         """Return a constant."""
         return np.full(len(signal.time), values[0])
 
-    def matters(self, values: Reals, fits: Fits) -> bool:
+    def matters(self, values: Reals, fits: Any) -> bool:
         """Return whether it is 1 % of a period and not the other sign."""
         return LEAST_DELAY <= abs(values[0]) <= OTHER_SIGN
 
-    def fault(self, values: Reals, fits: Fits, facts: Facts) -> Fault:
+    def fault(self, values: Reals, fits: Any, facts: Facts) -> Fault:
         """Name lag and stated delay."""
-        assert isinstance(fits, SweepFits)
         seconds = facts.delay_s + float(values[0]) * fits.signal.mean_period_s
         way = "lags behind" if seconds > 0 else "leads"
         return doubt(
@@ -87,13 +87,12 @@ class Clock(_Lag):
         """Return a straight line."""
         return values[0] + values[1] * _courses(signal)[1]
 
-    def matters(self, values: Reals, fits: Fits) -> bool:
+    def matters(self, values: Reals, fits: Any) -> bool:
         """Return whether it changes by 4 % of a period along the record."""
         return abs(values[0]) <= OTHER_SIGN and abs(values[1]) >= LEAST_DRIFT
 
-    def fault(self, values: Reals, fits: Fits, facts: Facts) -> Fault:
+    def fault(self, values: Reals, fits: Any, facts: Facts) -> Fault:
         """Name the difference of the clocks."""
-        assert isinstance(fits, SweepFits)
         change = float(values[1]) * fits.signal.mean_period_s
         slope = change / float(np.ptp(fits.signal.time))
         fast = "fast" if slope > 0 else "slow"
@@ -108,7 +107,7 @@ class LostBlock(_Lag):
 
     name = "lost block of samples in a sweep"
 
-    def causes(self, fits: Fits, basis: str) -> Iterator[Cause]:
+    def causes(self, fits: Any, basis: str) -> Iterator[Cause]:
         """Yield steps at the three best of several places."""
         if not isinstance(fits, SweepFits) or basis != "linear":
             return
@@ -125,18 +124,16 @@ class LostBlock(_Lag):
         for _, at, step in rows[:3]:
             yield Cause(np.array([step, at / float(np.ptp(signal.time))]), _stepped(None))
 
-    def matters(self, values: Reals, fits: Fits) -> bool:
+    def matters(self, values: Reals, fits: Any) -> bool:
         """Return whether it is 1.6 samples and 5 % of a period."""
-        assert isinstance(fits, SweepFits)
         signal = fits.signal
         samples = abs(values[0]) * signal.mean_period_s * signal.fs
         at = float(values[1]) * float(np.ptp(signal.time))
         is_inside = signal.time[0] < at < signal.time[-1]
         return is_inside and samples >= LEAST_LOST and abs(values[0]) >= LEAST_STEP
 
-    def fault(self, values: Reals, fits: Fits, facts: Facts) -> Fault:
+    def fault(self, values: Reals, fits: Any, facts: Facts) -> Fault:
         """Name the time and the length of the block, and keep what comes before it."""
-        assert isinstance(fits, SweepFits)
         signal = fits.signal
         at = float(values[1]) * float(np.ptp(signal.time))
         jump = float(values[0]) * signal.mean_period_s

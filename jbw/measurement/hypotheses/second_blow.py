@@ -1,12 +1,13 @@
 """A decay that goes on from another place of its own course: hit again, or samples are missing."""
 
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 
 from jbw.measurement.channels import Reals
 from jbw.measurement.checks.faults import Fault, doubt
-from jbw.measurement.hypotheses.hypothesis import Facts, Fits
+from jbw.measurement.hypotheses.hypothesis import Facts
 from jbw.measurement.readings.decay import Cause, DecayFits
 from jbw.measurement.spans import left_out_from
 from jbw.report.messages import decay_faults as messages
@@ -17,7 +18,7 @@ LOUD = 6.0  # noise amplitudes
 LEAST = 0.05  # of ln a and of the phase [rad] together
 LOST = 0.08  # of ln a: a smaller jump of the size is one of the phase alone
 GREW = 0.2  # of ln a: no samples that are missing make a decay so much larger
-GROWTH = (-1.5, 3.0)  # of ln a: no jump is larger
+GROWTH = (-1.5, 8.0)  # of ln a: no jump is larger
 ENDS = 0.02  # of the record, at which nothing is told
 
 
@@ -26,21 +27,20 @@ class SecondBlow:
 
     name = "second blow or lost samples in a decay"
 
-    def causes(self, fits: Fits, basis: str) -> Iterator[Cause]:
+    def causes(self, fits: Any, basis: str) -> Iterator[Cause]:
         """Yield jumps at the two places where the logarithm of the envelope steps most."""
         if isinstance(fits, DecayFits):
             yield from map(Cause, _places(fits))
 
-    def matters(self, values: Reals, fits: Fits) -> bool:
+    def matters(self, values: Reals, fits: Any) -> bool:
         """Return whether it lies within the record and moves size or phase by 5 %."""
         place, growth, turn = values
         size = np.hypot(growth, np.angle(np.exp(1j * turn)))
         return ENDS < place < 1 - ENDS and GROWTH[0] < growth < GROWTH[1] and size > LEAST
 
-    def fault(self, values: Reals, fits: Fits, facts: Facts) -> Fault:
+    def fault(self, values: Reals, fits: Any, facts: Facts) -> Fault:
         """Name time and size, and leave out what follows."""
         place, growth, turn = values
-        assert isinstance(fits, DecayFits)
         signal = fits.signal
         at = facts.settle_s + signal.begins + float(place) * float(signal.time[-1])
         remedy = left_out_from(facts.record, at)

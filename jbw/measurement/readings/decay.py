@@ -25,6 +25,7 @@ FIRST_BLOW = 0.6  # of the largest envelope: a later blow may be the larger one
 QUADRATURE = 160  # amplitudes of the quadrature
 MOMENTS = 24  # even moments of the filter: its response to 1e-12 in its band
 FEWEST_POWERS = 14  # values from which a power of the amplitude is fitted
+ENDED = 1e-10  # change of squares, or of parameters, at which a search ends
 WORTH_A_TERM = 0.9  # of the squares: the next term of a basis must leave less
 NO_MODEL = 1e3  # times the signal: value of a model that does not exist
 FADED = 2.4  # half converter steps below which a converter without dither passes nothing
@@ -76,6 +77,7 @@ class DecaySignal:
         quantum: Step of the converter.
         tail: Noise amplitude in the band at the record's end.
         order: Of the derivative of the displacement that the samples are.
+        unit: Of the samples, which are so much smaller than those of the record.
     """
 
     raw: Reals
@@ -92,6 +94,7 @@ class DecaySignal:
     quantum: float
     tail: float
     order: int
+    unit: float = 1.0
 
     @property
     def half(self) -> int:
@@ -340,7 +343,14 @@ def fit_decay(
         lower[at], upper[at] = (-1.2, 5.0) if basis.terms == 2 else (0.2, 2.2)
         begin[at] = np.clip(begin[at], lower[at] + 0.05, upper[at] - 0.05)
     found: Any = least_squares(
-        residual, begin, bounds=(lower, upper), method="trf", x_scale="jac", max_nfev=40
+        residual,
+        begin,
+        bounds=(lower, upper),
+        method="trf",
+        x_scale="jac",
+        max_nfev=50,
+        ftol=ENDED,
+        xtol=ENDED,
     )
     size = len(signal.z)
     jacobian = -(found.jac[:size] + 1j * found.jac[size:]) / weight[:, None]

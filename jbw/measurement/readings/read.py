@@ -1,5 +1,6 @@
 """Records of decays and sweeps to fits of one mode: the band that is read."""
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -30,9 +31,10 @@ def decay_fits(record: Record, band_hz: tuple[float, float], settle_s: float) ->
     low, high = band_hz
     if len(x) < FEWEST or not 0 < low < high < record.fs / 2 or not np.any(x):
         return None
-    signal = decay.decay_signal(
-        x - np.mean(x), record.fs, band_hz, derivative_order(record.response)
-    )
+    x = x - np.mean(x)
+    unit = float(np.max(np.abs(x)))  # an image in other units takes the same steps
+    signal = decay.decay_signal(x / unit, record.fs, band_hz, derivative_order(record.response))
+    signal = replace(signal, unit=unit)
     if len(signal.z) < FEWEST or not np.all(signal.size > 0):
         return None
     return decay.fit_bases(signal)
@@ -48,6 +50,8 @@ def sweep_fits(
         return None
     order = derivative_order(record.response)
     u, y = u - np.mean(u), y - np.mean(y)
+    units = [float(np.max(np.abs(samples))) for samples in (u, y)]
+    u, y = u / units[0], y / units[1]
     facts: Any = {"lag_s": lag_s, "is_force": record.source == "force"}
     try:
         signal = sweep.sweep_signal(u, y, record.fs, band, order, **facts)
@@ -56,6 +60,7 @@ def sweep_fits(
             signal = sweep.sweep_signal(u, y, record.fs, band, order, **facts)
         if not FEWEST < len(signal.time) < MOST_VALUES or np.any(signal.rate <= 0):
             return None
+        signal = replace(signal, unit=units[1], drive_unit=units[0])
         return sweep.fit_bases(signal), band
     except (ValueError, np.linalg.LinAlgError, JbwError):
         return None

@@ -115,9 +115,8 @@ def trend(tables: Sequence[Table], quantity: str) -> Trend:
     low = min(float(table.y.min()) for table in tables)
     rows = _rows(tables, quantity, unit, top)
     spans = top > LEAST_RANGE * low
-    terms = min(2, len(rows.value) - 2) if spans else 0
-    shape = np.stack([rows.r ** (k + 1) for k in range(terms)], axis=1)
-    design = np.column_stack([np.ones(len(rows.r)), shape])
+    terms = max(min(2, len(rows.value) - 2), 0) if spans else 0
+    design = np.vander(rows.r, terms + 1, increasing=True)
     tau, records_chance = _between_records(rows, design)
     found = _estimated(rows, design, tau)
     degrees = max(len(rows.value) - design.shape[1], 1)

@@ -26,6 +26,7 @@ from jbw.measurement.readings.slow_flow import BASES, Fitted, converter_step
 LAW_ERROR = 3e-3  # of the amplitude: residual of a sound joint, by averaging and by the basis
 SOLVE: Any = vars(lapack)["ztbtrs"]  # of a triangular band, which SciPy's stubs leave out
 DRIVEN = 0.2  # of the drive's largest amplitude: below, nothing is driven
+ENDED = 1e-10  # change of squares, or of parameters, at which a search ends
 WORTH_A_TERM = 0.9  # of the squares: the next term of a basis must leave less
 CLEAR = 30.0  # noise amplitudes above which the measured amplitude schedules, below the model's
 IN_PHASE = (1, 3, 5)  # imaginary parts of the gains of the mode and of those outside the band
@@ -67,6 +68,8 @@ class SweepSignal:
         is_force: Whether the drive is the force itself, in phase with what the mode feels.
         amplitude: Of the motion, in the unit of the response at resonance; schedules the filter.
         a0: Its largest value.
+        unit: Of the response, which is so much smaller than that of the record.
+        drive_unit: The same of the drive.
     """
 
     raw: Reals
@@ -85,6 +88,8 @@ class SweepSignal:
     is_force: bool
     amplitude: Reals
     a0: float
+    unit: float = 1.0
+    drive_unit: float = 1.0
 
     @property
     def top(self) -> int:
@@ -288,7 +293,9 @@ def fit_sweep(
         at = count - 1
         lower[at], upper[at] = (0.2, 4.0) if basis.terms == 2 else (0.2, 2.2)
         begin[at] = np.clip(begin[at], lower[at] + 0.05, upper[at] - 0.05)
-    found: Any = least_squares(residual, begin, bounds=(lower, upper), x_scale="jac", max_nfev=30)
+    found: Any = least_squares(
+        residual, begin, bounds=(lower, upper), x_scale="jac", max_nfev=40, ftol=ENDED, xtol=ENDED
+    )
     left, gains = projected(found.x)
     size = len(signal.z)
     jacobian = -(found.jac[:size] + 1j * found.jac[size:]) / weight[:, None]
@@ -359,7 +366,7 @@ def fit_bases(signal: SweepSignal) -> SweepFits:
 def _linear_start(signal: SweepSignal, top: int) -> tuple[Fitted, float]:
     """A linear mode near the largest motion, the best of several starts, and its rate [1/s]."""
     above = signal.amplitude > signal.amplitude[top] / np.sqrt(2)
-    width = abs(float(np.ptp(signal.rate[above]))) + 1e-9
+    width = max(abs(float(np.ptp(signal.rate[above]))), 1e-6 * float(signal.rate[top]))
     at_top = signal.rate[top] - 2 * np.pi * signal.centre_hz
     weight = np.ones(len(signal.z)) / signal.a0
     trials = [

@@ -160,17 +160,19 @@ def read_fits(kind: str, fits: DecayFits | SweepFits) -> RecordReading:
         amplitude = grid * (2 * np.pi * rows.hz / top) ** fits.signal.order
         if fits.signal.is_force:
             gain = float(np.real(fits.fits[chosen].gains[0]))
+            gain *= fits.signal.unit / fits.signal.drive_unit
     size = float(np.linalg.norm(fits.signal.z))
     residual, linear_residual = (
         float(np.linalg.norm(fits.fits[name].residual)) / size for name in (chosen, "linear")
     )
+    unit = fits.signal.unit
     return RecordReading(
-        kind=kind, order=fits.signal.order, amplitude=amplitude, hz=rows.hz, zeta=rows.zeta,
+        kind=kind, order=fits.signal.order, amplitude=amplitude * unit, hz=rows.hz, zeta=rows.zeta,
         hz_covariance=hz_covariance, zeta_covariance=zeta_covariance,
         linear_hz=Change(float(linear.hz[0]), float(np.sqrt(linear.hz_covariance[0, 0]))),
         linear_zeta=linear_zeta, basis=chosen, chance=chance, hz_change=hz_change,
         zeta_change=zeta_change, exponent=exponent,
-        residual=residual, linear_residual=linear_residual, noise=fits.noise, gain=gain,
+        residual=residual, linear_residual=linear_residual, noise=fits.noise * unit, gain=gain,
     )  # fmt: skip
 
 
