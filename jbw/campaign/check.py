@@ -324,22 +324,22 @@ def findings(
         per_unit: Force per modal mass for one unit of the input, when known.
         laws: Those of the joint.
     """
+    facts = _contradicting(record, test, first)
 
-    def look(record: Record, test: TestSpec) -> tuple[Fault, ...]:
-        return _found(record, test, first, per_unit=per_unit, laws=laws)
+    def look(record: Record, test: TestSpec) -> list[Fault]:
+        stated = _contradicting(record, test, first)
+        if worst(stated) == "error":
+            return stated
+        return [*stated, *_doubtful(record, test, first, per_unit, laws)]
 
-    return tried(look(record, test), record, test, look)
+    if worst(facts) == "error":
+        return tuple(facts)
+    # What files and campaign state is no guess: its remedies need no trial.
+    return (*facts, *tried(_doubtful(record, test, first, per_unit, laws), record, test, look))
 
 
-def _found(
-    record: Record,
-    test: TestSpec,
-    first: Sequence[Record],
-    *,
-    per_unit: float | None,
-    laws: Sequence[str],
-) -> tuple[Fault, ...]:
-    """Faults of a record with remedies that nobody has tried."""
+def _contradicting(record: Record, test: TestSpec, first: Sequence[Record]) -> list[Fault]:
+    """Faults of channels by themselves, and against what the campaign states."""
     in_order = test.traits.is_curve and not test.traits.is_controlled
     faults = list(inspect(record, masked=test.gaps == "mask", is_curve=in_order))
     fits = _fits_curve if test.traits.is_curve else _fits_test
@@ -350,13 +350,21 @@ def _found(
     faults += [refusal(record.response, *contradiction) for contradiction in contradictions]
     if not first:
         faults += _of_two_sources(record, test)
-    faults += _started_apart(record, test)
-    if worst(faults) != "error":
-        faults += _of_metres(record, test)
-        faults += _believable(record, test, per_unit, laws)
-        if first and test.traits.is_transient and test.traits.is_driven:
-            faults += noisy_drive(first[0], record)
-    return tuple(faults)
+    return [*faults, *_started_apart(record, test)]
+
+
+def _doubtful(
+    record: Record,
+    test: TestSpec,
+    first: Sequence[Record],
+    per_unit: float | None,
+    laws: Sequence[str],
+) -> list[Fault]:
+    """Faults that a record itself shows, with remedies that nobody has tried."""
+    faults = [*_of_metres(record, test), *_believable(record, test, per_unit, laws)]
+    if first and test.traits.is_transient and test.traits.is_driven:
+        faults += noisy_drive(first[0], record)
+    return faults
 
 
 def _started_apart(record: Record, test: TestSpec) -> Iterator[Fault]:

@@ -39,7 +39,7 @@ def tried(faults: Sequence[Fault], record: Record, test: TestSpec, look: Look) -
         test: Its table.
         look: Finds the faults of a record under a table.
     """
-    known = {_kind(fault) for fault in faults}
+    known = {_kind(fault) for fault in look(record, test)} if faults else set()
     return tuple(
         fault
         if _cures(fault, known, record, test, look, further=True)
