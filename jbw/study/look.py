@@ -454,7 +454,11 @@ def statements(
     sentences, laws = [], ()
     labels = {row["test"]: row["assembly"] or row["run"] or "" for row in record["tests"]}
     for hz, tables in _by_mode(by_test, modes_hz).items():
-        answer = nonlinear([table for _, table in tables], [labels.get(n, "") for n, _ in tables])
+        of_mode = [table for _, table in tables], [labels.get(name, "") for name, _ in tables]
+        try:
+            answer = nonlinear(*of_mode)
+        except UNREADABLE:  # of readings without errors, say: it costs no identification
+            answer = Nonlinear(False, [messages.NOT_STATED])
         laws = laws or answer.laws
         sentences += [
             sentence if hz is None else messages.of_mode(hz, sentence)

@@ -44,8 +44,9 @@ SCALES = {
 IN_TIERS = {"100000 times slower", "2^20 times faster", "all at once"}
 # Rounding of sums and transforms; none where all factors are powers of two.
 ROUNDED, EXACT = 1e-9, 1e-12
-# Readings are searched for until their squares fall by less than 1e-8, which round-off moves.
-SEARCHED = 1e-5
+# Readings are searched for until their squares fall by less than 1e-8, which round-off moves: by a
+# part of 1e-5 where it is the same in both, by a tenth of their errors, 1e-3, where it is not.
+SEARCHED, NEARLY = 1e-5, 1e-3
 
 
 # The ends of the range of time, and all factors at once; each by itself before a release.
@@ -75,16 +76,27 @@ def believable(scale):
     return replace(scale, length=scale.length * min(1.0, scale.time, 0.1 / scale.length))
 
 
+def unlike(found, expected, scale):
+    """What differs between two looks; where round-off does, in the readings and the laws alone.
+
+    Ends of an interval of the power lie on a grid, of which round-off may choose the next.
+    """
+    if scale.is_exact:
+        return differences(found, expected, scale, SEARCHED)
+    assert found["laws"] == expected["laws"]
+    return differences(found["tests"], expected["tests"], scale, NEARLY, ("tests",))
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_look_at_an_image_sees_the_same(kind, scale):
     campaign = measured(kind)
-    assert differences(seen(campaign_in(campaign, scale)), seen(campaign), scale, SEARCHED) == []
+    assert unlike(seen(campaign_in(campaign, scale)), seen(campaign), scale) == []
 
 
 def test_a_look_at_a_whole_campaign_sees_the_same(scale):
     """Readings of all tests together: what is nonlinear, from where on, by which power."""
     campaign = measured()
-    assert differences(seen(campaign_in(campaign, scale)), seen(campaign), scale, SEARCHED) == []
+    assert unlike(seen(campaign_in(campaign, scale)), seen(campaign), scale) == []
 
 
 def test_a_check_of_an_image_finds_the_same(scale, tmp_path):

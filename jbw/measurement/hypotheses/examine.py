@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import platformdirs
 
+from jbw.errors import JbwError
 from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.checks.responses import about_peak, undecaying
 from jbw.measurement.hypotheses.begins_late import begins_late
@@ -28,6 +29,7 @@ from jbw.measurement.spans import start_of
 from jbw.report.messages import decay_faults as messages
 
 Band = tuple[float, float]
+UNREADABLE = (ArithmeticError, IndexError, JbwError, ValueError, np.linalg.LinAlgError)
 KEPT_DAYS = 30  # a reading that nobody asked for
 # Packages whose source makes a reading: another source reads anew.
 SOURCES = ("jbw.measurement.readings", "jbw.measurement.hypotheses", "jbw.report.messages")
@@ -62,7 +64,7 @@ def examined_decay(record: Record, band_hz: Band | None, settle_s: float) -> Exa
     band = band_hz or about_peak(record, settle_s)
     key = _key(record, "decay", (*band, settle_s))
     with np.errstate(all="ignore"):  # of searches that run away
-        return _kept(key, lambda: _decay(record, band, settle_s))
+        return _kept(key, lambda: _read_or(band, lambda: _decay(record, band, settle_s)))
 
 
 def examined_sweep(record: Record, band_hz: Band | None, delay_s: float) -> Examined:
@@ -75,7 +77,16 @@ def examined_sweep(record: Record, band_hz: Band | None, delay_s: float) -> Exam
     """
     key = _key(record, "sweep", (*(band_hz or ()), delay_s))
     with np.errstate(all="ignore"):
-        return _kept(key, lambda: _sweep(record, band_hz, delay_s))
+        swept = band_hz or (0.0, record.fs / 2)
+        return _kept(key, lambda: _read_or(swept, lambda: _sweep(record, band_hz, delay_s)))
+
+
+def _read_or(band: Band, make: Callable[[], Examined]) -> Examined:
+    """An examination; without reading or fault where its numbers fail, as of an odd record."""
+    try:
+        return make()
+    except UNREADABLE:
+        return Examined(None, (), band)
 
 
 def _decay(record: Record, band: Band, settle_s: float) -> Examined:

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.optimize import least_squares
 from scipy.signal import fftconvolve
 
-from jbw.measurement.channels import Complexes, Reals
+from jbw.measurement.channels import Complexes, Reals, whole_down, whole_up
 from jbw.measurement.readings.slow_flow import BASES, Basis, Fitted, converter_step
 
 BETA = 7.0  # of the Kaiser window that is the band's filter
@@ -25,7 +25,6 @@ FIRST_BLOW = 0.6  # of the largest envelope: a later blow may be the larger one
 QUADRATURE = 160  # amplitudes of the quadrature
 MOMENTS = 24  # even moments of the filter: its response to 1e-12 in its band
 FEWEST_POWERS = 14  # values from which a power of the amplitude is fitted
-ENDED = 1e-10  # change of squares, or of parameters, at which a search ends
 WORTH_A_TERM = 0.9  # of the squares: the next term of a basis must leave less
 NO_MODEL = 1e3  # times the signal: value of a model that does not exist
 FADED = 2.4  # half converter steps below which a converter without dither passes nothing
@@ -140,7 +139,7 @@ def decay_signal(x: Reals, fs: float, band_hz: tuple[float, float], order: int) 
         order: Of the derivative of the displacement that the samples are.
     """
     centre, half_width = 0.5 * sum(band_hz), 0.5 * (band_hz[1] - band_hz[0])
-    wanted = int(np.ceil(np.hypot(1, BETA / np.pi) * fs / half_width))
+    wanted = whole_up(np.hypot(1, BETA / np.pi) * fs / half_width)
     taps = np.kaiser(min(wanted | 1, (len(x) // 3) | 1), BETA)
     taps /= taps.sum()
     half = len(taps) // 2
@@ -152,7 +151,7 @@ def decay_signal(x: Reals, fs: float, band_hz: tuple[float, float], order: int) 
     top += int(np.argmax(size[top : top + half + 1]))
     start = 0 if top < half // 4 else top + half + half // 2
     start = min(start, max(len(whole) - 16 * half, 0))
-    step = max(int(fs / (3 * half_width)), 1)
+    step = max(whole_down(fs / (3 * half_width)), 1)
     z = whole[start::step]
     quietest = whole[-max(len(whole) // 10, 8) :]
     tail = float(np.sqrt(np.mean(np.abs(quietest) ** 2)))
@@ -343,14 +342,7 @@ def fit_decay(
         lower[at], upper[at] = (-1.2, 5.0) if basis.terms == 2 else (0.2, 2.2)
         begin[at] = np.clip(begin[at], lower[at] + 0.05, upper[at] - 0.05)
     found: Any = least_squares(
-        residual,
-        begin,
-        bounds=(lower, upper),
-        method="trf",
-        x_scale="jac",
-        max_nfev=50,
-        ftol=ENDED,
-        xtol=ENDED,
+        residual, begin, bounds=(lower, upper), method="trf", x_scale="jac", max_nfev=40
     )
     size = len(signal.z)
     jacobian = -(found.jac[:size] + 1j * found.jac[size:]) / weight[:, None]

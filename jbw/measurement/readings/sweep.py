@@ -20,13 +20,12 @@ from scipy.linalg import lapack
 from scipy.optimize import least_squares
 from scipy.signal import fftconvolve, firwin
 
-from jbw.measurement.channels import Complexes, Reals
+from jbw.measurement.channels import Complexes, Reals, whole_down
 from jbw.measurement.readings.slow_flow import BASES, Fitted, converter_step
 
 LAW_ERROR = 3e-3  # of the amplitude: residual of a sound joint, by averaging and by the basis
 SOLVE: Any = vars(lapack)["ztbtrs"]  # of a triangular band, which SciPy's stubs leave out
 DRIVEN = 0.2  # of the drive's largest amplitude: below, nothing is driven
-ENDED = 1e-10  # change of squares, or of parameters, at which a search ends
 WORTH_A_TERM = 0.9  # of the squares: the next term of a basis must leave less
 CLEAR = 30.0  # noise amplitudes above which the measured amplitude schedules, below the model's
 IN_PHASE = (1, 3, 5)  # imaginary parts of the gains of the mode and of those outside the band
@@ -136,12 +135,12 @@ def sweep_signal(
     low, high = band_hz
     centre, half_width = 0.5 * (low + high), 0.5 * (high - low)
     edge = 0.5 * min(half_width, low)  # flat to the edges of the band
-    num_taps = min(int(7.3 * fs / edge) | 1, (len(u) // 8) | 1)
+    num_taps = min(whole_down(7.3 * fs / edge) | 1, (len(u) // 8) | 1)
     cutoff = min(half_width + 0.2 * edge, 0.999 * fs / 2)
     window: Any = ("kaiser", 6.5)
     taps = np.asarray(firwin(num_taps, cutoff, window=window, fs=fs), float)
     carrier = np.exp(-2j * np.pi * centre / fs * np.arange(len(u)))
-    every = max(int(fs / (5.2 * half_width)), 1)
+    every = max(whole_down(fs / (5.2 * half_width)), 1)
     time = (np.arange(len(u) - num_taps + 1)[::every] + num_taps // 2) / fs
     turn = np.exp(2j * np.pi * centre * time)
     drive, response = (2 * fftconvolve(x * carrier, taps, "valid")[::every] * turn for x in (u, y))
@@ -293,9 +292,7 @@ def fit_sweep(
         at = count - 1
         lower[at], upper[at] = (0.2, 4.0) if basis.terms == 2 else (0.2, 2.2)
         begin[at] = np.clip(begin[at], lower[at] + 0.05, upper[at] - 0.05)
-    found: Any = least_squares(
-        residual, begin, bounds=(lower, upper), x_scale="jac", max_nfev=40, ftol=ENDED, xtol=ENDED
-    )
+    found: Any = least_squares(residual, begin, bounds=(lower, upper), x_scale="jac", max_nfev=30)
     left, gains = projected(found.x)
     size = len(signal.z)
     jacobian = -(found.jac[:size] + 1j * found.jac[size:]) / weight[:, None]

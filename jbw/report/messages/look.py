@@ -14,6 +14,9 @@ NO_OSCILLATOR = (
 )
 
 
+NOT_STATED = "Nonlinear: not assessed, because the errors of the readings are not known."
+
+
 def coherence(smallest: tuple[float, str], largest: tuple[float, str]) -> str:
     """Coherence at the resonance of the tests of the smallest and of the largest motion."""
     (first, first_test), (last, last_test) = smallest, largest
