@@ -36,6 +36,8 @@ SPRING = 0.02  # of the relative change of frequency: a spring's damping ratio c
 SPRINGS = {"square": 1.0, "cubic": 2.0, "quintic": 4.0}
 DAMPERS = {"quadratic_damping": 1.0, "cubic_damping": 2.0}
 HYSTERESIS = {"bouc_wen": 1.0}
+# A law that saturates has a smaller power than to first order: 0.8 where delta y reaches 2.
+SATURATES = 0.25
 SLIDERS = ("masing_power", "iwan4")
 
 
@@ -267,7 +269,7 @@ def laws_with(hz: Trend, zeta: Trend) -> tuple[str, ...]:
     if hz.exponent is None:
         return ()
     low, high = hz.exponent[1:]
-    laws = _with_power(HYSTERESIS, hz.exponent)
+    laws = _with_power(HYSTERESIS, (hz.exponent[0], low - SATURATES, high + SATURATES))
     return (*laws, *(SLIDERS if low < 1 - EQUAL or high > 1 + EQUAL else ()))
 
 
