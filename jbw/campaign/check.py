@@ -335,7 +335,8 @@ def findings(
     if worst(facts) == "error":
         return tuple(facts)
     # What files and campaign state is no guess: its remedies need no trial.
-    return (*facts, *tried(_doubtful(record, test, first, per_unit, laws), record, test, look))
+    doubtful = _doubtful(record, test, first, per_unit, laws)
+    return (*facts, *tried(doubtful, facts, record, test, look))
 
 
 def _contradicting(record: Record, test: TestSpec, first: Sequence[Record]) -> list[Fault]:

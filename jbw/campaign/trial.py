@@ -30,16 +30,19 @@ Look = Callable[[Record, TestSpec], Sequence[Fault]]
 Change = Callable[[Record, Any], Record]
 
 
-def tried(faults: Sequence[Fault], record: Record, test: TestSpec, look: Look) -> tuple[Fault, ...]:
+def tried(
+    faults: Sequence[Fault], stated: Sequence[Fault], record: Record, test: TestSpec, look: Look
+) -> tuple[Fault, ...]:
     """Return faults of a record with only such lines in their remedies as cure them.
 
     Args:
-        faults: What `look` found of the record and its test.
+        faults: What the record itself shows.
+        stated: Other faults that `look` finds of it.
         record: The record.
         test: Its table.
         look: Finds the faults of a record under a table.
     """
-    known = {_kind(fault) for fault in look(record, test)} if faults else set()
+    known = {_kind(fault) for fault in (*stated, *faults)}
     return tuple(
         fault
         if _cures(fault, known, record, test, look, further=True)

@@ -16,7 +16,7 @@ from scipy.optimize import least_squares
 from scipy.signal import fftconvolve
 
 from jbw.measurement.channels import Complexes, Reals, whole_down, whole_up
-from jbw.measurement.readings.slow_flow import BASES, Basis, Fitted, converter_step
+from jbw.measurement.readings.slow_flow import BASES, Basis, Fitted, converter_step, filtered_step
 
 BETA = 7.0  # of the Kaiser window that is the band's filter
 LAW_ERROR = 1e-3  # of the amplitude: residual of a sound joint, by averaging and by the basis
@@ -124,9 +124,7 @@ class DecaySignal:
 
     def filtered_step(self, at_s: float) -> Reals:
         """Return a unit step at a time [s], as the filter passes it."""
-        passed = np.concatenate([[0.0], np.cumsum(self.taps)])
-        place = (self.time - at_s) * self.fs + self.half
-        return np.interp(place, np.arange(len(passed)), passed, left=0.0, right=1.0)
+        return filtered_step(self.taps, (self.time - at_s) * self.fs)
 
 
 def decay_signal(x: Reals, fs: float, band_hz: tuple[float, float], order: int) -> DecaySignal:

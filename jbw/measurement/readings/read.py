@@ -45,11 +45,11 @@ def sweep_fits(
 ) -> tuple[SweepFits, tuple[float, float]] | None:
     """Fit one mode to a record of a sweep, and the band that was read; None where that is none."""
     u, y = (record.channels[role] for role in (record.source, record.response))
-    band = swept_band(u - np.mean(u), y - np.mean(y), record.fs, band_hz)
+    u, y = u - np.mean(u), y - np.mean(y)
+    band = swept_band(u, record.fs, band_hz)
     if band is None:
         return None
     order = derivative_order(record.response)
-    u, y = u - np.mean(u), y - np.mean(y)
     units = [float(np.max(np.abs(samples))) for samples in (u, y)]
     u, y = u / units[0], y / units[1]
     facts: Any = {"lag_s": lag_s, "is_force": record.source == "force"}
@@ -67,9 +67,9 @@ def sweep_fits(
 
 
 def swept_band(
-    u: Reals, y: Reals, fs: float, band_hz: tuple[float, float] | None
+    u: Reals, fs: float, band_hz: tuple[float, float] | None
 ) -> tuple[float, float] | None:
-    """Return the frequencies that a drive sweeps about the resonance [Hz]; None of no sweep."""
+    """Return the frequencies that a drive sweeps, in a band if given [Hz]; None of no sweep."""
     freq = np.fft.rfftfreq(len(u), 1 / fs)
     power = np.abs(np.fft.rfft(u)) ** 2
     if not power.sum() > 0 or len(freq) < 8:

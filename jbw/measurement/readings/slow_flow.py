@@ -28,11 +28,6 @@ class Basis(NamedTuple):
     terms: int
     is_free: bool = False
 
-    @property
-    def num_parameters(self) -> int:
-        """Number of coefficients of damping rate and frequency, and of the exponent."""
-        return 2 * self.terms + self.is_free
-
     def exponent(self, theta: Reals) -> float:
         """Return the exponent p among parameters, of which it is the last."""
         return float(theta[-1]) if self.is_free else 1.0
@@ -112,6 +107,13 @@ def _smooth_spectrum(residual: Complexes, padded: int) -> Reals:
     kernel = np.hanning(width + 2)[1:-1]
     around = np.roll(np.pad(kernel / kernel.sum(), (0, padded - width)), -(width // 2))
     return np.real(np.fft.ifft(np.fft.fft(power) * np.fft.fft(around)))
+
+
+def filtered_step(taps: Reals, since: Reals) -> Reals:
+    """Return a unit step as a filter of sum 1 passes it, at times since the step in samples."""
+    passed = np.concatenate([[0.0], np.cumsum(taps)])
+    place = since + len(taps) // 2
+    return np.interp(place, np.arange(len(passed)), passed, left=0.0, right=1.0)
 
 
 def converter_step(x: Reals) -> float:

@@ -21,7 +21,7 @@ from scipy.optimize import least_squares
 from scipy.signal import fftconvolve, firwin
 
 from jbw.measurement.channels import Complexes, Reals, whole_down
-from jbw.measurement.readings.slow_flow import BASES, Fitted, converter_step
+from jbw.measurement.readings.slow_flow import BASES, Fitted, converter_step, filtered_step
 
 LAW_ERROR = 3e-3  # of the amplitude: residual of a sound joint, by averaging and by the basis
 SOLVE: Any = vars(lapack)["ztbtrs"]  # of a triangular band, which SciPy's stubs leave out
@@ -102,9 +102,7 @@ class SweepSignal:
 
     def filtered_step(self, at_s: float) -> Reals:
         """Return a unit step at a time [s], as the filter passes it."""
-        passed = np.concatenate([[0.0], np.cumsum(self.taps)])
-        place = (self.time - at_s) * self.fs + len(self.taps) // 2
-        return np.interp(place, np.arange(len(passed)), passed, left=0.0, right=1.0)
+        return filtered_step(self.taps, (self.time - at_s) * self.fs)
 
     def at_amplitude(self, amplitude: Reals) -> "SweepSignal":
         """Return the same, scheduled by another course of the amplitude."""
