@@ -4,7 +4,6 @@ import tomllib
 
 import numpy as np
 import pytest
-from jbw.measurement.checks.decays import course_of
 from pasted import lines_of
 from scipy.io import savemat
 
@@ -14,6 +13,7 @@ from jbw.cli import run
 from jbw.errors import DataError
 from jbw.measurement.checks.responses import band_about_peak, level_unlike
 from jbw.measurement.demodulation import band_filter
+from jbw.measurement.hypotheses.examine import Examined, examined_decay
 from jbw.measurement.records import Record
 
 FS, HERTZ = 512.0, 18.8
@@ -115,7 +115,7 @@ def test_a_band_that_no_record_resolves_is_refused():
     record = Record(1e12, {"velocity": decay(4096)}, {"velocity": "m/s"})
     with pytest.raises(DataError, match="takes a record of more than"):
         band_filter((10.0, 40.0), record.fs)
-    assert course_of(record, (10.0, 40.0), 0.0) is None
+    assert examined_decay(record, (10.0, 40.0), 0.0) == Examined(None, (), (10.0, 40.0))
 
 
 @pytest.mark.parametrize("seed", range(5))
