@@ -115,6 +115,8 @@ EXAMPLES = {
         record_faults.constant(0.0, EXCLUDE, toggles=True),
         record_faults.constant(0.0, EXCLUDE, toggles=False),
         record_faults.few_levels(40, 256),
+        record_faults.held(3, 512.0),
+        record_faults.dropped_out(12, 0.031),
         record_faults.implausible("displacement", 12.0, "mm or um"),
         record_faults.lost_samples(3, 4096, -9999.0, 2.5, (-1.2, 1.3), f"{KEEP_OR_EXCLUDE}."),
         record_faults.clipped(0.021, "1.200-1.300 s", " and 2 more", f"{KEEP_OR_EXCLUDE}."),
