@@ -84,8 +84,8 @@ def held(each: int, fs: float) -> FaultText:
 def dropped_out(count: int, first_s: float) -> FaultText:
     """That a laser lost its light now and then."""
     return FaultText(
-        f"The signal drops out: at {count} places, first at {first_s:.4g} s, it falls to nearly "
-        "zero for a few samples.",
+        f"The signal has drop-outs: at {count} places, first at {first_s:.4g} s, it falls to "
+        "nearly zero for a few samples.",
         "A laser that loses its light or a loose contact looks like this.",
         "Improve focus or surface and measure again, or bridge these samples before you export.",
     )
