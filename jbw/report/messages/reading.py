@@ -90,10 +90,10 @@ def unfitting_names(names: Sequence[str], columns: int) -> str:
 
 def of_sensor(sensitivity: str, *, is_scaled: bool = False) -> str:
     """The sensitivity of a sensor whose channel is in volts, beside a factor or without one."""
-    which = "beside its `scale`" if is_scaled else "with the value of its certificate"
+    which = "beside its `scale`" if is_scaled else "the value of its certificate"
     return (
-        "The file holds the volts of a sensor. Put under [[test]] its sensitivity, "
-        f"{which}: `sensitivity = {sensitivity}`."
+        f"The file holds the volts of a sensor: state its sensitivity, {which}. Put under "
+        f"[[test]]: `sensitivity = {sensitivity}`."
     )
 
 
