@@ -24,7 +24,9 @@ def unlike_gains(
         source: Role of the drive.
     """
     known = [(name, gain) for name, gain in gains if np.isfinite(gain) and gain != 0.0]
-    if known and all(gain < 0 for _, gain in known):
+    if not known:
+        return
+    if all(gain < 0 for _, gain in known):
         yield from ((name, doubt(role, *negative_gain(role))) for name, _ in known)
         return
     size = float(np.median([abs(gain) for _, gain in known]))
