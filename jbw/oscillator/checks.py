@@ -153,8 +153,14 @@ def initial_state(joint: Any, initial: tuple) -> tuple:
     if is_concrete(joint, initial):
         if not all(np.all(np.isfinite(value)) for value in jax.tree.leaves(initial)):
             raise DataError(f"Argument `initial` must be finite, but is {initial}.")
-        map_laws(lambda law, law_memory: law.admits(law_memory), joint.laws, memory)
+        map_laws(_admit, joint.laws, memory)
     return y, v, memory
+
+
+def _admit(law: Any, memory: Any) -> None:
+    """Raise a ModelError for a start that the law cannot hold, where it knows of such."""
+    if hasattr(law, "admits"):
+        law.admits(memory)
 
 
 def warn_of_unbounded_law(joint: Any) -> None:

@@ -22,7 +22,6 @@ from jbw.oscillator.laws.given_backbone import given_backbone as given_backbone
 from jbw.oscillator.laws.iwan import Iwan4, MasingExponential, MasingPower
 from jbw.oscillator.laws.jenkins import Jenkins, jenkins
 from jbw.oscillator.laws.kinked_springs import Quadratic, Stop
-from jbw.oscillator.laws.masing import Masing
 from jbw.oscillator.laws.springs import Cubic as Cubic
 from jbw.oscillator.laws.springs import Polynomial as Polynomial
 from jbw.oscillator.laws.springs import Quintic, Square
@@ -129,15 +128,16 @@ def same_by_construction(names: Iterable[str | Kind]) -> str | None:
     Bouc-Wen's law is that of a free exponent at one.
     """
     kinds = laws_named(names)
-    sliders = [kind.name for kind in kinds if issubclass(kind, Masing | Jenkins)]
-    exponents = [kind.name for kind in kinds if issubclass(kind, BoucWenLaw | BoucWenNu)]
-    for same_laws, why in (
-        (sliders, messages.SAME_CURVES),
-        (exponents, messages.SAME_EXPONENT),
-    ):
+    for why in (messages.SAME_CURVES, messages.SAME_EXPONENT):
+        same_laws = [kind.name for kind in kinds if kind.same_as == why]
         if len(same_laws) > 1:
             return messages.indistinguishable(same_laws, why)
     return None
+
+
+def feels_rate(kind: Kind) -> bool:
+    """Return whether the force of a kind of law depends on the size of the velocity."""
+    return kind.build(dict.fromkeys(kind.names(), 1.0)).feels_rate
 
 
 def quantities_of(laws: Iterable[str | Kind]) -> tuple[Quantity, ...]:
