@@ -17,8 +17,8 @@ from jbw.measurement.records import Test, drive_of
 from jbw.observables.dataset import Dataset
 from jbw.observables.modal_readings import DRIVEN
 from jbw.observables.modes import HARDLY_SEEN, Modes, gain_shares
-from jbw.oscillator.law import Bounds, Scales
-from jbw.oscillator.laws import feels_rate, law_named
+from jbw.oscillator.law import Bounds, Scales, feels_rate
+from jbw.oscillator.laws import law_named
 from jbw.oscillator.modes.assembled import STIFFNESS, held_numbers, motion_name, seen_name
 from jbw.quantities import FED, label, name_at, split
 

@@ -26,7 +26,8 @@ from jbw.inference.posterior.finding import Finding
 from jbw.inference.posterior.summary import QUANTILES
 from jbw.inference.space.box import Box, bounds_by_name, box
 from jbw.observables.dataset import Dataset, log_likelihood, stacked
-from jbw.oscillator.laws import feels_rate, laws_named
+from jbw.oscillator.law import feels_rate
+from jbw.oscillator.laws import laws_named
 from jbw.quantities import RESIDUAL_TERMS, STUCK
 
 FAR = 5.0  # standard deviations from zero: beyond, a joint is seen without a further fit

@@ -267,8 +267,16 @@ def check_settled(residual: Any) -> None:
 
 def require_periodic(joint: Any) -> None:
     """Raise where a law does not hold along a periodic motion of odd orders."""
+    require_contracts(joint)
     for law in laws_in(joint.laws):
         law.check_periodic()
+
+
+def require_contracts(joint: Any) -> None:
+    """Raise where a law from outside does not keep its contract, which is tried once a class."""
+    from jbw.oscillator.contract import require_contract  # above: it solves for motions
+
+    require_contract({type(law) for law in laws_in(joint.laws)})
 
 
 def require_sense(

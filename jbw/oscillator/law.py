@@ -17,6 +17,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float
 
+from jbw.errors import ConfigError
 from jbw.oscillator import generic
 from jbw.oscillator.kinks import Ends
 from jbw.oscillator.parameters import SLOW, Scalar
@@ -93,7 +94,10 @@ class Law(eqx.Module):
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
         """Wide bounds of the parameters from scales alone, never from a fit of this law."""
-        raise NotImplementedError(f"The law {cls.name} states no prior.")
+        raise ConfigError(
+            f"The law `{cls.name}` must have a `prior` to be identified, but has none.",
+            remedy="Define `prior(scales)`, bounds of every parameter of its `table`.",
+        )
 
     @classmethod
     def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
@@ -268,6 +272,11 @@ def laws_in(laws: Any) -> list[Law]:
 def map_laws(function: Callable[..., Any], laws: Any, *others: Any) -> Any:
     """The function of every law, and of what stands in its place in others such as memories."""
     return jax.tree.map(function, laws, *others, is_leaf=_is_law)
+
+
+def feels_rate(kind: type[Law]) -> bool:
+    """Return whether the force of a kind of law depends on the size of the velocity."""
+    return kind.build(dict.fromkeys(kind.names(), 1.0)).feels_rate
 
 
 def pack_memories(laws: Any, memories: Any) -> Any:

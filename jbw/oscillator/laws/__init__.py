@@ -22,6 +22,7 @@ from jbw.oscillator.laws.given_backbone import given_backbone as given_backbone
 from jbw.oscillator.laws.iwan import Iwan4, MasingExponential, MasingPower
 from jbw.oscillator.laws.jenkins import Jenkins, jenkins
 from jbw.oscillator.laws.kinked_springs import Quadratic, Stop
+from jbw.oscillator.laws.masing import Masing as Masing
 from jbw.oscillator.laws.springs import Cubic as Cubic
 from jbw.oscillator.laws.springs import Polynomial as Polynomial
 from jbw.oscillator.laws.springs import Quintic, Square
@@ -67,12 +68,16 @@ def register(law: Kind) -> Kind:
         law: The class.
 
     Raises:
-        ConfigError: Another law has this name, or it is no law.
+        ConfigError: Another law has this name, it is no law, or its methods disagree with its
+            force and rate: see `jbw.oscillator.contract`.
     """
     if not is_law(law):
         raise ConfigError(f"A law must be a subclass of `Law`, but this is {law!r}.")
     if LAWS.get(law.name, law) is not law:
         raise ConfigError(f"There is a law `{law.name}` already.")
+    from jbw.oscillator.contract import require_contract  # above: it solves with laws
+
+    require_contract([law])
     LAWS[law.name] = law
     return law
 
@@ -133,11 +138,6 @@ def same_by_construction(names: Iterable[str | Kind]) -> str | None:
         if len(same_laws) > 1:
             return messages.indistinguishable(same_laws, why)
     return None
-
-
-def feels_rate(kind: Kind) -> bool:
-    """Return whether the force of a kind of law depends on the size of the velocity."""
-    return kind.build(dict.fromkeys(kind.names(), 1.0)).feels_rate
 
 
 def quantities_of(laws: Iterable[str | Kind]) -> tuple[Quantity, ...]:

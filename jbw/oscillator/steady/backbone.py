@@ -21,7 +21,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Complex, Float, Real
 
-from jbw.oscillator.checks import require_at_least, require_finite, require_periodic, require_sense
+from jbw.oscillator.checks import (
+    require_at_least,
+    require_contracts,
+    require_finite,
+    require_periodic,
+    require_sense,
+)
 from jbw.oscillator.modes.backbone import ModalBackbone, modal_backbone
 from jbw.oscillator.modes.balance import StructureHarmonics
 from jbw.oscillator.modes.structure import Structure
@@ -135,6 +141,7 @@ def backbone(
 
 def _require_loops(joint: Any) -> None:
     """Raise where a law has no equivalent stiffness and damping at an amplitude."""
+    require_contracts(joint)
     for law in joint.laws:
         if not law.is_even:  # `Oscillator.loop` includes its effect of second order
             law.check_periodic()
