@@ -196,7 +196,7 @@ class Truth(NamedTuple):
     sigma: Array  # decay rate
 
     def at(self, response: Array, order: int) -> tuple[Array, Array]:
-        """Return damped frequency and damping ratio at amplitudes of a response.
+        """Return natural frequency, sqrt(omega^2 + sigma^2), and damping ratio at amplitudes.
 
         Args:
             response: Amplitude of displacement (order 0), velocity (1) or acceleration (2), in
@@ -208,8 +208,8 @@ class Truth(NamedTuple):
         for _ in range(4):
             omega, sigma = self._at(motion)
             motion = response / np.hypot(omega, sigma) ** order
-        omega, sigma = self._at(motion)
-        return omega, sigma / np.hypot(omega, sigma)
+        natural = np.hypot(*self._at(motion))
+        return natural, self._at(motion)[1] / natural
 
     def _at(self, motion: Array) -> tuple[Array, Array]:
         return (

@@ -92,7 +92,7 @@ def assert_same_run(folder, whole):
         for group in expected.groups:
             for name, values in expected[group].to_dataset().data_vars.items():
                 np.testing.assert_array_equal(found[group][name], values, err_msg=str(name))
-    names = {"posterior.nc", "summary.json", "report.html", "figures"}
+    names = {"posterior.nc", "summary.json", "report.html"}
     assert {path.name for path in folder.iterdir()} == names
 
 

@@ -67,6 +67,9 @@ EXAMPLES = {
     "clock_faults": [
         clock_faults.response_jumps(0.01, "behind"),
         clock_faults.phase_jumps(0.3),
+        clock_faults.drop_off(0.3, 0.08),
+        clock_faults.other_sign("force"),
+        clock_faults.other_gain(9.81, "force"),
         clock_faults.lost_block(2.0, clock_faults.phase_jumps(0.3), KEEP_OR_EXCLUDE),
         clock_faults.another_clock(81.2, "slow", 0.001, -81.2),
         clock_faults.another_delay("lags behind", 0.001, 0.0, 0.001),
@@ -115,6 +118,8 @@ EXAMPLES = {
         record_faults.constant(0.0, EXCLUDE, toggles=True),
         record_faults.constant(0.0, EXCLUDE, toggles=False),
         record_faults.few_levels(40, 256),
+        record_faults.held(3, 512.0),
+        record_faults.dropped_out(12, 0.031),
         record_faults.implausible("displacement", 12.0, "mm or um"),
         record_faults.lost_samples(3, 4096, -9999.0, 2.5, (-1.2, 1.3), f"{KEEP_OR_EXCLUDE}."),
         record_faults.clipped(0.021, "1.200-1.300 s", " and 2 more", f"{KEEP_OR_EXCLUDE}."),

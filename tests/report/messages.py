@@ -128,6 +128,10 @@ OF_FINDINGS = {
 }  # fmt: skip
 
 OF_FINDINGS |= {
+    "grade": (
+        {"status": "usable", "count": 3, "error": 0.08, "worst": 0.12, "linear": 0.3,
+         "coverage": 0.983, "to": "repeats", "is_withheld": False, "limit": 0.05}, OTHER_LAW,
+    ),
     "simpler_model": (
         {"test": "sweep", "fit_status": "fitted", "error": 0.2, "kind": "cubic", "simpler": 0.1,
          "limit": 1.1}, OTHER_LAW,

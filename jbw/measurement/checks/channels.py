@@ -1,11 +1,13 @@
 """Checks of every channel after reading: each finds one fault and says what to do about it."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from jbw.measurement.channels import Reals
 from jbw.measurement.checks.faults import Fault, doubt, refusal
+from jbw.measurement.checks.samples import drop_outs, held_for
 from jbw.measurement.records import RESPONSES, Record
 from jbw.measurement.spans import exclude_line, kept_part, span_line, start_of
 from jbw.report.messages import record_faults as messages
@@ -93,9 +95,18 @@ def _signal(record: Record, role: str) -> Iterator[Fault]:
         leave_out = exclude_line(record)
         yield refusal(role, *messages.constant(x[0], leave_out, toggles=bool(span > 0)))
         return
-    if lost := list(_lost(record, role)):
-        yield from lost
+    if words := list(_lost(record, role)):
+        yield from words
         return
+    is_measured = role in RESPONSES or role == "restoring_force"
+    each, first = held_for(x) if is_measured else (1, 0)
+    if each > 1:  # what else is wrong shows in the values that it had
+        yield doubt(role, *messages.held(each, record.fs / each))
+        thinned = replace(record, fs=record.fs / each, channels={role: x[first::each]})
+        yield from _signal(thinned, role)
+        return
+    if role in RESPONSES and (lost := drop_outs(x)):
+        yield doubt(role, *messages.dropped_out(len(lost), lost[0] / record.fs))
     if role in RESPONSES:
         yield from _filled(record, role, float(np.diff(levels).min()))
     if role in RESPONSES or len(levels) > FEW_SOURCE_LEVELS:

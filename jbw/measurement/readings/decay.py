@@ -165,9 +165,10 @@ def decay_signal(x: Reals, fs: float, band_hz: tuple[float, float], order: int) 
 def _between_lines(z: Complexes, taps: Reals, step: int) -> float:
     r"""Noise amplitude by the last third of an envelope, between lines and modes that it holds.
 
-    $$E|Z(f)|^2 = 4\sigma^2 |H(f)|^2 \sum w^2, \qquad E|z|^2 = 4\sigma^2 \sum h^2$$
+    $$E|Z(f)|^2 = 4\sigma^2 |H(f)|^2 \sum w^2 / s, \qquad E|z|^2 = 4\sigma^2 \sum h^2$$
 
-    by the median of its lines in the middle of the band; infinite where there are too few.
+    with every s-th value kept, by the median of its lines in the middle of the band; infinite
+    where there are too few.
     """
     late = z[-(len(z) // 3) :]
     window = np.hanning(len(late) + 2)[1:-1]
@@ -178,7 +179,7 @@ def _between_lines(z: Complexes, taps: Reals, step: int) -> float:
         return np.inf
     power = np.abs(np.fft.fft(late * window)) ** 2 / response**2 / np.sum(window**2)
     density = float(np.median(power[inner])) / np.log(2)
-    return SAFE * float(np.sqrt(density * np.sum(taps**2)))
+    return SAFE * float(np.sqrt(density * step * np.sum(taps**2)))
 
 
 def _moments(taps: Reals, fs: float) -> Reals:
@@ -358,6 +359,10 @@ class DecayFits(NamedTuple):
         weight: Of every value.
         noise: Noise amplitude in the band.
         faded: Amplitude below which the converter passes nothing.
+        KIND: Of the record.
+        FIRST: Place of the first damping rate in theta.
+        SECOND_ORDER: c of the error of first-order averaging, see `table`.
+        FLOOR: Of the frequency, over zeta.
     """
 
     signal: DecaySignal
@@ -366,6 +371,11 @@ class DecayFits(NamedTuple):
     weight: Reals
     noise: float
     faded: float
+
+    KIND = "decay"
+    FIRST = 2
+    SECOND_ORDER = 3e-3
+    FLOOR = 0.003
 
 
 def fit_bases(signal: DecaySignal) -> DecayFits:

@@ -72,6 +72,25 @@ def few_levels(count: int, least: int) -> FaultText:
     )
 
 
+def held(each: int, fs: float) -> FaultText:
+    """That each value stands for several samples."""
+    return FaultText(
+        f"Each value is held for {each} samples: the channel was recorded at {fs:.6g} Hz.",
+        f"It comes {(each - 1) / 2:g} samples late beside channels of the stated rate.",
+        f"Export all channels at {fs:.6g} Hz.",
+    )
+
+
+def dropped_out(count: int, first_s: float) -> FaultText:
+    """That a laser lost its light now and then."""
+    return FaultText(
+        f"The signal has drop-outs: at {count} places, first at {first_s:.4g} s, it falls to "
+        "nearly zero for a few samples.",
+        "A laser that loses its light or a loose contact looks like this.",
+        "Improve focus or surface and measure again, or bridge these samples before you export.",
+    )
+
+
 def implausible(role: str, largest: float, guess: str) -> FaultText:
     """A motion that no bolted joint survives."""
     return FaultText(
@@ -163,7 +182,7 @@ def negative_gain(role: str) -> FaultText:
     return FaultText(
         "At its resonance the response moves against the input: the gain is negative.",
         "The polarity of one channel is turned, or the response was taken the other way round.",
-        f"Turn it: `scale = {{ {role} = -1.0 }}`.",
+        f"Put under [[test]]: `scale = {{ {role} = -1.0 }}`.",
     )
 
 

@@ -1,0 +1,66 @@
+"""What single samples show of a recorder: values held for several samples, and drop-outs.
+
+Calibrated on records of `benchmarks/outside`: of 1,600 sound ones of four kinds none is accused;
+of drop-outs that exceed the noise nine of ten are seen.
+"""
+
+import numpy as np
+
+from jbw.measurement.channels import Reals
+
+CHANGES = 24  # of the value, from which all at multiples of samples are no chance: 2^-24
+ORDER = 8  # samples that predict the next one
+MANY = 2**16  # samples that the prediction is fitted to
+FITS = 4  # of the prediction, each without the outliers of the last one
+OUTLYING = 5.0  # robust standard deviations: left out of the prediction's fit
+FAR = 12.0  # robust standard deviations of a prediction's error: no noise
+INWARD = 0.45  # of the predicted value: a drop-out ends below
+STRETCHES = 32  # of a record, each with its own scale
+FEWEST, MOST = 5, 0.6  # drop-outs, and of all outliers
+
+
+def held_for(x: Reals) -> tuple[int, int]:
+    """Return for how many samples each value is held, and the first sample of a new one.
+
+    All changes of a value lie whole multiples of that number apart; 1 where they do not.
+    """
+    changes = np.flatnonzero(np.diff(x)) + 1
+    if len(changes) < CHANGES:
+        return 1, 0
+    each = int(np.gcd.reduce(np.diff(changes)))
+    return each, int(changes[0]) % each
+
+
+def drop_outs(x: Reals) -> list[int]:
+    r"""Return the samples at which a signal falls to nearly zero, against what its past predicts.
+
+    $$x_k = \sum_i a_i x_{k-i} + e_k, \qquad |e_k| > 12\,s_k, \qquad |x_k| < 0.45\,|x_k - e_k|$$
+
+    with s the robust scale of e in the stretch about k. Impacts push outward as often: where no
+    more than 60 % of such samples fall inward, none is returned.
+    """
+    if len(x) < 16 * ORDER or not np.ptp(x) > 0:
+        return []
+    unit = x / np.abs(x).max()
+    rows = np.lib.stride_tricks.sliding_window_view(unit, ORDER + 1)
+    some = rows[:: len(rows) // MANY + 1]
+    kept = np.ones(len(some), bool)
+    for _ in range(FITS):
+        past, now = some[kept, :-1], some[kept, -1]
+        ridge = 1e-12 * np.trace(past.T @ past) * np.eye(ORDER)
+        filtered = np.linalg.solve(past.T @ past + ridge, past.T @ now)
+        error = some[:, -1] - some[:, :-1] @ filtered
+        kept = np.abs(error) <= OUTLYING * _scales(error)
+    error = rows[:, -1] - rows[:, :-1] @ filtered
+    far = np.flatnonzero(np.abs(error) > FAR * _scales(error))
+    first = far[np.diff(far, prepend=-ORDER - 1) > ORDER]  # the next ones are predicted from it
+    predicted = rows[first, -1] - error[first]
+    inward = np.abs(rows[first, -1]) < INWARD * np.abs(predicted)
+    found = (first[inward] + ORDER).tolist()
+    return found if len(found) >= max(FEWEST, MOST * len(first)) else []
+
+
+def _scales(error: Reals) -> Reals:
+    """Robust standard deviation of errors in the stretch of each."""
+    parts = np.array_split(np.abs(error), min(STRETCHES, max(len(error) // 64, 1)))
+    return np.concatenate([np.full(len(part), np.median(part) / 0.6745 + 1e-300) for part in parts])
