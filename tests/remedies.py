@@ -114,6 +114,8 @@ PASTED = {
     + "test_every_line_pasted_for_broken_times_cures",
     ("report/messages/reading.py", "sensitivity"): "campaign/test_volts_and_clocks.py::"
     "test_the_line_about_volts_cures",
+    ("report/messages/laws.py", "laws"): "study/test_proposed_laws.py::"
+    "test_the_law_of_the_readings_is_taken_where_none_is_stated",
     ("report/messages/record_faults.py", "scale"): CHECKS
     + "test_a_pasted_sign_of_all_repeats_cures",
     ("campaign/trial.py", "exclude"): DECAYS,

@@ -71,7 +71,7 @@ def identify(
         return for_use(lambda part, kept: again(part, keep=kept), campaign, keep, report)
     seed = campaign.settings.seed if seed is None else seed
     order = Order(campaign, seed, truth, command, perf_counter())
-    prepared = prepare_tests(campaign, report)  # usable, fitted and held out; Step 2
+    prepared = prepare_tests(campaign, report, seed)  # usable, fitted and held out; Step 2
     if quick:
         return first_answer(order, prepared, report)
     measured = prepared.measured
@@ -90,7 +90,7 @@ def identify(
     tests, limit = predicted_tests(comparisons.tree), campaign.settings.predictive
     verdict = judged(findings, checks.amendments, tests, posterior.fitted.data.laws, limit)
     sentences = (
-        *prepared.left_out, *paper.statements, *checks.statements, *comparisons.statements,
+        *prepared.sentences, *paper.statements, *checks.statements, *comparisons.statements,
         about_instruments(order, prepared),
     )  # fmt: skip
     statements = [sentence for sentence in sentences if sentence]

@@ -201,6 +201,8 @@ OF_TOPICS = {
         identified.costs(["12.1", "none"]),
     ],
     "laws": [
+        laws.chosen_by_reading("cubic", []),
+        laws.chosen_by_reading("iwan4", [("masing_power", 81.2)]),
         laws.OF_EACH_MODE, laws.IN_FIRST_MODE,
         *(
             laws.tried_at_joints(["linear", "bouc_wen"], ["bouc_wen@bolt_1"], 4, which, 12)
