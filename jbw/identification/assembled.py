@@ -94,13 +94,13 @@ def require_known_laws(laws: Sequence[str]) -> None:
     """Refuse laws that several joints do not identify.
 
     Raises:
-        ConfigError: One depends on the velocity, or changes with every cycle.
+        ConfigError: One is a damper, or changes with every cycle.
     """
     for name in laws:
         plain, joints = split(name)
         kind = law_named(plain)
         if (drags := feels_rate(kind)) or kind.degrades:
-            behaviour = "depends on the velocity" if drags else "changes with every cycle"
+            behaviour = "is a damper" if drags else "changes with every cycle"
             raise ConfigError(
                 f"[[joint]] `{joints[0]}` laws: must be springs or hysteresis that no cycle "
                 f"changes, but `{plain}` {behaviour}, which several joints do not identify yet.",
