@@ -23,6 +23,25 @@ def stiffer_than_structure(held: str, stiffness: Any, limit: Any) -> str:
     )
 
 
+def no_bounds(names: Sequence[str]) -> str:
+    """Say that the prior of a law leaves out some of its parameters."""
+    return f"`prior` must bound every parameter of `table`, but has no {', '.join(names)}."
+
+
+def law_disagrees(method: str, found: Any, what: str, right: Any) -> str:
+    """Say that a method of a law gives other numbers than another way to them."""
+    return f"`{method}` must be {what} {_number(right)}, but is {_number(found)}."
+
+
+def law_fails(method: str, reason: str) -> str:
+    """Say that a law raises an error while it is tried, after a method was."""
+    return f"behind `{method}` it cannot be tried: {reason}"
+
+
+def _number(value: Any) -> str:
+    return f"{value:.5g}" if isinstance(value, complex | float) else f"{value}"
+
+
 def unloads_beyond(z: float) -> str:
     """That unloading begins where the hysteretic force z grows [1]."""
     return f"unloading starts at |z| = {z:g}, above alpha/(delta - gamma)"
