@@ -120,7 +120,7 @@ def _worst(found: Any, what: str, right: Any) -> tuple[Any, str, Any]:
 def _of_force(law: Law, joint: Oscillator) -> Iterator[Check]:
     """A finite number with finite slopes at rest."""
     force = np.asarray(law.force(0.3 * Y, 0.3 * Y * OMEGA, law.at_rest()))
-    yield "force", force.ndim, "a scalar, whose axes number", 0, 0.0
+    yield "force", force.ndim, messages.A_SCALAR, 0, 0.0
     yield "force", force, "finite, such as", np.nan_to_num(force, posinf=0.0, neginf=0.0), 0.0
     rest = jax.tree.map(lambda x: jnp.asarray(x, float), (law.at_rest(), 0.0, 0.0))
     slopes = jax.grad(lambda law, memory, y, v: law.force(y, v, memory), (0, 1, 2, 3))(law, *rest)
@@ -128,7 +128,7 @@ def _of_force(law: Law, joint: Oscillator) -> Iterator[Check]:
         yield (
             "force",
             slope,
-            "differentiable at rest, with a slope such as",
+            messages.SMOOTH_AT_REST,
             np.nan_to_num(slope),
             0.0,
         )
@@ -162,7 +162,7 @@ def _of_memory(law: Law, joint: Oscillator) -> Iterator[Check]:
         return jnp.asarray(pairs).T
 
     by_move, by_rate = forces(law)
-    yield "move", by_move, "the integral of `rate`, by the force [N/kg],", by_rate, 0.0
+    yield "move", by_move, messages.INTEGRAL_OF_RATE, by_rate, 0.0
 
 
 def _of_stiffness(law: Law, joint: Oscillator) -> Iterator[Check]:
@@ -170,7 +170,7 @@ def _of_stiffness(law: Law, joint: Oscillator) -> Iterator[Check]:
     dy, size = 1e-9 * Y, np.abs(law.force(0.3 * Y, 0.3 * Y * OMEGA, law.at_rest()))
     after = law.move(0.0, law.at_rest(), dy)
     slope = (law.force(dy, SLOW, after) - law.force(0.0, SLOW, law.at_rest())) / dy
-    yield "stiffness", law.stiffness(), "the slope of `force` at rest", slope, size / Y
+    yield "stiffness", law.stiffness(), messages.SLOPE_AT_REST, slope, size / Y
 
 
 def _of_motion(law: Law, joint: Oscillator) -> Iterator[Check]:
@@ -193,7 +193,7 @@ def _of_motion(law: Law, joint: Oscillator) -> Iterator[Check]:
     value, found = power(jnp.zeros(()))
     ahead, behind = power(jnp.asarray(step))[0], power(jnp.asarray(-step))[0]
     right = (ahead - behind) / (2.0 * step)
-    yield "simulate", found, "the difference of two records, by derivatives,", right, 10.0 * value
+    yield "simulate", found, messages.DIFFERENCE_OF_RECORDS, right, 10.0 * value
 
 
 def _of_period(law: Law, joint: Oscillator) -> Iterator[Check]:
@@ -219,25 +219,25 @@ def _of_period(law: Law, joint: Oscillator) -> Iterator[Check]:
 
     force, right, found = along(law, jnp.asarray(MOTION))
     half = POINTS // 2
-    yield "force", -force[half:], "odd (or `check_periodic` must refuse it),", force[:half], 0.0
+    yield "force", -force[half:], messages.ODD, force[:half], 0.0
     size = np.abs(force).max()
-    yield "harmonics", found, "those of `force` along the settled motion", right, size
+    yield "harmonics", found, messages.ALONG_MOTION, right, size
     if offers(type(law), "scaled"):
         length, kappa = 2e-3, SCALES.omega_n**2
         scaled = law.scaled(jnp.asarray(length), jnp.asarray(kappa))
         there = scaled.harmonics(jnp.asarray(MOTION / length), 2, OMEGA / SCALES.omega_n)
-        yield "scaled", there * kappa * length, "the same law in other units,", found, size
+        yield "scaled", there * kappa * length, messages.OTHER_UNITS, found, size
     tone = jnp.asarray([Y + 0j, 0.0])
     first = along(law, tone)[1][0] / Y + law.stiffness()
     loop = law.loop(Y, OMEGA)
     loop = complex(loop.stiffness, loop.damping)
-    yield "loop", loop, "the first harmonic of `force` over the amplitude", first, size / Y
+    yield "loop", loop, messages.FIRST_HARMONIC, first, size / Y
     curve = backbone(joint, Y)
     left = imbalance(
         joint, curve.omega, jnp.asarray([-1j * Y, 0.0]), np.array([1, 0]) * curve.amplitude
     )
     right = curve.amplitude
-    yield "backbone", right + left[0], "the force that holds the motion in resonance", right, 0.0
+    yield "backbone", right + left[0], messages.HOLDS_MOTION, right, 0.0
     if not offers(type(law), *STEP) or not law.stepped:
         return
     phase = 2.0 * np.pi * np.arange(64) / 64
@@ -250,7 +250,7 @@ def _of_period(law: Law, joint: Oscillator) -> Iterator[Check]:
     yield (
         "steady_state",
         found,
-        "the first harmonic of the periodic record of `simulate`",
+        messages.OF_PERIODIC_RECORD,
         first,
         0.0,
     )

@@ -28,6 +28,20 @@ def no_bounds(names: Sequence[str]) -> str:
     return f"`prior` must bound every parameter of `table`, but has no {', '.join(names)}."
 
 
+# What a method of a law from outside must agree with.
+A_SCALAR = "a scalar, whose axes number"
+SMOOTH_AT_REST = "differentiable at rest, with a slope such as"
+INTEGRAL_OF_RATE = "the integral of `rate`, by the force [N/kg],"
+SLOPE_AT_REST = "the slope of `force` at rest"
+DIFFERENCE_OF_RECORDS = "the difference of two records, by derivatives,"
+ODD = "odd (or `check_periodic` must refuse it),"
+ALONG_MOTION = "those of `force` along the settled motion"
+OTHER_UNITS = "the same law in other units,"
+FIRST_HARMONIC = "the first harmonic of `force` over the amplitude"
+HOLDS_MOTION = "the force that holds the motion in resonance"
+OF_PERIODIC_RECORD = "the first harmonic of the periodic record of `simulate`"
+
+
 def law_disagrees(method: str, found: Any, what: str, right: Any) -> str:
     """Say that a method of a law gives other numbers than another way to them."""
     return f"`{method}` must be {what} {_number(right)}, but is {_number(found)}."
