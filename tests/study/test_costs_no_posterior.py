@@ -108,7 +108,8 @@ def test_decays_that_show_no_joint_are_compared_with_the_joint_posterior(tmp_pat
     found = jbw.identify(jbw.load_campaign(path), seed=1, report=lambda _: None)
     assert "alpha" not in found.tree["steps/decay/posterior"]
     groups = found.tree["verification"]
-    assert "alpha" in found.tree["posterior"] and "model_damping" in groups["amplitude"]
+    assert "alpha" in found.tree["posterior"]
+    assert "model_damping" in groups["amplitude"]
     assert len(groups["decay"].children) == 2
     for decay in groups["decay"].children.values():
         # White noise in a band of 14 of 128 Hz, and as much again for the error of the start.
