@@ -56,6 +56,8 @@ def read_result(folder: Path, *groups: str) -> tuple[dict[str, Any], xr.DataTree
         if _is_unfinished(folder):  # killed after the posterior took the place of a first answer's
             raise _completed_by_resume(folder, error.what) from None
         raise
+    except (ImportError, MemoryError):  # of this process: the result may be whole
+        raise
     except Exception as cause:  # JSON and HDF5 raise what they like where a file is damaged
         raise DataError(
             f"The result in {folder} cannot be read, it is damaged: {reason_of(cause)}",

@@ -6,10 +6,12 @@ import signal
 import subprocess
 import sys
 
+import h5py
 import numpy as np
 import pytest
 import xarray as xr
 
+import jbw
 from jbw.cli import run as command
 from jbw.errors import DataError
 from jbw.report.result import read_result
@@ -94,6 +96,27 @@ def test_draws_that_are_no_numbers_are_refused_whatever_the_hashes(tmp_path, los
     with pytest.raises(DataError, match=r"omega_n in .* must be finite numbers, but 1 of 200"):
         read_result(tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == before
+
+
+def test_a_result_that_memory_cannot_hold_is_not_called_damaged(tmp_path):
+    """A file of a few kB that states 400 TB of draws, as a bomb or a broken header would."""
+    (tmp_path / "summary.json").write_text(json.dumps(SUMMARY))
+    with h5py.File(tmp_path / "posterior.nc", "w") as file:
+        file.create_group("posterior").create_dataset("gamma", (5, 10**13), "f8", chunks=(5, 1000))
+    with pytest.raises(MemoryError):
+        jbw.load_study(tmp_path)
+
+
+def test_a_library_that_is_missing_is_named(folder, monkeypatch):
+    """An import that fails below the reader, as of a damaged installation."""
+    monkeypatch.setitem(sys.modules, "cftime", None)
+
+    def decoded(*_, **__):
+        import cftime  # noqa: F401
+
+    monkeypatch.setattr("xarray.decode_cf", decoded)
+    with pytest.raises(ImportError, match="cftime"):
+        jbw.load_study(folder)
 
 
 KILLED = """
