@@ -26,8 +26,8 @@ SEES = {
     "messages": set(),  # the catalogue, report/messages: seen from anywhere, sees no room
     "run": set(),
     "oscillator": set(),
-    "assembly": {"oscillator"},
     "measurement": set(),
+    "assembly": {"measurement", "oscillator"},
     "inference": set(),
     "paper": {"inference", "oscillator"},
     "campaign": {"assembly", "inference", "measurement", "oscillator"},
