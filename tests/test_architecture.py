@@ -13,20 +13,21 @@ import jbw
 
 ROOT = Path(jbw.__file__).parent
 FILES = sorted(ROOT.rglob("*.py"))
-ANYWHERE = {"errors", "quantities", "units", "messages"}
+ANYWHERE = {"errors", "quantities", "sources", "units", "messages"}
 LEAVES = {"oscillator", "measurement", "inference"}
 MODEL = LEAVES | {"campaign", "observables"}
 # Every room, to the rooms that it may see beside itself and those that may be seen from anywhere.
 # Lowest first: no room sees one that stands below it in this table.
 SEES = {
     "errors": set(),
+    "sources": set(),
     "units": set(),
     "quantities": set(),
     "messages": set(),  # the catalogue, report/messages: seen from anywhere, sees no room
     "run": set(),
     "oscillator": set(),
-    "assembly": {"oscillator"},
     "measurement": set(),
+    "assembly": {"measurement", "oscillator"},
     "inference": set(),
     "paper": {"inference", "oscillator"},
     "campaign": {"assembly", "inference", "measurement", "oscillator"},

@@ -38,7 +38,7 @@ from jbw.report.messages.opening import headline
 from jbw.report.messages.stages import SAVED
 from jbw.report.table import Table, digits, table, words
 from jbw.run.checkpoints import INTERRUPTED
-from jbw.run.folder import Run, begin, reopen, require_same
+from jbw.run.folder import OF_RIG, Run, begin, reopen, require_same
 from jbw.run.manifest import Manifest, command_line
 
 Say = Callable[[str], None]
@@ -105,9 +105,7 @@ def demo(
     and its route step by step, its Table 1 with the truth beside it; that its own Step 3 fails is
     expected, and the report says why. The exit code is about the joint posterior.
     """
-    manifest = Manifest(
-        command_line(), "campaign/campaign.toml", seed=seed, preset=preset, figures=figures
-    )
+    manifest = Manifest(command_line(), OF_RIG, seed=seed, preset=preset, figures=figures)
     programme = preset != "everyday"
     return run_to_end(
         begin(out or Path("demo"), manifest), json_=json_, verbose=verbose, steps=programme,
@@ -224,14 +222,16 @@ def several_table(rows: Sequence[Mapping[str, Any]]) -> Table:
 @strict_option
 @json_option
 @verbose_option
-def resume(folder: Path, strict: bool, json_: bool, verbose: bool) -> int:
+@outside_option
+def resume(folder: Path, strict: bool, json_: bool, verbose: bool, allow_outside: bool) -> int:
     """Go on with the run in the folder DIR, to the very draws of a run without a break.
 
-    Takes everything from DIR, and refuses where the campaign, its data or the versions of jbw and
-    what it computes with are no longer those that the run began with. Of a first answer, of
-    `jbw identify --quick`, it draws the posterior. Ends as `jbw identify`.
+    Takes everything from DIR but --allow-outside, and refuses where the campaign, its data, the
+    versions of what it computes with or the sources of jbw are no longer those that the run began
+    with. Of a first answer, of `jbw identify --quick`, it draws the posterior. Ends as
+    `jbw identify`.
     """
-    run = reopen(folder)
+    run = reopen(folder, allow_outside=allow_outside)
     if run is None:
         page = folder / "report.html"
         shown = str(page) if page.exists() else ""
@@ -263,7 +263,7 @@ def run_to_end(
     """
 
     def farewell() -> str:
-        return messages.saved(str(run.folder), shlex.quote(str(run.folder)))
+        return messages.saved(str(run.folder), run.to_resume)
 
     try:
         with (
@@ -291,7 +291,7 @@ def run_to_end(
     if "quick" in summary:
         answer(json_, summary, *shown, saved=f"First answer: {run.folder}")
         quoted = shlex.quote(str(run.folder))
-        following("resume", run.folder, messages.draw_posterior(quoted))
+        following(f"resume {run.to_resume}", None, messages.draw_posterior(quoted))
         return NOT_TRUSTED if strict else 0
     answer(json_, summary, *shown, saved=f"Report: {run.folder / 'report.html'}")
     return ended(summary["verdict"], run.folder, strict=strict)

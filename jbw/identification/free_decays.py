@@ -38,7 +38,8 @@ def free_decays(
 ) -> FreeDecays:
     """The posterior of free decays alone, beside one of them and other tests in which a joint is.
 
-    One that cannot be made costs the joint posterior nothing: a finding says so.
+    One that cannot be made costs the joint posterior nothing: a finding says so. Where decays alone
+    show no joint, their posterior is kept, and what is predicted of them is the joint posterior's.
     """
     if seen.decays is None:
         return FreeDecays()
@@ -60,7 +61,7 @@ def free_decays(
         missing = Finding("second_posterior", "usable", reason, float("nan"))
         return FreeDecays(in_joint, findings=(missing,))
     step, data = made
-    return FreeDecays(decays_in(data), step)
+    return FreeDecays(decays_in(data) if data.laws else in_joint, step)
 
 
 def decays_in(data: Dataset) -> Decays | None:

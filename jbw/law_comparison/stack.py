@@ -19,6 +19,7 @@ from jbw.law_comparison.answers import weights_for
 from jbw.measurement.records import Test
 from jbw.report.laws import laws_figure, render_laws
 from jbw.report.messages.laws import ACROSS, OUTWARD, WITHIN
+from jbw.report.result import require_finite
 from jbw.run.netcdf import read_tree, write_tree
 from jbw.study.store import write_figure, write_json, writing
 from jbw.verification.predictive_basis import Basis, basis_attrs, basis_of
@@ -80,7 +81,11 @@ def basis_of_laws(folder: Path) -> Basis:
     """
     try:
         record = json.loads((folder / "laws.json").read_text())
-        return stack_of(read_tree(folder / "laws.nc"), record)
+        tree = read_tree(folder / "laws.nc")
+        require_finite(tree, folder / "laws.nc")
+        return stack_of(tree, record)
+    except DataError:
+        raise
     except (OSError, KeyError, TypeError, ValueError) as cause:
         raise DataError(
             f"The comparison of laws in {folder} cannot be read: {type(cause).__name__} {cause}",

@@ -147,7 +147,7 @@ def solved(
     threads: int,
     *,
     writes: bool,
-    rows: Sequence[Float[np.ndarray, "group row value"] | None] | None = None,
+    rows: Sequence[Float[np.ndarray, "_ _ _"] | None] | None = None,  # each part has its sizes
 ) -> Solved | None:
     """The dataset without what costs most of predictions at points, and this; or None.
 

@@ -4,6 +4,7 @@ import json
 from pathlib import Path
 
 from jbw.errors import DataError
+from jbw.report.result import require_finite
 from jbw.run.netcdf import read_tree
 from jbw.verification.predictive_basis import Basis, basis_of
 
@@ -22,7 +23,9 @@ def basis_of_population(folder: Path) -> Basis:
         DataError: The folder holds no whole population.
     """
     try:
-        return basis_of(read_tree(folder / "population.nc"))
+        tree = read_tree(folder / "population.nc")
+        require_finite(tree, folder / "population.nc")
+        return basis_of(tree)
     except (OSError, KeyError, TypeError, ValueError, DataError) as cause:
         raise DataError(
             f"The population in {folder} cannot be read: {type(cause).__name__} {cause}",

@@ -210,6 +210,7 @@ def _provenance(summary: Mapping[str, Any]) -> dict[str, str]:
         "seed": "" if summary.get("seed") is None else str(summary["seed"]),
         "wall time": seconds(summary.get("wall_time_s")),
         "versions": str(versions),
+        "sources of jbw": str(summary.get("sources") or ""),
     }
 
 

@@ -19,6 +19,7 @@ from jbw.run.netcdf import read_tree
 
 TURN = 360.0  # degrees
 BACKBONE = "verification/backbone"
+DRAWN = ("posterior", "as_recorded", "runs")  # groups of draws, wherever they stand
 HELD_OUT = "held out"  # of every fit
 
 
@@ -51,25 +52,57 @@ def read_result(folder: Path, *groups: str) -> tuple[dict[str, Any], xr.DataTree
         tree = read_tree(folder / "posterior.nc", *groups)
         if tree.attrs.pop(MARK, None) is not None and not has_hashes:
             raise damaged(folder / "summary.json")
-    except DataError:
+    except DataError as error:
+        if _is_unfinished(folder):  # killed after the posterior took the place of a first answer's
+            raise _completed_by_resume(folder, error.what) from None
+        raise
+    except (ImportError, MemoryError):  # of this process: the result may be whole
         raise
     except Exception as cause:  # JSON and HDF5 raise what they like where a file is damaged
         raise DataError(
             f"The result in {folder} cannot be read, it is damaged: {reason_of(cause)}",
             remedy="Run the identification again, or restore the folder from a copy.",
         ) from cause
+    require_finite(tree, folder / "posterior.nc")
     return summary, tree
+
+
+def require_finite(tree: xr.DataTree, path: Path) -> None:
+    """Refuse a result of which a draw is no finite number.
+
+    Raises:
+        DataError: A variable of a posterior, or of the runs' parameters, has such draws.
+    """
+    for group in tree.subtree:
+        for name, values in group.data_vars.items() if group.name in DRAWN else ():
+            numbers = np.asarray(values.values)
+            if numbers.dtype.kind == "f" and (lost := np.count_nonzero(~np.isfinite(numbers))):
+                raise DataError(
+                    f"The draws of {name} in {path} must be finite numbers, but {lost} of "
+                    f"{numbers.size} are not.",
+                    why="Nothing that is worked out from them can be trusted.",
+                    remedy="Restore the folder from a copy, or identify again: jbw identify "
+                    "CAMPAIGN.toml.",
+                )
+
+
+def _is_unfinished(folder: Path) -> bool:
+    return (folder / ".run" / "manifest.json").is_file()
+
+
+def _completed_by_resume(folder: Path, what: str) -> DataError:
+    return DataError(
+        what,
+        why="Its run failed or was interrupted.",
+        remedy=f"Finish it: jbw resume {shlex.quote(str(folder))}",
+    )
 
 
 def _unfinished(folder: Path, name: str) -> DataError:
     """That a folder lacks a part of a result, and what gets it."""
     what = f"The folder {folder} has no {name}, so there is nothing to report."
-    if (folder / ".run" / "manifest.json").is_file():
-        return DataError(
-            what,
-            why="Its run failed or was interrupted.",
-            remedy=f"Finish it: jbw resume {shlex.quote(str(folder))}",
-        )
+    if _is_unfinished(folder):
+        return _completed_by_resume(folder, what)
     return DataError(
         what,
         remedy="Give the folder of a finished run: jbw identify CAMPAIGN.toml --out DIR makes one.",

@@ -4,9 +4,11 @@ import errno
 import json
 import os
 import platform
+import shlex
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING
@@ -29,6 +31,7 @@ if TYPE_CHECKING:
 HIDDEN = ".run"  # beside the results, until these are complete
 MANIFEST, LOCK, SPENT = "manifest.json", "lock", "spent_s"
 RESULT = {"posterior.nc", "summary.json", "figures", "report.html", "interactive.html"}
+OF_RIG = "campaign/campaign.toml"  # below a run's folder: the campaign of the virtual rig
 HOLDER = ".holder"  # beside a lock's file: which process holds it
 UNSUPPORTED = {errno.ENOTSUP, errno.ENOLCK, errno.ENOSYS}  # some network folders know no locks
 
@@ -100,6 +103,12 @@ class Run:
         self.interruption = Interruption()
         self.watch: Watch = lambda name, so_far: None
         self._opened = perf_counter()
+
+    @property
+    def to_resume(self) -> str:
+        """The arguments of `jbw resume` that go on with the run."""
+        allowed = " --allow-outside" if self.manifest.allow_outside else ""
+        return f"{shlex.quote(str(self.folder))}{allowed}"
 
     @property
     def campaign(self) -> Path:
@@ -184,8 +193,15 @@ def _holds_nothing_else_than_a_first_answer(folder: Path) -> bool:
     return asked_for_no_more and {path.name for path in folder.iterdir()} <= RESULT | {HIDDEN}
 
 
-def reopen(folder: Path) -> Run | None:
-    """Go on with an interrupted run, and hold its folder's lock; None where it is finished."""
+def reopen(folder: Path, *, allow_outside: bool = False) -> Run | None:
+    """Go on with an interrupted run, and hold its folder's lock; None where it is finished.
+
+    A folder may come from elsewhere: nothing in it leads a write out of it, and whether files
+    outside the campaign's folder are read is asked of the caller again.
+
+    Raises:
+        RunError: There is no run, another process holds it, or its files lead out of the folder.
+    """
     if not (folder / HIDDEN / MANIFEST).exists():
         if (folder / "summary.json").exists():
             shutil.rmtree(folder / HIDDEN, ignore_errors=True)  # a kill came in its removal
@@ -194,8 +210,16 @@ def reopen(folder: Path) -> Run | None:
             f"The folder {folder} holds no run to go on with.",
             remedy=f"Begin one: jbw identify CAMPAIGN --out {folder}.",
         )
+    _require_inside(folder)
     with _locked(folder) as held:
-        manifest = read_manifest(folder / HIDDEN / MANIFEST)
+        manifest = replace(read_manifest(folder / HIDDEN / MANIFEST), allow_outside=allow_outside)
+        if manifest.preset is not None and manifest.campaign != OF_RIG:
+            raise RunError(
+                f"The run in {folder} must have the campaign of its virtual rig at {OF_RIG}, but "
+                f"names {manifest.campaign}.",
+                why="The rig's records are written there.",
+                remedy="Begin a run of your own: jbw demo --out DIR.",
+            )
         require_room(folder)
         for part in folder.glob(".part-*"):
             shutil.rmtree(part, ignore_errors=True)
@@ -211,6 +235,19 @@ def require_same(run: Run) -> str | None:
     if was == is_:
         return None
     return messages.another_machine(was["name"], was["processors"], is_["name"], is_["processors"])
+
+
+def _require_inside(folder: Path) -> None:
+    """Refuse a run's folder with a link that leads out of it, through which files are written."""
+    inside = folder.resolve()
+    for path in folder.rglob("*"):
+        if path.is_symlink() and not path.resolve().is_relative_to(inside):
+            raise RunError(
+                f"The run's folder {folder} must hold its own files, but {path.name} is a link to "
+                f"{path.resolve()}.",
+                why="Going on with the run would write there.",
+                remedy="Put a copy in the place of the link.",
+            )
 
 
 def _require_empty(folder: Path) -> None:

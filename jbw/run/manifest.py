@@ -15,14 +15,16 @@ from typing import Any
 from jbw.errors import ConfigError, DataError, RunError
 from jbw.report.messages.run import RESTORE
 from jbw.run.files import hash_of, write_whole
+from jbw.sources import sources_of
 
 FORMAT = 1
 VERSIONED = ("jbw", "jax", "jaxlib", "numpyro", "blackjax", "diffrax", "optimistix", "numpy")
 
 
 def versions() -> dict[str, str]:
-    """Versions of what decides the draws."""
-    return {name: version(name) for name in VERSIONED}
+    """Return versions of what decides the draws; of jbw with the digest of its sources."""
+    here = {name: version(name) for name in VERSIONED}
+    return {**here, "jbw": f"{here['jbw']} (sources {sources_of('jbw')})"}
 
 
 def machine() -> dict[str, str]:
@@ -130,9 +132,16 @@ def require_unchanged(manifest: Manifest, campaign: Path) -> None:
         )
     if manifest.text is not None:
         _require_same_text(manifest.text, campaign)
+    folder = campaign.resolve().parent
     for name, digest in (manifest.inputs or {}).items():
+        if not (manifest.allow_outside or (folder / name).resolve().is_relative_to(folder)):
+            raise ConfigError(
+                f"The data file {name} must lie in the campaign's folder {folder}, but does not.",
+                why="A run's manifest may come from elsewhere.",
+                remedy="Where you know these files, allow them: jbw resume DIR --allow-outside.",
+            )
         try:
-            now = hash_of(campaign.resolve().parent / name)
+            now = hash_of(folder / name)
         except OSError as error:
             raise _other_data(f"{name} cannot be read: {error.strerror or error}.") from error
         _require_same(name, digest, now)

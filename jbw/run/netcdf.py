@@ -24,6 +24,7 @@ OF_LAYOUT = {
     "CLASS", "NAME", "REFERENCE_LIST", "DIMENSION_LIST", "_Netcdf4Dimid", "_Netcdf4Coordinates",
     "_NCProperties", "_nc3_strict",
 }  # fmt: skip
+NO_DAMAGE = (OSError, ImportError, MemoryError)  # say themselves what is wrong
 TEXT = h5py.string_dtype()
 BLOCK = 2**22  # bytes by which the file grows in memory
 
@@ -130,7 +131,7 @@ def read_tree(path: Path, *groups: str) -> xr.DataTree:
                     if isinstance(below, h5py.Group) and (key != "/" or name in (groups or found))
                 ]
         return xr.DataTree.from_dict(datasets)
-    except OSError:
+    except NO_DAMAGE:
         raise
     except Exception as cause:  # HDF5 raises what it likes where a file is damaged
         raise OSError(f"{type(cause).__name__}: {cause}") from cause

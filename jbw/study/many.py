@@ -159,7 +159,7 @@ def _run(task: Task) -> RunOutcome:
         prepare_process()
         folder = Path(task.folder)
         if (folder / HIDDEN / MANIFEST).exists():
-            began, run = "resumed", reopen(folder)
+            began, run = "resumed", reopen(folder, allow_outside=task.allow_outside)
         else:
             manifest = Manifest(
                 task.command, task.campaign, seed=task.seed, allow_outside=task.allow_outside,

@@ -13,6 +13,7 @@ from jbw import rig
 from jbw.campaign.load import load_with_doubts
 from jbw.inference.compiled import forget_when_many
 from jbw.report.figures import Beside
+from jbw.report.formats import formats_of
 from jbw.report.opening import opening
 from jbw.report.result import read_result
 from jbw.run.folder import Run, is_first_answer
@@ -32,6 +33,7 @@ def carried_out(
     Of a first answer the result alone is written, and the run stays one that can be gone on with.
     A process `beside` this one draws some of the report's figures.
     """
+    formats = formats_of(run.manifest.figures, "The manifest's `figures`")
     if (run.folder / "summary.json").exists() and not is_first_answer(run.folder):
         summary, tree = read_result(run.folder)
     else:
@@ -43,7 +45,7 @@ def carried_out(
             return summary, tree
     say("Writing figures and report")
     try:
-        save_report(run.folder, tree, summary, beside, run.manifest.figures)
+        save_report(run.folder, tree, summary, beside, formats)
     finally:
         if not run.interruption.asked:
             run.finish()  # a report that failed is `jbw report`'s to try again

@@ -30,6 +30,7 @@ from jbw.measurement.records import INPUTS, Test
 from jbw.observables.dataset import Dataset
 from jbw.report.messages import study as messages
 from jbw.report.result import node, verified
+from jbw.sources import sources_of
 from jbw.study.identifiability import plain
 from jbw.study.order import Order
 from jbw.study.study import input_hashes
@@ -83,6 +84,7 @@ def record_of(
         **_joints(tree),
         **_turning(campaign.tests),
         "versions": {package: version(package) for package in VERSIONED},
+        "sources": sources_of("jbw"),
         "seed": order.seed,
         "inputs": input_hashes(campaign),
         "assembly": _assembly(campaign),

@@ -280,7 +280,6 @@ def basis_of(tree: xr.DataTree) -> Basis:
     posterior = tree["posterior"].to_dataset()
     if AS_RECORDED in tree.children:  # a prediction is what the same instruments would read
         posterior = posterior.assign(tree[AS_RECORDED].to_dataset().data_vars)
-    decay = "/steps/decay/posterior"
     tests = json.loads(str(attrs.get("tests", "{}")))
     return Basis(
         posterior,
@@ -289,7 +288,7 @@ def basis_of(tree: xr.DataTree) -> Basis:
         float(attrs.get("y_peak", 0.0)),
         tuple(np.atleast_1d(attrs["scatter"]).tolist()) if "scatter" in attrs else (),
         int(attrs.get("substeps", SUBSTEPS)),
-        tree[decay].to_dataset() if decay in tree.groups else posterior,
+        _of_decays(tree, posterior, laws),
         json.loads(str(attrs.get("decay", "{}"))),
         laws,
         tree["runs"].to_dataset() if "runs" in tree.children else None,
@@ -299,6 +298,14 @@ def basis_of(tree: xr.DataTree) -> Basis:
         if "discrepancy" in tree.children
         else None,
     )
+
+
+def _of_decays(tree: xr.DataTree, posterior: xr.Dataset, laws: Laws) -> xr.Dataset:
+    """Return the posterior that predicts free decays: their own, unless it is without the joint."""
+    place = "/steps/decay/posterior"
+    own = tree[place].to_dataset() if place in tree.groups else posterior
+    of_joint = {quantity.name for quantity in quantities_of(laws)} & set(posterior)
+    return own if of_joint <= set(own) else posterior
 
 
 def noise_by_label(posterior: xr.Dataset) -> dict[str, float]:

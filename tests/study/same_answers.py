@@ -58,7 +58,7 @@ TABLES = ("backbone", "loop", "skeleton")  # of an export, whose columns end in 
 # Numbers that are not compared, and why.
 NOT_COMPARED = {
     "wall_time_s": "how long this machine took",
-    "versions": "of packages, not of the data",
+    **dict.fromkeys(("versions", "sources"), "of packages, not of the data"),
     "command": "what was typed",
     **dict.fromkeys(("inputs", "sha256", "campaign_sha256"), "hashes of files, which are others"),
     "campaign_file": "where it stands",

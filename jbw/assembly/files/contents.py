@@ -10,6 +10,11 @@ import scipy.sparse as sp
 from jbw.assembly.dofs import Dof
 from jbw.assembly.factorisation import Sparse
 from jbw.assembly.files.node_table import Position
+from jbw.errors import DataError
+from jbw.measurement.files.tree import MAX_BYTES
+
+AS_SPARSE = "Save it as a sparse matrix, or reduce the model in its own program."
+INDEX, ENTRY = 8, 16  # bytes of a column and of an entry of a sparse matrix
 
 
 @dataclass(frozen=True)
@@ -25,6 +30,24 @@ class MatrixFile:
     matrices: Mapping[str, Any]
     dofs: Mapping[str, Sequence[Dof]] = field(default_factory=dict)
     nodes: Mapping[str, Position] | None = None
+
+
+def require_held(name: str, shape: Sequence[int], entries: int) -> None:
+    """Refuse a sparse matrix that takes more memory than is read at once, before it is made.
+
+    Args:
+        name: Of its file.
+        shape: Rows and columns.
+        entries: How many of its entries are stored.
+    """
+    size = INDEX * max(shape) + ENTRY * entries
+    if size > MAX_BYTES:
+        raise DataError(
+            f"A matrix of {shape[0]} x {shape[1]} with {entries} entries in {name} takes "
+            f"{size / 2**30:.1f} GiB, but at most {MAX_BYTES / 2**30:.0f} GiB are read at once.",
+            remedy="Number the degrees of freedom without gaps, or reduce the model in its own "
+            "program.",
+        )
 
 
 def of_labels(

@@ -9,9 +9,12 @@ import numpy as np
 import scipy.io
 import scipy.sparse as sp
 
-from jbw.assembly.files.contents import MatrixFile
+from jbw.assembly.files.contents import AS_SPARSE, MatrixFile, require_held
 from jbw.assembly.files.dof_table import DOFS, rows_of_table
 from jbw.assembly.files.node_table import NODES, positions
+from jbw.errors import DataError
+from jbw.measurement.files.mat_headers import require_sound
+from jbw.measurement.files.tree import MAX_BYTES
 
 
 def contents(path: Path) -> MatrixFile:
@@ -35,6 +38,7 @@ def _is_matrix(variable: Any) -> bool:
 
 
 def _v5(path: Path) -> dict[str, Any]:
+    require_sound(path, MAX_BYTES)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of SciPy's sparse matrices
         loaded = scipy.io.loadmat(path, chars_as_strings=True)
@@ -59,15 +63,29 @@ def _read73(file: h5py.File, node: Any) -> Any:
         if "MATLAB_sparse" not in node.attrs:
             return None
         size: Any = node.attrs["MATLAB_sparse"]
-        rows, starts = int(np.ravel(size)[0]), np.asarray(node["jc"])
+        rows, starts = int(np.ravel(size)[0]), _loaded(node["jc"])
+        require_held(
+            file.filename, (rows, starts.size - 1), node["data"].size if "data" in node else 0
+        )
         if "data" not in node:  # a sparse matrix of zeros
             return sp.csc_array((rows, starts.size - 1))
-        parts = (np.asarray(node["data"]), np.asarray(node["ir"]), starts)
+        parts = (_loaded(node["data"]), _loaded(node["ir"]), starts)
         return sp.csc_array(parts, shape=(rows, starts.size - 1))
     if h5py.check_ref_dtype(node.dtype) is h5py.Reference:
         texts = [np.ravel(np.asarray(file[link])) for link in np.ravel(np.asarray(node))]
         return np.array(["".join(map(chr, codes)) for codes in texts])
-    array = np.asarray(node).T
+    array = _loaded(node).T
     if node.attrs.get("MATLAB_class", b"") == b"char":
         return np.array(["".join(map(chr, row)) for row in np.atleast_2d(array)])
     return array
+
+
+def _loaded(node: h5py.Dataset) -> np.ndarray:
+    """An array of the file, refused before it is unpacked where it takes too much memory."""
+    if node.nbytes > MAX_BYTES:
+        raise DataError(
+            f"The array {node.name} of shape {node.shape} takes {node.nbytes / 2**30:.1f} GiB, "
+            f"but at most {MAX_BYTES / 2**30:.0f} GiB are read at once.",
+            remedy=AS_SPARSE,
+        )
+    return np.asarray(node)

@@ -15,8 +15,9 @@ import numpy as np
 import scipy.io
 
 from jbw.assembly.dofs import Dof, dof_of
-from jbw.assembly.files.contents import MatrixFile, mirrored, of_labels
+from jbw.assembly.files.contents import AS_SPARSE, MatrixFile, mirrored, of_labels, require_held
 from jbw.errors import DataError
+from jbw.measurement.files.tree import MAX_BYTES
 
 _EXPONENT = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")  # as Fortran writes it
 
@@ -26,10 +27,25 @@ def contents(path: Path) -> MatrixFile:
     with path.open(encoding="utf-8", errors="replace") as stream:
         is_market = stream.readline().startswith("%%MatrixMarket")
     if is_market:
+        _require_held(path)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # of SciPy's sparse matrices
             return MatrixFile({"": scipy.io.mmread(path)})
     return _abaqus(path)
+
+
+def _require_held(path: Path) -> None:
+    """Refuse a header that states more than the file holds, or than is read at once."""
+    rows, columns, entries, form, *_ = scipy.io.mminfo(path)
+    dense = form == "array"
+    if not dense:
+        require_held(path.name, (rows, columns), entries)
+    elif (size := 8 * rows * columns) > MAX_BYTES:
+        raise DataError(
+            f"The dense matrix of {rows} x {columns} in {path.name} takes {size / 2**30:.1f} GiB, "
+            f"but at most {MAX_BYTES / 2**30:.0f} GiB are read at once.",
+            remedy=AS_SPARSE,
+        )
 
 
 def _abaqus(path: Path) -> MatrixFile:
@@ -59,6 +75,7 @@ def _abaqus(path: Path) -> MatrixFile:
             remedy="Export it by *MATRIX OUTPUT, FORMAT=COORDINATE.",
         )
     size = int(max(row.max(), column.max()))
+    require_held(path.name, (size, size), len(table))
     return MatrixFile({"": mirrored(row - 1, column - 1, table[:, 2], size)})
 
 

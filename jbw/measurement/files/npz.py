@@ -20,14 +20,19 @@ def contents(path: Path) -> Iterator[Contents]:
             raise ValueError(f"the shape {array.shape} takes {declared} bytes")
         yield Contents({"data": numeric(array)}, "npy")
         return
-    with zipfile.ZipFile(path) as archive:  # before anything is unpacked
+    require_unpackable(path, "Save it as HDF5, which is read in parts.")
+    with np.load(path, allow_pickle=False) as archive:
+        # A damaged member fails its CRC here, before any of its samples is used.
+        yield Contents({name: numeric(archive[name]) for name in archive.files}, "npz")
+
+
+def require_unpackable(path: Path, remedy: str) -> None:
+    """Refuse an .npz archive that unpacks to more than is read at once, before it is unpacked."""
+    with zipfile.ZipFile(path) as archive:
         size = sum(member.file_size for member in archive.infolist())
     if size > MAX_BYTES:
         raise DataError(
             f"File `{path.name}` unpacks to {size / 2**30:.1f} GiB, "
             f"but at most {MAX_BYTES / 2**30:.0f} GiB are read at once.",
-            remedy="Save it as HDF5, which is read in parts.",
+            remedy=remedy,
         )
-    with np.load(path, allow_pickle=False) as archive:
-        # A damaged member fails its CRC here, before any of its samples is used.
-        yield Contents({name: numeric(archive[name]) for name in archive.files}, "npz")

@@ -7,7 +7,6 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, fields
 from functools import cache
-from importlib import import_module
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 from typing import Any
@@ -27,6 +26,7 @@ from jbw.measurement.readings.table import Change, RecordReading, read_fits
 from jbw.measurement.records import Record
 from jbw.measurement.spans import start_of
 from jbw.report.messages import decay_faults as messages
+from jbw.sources import sources_of
 
 Band = tuple[float, float]
 UNREADABLE = (ArithmeticError, IndexError, JbwError, ValueError, np.linalg.LinAlgError)
@@ -130,24 +130,13 @@ def _read_fits(fits: Fits) -> RecordReading | None:
 
 def _key(record: Record, kind: str, numbers: Sequence[float]) -> str:
     """Digest of everything that an examination depends on."""
-    digest = hashlib.blake2b(_sources(), digest_size=20)
+    digest = hashlib.blake2b(sources_of(*SOURCES).encode(), digest_size=20)
     facts = kind, record.fs, numbers, record.name, start_of(record), record.drive
     digest.update(repr(facts).encode())
     for role in sorted(record.channels):
         digest.update(role.encode())
         digest.update(np.ascontiguousarray(record.channels[role]).tobytes())
     return digest.hexdigest()
-
-
-@cache
-def _sources() -> bytes:
-    """Digest of the code that makes a reading."""
-    digest = hashlib.blake2b(digest_size=20)
-    for package in SOURCES:
-        folder = Path(str(import_module(package).__file__)).parent
-        for path in sorted(folder.glob("*.py")):
-            digest.update(path.read_bytes())
-    return digest.digest()
 
 
 def _kept(key: str, make: Callable[[], Examined]) -> Examined:
