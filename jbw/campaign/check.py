@@ -7,6 +7,7 @@ import json
 import re
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +33,7 @@ from jbw.measurement.checks.long_records import DRIFTS, long_records
 from jbw.measurement.checks.loops import degrading, off_centre, travels_freely
 from jbw.measurement.checks.plausibility import doubts, swapped
 from jbw.measurement.curves import forced_loop, response_curve
+from jbw.measurement.hypotheses.begins_late import begins_late
 from jbw.measurement.hypotheses.examine import examined_decay, examined_sweep
 from jbw.measurement.hypotheses.lag_of_noise import untimely
 from jbw.measurement.hypotheses.unlike_gains import unlike_gains
@@ -153,13 +155,16 @@ class _CheckedTest:
     def take(self, record: Record, test: TestSpec, spec: CampaignSpec) -> None:
         """Look at one repeat."""
         per_unit = gain_of(force_per_unit(spec), test.driven_by)
-        faults = findings(record, test, self.first, per_unit=per_unit, laws=spec.laws)
+        of_one = has_one_mode(spec)
+        faults = findings(
+            record, test, self.first, per_unit=per_unit, laws=spec.laws, of_one_mode=of_one
+        )
         spoilt = worst(faults) == "error"
         stated = () if self.first or spoilt else tuple(_stated(record, test, spec))
         self.codes |= {DataError.exit_code} if spoilt else set()
         self.codes |= {ConfigError.exit_code} if worst(stated) == "error" else set()
         self.named += [(record.name, fault) for fault in (*faults, *stated)]
-        self.gains += [] if spoilt else gain_read(record, test)
+        self.gains += gain_read(record, test) if of_one and not spoilt else []
         self.sources.append(source_of(record, test))
         self.repeats += 1
         self.held += record.num_samples * len(record.channels)
@@ -312,6 +317,7 @@ def findings(
     *,
     per_unit: float | None = None,
     laws: Sequence[str] = (),
+    of_one_mode: bool = True,
 ) -> tuple[Fault, ...]:
     """Return everything found in a record, by itself, against its test, beside its first repeat.
 
@@ -323,20 +329,27 @@ def findings(
         first: The first repeat of its test; empty where the record is that.
         per_unit: Force per modal mass for one unit of the input, when known.
         laws: Those of the joint.
+        of_one_mode: Whether one mode is all that its records show, by the campaign.
     """
     facts = _contradicting(record, test, first)
+    doubtful = partial(_doubtful, per_unit=per_unit, laws=laws, of_one_mode=of_one_mode)
 
     def look(record: Record, test: TestSpec) -> list[Fault]:
         stated = _contradicting(record, test, first)
         if worst(stated) == "error":
             return stated
-        return [*stated, *_doubtful(record, test, first, per_unit, laws)]
+        return [*stated, *doubtful(record, test, first)]
 
     if worst(facts) == "error":
         return tuple(facts)
     # What files and campaign state is no guess: its remedies need no trial.
-    doubtful = _doubtful(record, test, first, per_unit, laws)
-    return (*facts, *tried(doubtful, facts, record, test, look))
+    return (*facts, *tried(doubtful(record, test, first), facts, record, test, look))
+
+
+def has_one_mode(spec: CampaignSpec) -> bool:
+    """Return whether one mode moves the joint: readings and faults by one mode are of no other."""
+    several = spec.structure is not None and len(spec.structure.modes) > 1
+    return not several and spec.assembled is None
 
 
 def _contradicting(record: Record, test: TestSpec, first: Sequence[Record]) -> list[Fault]:
@@ -358,11 +371,19 @@ def _doubtful(
     record: Record,
     test: TestSpec,
     first: Sequence[Record],
+    *,
     per_unit: float | None,
     laws: Sequence[str],
+    of_one_mode: bool,
 ) -> list[Fault]:
     """Faults that a record itself shows, with remedies that nobody has tried."""
     faults = [*_of_metres(record, test), *_believable(record, test, per_unit, laws)]
+    if of_one_mode and test.traits.is_free:
+        faults += examined_decay(record, test.band, test.settle).faults
+    elif test.traits.is_free and test.band is not None:
+        faults += begins_late(record, test.band, test.settle)
+    elif of_one_mode and test.traits.is_transient and any(x in record.channels for x in INPUTS):
+        faults += examined_sweep(record, test.band, test.delay).faults
     if first and test.traits.is_transient and test.traits.is_driven:
         faults += noisy_drive(first[0], record)
     return faults
@@ -459,7 +480,6 @@ def _believable(
     elif traits.is_transient and driven:
         yield from swapped(record)
         yield from responses.already_moving(record, test.band, test.settle)
-        yield from examined_sweep(record, test.band, test.delay).faults
     elif traits.is_steady:
         dwell = test.dwell if traits.is_stepped else None
         yield from responses.unsteady(record, test.tones, test.settle, dwell)
@@ -482,5 +502,3 @@ def _believable(
     elif traits.is_prescribed:
         yield from responses.gives_energy(forced_loop(record))
         yield from degrading(forced_loop(record), laws)
-    elif traits.is_free:
-        yield from examined_decay(record, test.band, test.settle).faults

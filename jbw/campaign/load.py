@@ -8,7 +8,7 @@ from math import isnan
 from pathlib import Path
 from textwrap import shorten
 
-from jbw.campaign.check import beside_stated, findings, gain_read, unread
+from jbw.campaign.check import beside_stated, findings, gain_read, has_one_mode, unread
 from jbw.campaign.duplicates import held_twice, source_of
 from jbw.campaign.files import repeats_of
 from jbw.campaign.gains import Gain, force_per_unit, gain_of
@@ -111,7 +111,14 @@ def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
     joints = several_joints(spec, folder, allow_outside=allow_outside)
     laws = spec.laws if joints is None else joints.laws
     tests = [
-        load_test(test, folder, per_unit=per_unit, laws=laws, allow_outside=allow_outside)
+        load_test(
+            test,
+            folder,
+            per_unit=per_unit,
+            laws=laws,
+            of_one_mode=has_one_mode(spec),
+            allow_outside=allow_outside,
+        )
         for test in spec.tests
     ]
     sources = [
@@ -146,6 +153,7 @@ def load_test(
     *,
     per_unit: Gain,
     laws: Sequence[str] = (),
+    of_one_mode: bool = True,
     allow_outside: bool = False,
 ) -> Test:
     """One [[test]] with its records: the first error is raised, what is doubtful is warned of.
@@ -155,6 +163,7 @@ def load_test(
         folder: Of the campaign file.
         per_unit: Force per modal mass for one unit of the input, where the campaign says; by drive.
         laws: Those of the joint.
+        of_one_mode: Whether one mode is all that its records show, by the campaign.
         allow_outside: Let `files` point out of the folder.
     """
     loaded: list[Record] = []
@@ -164,11 +173,11 @@ def load_test(
     for item in repeats_of(test, folder, allow_outside=allow_outside):
         if isinstance(item, JbwError):
             raise item
-        faults = findings(item, test, loaded[:1], per_unit=gain, laws=laws)
+        faults = findings(item, test, loaded[:1], per_unit=gain, laws=laws, of_one_mode=of_one_mode)
         errors = [fault for fault in faults if fault.severity == "error"]
         report(item, [beside_stated(fault, test) for fault in errors])
         doubts += [(item.name, fault) for fault in faults]
-        gains += gain_read(item, test)
+        gains += gain_read(item, test) if of_one_mode else []
         loaded.append(item)
     if gains:
         doubts += unlike_gains(gains, loaded[0].response, loaded[0].source)

@@ -1,0 +1,33 @@
+"""Modes that a campaign states are no fault of its records."""
+
+import numpy as np
+
+from jbw.campaign.check import check_campaign
+
+FS, FIRST, SECOND = 512.0, 18.0, 23.0
+CAMPAIGN = """[campaign]
+name = "two modes"
+[[test]]
+kind = "decay"
+files = "tap.csv"
+channels = { time = "t", velocity = "v" }
+units = { time = "s", velocity = "m/s" }
+band = [12.0, 30.0]
+"""
+
+
+def test_two_modes_in_a_band_are_named_unless_the_campaign_states_them(tmp_path):
+    t = np.arange(4096) / FS
+    v = sum(np.exp(-0.005 * 2 * np.pi * hz * t) * np.cos(2 * np.pi * hz * t) for hz in
+            (FIRST, SECOND))  # fmt: skip
+    v = 0.01 * v + 1e-6 * np.random.default_rng(0).standard_normal(len(t))
+    rows = np.stack([t, v], 1)
+    np.savetxt(tmp_path / "tap.csv", rows, delimiter=",", header="t,v", comments="")
+    path = tmp_path / "campaign.toml"
+
+    def said(text):
+        path.write_text(text)
+        return [fault.what for row in check_campaign(path).rows for fault in row.findings]
+
+    assert any("two modes" in what for what in said(CAMPAIGN))
+    assert said(CAMPAIGN + f"[structure]\nmodes = [{FIRST}, {SECOND}]\n") == []
