@@ -16,7 +16,15 @@ from scipy.optimize import least_squares
 from scipy.signal import fftconvolve
 
 from jbw.measurement.channels import Complexes, Reals, whole_down, whole_up
-from jbw.measurement.readings.slow_flow import BASES, Basis, Fitted, converter_step, filtered_step
+from jbw.measurement.readings.slow_flow import (
+    BASES,
+    FULLY,
+    NEAR_BEST,
+    Basis,
+    Fitted,
+    converter_step,
+    filtered_step,
+)  # fmt: skip
 
 BETA = 7.0  # of the Kaiser window that is the band's filter
 LAW_ERROR = 1e-3  # of the amplitude: residual of a sound joint, by averaging and by the basis
@@ -340,8 +348,16 @@ def fit_decay(
         at = count - 1
         lower[at], upper[at] = (-1.2, 5.0) if basis.terms == 2 else (0.2, 2.2)
         begin[at] = np.clip(begin[at], lower[at] + 0.05, upper[at] - 0.05)
+    near = FULLY if cause is None else NEAR_BEST
     found: Any = least_squares(
-        residual, begin, bounds=(lower, upper), method="trf", x_scale="jac", max_nfev=40
+        residual,
+        begin,
+        bounds=(lower, upper),
+        method="trf",
+        x_scale="jac",
+        max_nfev=40,
+        ftol=near,
+        xtol=near,
     )
     size = len(signal.z)
     jacobian = -(found.jac[:size] + 1j * found.jac[size:]) / weight[:, None]

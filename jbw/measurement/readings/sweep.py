@@ -21,7 +21,14 @@ from scipy.optimize import least_squares
 from scipy.signal import fftconvolve, firwin
 
 from jbw.measurement.channels import Complexes, Reals, whole_down
-from jbw.measurement.readings.slow_flow import BASES, Fitted, converter_step, filtered_step
+from jbw.measurement.readings.slow_flow import (
+    BASES,
+    FULLY,
+    NEAR_BEST,
+    Fitted,
+    converter_step,
+    filtered_step,
+)  # fmt: skip
 
 LAW_ERROR = 3e-3  # of the amplitude: residual of a sound joint, by averaging and by the basis
 SOLVE: Any = vars(lapack)["ztbtrs"]  # of a triangular band, which SciPy's stubs leave out
@@ -290,7 +297,10 @@ def fit_sweep(
         at = count - 1
         lower[at], upper[at] = (0.2, 4.0) if basis.terms == 2 else (0.2, 2.2)
         begin[at] = np.clip(begin[at], lower[at] + 0.05, upper[at] - 0.05)
-    found: Any = least_squares(residual, begin, bounds=(lower, upper), x_scale="jac", max_nfev=30)
+    near = FULLY if cause is None else NEAR_BEST
+    found: Any = least_squares(
+        residual, begin, bounds=(lower, upper), x_scale="jac", max_nfev=30, ftol=near, xtol=near
+    )
     left, gains = projected(found.x)
     size = len(signal.z)
     jacobian = -(found.jac[:size] + 1j * found.jac[size:]) / weight[:, None]
