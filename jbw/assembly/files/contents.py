@@ -13,7 +13,6 @@ from jbw.assembly.files.node_table import Position
 from jbw.errors import DataError
 from jbw.measurement.files.tree import MAX_BYTES
 
-AS_SPARSE = "Save it as a sparse matrix, or reduce the model in its own program."
 INDEX, ENTRY = 8, 16  # bytes of a column and of an entry of a sparse matrix
 
 

@@ -9,12 +9,13 @@ import numpy as np
 import scipy.io
 import scipy.sparse as sp
 
-from jbw.assembly.files.contents import AS_SPARSE, MatrixFile, require_held
+from jbw.assembly.files.contents import MatrixFile, require_held
 from jbw.assembly.files.dof_table import DOFS, rows_of_table
 from jbw.assembly.files.node_table import NODES, positions
 from jbw.errors import DataError
 from jbw.measurement.files.mat_headers import require_sound
 from jbw.measurement.files.tree import MAX_BYTES
+from jbw.report.messages import matrices as messages
 
 
 def contents(path: Path) -> MatrixFile:
@@ -86,6 +87,6 @@ def _loaded(node: h5py.Dataset) -> np.ndarray:
         raise DataError(
             f"The array {node.name} of shape {node.shape} takes {node.nbytes / 2**30:.1f} GiB, "
             f"but at most {MAX_BYTES / 2**30:.0f} GiB are read at once.",
-            remedy=AS_SPARSE,
+            remedy=messages.AS_SPARSE,
         )
     return np.asarray(node)

@@ -15,9 +15,10 @@ import numpy as np
 import scipy.io
 
 from jbw.assembly.dofs import Dof, dof_of
-from jbw.assembly.files.contents import AS_SPARSE, MatrixFile, mirrored, of_labels, require_held
+from jbw.assembly.files.contents import MatrixFile, mirrored, of_labels, require_held
 from jbw.errors import DataError
 from jbw.measurement.files.tree import MAX_BYTES
+from jbw.report.messages import matrices as messages
 
 _EXPONENT = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")  # as Fortran writes it
 
@@ -44,7 +45,7 @@ def _require_held(path: Path) -> None:
         raise DataError(
             f"The dense matrix of {rows} x {columns} in {path.name} takes {size / 2**30:.1f} GiB, "
             f"but at most {MAX_BYTES / 2**30:.0f} GiB are read at once.",
-            remedy=AS_SPARSE,
+            remedy=messages.AS_SPARSE,
         )
 
 
