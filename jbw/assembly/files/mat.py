@@ -81,7 +81,7 @@ def _read73(file: h5py.File, node: Any) -> Any:
     return array
 
 
-def _loaded(node: h5py.Dataset) -> np.ndarray:
+def _loaded(node: Any) -> np.ndarray:
     """An array of the file, refused before it is unpacked where it takes too much memory."""
     if node.nbytes > MAX_BYTES:
         raise DataError(
