@@ -65,9 +65,9 @@ def _read73(file: h5py.File, node: Any) -> Any:
             return None
         size: Any = node.attrs["MATLAB_sparse"]
         rows, starts = int(np.ravel(size)[0]), _loaded(node["jc"])
-        require_held(
-            file.filename, (rows, starts.size - 1), node["data"].size if "data" in node else 0
-        )
+        stored: Any = node.get("data")
+        entries = 0 if stored is None else stored.size
+        require_held(Path(file.filename).name, (rows, starts.size - 1), entries)
         if "data" not in node:  # a sparse matrix of zeros
             return sp.csc_array((rows, starts.size - 1))
         parts = (_loaded(node["data"]), _loaded(node["ir"]), starts)
