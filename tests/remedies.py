@@ -19,6 +19,7 @@ TEXTS = (ast.Constant, ast.JoinedStr)  # nodes that may be a string
 QUOTES = {
     ("campaign/check.py", "band"),
     ("campaign/files.py", "files"),
+    ("report/messages/reading.py", "units"),  # of times: the unit is a guess to be replaced
     ("oscillator/checks.py", "fs"),
     ("oscillator/checks.py", "substeps"),
     ("oscillator/modes/structure.py", "fs"),
@@ -109,6 +110,17 @@ PASTED = {
     ("report/messages/remedies.py", "span"): CHECKS
     + "test_every_line_pasted_for_spoilt_samples_cures",
     ("measurement/files/sampling.py", "resample"): FILES + "test_a_pasted_rate_cures",
+    ("measurement/files/clocks.py", "resample"): CHECKS
+    + "test_every_line_pasted_for_broken_times_cures",
+    ("report/messages/reading.py", "sensitivity"): "campaign/test_volts_and_clocks.py::"
+    "test_the_line_about_volts_cures",
+    ("report/messages/laws.py", "laws"): "study/test_proposed_laws.py::"
+    "test_the_law_of_the_readings_is_taken_where_none_is_stated",
+    ("report/messages/record_faults.py", "scale"): CHECKS
+    + "test_a_pasted_sign_of_all_repeats_cures",
+    ("campaign/trial.py", "exclude"): DECAYS,
+    ("report/messages/clock_faults.py", "scale"): CHECKS
+    + "test_a_repeat_that_was_turned_over_is_cured_in_a_test_of_its_own",
     ("report/messages/reading.py", "units_are"): FILES + "test_a_pasted_word_on_units_cures",
     ("measurement/resampled.py", "resample"): FILES + "test_a_rate_beyond_what_was_measured",
     ("measurement/checks/responses.py", "conjugate"): CURVES,

@@ -40,9 +40,9 @@ SEES = {
     "planning": MODEL | {"verification"},
     "study": MODEL | {"assembly", "identification", "verification", "report", "rig", "run"},
     "export": {"assembly", "oscillator", "report", "study", "verification"},
-    "law_comparison": MODEL | {"identification", "report", "study", "verification"},
-    "lab": MODEL | {"identification", "report", "rig", "study"},
-    "population": MODEL | {"verification", "report", "study"},
+    "law_comparison": MODEL | {"identification", "report", "run", "study", "verification"},
+    "lab": MODEL | {"identification", "report", "rig", "run", "study"},
+    "population": MODEL | {"verification", "report", "run", "study"},
     "watch": MODEL - {"oscillator"}
     | {"identification", "population", "run", "study", "verification"},
     "cli": MODEL

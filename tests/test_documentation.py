@@ -380,7 +380,7 @@ def test_the_tutorial_is_so(tmp_path, monkeypatch, capsys):
     assert not middle["fitted"]
     assert middle["nrmse"] < 0.015
     assert middle["nrmse_linear"] > 0.1
-    for file in ("look", "run/report.html", "run/figures", "run/export/backbone.csv"):
+    for file in ("look", "run/report.html", "run/export/backbone.csv"):
         assert Path(file).exists()
     assert "BEYOND" in capsys.readouterr().out  # of the sweep at twice the highest level
 

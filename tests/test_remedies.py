@@ -36,7 +36,7 @@ def test_the_tests_of_the_registry_are_there_and_paste(where):
     tree = ast.parse((TESTS / file).read_text(encoding="utf-8"))
     (test,) = (n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef) and n.name == name)
     called = {ast.unparse(n.func) for n in ast.walk(test) if isinstance(n, ast.Call)}
-    assert called & {"pasted", "lines_of", "with_line"}
+    assert called & {"pasted", "lines_of", "with_line", "PUT.findall"}
 
 
 CURVE = """kind = "frf"

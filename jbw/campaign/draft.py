@@ -30,7 +30,7 @@ from jbw.measurement.checks.responses import band_about_peak, height_within
 from jbw.measurement.files.assemble import Wanted
 from jbw.measurement.files.clocks import SECONDS, coarse_rate, sampling_frequency, time_unit
 from jbw.measurement.files.paths import select
-from jbw.measurement.files.read import EXPORTS, READERS, opened, records
+from jbw.measurement.files.read import READERS, opened, records
 from jbw.measurement.files.tree import RATE, Contents, Leaf, load, names
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.recorders.facts import is_time
@@ -38,6 +38,7 @@ from jbw.measurement.records import CLOCKS, INPUTS, RESPONSES, SENSITIVITIES, Re
 from jbw.measurement.resampled import proposed_rate
 from jbw.measurement.spectra import strongest_line
 from jbw.report.messages import draft as messages
+from jbw.report.messages.reading import EXPORTS
 from jbw.units import decibels, plain
 
 NAMED = "campaign.toml"

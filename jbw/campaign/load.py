@@ -61,6 +61,7 @@ class Campaign:
     structure: Structured | None = None
     instruments: Instruments = NOT_STATED  # what is known of clock and calibration
     joints: SeveralJoints | None = None  # of a structure with several; None of one
+    states_laws: bool = True  # where it does not, its readings may propose others
 
     def __repr__(self) -> str:
         lines = [f"  {_line(test)}" for test in self.tests[:SHOWN]]
@@ -130,7 +131,7 @@ def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
             raise DataError(fault.what, why=fault.why, remedy=fault.remedy)
         warnings.warn(f"Test {name}: {fault.what} {fault.remedy}", stacklevel=2)
     facts = (spec.gain, spec.modal_mass, spec.settings, path, laws, spec.assembly)
-    structure_facts = (spec.structure, spec.instruments, joints)
+    structure_facts = (spec.structure, spec.instruments, joints, spec.states_laws)
     return Campaign(spec.name, folder, tuple(tests), *facts, *structure_facts)
 
 

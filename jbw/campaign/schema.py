@@ -74,6 +74,7 @@ class CampaignSpec:
     instruments: Instruments = NOT_STATED  # what is known of clock and calibration
     assembled: AssembledStructure | None = None  # where the structure is known by its matrices
     joints: tuple[JointTable, ...] = ()  # of a structure with [[joint]] tables
+    states_laws: bool = True  # by name, or by a prior
 
 
 def read_spec(path: Path) -> CampaignSpec:
@@ -134,7 +135,8 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
     settings = settings.model_copy(update={"hold_out": (*settings.hold_out, *held)})
     facts = (head.gain, head.modal_mass, settings, laws, assembly, structure, head.instruments)
     several = assembled, tuple(joints)
-    return CampaignSpec(head.name, tuple(at_every_point(tests)), *facts, *several)
+    states_laws = stated or bool(joints) or bool(settings.prior)
+    return CampaignSpec(head.name, tuple(at_every_point(tests)), *facts, *several, states_laws)
 
 
 def _joints(tables: Any, errors: list[str]) -> list[JointTable]:

@@ -5,7 +5,7 @@ from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from math import inf
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BeforeValidator, StrictBool, model_validator
+from pydantic import BeforeValidator, Field, StrictBool, model_validator
 
 from jbw.campaign import values
 from jbw.campaign.document import LISTED, FileTable, checked, key, refuse, unlike
@@ -27,6 +27,7 @@ from jbw.quantities import (
     must_be,
 )
 
+LIMIT = 0.05  # error of held-out tests up to which a law is predictive
 MOST_MODES = 1 + len(MODES)  # of a structure
 MOST_POINTS = len(POINTS)  # beside the first
 SPRING = "cubic"  # a prior on its parameter brings the law of this name, unless laws are stated
@@ -68,6 +69,11 @@ class Identify(FileTable):
     )
     fit: values.ToFit | None = key(None, f"kinds to fit, among {', '.join(KINDS)}; all by default")
     hold_out: values.Strings = key((), "names of tests that no fit sees")
+    predictive: Annotated[float, Field(gt=0, le=0.25), BeforeValidator(values.number)] = key(
+        LIMIT,
+        "error of held-out tests up to which a law is predictive, over their rms; 0.05 by default",
+        0.03,
+    )
     final: StrictBool = key(
         False,
         "fit all tests for use after those held out have told what the law is worth; takes both "

@@ -70,7 +70,8 @@ def verdict_line(verdict: Mapping[str, Any]) -> Text:
     """A verdict in one line, with the status of each of its three answers."""
     parts: list[Any] = ["Verdict: ", _status(verdict["status"])]
     for i, (name, answered) in enumerate(verdict.get("answers", {}).items()):
-        parts += [", " if i else " (", f"{name} ", _status(answered["status"])]
+        word = answered.get("word")
+        parts += [", " if i else " (", f"{name} ", _status(answered["status"], word)]
     return Text.assemble(*parts, ")" if len(parts) > 2 else "")
 
 
@@ -79,7 +80,8 @@ def verdict_lines(verdict: Mapping[str, Any], *, passed: bool = False) -> Iterat
     status = verdict["status"]
     yield Text.assemble("Verdict: ", _status(status))
     for name, answered in verdict.get("answers", {}).items():
-        yield Text.assemble(f"  {name}: ", _status(answered["status"]), f". {answered['question']}")
+        status = _status(answered["status"], answered.get("word"))
+        yield Text.assemble(f"  {name}: ", status, f". {answered['question']}")
     for finding in verdict["findings"]:
         sentence = f"  {finding['reason']} {finding['action']}".rstrip()
         if finding["status"] != "ok":
@@ -93,8 +95,8 @@ def exit_code_of(status: str, *, strict: bool = False) -> int:
     return 0 if status == "ok" or (status == "usable" and not strict) else NOT_TRUSTED
 
 
-def _status(status: str) -> tuple[str, str]:
-    return status, STATUS.get(status, MARKS["doubt"])
+def _status(status: str, word: str | None = None) -> tuple[str, str]:
+    return word or status, STATUS.get(status, MARKS["doubt"])
 
 
 def duration(seconds: float) -> str:

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from jbw.oscillator.laws.masing import Masing
 from jbw.oscillator.laws.sliders import Sliders, lost_by, sliders_of
-from jbw.oscillator.laws.springs import Square
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.parameters import Material
 from jbw.oscillator.steady.backbone import backbone
@@ -56,7 +55,7 @@ def _skeleton(
     theta: Mapping[str, jax.Array], y: Float[Array, " point"], laws: Laws
 ) -> tuple[Float[Array, " point"], ...]:
     joint = oscillator_of(theta, laws)
-    slow = joint.slow.undamaged
+    slow = joint.undamaged
 
     def forces(at: Array) -> tuple[Array, Array]:
         tip = slow.force(at, 0.0, slow.at_tip(at))
@@ -84,14 +83,14 @@ def _force_unloading(
     theta: Mapping[str, jax.Array], peaks: jax.Array, y: jax.Array, laws: Laws
 ) -> jax.Array:
     """Force of the spring and all laws on the way down from each peak [N/kg]."""
-    joint = oscillator_of(theta, laws).slow.undamaged
+    joint = oscillator_of(theta, laws).undamaged
     return joint.k * y + jax.vmap(joint.force_unloading)(peaks, y)  # pyright: ignore[reportReturnType]
 
 
 def _even_force(theta: Mapping[str, jax.Array], y: jax.Array, laws: Laws) -> jax.Array:
     """What of the force is the same on both sides [N/kg]."""
-    springs = (law for law in oscillator_of(theta, laws).laws if isinstance(law, Square))
-    return sum((law(y) for law in springs), 0.0 * y)  # pyright: ignore[reportReturnType]
+    springs = (law for law in oscillator_of(theta, laws).laws if law.is_even)
+    return sum((law.force(y, 0.0, ()) for law in springs), 0.0 * y)  # pyright: ignore[reportReturnType]
 
 
 # -- materials -------------------------------------------------------------------------------------
@@ -111,8 +110,9 @@ def materials_of(
         law_materials = next(
             (conversion.materials for conversion in conversions if conversion.materials), ()
         )
-        if isinstance(law, Masing):
-            law_materials = _in_parallel(sliders_of(law, REACH * y_max), mass)
+        if law.depth:
+            sliders = sliders_of(law, REACH * y_max)  # pyright: ignore[reportArgumentType]
+            law_materials = _in_parallel(sliders, mass)
         if not law_materials:
             return ()
         materials += law_materials

@@ -23,7 +23,6 @@ SHIFT = 0.1  # of a posterior standard deviation: what the solver may move a pos
 NUM_DRAWS = 32
 CLOSE = 0.05  # of every test: a law that leaves no more may be used within it
 OF_MISFIT = ("coloured_residual", "repeatability", "chi_square")  # findings that this may qualify
-OF_USE = (*OF_MISFIT, "held_out_coverage")  # findings that may say: usable within an error
 MOST_BEYOND = 1.5  # times the fitted error: what tests that were not fitted may be missed by
 TINY = np.finfo(float).tiny
 
@@ -145,13 +144,11 @@ def within_unseen(
     fitted: Sequence[float],
     unseen: Sequence[float],
     which: str,
-    *,
-    missed: Sequence[float] | None = None,
 ) -> Amendment | None:
     """Errors of tests that a fit did not see, quoted where findings say that the law is usable.
 
-    Errors are relative to the rms of their tests. Where those that the bands do not hold exceed the
-    fitted ones by a factor of 1.5 in rms, what was usable within the fitted error is not.
+    Errors are relative to the rms of their tests. Where they exceed the fitted ones by a factor of
+    1.5 in rms, what was usable within the fitted error is not.
 
     Args:
         codes: Codes of the findings that quote them.
@@ -159,19 +156,12 @@ def within_unseen(
         unseen: Errors of tests as predicted by a fit without them; None follows where there are
             none.
         which: What these tests are, for the sentence: "held-out tests".
-        missed: Those of the unseen ones that the bands do not hold, or hold by the model
-            discrepancy alone; all when None.
     """
     if not len(fitted) or not len(unseen):
         return None
-    missed = unseen if missed is None else missed
     fitted_error, beyond = rms(fitted), rms(unseen)
-    holds = not len(missed) or rms(missed) <= MOST_BEYOND * fitted_error
-    comparison = ""
-    if not holds:
-        comparison = messages.worse_than_fitted(MOST_BEYOND)
-    elif beyond > MOST_BEYOND * fitted_error:
-        comparison = messages.WITHIN_BANDS
+    holds = beyond <= MOST_BEYOND * fitted_error
+    comparison = "" if holds else messages.worse_than_fitted(MOST_BEYOND)
     sentence = messages.unseen_errors(which, beyond, fitted_error, comparison)
     status, remedy = ("usable", "") if holds else ("failed", messages.FIT_MISSED)
     return Amendment(codes, "usable", status, sentence, remedy)

@@ -17,8 +17,7 @@ from jbw.measurement.records import Test, drive_of
 from jbw.observables.dataset import Dataset
 from jbw.observables.modal_readings import DRIVEN
 from jbw.observables.modes import HARDLY_SEEN, Modes, gain_shares
-from jbw.oscillator.damper import Damper
-from jbw.oscillator.law import Bounds, Scales
+from jbw.oscillator.law import Bounds, Scales, feels_rate
 from jbw.oscillator.laws import law_named
 from jbw.oscillator.modes.assembled import STIFFNESS, held_numbers, motion_name, seen_name
 from jbw.quantities import FED, label, name_at, split
@@ -100,8 +99,8 @@ def require_known_laws(laws: Sequence[str]) -> None:
     for name in laws:
         plain, joints = split(name)
         kind = law_named(plain)
-        if issubclass(kind, Damper) or kind.degrades:
-            behaviour = "is a damper" if issubclass(kind, Damper) else "changes with every cycle"
+        if (drags := feels_rate(kind)) or kind.degrades:
+            behaviour = "is a damper" if drags else "changes with every cycle"
             raise ConfigError(
                 f"[[joint]] `{joints[0]}` laws: must be springs or hysteresis that no cycle "
                 f"changes, but `{plain}` {behaviour}, which several joints do not identify yet.",

@@ -273,7 +273,9 @@ def coordinate_box(
 ) -> Box:
     """Box of a law's other coordinates about a fit, in the place of its own parameters."""
     bounds = bounds_by_name(prior)
-    other = law.coordinate_bounds(coordinates.name, bounds, theta, dict(settings.prior))
+    other = law.coordinate_bounds(  # pyright: ignore[reportAttributeAccessIssue]
+        coordinates.name, bounds, theta, dict(settings.prior)
+    )
     merged: Bounds = {}
     for name, pair in bounds.items():
         merged |= other if name in law.names() else {name: pair}

@@ -26,7 +26,7 @@ from jbw.inference.posterior.finding import Finding
 from jbw.inference.posterior.summary import QUANTILES
 from jbw.inference.space.box import Box, bounds_by_name, box
 from jbw.observables.dataset import Dataset, log_likelihood, stacked
-from jbw.oscillator.damper import Damper
+from jbw.oscillator.law import feels_rate
 from jbw.oscillator.laws import laws_named
 from jbw.quantities import RESIDUAL_TERMS, STUCK
 
@@ -94,7 +94,7 @@ def may_be_absent(added: Effects) -> bool:
 
 def may_be_drag(added: Effects, zeta: float, laws: Sequence[str]) -> bool:
     """Whether laws of hysteresis add damping and change the frequency much less than slip does."""
-    if not laws or any(issubclass(law, Damper) for law in laws_named(laws)):
+    if not laws or any(map(feels_rate, laws_named(laws))):
         return False
     shift = np.quantile(np.abs(added.frequency), QUANTILES[-1])
     damping = zeta * np.quantile(added.damping, QUANTILES[0])

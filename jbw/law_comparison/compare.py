@@ -434,7 +434,7 @@ def loops(named: Mapping[str, Candidate], y_peak: float) -> xr.Dataset:
     force = []
     for candidate in named.values():
         theta = dataset.as_arrays(candidate.fitted.fit.theta, candidate.fitted.data)
-        joint = oscillator_of(theta, candidate.laws).slow
+        joint = oscillator_of(theta, candidate.laws)
         stuck = sum(law.stiffness() for law in joint.laws)
         if not joint.laws:
             force.append(np.zeros(2 * NUM_POINTS))

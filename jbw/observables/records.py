@@ -565,7 +565,7 @@ class Records(Repeated):
         return self if depth == self.depth else replace(self, depth=depth)
 
     def _stacks(self, theta: Theta) -> bool:
-        return any(law.stacks for law in oscillator_of(theta, self.laws).laws)
+        return any(law.depth for law in oscillator_of(theta, self.laws).laws)
 
 
 def compile_beside(tests: Sequence[Test], laws: Laws) -> Thread | None:
@@ -584,7 +584,7 @@ def compile_beside(tests: Sequence[Test], laws: Laws) -> Thread | None:
         # What fails here fails again where it is needed, and is said there.
         with suppress(Exception):
             joints = joints_at(dict.fromkeys(names, np.ones(1)), laws)
-            if joints is not None and not any(law.stacks for law in joints.laws):
+            if joints is not None and not any(law.depth for law in joints.laws):
                 compile_ahead(joints, NUM_POWERS, order)
 
     thread = Thread(target=compiled, name=messages.COMPILING)

@@ -139,7 +139,7 @@ def motions_at(
         for lot in lots
     ]
     usable = [
-        joint for joint in joints if joint is not None and not any(x.stacks for x in joint.laws)
+        joint for joint in joints if joint is not None and not any(x.depth for x in joint.laws)
     ]
     if len(usable) < len(lots):
         return None

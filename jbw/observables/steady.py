@@ -294,14 +294,20 @@ def force_of(theta: Mapping[str, Array], data: Points) -> Complex[Array, " point
     """
     joint, y = oscillator_of(theta, data.laws), (data.motion - added_motion(theta, data))[:, 0]
     stiffness = joint.k - data.omega**2 + 2j * joint.zeta * joint.omega_n * data.omega
-    return (stiffness + equivalent_stiffness(joint, jnp.abs(y))) * y  # pyright: ignore[reportReturnType]
+    return (stiffness + equivalent_stiffness(joint, jnp.abs(y), data.omega)) * y  # pyright: ignore[reportReturnType]
 
 
-def equivalent_stiffness(joint: Joint, y_peak: Float[Array, " point"]) -> Complex[Array, " point"]:
-    """K + jC = F_1(Y) / Y of all laws, by a polynomial at sixteen Chebyshev nodes.
+def equivalent_stiffness(
+    joint: Joint, y_peak: Float[Array, " point"], omega: Float[Array, " point"] | None = None
+) -> Complex[Array, " point"]:
+    """Return K + jC = F_1(Y) / Y of all laws, by a polynomial at sixteen Chebyshev nodes.
 
-    It is smooth in the amplitude: this is exact to 1e-9 over a decade.
+    It is smooth in the amplitude: this is exact to 1e-9 over a decade. Where a law feels the rate,
+    each point is taken by itself, at its frequency omega [rad/s].
     """
+    if omega is not None and any(law.feels_rate for law in joint.laws):
+        stiffness, damping = jax.vmap(as_oscillator(joint).loop)(y_peak, omega)
+        return stiffness + 1j * damping
     middle, half = 0.5 * (y_peak.max() + y_peak.min()), 0.5 * (y_peak.max() - y_peak.min())
     half = jnp.maximum(half, 1e-6 * middle)
     angle = np.pi * (np.arange(NUM_NODES) + 0.5) / NUM_NODES

@@ -28,6 +28,7 @@ import jax.numpy as jnp
 from jaxtyping import Array, Bool, Float
 
 from jbw.errors import ModelError
+from jbw.oscillator.law import pack_memories, unpack_memories
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.solver import HysteresisExact, Pushed, Stepping
 from jbw.oscillator.step import ExactStep, Kinks, Push, State, advance, meets_kink
@@ -71,19 +72,13 @@ def _states(substeps: int, every: int, stepping: Stepping, initial: State) -> Tr
 def packed(stepping: Stepping, state: State) -> State:
     """A state in the layout of the time loop."""
     y, v, memory = state
-    laws = stepping.step.laws
-    return y, v, tuple(law.packed(law_memory) for law, law_memory in zip(laws, memory, strict=True))
+    return y, v, pack_memories(stepping.step.laws, memory)
 
 
 def _unpacked(stepping: Stepping, trajectory: Trajectory) -> Trajectory:
     """States of scalars from the layout of the time loop."""
     y, v, memory = trajectory
-    laws = stepping.step.laws
-    return (
-        y,
-        v,
-        tuple(law.unpacked(law_memory) for law, law_memory in zip(laws, memory, strict=True)),
-    )
+    return y, v, unpack_memories(stepping.step.laws, memory)
 
 
 def unused_field(tau, state, stepping):
@@ -101,7 +96,7 @@ def _solve_jvp(substeps, primals, tangents):
             remedy="Take differences, or a law without drops such as `iwan4`.",
         )
     trajectory = _states(substeps, 1, stepping, initial)
-    stacks = any(law.stacks for law in stepping.step.laws)
+    stacks = any(law.depth for law in stepping.step.laws)
     linearised = jax.vmap(_linearised, in_axes=(None, 0, 0, 0, 0))
     along = tangent_of_stacks if stacks else partial(in_chunks, linearised, _recurrence)
     stepping_dot, initial_dot = tangents
@@ -245,7 +240,7 @@ def _kinked(step: ExactStep, before: State, after: State, push: Push) -> Bool[Ar
     kinked = meets_kink(step, before, push)
     laws: Laws = step.laws
     for law, a, b in zip(laws, before[2], after[2], strict=True):
-        if law.stacks:  # to rounding `meets_kink` may see another side of a kink
+        if law.depth:  # to rounding `meets_kink` may see another side of a kink
             kinked = kinked | law.turned_or_closed(a, b)
     return kinked
 
@@ -362,7 +357,7 @@ def _split(laws: Laws, state: State) -> Carriers:
     y, v, memory = state
     heads, columns = [jnp.asarray(y), jnp.asarray(v)], []
     for law, law_memory in zip(laws, memory, strict=True):
-        if law.stacks:
+        if law.depth:
             columns.extend(jnp.asarray(column) for column in law.stack_columns(law_memory))
         else:
             heads.extend(jax.tree.leaves(law_memory))
@@ -374,7 +369,7 @@ def _joined(laws: Laws, state: State, x: Carriers) -> State:
     (y, v, *heads), columns = x.heads, list(x.columns)
     memory = []
     for law, law_memory in zip(laws, state[2], strict=True):
-        if law.stacks:
+        if law.depth:
             pair = tuple(columns.pop(0) for _ in law.stack_columns(law_memory))
             memory.append(law.with_columns(y, law_memory, pair))
         else:

@@ -22,6 +22,7 @@ import numpy as np
 from jaxtyping import Array, Float, PyTree
 
 from jbw.oscillator.hold import HeldInput
+from jbw.oscillator.law import pack_memories, unpack_memories
 from jbw.oscillator.oscillator import Oscillator
 from jbw.oscillator.rare import unshared
 from jbw.oscillator.residual_sums import response_of
@@ -206,9 +207,7 @@ def _at_rest(joints: Oscillator) -> State:
 
     def rest(joint: Oscillator) -> Any:
         memory = jax.tree.map(lambda x: jnp.asarray(x, float), joint.at_rest())
-        return tuple(
-            law.packed(law_memory) for law, law_memory in zip(joint.laws, memory, strict=True)
-        )
+        return pack_memories(joint.laws, memory)
 
     none = jnp.zeros(LANES)
     return none, none, jax.vmap(rest, axis_size=LANES)(joints)
@@ -322,8 +321,7 @@ def _marched(
 
         def of_lane(joint, gain, parts, state, totals):
             y, v, memory = state
-            laws = zip(joint.laws, memory, strict=True)
-            full = y, v, tuple(law.unpacked(law_memory) for law, law_memory in laws)
+            full = y, v, unpack_memories(joint.laws, memory)
             response = response_of(joint, order, full, gain * piece.samples[sample])
             residual = row[0] - response
             for k in range(NUM_DIRECTIONS):

@@ -153,8 +153,14 @@ def initial_state(joint: Any, initial: tuple) -> tuple:
     if is_concrete(joint, initial):
         if not all(np.all(np.isfinite(value)) for value in jax.tree.leaves(initial)):
             raise DataError(f"Argument `initial` must be finite, but is {initial}.")
-        map_laws(lambda law, law_memory: law.admits(law_memory), joint.laws, memory)
+        map_laws(_admit, joint.laws, memory)
     return y, v, memory
+
+
+def _admit(law: Any, memory: Any) -> None:
+    """Raise a ModelError for a start that the law cannot hold, where it knows of such."""
+    if hasattr(law, "admits"):
+        law.admits(memory)
 
 
 def warn_of_unbounded_law(joint: Any) -> None:
@@ -261,8 +267,16 @@ def check_settled(residual: Any) -> None:
 
 def require_periodic(joint: Any) -> None:
     """Raise where a law does not hold along a periodic motion of odd orders."""
+    require_contracts(joint)
     for law in laws_in(joint.laws):
         law.check_periodic()
+
+
+def require_contracts(joint: Any) -> None:
+    """Raise where a law from outside does not keep its contract, which is tried once a class."""
+    from jbw.oscillator.contract import require_contract  # above: it solves for motions
+
+    require_contract({type(law) for law in laws_in(joint.laws)})
 
 
 def require_sense(

@@ -9,7 +9,6 @@ import numpy as np
 
 from jbw.oscillator.checks import is_concrete
 from jbw.oscillator.law import laws_in, map_laws
-from jbw.oscillator.laws.masing import Masing
 from jbw.oscillator.laws.reversals import with_room
 from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.oscillator import Oscillator
@@ -38,7 +37,7 @@ def deep_enough[Model: Oscillator | Structure, Solved: Guessing](
         joint, initial = with_places(joint, initial, OF_SEVERAL_MODES)
     response = solve(joint, initial)
     while forgot(joint, response.guesses):
-        depth = 2 * max(law.depth for law in laws_in(joint.laws) if isinstance(law, Masing))
+        depth = 2 * max(law.depth for law in laws_in(joint.laws))
         joint, initial = with_places(joint, initial, depth)
         deeper = solve(joint, initial)
         if not np.sum(deeper.guesses) < np.sum(response.guesses):
@@ -51,7 +50,7 @@ def forgot(joint: Oscillator | Structure, guesses: object) -> bool:
     """Whether a law dropped reversals that the motion returned to, and its memory can grow."""
     if not (is_concrete(guesses) and np.any(np.asarray(guesses))):
         return False
-    return any(isinstance(law, Masing) and law.depth < MOST for law in laws_in(joint.laws))
+    return any(0 < law.depth < MOST for law in laws_in(joint.laws))
 
 
 def with_places[Model: Oscillator | Structure](
@@ -61,7 +60,7 @@ def with_places[Model: Oscillator | Structure](
     *motion, memory = start
 
     def short(law: Any) -> bool:
-        return isinstance(law, Masing) and law.depth < depth
+        return 0 < law.depth < depth
 
     def deeper(law: Any) -> Any:
         return replace(law, depth=depth) if short(law) else law
@@ -79,6 +78,6 @@ def with_depth[Model: Oscillator | Structure](joint: Model, depth: int | None) -
         return joint
 
     def remembering(law: Any) -> Any:
-        return replace(law, depth=depth) if isinstance(law, Masing) else law
+        return replace(law, depth=depth) if law.depth else law
 
     return replace(joint, laws=map_laws(remembering, joint.laws))

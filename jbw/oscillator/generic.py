@@ -1,18 +1,21 @@
 r"""Defaults of every law, from its force, its rate and its move alone.
 
-Exact for no law, right for all whose force is continuous and odd and whose rate is proportional to
-the velocity.
+Exact for no law, right for all whose force is odd and whose memory's rate is proportional to the
+velocity.
 """
 
+from collections.abc import Callable
+from functools import lru_cache
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Array, Complex, Float
 
 from jbw.oscillator.kinks import Ends, StepPath, kink_impulse, signed
-from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.parameters import SLOW, Scalar
 from jbw.oscillator.steady.waveform import crest, exponentials, synthesis
 from jbw.quantities import must_be
 from jbw.report.messages import joint as messages
@@ -23,6 +26,53 @@ Memory = Any
 _MOVE_STEPS = 8  # along a monotone path
 _LOOP_POINTS = 128  # moves of half a cycle
 _PERIOD_POINTS = 512
+
+
+def feels_rate(law: Law) -> bool:
+    """Return whether dF/dv is anything but a symbolic zero, as the force is written.
+
+    A force of the sign of v alone has none: it is the same for fast and slow motion.
+    """
+    leaves, form = jax.tree.flatten(law)
+    return _form_feels_rate(type(law).force, form, tuple(jnp.shape(leaf) for leaf in leaves))
+
+
+@lru_cache(maxsize=1024)
+def _form_feels_rate(force: Callable[..., Any], form: Any, shapes: tuple) -> bool:
+    is_felt = False
+
+    @jax.custom_jvp
+    def watched(value: Array) -> Array:
+        return value
+
+    def rule(primals: tuple, tangents: tuple) -> tuple[Any, Any]:
+        nonlocal is_felt
+        is_felt = not isinstance(tangents[0], SymbolicZero)
+        return primals[0], tangents[0]
+
+    watched.defjvp(rule, symbolic_zeros=True)
+
+    def changed(v: Array) -> Array:
+        law = jax.tree.unflatten(form, [jnp.ones(shape) for shape in shapes])
+        return watched(jnp.asarray(force(law, 1.0, v, _memory_at_rest(law))))
+
+    jax.eval_shape(lambda v: jax.jvp(changed, (v,), (v,)), jnp.ones(()))
+    return is_felt
+
+
+def _memory_at_rest(law: Law) -> Memory:
+    return jax.tree.map(lambda x: jnp.asarray(x, float), law.at_rest())
+
+
+def drag(law: Law, y: Scalar, v: Scalar, memory: Memory) -> Scalar:
+    """Return the slope dF/dv of the force [1/s]."""
+    return jax.jvp(lambda v: law.force(y, v, memory), (v,), (jnp.ones_like(v),))[1]
+
+
+def drag_at_rest(law: Law) -> Scalar:
+    """Return dF/dv before any motion [1/s]."""
+    none = jnp.zeros(jnp.broadcast_shapes(*(jnp.shape(leaf) for leaf in jax.tree.leaves(law))))
+    return drag(law, none, none, _memory_at_rest(law))
 
 
 def slope(law: Law, y: Scalar, memory: Memory, direction: Scalar) -> Scalar:
@@ -36,7 +86,7 @@ def slope(law: Law, y: Scalar, memory: Memory, direction: Scalar) -> Scalar:
         (y, sign, memory, law.rate(y, sign, memory)),
     )
     _, rise = jax.jvp(
-        lambda y, memory: jnp.asarray(law.force(y, sign, memory), float),
+        lambda y, memory: jnp.asarray(law.force(y, SLOW * sign, memory), float),
         (y, memory),
         (sign, rate),
     )
@@ -100,58 +150,62 @@ def turn_by_slopes(
     return law.move(top, memory_at_top, path.after), impulse.v, impulse.y
 
 
-def loop_by_moves(law: Law, y_peak: Scalar) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
+def loop_by_moves(
+    law: Law, y_peak: Scalar, omega: Scalar
+) -> tuple[Float[Array, "..."], Float[Array, "..."]]:
     """Equivalent stiffness and damping by the trapezium rule on half a cycle from the tip."""
     y_peak = jnp.asarray(y_peak, float)
     at_zero = y_peak == 0.0
     peak, stiffness = jnp.where(at_zero, 1.0, y_peak), law.stiffness()
     theta = jnp.linspace(0.0, jnp.pi, _LOOP_POINTS + 1)
 
-    def remainder(y: Array, memory: Memory) -> Array:
-        return law.force(y, 0.0 * y, memory) - stiffness * y
+    def remainder(y: Array, v: Any, memory: Memory) -> Array:
+        return law.force(y, v, memory) - stiffness * y
 
-    def onward(memory: Memory, pair: Array) -> tuple[Memory, Array]:
-        before, after = peak * pair[0], peak * pair[1]
+    def onward(memory: Memory, point: Array) -> tuple[Memory, Array]:
+        before, after, v = peak * point[0], peak * point[1], omega * peak * point[2]
         memory = law.move(before, memory, after - before)
-        return memory, remainder(after, memory)
+        return memory, remainder(after, v, memory)
 
-    like = jnp.broadcast_shapes(*(jnp.shape(x) for x in jax.tree.leaves((law, peak))))
+    like = jnp.broadcast_shapes(*(jnp.shape(x) for x in jax.tree.leaves((law, peak, omega))))
     tip = jax.tree.map(lambda x: jnp.broadcast_to(x, like).astype(float), law.at_tip(peak))
-    pairs = jnp.stack([jnp.cos(theta[:-1]), jnp.cos(theta[1:])], 1)
-    _, rest = jax.lax.scan(onward, tip, pairs)
-    force = jnp.concatenate([jnp.broadcast_to(remainder(peak, tip), like)[None], rest])
+    points = jnp.stack([jnp.cos(theta[:-1]), jnp.cos(theta[1:]), -jnp.sin(theta[1:])], 1)
+    _, rest = jax.lax.scan(onward, tip, points)
+    first = jnp.broadcast_to(remainder(peak, 0.0 * peak, tip), like)
+    force = jnp.concatenate([first[None], rest])
+    weak = omega * drag_at_rest(law) if law.feels_rate else 0.0
     weights = jnp.ones(theta.size).at[jnp.array([0, -1])].set(0.5) * 2.0 / _LOOP_POINTS
     real, imaginary = (
-        jnp.where(at_zero, 0.0, jnp.tensordot(weights * wave, force, 1) / peak)
-        for wave in (jnp.cos(theta), -jnp.sin(theta))
+        jnp.where(at_zero, limit, jnp.tensordot(weights * wave, force, 1) / peak)
+        for wave, limit in ((jnp.cos(theta), 0.0), (-jnp.sin(theta), weak))
     )
     return stiffness + real, imaginary
 
 
 def harmonics_by_moves(
-    law: Law, q: Complex[Array, " harmonic"], max_turns: int
+    law: Law, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar
 ) -> Complex[Array, " harmonic"]:
     """Odd harmonics of the remainder on a uniform grid of half a period from the crest."""
     points = max(_PERIOD_POINTS, 32 * q.shape[0]) // 2
     theta = crest(q) + np.pi * np.arange(2 * points) / points
-    r = law.force_over_period(q, theta, max_turns) - law.stiffness() * synthesis(q, theta)
+    r = law.force_over_period(q, theta, max_turns, omega) - law.stiffness() * synthesis(q, theta)
     return 2.0 / points * (r[:points] @ exponentials(theta[:points], q.shape[0]).conj())
 
 
 def force_by_moves(
-    law: Law, q: Complex[Array, " harmonic"], theta: Float[Array, " time"]
+    law: Law, q: Complex[Array, " harmonic"], theta: Float[Array, " time"], omega: Scalar
 ) -> Float[Array, " time"]:
     """Force in the second of two periods, whose first sets the memory."""
-    y, rise = synthesis(q, theta), synthesis(q, theta, 1)
+    y, v = synthesis(q, theta), omega * synthesis(q, theta, 1)
 
     def onward(carry: tuple, point: tuple) -> tuple[tuple, Array]:
-        (y, memory), (y_next, rise) = carry, point
+        (y, memory), (y_next, v_next) = carry, point
         memory = law.move(y, memory, y_next - y)
-        return (y_next, memory), law.force(y_next, rise, memory)
+        return (y_next, memory), law.force(y_next, v_next, memory)
 
     start = jax.tree.map(lambda x: jnp.asarray(x, y.dtype), (0.0, law.at_rest()))
-    settled, _ = jax.lax.scan(onward, start, (y, rise))
-    return jax.lax.scan(onward, settled, (y, rise))[1]
+    settled, _ = jax.lax.scan(onward, start, (y, v))
+    return jax.lax.scan(onward, settled, (y, v))[1]
 
 
 def no_force(law: Law) -> str | None:

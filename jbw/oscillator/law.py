@@ -17,16 +17,18 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool, Complex, Float
 
+from jbw.errors import ConfigError
 from jbw.oscillator import generic
 from jbw.oscillator.kinks import Ends
+from jbw.oscillator.parameters import SLOW, Scalar
 from jbw.oscillator.parameters import Bounds as Bounds
 from jbw.oscillator.parameters import Conversion as Conversion
 from jbw.oscillator.parameters import Coordinates as Coordinates
 from jbw.oscillator.parameters import Loop as Loop
 from jbw.oscillator.parameters import Monomial as Monomial
-from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.parameters import Scales as Scales
 from jbw.oscillator.parameters import Threshold as Threshold
+from jbw.oscillator.steady.waveform import orders
 from jbw.quantities import Quantity
 
 Branch = Any  # a pytree, what holds between two kinks
@@ -44,9 +46,14 @@ class Law(eqx.Module):
         table: Every parameter's name, symbol, unit, meaning and least value; a class variable.
         fields: Fields that hold parameters of other names, by these; a class variable.
         products: Products of them that weak motion identifies; a class variable.
-        coordinates: Other parameters to sample in, by name; a class variable.
+        coordinates: Other parameters to sample in, by name; a class variable. A law that has some
+            defines their `coordinate_bounds` about a fit, as `BoucWenLaw` does.
         degrades: Whether every cycle changes the joint for good; a class variable. Tip, loop and
             periodic force are then those of `undamaged`.
+        is_even: Whether the force is `k_2` times y^2, which moves the mean; a class variable.
+        stepped: Whether the time step supports the law; otherwise a stock solver integrates `rate`.
+        depth: Reversals that the memory holds, which few steps change; see `Masing`.
+        same_as: Why no motion tells the law from others with the same words; a class variable.
     """
 
     name: ClassVar[str]
@@ -56,6 +63,10 @@ class Law(eqx.Module):
     coordinates: ClassVar[Mapping[str, Coordinates]] = {}
     usual: ClassVar[Mapping[str, tuple[str, tuple[float, float]]]] = {}
     degrades: ClassVar[bool] = False
+    is_even: ClassVar[bool] = False
+    stepped: ClassVar[bool] = True
+    depth: ClassVar[int] = 0
+    same_as: ClassVar[str] = ""
 
     # -- of the kind of law ------------------------------------------------------------------------
     @classmethod
@@ -83,21 +94,10 @@ class Law(eqx.Module):
     @classmethod
     def prior(cls, scales: Scales) -> Bounds:
         """Wide bounds of the parameters from scales alone, never from a fit of this law."""
-        raise NotImplementedError(f"The law {cls.name} states no prior.")
-
-    @classmethod
-    def coordinate_bounds(
-        cls, coordinates: str, bounds: Bounds, theta: Mapping[str, float], stated: Bounds
-    ) -> Bounds:
-        """Bounds of other coordinates about a fit; a law with coordinates defines them.
-
-        Args:
-            coordinates: Which of the law's coordinates.
-            bounds: Bounds of the law's own parameters.
-            theta: The fit, in the law's own parameters, and omega_n [rad/s].
-            stated: Bounds that the campaign states itself.
-        """
-        raise NotImplementedError(f"The law {cls.name} bounds no coordinates {coordinates}.")
+        raise ConfigError(
+            f"The law `{cls.name}` must have a `prior` to be identified, but has none.",
+            remedy="Define `prior(scales)`, bounds of every parameter of its `table`.",
+        )
 
     @classmethod
     def caution(cls, bounds: Bounds, y_peak: float) -> str | None:
@@ -140,13 +140,19 @@ class Law(eqx.Module):
         memory = self.move(y_peak, memory, -2.0 * y_peak)
         return self.move(-y_peak, memory, 2.0 * y_peak)
 
-    def loop(self, y_peak: Scalar) -> Loop:
-        """Equivalent stiffness and damping of the steady loop, by moves from its tip.
+    @property
+    def feels_rate(self) -> bool:
+        """Whether the force depends on the size of the velocity, and not on its sign alone."""
+        return generic.feels_rate(self)
 
-        The trapezium rule on half a cycle, of which the other half is the mirror; good to about
-        1e-4 where the force has kinks. At Y = 0 the stiffness of rest.
+    def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
+        """Return equivalent stiffness and damping of the steady loop of frequency omega [rad/s].
+
+        The trapezium rule on half a cycle of moves from the tip, of which the other half is the
+        mirror; good to about 1e-4 where the force has kinks. At Y = 0 the limit of weak motion.
+        Only a law that feels the rate depends on omega, which is that of slow motion by default.
         """
-        return Loop(*generic.loop_by_moves(self, y_peak))
+        return Loop(*generic.loop_by_moves(self, y_peak, omega))
 
     def powers_of_length(self) -> dict[str, Scalar]:
         """Powers of length of parameters and products, in addition to their units, by name.
@@ -161,19 +167,6 @@ class Law(eqx.Module):
         return ()
 
     # -- through a time step of length h ---------------------------------------------------------
-    def packed(self, memory: Memory) -> Memory:
-        """Memory in the layout of the time loop: entries that seldom change in few arrays."""
-        return memory
-
-    def unpacked(self, memory: Memory) -> Memory:
-        """Memory of scalars from the layout of the time loop."""
-        return memory
-
-    @property
-    def stepped(self) -> bool:
-        """Whether the time step supports this law; otherwise a stock solver integrates `rate`."""
-        return True
-
     def branch(self, v: Scalar, memory: Memory) -> Branch:
         """Quantities that are constant until the next kink, such as signs."""
         return ()
@@ -198,11 +191,12 @@ class Law(eqx.Module):
         return self.move(y, memory, dy), False
 
     def turn(
-        self, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
+        self, h: Scalar, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
     ) -> tuple[Memory, Scalar, Scalar]:
         """Memory after a step that may turn, and the impulses of its kinks on the motion.
 
         Args:
+            h: Length of the step [s].
             y: Displacement at the start [m].
             memory: Memory at the start.
             ends: Slopes h v of the step's cubic path at its start and end, and its rise [m].
@@ -217,35 +211,30 @@ class Law(eqx.Module):
         """Memory after the corrector's small change of y, on the branch at the end."""
         return self.move(y, memory, dy)
 
-    def missed(self, h: Scalar, start: Any, end: Any) -> tuple[Scalar, Scalar] | None:
-        """Impulses, as those of `turn`, of a rate with a cusp between v and memory at both ends."""
-        return None
-
-    @property
-    def stacks(self) -> bool:
-        """Whether the memory holds reversals, which few steps change; see `Masing`."""
-        return False
-
     # -- along a periodic motion -----------------------------------------------------------------
     def scaled(self, length: Scalar, stiffness: Scalar) -> "Law":
-        """The law in units of displacement l and of stiffness kappa, F(l q) / (kappa l)."""
+        """Return the law in units of displacement l, stiffness kappa and time kappa^(-1/2)."""
         return ScaledLaw(self, length, stiffness)
 
     def harmonics(
-        self, q: Complex[Array, " harmonic"], max_turns: int
+        self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
         """Odd harmonics of the remainder r along the motion, by moves over two periods.
 
         On a uniform grid from the crest; the first period sets the memory, which is exact for laws
         that forget all but their last turns. With kinks the error falls with the square of points.
         """
-        return generic.harmonics_by_moves(self, q, max_turns)
+        return generic.harmonics_by_moves(self, q, max_turns, omega)
 
     def force_over_period(
-        self, q: Complex[Array, " harmonic"], theta: Float[Array, " time"], max_turns: int
+        self,
+        q: Complex[Array, " harmonic"],
+        theta: Float[Array, " time"],
+        max_turns: int,
+        omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
         """Steady force at angles of a period, in rising order, by moves over two periods [N/kg]."""
-        return generic.force_by_moves(self, q, theta)
+        return generic.force_by_moves(self, q, theta, omega)
 
     # -- for other programs ------------------------------------------------------------------------
     def convert(self, omega_n: float, zeta: float, mass: float) -> Mapping[str, Conversion]:
@@ -253,15 +242,8 @@ class Law(eqx.Module):
         return {}
 
     # -- at the doors ------------------------------------------------------------------------------
-    def admits(self, memory: Memory) -> None:
-        """Raise a ModelError for a start that the law cannot hold; concrete values only."""
-
     def check_periodic(self) -> None:
         """Raise a ModelError where `harmonics` do not hold."""
-
-    def guesses(self, memory: Memory) -> Scalar:
-        """Number of times that the memory was too short, so that the force may be a guess."""
-        return 0.0
 
     def doubts(self) -> str | None:
         """A warning about parameters of which the force may diverge, or None; concrete only."""
@@ -292,12 +274,34 @@ def map_laws(function: Callable[..., Any], laws: Any, *others: Any) -> Any:
     return jax.tree.map(function, laws, *others, is_leaf=_is_law)
 
 
+def feels_rate(kind: type[Law]) -> bool:
+    """Return whether the force of a kind of law depends on the size of the velocity."""
+    return kind.build(dict.fromkeys(kind.names(), 1.0)).feels_rate
+
+
+def pack_memories(laws: Any, memories: Any) -> Any:
+    """Return memories in the layout of the time loop, with reversals in arrays."""
+    return map_laws(lambda law, memory: law.packed(memory) if law.depth else memory, laws, memories)
+
+
+def unpack_memories(laws: Any, memories: Any) -> Any:
+    """Return memories of scalars from the layout of the time loop."""
+    return map_laws(
+        lambda law, memory: law.unpacked(memory) if law.depth else memory, laws, memories
+    )
+
+
+def count_guesses(law: Law, memory: Memory) -> Scalar:
+    """Return how often the memory was too short, so that the force may be a guess."""
+    return law.guesses(memory) if law.depth else 0.0  # pyright: ignore[reportAttributeAccessIssue]
+
+
 def _is_law(value: Any) -> bool:
     return isinstance(value, Law)
 
 
 class ScaledLaw(Law):
-    r"""A law in other units, $F(\ell q)/(\kappa\ell)$, as the balance of harmonics sees it.
+    r"""A law in other units, $F(\ell q, \ell\sqrt\kappa\,\dot q)/(\kappa\ell)$, for the balance.
 
     Attributes:
         law: F.
@@ -322,8 +326,8 @@ class ScaledLaw(Law):
 
     def force(self, y: Scalar, v: Scalar, memory: Memory) -> Scalar:
         """F(l q) / (kappa l)."""
-        force = self.law.force(self.length * y, self.length * v, memory)
-        return force / (self.unit * self.length)
+        speed = self.length * jnp.sqrt(self.unit) * v
+        return self.law.force(self.length * y, speed, memory) / (self.unit * self.length)
 
     def rate(self, y: Scalar, v: Scalar, memory: Memory) -> Memory:
         """Rate of the law's memory at l q."""
@@ -333,9 +337,9 @@ class ScaledLaw(Law):
         """The law's memory after a move of l q."""
         return self.law.move(self.length * y, memory, self.length * dy)
 
-    def loop(self, y_peak: Scalar) -> Loop:
+    def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
         """The law's loop at l Y, over kappa."""
-        loop = self.law.loop(self.length * y_peak)
+        loop = self.law.loop(self.length * y_peak, omega * jnp.sqrt(self.unit))
         return Loop(loop.stiffness / self.unit, loop.damping / self.unit)
 
     def scaled(self, length: Scalar, stiffness: Scalar) -> "ScaledLaw":
@@ -343,11 +347,16 @@ class ScaledLaw(Law):
         return ScaledLaw(self.law, self.length * length, self.unit * stiffness)
 
     def harmonics(
-        self, q: Complex[Array, " harmonic"], max_turns: int
+        self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
-        """Those of the law along the motion l q."""
+        """Return those of the law along the motion l q, at the frequency omega sqrt(kappa)."""
         at_rest = self.length == 0.0
         length = jnp.where(at_rest, 1.0, self.length)
-        harmonics = self.law.harmonics(length * q, max_turns) / length
+        omega = omega * jnp.sqrt(self.unit)
+        harmonics = self.law.harmonics(length * q, max_turns, omega) / length
         rest_slope = Law.stiffness(self.law) - self.law.stiffness()
+        if self.law.feels_rate:
+            rest_slope = rest_slope + 1j * omega * orders(q.shape[0]) * generic.drag_at_rest(
+                self.law
+            )
         return jnp.where(at_rest, rest_slope * q, harmonics) / self.unit

@@ -9,13 +9,12 @@ import jax.numpy as jnp
 from jax.tree_util import Partial, all_leaves
 from jaxtyping import Array, Float
 
-from jbw.oscillator.damper import Damper
 from jbw.oscillator.law import Bounds, Law, Loop, Memory, Scales
 from jbw.oscillator.laws import Kind, laws_named
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
-from jbw.oscillator.laws.springs import Square, as_law
+from jbw.oscillator.laws.springs import as_law
 from jbw.oscillator.modes.assembled import first_mode_laws
-from jbw.oscillator.parameters import Restoring, Scalar
+from jbw.oscillator.parameters import SLOW, Restoring, Scalar
 from jbw.quantities import are_at_joints
 
 
@@ -69,30 +68,26 @@ class Oscillator(eqx.Module):
         """Memories at y = Y on the steady loops between -Y and Y."""
         return tuple(law.at_tip(y_peak) for law in self.laws)
 
-    def loop(self, y_peak: Scalar) -> Loop:
-        """Equivalent stiffness and damping of all laws together at amplitude Y [m].
+    def loop(self, y_peak: Scalar, omega: Scalar | None = None) -> Loop:
+        """Return equivalent stiffness and damping of all laws together at amplitude Y [m].
 
-        Dampers lose as much as they do in resonance at this amplitude; they have no stiffness. Even
-        springs k_2 y^2 move the mean by -k_2 Y^2/(2 omega_n^2) and add a second harmonic of
-        k_2 Y^2/(6 omega_n^2); through both they soften by 5 k_2^2 Y^2/(6 omega_n^2).
+        A force of the velocity acts as at omega [rad/s], by default in resonance at this amplitude,
+        where its own effect on the frequency is taken to first order. Even springs k_2 y^2 move the
+        mean by -k_2 Y^2/(2 omega_n^2) and add a second harmonic of k_2 Y^2/(6 omega_n^2); through
+        both they soften by 5 k_2^2 Y^2/(6 omega_n^2).
         """
-        loops = [law.loop(y_peak) for law in self.laws]
         none = 0.0 * jnp.asarray(y_peak, float)
+        loops = [law.loop(y_peak) for law in self.laws]
+        if any(law.feels_rate for law in self.laws):
+            if omega is None:
+                omega = jnp.sqrt(self.k + sum((x.stiffness for x in loops), none))
+            loops = [law.loop(y_peak, omega) for law in self.laws]
         stiffness = sum((x.stiffness for x in loops), none)
         damping = sum((x.damping for x in loops), none)
-        for law in self.laws:
-            if isinstance(law, Damper):
-                damping = damping + law.loop_at(y_peak, jnp.sqrt(self.k + stiffness)).damping
-        if squares := [law.k_2 for law in self.laws if isinstance(law, Square)]:
+        if squares := [law.force(1.0, 0.0, ()) for law in self.laws if law.is_even]:
             softening = 5.0 / 6.0 * (sum(squares) * jnp.asarray(y_peak, float) / self.omega_n) ** 2
             stiffness = stiffness - softening
         return Loop(stiffness, damping)
-
-    @property
-    def slow(self) -> "Oscillator":
-        """The same without its dampers, which a slow motion does not feel."""
-        laws = tuple(law for law in self.laws if not isinstance(law, Damper))
-        return Oscillator(self.omega_n, self.zeta, laws)
 
     @property
     def undamaged(self) -> "Oscillator":
@@ -101,21 +96,20 @@ class Oscillator(eqx.Module):
 
     def force_along(self, y: Float[Array, " time"]) -> Float[Array, " time"]:
         """Restoring force k y + sum F along a slow displacement from rest at y = 0 [N/kg]."""
-        slow = self.slow
 
         def onward(carry: tuple, y_next: Array) -> tuple[tuple, Array]:
             y_last, memory = carry
             dy = y_next - y_last
-            memory = slow.follow(y_last, memory, dy)
-            return (y_next, memory), slow.force(y_next, dy, memory)  # pyright: ignore[reportReturnType]
+            memory = self.follow(y_last, memory, dy)
+            return (y_next, memory), self.force(y_next, SLOW * dy, memory)  # pyright: ignore[reportReturnType]
 
-        start = jax.tree.map(lambda x: jnp.asarray(x, float), (0.0, slow.at_rest()))
+        start = jax.tree.map(lambda x: jnp.asarray(x, float), (0.0, self.at_rest()))
         return self.k * y + jax.lax.scan(onward, start, y)[1]  # pyright: ignore[reportReturnType]
 
     def force_unloading(self, y_peak: Scalar, y: Float[Array, " phase"]) -> Float[Array, " phase"]:
         """Sum of the laws' forces on the way down of the steady loop from y = Y [N/kg]."""
         top = self.at_tip(y_peak)
-        return jax.vmap(lambda to: self.force(to, -1.0, self.move(y_peak, top, to - y_peak)))(y)  # pyright: ignore[reportReturnType]
+        return jax.vmap(lambda to: self.force(to, -SLOW, self.move(y_peak, top, to - y_peak)))(y)  # pyright: ignore[reportReturnType]
 
     def parameters(self) -> dict[str, Any]:
         """omega_n, zeta and the laws' parameters by name."""

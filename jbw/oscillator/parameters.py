@@ -39,6 +39,8 @@ def batched(function: Callable[..., Any], *arguments: Any) -> Any:
 Powers = Mapping[str, int]
 Bounds = dict[str, tuple[float, float]]
 
+# Frequency of a motion that no force of the velocity resists [rad/s].
+SLOW = 1e-12
 MOST_SOFTENING = 10.0  # stiffness at rest over the secant of the widest loop, at most
 
 

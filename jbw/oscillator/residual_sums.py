@@ -18,6 +18,7 @@ from jaxtyping import Array, Float
 
 from jbw.oscillator.adjoint import packed, solve, unused_field
 from jbw.oscillator.hold import HeldInput
+from jbw.oscillator.law import unpack_memories
 from jbw.oscillator.oscillator import Oscillator
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.solver import HysteresisExact, Stepping, stepping
@@ -175,9 +176,7 @@ class _Summing(HysteresisExact):
         totals = totals[0], totals[1 : 1 + size], totals[1 + size]
         laws = args.stepping.step.laws
         y, v, memory = jax.tree.unflatten(jax.tree.structure(rest), ends)
-        memory = tuple(
-            law.unpacked(law_memory) for law, law_memory in zip(laws, memory, strict=True)
-        )
+        memory = unpack_memories(laws, memory)
         totals = _added(args, (y, v, memory), following, totals, self.substeps)
         y1 = (*ends, *jax.tree.leaves(totals))
         return y1, None, dict(y0=y0, y1=y1), following, result

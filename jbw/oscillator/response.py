@@ -31,7 +31,7 @@ from jbw.oscillator.checks import (
 )
 from jbw.oscillator.deepening import deep_enough
 from jbw.oscillator.hold import HeldInput, Hold, held
-from jbw.oscillator.law import Memory
+from jbw.oscillator.law import Memory, count_guesses
 from jbw.oscillator.modes.response import ModalOptions, StructureResponse, simulate_structure
 from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.oscillator import Joint, Oscillator, as_oscillator
@@ -242,7 +242,7 @@ def _simulate(
         memory_units = tuple(law.memory_unit(joint.omega_n) for law in joint.laws)
         unit = joint.omega_n, jnp.ones_like(joint.omega_n), memory_units
         (y, v, memory), residual = steady_period(
-            trajectory_from, initial, unit, one_by_one=any(law.stacks for law in joint.laws)
+            trajectory_from, initial, unit, one_by_one=any(law.depth for law in joint.laws)
         )
     else:
         (y, v, memory), residual = trajectory_from(initial), jnp.zeros(())
@@ -252,7 +252,7 @@ def _simulate(
         z, memoryless_force = (
             (z + force, memoryless_force) if law.remembers else (z, memoryless_force + force)
         )
-        counts = jnp.broadcast_to(jnp.asarray(law.guesses(law_memory), float), y.shape)
+        counts = jnp.broadcast_to(jnp.asarray(count_guesses(law, law_memory), float), y.shape)
         guesses = guesses + counts[-1] - counts[0]
     a = u_sampled - 2.0 * joint.zeta * joint.omega_n * v - joint.k * y - z - memoryless_force
     return Response(t, y, v, z, a, residual, guesses)

@@ -14,8 +14,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float
 
-from jbw.oscillator.damper import Damper
 from jbw.oscillator.hold import HeldInput
+from jbw.oscillator.law import pack_memories
 from jbw.oscillator.oscillator import Oscillator
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.step import ExactStep, Push, State, added, advance, exact_step
@@ -77,7 +77,7 @@ class Stepping(eqx.Module):
     @property
     def _is_damped(self) -> bool:
         """Whether a law asks for the input at the end of a substep too."""
-        return any(isinstance(law, Damper) for law in self.step.laws)
+        return any(law.feels_rate for law in self.step.laws)
 
 
 def stepping(oscillator: Oscillator, held: HeldInput, fs: Scalar, substeps: int) -> Stepping:
@@ -149,7 +149,8 @@ class HysteresisExact(diffrax.AbstractSolver):
         substep, _ = progress
         push = args.push(substep)
         # As a flat tuple: empty memories, of springs, have no place in the loop's buffers.
-        memory = tuple(law.packed(law.at_rest()) for law in args.step.laws)
+        laws = args.step.laws
+        memory = pack_memories(laws, tuple(law.at_rest() for law in laws))
         state = jax.tree.unflatten(jax.tree.structure((0.0, 0.0, memory)), y0)
         y1 = tuple(jax.tree.leaves(advance(args.step, state, push, kinks="met")))
         dense_info = dict(y0=y0, y1=y1)

@@ -18,7 +18,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Bool
 
-from jbw.oscillator.damper import Damper
+from jbw.oscillator import generic
 from jbw.oscillator.kinks import barrier
 from jbw.oscillator.law import Law, Memory
 from jbw.oscillator.linear import impulse_moments
@@ -126,8 +126,8 @@ def _advanced(
                 end = where_rare(kinked, lambda at: _through_kinks(*at), operands, smooth)
     end = past_cusps(laws, step.dt, state, end)
     dv = 0.0
-    # A damper's force follows v, whose prediction is an order worse than that of y: once more.
-    for _ in range(1 + any(isinstance(law, Damper) for law in laws)):
+    # A force of the velocity follows v, whose prediction is an order worse than that of y: repeat.
+    for _ in range(1 + any(law.feels_rate for law in laws)):
         corrected = end.y, end.v + dv, end.memory
         r_1, rate_1 = _remainder(step, corrected, end.branches, push[-1])
         change = r_1 - r
@@ -163,13 +163,14 @@ def _remainder(
 ) -> tuple[Scalar, Scalar]:
     """The laws' remainders r and h times their rates, summed.
 
-    Only the rate of a damper, which is dg/dv times the acceleration, needs the input u.
+    Only the rate of a force of the velocity, dF/dv times the acceleration, needs the input u.
     """
-    y, v, _ = state
+    y, v, memories = state
     r, rate = remainders(step.laws, step.dt, state, branches)
-    for law in step.laws:
-        if isinstance(law, Damper):
-            rate = rate + step.dt * law.drag(v) * _acceleration(step, y, v, r, u)
+    for law, memory in zip(step.laws, memories, strict=True):
+        if law.feels_rate:
+            drag = generic.drag(law, y, v, memory)
+            rate = rate + step.dt * drag * _acceleration(step, y, v, r, u)
     return r, rate
 
 
@@ -277,13 +278,11 @@ def through_kinks(
         jnp.where(turns, 0.5 * h**2 * a - (3.0 * ends[2] - 2.0 * ends[0] - ends[1]), 0.0)
     )
     moved = [
-        law.turn(y, law_memory, ends, quartic)
+        law.turn(h, y, law_memory, ends, quartic)
         for law, law_memory in zip(laws, memory, strict=True)
         if law.kinked
     ]
-    impulses = [(on_v, on_y) for _, on_v, on_y in moved]
-    impulses += [law.reversal(h, ends, quartic) for law in laws if isinstance(law, Damper)]
-    kick_v, kick_y = added(on_v for on_v, _ in impulses), added(on_y for _, on_y in impulses)
+    kick_v, kick_y = added(on_v for _, on_v, _ in moved), added(on_y for _, _, on_y in moved)
     after = iter(law_memory for law_memory, _, _ in moved)
     memory_1 = tuple(
         next(after) if law.kinked else law_memory
@@ -299,7 +298,8 @@ def past_cusps(laws: tuple[Law, ...], h: Scalar, state: State, end: End) -> End:
     """The end with the impulses of cusps of the laws' rates, which the corrector's cubic misses."""
     _, v, memory = state
     for law, law_memory, end_memory in zip(laws, memory, end.memory, strict=True):
-        if (cusp := law.missed(h, (v, law_memory), (end.v, end_memory))) is not None:
+        if hasattr(law, "missed"):
+            cusp = law.missed(h, (v, law_memory), (end.v, end_memory))  # pyright: ignore
             end = end._replace(kick_v=end.kick_v + h * cusp[0], kick_y=end.kick_y + h**2 * cusp[1])
     return end
 

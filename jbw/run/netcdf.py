@@ -144,11 +144,13 @@ def _read_group(group: h5py.Group, found: Mapping[str, Any], names: dict[Any, st
     for name, item in stored.items():
         if item.is_scale and str(item.attrs.get("NAME", b""), "utf-8").startswith(NO_VARIABLE):
             continue
-        dims = (
-            [name]
-            if item.is_scale
-            else [names[item.file[axis[-1]]] for axis in item.attrs.get("DIMENSION_LIST", ())]
-        )
+        if item.is_scale and item.ndim > 1:  # over further dimensions beside that of its name
+            by_id = {scale.attrs.get("_Netcdf4Dimid"): called for scale, called in names.items()}
+            dims = [by_id[one] for one in item.attrs["_Netcdf4Coordinates"]]
+        elif item.is_scale:
+            dims = [name]
+        else:
+            dims = [names[item.file[axis[-1]]] for axis in item.attrs.get("DIMENSION_LIST", ())]
         is_text = h5py.check_string_dtype(item.dtype)
         values = np.asarray(item.asstr()[()], dtype=str) if is_text else item[()]
         variables[name.removeprefix(RENAMED)] = xr.Variable(dims, values, _attributes(item))

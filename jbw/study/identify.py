@@ -15,7 +15,6 @@ from jbw.identification.joint import draw_joint, fit_problem, joint_problem
 from jbw.identification.paper_route import paper_route
 from jbw.identification.procedure import Posteriors, identified
 from jbw.inference.generator import parts_of
-from jbw.inference.posterior.finding import judge
 from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
 from jbw.inference.space.box import require_float64
 from jbw.study.comparisons import compare
@@ -24,7 +23,8 @@ from jbw.study.order import Order
 from jbw.study.prepared import prepare_tests
 from jbw.study.quick import first_answer, report_fit
 from jbw.study.study import Study
-from jbw.verification.verify import prediction_findings, within_predictions
+from jbw.verification.grade import judged
+from jbw.verification.verify import predicted_tests, prediction_findings
 
 logger = logging.getLogger("jbw")
 NUM_KEYS, NUM_PARTS = 16, 5  # of the seed: for the paper's steps and the joint posterior; of that
@@ -71,7 +71,7 @@ def identify(
         return for_use(lambda part, kept: again(part, keep=kept), campaign, keep, report)
     seed = campaign.settings.seed if seed is None else seed
     order = Order(campaign, seed, truth, command, perf_counter())
-    prepared = prepare_tests(campaign, report)  # usable, fitted and held out; Step 2
+    prepared = prepare_tests(campaign, report, seed)  # usable, fitted and held out; Step 2
     if quick:
         return first_answer(order, prepared, report)
     measured = prepared.measured
@@ -87,9 +87,10 @@ def identify(
     posteriors = Posteriors(posterior, checks, free, paper)
     comparisons = compare(order, prepared, posteriors, report)  # every test predicted
     findings = *checks.findings, *free.findings, *prediction_findings(comparisons.tree)
-    verdict = judge(findings, [*checks.amendments, within_predictions(comparisons.tree)])
+    tests, limit = predicted_tests(comparisons.tree), campaign.settings.predictive
+    verdict = judged(findings, checks.amendments, tests, posterior.fitted.data.laws, limit)
     sentences = (
-        *prepared.left_out, *paper.statements, *checks.statements, *comparisons.statements,
+        *prepared.sentences, *paper.statements, *checks.statements, *comparisons.statements,
         about_instruments(order, prepared),
     )  # fmt: skip
     statements = [sentence for sentence in sentences if sentence]

@@ -58,8 +58,8 @@ NUM_SHOWN = 2000  # lines of a response that are drawn
 UNITS = {"y": "m", "frequency_hz": "Hz", "damping": "1", "frequency_sd": "Hz", "damping_sd": "1"}
 MEANING = {
     "y": "motion", "frequency_hz": "natural frequency", "damping": "damping ratio",
-    "frequency_sd": "standard deviation of the frequency",
-    "damping_sd": "standard deviation of the damping ratio",
+    "frequency_sd": "standard deviation of frequency",
+    "damping_sd": "standard deviation of damping",
 }  # fmt: skip
 WORN = 0.02  # of the secant stiffness of equal cycles: less is how a rig repeats
 CLEAR = 0.2  # of half width and of damping: no noise that leaves a resonance to be read does it
@@ -270,7 +270,7 @@ def _of_decays(test: Test) -> Iterator[RecordRead]:
     read = [one.reading for one in found if one.reading is not None]
     if not read:
         faults = [fault.what for one in found for fault in one.faults]
-        why = faults[0] if faults else "Its records hold too few values in `band`."
+        why = faults[0] if faults else messages.TOO_SHORT
         raise DataError(f"Test {test.name} shows no free decay of one mode. {why}")
     yield from map(_of_reading, read)
 

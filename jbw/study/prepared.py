@@ -6,8 +6,10 @@ from typing import NamedTuple
 from jbw.campaign.gains import force_per_unit
 from jbw.campaign.load import Campaign
 from jbw.identification.assemble import Measured, Report, measured_in
+from jbw.identification.proposed_laws import proposed
 from jbw.identification.usable import usable
 from jbw.observables.records import compile_beside
+from jbw.quantities import DEFAULT_LAWS
 from jbw.report.messages import stages
 from jbw.study.look import Look, look_quietly
 
@@ -18,18 +20,20 @@ class PreparedTests(NamedTuple):
     Attributes:
         measured: Tests that are fitted and held out, Step 2, and what the model is made of.
         look: What the records say without a model.
-        left_out: A sentence for every test that cannot be used.
+        sentences: On every test that cannot be used, and on laws that readings proposed.
     """
 
     measured: Measured
     look: Look
-    left_out: tuple[str, ...]
+    sentences: tuple[str, ...]
 
 
-def prepare_tests(campaign: Campaign, report: Report) -> PreparedTests:
+def prepare_tests(campaign: Campaign, report: Report, seed: int) -> PreparedTests:
     """The tests that can be used, a look at them without a model, and what each step takes.
 
     All of this comes before anything is sampled: what is wrong with a record then costs no result.
+    A campaign that states no law, and whose readings contradict the default one, gets the best of
+    those that they propose.
     """
     gain = force_per_unit(campaign)
     several = campaign.joints is not None
@@ -42,4 +46,8 @@ def prepare_tests(campaign: Campaign, report: Report) -> PreparedTests:
     report(stages.READING_RECORDS)
     look = look_quietly(replace(campaign, tests=accepted.tests))
     measured = measured_in(campaign, report, accepted.tests, accepted.line_fit)
-    return PreparedTests(measured, look, accepted.left_out)
+    read = look.record["laws"]
+    if campaign.states_laws or several or not read or set(DEFAULT_LAWS) & set(read):
+        return PreparedTests(measured, look, accepted.left_out)
+    measured, sentence = proposed(measured, read, seed, report)
+    return PreparedTests(measured, look, (*accepted.left_out, sentence))

@@ -38,7 +38,7 @@ def first_answer(order: Order, prepared: PreparedTests, report: Report) -> Study
     tree = fit_tree(measured, posteriors)
     comparisons = Comparisons(tree, look(posteriors.joint.fitted, with_profiles=False))
     checks = posteriors.checks
-    statements = *prepared.left_out, *checks.statements, about_instruments(order, prepared)
+    statements = *prepared.sentences, *checks.statements, about_instruments(order, prepared)
     identification = identified(measured, posteriors, judge(checks.findings), statements)
     notes = {"quick": fit_errors(posteriors.joint.fitted)}
     return finished_study(order, prepared, identification, comparisons, notes=notes)

@@ -36,11 +36,15 @@ def errors(
 ) -> dict[str, float]:
     """How far a test lies from the model, and from the oscillators it is compared with."""
     # `coverage` is the share of `num_values` values, of the repeats or else their mean, that lie
-    # inside the predictive band; `half_width` is of that band, or of the parameters' alone.
+    # inside the predictive band; `half_width` is of that band, or of the parameters' alone;
+    # `scatter` is of the repeats about their mean, over the same as `nrmse`.
     edges = band(model) if noise_std is None else gaussian_band(model, noise_std)
     measures = {"nrmse": error(measured, np.median(model, axis=0))}
     measures |= {f"nrmse_{name}": error(measured, other) for name, other in others.items()}
     measures["half_width"] = half_width(edges, measured)
+    if repeats is not None and len(repeats) > 1:
+        scatter = np.linalg.norm(repeats - repeats.mean(axis=0)) / np.sqrt(len(repeats) - 1)
+        measures["scatter"] = float(scatter / np.linalg.norm(measured))
     if noise_std is not None:
         inside = within(measured if repeats is None else repeats, edges)
         measures |= {"coverage": float(np.mean(inside)), "num_values": inside.size}

@@ -14,11 +14,11 @@ import xarray as xr
 from scipy.stats import norm
 
 from jbw.errors import Attempts
-from jbw.identification.accuracy import CLOSE, OF_USE, another_law, within_unseen
+from jbw.identification.accuracy import CLOSE, another_law
 from jbw.identification.assemble import Measured
 from jbw.identification.procedure import Posteriors
 from jbw.identification.selection import DecaySplit
-from jbw.inference.posterior.finding import Amendment, Finding, amended, checked
+from jbw.inference.posterior.finding import Finding, amended, checked
 from jbw.inference.posterior.remedies import put
 from jbw.inference.posterior.summary import QUANTILES
 from jbw.measurement.records import drive_of
@@ -28,9 +28,10 @@ from jbw.observables.drives import of_drive
 from jbw.quantities import MODES, derivative_order
 from jbw.report.messages import discrepancy as withholding
 from jbw.report.messages import verification as messages
-from jbw.verification.backbone import CARRIED_ON, amplitude_verification
+from jbw.verification.backbone import amplitude_verification
 from jbw.verification.decays import verify_decays
 from jbw.verification.forced import verify_forced
+from jbw.verification.grade import LEAST_COVERAGE, LEAST_VALUES
 from jbw.verification.modal_decays import first_mode_alone, modes_of_draws
 from jbw.verification.places import place
 from jbw.verification.predicted import ALIKE, Source
@@ -42,8 +43,6 @@ BETTER = 1.1  # times the error of a simpler oscillator: beyond, that one is the
 # Root of 2: where a linear oscillator misses as much as the joint, noise may be all of that, and as
 # much noise is in the band.
 NOISE_BESIDE = 2**0.5
-LEAST_COVERAGE = 0.95  # of a 99 % band over a record
-LEAST_VALUES = 50  # of a record whose coverage says something
 REACH = float(norm.ppf(QUANTILES[-1]))  # standard deviations of a 99 % band
 SIMPLER = ("linear", "cubic")
 Groups = dict[str, xr.Dataset]
@@ -117,33 +116,7 @@ def _freely(draws: Draws, decays: Decays) -> tuple[Any, ...]:
     return Dataset.of([decays], held), "omega_n", "zeta", *names
 
 
-def within_predictions(tree: xr.DataTree) -> Amendment | None:
-    """The errors of predictions, quoted where findings say that the law is usable.
-
-    Held-out tests of motions up to a little more than those that were fitted are quoted; further
-    ones are an extrapolation. Those that the bands do not hold without a model discrepancy decide
-    on the use.
-    """
-    tests = _predicted(tree).values()
-    compared = [attrs for attrs in tests if np.isfinite(attrs["nrmse"])]
-    fitted = [attrs["nrmse"] for attrs in compared if attrs.get("fitted")]
-    unseen = [
-        attrs
-        for attrs in compared
-        if not attrs.get("fitted") and attrs.get("extrapolation", 1.0) <= CARRIED_ON
-    ]
-    missed = [
-        attrs["nrmse"]
-        for attrs in unseen
-        if attrs.get("discrepancy") or attrs.get("coverage", 1.0) < LEAST_COVERAGE
-    ]
-    errors = [attrs["nrmse"] for attrs in unseen]
-    farther = len(fitted) + len(unseen) < len(compared)
-    held_out = messages.held_out_within(CARRIED_ON) if farther else messages.HELD_OUT
-    return within_unseen(OF_USE, fitted, errors, held_out, missed=missed)
-
-
-def _predicted(tree: xr.DataTree) -> Mapping[str, Mapping[str, Any]]:
+def predicted_tests(tree: xr.DataTree) -> Mapping[str, Mapping[str, Any]]:
     """Attributes of every test beside its prediction, by name."""
     parents = tree["verification"].children if "verification" in tree.children else {}
     return {
@@ -156,7 +129,7 @@ def _predicted(tree: xr.DataTree) -> Mapping[str, Mapping[str, Any]]:
 
 def prediction_findings(tree: xr.DataTree) -> list[Finding]:
     """The largest error beside a simpler oscillator's, and the least coverage of held-out tests."""
-    tests = _predicted(tree)
+    tests = predicted_tests(tree)
     laws = json.loads(str(tree.attrs.get("laws", "[]")))
     return [*_simpler(tests, laws), *_replaced(tests, laws), *_coverage(tests)]
 
@@ -225,9 +198,6 @@ def _coverage(tests: Mapping[str, Mapping[str, Any]]) -> list[Finding]:
     remedy = {"line": put("identify", "offsets", "runs")}
     ok = shares[worst] >= LEAST_COVERAGE
     finding = checked("held_out_coverage", ok, values, shares[worst], remedy)
-    far = max(float(tests[name].get("nrmse", np.inf)) for name in shares)
-    if not ok and far <= CLOSE:
-        finding = amended(finding, "usable", messages.predicted_to(far))
     if withheld:
         sentence = withholding.bands_withheld(withheld)
         finding = amended(finding, finding.status, sentence, withholding.FIT_THAT_LEVEL)

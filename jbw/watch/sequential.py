@@ -185,7 +185,7 @@ def updated(
 
 def _fitted(study: Study, campaign: Campaign) -> tuple[Dataset, Decays, Test]:
     """What a run was fitted to, its only part, weighed as it was, and the test of its records."""
-    require_one_joint(campaign.joints, "A run that is carried from record to record")
+    require_one_joint(campaign.joints, watch.CARRIED)
     gain = force_per_unit(campaign)
     accepted = usable(campaign.tests, campaign.settings, gain)
     seen = measured(

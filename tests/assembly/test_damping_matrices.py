@@ -119,8 +119,8 @@ def test_other_damping_is_left_out_beside_the_diagonal_and_the_largest_is_said()
 
 @pytest.mark.parametrize("c", [-3.0, 3.0])
 def test_a_dashpot_loses_by_its_velocity(c):
-    loop = Dashpot(c).loop_at(2e-3, 10.0)
+    loop = Dashpot(c).loop(2e-3, 10.0)
     assert float(loop.damping) == pytest.approx(10.0 * c, rel=1e-14)
-    harmonics = Dashpot(c).harmonics_at(10.0, np.array([1.0 + 0.5j, 0.2j]), 2)
+    harmonics = Dashpot(c).harmonics(np.array([1.0 + 0.5j, 0.2j]), 2, 10.0)
     # g = c dx/dt of harmonics 1 and 3.
     np.testing.assert_allclose(harmonics, c * 1j * 10.0 * np.array([1, 3]) * [1.0 + 0.5j, 0.2j])

@@ -591,6 +591,38 @@ def test_a_pasted_remedy_of_a_driven_record_cures(tmp_path, edit, key):
     assert faults(path) == []
 
 
+def test_a_pasted_sign_of_all_repeats_cures(tmp_path):
+    path = tmp_path / "campaign.toml"
+    of_two_modes(path, 0.0)
+    stored = dict(np.load(tmp_path / "sweep.npz"))
+    np.savez(tmp_path / "sweep.npz", u=stored["u"], x=-stored["x"])
+    (fault,) = faults(path)
+    assert "the gain is negative" in fault.what
+    pasted(path, [fault.remedy])
+    assert faults(path) == []
+
+
+@pytest.mark.parametrize(("factor", "written"), [(-1.0, "-1.0"), (9.80665, "9.8")])
+def test_a_repeat_that_was_turned_over_is_cured_in_a_test_of_its_own(tmp_path, factor, written):
+    """Three sweeps of a linear mode, of one the response is turned over, or in another unit."""
+    path = tmp_path / "campaign.toml"
+    of_two_modes(path, 0.0)
+    stored = dict(np.load(tmp_path / "sweep.npz"))
+    for i in range(3):
+        x = stored["x"] * (factor if i == 1 else 1.0)
+        x += 1e-4 * np.std(x) * np.random.default_rng(i).standard_normal(len(x))
+        np.savez(tmp_path / f"sweep_{i + 1}.npz", u=stored["u"], x=x)
+    text = path.read_text().replace('"sweep.npz"', '"sweep_*.npz"')
+    path.write_text(text)
+    (fault,) = faults(path)
+    ((_, line),) = PUT.findall(fault.remedy)
+    assert line.startswith(f"scale = {{ force = {written}")
+    others = text.replace('"sweep_*.npz"', '["sweep_1.npz", "sweep_3.npz"]')
+    turned = text.replace('"sweep_*.npz"', '"sweep_2.npz"').partition("[[test]]")[2]
+    path.write_text(f'{others}name = "others"\n[[test]]{turned}name = "turned"\n{line}\n')
+    assert faults(path) == []
+
+
 def test_a_pasted_start_of_channels_cures(tmp_path):
     nptdms = pytest.importorskip("nptdms")
     path = tmp_path / "campaign.toml"

@@ -1,10 +1,10 @@
 """Sensors in volts, clocks of several files, and what a draft asks of unclear columns."""
 
-import re
 import tomllib
 
 import numpy as np
 import pytest
+from pasted import lines_of
 
 from jbw.campaign.check import check_campaign
 from jbw.campaign.draft import start_campaign
@@ -17,7 +17,6 @@ G = 9.80665
 FS = 512.0
 T = np.arange(4096) / FS
 DECAY = np.exp(-0.6 * T) * np.cos(2 * np.pi * 20.0 * T)  # 20 Hz, 0.477 %
-LINE = re.compile(r"`(sensitivity = [^`]*)`")
 TEST = """[campaign]
 name = "volts"
 [[test]]
@@ -77,7 +76,7 @@ def test_the_line_about_volts_cures(tmp_path, lines):
     table(tmp_path, (T, 0.05 * DECAY), "time [s],acc [V]")
     with pytest.raises(JbwError) as caught:
         loaded(tmp_path, lines)
-    (line,) = LINE.findall(caught.value.remedy)
+    ((_, line),) = lines_of(caught.value.remedy)
     record = loaded(tmp_path, f"{lines}\n{line}").records[0]
     # The example is 100 mV/g; a factor of 10 beside the unit g is that of one volt.
     np.testing.assert_allclose(record.channels["acceleration"], 0.5 * G * DECAY, atol=1e-7)

@@ -7,7 +7,7 @@ from pasted import lines_of, pasted
 from scipy.signal import lfilter
 from scipy.stats import truncnorm
 
-from jbw.identification.accuracy import OF_USE, within_misfit, within_unseen
+from jbw.identification.accuracy import OF_MISFIT, within_misfit, within_unseen
 from jbw.inference.posterior.finding import (
     ASKED_BY,
     Amendment,
@@ -19,7 +19,6 @@ from jbw.inference.posterior.remedies import more_draws, put_bounds, wider
 from jbw.inference.posterior.verdict import Finding, judge, leaning, verdict
 from jbw.inference.space.box import box
 from jbw.report.messages.findings import explanations
-from jbw.verification.verify import prediction_findings, within_predictions
 
 BOX = box({"alpha": (1.0, 2.0), "delta": (1.0, 2.0)})
 
@@ -355,7 +354,7 @@ def test_no_other_failure_becomes_usable():
 )
 def test_a_statement_of_use_quotes_what_no_fit_saw(fitted, unseen, status):
     found = judge([checked("coloured_residual", False, "Coloured.", 0.4, "Another law.")])
-    unseen_errors = within_unseen(OF_USE, fitted, unseen, "tests that no fit saw")
+    unseen_errors = within_unseen(OF_MISFIT, fitted, unseen, "tests that no fit saw")
     judged = judge(found.findings, [within_misfit({"sweep": 0.018}), unseen_errors])
     assert judged.status == status
     (finding,) = judged.findings
@@ -365,48 +364,8 @@ def test_a_statement_of_use_quotes_what_no_fit_saw(fitted, unseen, status):
     if status == "failed":
         assert "Another law." in finding.action
     untouched = judge([checked("r_hat", True, "Mixed.", 1.0, "")])
-    amendment = within_unseen(OF_USE, fitted, unseen, "tests")
+    amendment = within_unseen(OF_MISFIT, fitted, unseen, "tests")
     assert judge(untouched.findings, [amendment]) == untouched
-
-
-@pytest.mark.parametrize(
-    ("error", "coverage", "extrapolation", "discrepancy", "status", "says"),
-    [
-        (0.024, 0.992, 1.0, 0, "usable", "held-out tests: 2.4 %, against 1.8 % of the"),
-        (0.024, 0.992, 1.0, 1, "usable", "held-out tests: 2.4 %, against 1.8 % of the"),
-        # Noise and the errors of the parameters make it: a weak test, say.
-        (0.069, 0.992, 1.0, 0, "usable", "of the fitted ones, and the 99 % bands contain them."),
-        (
-            0.069,
-            0.992,
-            1.0,
-            1,
-            "failed",
-            "6.9 %, against 1.8 % of the fitted ones, more",
-        ),
-        (0.069, 0.8, 1.0, 0, "failed", "6.9 %, against 1.8 % of the fitted ones, more"),
-        (0.069, 0.8, 2.0, 0, "usable", "within this the law may be used"),  # twice the motion
-    ],
-)
-def test_a_statement_of_use_quotes_held_out_tests(
-    error, coverage, extrapolation, discrepancy, status, says
-):
-    found = judge([checked("coloured_residual", False, "Coloured.", 0.4, "Another law.")])
-    attrs = {
-        "strong": {"fitted": 1, "nrmse": 0.018, "coverage": 0.99},
-        "weak": {
-            "fitted": 0, "nrmse": error, "coverage": coverage, "extrapolation": extrapolation,
-            "discrepancy": discrepancy,
-        },
-    }  # fmt: skip
-    groups = {f"/verification/sweeps/{n}": xr.Dataset(attrs=a) for n, a in attrs.items()}
-    tree = xr.DataTree.from_dict(groups)
-    amendments = [within_misfit({"sweep": 0.018}), within_predictions(tree)]
-    judged = judge([*found.findings, *prediction_findings(tree)], amendments)
-    (finding,) = [each for each in judged.findings if each.code == "coloured_residual"]
-    assert finding.status == status
-    assert says in finding.reason
-    assert ("held-out" in finding.reason) == (extrapolation == 1.0)
 
 
 def test_a_pile_at_a_negative_lower_bound_is_found():

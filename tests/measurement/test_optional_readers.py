@@ -5,7 +5,8 @@ import pytest
 
 from jbw.campaign.draft import start_campaign
 from jbw.errors import DataError
-from jbw.measurement.files.read import EXPORTS, READERS, read
+from jbw.measurement.files.read import READERS, read
+from jbw.report.messages.reading import EXPORTS
 
 FS = 25600 / 3
 T = np.arange(4096) / FS

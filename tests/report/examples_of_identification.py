@@ -232,7 +232,7 @@ EXAMPLES = {
         residuals.neighbour(18.8, 0.01, 0.3, 0.5),
         residuals.usable_within(0.03, "sweep"),
         residuals.unseen_errors("held-out tests", 0.04, 0.02, residuals.worse_than_fitted(1.5)),
-        residuals.unseen_errors("held-out tests", 0.04, 0.02, residuals.WITHIN_BANDS),
+        residuals.unseen_errors("tests of each run", 0.02, 0.02, ""),
         residuals.across_kinds(
             {"sweep": (0.02, 0.01), "decay": (0.03, 0.02)}, {"decay": ["gamma"]}, own_frequency=True
         ),
@@ -244,8 +244,6 @@ EXAMPLES = {
         sessions.population_mean([sessions.scatter((0.1, 0.2, 0.3), "runs")]),
     ],
     "verification": [
-        verification.predicted_to(0.03),
-        verification.held_out_within(2.0),
         verification.comparison_of("sweep", "loop of "),
         verification.extrapolated("sweep", 0.002, 2.0, 0.001),
         verification.away_from_mode("sweep", 0.01),

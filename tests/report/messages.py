@@ -128,6 +128,10 @@ OF_FINDINGS = {
 }  # fmt: skip
 
 OF_FINDINGS |= {
+    "grade": (
+        {"status": "usable", "count": 3, "error": 0.08, "worst": 0.12, "linear": 0.3,
+         "coverage": 0.983, "to": "repeats", "is_withheld": False, "limit": 0.05}, OTHER_LAW,
+    ),
     "simpler_model": (
         {"test": "sweep", "fit_status": "fitted", "error": 0.2, "kind": "cubic", "simpler": 0.1,
          "limit": 1.1}, OTHER_LAW,
@@ -197,6 +201,8 @@ OF_TOPICS = {
         identified.costs(["12.1", "none"]),
     ],
     "laws": [
+        laws.chosen_by_reading("cubic", []),
+        laws.chosen_by_reading("iwan4", [("masing_power", 81.2)]),
         laws.OF_EACH_MODE, laws.IN_FIRST_MODE,
         *(
             laws.tried_at_joints(["linear", "bouc_wen"], ["bouc_wen@bolt_1"], 4, which, 12)

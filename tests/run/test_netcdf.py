@@ -54,6 +54,7 @@ def a_tree():
             "/posterior/of the same": xr.Dataset({"mean": ("chain", [1.0, 2.0])}),
             "/verification/sweep/Prüfung 1, [0.1 V]": gaps,
             "/square": square,
+            "/links": xr.Dataset({"link": (("link", "end"), np.arange(6.0).reshape(3, 2))}),
             "/a": xr.Dataset(),
         }
     )

@@ -56,15 +56,6 @@ def test_tests_outside_their_bands_fail_unless_fitted_or_short():
     assert "held_out_coverage" not in findings(**{"sweep/high": {**outside, "coverage": np.nan}})
 
 
-def test_tests_outside_their_bands_are_usable_where_their_error_is_small():
-    outside = {"nrmse": 0.02, "coverage": 0.87, "num_values": 9766, "fitted": 0}
-    found = findings(**{"sweep/high": outside})["held_out_coverage"]
-    assert (found.status, found.number) == ("usable", 0.87)
-    assert "87.0 % of the values of high" in found.reason
-    assert found.reason.endswith("is predicted to 2 % of its rms or better.")
-    assert pasted(found.action).settings.offsets == "runs"
-
-
 def test_nothing_compared_says_nothing():
     assert findings() == {}
     assert findings(**{"frf/noise": {"level": 1.0}}) == {}

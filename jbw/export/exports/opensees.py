@@ -18,7 +18,6 @@ from jbw.export.exports.program import (
 from jbw.export.joint_parts import REACH, error_of_sliders, materials_of
 from jbw.export.one_joint import Export
 from jbw.export.several_joints import JointsExport
-from jbw.oscillator.laws.masing import Masing
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.parameters import Material, Scalar
 from jbw.report.messages import study as messages
@@ -67,8 +66,8 @@ def _joints_card(folder: Path, result: JointsExport) -> Paths:
 def _notes(result: Export, unit: str = "m") -> Iterator[str]:
     """Of each law that sliders stand for, how far and how well."""
     for law in oscillator_of(result.joint, result.laws).laws:
-        if isinstance(law, Masing):
-            error = 100.0 * error_of_sliders(law, result.y_max)
+        if law.depth:
+            error = 100.0 * error_of_sliders(law, result.y_max)  # pyright: ignore[reportArgumentType]
             most = result.y_max
             yield messages.sliders(law.name, REACH * most, 0.1 * most, most, error, unit)
 

@@ -13,13 +13,15 @@ from jbw.report.messages.findings import FINDINGS, remedy_of, sentence_of
 from jbw.report.messages.questions import QUESTIONS
 
 Status = Literal["ok", "usable", "failed", "not assessed"]
+GRADE = "grade"  # code of the finding that answers whether the law follows the data, where it can
+GRADES = {"ok": "predictive", "usable": "approximate", "failed": "not predictive"}
 WORST_FIRST: tuple[Status, ...] = ("failed", "not assessed", "usable", "ok")
 # Codes of the findings that answer each question, the most important first; others are of sampling,
 # or of the question that their entry names.
 ASKED = {
     "sampling": ("ess_bulk", "r_hat"),
     "law": (
-        "no_hysteresis", "cause", "level_trend", "repeatability", "held_out_coverage",
+        GRADE, "no_hysteresis", "cause", "level_trend", "repeatability", "held_out_coverage",
         "simpler_model", "law_replaced", "discrepancy", "misfit", "coloured_residual", "chi_square",
         "leave_one_out", "records_apart",
     ),
@@ -90,7 +92,7 @@ def kept_finding(record: Mapping[str, Any]) -> Finding:
 
 @dataclass(frozen=True, repr=False)
 class Verdict:
-    """Findings in their order: failed if any is, else not assessed or usable if any is, else ok."""
+    """Findings in their order, and the worst status of the three answers."""
 
     status: Status
     findings: tuple[Finding, ...]
@@ -102,7 +104,7 @@ class Verdict:
         return f"<p><b>{self._heading()}</b></p>{table_of(self.findings)}"
 
     def _heading(self) -> str:
-        statuses = ((name, answer.status) for name, answer in answers(self.findings))
+        statuses = ((name, answer.word) for name, answer in answers(self.findings))
         return first_line(self.status, statuses)
 
 
@@ -137,7 +139,16 @@ def judge(findings: Iterable[Finding], amendments: Iterable[Amendment | None] = 
         reduce(lambda finding, amendment: amendment.applied_to(finding), in_order, finding)
         for finding in findings
     )
-    return Verdict(worst_of({finding.status for finding in judged}), judged)
+    by_question: dict[str, list[Finding]] = {}
+    for finding in judged:
+        by_question.setdefault(question_of(finding.code), []).append(finding)
+    return Verdict(worst_of({answered(group) for group in by_question.values()}), judged)
+
+
+def answered(findings: Sequence[Finding]) -> Status:
+    """Status of the findings on one question: that of the law's grade, else the worst of them."""
+    grade = next((finding for finding in findings if finding.code == GRADE), None)
+    return grade.status if grade else worst_of({finding.status for finding in findings})
 
 
 def worst_of(statuses: Collection[Status]) -> Status:
@@ -184,12 +195,14 @@ class Answer:
     Attributes:
         question: The question.
         status: Their verdict.
+        word: The status; of a law that is graded, its grade.
         because: Facts of the findings against it, or of the first of those for it; behind them
             what later checks added, each sentence once.
     """
 
     question: str
     status: Status
+    word: str
     because: str
 
 
@@ -214,7 +227,10 @@ def answers(findings: Iterable[Finding]) -> Iterator[tuple[str, Answer]]:
                 *(sentence for finding in against for sentence, _ in finding.additions),
             )
             because = " ".join(dict.fromkeys(sentences))
-            yield name, Answer(question, judge(relevant).status, because)
+            status = answered(relevant)
+            is_graded = any(finding.code == GRADE for finding in relevant)
+            word = GRADES.get(status, status) if is_graded else status
+            yield name, Answer(question, status, word, because)
 
 
 def first_line(status: str, answers: Iterable[tuple[str, str]] = ()) -> str:

@@ -20,6 +20,7 @@ from jbw.measurement.files.sampling import Wanted
 from jbw.measurement.files.tree import Contents
 from jbw.measurement.recorders import annotated
 from jbw.measurement.records import ROLES, Record
+from jbw.report.messages.reading import EXPORTS
 
 # Suffix to the module that reads it, imported when first needed.
 READERS: dict[str, str] = {}
@@ -40,22 +41,6 @@ register("jbw.measurement.files.uff", ".uff", ".unv")
 register("jbw.measurement.files.tdms", ".tdms")
 register("jbw.measurement.files.mdf", ".mf4", ".mdf")
 register("jbw.measurement.files.seismic", ".mseed", ".sac")
-
-# Suffix of what is not read to how it is exported.
-_SHEET = "Save the sheet with the record as CSV."
-EXPORTS = {
-    ".xlsx": _SHEET,
-    ".xls": _SHEET,
-    ".ods": _SHEET,
-    ".parquet": 'Save it as CSV or HDF5: pandas.read_parquet("FILE").to_csv("FILE.csv").',
-    ".feather": 'Save it as CSV or HDF5: pandas.read_feather("FILE").to_csv("FILE.csv").',
-    ".ide": "Export it as CSV or MATLAB by enDAQ Lab, or by the package endaq-ide.",
-    ".svd": "Export time records or FRFs as a universal file (UFF 58) by Polytec's PSV software.",
-    ".sie": "Export it as MATLAB or CSV by the recorder's software, or by libsie.",
-    ".dxd": "Export it as MATLAB or CSV by DEWESoft X.",
-    ".d7d": "Export it as MATLAB or CSV by DEWESoft X.",
-    ".op2": "It holds results of a model. Export measured records as UFF 58 or CSV.",
-}
 
 
 def read(

@@ -98,7 +98,7 @@ def _decay(record: Record, band: Band, settle_s: float) -> Examined:
     fits = decay_fits(record, band, settle_s)
     if fits is None:
         return Examined(None, (), band)
-    reading, signal = _read_fits("decay", fits), fits.signal
+    reading, signal = _read_fits(fits), fits.signal
     low, high = band
     outside = 1.5 * low - 0.5 * high, 1.5 * high - 0.5 * low
     rate = float(fits.fits["linear"].theta[2]) * fits.scale
@@ -117,13 +117,13 @@ def _sweep(record: Record, band_hz: Band | None, delay_s: float) -> Examined:
     fits, band = found
     facts = Facts(record, 0.0, delay_s, band)
     faults = tuple(fault for _, fault in explained(fits, facts))
-    return Examined(_read_fits("sweep", fits), faults, band)
+    return Examined(_read_fits(fits), faults, band)
 
 
-def _read_fits(kind: str, fits: Fits) -> RecordReading | None:
+def _read_fits(fits: Fits) -> RecordReading | None:
     """The table of a record; None where its errors cannot be told."""
     try:
-        return read_fits(kind, fits)
+        return read_fits(fits)
     except np.linalg.LinAlgError:
         return None
 

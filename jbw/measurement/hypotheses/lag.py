@@ -80,7 +80,7 @@ class Delay(_Lag):
 class Clock(_Lag):
     """A lag that grows: in the middle of the record, and its change along it, in mean periods."""
 
-    name = "clocks of drive and response"
+    name = "clocks apart"
     starts = ((-0.25, -0.5), (-0.12, -0.25), (0.12, 0.25), (0.25, 0.5))
 
     def course(self, signal: SweepSignal, values: Reals) -> Reals:
@@ -105,7 +105,7 @@ class Clock(_Lag):
 class LostBlock(_Lag):
     """A lag that jumps from none: its size in mean periods, and its time over the length."""
 
-    name = "lost block of samples in a sweep"
+    name = "lost block"
 
     def causes(self, fits: Any, basis: str) -> Iterator[Cause]:
         """Yield steps at the three best of several places."""

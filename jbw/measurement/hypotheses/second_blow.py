@@ -25,7 +25,7 @@ ENDS = 0.02  # of the record, at which nothing is told
 class SecondBlow:
     """A jump along the same decay: its time, of ln a, of the phase."""
 
-    name = "second blow or lost samples in a decay"
+    name = "second blow"
 
     def causes(self, fits: Any, basis: str) -> Iterator[Cause]:
         """Yield jumps at the two places where the logarithm of the envelope steps most."""

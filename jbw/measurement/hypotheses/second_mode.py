@@ -22,7 +22,7 @@ BEAT = 4.0  # damping rates of the first apart: where it is looked for within th
 class SecondMode:
     """A second mode: amplitude and phase, distance and damping in damping rates of the first."""
 
-    name = "second mode in the band"
+    name = "second mode"
 
     def causes(self, fits: Fits, basis: str) -> Iterator[DecayCause | SweepCause]:
         """Yield modes to both sides of the first, and at the strongest line of what is left."""

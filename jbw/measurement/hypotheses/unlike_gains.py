@@ -1,4 +1,4 @@
-"""Repeats whose response over the drive has another sign or size than that of most."""
+"""Repeats whose response over the drive has a sign or size unlike that of most, or of a mass."""
 
 from collections.abc import Iterator, Sequence
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from jbw.measurement.checks.faults import Fault, doubt
 from jbw.report.messages import clock_faults as messages
+from jbw.report.messages.record_faults import negative_gain
 
 LARGER = 1.5  # times the median, or smaller by as much: no joint changes a modal mass so
 
@@ -15,13 +16,18 @@ def unlike_gains(
 ) -> Iterator[tuple[str, Fault]]:
     """Yield repeats by name, with the doubt that a channel has another sign or unit there.
 
+    A force drives the mode that it is measured with by a positive gain, one over a modal mass.
+
     Args:
         gains: Name of every repeat and gain of its mode; NaN where none was read.
         role: Of the response.
         source: Role of the drive.
     """
     known = [(name, gain) for name, gain in gains if np.isfinite(gain) and gain != 0.0]
-    if len(known) < 2:
+    if not known:
+        return
+    if all(gain < 0 for _, gain in known):
+        yield from ((name, doubt(role, *negative_gain(role))) for name, _ in known)
         return
     size = float(np.median([abs(gain) for _, gain in known]))
     signs = [np.sign(gain) for _, gain in known]
@@ -29,6 +35,6 @@ def unlike_gains(
     for name, gain in known:
         ratio = abs(gain) / size
         if np.sign(gain) != usual:
-            yield name, doubt(role, *messages.other_sign(name, source))
+            yield name, doubt(role, *messages.other_sign(source))
         elif not 1 / LARGER < ratio < LARGER:
-            yield name, doubt(role, *messages.other_gain(name, ratio, source))
+            yield name, doubt(role, *messages.other_gain(ratio, source))

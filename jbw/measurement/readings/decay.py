@@ -359,6 +359,10 @@ class DecayFits(NamedTuple):
         weight: Of every value.
         noise: Noise amplitude in the band.
         faded: Amplitude below which the converter passes nothing.
+        KIND: Of the record.
+        FIRST: Place of the first damping rate in theta.
+        SECOND_ORDER: c of the error of first-order averaging, see `table`.
+        FLOOR: Of the frequency, over zeta.
     """
 
     signal: DecaySignal
@@ -367,6 +371,11 @@ class DecayFits(NamedTuple):
     weight: Reals
     noise: float
     faded: float
+
+    KIND = "decay"
+    FIRST = 2
+    SECOND_ORDER = 3e-3
+    FLOOR = 0.003
 
 
 def fit_bases(signal: DecaySignal) -> DecayFits:

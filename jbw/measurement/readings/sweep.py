@@ -316,6 +316,10 @@ class SweepFits(NamedTuple):
         weight: Of every value.
         noise: Noise amplitude in the band.
         faded: Amplitude below which the converter passes nothing.
+        KIND: Of the record.
+        FIRST: Place of the first damping rate in theta.
+        SECOND_ORDER: c of the error of first-order averaging, see `table`.
+        FLOOR: Of the frequency, over zeta.
     """
 
     signal: SweepSignal
@@ -324,6 +328,11 @@ class SweepFits(NamedTuple):
     weight: Reals
     noise: float
     faded: float
+
+    KIND = "sweep"
+    FIRST = 0
+    SECOND_ORDER = 0.05  # amplitudes of a sweep grow faster
+    FLOOR = 0.015
 
 
 def fit_bases(signal: SweepSignal) -> SweepFits:

@@ -35,8 +35,6 @@ from jbw.measurement.readings.sweep import SweepFits
 POINTS = 12  # amplitudes of a table
 ABOVE_NOISE = 3.0  # noise amplitudes from which an amplitude is read
 DEEPEST = 0.02  # of the largest amplitude: the smallest that is read
-SECOND_ORDER = {"decay": 3e-3, "sweep": 0.05}  # c of the floor: amplitudes of a sweep grow faster
-FLOOR = {"decay": 0.003, "sweep": 0.015}  # of zeta: floor of the frequency, relative
 FLOOR_OF_DAMPING = 0.003  # of zeta
 BEYOND = 0.3  # of zeta, a relative misfit beyond the noise
 ODDS = 1e-4  # chance of a change of amplitude by a linear mode, below which it is nonlinear
@@ -118,7 +116,7 @@ class RecordReading:
         return self.chance < ODDS
 
 
-def read_fits(kind: str, fits: DecayFits | SweepFits) -> RecordReading:
+def read_fits(fits: DecayFits | SweepFits) -> RecordReading:
     """Choose the basis of a record and read frequency and damping from it, with errors."""
     best = min(fits.fits.values(), key=lambda fit: fit.squares)
     count = 2 * len(fits.signal.z) * independent_share(best.residual * fits.weight)
@@ -129,23 +127,23 @@ def read_fits(kind: str, fits: DecayFits | SweepFits) -> RecordReading:
         richer = further[min(further.index(chosen) + 1, len(further) - 1)]
     elif "quadratic" in fits.fits:
         richer = "quadratic"
-    grid = _amplitudes(kind, fits, richer)
-    rows = _Rows(kind, fits, richer, grid)
-    simple = _Rows(kind, fits, chosen, grid)
-    floor_hz, floor_zeta = _floors(kind, fits, best, rows)
+    grid = _amplitudes(fits, richer)
+    rows = _Rows(fits, richer, grid)
+    simple = _Rows(fits, chosen, grid)
+    floor_hz, floor_zeta = _floors(fits, best, rows)
     if chosen != "linear" and richer != chosen:
         floor_hz = np.hypot(floor_hz, 0.5 * (rows.hz - simple.hz))
         floor_zeta = np.hypot(floor_zeta, 0.5 * (rows.zeta - simple.zeta))
     if chosen != "linear":
-        own_hz, own_zeta = _second_order(kind, rows)
+        own_hz, own_zeta = _second_order(fits, rows)
         floor_hz, floor_zeta = np.hypot(floor_hz, own_hz), np.hypot(floor_zeta, own_zeta)
     hz_covariance = rows.hz_covariance + np.diag(floor_hz**2)
     zeta_covariance = rows.zeta_covariance + np.diag(floor_zeta**2)
     hz_change = _change(rows.hz, rows.hz_covariance, floor_hz[0], 1 / rows.hz[0])
     zeta_change = _change(rows.zeta, rows.zeta_covariance, floor_zeta[0])
-    linear = _Rows(kind, fits, "linear", grid[:1])
+    linear = _Rows(fits, "linear", grid[:1])
     linear_zeta = Change(float(linear.zeta[0]), float(np.sqrt(linear.zeta_covariance[0, 0])))
-    chance = _chance_of_linear(kind, fits, count)
+    chance = _chance_of_linear(fits, count)
     if not _matters(hz_change, zeta_change, linear_zeta.value):
         chance = max(chance, 0.5)
     exponent = Change(np.nan, np.nan)
@@ -167,7 +165,8 @@ def read_fits(kind: str, fits: DecayFits | SweepFits) -> RecordReading:
     )
     unit = fits.signal.unit
     return RecordReading(
-        kind=kind, order=fits.signal.order, amplitude=amplitude * unit, hz=rows.hz, zeta=rows.zeta,
+        kind=fits.KIND, order=fits.signal.order,
+        amplitude=amplitude * unit, hz=rows.hz, zeta=rows.zeta,
         hz_covariance=hz_covariance, zeta_covariance=zeta_covariance,
         linear_hz=Change(float(linear.hz[0]), float(np.sqrt(linear.hz_covariance[0, 0]))),
         linear_zeta=linear_zeta, basis=chosen, chance=chance, hz_change=hz_change,
@@ -188,7 +187,7 @@ def _chosen(fits: dict[str, Fitted], count: float) -> str:
     return chosen
 
 
-def _amplitudes(kind: str, fits: DecayFits | SweepFits, name: str) -> Reals:
+def _amplitudes(fits: DecayFits | SweepFits, name: str) -> Reals:
     """Amplitudes of the table: from the largest down to where the noise begins."""
     if isinstance(fits, DecayFits):
         size = np.abs(decay_model(fits.signal, fits.fits[name].theta, BASES[name], fits.scale))
@@ -202,9 +201,9 @@ def _amplitudes(kind: str, fits: DecayFits | SweepFits, name: str) -> Reals:
 class _Rows:
     """Frequency and damping at amplitudes by one basis, with their covariances."""
 
-    def __init__(self, kind: str, fits: DecayFits | SweepFits, name: str, grid: Reals) -> None:
+    def __init__(self, fits: DecayFits | SweepFits, name: str, grid: Reals) -> None:
         basis, fit, scale = BASES[name], fits.fits[name], fits.scale
-        first = 2 if kind == "decay" else 0
+        first = fits.FIRST
         own = slice(first, first + basis.terms)
         turned = slice(own.stop, own.stop + basis.terms)
         theta, exponent = fit.theta, basis.exponent(fit.theta)
@@ -217,7 +216,7 @@ class _Rows:
         if basis.is_free:
             slope = np.arange(basis.terms)[:, None] * powers * np.log(ratio)
             by_sigma[:, -1], by_omega[:, -1] = (theta[x] @ slope * scale for x in (own, turned))
-        if kind == "decay" and len(grid) > 3:
+        if isinstance(fits, DecayFits) and len(grid) > 3:
             along = np.gradient(np.log(omega), np.log(grid))
             sigma = sigma * (1 - fits.signal.order * along)
         self.hz = np.hypot(sigma, omega) / (2 * np.pi)
@@ -228,9 +227,7 @@ class _Rows:
         self.zeta_covariance = by_zeta @ spread @ by_zeta.T
 
 
-def _floors(
-    kind: str, fits: DecayFits | SweepFits, best: Fitted, rows: _Rows
-) -> tuple[Reals, Reals]:
+def _floors(fits: DecayFits | SweepFits, best: Fitted, rows: _Rows) -> tuple[Reals, Reals]:
     """What a residual at high amplitude beyond the noise leaves open, and the stated floor."""
     size = np.abs(fits.signal.z)
     loud = size > 0.4 * size.max()
@@ -238,15 +235,15 @@ def _floors(
     beyond = BEYOND * np.sqrt(max(excess, 0.0)) / float(size.max())
     zeta = np.abs(rows.zeta)
     return (
-        max(beyond, FLOOR[kind]) * zeta * rows.hz,
+        max(beyond, fits.FLOOR) * zeta * rows.hz,
         max(beyond, FLOOR_OF_DAMPING) * zeta,
     )
 
 
-def _second_order(kind: str, rows: _Rows) -> tuple[Reals, Reals]:
+def _second_order(fits: DecayFits | SweepFits, rows: _Rows) -> tuple[Reals, Reals]:
     """What first-order averaging leaves open where frequency or damping change."""
     hz, zeta = rows.hz, np.abs(rows.zeta)
-    share = SECOND_ORDER[kind] + float(zeta.max())
+    share = fits.SECOND_ORDER + float(zeta.max())
     change, growth = np.ptp(hz), np.ptp(rows.zeta)
     of_hz = share * change + change**2 / hz + hz * zeta.max() * growth
     return of_hz, share * growth + change / hz * zeta
@@ -265,11 +262,11 @@ def _matters(hz: Change, zeta: Change, damping: float) -> bool:
     return is_large and any(abs(change.value) >= SURE * change.sd for change in (hz, zeta))
 
 
-def _chance_of_linear(kind: str, fits: DecayFits | SweepFits, count: float) -> float:
+def _chance_of_linear(fits: DecayFits | SweepFits, count: float) -> float:
     """Probability of the coefficients beyond the constants by chance: Wald's test."""
     if "quadratic" not in fits.fits:
         return 1.0
-    fit, first = fits.fits["quadratic"], 2 if kind == "decay" else 0
+    fit, first = fits.fits["quadratic"], fits.FIRST
     at = [first + 1, first + 2, first + 4, first + 5]
     spread = covariance(fit, fits.weight)[np.ix_(at, at)]
     statistic = fit.theta[at] @ np.linalg.pinv(spread, hermitian=True) @ fit.theta[at]

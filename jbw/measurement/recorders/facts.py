@@ -111,14 +111,14 @@ def axis_in(lines: Sequence[str]) -> Axis | None:
         key: next(filter(None, (stated(line, pattern) for line in lines)), "")
         for key, pattern in (
             ("unit", r"(?:x[\s_]*)?axis[\s_]*unit|x[\s_]*units?"),
-            ("delta", "delta"),
+            ("step", "delta"),
         )
     }
-    unit, delta = plain(facts["unit"]), number_in(facts["delta"])
+    unit, step = plain(facts["unit"]), number_in(facts["step"])
     if unit in FACTORS["frequency"]:
         return Axis("frequency", unit, None)
     return (
-        Axis("time", unit, rate_of(delta * FACTORS["time"][unit]))
+        Axis("time", unit, rate_of(step * FACTORS["time"][unit]))
         if unit in FACTORS["time"]
         else None
     )

@@ -22,7 +22,7 @@ from jbw.oscillator.laws.given_backbone import given_backbone as given_backbone
 from jbw.oscillator.laws.iwan import Iwan4, MasingExponential, MasingPower
 from jbw.oscillator.laws.jenkins import Jenkins, jenkins
 from jbw.oscillator.laws.kinked_springs import Quadratic, Stop
-from jbw.oscillator.laws.masing import Masing
+from jbw.oscillator.laws.masing import Masing as Masing
 from jbw.oscillator.laws.springs import Cubic as Cubic
 from jbw.oscillator.laws.springs import Polynomial as Polynomial
 from jbw.oscillator.laws.springs import Quintic, Square
@@ -68,12 +68,16 @@ def register(law: Kind) -> Kind:
         law: The class.
 
     Raises:
-        ConfigError: Another law has this name, or it is no law.
+        ConfigError: Another law has this name, it is no law, or its methods disagree with its
+            force and rate: see `jbw.oscillator.contract`.
     """
     if not is_law(law):
         raise ConfigError(f"A law must be a subclass of `Law`, but this is {law!r}.")
     if LAWS.get(law.name, law) is not law:
         raise ConfigError(f"There is a law `{law.name}` already.")
+    from jbw.oscillator.contract import require_contract  # above: it solves with laws
+
+    require_contract([law])
     LAWS[law.name] = law
     return law
 
@@ -129,12 +133,8 @@ def same_by_construction(names: Iterable[str | Kind]) -> str | None:
     Bouc-Wen's law is that of a free exponent at one.
     """
     kinds = laws_named(names)
-    sliders = [kind.name for kind in kinds if issubclass(kind, Masing | Jenkins)]
-    exponents = [kind.name for kind in kinds if issubclass(kind, BoucWenLaw | BoucWenNu)]
-    for same_laws, why in (
-        (sliders, messages.SAME_CURVES),
-        (exponents, messages.SAME_EXPONENT),
-    ):
+    for why in (messages.SAME_CURVES, messages.SAME_EXPONENT):
+        same_laws = [kind.name for kind in kinds if kind.same_as == why]
         if len(same_laws) > 1:
             return messages.indistinguishable(same_laws, why)
     return None

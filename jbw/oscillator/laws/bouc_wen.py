@@ -18,7 +18,7 @@ from jbw.oscillator.laws.conversions import conversions
 from jbw.oscillator.laws.hysteresis import hysteresis_map, hysteresis_rate, steady_loop
 from jbw.oscillator.laws.kinked_step import kinked_step
 from jbw.oscillator.laws.piecewise_map import smooth_move
-from jbw.oscillator.parameters import MOST_SOFTENING, Scalar
+from jbw.oscillator.parameters import MOST_SOFTENING, SLOW, Scalar
 from jbw.quantities import BOUC_WEN, Quantity
 from jbw.report.messages import joint as messages
 
@@ -77,6 +77,7 @@ class BoucWenLaw(Law):
 
     name: ClassVar[str] = "bouc_wen"
     table: ClassVar[tuple[Quantity, ...]] = BOUC_WEN
+    same_as: ClassVar[str] = messages.SAME_EXPONENT
     products: ClassVar[tuple[Monomial, ...]] = (
         Monomial(
             Quantity("alpha_delta", "α δ", "1/(m s^2)", "softening, alpha * delta"),
@@ -197,7 +198,7 @@ class BoucWenLaw(Law):
         return moved, (memory * moved <= 0.0) | (jnp.abs(branch * dy) > 1.0)  # pyright: ignore[reportReturnType]
 
     def turn(
-        self, y: Scalar, memory: Scalar, ends: Ends, quartic: Scalar
+        self, h: Scalar, y: Scalar, memory: Scalar, ends: Ends, quartic: Scalar
     ) -> tuple[Scalar, Scalar, Scalar]:
         """Through a turning point, a zero of Z or both, with derivatives written by hand."""
         return kinked_step((self.alpha, self.delta, self.gamma), memory, ends, quartic)
@@ -211,13 +212,17 @@ class BoucWenLaw(Law):
         return BoucWenLaw(self.alpha / stiffness, self.delta * length, self.gamma * length, self.nu)
 
     def harmonics(
-        self, q: Complex[Array, " harmonic"], max_turns: int
+        self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
         """By quadrature between turning points and zeros of Z, whose periodicity is solved for."""
         return self.alpha * periodic_path.relaxed_force(q, self.delta, self.gamma, max_turns)  # pyright: ignore[reportReturnType]
 
     def force_over_period(
-        self, q: Complex[Array, " harmonic"], theta: Float[Array, " time"], max_turns: int
+        self,
+        q: Complex[Array, " harmonic"],
+        theta: Float[Array, " time"],
+        max_turns: int,
+        omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
         """Exact, closed over the period."""
         args = self.delta, self.gamma, max_turns
@@ -260,10 +265,10 @@ class BoucWenLaw(Law):
         """Z at y = Y on the steady loop: closed form for nu = 1."""
         return steady_loop(self, y_peak).z_max if self.nu == 1.0 else super().at_tip(y_peak)
 
-    def loop(self, y_peak: Scalar) -> Loop:
+    def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
         """Closed form for nu = 1."""
         if self.nu != 1.0:
-            return super().loop(y_peak)
+            return super().loop(y_peak, omega)
         loop = steady_loop(self, y_peak)
         return Loop(loop.k_eq, loop.c_eq_omega)
 

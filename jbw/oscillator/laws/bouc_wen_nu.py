@@ -26,10 +26,11 @@ from jbw.oscillator.law import Bounds, Law, Loop, Monomial, Scales
 from jbw.oscillator.laws.bouc_wen import FORCED_SHARE, SHARE
 from jbw.oscillator.laws.conversions import bouc_wen
 from jbw.oscillator.laws.powers import REFERENCE, power, power_loop
-from jbw.oscillator.parameters import Conversion, Scalar, batched, of_opensees
+from jbw.oscillator.parameters import SLOW, Conversion, Scalar, batched, of_opensees
 from jbw.oscillator.rare import where_rare
 from jbw.oscillator.steady.waveform import synthesis
 from jbw.quantities import Quantity
+from jbw.report.messages.joint import SAME_EXPONENT
 
 NU = (0.1, 3.0)
 _ROUNDS = 2  # of Newton's steps to the end of a short move
@@ -77,6 +78,7 @@ class BoucWenNu(Law):
         Quantity("nu", "ν", "1", "smoothness exponent", 0.0, is_open=True),
     )
 
+    same_as: ClassVar[str] = SAME_EXPONENT
     products: ClassVar[tuple[Monomial, ...]] = (
         Monomial(
             Quantity("nu_alpha_d", "α_ν d_ν", "1/s^2", "stiffness lost at a stretch of 1 mm"),
@@ -239,7 +241,7 @@ class BoucWenNu(Law):
         return self._stretched(memory, dy), False
 
     def turn(
-        self, y: Scalar, memory: Scalar, ends: Ends, quartic: Scalar
+        self, h: Scalar, y: Scalar, memory: Scalar, ends: Ends, quartic: Scalar
     ) -> tuple[Scalar, Scalar, Scalar]:
         """Two short moves, and the impulse of the slope's jump, 2 alpha g |w|^nu."""
         path = StepPath.through(ends, quartic)
@@ -282,12 +284,16 @@ class BoucWenNu(Law):
         """The stretch at y = Y on the steady loop."""
         return batched(stretch_path.tip, self, y_peak)
 
-    def loop(self, y_peak: Scalar) -> Loop:
+    def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
         """Closed integrals of the steady loop, by quadrature."""
         return Loop(*batched(stretch_path.loop, self, y_peak))
 
     def force_over_period(
-        self, q: Complex[Array, " harmonic"], theta: Float[Array, " time"], max_turns: int
+        self,
+        q: Complex[Array, " harmonic"],
+        theta: Float[Array, " time"],
+        max_turns: int,
+        omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
         """Force along the period that ends where it starts, by moves between the angles."""
         y = synthesis(q, theta)

@@ -39,7 +39,7 @@ from jbw.oscillator.law import Bounds, Law, Loop, Scales
 from jbw.oscillator.laws.bouc_wen import SHARE
 from jbw.oscillator.laws.bouc_wen_nu import BoucWenNu
 from jbw.oscillator.laws.powers import REFERENCE, power
-from jbw.oscillator.parameters import Conversion, Material, Scalar, batched, of_opensees
+from jbw.oscillator.parameters import SLOW, Conversion, Material, Scalar, batched, of_opensees
 from jbw.quantities import Quantity
 
 WORN_SHARE = (0.01, 2.0)  # of the stiffness of the stiffest cycle, which is worn already
@@ -218,7 +218,7 @@ class BWBNPinching(Law):
         return self._in_parts(memory, dy, 1), False
 
     def turn(
-        self, y: Scalar, memory: Worn, ends: Ends, quartic: Scalar
+        self, h: Scalar, y: Scalar, memory: Worn, ends: Ends, quartic: Scalar
     ) -> tuple[Worn, Scalar, Scalar]:
         """Two short moves, and the impulse of the jump of the slope between them."""
         path = StepPath.through(ends, quartic)
@@ -245,15 +245,19 @@ class BWBNPinching(Law):
         stretch = self.undamaged().at_tip(y_peak)
         return Worn(stretch, 0.0 * stretch)
 
-    def loop(self, y_peak: Scalar) -> Loop:
+    def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
         """Of the joint before damage."""
-        return self.undamaged().loop(y_peak)
+        return self.undamaged().loop(y_peak, omega)
 
     def force_over_period(
-        self, q: Complex[Array, " harmonic"], theta: Float[Array, " time"], max_turns: int
+        self,
+        q: Complex[Array, " harmonic"],
+        theta: Float[Array, " time"],
+        max_turns: int,
+        omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
         """Of the joint before damage."""
-        return self.undamaged().force_over_period(q, theta, max_turns)
+        return self.undamaged().force_over_period(q, theta, max_turns, omega)
 
     # -- for other programs ------------------------------------------------------------------------
     def convert(self, omega_n: float, zeta: float, mass: float) -> dict[str, Conversion]:

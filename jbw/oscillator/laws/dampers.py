@@ -11,7 +11,7 @@ from jaxtyping import Array, Complex
 from jbw.oscillator.damper import Damper
 from jbw.oscillator.kinks import Ends, StepPath, kink_impulse
 from jbw.oscillator.law import Bounds, Loop, Scales
-from jbw.oscillator.parameters import Conversion, Material, Scalar, of_opensees
+from jbw.oscillator.parameters import SLOW, Conversion, Material, Scalar, of_opensees
 from jbw.oscillator.steady.waveform import (
     crest,
     exponentials,
@@ -52,10 +52,6 @@ class QuadraticDamping(Damper):
         """Force at the velocity v [N/kg]."""
         return self.c * v * jnp.abs(v)
 
-    def drag(self, v: Scalar) -> Scalar:
-        """Slope dg/dv [1/s]."""
-        return 2.0 * self.c * jnp.abs(v)
-
     def bend(
         self, h: Scalar, y: Scalar, v: Scalar, a: Scalar, memory: tuple[()], branch: tuple[()]
     ) -> Scalar:
@@ -67,19 +63,17 @@ class QuadraticDamping(Damper):
         """Its second derivative jumps at v = 0."""
         return True
 
-    def reversal(self, h: Scalar, ends: Ends, quartic: Scalar) -> tuple[Scalar, Scalar]:
-        r"""Of the turning point, where g'' jumps: $J_2 = 4 c\,a|a|$, $J_3 = 12 c\,|a|\dot a$."""
+    def turn(
+        self, h: Scalar, y: Scalar, memory: tuple[()], ends: Ends, quartic: Scalar
+    ) -> tuple[tuple[()], Scalar, Scalar]:
+        r"""Return the impulses of the jump of g'', $J_2 = 4 c\,a|a|$, $J_3 = 12 c\,|a|\dot a$."""
         path = StepPath.through(ends, quartic)
         size = jnp.where(path.turns, 4.0 * self.c / h**2 * jnp.abs(path.bend), 0.0)
         impulse = kink_impulse(1.0 - path.fraction, size * path.bend, 18.0 * size * path.cubic.c_3)
-        return impulse.v, impulse.y
+        return (), impulse.v, impulse.y
 
-    def scaled(self, length: Scalar, stiffness: Scalar) -> "QuadraticDamping":
-        """In units of displacement and stiffness."""
-        return QuadraticDamping(self.c * length)
-
-    def harmonics_at(
-        self, omega: Scalar, q: Complex[Array, " harmonic"], max_turns: int
+    def harmonics(
+        self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
         """By quadrature between two turning points; on a uniform grid where there are more."""
         if max_turns > 2:
@@ -92,7 +86,7 @@ class QuadraticDamping(Damper):
         force = self(omega * synthesis(q, theta, 1))
         return 2.0 / jnp.pi * ((weights * force) @ exponentials(theta, q.shape[0]).conj())
 
-    def loop_at(self, y_peak: Scalar, omega: Scalar) -> Loop:
+    def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
         r"""Closed form, $\mathrm{Im}\,\kappa = 8 c Y \omega^2 / (3\pi)$."""
         damping = 8.0 / (3.0 * jnp.pi) * self.c * jnp.asarray(y_peak) * omega**2
         return Loop(jnp.zeros_like(damping), damping)  # pyright: ignore[reportArgumentType]
@@ -126,21 +120,13 @@ class CubicDamping(Damper):
         """Force at the velocity v [N/kg]."""
         return self.c * v**3
 
-    def drag(self, v: Scalar) -> Scalar:
-        """Slope dg/dv [1/s]."""
-        return 3.0 * self.c * v**2
-
-    def scaled(self, length: Scalar, stiffness: Scalar) -> "CubicDamping":
-        """In units of displacement and stiffness, of which the unit of time follows."""
-        return CubicDamping(self.c * length**2 * jnp.sqrt(stiffness))
-
-    def harmonics_at(
-        self, omega: Scalar, q: Complex[Array, " harmonic"], max_turns: int
+    def harmonics(
+        self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
         """Those of the cube of the velocity, exact."""
         return odd_harmonics(self, jnp.asarray(1j * orders(q.shape[0])) * omega * q)
 
-    def loop_at(self, y_peak: Scalar, omega: Scalar) -> Loop:
+    def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
         r"""Closed form, $\mathrm{Im}\,\kappa = 3 c Y^2 \omega^3 / 4$."""
         damping = 0.75 * self.c * jnp.asarray(y_peak) ** 2 * omega**3
         return Loop(jnp.zeros_like(damping), damping)  # pyright: ignore[reportArgumentType]

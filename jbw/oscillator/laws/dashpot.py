@@ -10,7 +10,7 @@ from jaxtyping import Array, Complex
 
 from jbw.oscillator.damper import Damper
 from jbw.oscillator.law import Loop
-from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.parameters import SLOW, Scalar
 from jbw.oscillator.steady.waveform import orders
 from jbw.quantities import Quantity
 
@@ -31,21 +31,13 @@ class Dashpot(Damper):
         """Force at the velocity v [N/kg]."""
         return self.c * v
 
-    def drag(self, v: Scalar) -> Scalar:
-        """Slope dg/dv [1/s]."""
-        return self.c + 0.0 * v
-
-    def scaled(self, length: Scalar, stiffness: Scalar) -> "Dashpot":
-        """In units of displacement and stiffness, of which the unit of time follows."""
-        return Dashpot(self.c / jnp.sqrt(stiffness))
-
-    def harmonics_at(
-        self, omega: Scalar, q: Complex[Array, " harmonic"], max_turns: int
+    def harmonics(
+        self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
         r"""$\mathrm{i}n\omega c\,q_n$."""
         return self.c * jnp.asarray(1j * orders(q.shape[0])) * omega * q  # pyright: ignore[reportReturnType]
 
-    def loop_at(self, y_peak: Scalar, omega: Scalar) -> Loop:
+    def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
         r"""$\mathrm{Im}\,\kappa = c\,\omega$."""
         damping = self.c * omega + 0.0 * jnp.asarray(y_peak)
         return Loop(jnp.zeros_like(damping), damping)  # pyright: ignore[reportArgumentType]

@@ -21,7 +21,7 @@ from jbw.oscillator.kinks import Ends, StepPath, barrier, kink_impulse, signed, 
 from jbw.oscillator.law import Bounds, Law, Loop, Monomial, Scales, Threshold
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
 from jbw.oscillator.laws.gap_move import Memory, moved, unloading
-from jbw.oscillator.parameters import Scalar, beyond_all_motion
+from jbw.oscillator.parameters import SLOW, Scalar, beyond_all_motion
 from jbw.oscillator.steady.waveform import (
     angle_of,
     crest,
@@ -168,7 +168,7 @@ class GapSeries(Law):
         return gap_move.memory, gap_move.released | gap_move.met
 
     def turn(
-        self, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
+        self, h: Scalar, y: Scalar, memory: Memory, ends: Ends, quartic: Scalar
     ) -> tuple[Memory, Scalar, Scalar]:
         r"""Two moves, and the impulses of the turning point, of releases and of contacts.
 
@@ -225,7 +225,7 @@ class GapSeries(Law):
         beyond = jnp.maximum(jnp.asarray(y_peak, float) - self.gap, 0.0)
         return self.element.at_tip(beyond), jnp.minimum(jnp.asarray(y_peak, float), self.gap)
 
-    def loop(self, y_peak: Scalar) -> Loop:
+    def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
         r"""Of y = Y cos(theta): by quadrature, and $\mathrm{Im}\,\kappa = E(Y - b)/(\pi Y^2)$."""
         y_peak = jnp.asarray(y_peak, float)
         peak = jnp.where(y_peak > self.gap, y_peak, 1.0)
@@ -252,11 +252,11 @@ class GapSeries(Law):
         return moved(column, tip, -travel).memory[0]
 
     def harmonics(
-        self, q: Complex[Array, " harmonic"], max_turns: int
+        self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
         """By quadrature over half a period from the crest, between release and contact."""
         if max_turns > 2:
-            return generic.harmonics_by_moves(self, q, max_turns)
+            return generic.harmonics_by_moves(self, q, max_turns, omega)
         fixed = stop_gradient(q)
         start = crest(fixed)
         peak = synthesis(q, start)

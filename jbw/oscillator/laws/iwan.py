@@ -9,7 +9,7 @@ from jbw.oscillator.laws.bouc_wen import FORCED_SHARE, SHARE
 from jbw.oscillator.laws.masing import Kink, Masing
 from jbw.oscillator.laws.powers import PER_REFERENCE, REFERENCE, power, power_loop
 from jbw.oscillator.laws.relaxation import exponential_remainder
-from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.parameters import SLOW, Scalar
 from jbw.quantities import Quantity
 
 LOSS = (1e-4, 0.3)  # of the stiffness, lost at the largest displacement of a loop whose q is usual
@@ -66,7 +66,7 @@ class MasingPower(Masing):
         """Integral of the lag."""
         return self.lag(x)[0] * x / (2.0 + self.power_exponent)
 
-    def loop(self, y_peak: Scalar) -> Loop:
+    def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
         """Closed form at every amplitude."""
         softening, damping = power_loop(self.power_exponent)
         lost: Any = self.power_loss * power(jnp.asarray(y_peak) / REFERENCE, self.power_exponent)
@@ -215,13 +215,13 @@ class Iwan4(Masing):
         secant = self._secant * power(below / phi_max, 1.0 + self.iwan_chi)
         return secant * below**2 / (3.0 + self.iwan_chi) + (x - below) * slips
 
-    def loop(self, y_peak: Scalar) -> Loop:
+    def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
         """Closed form below macroslip, quadrature beyond."""
         y_peak, q = jnp.asarray(y_peak, float), 1.0 + self.iwan_chi
         below, part = y_peak <= self.phi_max, y_peak / self.phi_max
         softening, damping = power_loop(q)
         lost = self._secant * power(jnp.minimum(part, 1.0), q)
-        beyond = super().loop(y_peak)
+        beyond = super().loop(y_peak, omega)
         return Loop(
             jnp.where(below, self.iwan_stiffness - softening * lost, beyond.stiffness),
             jnp.where(below, damping * lost, beyond.damping),

@@ -24,7 +24,7 @@ from jbw.oscillator.law import Branch, Law, Loop
 from jbw.oscillator.laws.iwan import Iwan4
 from jbw.oscillator.laws.powers import REFERENCE, power
 from jbw.oscillator.laws.stretch_path import UNIT_RULE
-from jbw.oscillator.parameters import Scalar
+from jbw.oscillator.parameters import SLOW, Scalar
 from jbw.quantities import Quantity
 
 COUNT = 1000
@@ -132,7 +132,7 @@ class Iwan5(Law):
         slid = jnp.where(by < (1.0 + theta) * most, theta * most - by, -theta * most)
         return gone - stuck + never + self._lump * jnp.where(y_peak < most, y_peak - by, slid)
 
-    def loop(self, y_peak: Scalar) -> Loop:
+    def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
         r"""Equivalent stiffness and damping of the steady loop, from each slider's own.
 
         With r = phi/Y, and the angle of its drop $\cos c = 1 - (1 + \vartheta)\,r$, a slider of
@@ -177,7 +177,7 @@ class Iwan5(Law):
         return SliderStretches(jnp.where(stays, 0.0, v), jnp.zeros_like(memory.slides))
 
     def turn(
-        self, y: Scalar, memory: SliderStretches, ends: Ends, quartic: Scalar
+        self, h: Scalar, y: Scalar, memory: SliderStretches, ends: Ends, quartic: Scalar
     ) -> tuple[SliderStretches, Scalar, Scalar]:
         """Every slider that slides sticks at the turning point."""
         path = StepPath.through(ends, quartic)

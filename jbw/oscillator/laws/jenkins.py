@@ -11,7 +11,14 @@ from jaxtyping import Array, Bool, Complex, Float
 
 from jbw.oscillator.kinks import Ends, StepPath, barrier, kink_impulse, signed, slope_jump_impulse
 from jbw.oscillator.law import Bounds, Law, Loop, Monomial, Scales, Threshold
-from jbw.oscillator.parameters import MOST_SOFTENING, Conversion, Material, Scalar, of_opensees
+from jbw.oscillator.parameters import (
+    MOST_SOFTENING,
+    SLOW,
+    Conversion,
+    Material,
+    Scalar,
+    of_opensees,
+)
 from jbw.oscillator.steady.waveform import (
     angle_of,
     crest,
@@ -78,6 +85,7 @@ class Jenkins(Law):
 
     name: ClassVar[str] = "jenkins"
     table: ClassVar[tuple[Quantity, ...]] = _table(1)
+    same_as: ClassVar[str] = messages.SAME_CURVES
 
     alpha: tuple[Scalar, ...] = eqx.field(converter=tuple)
     phi: tuple[Scalar, ...] = eqx.field(converter=tuple)
@@ -183,7 +191,7 @@ class Jenkins(Law):
         return moved, reduce(jnp.logical_or, met)
 
     def turn(
-        self, y: Scalar, memory: tuple[Scalar, ...], ends: Ends, quartic: Scalar
+        self, h: Scalar, y: Scalar, memory: tuple[Scalar, ...], ends: Ends, quartic: Scalar
     ) -> tuple[tuple[Scalar, ...], Scalar, Scalar]:
         """Every slider may begin to slip before the turning point and again after it."""
         path = StepPath.through(ends, quartic)
@@ -226,7 +234,7 @@ class Jenkins(Law):
         """Stretches at y = Y of the steady loop."""
         return tuple(jnp.minimum(y_peak, phi) for phi in self.phi)
 
-    def loop(self, y_peak: Scalar) -> Loop:
+    def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
         r"""Closed form, with c = arccos(1 - 2 phi/Y) where Y > phi, and alpha elsewhere.
 
         $$\kappa = \frac{\alpha}{\pi}\left(c - \tfrac12 \sin 2c\right)
@@ -245,11 +253,11 @@ class Jenkins(Law):
         return Loop(stiffness, damping)
 
     def harmonics(
-        self, q: Complex[Array, " harmonic"], max_turns: int
+        self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
         """By quadrature between the turning points and the angle where each slider slips again."""
         if max_turns > 2:
-            return super().harmonics(q, max_turns)
+            return super().harmonics(q, max_turns, omega)
         start = crest(q)
         peak = synthesis(q, start)
         num_nodes = _NODES + _NODES_PER_HARMONIC * q.shape[0]
@@ -263,11 +271,15 @@ class Jenkins(Law):
         return 2.0 / jnp.pi * total
 
     def force_over_period(
-        self, q: Complex[Array, " harmonic"], theta: Float[Array, " time"], max_turns: int
+        self,
+        q: Complex[Array, " harmonic"],
+        theta: Float[Array, " time"],
+        max_turns: int,
+        omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
         """Exact for two turning points a period."""
         if max_turns > 2:
-            return super().force_over_period(q, theta, max_turns)
+            return super().force_over_period(q, theta, max_turns, omega)
         peak = synthesis(q, crest(q))
         side = jnp.where(synthesis(q, theta, 1) > 0.0, -1.0, 1.0)
         y = side * synthesis(q, theta)

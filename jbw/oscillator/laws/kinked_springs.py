@@ -12,6 +12,7 @@ from jbw.oscillator.kinks import Ends, StepPath, barrier, signed, slope_jump_imp
 from jbw.oscillator.law import Bounds, Loop, Scales, Threshold
 from jbw.oscillator.laws.springs import MOST_SHARE, Spring
 from jbw.oscillator.parameters import (
+    SLOW,
     Conversion,
     Material,
     Scalar,
@@ -71,7 +72,7 @@ class KinkedSpring(Spring):
         return (), jnp.any(jnp.stack([jnp.asarray(crossed) for crossed in passed]), 0)
 
     def turn(
-        self, y: Scalar, memory: tuple[()], ends: Ends, quartic: Scalar
+        self, h: Scalar, y: Scalar, memory: tuple[()], ends: Ends, quartic: Scalar
     ) -> tuple[tuple[()], Scalar, Scalar]:
         r"""Impulses of the corners that are passed before the turning point, and again after it.
 
@@ -104,11 +105,11 @@ class KinkedSpring(Spring):
 
     # -- along a periodic motion -------------------------------------------------------------------
     def harmonics(
-        self, q: Complex[Array, " harmonic"], max_turns: int
+        self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
         """By quadrature over half a period from the crest, between the corners."""
         if max_turns > 2:
-            return generic.harmonics_by_moves(self, q, max_turns)
+            return generic.harmonics_by_moves(self, q, max_turns, omega)
         fixed = stop_gradient(q)
         start = crest(fixed)
         displacements = (stop_gradient(jnp.asarray(corner.y, float)) for corner in self.corners())
@@ -149,7 +150,7 @@ class Quadratic(KinkedSpring):
         """At rest, where f'' = 2 c sgn(y)."""
         return (Corner(0.0 * self.c, 0.0 * self.c, 4.0 * self.c),)
 
-    def loop(self, y_peak: Scalar) -> Loop:
+    def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
         r"""Closed form, $\kappa = 8 c Y / (3\pi)$."""
         stiffness = 8.0 / (3.0 * jnp.pi) * self.c * jnp.asarray(y_peak, float)
         return Loop(stiffness, jnp.zeros_like(stiffness))  # pyright: ignore[reportArgumentType]
@@ -200,7 +201,7 @@ class Stop(KinkedSpring):
         none = 0.0 * self.k
         return Corner(self.gap, self.k, none), Corner(-self.gap, -self.k, none)
 
-    def loop(self, y_peak: Scalar) -> Loop:
+    def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
         r"""Closed form beyond the gap, with $c = \arccos(\delta/Y)$.
 
         $$\kappa = \frac{K}{\pi}\,(2c - \sin 2c)$$

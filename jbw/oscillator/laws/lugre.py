@@ -46,6 +46,7 @@ class LuGre(Law):
         Quantity("lugre_bristle_damping", "σ₁", "1/s", "damping of the bristles", 0.0),
         Quantity("lugre_viscous", "σ₂", "1/s", "viscous friction", 0.0),
     )
+    stepped: ClassVar[bool] = False
 
     lugre_stiffness: Scalar
     lugre_friction: Scalar
@@ -72,11 +73,6 @@ class LuGre(Law):
         """F [N/kg]."""
         bristles = self.lugre_bristle_damping * self.rate(y, v, memory)
         return self.lugre_stiffness * memory + bristles + self.lugre_viscous * v
-
-    @property
-    def stepped(self) -> bool:
-        """No: a stock solver integrates it."""
-        return False
 
     def move(self, y: Scalar, memory: Scalar, dy: Scalar) -> NoReturn:
         """None without the motion's time, and so no loop either."""

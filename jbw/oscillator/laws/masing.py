@@ -12,7 +12,7 @@ Reference:
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 import equinox as eqx
 import jax
@@ -33,7 +33,8 @@ from jbw.oscillator.laws.reversals import (
     headed,
     nothing_remembered,
 )
-from jbw.oscillator.parameters import Scalar, batched
+from jbw.oscillator.parameters import SLOW, Scalar, batched
+from jbw.report.messages.joint import SAME_CURVES
 
 
 class Kink(NamedTuple):
@@ -72,6 +73,8 @@ class Masing(Law):
     Attributes:
         depth: Reversals that are remembered; static.
     """
+
+    same_as: ClassVar[str] = SAME_CURVES
 
     depth: int = eqx.field(default=SIZE, static=True, kw_only=True)
 
@@ -151,11 +154,6 @@ class Masing(Law):
         return memory.stack.missed
 
     # -- for derivatives ---------------------------------------------------------------------------
-    @property
-    def stacks(self) -> bool:
-        """Yes."""
-        return True
-
     def stack_columns(self, memory: Branch) -> tuple[Entries, Entries]:
         """Displacements and forces of the reversals."""
         return memory.stack.y, memory.stack.f
@@ -212,7 +210,7 @@ class Masing(Law):
         return memory._replace(force=force, slope=slope), met  # pyright: ignore[reportReturnType]
 
     def turn(
-        self, y: Scalar, memory: Branch, ends: Ends, quartic: Scalar
+        self, h: Scalar, y: Scalar, memory: Branch, ends: Ends, quartic: Scalar
     ) -> tuple[Branch, Scalar, Scalar]:
         """Two moves, before and after the turning point, and the impulses of their kinks."""
         start, end, rise = ends
@@ -256,7 +254,7 @@ class Masing(Law):
         yield _where_met(met, macroslip)
 
     # -- along a periodic motion -------------------------------------------------------------------
-    def loop(self, y_peak: Scalar) -> Loop:
+    def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
         r"""Of the lag, with x = Y sin^2(theta/2) on the way from Y to -Y.
 
         $$\mathrm{Re}\,\kappa = K + \frac{4}{\pi Y}\int_0^\pi \ell(x) \cos\theta\,d\theta, \qquad
@@ -265,19 +263,23 @@ class Masing(Law):
         return Loop(*batched(steady_loop, self, y_peak))
 
     def harmonics(
-        self, q: Complex[Array, " harmonic"], max_turns: int
+        self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
         """By quadrature where there are two turning points a period."""
         if max_turns > 2:
-            return super().harmonics(q, max_turns)
+            return super().harmonics(q, max_turns, omega)
         return steady_harmonics(self, q)
 
     def force_over_period(
-        self, q: Complex[Array, " harmonic"], theta: Float[Array, " time"], max_turns: int
+        self,
+        q: Complex[Array, " harmonic"],
+        theta: Float[Array, " time"],
+        max_turns: int,
+        omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
         """Exact for two turning points a period."""
         if max_turns > 2:
-            return super().force_over_period(q, theta, max_turns)
+            return super().force_over_period(q, theta, max_turns, omega)
         return steady_force(self, q, theta)
 
 

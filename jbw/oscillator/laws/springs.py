@@ -13,7 +13,7 @@ from jbw.errors import ModelError
 from jbw.oscillator.checks import is_concrete
 from jbw.oscillator.kinks import barrier
 from jbw.oscillator.law import Bounds, Law, Loop, Scales
-from jbw.oscillator.parameters import Restoring, Scalar
+from jbw.oscillator.parameters import SLOW, Restoring, Scalar
 from jbw.oscillator.steady.waveform import odd_harmonics, synthesis
 from jbw.quantities import Quantity
 from jbw.report.messages import joint as messages
@@ -42,18 +42,22 @@ class Spring(Law):
         return barrier(jax.jvp(self, (y,), (h * v,)))
 
     def harmonics(
-        self, q: Complex[Array, " harmonic"], max_turns: int
+        self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
         """By a uniform grid, exact for polynomials to degree 7."""
         return odd_harmonics(self, q)
 
     def force_over_period(
-        self, q: Complex[Array, " harmonic"], theta: Float[Array, " time"], max_turns: int
+        self,
+        q: Complex[Array, " harmonic"],
+        theta: Float[Array, " time"],
+        max_turns: int,
+        omega: Scalar = SLOW,
     ) -> Float[Array, " time"]:
         """The force of the displacement there."""
         return self(synthesis(q, theta))  # pyright: ignore[reportReturnType]
 
-    def loop(self, y_peak: Scalar) -> Loop:
+    def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
         """First harmonic over Y of an odd force, exact for polynomials to degree 61; no losses."""
         y_peak = jnp.asarray(y_peak, float)
         peak = jnp.where(y_peak == 0.0, 1.0, y_peak)
@@ -167,6 +171,7 @@ class Square(Spring):
     table: ClassVar[tuple[Quantity, ...]] = (
         Quantity("square", "k₂", "1/(m s^2)", "stiffness gained by displacement, an even force"),
     )
+    is_even: ClassVar[bool] = True
     fields: ClassVar[Mapping[str, str]] = {"square": "k_2"}
 
     k_2: Scalar
@@ -181,13 +186,13 @@ class Square(Spring):
         """Force at the displacement y [m]."""
         return self.k_2 * y**2
 
-    def loop(self, y_peak: Scalar) -> Loop:
+    def loop(self, y_peak: Scalar, omega: Scalar = SLOW) -> Loop:
         """None: the mean of an even force and its even harmonics have no part at the first."""
         none = 0.0 * self.k_2 * jnp.asarray(y_peak, float)
         return Loop(none, none)  # pyright: ignore[reportArgumentType]
 
     def harmonics(
-        self, q: Complex[Array, " harmonic"], max_turns: int
+        self, q: Complex[Array, " harmonic"], max_turns: int, omega: Scalar = SLOW
     ) -> Complex[Array, " harmonic"]:
         """None of an odd order."""
         return 0.0 * q
@@ -250,4 +255,4 @@ class Callable(Spring):
 
 def as_law(force: Restoring) -> Spring:
     """A restoring force as a law: itself where it is one."""
-    return force if isinstance(force, Spring) else Callable(force)
+    return force if hasattr(force, "stiffness") else Callable(force)  # pyright: ignore

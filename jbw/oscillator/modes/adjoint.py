@@ -22,7 +22,7 @@ import jax.numpy as jnp
 
 from jbw.oscillator.adjoint import in_chunks
 from jbw.oscillator.kinks import barrier
-from jbw.oscillator.law import map_laws
+from jbw.oscillator.law import pack_memories, unpack_memories
 from jbw.oscillator.modes.step import (
     Begun,
     JointKernel,
@@ -52,7 +52,7 @@ Trajectory = Any
 def modal_solve(stepping: ModalStepping, initial: ModalState) -> Trajectory:
     """States at the start and after every substep, and every joint's kicks in it, on y and v."""
     # Laws with a stack of reversals have memories too long for a column each.
-    if any(law.stacks for joint in stepping.step.joints for law in joint.laws):
+    if any(law.depth for joint in stepping.step.joints for law in joint.laws):
         return _march(stepping, initial)
     return _solve(stepping, initial)
 
@@ -71,10 +71,10 @@ def _march(stepping: ModalStepping, initial: ModalState) -> Trajectory:
         return state, (state, kicks)
 
     q, v, memories = jax.tree.map(jnp.asarray, initial)
-    first = q, v, map_laws(lambda law, memory: law.packed(memory), laws, memories)
+    first = q, v, pack_memories(laws, memories)
     _, following = jax.lax.scan(onward, first, stepping.pieces)
     (q, v, memories), kicks = _joined((first, _no_kicks(stepping.step, first)), following)
-    return (q, v, map_laws(lambda law, memory: law.unpacked(memory), laws, memories)), kicks
+    return (q, v, unpack_memories(laws, memories)), kicks
 
 
 def _no_kicks(step: ModalStep, state: ModalState) -> tuple:

@@ -29,6 +29,7 @@ from jbw.oscillator.checks import (
     require_float64,
     require_periodic,
 )
+from jbw.oscillator.law import laws_in
 from jbw.oscillator.modes.balance import dynamic_stiffness, joint_forces
 from jbw.oscillator.modes.structure import Structure, admitted, by_joint, map_joint_laws
 from jbw.oscillator.newton import newton_root
@@ -191,6 +192,8 @@ def _followed(
     units = _units(options, mode, structure)
     sticking = structure.h[:, mode] * units.q / units.x  # pyright: ignore
     first = first.at[4 :: 2 * options.num_harmonics].set(sticking)
+    if any(law.feels_rate for law in laws_in(structure.laws)):  # zeta is then not the modal one
+        first, _ = _newton(options, mode, structure, first, jnp.zeros_like(amplitude[0]))
 
     def onward(carry, target):
         at, point, good = carry
@@ -308,7 +311,7 @@ def _motion(
     laws = map_joint_laws(
         lambda law, unit: law.scaled(amplitude * unit, omega_m**2), structure.laws, units.x
     )
-    r = joint_forces(laws, omega, x, options.max_turns)
+    r = joint_forces(laws, point[0], x, options.max_turns)
     push = (structure.p * units.x) @ r  # pyright: ignore
     d = dynamic_stiffness(structure, omega, options.num_harmonics, zeta) / omega_m**2
     # At zero amplitude d of the mode vanishes: no division by it in the first harmonic.

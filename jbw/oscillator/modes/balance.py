@@ -21,7 +21,6 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float
 
-from jbw.oscillator.damper import Damper
 from jbw.oscillator.modes.structure import Structure, first_frequency, map_joint_laws
 from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.steady.waveform import orders
@@ -109,8 +108,10 @@ def _law_harmonics_jvp(max_turns: int, primals: tuple, tangents: tuple) -> tuple
 
 def _joint_force(laws: tuple, x: Array, omega: Scalar, max_turns: int) -> Array:
     """Harmonics of the remainders of one joint's laws."""
-    parts = [law_harmonics(law, x, max_turns) for law in laws]
-    parts += [law.harmonics_at(omega, x, max_turns) for law in laws if isinstance(law, Damper)]
+    parts = [
+        law.harmonics(x, max_turns, omega) if law.feels_rate else law_harmonics(law, x, max_turns)
+        for law in laws
+    ]
     return reduce(add, parts, jnp.zeros_like(x))
 
 

@@ -24,10 +24,9 @@ from jbw.oscillator.checks import (
     warn_of_long_steps,
     warn_of_unbounded_law,
 )
-from jbw.oscillator.damper import Damper
 from jbw.oscillator.deepening import deep_enough
 from jbw.oscillator.hold import HeldInput, Hold, held
-from jbw.oscillator.law import laws_in, map_laws
+from jbw.oscillator.law import count_guesses, laws_in, map_laws
 from jbw.oscillator.modes.adjoint import Trajectory, modal_solve
 from jbw.oscillator.modes.step import ModalState, ModalStepping, modal_stepping
 from jbw.oscillator.modes.structure import (
@@ -109,10 +108,10 @@ def simulate_structure(
         u = jnp.asarray(u, float)
         check_input(u, num_samples)
         num_samples = u.shape[-1]
-    # Dampers need a second prediction of the velocity, which the joint's kernel does not make.
+    # A force of the velocity needs v predicted twice, which the joint's kernel does not do.
     exact_step = options.exact_step and not callable(u)
     exact_step = exact_step and all(
-        law.stepped and not isinstance(law, Damper) for law in laws_in(structure.laws)
+        law.stepped and not law.feels_rate for law in laws_in(structure.laws)
     )
     options = options._replace(num_samples=num_samples, exact_step=exact_step)
     start = _per_mode(q, structure), _per_mode(v, structure), memory
@@ -218,7 +217,7 @@ def _response_of(structure, t, u, states, residual, work) -> StructureResponse:
             force = law.force(x[j], v[j], law_memory)
             z_j = z_j + force if law.remembers else z_j
             r_j = r_j + force - law.stiffness() * x[j]
-            counts = jnp.broadcast_to(jnp.asarray(law.guesses(law_memory), float), t.shape)
+            counts = jnp.broadcast_to(jnp.asarray(count_guesses(law, law_memory), float), t.shape)
             guesses = guesses + counts[-1] - counts[0]
         z.append(z_j)
         r.append(r_j)

@@ -32,7 +32,7 @@ Memories = tuple[Memory, ...]  # as the laws, of one joint or for every joint
 
 def _as_laws(laws: Any) -> Laws:
     """Tuples of laws, from any sequences of them."""
-    return tuple(law if isinstance(law, Law) else tuple(law) for law in laws)  # pyright: ignore
+    return tuple(tuple(law) if isinstance(law, tuple | list) else law for law in laws)  # pyright: ignore
 
 
 class Structure(eqx.Module):
@@ -137,7 +137,7 @@ def admitted(structure: Structure) -> Structure:
         values[name] = values[name].reshape(modes)
     if several:
         _require_joints(structure, values, *modes)
-    elif any(not isinstance(law, Law) for law in structure.laws):
+    elif any(isinstance(law, tuple) for law in structure.laws):
         raise ConfigError(
             "Field `laws` of a `Structure` must hold laws where `h` has one number a mode, but "
             "holds tuples of them.",
@@ -195,7 +195,9 @@ def _require_joints(structure: Structure, values: dict[str, Array], num_modes: i
             "Field `h` of a `Structure` must have at least one row, but has none.",
             remedy="Give one joint without laws, `laws=((),)`, where there is none.",
         )
-    if len(structure.laws) != num_joints or any(isinstance(law, Law) for law in structure.laws):
+    if len(structure.laws) != num_joints or any(
+        not isinstance(law, tuple) for law in structure.laws
+    ):
         raise ConfigError(
             f"Field `laws` of a `Structure` must hold a tuple of laws for each of the {num_joints} "
             f"joints that `h` has rows for, but holds {len(structure.laws)} entries of the kinds "

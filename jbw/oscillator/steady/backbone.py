@@ -21,8 +21,13 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, ArrayLike, Complex, Float, Real
 
-from jbw.oscillator.checks import require_at_least, require_finite, require_periodic, require_sense
-from jbw.oscillator.laws.springs import Square
+from jbw.oscillator.checks import (
+    require_at_least,
+    require_contracts,
+    require_finite,
+    require_periodic,
+    require_sense,
+)
 from jbw.oscillator.modes.backbone import ModalBackbone, modal_backbone
 from jbw.oscillator.modes.balance import StructureHarmonics
 from jbw.oscillator.modes.structure import Structure
@@ -136,8 +141,9 @@ def backbone(
 
 def _require_loops(joint: Any) -> None:
     """Raise where a law has no equivalent stiffness and damping at an amplitude."""
+    require_contracts(joint)
     for law in joint.laws:
-        if not isinstance(law, Square):  # `Oscillator.loop` includes its effect of second order
+        if not law.is_even:  # `Oscillator.loop` includes its effect of second order
             law.check_periodic()
 
 

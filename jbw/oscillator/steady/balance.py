@@ -16,7 +16,6 @@ import numpy as np
 from jaxtyping import Array, ArrayLike, Bool, Complex, Float, Int, Shaped
 
 from jbw.oscillator.checks import require_periodic
-from jbw.oscillator.damper import Damper
 from jbw.oscillator.law import Law, map_laws
 from jbw.oscillator.modes.balance import modal_imbalance, modal_response, modal_units
 from jbw.oscillator.modes.structure import Structure
@@ -74,9 +73,7 @@ def imbalance(
     of z, whose steady value at the turning points is solved for, not marched.
     """
     r_n = _dynamic_stiffness(joint, omega, orders(q.shape[0])) * q - load
-    dampers = [law for law in joint.laws if isinstance(law, Damper)]
-    r_n = reduce(add, (law.harmonics_at(omega, q, max_turns) for law in dampers), r_n)
-    return reduce(add, (law.harmonics(q, max_turns) for law in joint.laws), r_n)
+    return reduce(add, (law.harmonics(q, max_turns, omega) for law in joint.laws), r_n)
 
 
 def refined(

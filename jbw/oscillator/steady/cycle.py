@@ -159,7 +159,7 @@ def steady_cycle(
         z = jnp.zeros_like(theta)
         for law in joint.laws:
             if law.remembers:
-                z = z + law.force_over_period(q, theta, max_turns)
+                z = z + law.force_over_period(q, theta, max_turns, omega)
         return (*motion, z)
 
     orders_apart = [part for q in jnp.moveaxis(harmonics, -1, 0) for part in (q.real, q.imag)]

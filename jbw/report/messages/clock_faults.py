@@ -1,6 +1,6 @@
 """Faults of the clocks of drive and response: what, why and remedy."""
 
-from jbw.report.messages.message import FaultText
+from jbw.report.messages.message import FaultText, percent
 
 
 def response_jumps(jump: float, ahead: str) -> str:
@@ -50,25 +50,26 @@ def drop_off(share: float, noise: float) -> FaultText:
     """How far a drive falls at the resonance, over its usual size, and its noise over it there."""
     return FaultText(
         f"At the resonance the drive falls to {share:.2g} of its usual size, of which its noise is "
-        f"{noise:.0%}.",
+        f"{percent(noise, '.0f')}.",
         "The noise of the drive there is taken for motion, which adds damping.",
         "Measure the drive with a more sensitive gauge, or hold its level through the resonance.",
     )
 
 
-def other_sign(name: str, source: str) -> FaultText:
+def other_sign(source: str) -> FaultText:
     """A repeat whose response has the other sign, over its drive, than that of most."""
     return FaultText(
-        f"{name}: the response has the other sign, over the drive, than in most repeats.",
+        "The response has the other sign, over the drive, than in most repeats.",
         "A channel was turned over: the mean of both cancels, and a fit meets neither.",
-        f"Give it a [[test]] of its own with `scale = {{ {source} = -1.0 }}`.",
+        f"Give it a [[test]] of its own. Put under [[test]]: `scale = {{ {source} = -1.0 }}`.",
     )
 
 
-def other_gain(name: str, ratio: float, source: str) -> FaultText:
+def other_gain(ratio: float, source: str) -> FaultText:
     """A repeat whose response over its drive is another multiple than that of most."""
     return FaultText(
-        f"{name}: the response over the drive is {ratio:.4g} times that of most repeats.",
+        f"The response over the drive is {ratio:.4g} times that of most repeats.",
         "A channel has another unit or gain.",
-        f"Give it a [[test]] of its own with `scale = {{ {source} = {ratio:.4g} }}`.",
+        "Give it a [[test]] of its own. "
+        f"Put under [[test]]: `scale = {{ {source} = {ratio:.4g} }}`.",
     )

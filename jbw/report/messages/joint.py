@@ -23,6 +23,39 @@ def stiffer_than_structure(held: str, stiffness: Any, limit: Any) -> str:
     )
 
 
+def no_bounds(names: Sequence[str]) -> str:
+    """Say that the prior of a law leaves out some of its parameters."""
+    return f"`prior` must bound every parameter of `table`, but has no {', '.join(names)}."
+
+
+# What a method of a law from outside must agree with.
+A_SCALAR = "a scalar, whose axes number"
+SMOOTH_AT_REST = "differentiable at rest, with a slope such as"
+INTEGRAL_OF_RATE = "the integral of `rate`, by the force [N/kg],"
+SLOPE_AT_REST = "the slope of `force` at rest"
+DIFFERENCE_OF_RECORDS = "the difference of two records, by derivatives,"
+ODD = "odd (or `check_periodic` must refuse it),"
+ALONG_MOTION = "those of `force` along the settled motion"
+OTHER_UNITS = "the same law in other units,"
+FIRST_HARMONIC = "the first harmonic of `force` over the amplitude"
+HOLDS_MOTION = "the force that holds the motion in resonance"
+OF_PERIODIC_RECORD = "the first harmonic of the periodic record of `simulate`"
+
+
+def law_disagrees(method: str, found: Any, what: str, right: Any) -> str:
+    """Say that a method of a law gives other numbers than another way to them."""
+    return f"`{method}` must be {what} {_number(right)}, but is {_number(found)}."
+
+
+def law_fails(method: str, reason: str) -> str:
+    """Say that a law raises an error while it is tried, after a method was."""
+    return f"behind `{method}` it cannot be tried: {reason}"
+
+
+def _number(value: Any) -> str:
+    return f"{value:.5g}" if isinstance(value, complex | float) else f"{value}"
+
+
 def unloads_beyond(z: float) -> str:
     """That unloading begins where the hysteretic force z grows [1]."""
     return f"unloading starts at |z| = {z:g}, above alpha/(delta - gamma)"

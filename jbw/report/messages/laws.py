@@ -9,6 +9,20 @@ OF_EACH_MODE = " of each mode"
 IN_FIRST_MODE = " in the first mode"
 
 
+def chosen_by_reading(law: str, margins: Sequence[tuple[str, float]]) -> str:
+    """Which law a campaign that states none goes on with, and by how much it fits better."""
+    others = ", ".join(f"{name} by {margin:.3g}" for name, margin in margins)
+    chosen = f"{law} is taken, the only one with such readings."
+    if others:
+        chosen = (
+            f"{law} fits best of those with such readings (before {others} in 2 ln L - k ln n)."
+        )
+    return (
+        "The campaign states no law, and how its readings change with amplitude contradicts "
+        f'bouc_wen: {chosen} Put under [joint]: `laws = ["{law}"]` to state it.'
+    )
+
+
 EVERY, NONE, NEITHER = "every law", "no law", "neither"  # what was tried at one joint alone
 
 

@@ -11,7 +11,53 @@ TREND = (
     "{change:+.2g} +- {std:.1g} {unit} (p = {p:.1g})."
 )
 
+GRADES = {
+    "ok": "is predictive", "usable": "is approximate", "failed": "is not predictive",
+    "not assessed": "is not assessed",
+}  # fmt: skip
+TO = {"repeats": ", to the scatter of repeats", "noise": ", to the noise", "": ""}
+
+
+def grade(
+    status: str, count: int, error: float, worst: float, linear: float, coverage: float, to: str,
+    **_: object,
+) -> str:  # fmt: skip
+    """The grade of a law with the errors, relative to the rms of the tests, that it rests on."""
+    one = count == 1
+    tests = "the held-out test" if one else f"{count} held-out tests"
+    most = "" if one else f" (at most {percent(worst)})"
+    text = f"The law {GRADES[status]}: it misses {tests} by {percent(error)} of the rms{most}"
+    text += TO[to]
+    if linear == linear:
+        text += f"; the best linear oscillator misses {percent(linear)}"
+    if coverage == coverage:
+        text += f"; the 99 % bands hold {percent(coverage, '.3g')} of the values"
+    return f"{text}."
+
+
 MESSAGES = (
+    Message(
+        "grade",
+        grade,
+        """
+        Check: how well the law predicts held-out tests up to 1.25 times the fitted amplitudes.
+        Errors are root mean squares over that of the test.
+
+        *Predictive*: the error of all these tests together is at most 5 % (or `predictive` of
+        [identify]), of none more than twice as much, and the 99 % bands hold at least 95 % of
+        their values. *Approximate*: at most 25 %, and 0.6 times the error of the best linear
+        oscillator, and bands that hold 95 %. *Not predictive*: else. The error may be what noise
+        makes: where the fit leaves white residuals, or misses no more than 1.25 times the scatter
+        of repeats, "to the noise" or "to the scatter of repeats" is added, the linear oscillator
+        need not be beaten, and an error above 25 % is not assessed.
+
+        The grade answers whether the law follows the data; other findings on the law say what it
+        misses. Without a held-out test they answer themselves.
+
+        Remedy: try other laws (`jbw laws`), or fit tests over the amplitudes that are wanted.
+        """,
+        remedy="Hold out tests that are louder than the noise, or try another law. {another_law}",
+    ),
     Message(
         "chi_square",
         "Chi-square per degree of freedom is {ratio:.3g}; it must lie between {low:g} and "

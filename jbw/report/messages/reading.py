@@ -4,6 +4,23 @@ from collections.abc import Sequence
 
 from jbw.report.messages.message import FaultText, percent
 
+# Suffix of what is not read to how it is exported.
+_SHEET = "Save the sheet with the record as CSV."
+EXPORTS = {
+    ".xlsx": _SHEET,
+    ".xls": _SHEET,
+    ".ods": _SHEET,
+    ".parquet": 'Save it as CSV or HDF5: pandas.read_parquet("FILE").to_csv("FILE.csv").',
+    ".feather": 'Save it as CSV or HDF5: pandas.read_feather("FILE").to_csv("FILE.csv").',
+    ".ide": "Export it as CSV or MATLAB by enDAQ Lab, or by the package endaq-ide.",
+    ".svd": "Export time records or FRFs as a universal file (UFF 58) by Polytec's PSV software.",
+    ".sie": "Export it as MATLAB or CSV by the recorder's software, or by libsie.",
+    ".dxd": "Export it as MATLAB or CSV by DEWESoft X.",
+    ".d7d": "Export it as MATLAB or CSV by DEWESoft X.",
+    ".op2": "It holds results of a model. Export measured records as UFF 58 or CSV.",
+}
+
+
 STATE_MASS = (
     "Controlled points determine the damping only if the modal mass is known: state "
     "`modal_mass` in [campaign]."
@@ -78,10 +95,10 @@ def unfitting_names(names: Sequence[str], columns: int) -> str:
 
 def of_sensor(sensitivity: str, *, is_scaled: bool = False) -> str:
     """The sensitivity of a sensor whose channel is in volts, beside a factor or without one."""
-    which = "beside its `scale`" if is_scaled else "with the value of its certificate"
+    which = "beside its `scale`" if is_scaled else "the value of its certificate"
     return (
-        "The file holds the volts of a sensor. Put under [[test]] its sensitivity, "
-        f"{which}: `sensitivity = {sensitivity}`."
+        f"The file holds the volts of a sensor: state its sensitivity, {which}. Put under "
+        f"[[test]]: `sensitivity = {sensitivity}`."
     )
 
 

@@ -182,7 +182,7 @@ def negative_gain(role: str) -> FaultText:
     return FaultText(
         "At its resonance the response moves against the input: the gain is negative.",
         "The polarity of one channel is turned, or the response was taken the other way round.",
-        f"Turn it: `scale = {{ {role} = -1.0 }}`.",
+        f"Put under [[test]]: `scale = {{ {role} = -1.0 }}`.",
     )
 
 

@@ -9,7 +9,8 @@ SD_RATIO = "sd without the kind over that with it"
 WITH_FREQUENCY = ", with its own natural frequency"
 Z_SCORE = "change over its sd by chance"
 WIDER_WITHOUT = "sd without the run over that with it"
-WITHIN_BANDS = ", and the 99 % bands contain them"
+IN_GRADE = "The grade of the law counts this."
+NOT_PREDICTED = "The law does not predict tests that no fit saw."
 FIT_MISSED = "Fit these tests too, or look for what differs between the tests: jbw look."
 
 

@@ -14,18 +14,7 @@ OWN = "of this test, as fitted"
 ALIKE = "mean of the fitted tests of its kind"
 REPEATS = "scatter of the test's own repeats"
 UNKNOWN = "not known: band of the parameters alone"
-HELD_OUT = "held-out tests"
 LEFT_OUT = "left out, as asked: band of the parameters alone"
-
-
-def predicted_to(error: float) -> str:
-    """The RMS error of held-out tests, where it is small in spite of their coverage."""
-    return f"Yet every such test is predicted to {100 * error:.2g} % of its rms or better."
-
-
-def held_out_within(ratio: float) -> str:
-    """The held-out tests that reach at most some times the amplitudes of the fitted ones."""
-    return f"{HELD_OUT} within {ratio:g} times the fitted amplitudes"
 
 
 def comparison_of(test: str, quantity: str) -> str:

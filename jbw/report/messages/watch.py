@@ -93,6 +93,7 @@ CAPTION = (
     "unchanged joint. A square marks an alarm."
 )
 BAND = "99 % of an unchanged joint"
+CARRIED = "A run that is carried from record to record"
 
 
 def heading(num_records: int, num_reference: int) -> str:

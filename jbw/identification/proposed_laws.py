@@ -1,0 +1,52 @@
+r"""The law of a campaign that states none, where its readings contradict Bouc-Wen.
+
+What changes with amplitude by which power proposes laws before anything is fitted. Of several the
+first are fitted to the same data with the same weights, and the one of the largest
+
+$$2 \ln L_{max} - k \ln n$$
+
+is taken, of k parameters and n values.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import jax
+import numpy as np
+
+from jbw.identification.assemble import Measured, Report
+from jbw.identification.evidence import Candidate, candidates, likelihood_at
+from jbw.report.messages import laws as messages
+
+MOST_TRIED = 3  # of the laws that the readings propose
+
+
+def proposed(
+    seen: Measured, read: Sequence[str], seed: int, report: Report
+) -> tuple[Measured, str]:
+    """Return the tests under the law that fits them best, and what to say of the choice.
+
+    Args:
+        seen: Tests under the default law.
+        read: Laws that the readings propose, the simplest first.
+        seed: Seed of everything random.
+        report: Called with one sentence at every stage.
+
+    Raises:
+        ConfigError: None of the laws can be fitted.
+    """
+    tried = read[:MOST_TRIED]
+    margins: list[tuple[str, float]] = []
+    if len(tried) > 1:
+        found, _ = candidates(jax.random.key(seed), seen, [(name,) for name in tried], report)
+        scores = {candidate.laws[0]: _score(candidate) for candidate in found}
+        tried = sorted(scores, key=scores.__getitem__, reverse=True)
+        margins = [(name, scores[tried[0]] - scores[name]) for name in tried[1:]]
+    report(sentence := messages.chosen_by_reading(tried[0], margins))
+    return replace(seen, laws=(tried[0],)), sentence
+
+
+def _score(candidate: Candidate) -> float:
+    """Twice the largest log likelihood less the penalty of the parameters (BIC, turned)."""
+    fit, data = candidate.fitted.fit, candidate.fitted.data
+    return 2 * likelihood_at(fit, data) - len(fit.x) * float(np.log(len(fit.residual)))

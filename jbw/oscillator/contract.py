@@ -1,0 +1,265 @@
+"""The contract of a law from outside: what its methods say agrees with its force and its rate.
+
+What follows from force and rate by the defaults of `Law` agrees by the tests of these defaults; a
+part of the protocol is tried where a law offers its own. Laws of the register keep the contract by
+their tests, and are not tried when a program starts.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jbw.errors import ConfigError, JbwError, reason_of
+from jbw.oscillator import generic
+from jbw.oscillator.checks import is_concrete
+from jbw.oscillator.law import Law
+from jbw.oscillator.oscillator import Oscillator
+from jbw.oscillator.parameters import SLOW, Scales
+from jbw.oscillator.response import simulate
+from jbw.oscillator.steady.backbone import backbone
+from jbw.oscillator.steady.balance import imbalance
+from jbw.oscillator.steady.cycle import steady_state
+from jbw.oscillator.steady.waveform import exponentials, synthesis
+from jbw.report.messages import joint as messages
+
+SCALES = Scales(118.0, 0.01, 5e-3)
+PLACE = 0.6  # of the way through the prior: its middle may be no force at all
+# Of the largest value: grids of the defaults leave 1e-3 where a force yields between their points,
+# and a method that is wrong by a factor or a sign misses by far more.
+NEAR = 5e-3
+OMEGA, AMPLITUDE = 112.0, 4.0  # of the tone [rad/s, N/kg]
+Y = 0.6 * SCALES.y_peak
+MOTION = np.array([Y, 0.05j * Y])  # first and third harmonic [m]
+SETTLED = 8  # periods, of which the last is compared
+POINTS = 256  # of a period
+
+# Parts of the time step: with the defaults a record agrees with the steady state.
+STEP = ("branch", "remainder", "bend", "glide", "turn", "shift", "missed", "packed")
+
+_TRIED: dict[type[Law], str | None] = {}
+# A method, what it gives, what that must be, its value, and a size that matters less than NEAR.
+Check = tuple[str, Any, str, Any, Any]
+
+
+def require_contract(kinds: Any) -> None:
+    """Try every kind of law from outside once, and refuse one of which the methods disagree.
+
+    Within a traced function nothing is tried.
+
+    Raises:
+        ConfigError: A method disagrees with the law's force and rate, with its name and numbers.
+    """
+    for kind in kinds:
+        if kind.__module__.startswith("jbw.") or not is_concrete(jnp.zeros(())):
+            continue
+        if kind not in _TRIED:
+            _TRIED[kind] = None  # its own checks come by here
+            with jax.enable_x64(True):
+                _TRIED[kind] = broken(kind)
+        if (fault := _TRIED[kind]) is not None:
+            raise ConfigError(
+                f"The law `{kind.name}` is refused: {fault}",
+                remedy="Correct the method. One that may be left out has a default, which follows "
+                "from `force` and `rate`.",
+            )
+
+
+def broken(kind: type[Law]) -> str | None:
+    """Return how the first method of a law breaks the contract, or None."""
+    bounds = kind.prior(SCALES) if has_prior(kind) else dict.fromkeys(kind.names(), (0.5, 1.5))
+    if absent := [name for name in kind.names() if name not in bounds]:
+        return messages.no_bounds(absent)
+    theta = {name: _within(*bounds[name]) for name in kind.names()}
+    law = jax.tree.map(lambda x: jnp.asarray(x, float), kind.build(theta))
+    joint = Oscillator(SCALES.omega_n, SCALES.zeta, (law,))
+    joint = jax.tree.map(lambda x: jnp.asarray(x, float), joint)
+    method = "build"
+    try:
+        values = law.parameters()
+        found, right = [float(values[name]) for name in theta], [*theta.values()]
+        if not np.allclose(found, right):
+            return messages.law_disagrees("parameters", found, "those of `build`", right)
+        for checks in (_of_force, _of_memory, _of_stiffness, _of_motion, _of_period):
+            for method, found, what, right, least in checks(law, joint):
+                if not _agree(found, right, least):
+                    return messages.law_disagrees(method, *_worst(found, what, right))
+    except Exception as error:  # whatever it raises is what its user would meet
+        return messages.law_fails(method, reason_of(error))
+    return None
+
+
+def has_prior(kind: type[Law]) -> bool:
+    """Return whether a law states a prior; without one it is simulated, and never identified."""
+    return kind.prior.__func__ is not Law.prior.__func__  # pyright: ignore
+
+
+def offers(kind: type[Law], *parts: str) -> bool:
+    """Return whether a law has its own of any of these parts, and not the default."""
+    return any(getattr(kind, part, None) is not getattr(Law, part, None) for part in parts)
+
+
+def _within(low: float, high: float) -> float:
+    return low + PLACE * (high - low)
+
+
+def _agree(found: Any, right: Any, least: Any) -> bool:
+    size = max(np.max(np.abs(right), initial=0.0), 1e-3 * float(least), 1e-30)
+    return bool(np.max(np.abs(np.subtract(found, right)), initial=0.0) <= NEAR * size)
+
+
+def _worst(found: Any, what: str, right: Any) -> tuple[Any, str, Any]:
+    """The pair of numbers that lie farthest apart."""
+    found, right = np.broadcast_arrays(np.atleast_1d(found), np.atleast_1d(right))
+    at = np.unravel_index(np.argmax(np.nan_to_num(np.abs(found - right), nan=np.inf)), found.shape)
+    return found[at], what, right[at]
+
+
+def _of_force(law: Law, joint: Oscillator) -> Iterator[Check]:
+    """A finite number with finite slopes at rest."""
+    force = np.asarray(law.force(0.3 * Y, 0.3 * Y * OMEGA, law.at_rest()))
+    yield "force", force.ndim, messages.A_SCALAR, 0, 0.0
+    yield "force", force, "finite, such as", np.nan_to_num(force, posinf=0.0, neginf=0.0), 0.0
+    rest = jax.tree.map(lambda x: jnp.asarray(x, float), (law.at_rest(), 0.0, 0.0))
+    slopes = jax.grad(lambda law, memory, y, v: law.force(y, v, memory), (0, 1, 2, 3))(law, *rest)
+    for slope in jax.tree.leaves(slopes):
+        yield (
+            "force",
+            slope,
+            messages.SMOOTH_AT_REST,
+            np.nan_to_num(slope),
+            0.0,
+        )
+
+
+def _of_memory(law: Law, joint: Oscillator) -> Iterator[Check]:
+    """The memory moves with the displacement alone, as its rate says."""
+    if not law.remembers:
+        return
+    start = law.move(0.0, law.at_rest(), 0.2 * Y)
+    if law.stepped:
+        once, twice = (jax.tree.leaves(law.rate(0.2 * Y, v, start)) for v in (1.0, 2.0))
+        for slow, fast in zip(once, twice, strict=True):
+            yield "rate", fast, "proportional to the velocity:", 2.0 * np.asarray(slow), 0.0
+
+    @jax.jit
+    def forces(law: Law) -> Any:
+        y, memory, exact = 0.0, law.at_rest(), law.at_rest()
+        pairs = []
+        for end in (0.4 * Y, -Y, 0.1 * Y):
+            exact, dy = law.move(y, exact, end - y), (end - y) / POINTS
+
+            def onward(carry: tuple, _: None, dy: Any = dy) -> tuple[tuple, None]:
+                at, memory = carry
+                return (at + dy, generic.move_by_rates(law, at, memory, dy)), None
+
+            carry = jax.tree.map(lambda x: jnp.asarray(x, float), (y, memory))
+            (_, memory), _ = jax.lax.scan(onward, carry, None, POINTS)
+            y = end
+            pairs.append([law.force(y, SLOW * dy, each) for each in (exact, memory)])
+        return jnp.asarray(pairs).T
+
+    by_move, by_rate = forces(law)
+    yield "move", by_move, messages.INTEGRAL_OF_RATE, by_rate, 0.0
+
+
+def _of_stiffness(law: Law, joint: Oscillator) -> Iterator[Check]:
+    """The slope by displacement at rest is the stiffness."""
+    dy, size = 1e-9 * Y, np.abs(law.force(0.3 * Y, 0.3 * Y * OMEGA, law.at_rest()))
+    after = law.move(0.0, law.at_rest(), dy)
+    slope = (law.force(dy, SLOW, after) - law.force(0.0, SLOW, law.at_rest())) / dy
+    yield "stiffness", law.stiffness(), messages.SLOPE_AT_REST, slope, size / Y
+
+
+def _of_motion(law: Law, joint: Oscillator) -> Iterator[Check]:
+    """A record's derivative is the difference of two records."""
+    if not offers(type(law), *STEP):
+        return
+    time = np.arange(64) / 512.0
+    u = 2.0 * AMPLITUDE * np.sin(OMEGA * time)
+
+    @jax.jit
+    def power(step: Any) -> Any:
+        def size(step: Any) -> Any:
+            moved = jax.tree.map(lambda x: x * (1.0 + step), law)
+            joint_moved = Oscillator(joint.omega_n, joint.zeta, (moved,))
+            return jnp.sum(simulate(joint_moved, u, 512.0, substeps=2).v ** 2)
+
+        return jax.jvp(size, (step,), (jnp.ones(()),))
+
+    step = 1e-4
+    value, found = power(jnp.zeros(()))
+    ahead, behind = power(jnp.asarray(step))[0], power(jnp.asarray(-step))[0]
+    right = (ahead - behind) / (2.0 * step)
+    yield "simulate", found, messages.DIFFERENCE_OF_RECORDS, right, 10.0 * value
+
+
+def _of_period(law: Law, joint: Oscillator) -> Iterator[Check]:
+    """Harmonics, loop, backbone and steady state are those of the force along the motion."""
+    if law.degrades or refuses(law.check_periodic):
+        return
+
+    @jax.jit
+    def along(law: Law, q: Any) -> tuple[Any, ...]:
+        theta = jnp.asarray(2.0 * np.pi * np.arange(POINTS) / POINTS)
+        y, v = synthesis(q, theta), OMEGA * synthesis(q, theta, 1)
+
+        def onward(carry: tuple, point: tuple) -> tuple[tuple, Any]:
+            (y, memory), (y_next, v_next) = carry, point
+            memory = law.move(y, memory, y_next - y)
+            return (y_next, memory), law.force(y_next, v_next, memory)
+
+        start = jax.tree.map(lambda x: jnp.asarray(x, float), (0.0, law.at_rest()))
+        _, force = jax.lax.scan(onward, start, (jnp.tile(y, SETTLED), jnp.tile(v, SETTLED)))
+        force = force[-POINTS:]
+        harmonics = 2.0 / POINTS * (force @ exponentials(theta, q.shape[0]).conj())
+        return force, harmonics - law.stiffness() * q, law.harmonics(q, 2, OMEGA)
+
+    force, right, found = along(law, jnp.asarray(MOTION))
+    half = POINTS // 2
+    yield "force", -force[half:], messages.ODD, force[:half], 0.0
+    size = np.abs(force).max()
+    yield "harmonics", found, messages.ALONG_MOTION, right, size
+    if offers(type(law), "scaled"):
+        length, kappa = 2e-3, SCALES.omega_n**2
+        scaled = law.scaled(jnp.asarray(length), jnp.asarray(kappa))
+        there = scaled.harmonics(jnp.asarray(MOTION / length), 2, OMEGA / SCALES.omega_n)
+        yield "scaled", there * kappa * length, messages.OTHER_UNITS, found, size
+    tone = jnp.asarray([Y + 0j, 0.0])
+    first = along(law, tone)[1][0] / Y + law.stiffness()
+    loop = law.loop(Y, OMEGA)
+    loop = complex(loop.stiffness, loop.damping)
+    yield "loop", loop, messages.FIRST_HARMONIC, first, size / Y
+    curve = backbone(joint, Y)
+    left = imbalance(
+        joint, curve.omega, jnp.asarray([-1j * Y, 0.0]), np.array([1, 0]) * curve.amplitude
+    )
+    right = curve.amplitude
+    yield "backbone", right + left[0], messages.HOLDS_MOTION, right, 0.0
+    if not offers(type(law), *STEP) or not law.stepped:
+        return
+    phase = 2.0 * np.pi * np.arange(64) / 64
+    record = simulate(
+        joint, AMPLITUDE * np.cos(phase), 64 * OMEGA / (2.0 * np.pi),
+        hold="band_limited", periodic=True, substeps=4,
+    )  # fmt: skip
+    first = 2.0 * np.mean(np.asarray(record.y) * np.exp(-1j * phase))
+    found = steady_state(joint, OMEGA, AMPLITUDE)[0]
+    yield (
+        "steady_state",
+        found,
+        messages.OF_PERIODIC_RECORD,
+        first,
+        0.0,
+    )
+
+
+def refuses(check: Callable[[], None]) -> bool:
+    """Return whether a check raises an error of jbw's own, and so refuses in words."""
+    try:
+        check()
+    except JbwError:
+        return True
+    return False

@@ -1,0 +1,76 @@
+"""Which law a campaign that states none goes on with, by decays that scipy simulates."""
+
+import json
+
+import numpy as np
+import pytest
+from pasted import pasted
+from scipy.integrate import solve_ivp
+
+from jbw.campaign.load import load_campaign
+from jbw.campaign.schema import parse
+from jbw.identification.assemble import measured_in
+from jbw.identification.proposed_laws import proposed
+from jbw.study.identify import identify
+
+OMEGA, ZETA, FS = 2 * np.pi * 20.0, 0.004, 512.0
+FORCES = {
+    "cubic": (lambda y, v: 4e8 * y**3, 4e8),
+    "quadratic_damping": (lambda y, v: 60.0 * v * abs(v), 60.0),
+}
+CAMPAIGN = """[campaign]
+name = "taps"
+[[test]]
+kind = "decay"
+files = "tap_*.csv"
+channels = { time = "t", velocity = "v" }
+units = { time = "s", velocity = "m/s" }
+band = [14.0, 26.0]
+"""
+
+
+def taps(folder, law, text=CAMPAIGN):
+    """Three decays of a mode with a force of the law, with white noise, and their campaign."""
+    t = np.arange(0, 6, 1 / FS)
+    force = FORCES[law][0]
+
+    def rate(_, state):
+        y, v = state
+        return v, -(OMEGA**2) * y - 2 * ZETA * OMEGA * v - force(y, v)
+
+    for i, start in enumerate((1e-3, 1.4e-3, 2e-3)):
+        v = solve_ivp(rate, (0, 6), [start, 0.0], t_eval=t, rtol=1e-9, atol=1e-12).y[1]
+        v += 1e-4 * np.random.default_rng(i).standard_normal(len(t))
+        rows = np.stack([t, v], 1)
+        np.savetxt(folder / f"tap_{i}.csv", rows, delimiter=",", header="t,v", comments="")
+    (folder / "campaign.toml").write_text(text)
+    return load_campaign(folder / "campaign.toml")
+
+
+def test_a_law_or_a_prior_of_the_file_is_never_replaced():
+    assert not parse(CAMPAIGN).states_laws
+    assert parse(CAMPAIGN + '[joint]\nlaws = ["bouc_wen"]\n').states_laws
+    assert parse(CAMPAIGN + "[identify]\nprior = { alpha = [1.0, 1e4] }\n").states_laws
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("law", sorted(FORCES))
+def test_the_law_of_the_readings_is_taken_where_none_is_stated(tmp_path, law):
+    said = []
+    study = identify(taps(tmp_path, law), quick=True, report=said.append)
+    assert study.tree.attrs["laws"] == f'["{law}"]'
+    sentence = next(line for line in said if "states no law" in line)
+    assert pasted(sentence).laws == (law,)
+    assert sentence in json.dumps(study.record, ensure_ascii=False).replace('\\"', '"')
+    draws = study.tree["posterior"][law]
+    # Five standard deviations, which chance exceeds once in 2e6, and what averaging leaves: 1e-3.
+    assert abs(draws.mean() - FORCES[law][1]) < 5 * draws.std() + 1e-3 * FORCES[law][1]
+
+
+@pytest.mark.slow
+def test_of_several_laws_the_one_that_fits_best_is_taken(tmp_path):
+    seen = measured_in(taps(tmp_path, "quadratic_damping"), lambda _: None)
+    tried = ("cubic_damping", "quadratic_damping")
+    chosen, sentence = proposed(seen, tried, 0, lambda _: None)
+    assert chosen.laws == ("quadratic_damping",)
+    assert "before cubic_damping by" in sentence
