@@ -30,6 +30,13 @@ class MatrixFile:
     dofs: Mapping[str, Sequence[Dof]] = field(default_factory=dict)
     nodes: Mapping[str, Position] | None = None
 
+    def __post_init__(self) -> None:
+        # SciPy's compiled loops trust indices: a damaged one ends the process.
+        for matrix in self.matrices.values():
+            if sp.issparse(matrix) and matrix.format in ("csr", "csc", "bsr"):
+                matrix.check_format(full_check=True)
+                if np.any(np.diff(matrix.indptr) < 0):  # which SciPy leaves where none is stored
+                    raise ValueError("the starts of its rows or columns do not rise")
 
 def require_held(name: str, shape: Sequence[int], entries: int) -> None:
     """Refuse a sparse matrix that takes more memory than is read at once, before it is made.
