@@ -38,6 +38,7 @@ class MatrixFile:
                 if np.any(np.diff(matrix.indptr) < 0):  # which SciPy leaves where none is stored
                     raise ValueError("the starts of its rows or columns do not rise")
 
+
 def require_held(name: str, shape: Sequence[int], entries: int) -> None:
     """Refuse a sparse matrix that takes more memory than is read at once, before it is made.
 
