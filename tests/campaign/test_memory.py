@@ -18,6 +18,8 @@ FS, BAND = 256.0, (14.0, 24.0)
 SWEEP = """[campaign]
 name = "long"
 gain = 15.0
+[joint]
+laws = ["bouc_wen"]
 [[test]]
 kind = "sweep"
 name = "sweep"
@@ -35,7 +37,7 @@ warnings.simplefilter("ignore")
 import jbw
 from jbw.identification.joint import joint_problem
 from jbw.study.prepared import prepare_tests
-prepared = prepare_tests(jbw.load_campaign(sys.argv[1]), lambda _: None)
+prepared = prepare_tests(jbw.load_campaign(sys.argv[1]), lambda _: None, 0)
 problem = joint_problem(prepared.measured, {}, seed=0, report=lambda _: None)
 print(next(x for x in open("/proc/self/status") if x.startswith("VmHWM")).split()[1])
 """
