@@ -146,7 +146,7 @@ def _read_group(group: h5py.Group, found: Mapping[str, Any], names: dict[Any, st
             continue
         if item.is_scale and item.ndim > 1:  # over further dimensions beside that of its name
             by_id = {scale.attrs.get("_Netcdf4Dimid"): called for scale, called in names.items()}
-            dims = [by_id[one] for one in item.attrs["_Netcdf4Coordinates"]]
+            dims = [by_id[one] for one in np.asarray(item.attrs["_Netcdf4Coordinates"])]
         elif item.is_scale:
             dims = [name]
         else:

@@ -126,7 +126,7 @@ def test_what_has_no_logarithm_in_one_unit_is_named_and_left_out(tmp_path):
         ({"assembly": {"torque": 3.0}}, "`torque` is stated for 1 of 2 runs.* A\\.", "all of them"),
         ({"assembly": {"torque": -3.0}}, "Run B: `torque` must be positive", "in N m"),
         ({"assembly": {"torque": "x"}}, "Run B: `torque` must be a finite number.*'x'", "Correct"),
-        ({"draws": {"omega_n": np.array([[1.0, np.nan]])}}, r"draws of omega_n in .*must be finite", "again"),
+        ({"draws": {"omega_n": np.array([[1.0, np.nan]])}}, "of omega_n in .*be finite", "again"),
         ({"laws": ("bouc_wen@bolt_1", "bouc_wen@bolt_2")}, "B must be of one joint", "jbw diff"),
     ],
 )  # fmt: skip

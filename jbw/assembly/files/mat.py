@@ -64,13 +64,13 @@ def _read73(file: h5py.File, node: Any) -> Any:
         if "MATLAB_sparse" not in node.attrs:
             return None
         size: Any = node.attrs["MATLAB_sparse"]
-        rows, starts = int(np.ravel(size)[0]), _loaded(node["jc"])
-        stored: Any = node.get("data")
-        entries = 0 if stored is None else stored.size
+        of: dict[str, Any] = dict(node.items())
+        rows, starts = int(np.ravel(size)[0]), _loaded(of["jc"])
+        entries = of["data"].size if "data" in of else 0
         require_held(Path(file.filename).name, (rows, starts.size - 1), entries)
-        if "data" not in node:  # a sparse matrix of zeros
+        if "data" not in of:  # a sparse matrix of zeros
             return sp.csc_array((rows, starts.size - 1))
-        parts = (_loaded(node["data"]), _loaded(node["ir"]), starts)
+        parts = (_loaded(of["data"]), _loaded(of["ir"]), starts)
         return sp.csc_array(parts, shape=(rows, starts.size - 1))
     if h5py.check_ref_dtype(node.dtype) is h5py.Reference:
         texts = [np.ravel(np.asarray(file[link])) for link in np.ravel(np.asarray(node))]
