@@ -49,6 +49,7 @@ def changed(data, change):
 @FUZZED
 @given(change=CHANGES)
 @example(change=("junk", b""))
+@example(change=("cut", 62))  # within the last line of a Matrix Market file
 @example(change=("junk", b"PK\x05\x06" + b"\0" * 18))
 @example(change=("junk", b"%%MatrixMarket matrix array real general\n-3 4\n"))
 @example(change=("junk", b"1 1 1e400\n2 2 nan\n"))
