@@ -13,13 +13,14 @@ import jbw
 
 ROOT = Path(jbw.__file__).parent
 FILES = sorted(ROOT.rglob("*.py"))
-ANYWHERE = {"errors", "quantities", "sources", "units", "messages"}
+ANYWHERE = {"errors", "memory", "quantities", "sources", "units", "messages"}
 LEAVES = {"oscillator", "measurement", "inference"}
 MODEL = LEAVES | {"campaign", "observables"}
 # Every room, to the rooms that it may see beside itself and those that may be seen from anywhere.
 # Lowest first: no room sees one that stands below it in this table.
 SEES = {
     "errors": set(),
+    "memory": set(),
     "sources": set(),
     "units": set(),
     "quantities": set(),

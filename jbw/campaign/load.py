@@ -21,6 +21,7 @@ from jbw.measurement.checks.faults import Fault, gathered
 from jbw.measurement.files.read import report
 from jbw.measurement.hypotheses.unlike_gains import unlike_gains
 from jbw.measurement.records import Record, Test
+from jbw.memory import require_memory
 from jbw.quantities import DEFAULT_LAWS
 
 # Keys of a test's table that its record takes as they are.
@@ -110,17 +111,15 @@ def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
     folder, per_unit = path.resolve().parent, force_per_unit(spec)
     joints = several_joints(spec, folder, allow_outside=allow_outside)
     laws = spec.laws if joints is None else joints.laws
-    tests = [
-        load_test(
-            test,
-            folder,
-            per_unit=per_unit,
-            laws=laws,
-            of_one_mode=has_one_mode(spec),
-            allow_outside=allow_outside,
-        )
-        for test in spec.tests
-    ]
+    of_one_mode, tests = has_one_mode(spec), list[Test]()
+    for table in spec.tests:
+        before = [test.records for test in tests]
+        tests.append(
+            load_test(
+                table, folder, per_unit=per_unit, laws=laws, of_one_mode=of_one_mode,
+                allow_outside=allow_outside, before=before,
+            )
+        )  # fmt: skip
     sources = [
         source_of(record, named)
         for named, test in zip(spec.tests, tests, strict=True)
@@ -155,6 +154,7 @@ def load_test(
     laws: Sequence[str] = (),
     of_one_mode: bool = True,
     allow_outside: bool = False,
+    before: Sequence[Sequence[Record]] = (),
 ) -> Test:
     """One [[test]] with its records: the first error is raised, what is doubtful is warned of.
 
@@ -165,6 +165,7 @@ def load_test(
         laws: Those of the joint.
         of_one_mode: Whether one mode is all that its records show, by the campaign.
         allow_outside: Let `files` point out of the folder.
+        before: Records of the tests that were read before, beside which these must find room.
     """
     loaded: list[Record] = []
     gain = gain_of(per_unit, test.driven_by)
@@ -173,6 +174,7 @@ def load_test(
     for item in repeats_of(test, folder, allow_outside=allow_outside):
         if isinstance(item, JbwError):
             raise item
+        require_memory(map(_sizes, (*before, [*loaded, item])), item.name)
         faults = findings(item, test, loaded[:1], per_unit=gain, laws=laws, of_one_mode=of_one_mode)
         errors = [fault for fault in faults if fault.severity == "error"]
         report(item, [beside_stated(fault, test) for fault in errors])
@@ -189,3 +191,8 @@ def load_test(
     facts["drive"] = test.drive or ""
     facts["amplitude_std"] = test.amplitude_std or 0.0
     return Test(test.kind, tuple(loaded), tones_hz=test.tones, band_hz=test.band, **facts)
+
+
+def _sizes(records: Sequence[Record]) -> list[tuple[int, int]]:
+    """Samples and channels of each record."""
+    return [(record.num_samples, len(record.channels)) for record in records]

@@ -19,6 +19,7 @@ import click
 
 from jbw import __version__
 from jbw.errors import JbwError, RunError
+from jbw.memory import out_of_memory
 from jbw.report.messages import commands as messages
 
 INTERRUPTED = 5
@@ -69,6 +70,7 @@ UNWRITABLE = tuple(
     for name in ("ENOSPC", "EFBIG", "EDQUOT", "EROFS", "EACCES", "EPERM")
     if hasattr(errno, name)  # not of every system
 )
+EXHAUSTED = "RESOURCE_EXHAUSTED"  # of XLA, which has an exception of its own
 OF_CAMPAIGNS = ("identify", "look", "identifiability", "compare", "laws", "predict")
 OF_RUNS = ("report", "predict", "export", "compare", "plan", "resume")
 
@@ -149,7 +151,10 @@ def run(arguments: Sequence[str] | None = None) -> int:
         _tell(unwritten, sys.argv[1:] if arguments is None else arguments)
         return unwritten.exit_code
     except Exception as error:  # the boundary: anything else is a fault of jbw
-        return _internal(error)
+        if not (isinstance(error, MemoryError) or EXHAUSTED in str(error)):
+            return _internal(error)
+        _tell(exhausted := out_of_memory(error), sys.argv[1:] if arguments is None else arguments)
+        return exhausted.exit_code
     return code if isinstance(code, int) else 0
 
 

@@ -1,6 +1,7 @@
 """The command on a fleet: `jbw population fleet.nc`."""
 
 from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -52,37 +53,38 @@ def population(
         from jbw.population.population import covariates_in, population_of, require_torque
         from jbw.population.prediction import new_backbone, new_coordinates
         from jbw.report.population import population_table
-        from jbw.study.store import claim
+        from jbw.study.store import claimed
 
         units = read_fleet(fleet)
-        chosen, bent = (
-            None if names is None else [name.strip() for name in names.split(",")]
-            for names in (parameters, saturating)
-        )
-        require_torque(covariates_in(units), torque)
-        pooling = population_of(
-            units, parameters=chosen, saturating=bent or (), all_verdicts=all_verdicts, seed=seed,
-            report=say,
-        )  # fmt: skip
+        with claimed(out or fleet.with_name(f"{fleet.stem}-population")) as folder:
+            chosen, bent = (
+                None if names is None else [name.strip() for name in names.split(",")]
+                for names in (parameters, saturating)
+            )
+            require_torque(covariates_in(units), torque)
+            pooling = population_of(
+                units, parameters=chosen, saturating=bent or (), all_verdicts=all_verdicts,
+                seed=seed, report=say,
+            )  # fmt: skip
 
-        def new(at: float | None) -> np.ndarray:
-            rng = np.random.default_rng(seed)
-            return np.quantile(new_coordinates(pooling, at, rng, 4000), QUANTILES, axis=0)
+            def new(at: float | None) -> np.ndarray:
+                rng = np.random.default_rng(seed)
+                return np.quantile(new_coordinates(pooling, at, rng, 4000), QUANTILES, axis=0)
 
-        say(messages.NEW_UNIT)
-        tree = new_unit(pooling, units, torque, seed=seed)
-        backbone = new_backbone(pooling, units, torque, seed=seed)
-        tree.dataset = backbone.assign_attrs(tree.attrs)
-        ahead = {
-            name: dict(zip(("q005", "median", "q995"), map(float, row), strict=True))
-            for name, row in zip(pooling.pooled.names, np.exp(new(torque)).T, strict=True)
-        }
-        about_new = {"torque": torque_of(pooling, torque), **ahead}
-        record: dict[str, Any] = {**pooling.record, "new_unit": about_new}
-        shown = population_table(record)
-        page, figure = _drawn(fleet.stem, pooling, record, _bands(pooling, torque, new), shown)
-        folder = claim(out or fleet.with_name(f"{fleet.stem}-population"))
-        _write(folder, record, tree, page, figure)
+            say(messages.NEW_UNIT)
+            tree = new_unit(pooling, units, torque, seed=seed)
+            backbone = new_backbone(pooling, units, torque, seed=seed)
+            tree.dataset = backbone.assign_attrs(tree.attrs)
+            ahead = {
+                name: dict(zip(("q005", "median", "q995"), map(float, row), strict=True))
+                for name, row in zip(pooling.pooled.names, np.exp(new(torque)).T, strict=True)
+            }
+            about_new = {"torque": torque_of(pooling, torque), **ahead}
+            record: dict[str, Any] = {**pooling.record, "new_unit": about_new}
+            shown = population_table(record)
+            _write(folder, record, tree, lambda: _drawn(
+                fleet.stem, pooling, record, _bands(pooling, torque, new), shown
+            ))  # fmt: skip
     status = f"Status: {record['status']}"
     saved = f"Population: {folder / 'population.html'}"
     answer(json_, record, shown, status, *record["statements"], saved=saved)
@@ -107,18 +109,27 @@ def _drawn(
 
 
 def _write(
-    folder: Path, record: Mapping[str, Any], tree: "xr.DataTree", page: str, figure: "Panels"
+    folder: Path,
+    record: Mapping[str, Any],
+    tree: "xr.DataTree",
+    draw: Callable[[], tuple[str, "Panels"]],
 ) -> None:
-    """Write all files of a population, or none."""
+    """Write the numbers of a population, then the page and the figure that `draw` returns."""
     from jbw.run.netcdf import write_tree
-    from jbw.study.store import write_figure, write_json, writing
+    from jbw.study.store import save_outputs, write_figure, write_json
 
-    files = [f"population.{ending}" for ending in ("nc", "png", "html", "json")]
-    with writing(folder, *files) as part:
-        (part / "population.html").write_text(page, encoding="utf-8")
-        write_tree(part / "population.nc", tree)
-        write_figure(part / "population.png", figure)
-        write_json(part / "population.json", record)
+    drawn = cache(draw)
+    save_outputs(
+        folder,
+        {
+            "population.nc": lambda path: write_tree(path, tree),
+            "population.json": lambda path: write_json(path, record),
+        },
+        {
+            "population.png": lambda path: write_figure(path, drawn()[1]),
+            "population.html": lambda path: path.write_text(drawn()[0], encoding="utf-8"),
+        },
+    )
 
 
 def _bands(

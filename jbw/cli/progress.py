@@ -19,8 +19,9 @@ from rich.table import Table
 from rich.text import Text
 
 from jbw.cli.printing import duration
+from jbw.memory import address_space
 from jbw.report.messages import stages
-from jbw.run.session import RESERVED, address_space
+from jbw.run.session import RESERVED
 from jbw.run.session import prepare_process as prepare_process
 
 LOOK_S = 1.0  # between two looks at the chains at least, on a terminal

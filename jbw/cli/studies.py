@@ -168,11 +168,10 @@ def sbc(
     with computing() as say:
         from jbw.campaign.load import load_campaign
         from jbw.lab import calibration
-        from jbw.study.store import claim
+        from jbw.study.store import claimed
         from jbw.study.study import campaign_of
 
-        folder = claim(out or Path(f"sbc-{options['step']}"))
-        try:
+        with claimed(out or Path(f"sbc-{options['step']}")) as folder:
             campaign = None
             if source is not None:
                 path = campaign_of(source) if source.is_dir() else source
@@ -180,10 +179,6 @@ def sbc(
                 campaign = load_campaign(path, allow_outside=allow_outside)
             calibrated = calibration.sbc(campaign, report=say, **options)
             calibration.save_sbc(folder, calibrated)
-        except BaseException:
-            if not any(folder.iterdir()):
-                folder.rmdir()
-            raise
     verdict = calibrated.record["verdict"]
     shown = calibration_table(calibrated.record), *verdict_lines(verdict, passed=True)
     answer(json_, calibrated.record, *shown, saved=f"Calibration: {folder / 'sbc.json'}")

@@ -24,7 +24,7 @@ from jbw.quantities import BY_NAME, attrs_of
 from jbw.report.messages import study as messages
 from jbw.report.studies import rank_ecdfs
 from jbw.run.netcdf import write_tree
-from jbw.study.store import write_figure, write_json
+from jbw.study.store import Write, save_outputs, write_figure, write_json
 
 logger = logging.getLogger("jbw")
 OWN = "own"  # the step's name where the posterior is one's own
@@ -241,7 +241,10 @@ def _tree(calibration: Calibration, record: dict[str, Any]) -> xr.DataTree:
 
 
 def save_sbc(folder: Path, found: Sbc) -> None:
-    """Write ranks.nc, sbc.png and sbc.json, the numbers last."""
-    write_tree(folder / "ranks.nc", found.tree)
-    write_figure(folder / "sbc.png", rank_ecdfs(found.calibration))
-    write_json(folder / "sbc.json", found.record)
+    """Write ranks.nc and sbc.json, then sbc.png."""
+    numbers: dict[str, Write] = {
+        "ranks.nc": lambda path: write_tree(path, found.tree),
+        "sbc.json": lambda path: write_json(path, found.record),
+    }
+    figure = {"sbc.png": lambda path: write_figure(path, rank_ecdfs(found.calibration))}
+    save_outputs(folder, numbers, figure)

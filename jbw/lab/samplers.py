@@ -27,7 +27,7 @@ from jbw.inference.space.problem import Target
 from jbw.inference.space.reparametrisation import in_box
 from jbw.inference.space.ridge import along_ridge
 from jbw.report.studies import comparison
-from jbw.study.store import write_figure, write_json
+from jbw.study.store import save_outputs, write_figure, write_json
 
 QUANTILES = {"q010": 0.01, "q500": 0.5, "q990": 0.99}
 QUANTITIES = ("mean", "sd", *QUANTILES)
@@ -227,10 +227,10 @@ def _row(
 
 
 def save_comparison(folder: Path, found: Comparison) -> None:
-    """Write compare.png and compare.json, the numbers last."""
-    if found.trees:
-        write_figure(folder / "compare.png", comparison(found.record))
-    write_json(folder / "compare.json", found.record)
+    """Write compare.json, then compare.png."""
+    figure = {"compare.png": lambda path: write_figure(path, comparison(found.record))}
+    numbers = {"compare.json": lambda path: write_json(path, found.record)}
+    save_outputs(folder, numbers, figure if found.trees else {})
 
 
 def numbers(draws: Float[np.ndarray, "chain draw"]) -> Row:

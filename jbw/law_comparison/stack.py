@@ -21,7 +21,7 @@ from jbw.report.laws import laws_figure, render_laws
 from jbw.report.messages.laws import ACROSS, OUTWARD, WITHIN
 from jbw.report.result import require_finite
 from jbw.run.netcdf import read_tree, write_tree
-from jbw.study.store import write_figure, write_json, writing
+from jbw.study.store import Write, save_outputs, write_figure, write_json
 from jbw.verification.predictive_basis import Basis, basis_attrs, basis_of
 
 
@@ -40,12 +40,16 @@ def law_groups(
 
 
 def save_laws(folder: Path, tree: xr.DataTree, record: Mapping) -> None:
-    """Write laws.nc, laws.png, laws.html and laws.json, the numbers last."""
-    with writing(folder, "laws.nc", "laws.png", "laws.html", "laws.json") as part:
-        write_tree(part / "laws.nc", tree)
-        write_figure(part / "laws.png", laws_figure(tree))
-        (part / "laws.html").write_text(render_laws(tree, record), encoding="utf-8")
-        write_json(part / "laws.json", record)
+    """Write laws.nc and laws.json, then laws.png and laws.html."""
+    numbers: dict[str, Write] = {
+        "laws.nc": lambda path: write_tree(path, tree),
+        "laws.json": lambda path: write_json(path, record),
+    }
+    pictures: dict[str, Write] = {
+        "laws.png": lambda path: write_figure(path, laws_figure(tree)),
+        "laws.html": lambda path: path.write_text(render_laws(tree, record), encoding="utf-8"),
+    }
+    save_outputs(folder, numbers, pictures)
 
 
 def holds_laws(folder: Path) -> bool:

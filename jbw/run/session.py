@@ -60,16 +60,6 @@ def limit_threads() -> None:
         threadpool_limits(1, user_api="blas")
 
 
-def address_space() -> float:
-    """Most address space that this process may have [bytes]; infinite where nothing limits it."""
-    try:
-        import resource
-    except ImportError:  # no such limits on this system
-        return float("inf")
-    soft, _ = resource.getrlimit(resource.RLIMIT_AS)
-    return float("inf") if soft == resource.RLIM_INFINITY else float(soft)
-
-
 @cache
 def give_back_after_compiling() -> None:
     """Let the C library give back to the system what every longer compile has freed.

@@ -5,7 +5,7 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -17,13 +17,23 @@ from jbw.report.figures import Beside, Files, draw_figures, figure_of
 from jbw.report.page import write_page
 from jbw.report.prediction import prediction
 from jbw.report.style import Panels
+from jbw.run.files import require_room
 from jbw.run.integrity import MARK, sealed
 from jbw.run.netcdf import write_tree
 from jbw.verification.places import safe
 
+PART = ".part-"  # begins the name of a folder whose files are not whole yet
+Write = Callable[[Path], Any]
+
 
 def claim(folder: Path) -> Path:
-    """Make a new or empty folder that a run may be written to, before any work is done."""
+    """Make a new or empty folder with room for results, before any work is done.
+
+    What a killed process left half written there does not count; `writing` removes it.
+
+    Raises:
+        RunError: The folder cannot be written, holds something, or its disk is full.
+    """
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -33,14 +43,27 @@ def claim(folder: Path) -> Path:
             f"The output folder {folder} cannot be written: {error.strerror or error}.",
             remedy="Choose another with --out.",
         ) from error
-    if any(folder.iterdir()):
+    names = sorted(path.name for path in folder.iterdir() if not path.name.startswith(PART))
+    if names:
         raise RunError(
-            f"The output folder {folder} must be new or empty, but it holds "
-            f"{sorted(path.name for path in folder.iterdir())[0]}.",
+            f"The output folder {folder} must be new or empty, but it holds {names[0]}.",
             why="Results of two runs must not be mixed.",
             remedy="Choose another with --out, or empty it.",
         )
+    require_room(folder)
     return folder
+
+
+@contextmanager
+def claimed(folder: Path) -> Iterator[Path]:
+    """Claim a folder, and remove it where the work fails and nothing was written."""
+    claim(folder)
+    try:
+        yield folder
+    except BaseException:
+        if not any(folder.iterdir()):
+            folder.rmdir()
+        raise
 
 
 def save_result(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> None:
@@ -90,25 +113,61 @@ def save_predictions(
     folder: Path, found: Mapping[str, xr.Dataset], rows: Sequence[Mapping[str, Any]]
 ) -> None:
     """Write predictions.nc, predictions.json and figures/, a figure a test; whole as a result."""
-    with writing(folder, "figures", "predictions.json", "predictions.nc") as part:
-        tree = xr.DataTree.from_dict(
-            {f"/{safe(test)}": comparison for test, comparison in found.items()}
-        )
-        write_tree(part / "predictions.nc", tree)
-        (part / "figures").mkdir()
+    tree = xr.DataTree.from_dict(
+        {f"/{safe(test)}": comparison for test, comparison in found.items()}
+    )
+
+    def draw(figures: Path) -> None:
+        figures.mkdir()
         for number, (test, comparison) in enumerate(found.items(), start=1):
             slug = re.sub(r"[^\w.-]+", "_", test)
-            write_figure(
-                part / "figures" / f"{number:02d}_{slug}.png", prediction(test, comparison)
-            )
-        write_json(part / "predictions.json", list(rows))
+            write_figure(figures / f"{number:02d}_{slug}.png", prediction(test, comparison))
+
+    numbers: dict[str, Write] = {
+        "predictions.json": lambda path: write_json(path, list(rows)),
+        "predictions.nc": lambda path: write_tree(path, tree),
+    }
+    save_outputs(folder, numbers, {"figures": draw})
+
+
+def save_outputs(folder: Path, numbers: Mapping[str, Write], pictures: Mapping[str, Write]) -> None:
+    """Write numbers, and pictures once the numbers are whole: none of these costs those.
+
+    Args:
+        folder: The folder of both.
+        numbers: Name to what writes the file, in the order in which they move to their place.
+        pictures: The same of figures and pages.
+
+    Raises:
+        RunError: The pictures failed, and the numbers are saved.
+        OSError: The numbers cannot be written.
+    """
+    _save(folder, numbers)
+    try:
+        _save(folder, pictures)
+    except Exception as error:
+        raise RunError(
+            f"The figures in {folder} failed: {type(error).__name__}: {error}",
+            why=f"{', '.join(numbers)} are saved and whole.",
+            remedy="Read the numbers there; for the figures, free some space and repeat the "
+            "command with another --out.",
+        ) from error
+
+
+def _save(folder: Path, outputs: Mapping[str, Write]) -> None:
+    with writing(folder, *outputs) as part:
+        for name, write in outputs.items():
+            write(part / name)
 
 
 @contextmanager
 def writing(folder: Path, *names: str) -> Iterator[Path]:
     """A hidden folder to write `names` into; in their order moved to their place when complete."""
-    with tempfile.TemporaryDirectory(dir=folder, prefix=".part-") as name:
+    left = list(folder.glob(f"{PART}*"))  # by a process that was killed
+    with tempfile.TemporaryDirectory(dir=folder, prefix=PART) as name:
         yield Path(name)
+        for path in left:
+            shutil.rmtree(path, ignore_errors=True)
         for output in names:
             part, target = Path(name, output), folder / output
             if target.is_dir():

@@ -13,7 +13,6 @@ from jbw.assembly.files.node_table import Position
 from jbw.errors import DataError
 from jbw.measurement.files.tree import MAX_BYTES
 
-AS_SPARSE = "Save it as a sparse matrix, or reduce the model in its own program."
 INDEX, ENTRY = 8, 16  # bytes of a column and of an entry of a sparse matrix
 
 
@@ -30,6 +29,14 @@ class MatrixFile:
     matrices: Mapping[str, Any]
     dofs: Mapping[str, Sequence[Dof]] = field(default_factory=dict)
     nodes: Mapping[str, Position] | None = None
+
+    def __post_init__(self) -> None:
+        # SciPy's compiled loops trust indices: a damaged one ends the process.
+        for matrix in self.matrices.values():
+            if sp.issparse(matrix) and matrix.format in ("csr", "csc", "bsr"):
+                matrix.check_format(full_check=True)
+                if np.any(np.diff(matrix.indptr) < 0):  # which SciPy leaves where none is stored
+                    raise ValueError("the starts of its rows or columns do not rise")
 
 
 def require_held(name: str, shape: Sequence[int], entries: int) -> None:

@@ -9,12 +9,13 @@ import numpy as np
 import scipy.io
 import scipy.sparse as sp
 
-from jbw.assembly.files.contents import AS_SPARSE, MatrixFile, require_held
+from jbw.assembly.files.contents import MatrixFile, require_held
 from jbw.assembly.files.dof_table import DOFS, rows_of_table
 from jbw.assembly.files.node_table import NODES, positions
 from jbw.errors import DataError
 from jbw.measurement.files.mat_headers import require_sound
 from jbw.measurement.files.tree import MAX_BYTES
+from jbw.report.messages import matrices as messages
 
 
 def contents(path: Path) -> MatrixFile:
@@ -66,7 +67,7 @@ def _read73(file: h5py.File, node: Any) -> Any:
         of: dict[str, Any] = dict(node.items())
         rows, starts = int(np.ravel(size)[0]), _loaded(of["jc"])
         entries = of["data"].size if "data" in of else 0
-        require_held(file.filename, (rows, starts.size - 1), entries)
+        require_held(Path(file.filename).name, (rows, starts.size - 1), entries)
         if "data" not in of:  # a sparse matrix of zeros
             return sp.csc_array((rows, starts.size - 1))
         parts = (_loaded(of["data"]), _loaded(of["ir"]), starts)
@@ -80,12 +81,12 @@ def _read73(file: h5py.File, node: Any) -> Any:
     return array
 
 
-def _loaded(node: h5py.Dataset) -> np.ndarray:
+def _loaded(node: Any) -> np.ndarray:
     """An array of the file, refused before it is unpacked where it takes too much memory."""
     if node.nbytes > MAX_BYTES:
         raise DataError(
             f"The array {node.name} of shape {node.shape} takes {node.nbytes / 2**30:.1f} GiB, "
             f"but at most {MAX_BYTES / 2**30:.0f} GiB are read at once.",
-            remedy=AS_SPARSE,
+            remedy=messages.AS_SPARSE,
         )
     return np.asarray(node)

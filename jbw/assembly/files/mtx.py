@@ -9,15 +9,17 @@ Reference:
 
 import re
 import warnings
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import scipy.io
 
 from jbw.assembly.dofs import Dof, dof_of
-from jbw.assembly.files.contents import AS_SPARSE, MatrixFile, mirrored, of_labels, require_held
+from jbw.assembly.files.contents import MatrixFile, mirrored, of_labels, require_held
 from jbw.errors import DataError
 from jbw.measurement.files.tree import MAX_BYTES
+from jbw.report.messages import matrices as messages
 
 _EXPONENT = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")  # as Fortran writes it
 
@@ -27,24 +29,26 @@ def contents(path: Path) -> MatrixFile:
     with path.open(encoding="utf-8", errors="replace") as stream:
         is_market = stream.readline().startswith("%%MatrixMarket")
     if is_market:
-        _require_held(path)
+        # SciPy's reader runs past the end of a last line that is cut, and ends the process.
+        content = path.read_bytes() + b"\n"
+        _require_held(path.name, content)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # of SciPy's sparse matrices
-            return MatrixFile({"": scipy.io.mmread(path)})
+            return MatrixFile({"": scipy.io.mmread(BytesIO(content))})
     return _abaqus(path)
 
 
-def _require_held(path: Path) -> None:
+def _require_held(name: str, content: bytes) -> None:
     """Refuse a header that states more than the file holds, or than is read at once."""
-    rows, columns, entries, form, *_ = scipy.io.mminfo(path)
+    rows, columns, entries, form, *_ = scipy.io.mminfo(BytesIO(content))
     dense = form == "array"
     if not dense:
-        require_held(path.name, (rows, columns), entries)
+        require_held(name, (rows, columns), entries)
     elif (size := 8 * rows * columns) > MAX_BYTES:
         raise DataError(
-            f"The dense matrix of {rows} x {columns} in {path.name} takes {size / 2**30:.1f} GiB, "
+            f"The dense matrix of {rows} x {columns} in {name} takes {size / 2**30:.1f} GiB, "
             f"but at most {MAX_BYTES / 2**30:.0f} GiB are read at once.",
-            remedy=AS_SPARSE,
+            remedy=messages.AS_SPARSE,
         )
 
 

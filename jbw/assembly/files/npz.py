@@ -5,10 +5,11 @@ from pathlib import Path
 import numpy as np
 import scipy.sparse as sp
 
-from jbw.assembly.files.contents import AS_SPARSE, MatrixFile, require_held
+from jbw.assembly.files.contents import MatrixFile, require_held
 from jbw.assembly.files.dof_table import DOFS, rows_of_table
 from jbw.assembly.files.node_table import NODES, positions
 from jbw.measurement.files.npz import require_unpackable
+from jbw.report.messages import matrices as messages
 
 
 def contents(path: Path) -> MatrixFile:
@@ -16,7 +17,7 @@ def contents(path: Path) -> MatrixFile:
 
     `nodes`, where there is one, has rows [node, x, y, z].
     """
-    require_unpackable(path, AS_SPARSE)
+    require_unpackable(path, messages.AS_SPARSE)
     with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
         names = list(archive.files)
         if {"format", "data", "shape"} <= set(names):

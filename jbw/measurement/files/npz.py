@@ -9,6 +9,7 @@ import numpy as np
 
 from jbw.errors import DataError
 from jbw.measurement.files.tree import MAX_BYTES, Contents, numeric
+from jbw.report.messages import reading as messages
 
 
 @contextmanager
@@ -20,7 +21,7 @@ def contents(path: Path) -> Iterator[Contents]:
             raise ValueError(f"the shape {array.shape} takes {declared} bytes")
         yield Contents({"data": numeric(array)}, "npy")
         return
-    require_unpackable(path, "Save it as HDF5, which is read in parts.")
+    require_unpackable(path, messages.AS_HDF5)
     with np.load(path, allow_pickle=False) as archive:
         # A damaged member fails its CRC here, before any of its samples is used.
         yield Contents({name: numeric(archive[name]) for name in archive.files}, "npz")

@@ -127,7 +127,7 @@ def opened(path: Path) -> Iterator[Contents]:
     try:
         with import_module(module).contents(path) as contents:
             yield annotated(contents)
-    except (JbwError, KeyboardInterrupt):
+    except (JbwError, KeyboardInterrupt, MemoryError):
         raise
     except Exception as error:  # a damaged file may raise anything inside a reader
         reason = str(error).strip().splitlines()[0] if str(error).strip() else "no reason given"

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+AS_SPARSE = "Save it as a sparse matrix, or reduce the model in its own program."
 ROWS_OF_DOFS = "Write a line `row,node,direction` for each row of the matrices, such as `1,17,x`."
 
 

@@ -25,6 +25,11 @@ STATE_MASS = (
     "Controlled points determine the damping only if the modal mass is known: state "
     "`modal_mass` in [campaign]."
 )
+AS_HDF5 = "Save it as HDF5, which is read in parts."
+FEWER_SAMPLES = (
+    "Read a part of the records, `span = [first, last]` in seconds under [[test]], or decimate "
+    "them, `resample = RATE` in Hz at four times the end of the band or more."
+)
 CONJUGATED = "phase turned, from exp(-j omega t) to exp(j omega t)"
 STORE_NUMBERS = "Store the samples as a dataset of floats or integers."
 EXPORT_ARRAYS = (

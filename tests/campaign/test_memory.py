@@ -1,0 +1,114 @@
+"""Records that memory cannot hold: one sentence with the size, the limit and what to do."""
+
+import os
+import subprocess
+import sys
+
+import h5py
+import numpy as np
+import pytest
+from scipy.signal import bilinear, lfilter
+
+from jbw import memory
+from jbw.campaign.load import load_campaign
+from jbw.cli import run
+from jbw.errors import DataError
+
+FS, BAND = 256.0, (14.0, 24.0)
+SWEEP = """[campaign]
+name = "long"
+gain = 15.0
+[joint]
+laws = ["bouc_wen"]
+[[test]]
+kind = "sweep"
+name = "sweep"
+files = "sweep_*.h5"
+level = 1.0
+channels = { input = "input", velocity = "velocity" }
+units = { input = "V", velocity = "m/s" }
+fs = 256.0
+"""
+PEAK = """
+import sys, warnings
+from jbw.cli.progress import prepare_process
+prepare_process()
+warnings.simplefilter("ignore")
+import jbw
+from jbw.identification.joint import joint_problem
+from jbw.study.prepared import prepare_tests
+prepared = prepare_tests(jbw.load_campaign(sys.argv[1]), lambda _: None, 0)
+problem = joint_problem(prepared.measured, {}, seed=0, report=lambda _: None)
+print(next(x for x in open("/proc/self/status") if x.startswith("VmHWM")).split()[1])
+"""
+
+
+def swept(folder, num_samples, repeats=1):
+    """A campaign of sweeps through a linear mode at 18.8 Hz, by SciPy's filter."""
+    t = np.arange(num_samples) / FS
+    u = np.sin(2 * np.pi * (BAND[0] * t + (BAND[1] - BAND[0]) / 2 / t[-1] * t**2))
+    omega = 2 * np.pi * 18.8
+    v = lfilter(*bilinear([15.0, 0.0], [1.0, 0.02 * omega, omega**2], FS), u)
+    for i in range(repeats):
+        noise = 1e-3 * np.random.default_rng(i).standard_normal(num_samples)
+        with h5py.File(folder / f"sweep_{i}.h5", "w") as file:
+            file["input"], file["velocity"] = u, v + noise
+    path = folder / "campaign.toml"
+    path.write_text(SWEEP)
+    return path
+
+
+def test_records_beyond_the_memory_are_refused_as_soon_as_they_are_too_many(tmp_path, monkeypatch):
+    path = swept(tmp_path, 4_096, repeats=2)
+    of_one = memory.needed_memory([[(4_096, 2)]])
+    monkeypatch.setattr(memory, "most_memory", lambda: of_one + 4_096)
+    with pytest.raises(DataError, match=r"up to sweep_1.h5 need about 0") as told:
+        load_campaign(path)
+    assert "`span = [first, last]`" in told.value.remedy
+    assert "`resample = RATE`" in told.value.remedy
+    for line in ("span = [0.0, 8.0]", "resample = 128.0"):
+        path.write_text(SWEEP.replace("fs = 256.0", f"fs = 256.0\n{line}"))
+        assert len(load_campaign(path).tests[0].records) == 2
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="no such limits on this system")
+@pytest.mark.fault(50)
+def test_the_limit_is_the_least_of_machine_container_and_address_space(tmp_path, monkeypatch):
+    container = tmp_path / "memory.max"
+    container.write_text(f"{2**28}\n")
+    monkeypatch.setattr(memory, "CONTAINER", (container,))
+    assert memory.most_memory() == 2**28
+    container.write_text("max\n")
+    machine = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    assert memory.most_memory() <= machine
+    limited = "import resource as r; r.setrlimit(r.RLIMIT_AS, (2**31, 2**31))"
+    code = f"{limited}; from jbw.memory import most_memory; print(most_memory())"
+    told = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert float(told.stdout) <= 2**31
+
+
+@pytest.mark.parametrize("error", [MemoryError(), RuntimeError("RESOURCE_EXHAUSTED: 7 GB")])
+def test_memory_that_is_exhausted_is_no_internal_error(tmp_path, monkeypatch, capsys, error):
+    path = swept(tmp_path, 4096)
+
+    def exhausted(*_, **__):
+        raise error
+
+    monkeypatch.setattr("jbw.campaign.load.load_campaign", exhausted)
+    assert run(["identifiability", str(path)]) == 1
+    said = capsys.readouterr().err
+    assert "The memory is exhausted, of which this process may take" in said
+    assert "`resample = RATE`" in said
+    assert "Internal error" not in said
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="/proc is Linux's")
+@pytest.mark.slow
+def test_the_estimate_is_the_peak_of_a_process_up_to_the_fit(tmp_path):
+    """The reference is what the system counts; libraries of other versions begin at other sizes."""
+    path = swept(tmp_path, 1_000_000)
+    ended = subprocess.run(
+        [sys.executable, "-c", PEAK, str(path)], capture_output=True, text=True, check=True
+    )
+    peak = 1024 * float(ended.stdout.split()[-1])
+    assert 0.65 < memory.needed_memory([[(1_000_000, 2)]]) / peak < 1.5
