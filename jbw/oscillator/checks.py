@@ -13,6 +13,7 @@ from jax.core import Tracer
 from jaxtyping import Array, ArrayLike, Complex, Int
 
 from jbw.errors import ConfigError, DataError, ModelError
+from jbw.oscillator.guests import require_contract
 from jbw.oscillator.hold import HOLDS
 from jbw.oscillator.law import laws_in, map_laws
 from jbw.report.messages.joint import stiffer_than_structure
@@ -273,9 +274,7 @@ def require_periodic(joint: Any) -> None:
 
 
 def require_contracts(joint: Any) -> None:
-    """Raise where a law from outside does not keep its contract, which is tried once a class."""
-    from jbw.oscillator.contract import require_contract  # above: it solves for motions
-
+    """Raise where a law from outside does not keep its contract."""
     require_contract({type(law) for law in laws_in(joint.laws)})
 
 

@@ -404,8 +404,16 @@ def fit_bases(signal: DecaySignal) -> DecayFits:
         own = min(noise, 0.3 * signal.a0) ** 2 + QUANTUM_NOISE * half_step**2
         return 1 / np.sqrt(own + (LAW_ERROR * size) ** 2)
 
-    begin = np.array([np.log(signal.size[0]), np.angle(signal.z[0]), 1.0, turn / scale])
-    linear = fit_decay(signal, "linear", begin, scale, weight_at(signal.size))
+    # From the mean frequency, and from the strongest line: of modes that beat one may lead nowhere.
+    padded = 4 * len(signal.z)
+    line = int(np.argmax(np.abs(np.fft.fft(signal.z, padded))))
+    turns = turn, 2 * np.pi * float(np.fft.fftfreq(padded, signal.step_s)[line])
+    begins = ([np.log(signal.size[0]), np.angle(signal.z[0]), 1.0, one / scale] for one in turns)
+    weight = weight_at(signal.size)
+    linear = min(
+        (fit_decay(signal, "linear", np.array(begin), scale, weight) for begin in begins),
+        key=lambda fit: fit.squares,
+    )
     size = signal.size
     for _ in range(2):
         size = np.abs(decay_model(signal, linear.theta, BASES["linear"], scale))
