@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from html import escape
 from math import isnan
 from pathlib import Path
@@ -134,6 +134,13 @@ def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
     facts = (spec.gain, spec.modal_mass, spec.settings, path, laws, spec.assembly)
     structure_facts = (spec.structure, spec.instruments, joints, spec.states_laws)
     return Campaign(spec.name, folder, tuple(tests), *facts, *structure_facts)
+
+
+def with_laws(campaign: Campaign, laws: Sequence[str] | None) -> Campaign:
+    """Return a campaign that states no laws with those that it was identified with."""
+    if campaign.states_laws or laws is None:
+        return campaign
+    return replace(campaign, laws=tuple(laws))
 
 
 def load_with_doubts(

@@ -1,7 +1,7 @@
 r"""The law of a campaign that states none, where its readings contradict Bouc-Wen.
 
 What changes with amplitude by which power proposes laws before anything is fitted. Of several the
-first are fitted to the same data with the same weights, and the one of the largest
+first are fitted beside Bouc-Wen to the same data with the same weights, and the one of the largest
 
 $$2 \ln L_{max} - k \ln n$$
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from jbw.identification.assemble import Measured, Report
 from jbw.identification.evidence import Candidate, candidates, likelihood_at
+from jbw.quantities import DEFAULT_LAWS
 from jbw.report.messages import laws as messages
 
 MOST_TRIED = 3  # of the laws that the readings propose
@@ -35,10 +36,11 @@ def proposed(
     Raises:
         ConfigError: None of the laws can be fitted.
     """
-    tried = read[:MOST_TRIED]
+    tried = list(read[:MOST_TRIED])
     margins: list[tuple[str, float]] = []
-    if len(tried) > 1:
-        found, _ = candidates(jax.random.key(seed), seen, [(name,) for name in tried], report)
+    if len(tried) > 1:  # laws of sliders, of which Bouc-Wen may be as near as any
+        sets = [*((name,) for name in tried), DEFAULT_LAWS]
+        found, _ = candidates(jax.random.key(seed), seen, sets, report)
         scores = {candidate.laws[0]: _score(candidate) for candidate in found}
         tried = sorted(scores, key=scores.__getitem__, reverse=True)
         margins = [(name, scores[tried[0]] - scores[name]) for name in tried[1:]]

@@ -72,6 +72,7 @@ def identify(
     seed = campaign.settings.seed if seed is None else seed
     order = Order(campaign, seed, truth, command, perf_counter())
     prepared = prepare_tests(campaign, report, seed)  # usable, fitted and held out; Step 2
+    order = order.under(prepared.measured.laws)
     if quick:
         return first_answer(order, prepared, report)
     measured = prepared.measured

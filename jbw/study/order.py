@@ -1,9 +1,9 @@
 """What an identification was asked for."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 
-from jbw.campaign.load import Campaign
+from jbw.campaign.load import Campaign, with_laws
 
 
 @dataclass(frozen=True)
@@ -23,3 +23,7 @@ class Order:
     truth: Mapping[str, float] | None
     command: str | None
     started: float
+
+    def under(self, laws: Sequence[str]) -> "Order":
+        """Return the order with the laws that are identified, where its campaign states none."""
+        return replace(self, campaign=with_laws(self.campaign, laws))

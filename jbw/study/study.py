@@ -1,5 +1,6 @@
 """The result of an identification, as it comes from `identify` or from a run's folder."""
 
+import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -10,7 +11,7 @@ from typing import Any
 
 import xarray as xr
 
-from jbw.campaign.load import Campaign, load_campaign
+from jbw.campaign.load import Campaign, load_campaign, with_laws
 from jbw.errors import ConfigError, DataError
 from jbw.identification.procedure import Identification, Known
 from jbw.inference.posterior.finding import Verdict, kept_finding
@@ -146,6 +147,8 @@ def load_study(folder: str | Path, campaign: Campaign | None = None) -> Study:
     where = record.get("campaign_file")
     if campaign is None and where is not None and Path(where).is_file():
         campaign = load_campaign(where, allow_outside=True)  # the run was allowed to
+    if campaign is not None:
+        campaign = with_laws(campaign, json.loads(str(tree.attrs.get("laws", "null"))))
     return Study(tree, record, campaign)
 
 
