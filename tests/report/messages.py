@@ -128,7 +128,7 @@ OF_FINDINGS = {
 }  # fmt: skip
 
 OF_FINDINGS |= {
-    "grade": (
+    "law_grade": (
         {"status": "usable", "count": 3, "error": 0.08, "worst": 0.12, "linear": 0.3,
          "coverage": 0.983, "to": "repeats", "is_withheld": False, "limit": 0.05}, OTHER_LAW,
     ),

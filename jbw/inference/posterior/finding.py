@@ -13,7 +13,7 @@ from jbw.report.messages.findings import FINDINGS, remedy_of, sentence_of
 from jbw.report.messages.questions import QUESTIONS
 
 Status = Literal["ok", "usable", "failed", "not assessed"]
-GRADE = "grade"  # code of the finding that answers whether the law follows the data, where it can
+GRADE = "law_grade"  # code of the finding that answers whether the law follows the data
 GRADES = {"ok": "predictive", "usable": "approximate", "failed": "not predictive"}
 WORST_FIRST: tuple[Status, ...] = ("failed", "not assessed", "usable", "ok")
 # Codes of the findings that answer each question, the most important first; others are of sampling,

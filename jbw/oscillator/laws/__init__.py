@@ -10,7 +10,7 @@ from difflib import get_close_matches
 from typing import Any
 
 from jbw.errors import ConfigError
-from jbw.oscillator.guests import require_contract
+from jbw.oscillator.guests import require_contract as _require_contract
 from jbw.oscillator.law import Law
 from jbw.oscillator.laws.at_joints import resolved as _resolved
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
@@ -76,7 +76,7 @@ def register(law: Kind) -> Kind:
         raise ConfigError(f"A law must be a subclass of `Law`, but this is {law!r}.")
     if LAWS.get(law.name, law) is not law:
         raise ConfigError(f"There is a law `{law.name}` already.")
-    require_contract([law])
+    _require_contract([law])
     LAWS[law.name] = law
     return law
 

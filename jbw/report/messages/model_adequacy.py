@@ -37,7 +37,7 @@ def grade(
 
 MESSAGES = (
     Message(
-        "grade",
+        "law_grade",
         grade,
         """
         Check: how well the law predicts held-out tests up to 1.25 times the fitted amplitudes.
