@@ -91,7 +91,7 @@ def grade(
     status = status_of(seen, limit)
     values = {**seen._asdict(), "status": status, "limit": limit}
     remedy = {} if status == "ok" else {"another_law": another_law(laws)}
-    return Finding(GRADE, status, values, seen.error, remedy)
+    return Finding("law_grade", status, values, seen.error, remedy)
 
 
 def held_out(tests: Tests, findings: Sequence[Finding]) -> Seen | None:
