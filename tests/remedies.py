@@ -20,6 +20,7 @@ QUOTES = {
     ("campaign/check.py", "band"),
     ("campaign/files.py", "files"),
     ("report/messages/reading.py", "units"),  # of times: the unit is a guess to be replaced
+    ("report/messages/reading.py", "resample"),  # RATE is replaced: campaign/test_memory.py
     ("oscillator/checks.py", "fs"),
     ("oscillator/checks.py", "substeps"),
     ("oscillator/modes/structure.py", "fs"),
