@@ -20,7 +20,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from scipy.ndimage import median_filter
 
-from jbw.measurement.channels import Complexes, Reals
+from jbw.measurement.channels import Reals
 from jbw.measurement.checks.faults import Fault
 from jbw.measurement.readings.decay import Cause as DecayCause
 from jbw.measurement.readings.decay import DecayFits, fit_decay
@@ -188,11 +188,3 @@ def joint_fit(fits: Fits, basis: str, cause: DecayCause | SweepCause) -> Fitted 
         return fit(fits.signal, basis, fits.fits[basis].theta, fits.scale, fits.weight, cause)
     except (ValueError, np.linalg.LinAlgError):
         return None
-
-
-def strongest_line(values: Complexes, step_s: float) -> tuple[float, complex]:
-    """Return frequency [rad/s] and complex amplitude of the strongest line among values."""
-    padded = 4 * len(values)
-    spectrum = np.fft.fft(values, padded)
-    at = int(np.argmax(np.abs(spectrum)))
-    return float(2 * np.pi * np.fft.fftfreq(padded, step_s)[at]), complex(spectrum[at])

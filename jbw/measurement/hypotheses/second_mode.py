@@ -6,9 +6,10 @@ import numpy as np
 
 from jbw.measurement.channels import Complexes, Reals
 from jbw.measurement.checks.faults import Fault, doubt
-from jbw.measurement.hypotheses.hypothesis import Facts, Fits, strongest_line
+from jbw.measurement.hypotheses.hypothesis import Facts, Fits
 from jbw.measurement.readings.decay import Cause as DecayCause
 from jbw.measurement.readings.decay import DecayFits, DecaySignal
+from jbw.measurement.readings.slow_flow import strongest_line
 from jbw.measurement.readings.sweep import Cause as SweepCause
 from jbw.measurement.readings.sweep import SweepFits, SweepSignal, sweep_columns
 from jbw.report.messages import decay_faults as messages

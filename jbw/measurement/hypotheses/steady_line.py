@@ -10,10 +10,10 @@ from jbw.measurement.hypotheses.hypothesis import (
     Facts,
     Fits,
     remainder,
-    strongest_line,
 )
 from jbw.measurement.readings.decay import Cause as DecayCause
 from jbw.measurement.readings.decay import DecayFits, DecaySignal
+from jbw.measurement.readings.slow_flow import strongest_line
 from jbw.measurement.readings.sweep import Cause as SweepCause
 from jbw.measurement.readings.sweep import SweepFits, SweepSignal
 from jbw.report.messages import decay_faults as messages

@@ -24,6 +24,7 @@ from jbw.measurement.readings.slow_flow import (
     Fitted,
     converter_step,
     filtered_step,
+    strongest_line,
 )  # fmt: skip
 
 BETA = 7.0  # of the Kaiser window that is the band's filter
@@ -405,9 +406,7 @@ def fit_bases(signal: DecaySignal) -> DecayFits:
         return 1 / np.sqrt(own + (LAW_ERROR * size) ** 2)
 
     # From the mean frequency, and from the strongest line: of modes that beat one may lead nowhere.
-    padded = 4 * len(signal.z)
-    line = int(np.argmax(np.abs(np.fft.fft(signal.z, padded))))
-    turns = turn, 2 * np.pi * float(np.fft.fftfreq(padded, signal.step_s)[line])
+    turns = turn, strongest_line(signal.z, signal.step_s)[0]
     begins = ([np.log(signal.size[0]), np.angle(signal.z[0]), 1.0, one / scale] for one in turns)
     weight = weight_at(signal.size)
     linear = min(

@@ -128,3 +128,11 @@ def converter_step(x: Reals) -> float:
     least = float(steps[steps > 1e-12 * np.ptp(levels)].min())
     whole: Any = steps / least
     return least if np.mean(np.abs(whole - np.round(whole)) < 0.05) > 0.9 else 0.0
+
+
+def strongest_line(values: Complexes, step_s: float) -> tuple[float, complex]:
+    """Return frequency [rad/s] and complex amplitude of the strongest line among values."""
+    padded = 4 * len(values)
+    spectrum = np.fft.fft(values, padded)
+    at = int(np.argmax(np.abs(spectrum)))
+    return float(2 * np.pi * np.fft.fftfreq(padded, step_s)[at]), complex(spectrum[at])
