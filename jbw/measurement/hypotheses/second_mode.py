@@ -11,7 +11,7 @@ from jbw.measurement.readings.decay import Cause as DecayCause
 from jbw.measurement.readings.decay import DecayFits, DecaySignal
 from jbw.measurement.readings.slow_flow import strongest_line
 from jbw.measurement.readings.sweep import Cause as SweepCause
-from jbw.measurement.readings.sweep import SweepFits, SweepSignal, sweep_columns
+from jbw.measurement.readings.sweep import SweepFits, SweepSignal, mirror_of, sweep_columns
 from jbw.report.messages import decay_faults as messages
 
 LEAST = 0.02  # of the amplitude at the start
@@ -94,9 +94,9 @@ def _in_sweep(fits: SweepFits, away: float) -> SweepCause:
     rate, first = _rate(fits), 2 * np.pi * _first_hz(fits)
 
     def with_mode(signal: SweepSignal, columns: Complexes, values: Reals) -> Complexes:
-        ones = np.ones(len(signal.time))
-        sigma, omega = (abs(values[0]) + 1e-6) * rate, first + values[1] * rate
-        second, _ = sweep_columns(signal, sigma * ones, omega * ones)
+        pole = -(abs(values[0]) + 1e-6) * rate + 1j * (first + values[1] * rate)
+        pole = np.full(len(signal.time), pole)
+        second = sweep_columns(signal, pole, mirror_of(signal, pole)).columns
         return np.column_stack([columns, second[:, 0]])
 
     return SweepCause(np.array([1.0, away]), with_mode)

@@ -24,6 +24,7 @@ from jbw.measurement.channels import Complexes, Reals, whole_down
 from jbw.measurement.readings.slow_flow import (
     BASES,
     FULLY,
+    LEAST_RATIO,
     NEAR_BEST,
     Fitted,
     converter_step,
@@ -36,9 +37,11 @@ DRIVEN = 0.2  # of the drive's largest amplitude: below, nothing is driven
 WORTH_A_TERM = 0.9  # of the squares: the next term of a basis must leave less
 CLEAR = 30.0  # noise amplitudes above which the measured amplitude schedules, below the model's
 IN_PHASE = (1, 3, 5)  # imaginary parts of the gains of the mode and of those outside the band
+SHIFT = 1e-7  # of a cause's parameter, for its slope
 MODES_OWN = (0.5, 2.0)  # of response over frequency^order: motion while the mode rings by itself
 
 Columns = Complex[np.ndarray, "value column"]
+Slopes = Complex[np.ndarray, "value slope"]
 
 
 class Cause(NamedTuple):
@@ -46,7 +49,8 @@ class Cause(NamedTuple):
 
     Attributes:
         start: Starting values of its parameters.
-        apply: Of signal, columns of the model and parameters, the columns with the cause.
+        apply: Of signal, columns of the model and parameters, the columns with the cause: the same
+            linear map of each, and columns of its own after them.
     """
 
     start: Reals
@@ -170,53 +174,85 @@ def sweep_signal(
     )  # fmt: skip
 
 
-def sweep_columns(
-    signal: SweepSignal, sigma: Reals, omega: Reals, mirror: Complexes | None = None
-) -> tuple[Columns, Reals]:
-    """Return responses to the drive and to an initial state, and of other modes; and the motion.
+class SweepColumns(NamedTuple):
+    """What the drive makes a mode do, up to gains.
 
-    The motion is its amplitude over that of the response, by the model.
+    Attributes:
+        columns: Responses to the drive, of modes outside the band (two), and to an initial state.
+        slopes: Derivatives of the first and of the last by every parameter, parameter by parameter.
+        motion: Amplitude of the motion over that of the response, by the model.
+    """
+
+    columns: Columns
+    slopes: Slopes
+    motion: Reals
+
+
+def sweep_columns(
+    signal: SweepSignal, pole: Complexes, mirror: Complexes, slopes: Slopes | None = None
+) -> SweepColumns:
+    r"""Return the columns of a sweep whose mode has the pole $p = -\sigma + i\omega$.
+
+    $$\dot s = (p - i\dot\phi)\,s + u, \qquad
+      y = \frac{p^m s - \bar p^m \bar s_-}{2 i \omega}, \qquad
+      \dot s' = (p - i\dot\phi)\,s' + p' s$$
+
+    with the part s_- of the conjugate pole, the m-th derivative y of the displacement, and the
+    derivative s' by a parameter that moves the pole by p'.
 
     Args:
         signal: From `sweep_signal`.
-        sigma: Damping rate at every time [1/s].
-        omega: Frequency at every time [rad/s].
-        mirror: The part of the conjugate pole, from `mirror_of`, where it is known.
+        pole: Of the mode at every time [1/s].
+        mirror: From `mirror_of`.
+        slopes: Derivative of the pole by every parameter, by columns; none of no parameters.
     """
-    pole = -sigma + 1j * omega
-    if mirror is None:
-        mirror = mirror_of(signal, sigma, omega)
-    growth, forced = _steps(signal, pole)
+    if slopes is None:
+        slopes = np.zeros((len(pole), 0), complex)
+    u, step_s, order = signal.u, signal.step_s, signal.order
+    x = _middle(pole) * step_s - 1j * np.diff(signal.phase)
+    growth, first, second, first_slope, second_slope = _moments(x)
+    forced = step_s * (u[:-1] * (first - second) + u[1:] * second)
     state = _marched(growth, np.append(0.0, forced))
-    order = signal.order
-    main = (pole**order * state - np.conj(pole) ** order * mirror) / (2j * omega)
+    moved = growth * state[:-1]
+    moved += step_s * (u[:-1] * (first_slope - second_slope) + u[1:] * second_slope)
+    moves = _middle(slopes) * step_s
+    none = np.zeros((1, slopes.shape[1]))
+    states = _marched(growth, np.concatenate([none, moves * moved[:, None]]))
+    power, omega = pole**order, pole.imag
+    main = (power * state - np.conj(power) * mirror) / (2j * omega)
     with np.errstate(divide="ignore", invalid="ignore"):
         motion = np.abs(state - mirror) / np.abs(main * 2 * omega)
-    free = pole**order * np.cumprod(np.append(1.0, growth))
+    free = power * np.cumprod(np.append(1.0, growth))
     free = free / (np.abs(free).max() + 1e-300)
     # Modes outside the band move with the drive, as displacements in phase with it.
     away = signal.rate / signal.rate.mean() - 1
-    beyond = (1j * signal.rate / signal.rate.mean()) ** order * signal.u
+    beyond = (1j * signal.rate / signal.rate.mean()) ** order * u
     columns = np.stack([main, beyond, beyond * away, free], axis=1)
+    turned = order * pole ** max(order - 1, 0)
+    of_main = (turned * state)[:, None] * slopes - (np.conj(turned) * mirror)[
+        :, None
+    ] * slopes.conj()
+    of_main = (of_main + power[:, None] * states) / (2j * omega)[:, None]
+    of_main -= (main / omega)[:, None] * np.imag(slopes)
+    grown = np.concatenate([none, np.cumsum(moves, axis=0)]) + order * slopes / pole[:, None]
+    both = np.stack([of_main, free[:, None] * grown], axis=2).reshape(len(pole), -1)
     if signal.lag_s:
-        columns = late(columns, signal.rate, signal.lag_s)
-    return columns, np.nan_to_num(motion, nan=0.0, posinf=0.0)
+        columns, both = (late(x, signal.rate, signal.lag_s) for x in (columns, both))
+    return SweepColumns(columns, both, np.nan_to_num(motion, nan=0.0, posinf=0.0))
 
 
-def mirror_of(signal: SweepSignal, sigma: Reals, omega: Reals) -> Complexes:
+def mirror_of(signal: SweepSignal, pole: Complexes) -> Complexes:
     """Return the part of the conjugate pole: far from resonance, the same for all close poles."""
-    pole = -sigma - 1j * omega
-    growth, forced = _steps(signal, pole)
-    begins = signal.u[0] / (1j * signal.rate[0] - pole[0])
+    x = _middle(np.conj(pole)) * signal.step_s - 1j * np.diff(signal.phase)
+    growth, first, second, *_ = _moments(x)
+    forced = signal.step_s * (signal.u[:-1] * (first - second) + signal.u[1:] * second)
+    begins = signal.u[0] / (1j * signal.rate[0] - np.conj(pole[0]))
     return _marched(growth, np.append(begins, forced))
 
 
-def _steps(signal: SweepSignal, pole: Complexes) -> tuple[Complexes, Complexes]:
-    """Growth of a state in every step, and what the drive, linear within it, adds."""
-    x = 0.5 * (pole[1:] + pole[:-1]) * signal.step_s - 1j * np.diff(signal.phase)
-    growth = np.exp(x)
-    first, second = _moments(x, growth)
-    return growth, signal.step_s * (signal.u[:-1] * (first - second) + signal.u[1:] * second)
+def _middle(values: Any) -> Any:
+    """Values in the middle of every step."""
+    return 0.5 * (values[1:] + values[:-1])
 
 
 def late(columns: Columns, rate: Reals, lag_s: Any) -> Columns:
@@ -224,20 +260,25 @@ def late(columns: Columns, rate: Reals, lag_s: Any) -> Columns:
     return columns * np.exp(-1j * rate * lag_s)[:, None]
 
 
-def _moments(x: Complexes, growth: Complexes) -> tuple[Complexes, Complexes]:
-    """Integrals of exp(x s) and of (1 - s) exp(x s) over a step, safe at zero."""
+def _moments(x: Complexes) -> tuple[Complexes, ...]:
+    """exp(x), the integrals of exp(x s) and of (1 - s) exp(x s), and their slopes, safe at zero."""
+    growth = np.exp(x)
     is_small = np.abs(x) < 1e-4
     safe = np.where(is_small, 1.0, x)
     first = np.where(is_small, 1 + x / 2, (growth - 1) / safe)
-    second = np.where(is_small, 0.5 + x / 6, (growth - 1 - safe) / safe**2)
-    return first, second
+    second = np.where(is_small, 0.5 + x / 6, (first - 1) / safe)
+    first_slope = np.where(is_small, 0.5 + x / 3, (growth - first) / safe)
+    second_slope = np.where(is_small, 1 / 6 + x / 12, (first_slope - second) / safe)
+    return growth, first, second, first_slope, second_slope
 
 
-def _marched(growth: Complexes, right: Complexes) -> Complexes:
-    """Solution of z[n] = growth[n - 1] z[n - 1] + right[n]."""
+def _marched(growth: Complexes, right: Any) -> Any:
+    """Solution of z[n] = growth[n - 1] z[n - 1] + right[n], by columns."""
+    if not right.size:
+        return right
     bands = np.ones((2, len(right)), complex)
     bands[1, :-1], bands[1, -1] = -growth, 0.0
-    return np.asarray(SOLVE(bands, right, uplo="L", diag="U")[0]).reshape(len(right))
+    return np.asarray(SOLVE(bands, right, uplo="L", diag="U")[0]).reshape(right.shape)
 
 
 def fit_sweep(
@@ -262,34 +303,23 @@ def fit_sweep(
         cause: What else may have shaped the record.
     """
     basis, count = BASES[name], len(start)
-    target = signal.z * weight
-    mirror = mirror_of(signal, *rates_of(signal, np.asarray(start, float), name, scale))
+    mirror = mirror_of(signal, pole_of(signal, np.asarray(start, float), name, scale)[0])
+    kept: Any = []  # the last evaluation, which its derivative goes on from
 
-    def projected(theta: Reals) -> tuple[Complexes, Complexes]:
-        sigma, omega = rates_of(signal, theta[:count], name, scale)
-        columns, _ = sweep_columns(signal, sigma, omega, mirror)
-        if cause is not None:
-            columns = cause.apply(signal, columns, theta[count:])
-        weighted = columns * weight[:, None]
-        size: Any = np.linalg.norm(weighted, axis=0) + 1e-300
-        weighted = weighted / size
-        # Real and imaginary part of every gain; of a force what it drives is in phase with it.
-        at = np.repeat(np.arange(weighted.shape[1]), 2)
-        turn = np.tile([1.0, 1j], weighted.shape[1])
-        if signal.is_force:
-            at, turn = np.delete(at, IN_PHASE), np.delete(turn, IN_PHASE)
-        turned = np.conj(turn)
-        inner = np.real(np.outer(turned, turn) * (weighted.conj().T @ weighted)[np.ix_(at, at)])
-        inner[np.diag_indices_from(inner)] += 1e-12  # a hair: columns may be alike
-        right = np.real(turned * (weighted.conj().T @ target)[at])
-        gains: Any = np.linalg.solve(inner, right)
-        sums = np.zeros(weighted.shape[1], complex)
-        np.add.at(sums, at, turn * gains)
-        return target - weighted @ sums, sums / size
+    def projected(theta: Reals) -> _Projected:
+        if not kept or not np.array_equal(kept[0], theta):
+            pole, slopes = pole_of(signal, theta[:count], name, scale)
+            columns, slopes, _ = sweep_columns(signal, pole, mirror, slopes)
+            kept[:] = theta.copy(), _project(signal, columns, slopes, theta[count:], weight, cause)
+        return kept[1]
 
     def residual(theta: Reals) -> Reals:
-        left = projected(theta)[0]
+        left = projected(theta).left
         return np.concatenate([left.real, left.imag])
+
+    def slopes_at(theta: Reals) -> Any:
+        slopes = projected(theta).slopes()
+        return np.concatenate([np.real(slopes), np.imag(slopes)])
 
     begin = np.concatenate([start, cause.start]) if cause is not None else np.array(start, float)
     lower, upper = np.full(len(begin), -np.inf), np.full(len(begin), np.inf)
@@ -298,22 +328,112 @@ def fit_sweep(
         lower[at], upper[at] = (0.2, 4.0) if basis.terms == 2 else (0.2, 2.2)
         begin[at] = np.clip(begin[at], lower[at] + 0.05, upper[at] - 0.05)
     near = FULLY if cause is None else NEAR_BEST
+    jac: Any = slopes_at  # of which SciPy's stubs do not know
     found: Any = least_squares(
-        residual, begin, bounds=(lower, upper), x_scale="jac", max_nfev=30, ftol=near, xtol=near
-    )
-    left, gains = projected(found.x)
-    size = len(signal.z)
-    jacobian = -(found.jac[:size] + 1j * found.jac[size:]) / weight[:, None]
-    return Fitted(found.x, left / weight, jacobian, float(np.sum(np.abs(left) ** 2)), gains)
+        residual, begin, jac, bounds=(lower, upper), x_scale="jac", max_nfev=30,
+        ftol=near, xtol=near,
+    )  # fmt: skip
+    ended = projected(found.x)
+    return Fitted(
+        found.x, ended.left / weight, -ended.slopes() / weight[:, None],
+        float(np.sum(np.abs(ended.left) ** 2)), ended.gains,
+    )  # fmt: skip
 
 
-def rates_of(signal: SweepSignal, theta: Reals, name: str, scale: float) -> tuple[Reals, Reals]:
-    """Return damping rate [1/s] and frequency [rad/s] at every time, by a basis."""
+class _Projected(NamedTuple):
+    """A model with its gains projected out: what is left, the gains, and slopes of what is left."""
+
+    left: Complexes
+    gains: Complexes
+    slopes: Callable[[], Slopes]
+
+
+def _project(
+    signal: SweepSignal,
+    columns: Columns,
+    slopes: Slopes,
+    values: Reals,
+    weight: Reals,
+    cause: Cause | None,
+) -> _Projected:
+    r"""Project out the gains c of columns, of which some are real.
+
+    $$r = y - \Phi c, \quad \Phi^T r = 0, \qquad
+      r' = -\Phi' c - \Phi G^{-1} (\Phi'^T r - \Phi^T \Phi' c), \quad G = \Phi^T \Phi$$
+
+    with real and imaginary parts apart; of a force what it drives is in phase with it.
+    """
+    number = columns.shape[1]
+
+    def with_cause(columns: Columns, slopes: Slopes, values: Reals) -> tuple[Columns, Slopes]:
+        if cause is None:
+            return columns, slopes
+        out = cause.apply(signal, np.concatenate([columns, slopes], axis=1), values)
+        own = number + slopes.shape[1]
+        return np.delete(out, slice(number, own), axis=1), out[:, number:own]
+
+    plain = columns
+    columns, slopes = with_cause(columns, slopes, values)
+    size: Any = np.linalg.norm(columns * weight[:, None], axis=0) + 1e-300
+    columns = columns * (weight[:, None] / size)
+    target = signal.z * weight
+    at, turn = np.repeat(np.arange(len(size)), 2), np.tile([1.0, 1j], len(size))
+    if signal.is_force:
+        at, turn = np.delete(at, IN_PHASE), np.delete(turn, IN_PHASE)
+    inner = np.real(np.outer(turn.conj(), turn) * (columns.conj().T @ columns)[np.ix_(at, at)])
+    inner[np.diag_indices_from(inner)] += 1e-12  # a hair: columns may be alike
+
+    def along(columns: Columns, values: Complexes) -> Reals:
+        """Inner products of columns, each with its gains' real and imaginary parts."""
+        return np.real(turn.conj() * (columns.conj().T @ values)[at])
+
+    def gains_of(right: Reals) -> Complexes:
+        sums = np.zeros(len(size), complex)
+        np.add.at(sums, at, turn * np.linalg.solve(inner, right))
+        return sums
+
+    gains = gains_of(along(columns, target))
+    left = target - columns @ gains
+
+    def moved(by: Columns) -> Complexes:
+        """Slope of what is left where the columns change."""
+        change = by @ gains
+        return -change - columns @ gains_of(along(by, left) - along(columns, change))
+
+    def slopes_of() -> Slopes:
+        found = []
+        for j in range(0, slopes.shape[1], 2):
+            by = np.zeros(columns.shape, complex)
+            for at, slope in ((0, slopes[:, j]), (number - 1, slopes[:, j + 1])):
+                by[:, at] = slope * weight / size[at]
+            found.append(moved(by))
+        for i, value in enumerate(values):
+            further = values.copy()
+            further[i] += SHIFT * max(abs(value), 1.0)
+            there = with_cause(plain, plain[:, :0], further)[0] * (weight[:, None] / size)
+            found.append(moved((there - columns) / (further[i] - value)))
+        return np.stack(found, axis=1)
+
+    return _Projected(left, gains / size, slopes_of)
+
+
+def pole_of(signal: SweepSignal, theta: Reals, name: str, scale: float) -> tuple[Complexes, Slopes]:
+    """Return the mode's pole [1/s] at every time, by a basis, and its slopes by the parameters."""
     basis = BASES[name]
-    powers = basis.values(signal.amplitude / signal.a0, basis.exponent(theta))
-    sigma = np.maximum(theta[: basis.terms] @ powers * scale, 1e-3 * scale)
-    turn = theta[basis.terms : 2 * basis.terms] @ powers * scale
-    return sigma, turn + 2 * np.pi * signal.centre_hz
+    r = np.maximum(signal.amplitude / signal.a0, LEAST_RATIO)
+    powers = basis.values(r, basis.exponent(theta)).T * scale
+    terms = basis.terms
+    sigma = powers @ theta[:terms]
+    falls = sigma > 1e-3 * scale
+    weights = 1j * theta[terms : 2 * terms] - np.outer(falls, theta[:terms])
+    pole: Any = np.where(falls, -sigma, -1e-3 * scale) + 1j * (
+        powers @ theta[terms : 2 * terms] + 2 * np.pi * signal.centre_hz
+    )
+    slopes = [-powers * falls[:, None], 1j * powers]
+    if basis.is_free:  # of r^(k p) by p
+        of_exponent = np.sum(powers * weights * np.arange(terms), axis=1) * np.log(r)
+        slopes.append(of_exponent[:, None])
+    return pole, np.concatenate(slopes, axis=1)
 
 
 class SweepFits(NamedTuple):
@@ -364,8 +484,9 @@ def fit_bases(signal: SweepSignal) -> SweepFits:
         amplitude = size * motion
         weight = 1 / np.sqrt(noise**2 + (LAW_ERROR * amplitude) ** 2)
         if best is not None and order:  # a response that rings is no motion at the drive's rate
-            rates = rates_of(signal, fits[best].theta, best, scale)
-            own = sweep_columns(signal, *rates)[1] * signal.rate[top] ** order
+            pole, _ = pole_of(signal, fits[best].theta, best, scale)
+            own = sweep_columns(signal, pole, mirror_of(signal, pole)).motion
+            own = own * signal.rate[top] ** order
             motion = np.clip(own, MODES_OWN[0] * motion, MODES_OWN[1] * motion)
             amplitude = size * motion
         smooth = np.abs(signal.z - residual) * motion
