@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 from scipy.io import wavfile
+from scipy.signal import chirp, fftconvolve
 
 from jbw.campaign.check import check_campaign
 from jbw.campaign.files import repeats_of
@@ -599,6 +600,32 @@ def test_a_pasted_sign_of_all_repeats_cures(tmp_path):
     (fault,) = faults(path)
     assert "the gain is negative" in fault.what
     pasted(path, [fault.remedy])
+    assert faults(path) == []
+
+
+def test_the_acceleration_of_a_base_is_named_and_its_remedy_cures(tmp_path):
+    """Absolute acceleration of 30 Hz and 1 % on a base whose acceleration is called force."""
+    fs, seconds = 1000.0, 20.0
+    t = np.arange(round(seconds * fs)) / fs
+    base = chirp(t, 24.0, seconds, 36.0)
+    s = 2 * np.pi * 30.0 * (-0.01 + 1j)
+    ringing = np.imag(np.exp(s * t)) / s.imag / fs  # of y'' + 2 zeta w y' + w^2 y = -base
+    relative = -fftconvolve(base, ringing)[: len(t)]
+    relative = np.gradient(np.gradient(relative, 1 / fs), 1 / fs)
+    noise = 1e-3 * np.std(relative) * np.random.default_rng(5).standard_normal(len(t))
+    path = tmp_path / "campaign.toml"
+    path.write_text(
+        '[[test]]\nname = "swept"\nkind = "sweep"\nband = [25, 35]\n'
+        f'files = "sweep.npz"\nfs = {fs}\n'
+        'channels = { force = "u", acceleration = "x" }\n'
+        'units = { force = "N", acceleration = "m/s^2" }\n'
+    )
+    np.savez(tmp_path / "sweep.npz", u=base, x=relative + base + noise)
+    (fault,) = faults(path)
+    assert "as a structure on a moving base does" in fault.what
+    np.savez(tmp_path / "sweep.npz", u=base, x=relative + noise)  # as the remedy asks
+    line = re.findall("with `(scale = .*)`", fault.remedy)[0]
+    path.write_text(f"{path.read_text()}{line}\n")
     assert faults(path) == []
 
 

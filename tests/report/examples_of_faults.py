@@ -130,6 +130,7 @@ EXAMPLES = {
         record_faults.outside_band(119.0, 15.0, 23.0, 6.26),
         record_faults.unresolved(18.8, 0.1, 10.0, 0.08),
         record_faults.negative_gain("displacement"),
+        record_faults.base_motion(-0.997),
         record_faults.other_size(1000.0),
         record_faults.noisy_drive("input", 3.1, "velocity"),
     ],

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from jbw.errors import DataError
 from jbw.measurement.channels import Complexes, Reals, lines_within
 from jbw.measurement.checks.faults import Fault, doubt
+from jbw.measurement.hypotheses.unlike_gains import turned_over
 from jbw.measurement.records import INPUTS, Record
 from jbw.measurement.spectra import FRF, frf, half_power_bandwidth, stands_out
 from jbw.report.messages import record_faults as messages
@@ -121,6 +122,6 @@ def _missized(
     seen = 2 / np.pi * float(np.trapezoid(np.real(1j * omega * h), omega))
     ratio = 1.0 if per_unit is None else seen / per_unit
     if seen < 0 and in_band:  # without a band another mode may have the other sign
-        yield doubt(role, *messages.negative_gain(role))
+        yield turned_over(role, seen)
     elif not 1 / MASS_FACTOR < ratio < MASS_FACTOR:
         yield doubt(role, *messages.other_size(ratio))

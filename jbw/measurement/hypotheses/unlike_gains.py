@@ -6,8 +6,9 @@ import numpy as np
 
 from jbw.measurement.checks.faults import Fault, doubt
 from jbw.report.messages import clock_faults as messages
-from jbw.report.messages.record_faults import negative_gain
+from jbw.report.messages.record_faults import base_motion, negative_gain
 
+BASE = 0.1  # from -1: gains of a base's acceleration, -1 of one mode, are read to 4 % and better
 LARGER = 1.5  # times the median, or smaller by as much: no joint changes a modal mass so
 
 
@@ -27,7 +28,7 @@ def unlike_gains(
     if not known:
         return
     if all(gain < 0 for _, gain in known):
-        yield from ((name, doubt(role, *negative_gain(role))) for name, _ in known)
+        yield from ((name, turned_over(role, gain)) for name, gain in known)
         return
     size = float(np.median([abs(gain) for _, gain in known]))
     signs = [np.sign(gain) for _, gain in known]
@@ -38,3 +39,9 @@ def unlike_gains(
             yield name, doubt(role, *messages.other_sign(source))
         elif not 1 / LARGER < ratio < LARGER:
             yield name, doubt(role, *messages.other_gain(ratio, source))
+
+
+def turned_over(role: str, gain: float) -> Fault:
+    """Return the doubt of a response that moves against its drive, by a gain [1/kg]."""
+    is_base = role == "acceleration" and abs(gain + 1) < BASE
+    return doubt(role, *(base_motion(gain) if is_base else negative_gain(role)))

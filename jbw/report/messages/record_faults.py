@@ -186,6 +186,18 @@ def negative_gain(role: str) -> FaultText:
     )
 
 
+def base_motion(gain: float) -> FaultText:
+    """That a drive is the acceleration of a base, and the response absolute."""
+    return FaultText(
+        "At its resonance the response moves against the input, as a structure on a moving base "
+        f"does: the gain is {gain:.3g} /kg.",
+        "`force` may hold the acceleration of a base, and the response be absolute. Otherwise one "
+        "channel is turned, and the modal mass is about 1 kg.",
+        "Where a base moves, subtract the drive from the response in the file. Then turn its sign, "
+        "with `scale = { acceleration = -1.0 }` under [[test]].",
+    )
+
+
 def other_size(ratio: float) -> FaultText:
     """The size of a response over what the campaign's gain makes of its input."""
     return FaultText(
