@@ -82,7 +82,7 @@ from jbw.observables.dataset import (
 )
 from jbw.observables.decay_drift import LeftOutDecay
 from jbw.observables.drives import plain
-from jbw.observables.effective_values import is_coloured
+from jbw.observables.effective_values import is_coloured, white_square
 from jbw.observables.observable import OFFSETS, Row
 from jbw.observables.spectra import real_rows
 from jbw.report.messages import discrepancy as messages
@@ -601,8 +601,8 @@ def _noise_of_repeats(data: Dataset) -> dict[str, NoiseSquares]:
 def _noise_alike(residuals: Mapping[str, Row], data: Dataset) -> dict[str, NoiseSquares]:
     """What noise would leave of each group, were it not fitted, where no repeats tell it.
 
-    As much a value as the fit leaves of other groups of its kind, or of itself where there are no
-    others: bands take that for noise.
+    As much a value as the fit leaves of other groups of its kind in the median, or of itself where
+    there are no others: bands take that for noise. What is white of a noisier group is noise too.
     """
     kinds, fractions = _kinds(data), fractions_counted(data)
     square = {label: _square(row) / _count(row) for label, row in residuals.items()}
@@ -611,9 +611,8 @@ def _noise_alike(residuals: Mapping[str, Row], data: Dataset) -> dict[str, Noise
         others = [other for other in residuals if other != label and kinds[other] == kinds[label]]
         comparable = others or [label]
         known_by = sum(fractions[x] * _count(residuals[x]) for x in comparable)
-        noise[label] = NoiseSquares(
-            _count(row) * float(np.mean([square[x] for x in comparable])), known_by
-        )
+        usual = _count(row) * float(np.median([square[x] for x in comparable]))
+        noise[label] = NoiseSquares(max(usual, len(row) * white_square(row)), known_by)
     return noise
 
 

@@ -27,7 +27,7 @@ from jbw.observables.decay_envelopes import (
     follow,
     match,
 )
-from jbw.observables.effective_values import correlated_fraction
+from jbw.observables.effective_values import correlated_fraction, white_square
 from jbw.observables.observable import (
     AmplitudeCurve,
     Covariance,
@@ -241,15 +241,16 @@ class Decays(Envelopes):
         return dict(zip(self.names, begins.tolist(), strict=True))
 
     def drift(self, theta: Theta, run: str) -> LeftOutDecay | None:
-        """How a record drifts from its prediction by its beginning, its noise that of the others.
+        """How a record drifts from its prediction by its beginning.
 
-        As of a record that no fit has seen.
+        Its noise is that of the others, as of a record that no fit has seen, or what is white of
+        its own residual where that is more.
         """
         record, size = self.names.index(run), num_begun(theta, self)
-        other_noise = np.delete(np.asarray(self.noise_std), record)
-        noise_std = (
-            float(np.mean(other_noise)) if len(other_noise) else float(self.noise_std[record])
-        )
+        own = np.asarray(matched(theta, self).residual)[record]
+        others = np.delete(np.asarray(self.noise_std), record)
+        usual = float(np.median(others)) if len(others) else float(self.noise_std[record])
+        noise_std = max(usual, np.sqrt(white_square(own) / 2))
         seen = replace(self, noise_std=jax.device_put(np.full(len(self.names), noise_std)))
         predicted, errors = predicted_from_beginnings(theta, alone(seen), size)
         time = self.step_s * (np.arange(self.envelope.shape[1]) - 0.5 * size)

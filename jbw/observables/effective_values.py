@@ -14,6 +14,7 @@ BEYOND_CHANCE = 3.0  # standard errors of a correlation, 1 / sqrt(n)
 MISFIT = 0.5  # of a mean's variance: misfit that repeats do not average out
 LEAST_VALUES = 8  # independent values of a group, below which nothing could be integrated out
 BY_CHANCE = 0.5  # share that white residuals of a few dozen values hardly go below
+MEDIAN_OF_SQUARE = 0.455  # of a standard normal variable
 SMOOTHED = 5  # neighbours among which a residual's squares are averaged
 
 Row = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
@@ -33,6 +34,23 @@ def coloured_from(row: Row) -> float:
 def is_coloured(row: Row) -> bool:
     """Whether a residual is long enough to tell, and has a lag-one correlation that matters."""
     return len(row) >= 2 * LEAST_VALUES and abs(correlation_at_one(row)) > coloured_from(row)
+
+
+def white_square(row: Row) -> float:
+    r"""Mean square of the white noise in a residual, by medians; 0 of too few values to tell.
+
+    $$\min\Bigl(\frac{\mathrm{med}\,|r|^2}{c},\ \frac{\mathrm{med}\,|R|^2}{\ln 2}\Bigr), \qquad
+      R_k = \frac{\sum_t w_t r_t e^{-2\pi i k t / n}}{\sqrt{\sum_t w_t^2}}$$
+
+    with a Hann window w, c = ln 2 of complex and 0.455 of real values. Noise is spread over all
+    values and all lines of their spectrum; what a law misses is not.
+    """
+    if len(row) < 2 * LEAST_VALUES:
+        return 0.0
+    window = np.hanning(len(row) + 2)[1:-1]
+    lines = np.abs(np.fft.fft(row * window)) ** 2 / np.sum(window**2)
+    of_one = np.log(2) if np.iscomplexobj(row) else MEDIAN_OF_SQUARE
+    return float(min(np.median(np.abs(row) ** 2) / of_one, np.median(lines) / np.log(2)))
 
 
 def effective_fraction(

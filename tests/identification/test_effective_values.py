@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from jbw.observables.effective_values import correlated_fraction, effective_fraction
+from jbw.observables.effective_values import correlated_fraction, effective_fraction, white_square
 
 SIZE = 4096
 
@@ -73,3 +73,28 @@ def test_units_do_not_matter():
         row, scale @ slopes, np.linalg.inv(scale @ slopes @ slopes.T @ scale)
     )
     assert other == pytest.approx(one, rel=1e-9)
+
+
+@pytest.mark.parametrize("is_complex", [False, True])
+@pytest.mark.parametrize("missed", ["nothing", "a line", "a decay", "a resonance"])
+def test_what_a_law_misses_is_no_white_noise(missed, is_complex):
+    rng, n = np.random.default_rng(5), 4096
+    noise = rng.standard_normal((2, n)) / np.sqrt(2)
+    row = noise[0] + 1j * noise[1] if is_complex else np.sqrt(2) * noise[0]
+    x = np.arange(n) / n
+    row = (
+        row
+        + {
+            "nothing": 0.0,
+            "a line": 5.0 * np.cos(2 * np.pi * 100.3 * x),
+            "a decay": 30.0 * np.exp(-20 * x) * np.cos(2 * np.pi * 3.3 * x),
+            "a resonance": 50.0 / (1 + ((x - 0.4) / 3e-3) ** 2) * np.cos(2 * np.pi * 800 * x),
+        }[missed]
+    )
+    # A median of 4,096 exponential values scatters by 1 / sqrt(n) / ln 2 = 2.3 %; the skirts of a
+    # resonance, which reach over many lines, add 8 %.
+    assert white_square(row) == pytest.approx(1.0, rel=0.12)
+
+
+def test_few_values_tell_no_white_noise():
+    assert white_square(np.ones(15)) == 0.0

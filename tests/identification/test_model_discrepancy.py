@@ -282,7 +282,7 @@ def test_the_size_of_a_motion_is_no_smaller_where_phases_scatter():
     np.testing.assert_allclose(np.median(motion, axis=0), 2.0 * turn.real, rtol=1e-12)
 
 
-def decays(velocities, hardening=0.0, name="decay"):
+def decays(velocities, hardening=0.0, name="decay", noisy=None):
     r"""Decays whose frequency runs with the amplitude, in closed form.
 
     $$v = V \cos\varphi, \quad V = V_0 e^{-\zeta\omega_n t}, \quad
@@ -294,14 +294,14 @@ def decays(velocities, hardening=0.0, name="decay"):
         gone = -np.expm1(-2 * ZETA * OMEGA_N * t)
         phase = OMEGA_N * t + hardening * v0**2 * gone / (2 * ZETA) + rng.uniform(0, 6)
         v = v0 * np.exp(-ZETA * OMEGA_N * t) * np.cos(phase)
-        v += NOISE * rng.standard_normal(len(t))
+        v += NOISE * (10 if v0 == noisy else 1) * rng.standard_normal(len(t))
         records.append(Record(FS, {"velocity": v}, {"velocity": "m/s"}))
     return Test("decay", tuple(records), name, band_hz=BAND)
 
 
-def learned(hardening):
+def learned(hardening, noisy=None):
     """Discrepancy of a linear structure from six decays, and what predicts with it."""
-    data = Dataset.of([Decays.of(decays(RUNS, hardening), laws=())])
+    data = Dataset.of([Decays.of(decays(RUNS, hardening, noisy=noisy), laws=())])
     prior = box({"omega_n": (0.9 * OMEGA_N, 1.1 * OMEGA_N), "zeta": (1e-4, 2e-2)})
     best = costly_fit(stacked, prior, data, starts={"omega_n": OMEGA_N, "zeta": ZETA})
     data = with_fitted_noise(best.theta, residual_by_label(best.residual, data), data)
@@ -336,6 +336,17 @@ def test_the_right_law_leaves_no_discrepancy():
     unseen = decays((1.2, 0.7), name="unseen")
     before, after = (predict(one, unseen, Request(num_draws=50)) for one in (bare, basis))
     np.testing.assert_array_equal(before["predictive_band"], after["predictive_band"])
+
+
+@pytest.mark.parametrize("noisy", [RUNS[0], RUNS[3], RUNS[5]])
+def test_one_noisy_record_decides_nothing(noisy):
+    """Of ten times the noise: it shows no discrepancy of a right law, and hides none of another."""
+    found, _, _ = learned(0.0, noisy)
+    assert discrepancy_in(found).is_nothing
+    of_wrong, of_noisy = (
+        discrepancy_in(learned(2e-4, one)[0]).decays.frequency.std for one in (None, noisy)
+    )
+    assert of_wrong / 2 < of_noisy < 2 * of_wrong
 
 
 def test_bands_of_stronger_decays_hold_what_a_wrong_law_misses():
