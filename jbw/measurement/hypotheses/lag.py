@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import numpy as np
+from scipy.optimize import minimize_scalar
 
 from jbw.measurement.channels import Complexes, Reals
 from jbw.measurement.checks.faults import Fault, doubt
@@ -21,7 +22,8 @@ from jbw.report.messages import clock_faults as messages
 OTHER_SIGN = 0.45  # of a period
 LEAST_DELAY, LEAST_DRIFT, LEAST_STEP = 0.01, 0.04, 0.05  # of a period; the drift along the record
 LEAST_LOST = 1.6  # samples
-PLACES = np.linspace(0.03, 0.97, 16)  # shares of the motion before a step
+PLACES = np.linspace(0.03, 0.97, 16)  # shares of what the motion tells before a step
+SCANNED = 12  # places between two of these
 MILLION = 1e6
 
 
@@ -108,21 +110,28 @@ class LostBlock(_Lag):
     name = "lost block"
 
     def causes(self, fits: Any, basis: str) -> Iterator[Cause]:
-        """Yield steps at the three best of several places."""
+        """Yield the best step: at one of several places, then between its neighbours."""
         if not isinstance(fits, SweepFits) or basis != "linear":
             return
         signal, count = fits.signal, len(fits.fits["linear"].theta)
-        share = np.cumsum(np.abs(signal.z)) / np.sum(np.abs(signal.z))
-        rows = []
-        for place in PLACES:
-            at = float(signal.time[min(int(np.searchsorted(share, place)), len(share) - 1)])
-            for step in (-0.25, 0.25):
-                fitted = joint_fit(fits, "linear", Cause(np.array([step]), _stepped(at)))
-                if fitted is not None:
-                    rows.append((fitted.squares, at, float(fitted.theta[count])))
-        rows.sort(key=lambda row: row[0])
-        for _, at, step in rows[:3]:
-            yield Cause(np.array([step, at / float(np.ptp(signal.time))]), _stepped(None))
+        share = np.cumsum(np.abs(signal.z) * fits.weight)
+        times = np.interp(PLACES, share / share[-1], signal.time)
+
+        def fitted(at: float, step: float) -> tuple[float, float, float]:
+            """Squares, place and step of the best fit from a step at a place."""
+            found = joint_fit(fits, "linear", Cause(np.array([step]), _stepped(float(at))))
+            return (found.squares, at, float(found.theta[count])) if found else (np.inf, at, step)
+
+        _, at, step = min(fitted(at, step) for at in times for step in (-0.25, 0.25))
+        inner = int(np.searchsorted(times, at))
+        ends = signal.time[0], *times[max(inner - 1, 0) : inner + 2], signal.time[-1]
+        low, high = max(x for x in ends if x < at), min(x for x in ends if x > at)
+        # A fit finds a place within its filter alone: a scan between neighbours leads there.
+        found: Any = minimize_scalar(
+            lambda x: fitted(x, step)[0], bounds=(low, high), options={"maxiter": SCANNED}
+        )
+        _, at, step = min(fitted(float(found.x), step), fitted(at, step))
+        yield Cause(np.array([step, at / float(np.ptp(signal.time))]), _stepped(None))
 
     def matters(self, values: Reals, fits: Any) -> bool:
         """Return whether it is 1.6 samples and 5 % of a period."""

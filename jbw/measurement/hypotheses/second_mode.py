@@ -37,9 +37,12 @@ class SecondMode:
             yield _in_sweep(fits, away)
 
     def matters(self, values: Reals, fits: Fits) -> bool:
-        """Return whether it is 2 % of a decay and decays about as the first does."""
-        if isinstance(fits, SweepFits):  # nearer, it is the first one turned by a lag
-            return abs(float(values[1])) > NEAREST
+        """Return whether a sweep passes it; of a decay, its size of 2 % and a damping alike."""
+        if isinstance(fits, SweepFits):
+            rate = fits.signal.rate
+            second = 2 * np.pi * _first_hz(fits) + float(values[1]) * _rate(fits)
+            # Nearer, it is the first one turned by a lag.
+            return abs(float(values[1])) > NEAREST and bool(rate.min() < second < rate.max())
         low, high = DAMPINGS
         return low < abs(values[3]) < high and float(np.hypot(*values[:2])) > LEAST
 
