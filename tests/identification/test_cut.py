@@ -18,7 +18,7 @@ from jbw.inference.space.box import box
 from jbw.observables.records import Records
 
 HELD = {"omega_n": 2 * np.pi * 18.8, "zeta": 0.00444, "alpha": 497.4, "delta": 340.21, "gain": 15.0}
-PRIOR = box({"gamma": (20.0, 48.0)})
+PRIOR = box({"gamma": rig.PRIOR["gamma"]})
 
 
 @pytest.fixture(scope="module")
