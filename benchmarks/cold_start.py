@@ -32,7 +32,7 @@ from jbw.inference.posterior.summary import summarise
 from jbw.identification.paper import kernel
 with np.load(sys.argv[1]) as stored:
     data = kernel.KernelData(**{name: jnp.asarray(stored[name]) for name in stored.files})
-prior = box({"zeta": (0.00352, 0.00528), "alpha": (425.0, 590.0), "delta": (272.0, 408.0)})
+prior = box({"zeta": (0.00352, 0.00528), "alpha": (424.31, 589.61), "delta": (272.80, 409.92)})
 key = jax.random.key(0)
 best = fit(kernel.residual, prior, data, starts=16, key=key)
 place = along_ridge(best.theta, best.covariance, prior)

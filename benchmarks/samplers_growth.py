@@ -70,7 +70,7 @@ def ridge_posterior(noise: float) -> Posterior:
     data = kernel.KernelData(
         **{name: jnp.asarray(one) for name, one in kernel_at_five_tones(noise).items()}
     )
-    prior = box({"zeta": (0.00352, 0.00528), "alpha": (425.0, 590.0), "delta": (272.0, 408.0)})
+    prior = box({"zeta": (0.00352, 0.00528), "alpha": (424.31, 589.61), "delta": (272.80, 409.92)})
     best = fit(kernel.residual, prior, data, starts=16, key=jax.random.key(0))
     return Posterior("third_order", kernel.log_likelihood, prior, data, best, stepped=False)
 

@@ -37,6 +37,7 @@ jbw.paper.volterra_response(system, u, 64.0, hold="zero"), jbw.paper.square_wave
 jbw.paper.kernel_log_likelihood(jbw.paper.repeats(np.ones((4, 5))), np.ones(5), 0.1)
 jbw.excitation.tone(1.0, 30.0), jbw.dimensionless(joint, 30.0, 1.0), jbw.shooting(joint, 30.0, 1.0)
 jbw.frf(u, u, 1024.0, response="velocity"), jbw.frf(list(u), list(u), 1024.0)
+jbw.frf(jbw.Record(1024.0, {"force": u, "velocity": u}, {}), "force", "velocity", window="hann")
 jbw.harmonics(u, 1024.0, 30.0, 3, response="acceleration")
 jbw.third_order_kernel(u, u, 1024.0, 30.0, response="velocity")
 """

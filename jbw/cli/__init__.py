@@ -9,7 +9,7 @@ import json
 import os
 import shlex
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from importlib import import_module
 from io import TextIOWrapper
@@ -24,45 +24,31 @@ from jbw.report.messages import commands as messages
 
 INTERRUPTED = 5
 
-# Headings of `jbw --help`: command to the file of its function, and its line, read without
-# importing it.
-FILES = {
-    "Begin": {
-        "demo": "identify",
-        "init": "check",
-        "check": "check",
-        "look": "look",
-    },
-    "Identify": {
-        "identify": "identify",
+# Headings of `jbw --help`, and of `jbw more`: command to the file of its function. Its line is read
+# without importing that.
+FIRST = {
+    "Begin": {"init": "check", "check": "check", "look": "look"},
+    "Identify": {"identify": "identify", "report": "result", "predict": "predict"},
+    "Compare and export": {"laws": "laws", "diff": "diff", "export": "result"},
+}
+MORE = {
+    "Learn": {"demo": "identify", "explain": "about", "docs": "about"},
+    "Around an identification": {
         "resume": "identify",
         "identifiability": "identify",
-        "laws": "laws",
-    },
-    "Use": {
-        "report": "result",
-        "predict": "predict",
-        "export": "result",
-        "diff": "diff",
         "plan": "plan",
+    },
+    "Several joints, and over time": {
         "collect": "collect",
         "population": "population",
         "watch": "watch",
     },
-    "More": {
-        "explain": "about",
-        "docs": "about",
-        "sbc": "studies",
-        "compare": "studies",
-        "schema": "about",
-        "completion": "about",
-    },
+    "Check the method": {"sbc": "studies", "compare": "studies"},
+    "Editors and shells": {"schema": "about", "completion": "about"},
 }
-GROUPS = {
-    heading: {name: (file, messages.SHORT[name]) for name, file in group.items()}
-    for heading, group in FILES.items()
-}
-COMMANDS = {name: line for group in GROUPS.values() for name, line in group.items()}
+COMMANDS = {
+    name: file for group in (*FIRST.values(), *MORE.values()) for name, file in group.items()
+} | {"more": "about"}
 # Commands that take a campaign, and those that take a run: what to type after their failures.
 # What a system says of a place that takes no more bytes, or none.
 UNWRITABLE = tuple(
@@ -86,7 +72,7 @@ class LazyGroup(click.Group):
         """The command, imported now."""
         if cmd_name not in COMMANDS:
             return None
-        return getattr(import_module(f"jbw.cli.{COMMANDS[cmd_name][0]}"), cmd_name)
+        return getattr(import_module(f"jbw.cli.{COMMANDS[cmd_name]}"), cmd_name)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
@@ -98,13 +84,18 @@ class LazyGroup(click.Group):
         return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """The commands in the help by what they are for, from the table alone."""
-        widest = max(map(len, COMMANDS))
-        for heading, group in GROUPS.items():
-            with formatter.section(heading):
-                formatter.write_dl(
-                    [(f"{name:<{widest}}", line) for name, (_, line) in group.items()]
-                )
+        """Write the first commands by what they are for, from the table alone."""
+        write_commands(formatter, FIRST)
+        formatter.write_paragraph()
+        formatter.write_text(messages.MORE)
+
+
+def write_commands(formatter: click.HelpFormatter, groups: Mapping[str, Iterable[str]]) -> None:
+    """Write a heading per group, and a line per command."""
+    widest = max(len(name) for names in groups.values() for name in names)
+    for heading, names in groups.items():
+        with formatter.section(heading):
+            formatter.write_dl([(f"{name:<{widest}}", messages.SHORT[name]) for name in names])
 
 
 @click.group(cls=LazyGroup, context_settings={"help_option_names": ["-h", "--help"]})

@@ -1,5 +1,6 @@
 """What jbw says of itself: documentation, words explained, JSON Schemas, completion."""
 
+import re
 import sys
 import webbrowser
 from difflib import get_close_matches
@@ -72,10 +73,16 @@ def at_joint(name: str) -> str | None:
 def explain(code: str | None, json_: bool) -> None:
     """Say what a finding, a parameter, a column of a table or a word means.
 
-    Of a finding of the verdict: what it looks at, and what to do. Without NAME, all findings.
+    Of a finding of the verdict: what it looks at, and what to do. Without NAME, all findings with a
+    line each.
     """
     if code is None:
-        answer(json_, explanations(), saved="\n".join(explanations()))
+        lines = {name: in_one_line(page) for name, page in explanations().items()}
+        widest = max(map(len, lines))
+        answer(
+            json_, explanations(),
+            saved="\n".join(f"{name:<{widest}}  {line}" for name, line in lines.items()),
+        )  # fmt: skip
         click.echo(NO_NAME, err=True)
         return
     page = explained(code)
@@ -84,6 +91,25 @@ def explain(code: str | None, json_: bool) -> None:
         nearest = get_close_matches(code.lower(), names, n=1)
         raise click.UsageError(nothing_called(code, names[nearest[0]] if nearest else ""))
     answer(json_, {code: page}, saved=f"{code}\n\n{page}")
+
+
+def in_one_line(page: str) -> str:
+    """Return what a finding's page says first: what the check looks at."""
+    sentence = re.match(r"(?:Check: )?(.+?)(?:[.;:]\s|[.;:]?$)", " ".join(page.split()))
+    return "" if sentence is None else sentence[1]
+
+
+@click.command()
+@json_option
+def more(json_: bool) -> None:
+    """List the commands that `jbw --help` leaves out."""
+    from jbw.cli import MORE, write_commands
+    from jbw.report.messages.commands import SHORT
+
+    formatter = click.get_current_context().make_formatter()
+    write_commands(formatter, MORE)
+    named = {name: SHORT[name] for names in MORE.values() for name in names}
+    answer(json_, named, saved=formatter.getvalue().strip("\n"))
 
 
 @click.command()

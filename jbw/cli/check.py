@@ -171,7 +171,7 @@ def _lines(checked: "Check") -> Iterator[Table | str]:
     yield table(f"Campaign {checked.campaign}", checked.rows, *columns)
     if checked.joints is not None:
         yield from _joints(checked.joints)
-    yield from _findings(checked.rows)
+    yield from finding_lines(checked.rows)
 
 
 def _joints(joints: "JointsCheck") -> Iterator[Table | str]:
@@ -205,7 +205,7 @@ def _joints(joints: "JointsCheck") -> Iterator[Table | str]:
     yield from joints.notes
 
 
-def _findings(rows: "Sequence[Row]") -> Iterator[str]:
+def finding_lines(rows: "Sequence[Row]") -> Iterator[str]:
     """A line a finding with all tests that it concerns; why and remedy once where alike."""
     by_remedy: dict[tuple[str, str, str], dict[tuple[str, str], list[str]]] = {}
     for row in rows:

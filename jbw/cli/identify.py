@@ -32,6 +32,7 @@ from jbw.cli.printing import (
     verdict_lines,
 )
 from jbw.cli.progress import computing
+from jbw.cli.result import save_brief
 from jbw.errors import JbwError
 from jbw.report.messages import commands as messages
 from jbw.report.messages.opening import headline
@@ -127,6 +128,10 @@ def demo(
     "law is worth. The campaign file states it by the key `final`.",
 )  # fmt: skip
 @click.option(
+    "--brief", is_flag=True, help="Write brief.pdf too: one page with the verdict, frequency, "
+    "damping ratio and Q.",
+)  # fmt: skip
+@click.option(
     "--workers", type=click.IntRange(1), help="Processes for several campaigns; half the "
     "processors when left out.",
 )  # fmt: skip
@@ -137,9 +142,9 @@ def demo(
 @verbose_option
 @outside_option
 def identify(
-    campaigns: tuple[Path, ...], out: Path | None, quick: bool, final: bool, workers: int | None,
-    seed: int | None, figures: tuple[str, ...], strict: bool, json_: bool, verbose: bool,
-    allow_outside: bool,
+    campaigns: tuple[Path, ...], out: Path | None, quick: bool, final: bool, brief: bool,
+    workers: int | None, seed: int | None, figures: tuple[str, ...], strict: bool, json_: bool,
+    verbose: bool, allow_outside: bool,
 ) -> int:  # fmt: skip
     """Identify the joint from the campaign file CAMPAIGN, or from each of several.
 
@@ -167,7 +172,7 @@ def identify(
             )
         place = out or Path("runs")
         asked = {"seed": seed, "allow_outside": allow_outside, "figures": figures}
-        return identify_several(campaigns, place, workers, json_, strict, asked)
+        return identify_several(campaigns, place, workers, json_, strict, asked, brief=brief)
     if workers is not None:
         raise click.UsageError("--workers is for several campaigns; one runs in one process.")
     require_file(campaign, *CAMPAIGN)
@@ -177,12 +182,12 @@ def identify(
         figures=figures,
     )  # fmt: skip
     run = begin(out or Path(f"{campaign.stem}-run"), manifest)
-    return run_to_end(run, json_=json_, verbose=verbose, strict=strict)
+    return run_to_end(run, json_=json_, verbose=verbose, strict=strict, brief=brief)
 
 
 def identify_several(
     campaigns: Sequence[Path], out: Path, workers: int | None, json_: bool, strict: bool,
-    asked: Mapping[str, Any],
+    asked: Mapping[str, Any], *, brief: bool = False,
 ) -> int:  # fmt: skip
     """Identify several campaigns in processes, `asked` of each, and tell what became of each."""
     try:
@@ -196,6 +201,10 @@ def identify_several(
         click.echo(SAVED, err=True)
         return INTERRUPTED
     rows = [asdict(outcome) for outcome in outcomes]
+    if brief:
+        for outcome in outcomes:
+            if outcome.status == "done":
+                save_brief(Path(outcome.folder))
     answer(json_, {"out": str(out), "campaigns": rows}, several_table(rows), saved=f"Runs: {out}")
     failed = [outcome.exit_code for outcome in outcomes if outcome.status == "failed"]
     if failed:
@@ -251,11 +260,12 @@ def resume(folder: Path, strict: bool, json_: bool, verbose: bool, allow_outside
 
 def run_to_end(
     run: Run, *, json_: bool = False, verbose: bool = False, steps: bool = False,
-    strict: bool = False,
+    strict: bool = False, brief: bool = False,
 ) -> int:  # fmt: skip
     """Carry a run out; when interrupted, say how to go on.
 
     `steps` prints the parameters of every step beside what is said shortly: the paper's Table 1.
+    `brief` writes brief.pdf into the run's folder.
 
     Returns:
         Exit code: 0, 4 when the verdict of the main posterior is neither ok nor usable, or with
@@ -283,17 +293,18 @@ def run_to_end(
         raise
     finally:
         run.close()
+    pages = f"\nBrief: {save_brief(run.folder)}" if brief else ""
     shown = _all_of(summary) if verbose else short_lines(summary, tree)
     if steps and not verbose:
         from jbw.report.tables import parameters_table
 
         shown = (parameters_table(summary, {}), *shown)
     if "quick" in summary:
-        answer(json_, summary, *shown, saved=f"First answer: {run.folder}")
+        answer(json_, summary, *shown, saved=f"First answer: {run.folder}{pages}")
         quoted = shlex.quote(str(run.folder))
         following(f"resume {run.to_resume}", None, messages.draw_posterior(quoted))
         return NOT_TRUSTED if strict else 0
-    answer(json_, summary, *shown, saved=f"Report: {run.folder / 'report.html'}")
+    answer(json_, summary, *shown, saved=f"Report: {run.folder / 'report.html'}{pages}")
     return ended(summary["verdict"], run.folder, strict=strict)
 
 

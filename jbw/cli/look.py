@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from jbw.cli.check import finding_lines
 from jbw.cli.options import campaign_argument, figure_option, json_option, outside_option
 from jbw.cli.printing import answer, following
 from jbw.cli.progress import STARTING, telling
@@ -37,8 +38,8 @@ def look(
     Frequency, damping, scatter of repeats, third harmonic and what a linear oscillator leaves, test
     by test in the order of the motion; then whether frequency and damping change with amplitude, by
     how much and by which power, and what harmonics, distortion and coherence say. What is doubtful
-    about the records is said first: it changes the numbers. `jbw check` looks at the channels,
-    `jbw identify` fits a joint.
+    about the records is said first, as `jbw check` says it: it changes the numbers. `jbw identify`
+    fits a joint.
     """
     if html is not None and html.suffix.lower() not in (".html", ".htm"):
         raise ConfigError(
@@ -46,6 +47,7 @@ def look(
             remedy="Name it so, for example look.html.",
         )
     with telling(STARTING) as say:  # nothing of it needs JAX
+        from jbw.campaign.check import check_campaign
         from jbw.campaign.load import load_with_doubts
         from jbw.run.session import limit_threads
         from jbw.study.look import look as look_at
@@ -53,6 +55,7 @@ def look(
 
         limit_threads()
         say(f"Reading {campaign}")
+        checked = check_campaign(campaign, allow_outside=allow_outside)
         loaded, doubts = load_with_doubts(campaign, allow_outside=allow_outside)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # readings that cannot be made are listed as unread
@@ -76,9 +79,9 @@ def look(
     outputs = (("Figure", figure), ("Choose the band", html))
     saved = "\n".join(f"{what}: {path}" for what, path in outputs if path is not None)
     record = readings.record | {"doubts": [str(doubt.message) for doubt in doubts]}
-    # What the records were mishandled by changes the numbers above: it is said beside them.
-    doubted = [f"Doubtful: {doubt}" for doubt in record["doubts"]]
-    answer(json_, record, *tables, *doubted, *record["statements"], *record["seen"], saved=saved)
+    # What the records were mishandled by changes the numbers below: it is said before them.
+    doubted = finding_lines(checked.rows)
+    answer(json_, record, *doubted, *tables, *record["statements"], *record["seen"], saved=saved)
     # Of records none of which could be read, a fit says no more than a check.
     following("identify" if record["tests"] or loops else "check", campaign)
 

@@ -81,14 +81,19 @@ def _write_brief(folder: Path, out: Path | None, json_: bool, *, interactive: bo
             f"Option --out must end in .pdf with --brief, but is {out}.",
             remedy="Name it so, for example --out brief.pdf.",
         )
+    page = save_brief(folder, out)
+    answer(json_, {"brief": str(page)}, saved=str(page))
+
+
+def save_brief(folder: Path, out: Path | None = None) -> Path:
+    """Write the brief of a finished run, beside its report by default, and return its path."""
     from jbw.report.brief import write_brief
     from jbw.report.result import read_result
     from jbw.run.files import write_whole
 
-    summary, tree = read_result(folder)
     page = out or folder / "brief.pdf"
-    write_whole(page, write_brief(summary, tree))
-    answer(json_, {"brief": str(page)}, saved=str(page))
+    write_whole(page, write_brief(*read_result(folder)))
+    return page
 
 
 @click.command()

@@ -1,14 +1,15 @@
 """Frequency response functions from records, with the variance of the estimate."""
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import fft, signal
 
-from jbw.errors import ConfigError, DataError
+from jbw.errors import ConfigError, DataError, did_you_mean
 from jbw.measurement.channels import (
     Complexes,
     Reals,
@@ -18,6 +19,7 @@ from jbw.measurement.channels import (
     same_length,
     sampling,
 )
+from jbw.measurement.records import RESPONSES, Record, Test
 from jbw.quantities import Motion, derivative_order
 
 Window = Literal["hann", "boxcar"]
@@ -67,6 +69,7 @@ class FRF:
         return RESOLUTION_BINS[self.window] / self.window_s
 
 
+@overload
 def frf(
     u: ArrayLike,
     y: ArrayLike,
@@ -79,6 +82,39 @@ def frf(
     overlap: float | None = None,
     estimator: Literal["h1", "h2"] = "h1",
     delay: float = 0.0,
+    band: tuple[float, float] | None = None,
+) -> FRF: ...
+
+
+@overload
+def frf(
+    record: Record | Sequence[Record] | Test,
+    source: str,
+    response: str,
+    /,
+    *,
+    window: Window = "hann",
+    window_s: float | None = None,
+    nperseg: int | None = None,
+    overlap: float | None = None,
+    estimator: Literal["h1", "h2"] = "h1",
+    delay: float | None = None,
+    band: tuple[float, float] | None = None,
+) -> FRF: ...
+
+
+def frf(
+    u: Any,
+    y: Any,
+    fs: Any,
+    *,
+    response: Motion = "displacement",
+    window: Window = "hann",
+    window_s: float | None = None,
+    nperseg: int | None = None,
+    overlap: float | None = None,
+    estimator: Literal["h1", "h2"] = "h1",
+    delay: float | None = None,
     band: tuple[float, float] | None = None,
 ) -> FRF:
     r"""Receptance of a record, by averaging over segments (Welch).
@@ -94,17 +130,21 @@ def frf(
     |W|^2, whatever the number of averages; `line_fit` allows for it. Use `window="boxcar"` with a
     whole number of periods in a segment for a periodic input.
 
+    Of measured records name the channels in place of their samples: `jbw.frf(record, "force",
+    "velocity")`, where `record` is a `Record`, several of one length, or a `Test` with its repeats.
+
     Args:
         u: Input, shape (time,) or (repeat, time); repeats are averaged together.
         y: Response, of the same shape [m, m/s or m/s^2].
         fs: Sampling frequency [Hz].
-        response: What `y` is: displacement, velocity or acceleration.
+        response: What `y` is: displacement, velocity or acceleration. A named channel says it.
         window: hann for random records, boxcar for periodic ones.
         window_s: Duration of a segment [s]; by default the longest that gives 16 segments.
         nperseg: The same in samples.
         overlap: Shared part of neighbouring segments; by default 0.5 with hann, else 0.
         estimator: h1 (noise on the response) or h2 (noise on the input).
-        delay: Lag of the response channel behind the input channel [s].
+        delay: Lag of the response channel behind the input channel [s]; by default zero, or that of
+            the `Test`.
         band: Lowest and highest frequency to keep [Hz].
 
     Returns:
@@ -112,8 +152,12 @@ def frf(
 
     Raises:
         DataError: NaN, unequal shapes, a dead input, or a record too short for two segments.
-        ConfigError: An option that cannot be meant.
+        ConfigError: An option that cannot be meant, or a channel that a record lacks.
     """
+    if isinstance(y, str):
+        delay = getattr(u, "delay", 0.0) if delay is None else delay
+        u, y, fs, response = _named_channels(u, y, fs)
+    delay = 0.0 if delay is None else delay
     u, y, fs = channel(u, "u"), channel(y, "y"), sampling(fs)
     same_length(u=u, y=y)
     u, y = np.atleast_2d(u), np.atleast_2d(y)
@@ -147,6 +191,47 @@ def frf(
     )  # fmt: skip
     _warn_when_coarse(estimate)
     return estimate
+
+
+def _named_channels(
+    measured: Record | Sequence[Record] | Test, source: str, response: str
+) -> tuple[Reals, Reals, float, Motion]:
+    """Return input and response of every repeat, their sampling frequency and what moves."""
+    records = measured.records if isinstance(measured, Test) else measured
+    records = [records] if isinstance(records, Record) else list(records)
+    rates = {record.fs for record in records}
+    if len(rates) != 1:
+        stated = ", ".join(f"{rate:g}" for rate in sorted(rates)) or "none"
+        raise DataError(
+            f"Records that are averaged must have one sampling frequency, but have {stated} Hz.",
+            remedy="Estimate the FRF of each record, or resample them.",
+        )
+    # The drive point's channel is an acceleration by definition.
+    motion = "acceleration" if response == "drive_point" else response
+    if motion not in RESPONSES:
+        raise ConfigError(
+            f"Argument `response` must name a motion, but is {response!r}.",
+            remedy=f"Take one of: {', '.join((*RESPONSES, 'drive_point'))}.",
+        )
+    pairs = [(_channel(record, source), _channel(record, response)) for record in records]
+    sizes = sorted({len(samples) for pair in pairs for samples in pair})
+    if len(sizes) > 1:
+        raise DataError(
+            f"Records that are averaged must have one length, but have {sizes[0]} to {sizes[-1]} "
+            "samples.",
+            remedy="Cut them to the shortest, or estimate the FRF of each record.",
+        )
+    u, y = np.stack(pairs, axis=1)
+    return u, y, rates.pop(), motion
+
+
+def _channel(record: Record, role: str) -> Reals:
+    if role not in record.channels:
+        raise ConfigError(
+            f"Record {record.name or 'given'} has no channel {role!r}.",
+            remedy=f"{did_you_mean(role, record.channels)}It has: {', '.join(record.channels)}.",
+        )
+    return record.channels[role]
 
 
 def _checked(window: str, estimator: str, overlap: float | None) -> float:

@@ -60,7 +60,8 @@ def known_parameters(summary: Summary) -> list[str]:
     good = [name for name in drawn if graded[name] <= 1]
     if len(good) < len(drawn):
         good += [name for name in graded if name not in drawn and graded[name] <= 1]
-    return [f"{name} {_with_interval(rows[name])}" for name in good[:MOST_SHOWN]]
+    shown = ((name, *with_interval(rows[name])) for name in good[:MOST_SHOWN])
+    return [" ".join(filter(None, parts)) for parts in shown]
 
 
 def _rows(summary: Summary) -> Mapping[str, Any]:
@@ -80,12 +81,12 @@ def _has_mode(summary: Summary) -> bool:
     return UNMEASURED in ((steps.get(summary.get("main")) or {}).get("parameters") or {})
 
 
-def _with_interval(row: Mapping[str, Any]) -> str:
-    """Mean and 99 % interval to two digits of its width, with the unit."""
+def with_interval(row: Mapping[str, Any]) -> tuple[str, str, str]:
+    """Return mean and 99 % interval to two digits of its width, and the unit."""
     ends = row["mean"], row["q005"], row["q995"]
     mean, low, high = (f"{value:.{_digits(*ends[1:])}g}" for value in ends)
     unit = str(row.get("unit") or "1")
-    return f"{mean} [{low}, {high}]" + ("" if unit == "1" else f" {unit}")
+    return mean, f"[{low}, {high}]", "" if unit == "1" else unit
 
 
 def _digits(low: float, high: float) -> int:

@@ -60,11 +60,11 @@ SLIDERS = Oscillator(
 
 PRIOR: Mapping[str, tuple[float, float]] = {
     "zeta": (0.00352, 0.00528),
-    "alpha": (425.0, 590.0),
-    "delta": (272.0, 408.0),
-    "gamma": (20.0, 48.0),
+    "alpha": (424.31, 589.61),
+    "delta": (272.80, 409.92),
+    "gamma": (17.0, 41.0),
 }
-"""The paper's boxes, as far as the stated bounds and coefficients of variation give them."""
+"""Bounds of the paper's uniform priors: zeta, alpha and delta of Step 3, gamma of Step 4 [SI]."""
 
 PROBING_HZ = (5.0, 5.5, 6.0, 6.5, 6.75)  # around omega_n / 3
 LOOP_HZ = 18.5  # resonance with the joint sliding, just below it with the joint sticking

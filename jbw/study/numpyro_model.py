@@ -109,10 +109,9 @@ def _predicted(theta: Mapping[str, Any], data: Dataset) -> dict[str, Any]:
 
 def _with_prior(campaign: Campaign, prior: Mapping[str, Any]) -> Campaign:
     """The campaign with some priors replaced, each checked as one of its file."""
-    settings_by_key = dict(campaign.settings)
-    stated = {name: settings_by_key[name] for name in campaign.settings.model_fields_set}
-    stated["prior"] = {**campaign.settings.prior, **prior}
-    settings = Identify.of(stated)
+    # Only the prior is new: what a loaded campaign holds elsewhere need not be valid as a file's.
+    checked = Identify.of({"prior": {**campaign.settings.prior, **prior}})
+    settings = campaign.settings.model_copy(update={"prior": checked.prior})
     modes = 1 if campaign.structure is None else len(campaign.structure.modes)
     kinds = [test.kind for test in campaign.tests]
     refuse("Argument `prior`", law_errors(campaign.laws, settings.prior, modes, kinds))

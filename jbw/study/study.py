@@ -3,11 +3,10 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
 from importlib.metadata import version
 from pathlib import Path
 from textwrap import shorten
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
@@ -19,10 +18,15 @@ from jbw.measurement.records import Test
 from jbw.report.formats import formats_of
 from jbw.report.opening import known_parameters
 from jbw.report.result import node, read_result
+from jbw.study.cell import page_of
+from jbw.study.frames import backbone_frame, parameter_frame, prediction_frame
 from jbw.study.store import claim, save_report, save_result
 from jbw.verification.planned import planned_sweep
 from jbw.verification.predict import Request, chosen, predict
 from jbw.verification.predictive_basis import GROUPS_OF_BASIS, NUM_DRAWS, Basis, basis_of
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 LINE = 300  # characters of what is known, in a cell
 
@@ -50,7 +54,7 @@ class Study:
 
     def _repr_html_(self) -> str:
         verdict = self.verdict._repr_html_() if "verdict" in self.record else ""
-        return f"{verdict}<p>{escape(self._known())}</p>"
+        return verdict + page_of(self.record, self.tree)
 
     def _known(self) -> str:
         """The campaign and the parameters that are known, in one line."""
@@ -72,6 +76,51 @@ class Study:
     def summary(self) -> dict[str, Any]:
         """Every step and parameter in numbers, and in words what is identified."""
         return self.record
+
+    def table(self, step: str | None = None) -> "DataFrame":
+        """Return the parameters of a step as a data frame, in SI.
+
+        Columns: `unit`, `mean`, `sd`, `cv` (sd over mean), `q005` and `q995` (ends of the 99 %
+        interval), `map`, `kl` [nats], `ess_bulk` and `r_hat`, those that the step has.
+
+        Args:
+            step: Name of a step, as in `summary()["steps"]`; the main one when None.
+
+        Returns:
+            One row per parameter.
+
+        Raises:
+            ConfigError: The run has no step of that name.
+        """
+        return parameter_frame(self.record, step)
+
+    def backbone(self) -> "DataFrame":
+        """Return natural frequency and damping ratio at each amplitude, with 99 % bands.
+
+        Columns: the medians `frequency_hz` [Hz] and `damping` [-], their bands' ends with `_low`
+        and `_high`, and `fitted`: whether the amplitude lies within those that were fitted.
+
+        Returns:
+            One row per amplitude of the displacement [m]; per mode and amplitude at the first point
+            where several joints were identified.
+
+        Raises:
+            DataError: The joint has no mode, or no motion was measured.
+        """
+        return backbone_frame(self.tree)
+
+    def predictions(self) -> "DataFrame":
+        """Return how each test is predicted, as a data frame.
+
+        Columns: `kind`, `level`, `level_unit`, `fitted` (False: held out), `nrmse` (error over the
+        rms of the record), `coverage` and `half_width` of the 99 % band, `nrmse_linear` and
+        `nrmse_cubic` (the best oscillator without a joint), and `extrapolation`; those that a
+        test has.
+
+        Returns:
+            One row per predicted test; none after a quick run, which predicts no test.
+        """
+        return prediction_frame(self.record)
 
     def predict(
         self, test: str | Test, num_draws: int = NUM_DRAWS, *, noise: bool = True

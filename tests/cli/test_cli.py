@@ -1,6 +1,7 @@
 """The command line: what loads, exit codes, what goes to stdout and what to stderr."""
 
 import json
+import re
 import subprocess
 import sys
 
@@ -74,7 +75,9 @@ def test_a_look_loads_neither_jax_nor_plots_nor_xarray(folder):
 def test_help_and_version(capsys):
     assert run(["--help"]) == 0
     out = capsys.readouterr().out
-    assert all(name in out for name in jbw.cli.COMMANDS)
+    assert run(["more"]) == 0
+    out += capsys.readouterr().out
+    assert all(f"  {name} " in out for name in jbw.cli.COMMANDS if name != "more")
     assert run(["--version"]) == 0
     assert capsys.readouterr().out == f"jbw, version {jbw.__version__}\n"
 
@@ -278,13 +281,25 @@ def test_a_warning_of_several_tests_is_told_once(capsys):
     ]
 
 
-def test_help_stands_in_groups_with_the_rare_commands_last(capsys):
+NINE = ["init", "check", "look", "identify", "report", "predict", "laws", "diff", "export"]
+
+
+def test_help_shows_nine_commands_and_where_the_others_are(capsys):
     assert run(["--help"]) == 0
     printed = capsys.readouterr().out
-    positions = [printed.index(f"{heading}:\n") for heading in ("Begin", "Identify", "Use", "More")]
-    assert positions == sorted(positions)
-    last = printed[positions[-1] :]
-    assert all(f"  {name} " in last for name in ("sbc", "compare", "schema", "completion"))
+    assert re.findall(r"^  ([a-z]+)  ", printed.partition("Begin:")[2], re.MULTILINE) == NINE
+    assert printed.rstrip().endswith("jbw more")
+    assert run(["more"]) == 0
+    others = re.findall(r"^  ([a-z]+)  ", capsys.readouterr().out, re.MULTILINE)
+    assert sorted(others + NINE + ["more"]) == sorted(jbw.cli.COMMANDS)
+    assert run(["more", "--json"]) == 0
+    assert list(json.loads(capsys.readouterr().out)) == others
+
+
+@pytest.mark.parametrize("name", sorted(jbw.cli.COMMANDS))
+def test_every_command_has_its_help_whether_it_is_listed_first_or_not(name, capsys):
+    assert run([name, "--help"]) == 0
+    assert f"Usage: jbw {name} " in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

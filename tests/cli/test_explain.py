@@ -59,7 +59,13 @@ def test_an_unknown_code_is_answered_with_the_nearest(capsys):
 
 def test_without_a_code_all_are_named(capsys):
     assert run(["explain"]) == 0
-    assert capsys.readouterr().out.split() == list(explanations())
+    lines = capsys.readouterr().out.splitlines()
+    told = [line.split(maxsplit=1) for line in lines]
+    assert [code for code, _ in told] == list(explanations())
+    # What stands behind a code is the beginning of its page.
+    for code, sentence in told:
+        assert sentence in " ".join(explanations()[code].split())
+        assert len(sentence.split()) >= 3, code
 
 
 MAKERS = {"Column", "words", "named", "digits", "shares", "by_sd", "_number", "_percent", "number"}
@@ -111,7 +117,19 @@ def test_every_parameter_of_every_law_is_explained():
 
 @pytest.mark.parametrize(
     "word",
-    ["nats", "direction", "valley", "contraction", "ESS", "Step 4", "held out", "k-hat", "R-hat"],
+    [
+        "nats",
+        "direction",
+        "valley",
+        "contraction",
+        "ESS",
+        "Step 4",
+        "held out",
+        "k-hat",
+        "R-hat",
+        "usable",
+        "half width",
+    ],
 )
 def test_words_that_nobody_understood_are_explained(word, capsys):
     assert run(["explain", word]) == 0

@@ -5,6 +5,7 @@ import pytest
 from scipy import signal
 
 from jbw.errors import ConfigError, DataError
+from jbw.measurement.records import Record, Test
 from jbw.measurement.spectra import averaged, frf, half_power_bandwidth
 
 OMEGA_N, GAIN, FS = 2 * np.pi * 18.8, 60.0, 128.0
@@ -46,6 +47,49 @@ def test_periodic_record_gives_the_analytic_receptance(response, estimator):
     assert np.all(found.coherence > 1 - 1e-9)
     assert found.freq[0] == 5
     assert found.freq[-1] == 40
+
+
+def recorded(rng, size=8192, fs=FS, **others):
+    u, y = rng.standard_normal((2, size))
+    return Record(fs, {"force": u, "velocity": y, "drive_point": u - y, **others}, {}, "hit.csv")
+
+
+def test_channels_of_records_are_named_in_place_of_their_samples():
+    rng = np.random.default_rng(4)
+    records = tuple(recorded(rng) for _ in range(3))
+    u, y, x = (np.stack([r.channels[name] for r in records]) for name in records[0].channels)
+    cases = [
+        (frf(records[1], "force", "velocity"), frf(u[1], y[1], FS, response="velocity")),
+        (frf(records, "force", "velocity"), frf(u, y, FS, response="velocity")),
+        (frf(records, "force", "drive_point"), frf(u, x, FS, response="acceleration")),
+        (
+            frf(Test("noise", records, "a", delay=0.01), "force", "velocity", window_s=2.0),
+            frf(u, y, FS, response="velocity", window_s=2.0, delay=0.01),
+        ),
+        (
+            frf(Test("noise", records, "a", delay=0.01), "force", "velocity", delay=0.0),
+            frf(u, y, FS, response="velocity"),
+        ),
+    ]
+    for found, expected in cases:
+        np.testing.assert_array_equal(found.h, expected.h)
+        assert found.response == expected.response
+
+
+@pytest.mark.parametrize(
+    ("asked", "text"),
+    [
+        (lambda rng: (recorded(rng), "input", "velocity"), "hit.csv has no channel 'input'"),
+        (lambda rng: (recorded(rng), "force", "velocty"), "must name a motion, but is 'velocty'"),
+        (lambda rng: (recorded(rng), "force", "acceleration"), "no channel 'acceleration'"),
+        (lambda rng: ([recorded(rng), recorded(rng, fs=64.0)], "force", "velocity"), "64, 128 Hz"),
+        (lambda rng: ([recorded(rng), recorded(rng, 9000)], "force", "velocity"), "8192 to 9000"),
+        (lambda rng: ([], "force", "velocity"), "none Hz"),
+    ],
+)
+def test_channels_that_are_not_there_are_refused(asked, text):
+    with pytest.raises((DataError, ConfigError), match=text):
+        frf(*asked(np.random.default_rng(5)))
 
 
 def test_a_lagging_response_has_negative_phase():

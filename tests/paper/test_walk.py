@@ -8,6 +8,7 @@ from jax.test_util import check_grads
 from scipy.integrate import quad
 from scipy.stats import truncnorm
 
+from jbw import rig
 from jbw.errors import ConfigError, DataError
 from jbw.paper.walk import (
     STEP_SIZE,
@@ -126,3 +127,22 @@ def test_what_has_no_divergence_or_walk_is_refused():
             random_walk(jax.random.key(0), exponential, PRIOR, {"x": 0.5}, **options)
     with pytest.raises(ConfigError, match="`start` must lie inside"):
         random_walk(jax.random.key(0), exponential, PRIOR, {"x": 1.0})
+
+
+@pytest.mark.parametrize(
+    ("name", "mean", "cv", "nats"),
+    # Theory: a normal of the printed mean and CV has the greatest entropy, -ln(sqrt(2 pi e) s).
+    [
+        ("zeta", 0.00444, 0.0057, 2.82),
+        ("alpha", 497.40, 0.0098, 2.10),
+        ("delta", 340.21, 0.0098, 2.30),
+    ],
+)
+def test_the_printed_variations_need_this_divergence_from_the_papers_priors(name, mean, cv, nats):
+    low, high = rig.PRIOR[name]
+    closed = -np.log(np.sqrt(2 * np.pi * np.e) * cv * mean / (high - low))
+    found = float(kl_normal(mean, cv * mean, low, high))
+    assert found == pytest.approx(
+        closed, rel=1e-12
+    )  # nothing is cut: ten deviations or more to each bound
+    assert found == pytest.approx(nats, abs=0.005)

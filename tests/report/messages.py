@@ -327,7 +327,7 @@ OF_TOPICS = {
         brief.more_findings(3), brief.more_lines(7),
     ],
     "commands": [
-        *commands.SHORT.values(), commands.FAULT, commands.NO_NAME,
+        *commands.SHORT.values(), commands.MORE, commands.FAULT, commands.NO_NAME,
         commands.MISSING_FACTS, commands.condition_number("12.3"),
         commands.nothing_called("rhat", "r_hat"), commands.no_command("identfy", "identify"),
         commands.identify_again("run"), commands.saved("a run", "'a run'"),

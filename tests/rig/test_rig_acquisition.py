@@ -278,7 +278,7 @@ def test_held_out_before_any_fit():
     # Of the preset's two kinds of test to fit, the one that was measured.
     assert settings == {"fit": ("sweep",), "fit_levels": (0.05, 0.20), "fit_repeats": 24}
     assert set(measure(tests=sweeps[:1], repeats=4).settings) == {"fit", "prior"}
-    # The paper's prior CVs; its box of gamma is known by this number alone, to two digits.
+    # The CVs of the paper's priors, as its bounds give them.
     for name, cv in {"zeta": 0.116, "alpha": 0.094, "delta": 0.116, "gamma": 0.239}.items():
         low, high = prior[name]
         assert (high - low) / np.sqrt(12) / ((low + high) / 2) == pytest.approx(cv, rel=0.01)

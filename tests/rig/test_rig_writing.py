@@ -45,7 +45,7 @@ def test_campaign_file_states_the_tests(campaign, folder):
     table = tomllib.loads((folder / "campaign.toml").read_text())
     assert table["campaign"] == {"name": "virtual rig, laboratory"}
     assert table["identify"]["fit_levels"] == [0.05, 0.2]
-    assert table["identify"]["prior"]["alpha"] == [425.0, 590.0]
+    assert table["identify"]["prior"]["alpha"] == [424.31, 589.61]
     assert [test["name"] for test in table["test"]] == [test.name for test in campaign.tests]
     for test in table["test"]:
         assert len(list(folder.glob(test["files"]))) == 2

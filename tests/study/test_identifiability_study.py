@@ -9,6 +9,7 @@ import xarray as xr
 from damper_campaign import TRUTH, write_campaign
 
 import jbw.cli.progress
+from jbw import rig
 from jbw.campaign.load import load_campaign
 from jbw.campaign.settings import Identify
 from jbw.cli import run
@@ -70,7 +71,7 @@ def test_profiles_hold_the_truth_and_are_far_wider_than_the_products(weak):
 def test_noise_alone_knows_nothing_of_the_joint():
     mean, sd = np.array([118.1, 0.00444, 15.0]), np.array([0.01, 2e-5, 0.01])
     data = Dataset.of([LineReading.of(mean, np.diag(sd**2), 2e-5, "noise")])
-    prior = {"alpha": [425.0, 590.0], "delta": [272.0, 408.0], "gamma": [20.0, 48.0]}
+    prior = {name: list(rig.PRIOR[name]) for name in ("alpha", "delta", "gamma")}
     settings = Identify(prior=prior, coordinates="paper")
     found = look(prepare(jax.random.split(jax.random.key(0)), data, settings), with_profiles=False)
     known = found.information.known

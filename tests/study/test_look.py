@@ -365,8 +365,11 @@ def test_the_command_says_what_is_doubtful_beside_the_numbers_that_it_changes(tm
     )
     assert run(["look", str(path)]) == 0
     said = capsys.readouterr().out
-    assert "Doubtful: Test decay" in said
     assert "window_s = " in said
+    assert run(["check", str(path)]) == 0
+    channels = capsys.readouterr().out
+    findings = channels[channels.index("warning decay, velocity: ") :]
+    assert said.startswith(findings.partition("\nwarning")[0])  # as the check says it, and first
     assert run(["look", str(path), "--json"]) == 0
     (doubt,) = json.loads(capsys.readouterr().out)["doubts"]
     stated = float(doubt.rpartition("window_s = ")[2].split("`")[0])

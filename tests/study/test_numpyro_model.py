@@ -123,6 +123,28 @@ def test_predictive_and_guides_run_on_it(model):
     assert np.median(losses[-50:]) < np.median(losses[:50])  # each is of one draw
 
 
+def test_a_prior_replaces_that_of_a_campaign_without_held_out_tests(tmp_path, monkeypatch):
+    """The example of howto/priors.md; what is fitted is the campaign that has the prior."""
+    text = PLAIN.replace('hold_out = ["weak"]\n', "") + "[identify.prior]\nzeta = [0.001, 0.1]\n"
+    campaign = jbw.load_campaign(write_toy(tmp_path, text))
+    asked = []
+
+    def measured_in(campaign, report):
+        asked.append(campaign)
+        raise LookupError
+
+    monkeypatch.setattr("jbw.study.numpyro_model.measured_in", measured_in)
+    with pytest.raises(LookupError):
+        jbw.numpyro_model(campaign, prior={**STATED, "gamma": dist.LogNormal(5.0, 0.1)})
+    ((name, (low, high)),) = campaign.settings.prior.items()
+    assert (name, low, high) == ("zeta", 0.001, 0.1)
+    prior = {name: density.build() for name, density in asked[0].settings.prior.items()}
+    assert (prior["alpha"].loc, prior["alpha"].scale) == (3003.0, 3.0)
+    assert (prior["gamma"].loc, prior["zeta"].scale) == pytest.approx((5.0, 0.002))
+    none = {"prior": {}}
+    assert asked[0].settings.model_copy(update=none) == campaign.settings.model_copy(update=none)
+
+
 @pytest.mark.parametrize(
     ("prior", "says"),
     [

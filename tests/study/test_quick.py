@@ -18,7 +18,8 @@ def answer(folder):
     """The toy campaign, with its first answer in `quick`."""
     campaign = toy_campaign.write_toy(folder, toy_campaign.PLAIN)
     out = folder / "quick"
-    assert run(["identify", str(campaign), "--quick", "--seed", "1", "--out", str(out)]) == 0
+    asked = ["identify", str(campaign), "--quick", "--brief", "--seed", "1", "--out", str(out)]
+    assert run(asked) == 0
 
 
 @pytest.fixture(scope="module")
@@ -53,6 +54,10 @@ def test_a_first_answer_has_parameters_and_bands_and_is_not_assessed(quick):
     low, middle, high = curve["damping"].values
     assert np.all((low <= middle) & (middle <= high))
     assert "no other test is predicted yet" in " ".join(summary["opening"])
+
+
+def test_a_brief_lies_beside_the_answer_where_it_was_asked_for(quick):
+    assert (quick / "quick" / "brief.pdf").read_bytes().startswith(b"%PDF")
 
 
 def test_intervals_are_those_of_the_posterior(quick, toy):

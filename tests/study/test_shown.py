@@ -1,5 +1,8 @@
 """What a cell shows of a campaign, a verdict and a study: short, the worst first, escaped."""
 
+import re
+import sys
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -7,7 +10,7 @@ import xarray as xr
 from jbw.campaign.load import Campaign
 from jbw.inference.posterior.finding import Finding, judge
 from jbw.measurement.records import Record, Test
-from jbw.study.study import Study
+from jbw.study.study import Study, load_study
 
 HOSTILE = "<script>alert('&')</script> "
 
@@ -50,12 +53,26 @@ def test_a_cell_is_short_and_trusts_no_name(make):
 
 def test_the_verdict_stands_on_top_and_what_fails_first():
     page = a_study()._repr_html_()
-    assert page.startswith("<p><b>Verdict: failed (sampling failed)</b></p>")
+    assert re.match(
+        r"<p style=[^>]*#d55e00[^>]*><b>Verdict: failed \(sampling failed\)</b></p>", page
+    )
     assert page.index("<td>failed</td>") < page.index("11 of 41 checks passed")
     assert "<td>usable</td>" not in page[: page.index("<td>failed</td>")]
     said = repr(a_study()).splitlines()
     assert said[0] == "Verdict: failed (sampling failed)"
     assert "omega" in said[-1]
+
+
+def test_a_cell_of_a_run_has_a_row_per_parameter_and_the_backbone(toy, monkeypatch):
+    study = load_study(toy / "run")
+    page = study._repr_html_()
+    for name in study.table().index:
+        assert f"<tr><td>{name}</td><td>" in page
+    assert page.count('<img alt="Frequency and damping against amplitude" src="data:image/png') == 1
+    monkeypatch.setitem(sys.modules, "jbw.report.plots", None)  # as where matplotlib is absent
+    without = study._repr_html_()
+    assert "<img" not in without
+    assert page.startswith(without)
 
 
 def test_a_printed_campaign_and_a_good_verdict_are_a_few_lines():

@@ -30,6 +30,8 @@ ASKED = {
 ASKED_BY = {code: name for name, codes in ASKED.items() for code in codes}
 CHARACTERS = 200  # of a reason or a remedy at most
 SIZE = 1500  # bytes of a table at most
+# Okabe and Ito's green and vermillion; a doubt is orange.
+COLOURS, DOUBT = {"ok": "#009e73", "failed": "#d55e00"}, "#e69f00"
 
 
 @dataclass(frozen=True)
@@ -101,7 +103,8 @@ class Verdict:
         return "\n".join([self._heading(), *text_of(self.findings)])
 
     def _repr_html_(self) -> str:
-        return f"<p><b>{self._heading()}</b></p>{table_of(self.findings)}"
+        badge = f"border-left:.6em solid {COLOURS.get(self.status, DOUBT)};padding-left:.5em"
+        return f'<p style="{badge}"><b>{self._heading()}</b></p>{table_of(self.findings)}'
 
     def _heading(self) -> str:
         statuses = ((name, answer.word) for name, answer in answers(self.findings))

@@ -47,8 +47,10 @@ SHORT = {
     "compare": "Compare samplers on one posterior of a run.",
     "schema": "Print a file's JSON Schema, for editors.",
     "completion": "Print what completes jbw in a shell.",
+    "more": "List the other commands.",
 }
-"""The line of each command in `jbw --help`."""
+"""The line of each command in `jbw --help` and `jbw more`."""
+MORE = "Other commands, the demonstration among them: jbw more"
 
 FAULT = "Set JBW_TRACEBACK=1 and run again to see where; please report it."
 RUN_FOLDER = "CAMPAIGN-run, or runs for several,"

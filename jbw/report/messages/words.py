@@ -1,7 +1,7 @@
 """Words of the field and columns of tables, and what they mean."""
 
 WORDS: dict[tuple[str, ...], str] = {
-    ("verdict", "status", "badge"): (
+    ("verdict", "status", "badge", "usable", "not assessed"): (
         "Whether a result can be used: ok; usable (within an error that is stated); failed; not "
         "assessed (something could not be looked at). It answers three questions: convergence "
         "(`sampling`), model adequacy (`law`) and identifiability (`knowledge`). Of a record it "
@@ -276,6 +276,7 @@ WORDS: dict[tuple[str, ...], str] = {
         "How many of the measured values lie within the 99 % band. About 99 % is right."
     ),
     (
+        "half width",
         "its half width",
         "half width of the band / rms of the record",
         "its half width / rms of the record",

@@ -1,0 +1,57 @@
+"""What a notebook's cell shows of a study below its verdict: parameters and the backbone."""
+
+import io
+from base64 import b64encode
+from collections.abc import Mapping
+from html import escape
+from typing import Any
+
+import xarray as xr
+
+from jbw.errors import JbwError
+from jbw.identification.joint_answers import BACKBONES
+from jbw.report.messages.opening import GRADES
+from jbw.report.opening import MOST_SHOWN, with_interval
+from jbw.report.result import BACKBONE, node
+from jbw.report.words import grades
+
+HEADINGS = ("parameter", "mean", "99 % interval", "unit", "")
+DPI = 80  # of a picture in a cell, whose bytes are kept in the notebook
+
+
+def page_of(record: Mapping[str, Any], tree: xr.DataTree) -> str:
+    """Return the campaign's name, a row per parameter and the backbone, as HTML."""
+    title = f"<p>Study of {escape(str(record.get('campaign', '')))}</p>"
+    return title + _parameters(record) + _picture(tree)
+
+
+def _parameters(record: Mapping[str, Any]) -> str:
+    graded = grades(record)
+    if not graded:
+        return "<p>no parameter is known</p>"
+    rows = record["steps"][record["main"]]["parameters"]
+    lines = [f"<tr>{''.join(f'<th>{heading}</th>' for heading in HEADINGS)}</tr>"]
+    for name in list(graded)[:MOST_SHOWN]:
+        grade = GRADES[graded[name]].partition(",")[0].lower()
+        cells = "".join(f"<td>{escape(c)}</td>" for c in (name, *with_interval(rows[name]), grade))
+        lines.append(f"<tr>{cells}</tr>")
+    omitted = len(graded) - MOST_SHOWN
+    more = f"<p>and {omitted} more: <code>study.table()</code></p>" if omitted > 0 else ""
+    return f"<table>{''.join(lines)}</table>{more}"
+
+
+def _picture(tree: xr.DataTree) -> str:
+    """Return the backbone as an image; nothing where there is none or it cannot be drawn."""
+    groups = {"mode_backbones": BACKBONES, "backbone": BACKBONE}
+    name = next((name for name, path in groups.items() if node(tree, path) is not None), None)
+    if name is None:
+        return ""
+    try:
+        from jbw.report.plots import draw  # loads matplotlib
+
+        picture = io.BytesIO()
+        draw(tree, name).savefig(picture, format="png", dpi=DPI, facecolor="white")
+    except (ImportError, JbwError):  # numbers are shown without their picture
+        return ""
+    data = b64encode(picture.getvalue()).decode()
+    return f'<img alt="Frequency and damping against amplitude" src="data:image/png;base64,{data}">'

@@ -1,0 +1,85 @@
+"""A study's numbers as data frames of pandas: its parameters, its backbone, its predictions."""
+
+from collections.abc import Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+
+from jbw.errors import ConfigError, DataError, did_you_mean
+from jbw.identification.joint_answers import BACKBONES
+from jbw.report.result import BACKBONE, branch, node
+
+if TYPE_CHECKING:  # takes half a second to load
+    from pandas import DataFrame
+
+ENDS = ("low", "", "high")  # of a 99 % band about its median
+PARAMETERS = ("unit", "mean", "sd", "cv", "q005", "q995", "map", "kl", "ess_bulk", "r_hat")
+
+
+def parameter_frame(record: Mapping[str, Any], step: str | None) -> "DataFrame":
+    """Return one row per parameter of a step; of the main one when `step` is None."""
+    steps = record.get("steps") or {}
+    name = record.get("main") if step is None else step
+    if name not in steps:
+        listed = ", ".join(steps) or "none"
+        raise ConfigError(
+            f"Argument `step` must be a step of the run, but is {name!r}.",
+            remedy=f"{did_you_mean(str(name), steps)}Its steps: {listed}.",
+        )
+    return _frame(steps[name].get("parameters") or {}, PARAMETERS, "parameter")
+
+
+def backbone_frame(tree: xr.DataTree) -> "DataFrame":
+    """Return one row per amplitude, and per mode where a run has several joints."""
+    from pandas import Index, concat
+
+    if node(tree, BACKBONES) is not None:
+        group = branch(tree, BACKBONES, "frequency_hz", "damping", "displacement")
+        modes = Index(group["mode"].values.astype(int), name="mode")
+        of_modes = [
+            _bands(
+                group["displacement"].sel(mode=mode),
+                group["frequency_hz"].sel(mode=mode),
+                group["damping"].sel(mode=mode),
+            )
+            for mode in modes
+        ]
+        return concat(of_modes, keys=modes)
+    if node(tree, BACKBONE) is None:
+        raise DataError(
+            "The study has no backbone: its joint has no mode, or no motion was measured.",
+            remedy="Call `study.table()` for its parameters.",
+        )
+    group = branch(tree, BACKBONE, "frequency", "damping")
+    frame = _bands(group["amplitude"], group["frequency"], group["damping"])
+    # The last fitted amplitude is a node of the grid, up to round-off.
+    return frame.assign(fitted=frame.index <= group.attrs["y_fitted"] * (1 + 1e-9))
+
+
+def _bands(amplitude: xr.DataArray, frequency: xr.DataArray, damping: xr.DataArray) -> "DataFrame":
+    """Return median and ends of the 99 % bands at each amplitude."""
+    from pandas import DataFrame, Index
+
+    columns = {}
+    for name, band in (("frequency_hz", frequency), ("damping", damping)):
+        for quantile, end in enumerate(ENDS):
+            column = f"{name}_{end}" if end else name
+            columns[column] = np.asarray(band.isel(quantile=quantile), float)
+    return DataFrame(columns, index=Index(np.asarray(amplitude, float), name="amplitude_m"))
+
+
+def prediction_frame(record: Mapping[str, Any]) -> "DataFrame":
+    """Return one row per predicted test."""
+    predicted = record.get("predictions") or {}
+    columns = dict.fromkeys(key for row in predicted.values() for key in row)
+    return _frame(predicted, columns, "test")
+
+
+def _frame(rows: Mapping[str, Any], columns: Iterable[str], of: str) -> "DataFrame":
+    """Return records by name as rows, without the columns that all of them lack."""
+    from pandas import DataFrame, Index
+
+    kept = [c for c in columns if any(row.get(c) is not None for row in rows.values())]
+    values = [[row.get(column) for column in kept] for row in rows.values()]
+    return DataFrame(values, index=Index(list(rows), name=of), columns=Index(kept))
