@@ -98,7 +98,7 @@ def _asked_in(folder: Path) -> str:
 
 
 @contextmanager
-def claimed(folder: Path, **asked: Any) -> Iterator[Job]:
+def claimed(folder: Path, /, **asked: Any) -> Iterator[Job]:
     """Hold a folder for a long job, whose parts are kept there until it has ended well.
 
     Where it fails with no part finished and nothing written, no folder is left.
