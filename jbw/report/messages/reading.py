@@ -26,6 +26,7 @@ STATE_MASS = (
     "`modal_mass` in [campaign]."
 )
 AS_HDF5 = "Save it as HDF5, which is read in parts."
+AS_V73 = "Save it with -v7.3, which is read in parts, or save fewer variables."
 FEWER_SAMPLES = (
     "Read a part of the records, `span = [first, last]` in seconds under [[test]], or decimate "
     "them, `resample = RATE` in Hz at four times the end of the band or more."
