@@ -33,7 +33,7 @@ def contents(path: Path) -> MatrixFile:
         content = path.read_bytes() + b"\n"
         rows, columns, entries, form, *_ = scipy.io.mminfo(BytesIO(content))
         if form == "array":
-            takes = f"The dense matrix of {rows} x {columns} in {path.name} takes"
+            takes = f"The dense {rows} x {columns} matrix in {path.name} takes"
             require_readable(8 * rows * columns, takes, messages.AS_SPARSE)
         else:
             require_sparse(path.name, (rows, columns), entries)

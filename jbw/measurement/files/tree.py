@@ -141,7 +141,7 @@ def load(source: Leaf, part: slice = WHOLE, dtype: DTypeLike | None = None) -> N
     size = int(np.prod(lengths, dtype=np.float64)) * width
     fewer = memory.MAX_BYTES * lengths[-1] / max(size, 1) if lengths else 1
     remedy = messages.beginning(source.fs, fewer)
-    memory.require_readable(size, f"A channel of shape {source.shape} takes", remedy)
+    memory.require_readable(size, messages.channel_takes(source.shape), remedy)
     is_complex = np.issubdtype(array.dtype, np.complexfloating)
     if dtype is not None and not is_complex and not isinstance(array, np.ndarray):
         array = array.astype(dtype)  # h5py converts as it reads, without a second copy

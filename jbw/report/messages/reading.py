@@ -103,6 +103,11 @@ def of_sensor(sensitivity: str, *, is_scaled: bool = False) -> str:
     )
 
 
+def channel_takes(shape: tuple[int, ...]) -> str:
+    """Subject and verb of the sentence that a channel is too large."""
+    return f"A channel of shape {shape} takes"
+
+
 def beginning(fs: float | None, most: float) -> str:
     """How to read at most some samples of a channel of that sampling frequency [Hz], if known."""
     if not fs:
