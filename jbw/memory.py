@@ -1,8 +1,9 @@
 """How much memory a process may take, and how much an identification of records takes."""
 
 import os
-from collections.abc import Iterable
+from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 from jbw.errors import DataError, RunError
@@ -12,8 +13,28 @@ from jbw.report.messages.reading import FEWER_SAMPLES
 # two channels: 0.34 GB before any record, then 250 to 330 bytes a sample of one test. Records are
 # held in float64; every test keeps its mean with its polynomials and spectra, and one record at a
 # time is filtered and transformed.
+MAX_BYTES = 4 * 2**30  # of one array that is read: stops decompression bombs and slips
 PROCESS, VALUE, OF_TEST, OF_LONGEST = 0.35e9, 8, 100, 200
 CONTAINER = Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory/memory.limit_in_bytes")
+
+
+def require_readable(size: float, takes: str, remedy: str) -> None:
+    """Refuse an array or a file of more bytes than are read at once, before it is read.
+
+    Args:
+        size: Its bytes once unpacked.
+        takes: Subject and verb of the sentence, for example "File `a.npz` unpacks to".
+        remedy: What to do.
+
+    Raises:
+        DataError: It has more than `MAX_BYTES`.
+    """
+    if size > MAX_BYTES:
+        raise DataError(
+            f"{takes} {size / 2**30:.1f} GiB, but at most {MAX_BYTES / 2**30:.0f} GiB are read at "
+            "once.",
+            remedy=remedy,
+        )
 
 
 def address_space() -> float:
@@ -37,35 +58,73 @@ def most_memory() -> float:
     return min(limits)
 
 
-def needed_memory(tests: Iterable[Iterable[tuple[int, int]]]) -> float:
-    """Return the memory that an identification takes up to its fit [bytes].
+@dataclass(frozen=True)
+class HeldRecords:
+    """Sizes of the records that are read so far.
 
-    Args:
-        tests: Of every test the number of samples and of channels of each record.
+    Attributes:
+        values: Samples of all channels.
+        finished: Samples of the longest record of each earlier test, in sum.
+        longest: Samples of the longest record of the present test.
+        largest: Samples of the longest record of all.
     """
-    sizes = [list(test) for test in tests]
-    values = sum(samples * channels for test in sizes for samples, channels in test)
-    longest = [max((samples for samples, _ in test), default=0) for test in sizes]
-    return PROCESS + VALUE * values + OF_TEST * sum(longest) + OF_LONGEST * max(longest, default=0)
+
+    values: int = 0
+    finished: int = 0
+    longest: int = 0
+    largest: int = 0
+
+    def beside(self, samples: int, channels: int) -> "HeldRecords":
+        """Return these records and one more of the present test."""
+        return HeldRecords(
+            self.values + samples * channels,
+            self.finished,
+            max(self.longest, samples),
+            max(self.largest, samples),
+        )
+
+    def ended(self) -> "HeldRecords":
+        """Return the same records at the end of the present test."""
+        return HeldRecords(self.values, self.finished + self.longest, 0, self.largest)
+
+    @property
+    def needed(self) -> float:
+        """The memory that an identification of the records takes up to its fit [bytes]."""
+        of_tests = OF_TEST * (self.finished + self.longest)
+        return PROCESS + VALUE * self.values + of_tests + OF_LONGEST * self.largest
 
 
-def require_memory(tests: Iterable[Iterable[tuple[int, int]]], last: str) -> None:
-    """Refuse records that an identification cannot hold, as soon as so many are read.
+NO_RECORDS = HeldRecords()
+Admit = Callable[[int, int, str], None]
+"""Refuses a record by its samples, its channels and its name, before it is read."""
+
+
+def require_memory(held: HeldRecords, last: str) -> None:
+    """Refuse records that an identification cannot hold.
 
     Args:
-        tests: As `needed_memory` takes them, of all that is read so far.
-        last: Name of the record that was read last.
+        held: Records that are read so far, with the last one, which need not be read yet.
+        last: Name of the last record.
 
     Raises:
         DataError: They need more than `most_memory`.
     """
-    needed, most = needed_memory(tests), most_memory()
+    needed, most = held.needed, most_memory()
     if needed > most:
         raise DataError(
             f"The records up to {last} need about {needed / 2**30:.1f} GiB, but this process may "
             f"take {most / 2**30:.1f} GiB.",
             remedy=FEWER_SAMPLES,
         )
+
+
+def admit_all(samples: int, channels: int, name: str) -> None:
+    """Refuse no record: what is only read is limited by `require_readable`."""
+
+
+def admit_alone(samples: int, channels: int, name: str) -> None:
+    """Refuse a record that an identification of nothing else cannot hold."""
+    require_memory(NO_RECORDS.beside(samples, channels), name)
 
 
 def out_of_memory(error: BaseException) -> RunError:

@@ -13,7 +13,7 @@ import jbw
 
 ROOT = Path(jbw.__file__).parent
 FILES = sorted(ROOT.rglob("*.py"))
-ANYWHERE = {"errors", "memory", "quantities", "sources", "units", "messages"}
+ANYWHERE = {"errors", "memory", "parts", "quantities", "sources", "units", "messages"}
 LEAVES = {"oscillator", "measurement", "inference"}
 MODEL = LEAVES | {"campaign", "observables"}
 # Every room, to the rooms that it may see beside itself and those that may be seen from anywhere.
@@ -26,6 +26,7 @@ SEES = {
     "quantities": set(),
     "messages": set(),  # the catalogue, report/messages: seen from anywhere, sees no room
     "run": set(),
+    "parts": {"run"},
     "oscillator": set(),
     "measurement": set(),
     "assembly": {"measurement", "oscillator"},

@@ -15,6 +15,7 @@ from jbw.measurement.files.read import records
 from jbw.measurement.files.sampling import Wanted
 from jbw.measurement.records import Record
 from jbw.measurement.resampled import on_one_clock
+from jbw.memory import Admit, admit_alone
 from jbw.quantities import natural
 
 DATA_FOLDER = "$JBW_DATA"
@@ -22,11 +23,12 @@ Part = tuple[Path, Wanted]  # a file, and what to take from it
 
 
 def repeats_of(
-    test: TestSpec, folder: Path, *, allow_outside: bool = False
+    test: TestSpec, folder: Path, *, allow_outside: bool = False, admit: Admit = admit_alone
 ) -> Iterator[Record | JbwError]:
     """Repeats of a test in SI, without the excluded ones; not yet checked sample by sample.
 
     What cannot be read comes as the error, in its place, so that the others can still be seen.
+    `admit` refuses a record by the size that its file states, before it is read.
     """
     unused = set(test.exclude)
     number = num_repeats = 0
@@ -45,7 +47,7 @@ def repeats_of(
             continue
         read: Sequence[Record | JbwError]
         try:
-            columns = [records(file, selection) for file, selection in parts]
+            columns = [records(file, selection, admit) for file, selection in parts]
             read = columns[0] if len(columns) == 1 else joined(columns)
         except JbwError as error:
             read = [error]

@@ -21,7 +21,7 @@ from jbw.measurement.checks.faults import Fault, gathered
 from jbw.measurement.files.read import report
 from jbw.measurement.hypotheses.unlike_gains import unlike_gains
 from jbw.measurement.records import Record, Test
-from jbw.memory import require_memory
+from jbw.memory import NO_RECORDS, HeldRecords, require_memory
 from jbw.quantities import DEFAULT_LAWS
 
 # Keys of a test's table that its record takes as they are.
@@ -111,15 +111,14 @@ def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
     folder, per_unit = path.resolve().parent, force_per_unit(spec)
     joints = several_joints(spec, folder, allow_outside=allow_outside)
     laws = spec.laws if joints is None else joints.laws
-    of_one_mode, tests = has_one_mode(spec), list[Test]()
+    of_one_mode, tests, held = has_one_mode(spec), list[Test](), NO_RECORDS
     for table in spec.tests:
-        before = [test.records for test in tests]
-        tests.append(
-            load_test(
-                table, folder, per_unit=per_unit, laws=laws, of_one_mode=of_one_mode,
-                allow_outside=allow_outside, before=before,
-            )
+        test = load_test(
+            table, folder, per_unit=per_unit, laws=laws, of_one_mode=of_one_mode,
+            allow_outside=allow_outside, held=held,
         )  # fmt: skip
+        held = _beside(held, *test.records).ended()
+        tests.append(test)
     sources = [
         source_of(record, named)
         for named, test in zip(spec.tests, tests, strict=True)
@@ -161,7 +160,7 @@ def load_test(
     laws: Sequence[str] = (),
     of_one_mode: bool = True,
     allow_outside: bool = False,
-    before: Sequence[Sequence[Record]] = (),
+    held: HeldRecords = NO_RECORDS,
 ) -> Test:
     """One [[test]] with its records: the first error is raised, what is doubtful is warned of.
 
@@ -172,16 +171,21 @@ def load_test(
         laws: Those of the joint.
         of_one_mode: Whether one mode is all that its records show, by the campaign.
         allow_outside: Let `files` point out of the folder.
-        before: Records of the tests that were read before, beside which these must find room.
+        held: Sizes of the records of earlier tests, beside which these must find room.
     """
+
+    def admit(samples: int, channels: int, name: str) -> None:
+        require_memory(held.beside(samples, channels), name)
+
     loaded: list[Record] = []
     gain = gain_of(per_unit, test.driven_by)
     doubts: list[tuple[str, Fault]] = []
     gains: list[tuple[str, float]] = []
-    for item in repeats_of(test, folder, allow_outside=allow_outside):
+    for item in repeats_of(test, folder, allow_outside=allow_outside, admit=admit):
         if isinstance(item, JbwError):
             raise item
-        require_memory(map(_sizes, (*before, [*loaded, item])), item.name)
+        held = _beside(held, item)
+        require_memory(held, item.name)
         faults = findings(item, test, loaded[:1], per_unit=gain, laws=laws, of_one_mode=of_one_mode)
         errors = [fault for fault in faults if fault.severity == "error"]
         report(item, [beside_stated(fault, test) for fault in errors])
@@ -200,6 +204,7 @@ def load_test(
     return Test(test.kind, tuple(loaded), tones_hz=test.tones, band_hz=test.band, **facts)
 
 
-def _sizes(records: Sequence[Record]) -> list[tuple[int, int]]:
-    """Samples and channels of each record."""
-    return [(record.num_samples, len(record.channels)) for record in records]
+def _beside(held: HeldRecords, *records: Record) -> HeldRecords:
+    for record in records:
+        held = held.beside(record.num_samples, len(record.channels))
+    return held

@@ -7,7 +7,7 @@ import click
 
 from jbw.cli.options import json_option, out_option, outside_option, seed_option
 from jbw.cli.printing import answer
-from jbw.cli.progress import computing
+from jbw.cli.progress import computing, working
 from jbw.report.law_table import laws_table
 
 
@@ -37,16 +37,17 @@ def laws(
         from jbw.campaign.load import load_campaign
         from jbw.law_comparison.compare import compare_laws
         from jbw.law_comparison.stack import save_laws
-        from jbw.study.store import claim
-        from jbw.study.study import campaign_of
+        from jbw.study.study import campaign_of, inputs_of
 
         path = campaign_of(source) if source.is_dir() else source
-        folder = claim(out or path.parent / "laws")
-        say(f"Reading {path}")
-        loaded = load_campaign(path, allow_outside=allow_outside)
-        chosen = None if laws is None else [name.strip() for name in laws.split(",")]
-        compared = compare_laws(loaded, chosen, seed=seed, report=say)
-        save_laws(folder, compared.tree, compared.record)
+        with working(say, out or path.parent / "laws") as job:
+            folder = job.folder
+            say(f"Reading {path}")
+            loaded = load_campaign(path, allow_outside=allow_outside)
+            chosen = None if laws is None else [name.strip() for name in laws.split(",")]
+            parts = job.parts(inputs_of(loaded), say)
+            compared = compare_laws(loaded, chosen, seed=seed, report=say, parts=parts)
+            save_laws(folder, compared.tree, compared.record)
     record = compared.record
     lines = laws_table(record), *record["statements"]
     refused = (f"{name}: {reason}" for name, reason in record["refused"].items())

@@ -1,14 +1,16 @@
 """The command `jbw plan`."""
 
+from contextlib import nullcontext
 from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from jbw.cli.options import json_option
-from jbw.cli.printing import answer, duration
-from jbw.cli.progress import computing
+from jbw.cli.options import json_option, out_option
+from jbw.cli.printing import answer, duration, plain_values
+from jbw.cli.progress import computing, working
 from jbw.report.messages import planning
 from jbw.report.table import Column, Table, table
 
@@ -25,6 +27,7 @@ if TYPE_CHECKING:
     type=click.Path(path_type=Path),
     help="Beside DIR: a plan file without the joint, for limits, noise, wishes and candidates.",
 )
+@out_option("none")
 @json_option
 @click.option("--example", is_flag=True, help="Print a commented plan file; nothing else.")
 @click.option(
@@ -44,6 +47,7 @@ if TYPE_CHECKING:
 def plan(
     source: Path | None,
     limits: Path | None,
+    out: Path | None,
     json_: bool,
     example: bool,
     fleet: bool,
@@ -54,6 +58,7 @@ def plan(
 
     PLAN.toml tells what is guessed of the joint, what is wanted and what could be measured; DIR is
     a finished run, for which the next tests are planned. Without either an example is printed.
+    With --out plan.json has all numbers, and a plan that was stopped goes on.
     """
     if fleet:
         _plan_fleet(torques, scatter, json_)
@@ -65,15 +70,21 @@ def plan(
         return
     if limits is not None and not source.is_dir():
         raise click.UsageError("--limits is for a run's folder; PLAN.toml holds its own.")
-    with computing() as say:
+    with computing() as say, nullcontext() if out is None else working(say, out) as job:
+        from jbw.parts import unkept
         from jbw.planning.making import plan_tests
         from jbw.report.result import read_result
+        from jbw.run.files import hash_of
+        from jbw.study.store import save_outputs, write_json
 
-        if source.is_dir():
-            _, tree = read_result(source)
-            planned = plan_tests(limits, tree, report=say)
-        else:
-            planned = plan_tests(source, report=say)
+        read = [source / "posterior.nc" if source.is_dir() else source, *filter(None, [limits])]
+        tree = read_result(source)[1] if source.is_dir() else None
+        parts = job.parts({str(path): hash_of(path) for path in read}, say) if job else unkept
+        description = source if tree is None else limits
+        planned = plan_tests(description, tree, report=say, parts=parts)
+        if job is not None:
+            numbers = partial(write_json, value=plain_values(asdict(planned)))
+            save_outputs(job.folder, {"plan.json": numbers}, {})
     before = planning.before({name: _spread(cv) for name, cv in planned.before.items()})
     # What stands against single tests, by their numbers.
     remarks = [f"  {i + 1}: {'; '.join(r.notes)}." for i, r in enumerate(planned.rows) if r.notes]

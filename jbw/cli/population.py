@@ -10,7 +10,7 @@ import numpy as np
 
 from jbw.cli.options import json_option
 from jbw.cli.printing import NOT_TRUSTED, answer
-from jbw.cli.progress import computing
+from jbw.cli.progress import computing, working
 from jbw.report.messages import population as messages
 
 if TYPE_CHECKING:
@@ -53,10 +53,11 @@ def population(
         from jbw.population.population import covariates_in, population_of, require_torque
         from jbw.population.prediction import new_backbone, new_coordinates
         from jbw.report.population import population_table
-        from jbw.study.store import claimed
+        from jbw.run.files import hash_of
 
         units = read_fleet(fleet)
-        with claimed(out or fleet.with_name(f"{fleet.stem}-population")) as folder:
+        with working(say, out or fleet.with_name(f"{fleet.stem}-population")) as job:
+            folder, parts = job.folder, job.parts({str(fleet): hash_of(fleet)}, say)
             chosen, bent = (
                 None if names is None else [name.strip() for name in names.split(",")]
                 for names in (parameters, saturating)
@@ -64,7 +65,7 @@ def population(
             require_torque(covariates_in(units), torque)
             pooling = population_of(
                 units, parameters=chosen, saturating=bent or (), all_verdicts=all_verdicts,
-                seed=seed, report=say,
+                seed=seed, report=say, parts=parts,
             )  # fmt: skip
 
             def new(at: float | None) -> np.ndarray:

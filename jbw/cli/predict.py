@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,7 +10,7 @@ import click
 
 from jbw.cli.options import json_option, out_option, outside_option, run_argument
 from jbw.cli.printing import answer
-from jbw.cli.progress import computing
+from jbw.cli.progress import computing, working
 from jbw.report.messages.commands import two_numbers
 from jbw.report.messages.study import further_units
 from jbw.report.table import Column, Table, shares, table, words
@@ -69,8 +70,8 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
         from jbw.campaign.load import load_campaign
         from jbw.law_comparison.stack import holds_laws
         from jbw.population.folder import holds_population, require_same_torque
-        from jbw.study.store import claim, save_predictions
-        from jbw.study.study import campaign_of
+        from jbw.study.store import save_predictions
+        from jbw.study.study import campaign_of, inputs_of
         from jbw.verification import predict as predicting
 
         say(f"Reading {folder}")
@@ -78,6 +79,7 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
         # Planned tests are in the run's own unit, whatever the campaign says of its gain.
         request = predicting.Request(options["draws"], not options["without_noise"])
         requests = [(test, request) for test in _planned(basis, options)]
+        inputs = basis_inputs(folder)
         if campaign is None and (options["names"] or not requests):
             if holds_laws(folder):
                 raise click.UsageError("Give --campaign, the one that the laws were compared on.")
@@ -89,18 +91,20 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
             loaded = load_campaign(campaign, allow_outside=options["allow_outside"])
             require_same_torque(folder, loaded.assembly.torque)
             of_units = replace(request, gain=force_per_unit(loaded))
+            inputs |= inputs_of(loaded)
             tests = predicting.chosen(loaded.tests, options["names"], "--test")
             requests = [*((test, of_units) for test in tests), *requests]
-        out = claim(options["out"] or folder / "predictions")
-        predictions = {}
-        for test, test_request in requests:
-            say(f"Predicting {test.name}")
-            predictions[test.name] = predicting.predict(basis, test, test_request)
-        rows = [predicting.row_of(prediction) for prediction in predictions.values()]
-        for sentence in (sentence for row in rows for sentence in row["warnings"]):
-            say(f"warning: {sentence}")
-        say("Writing figures")
-        save_predictions(out, predictions, rows)
+        with working(say, options["out"] or folder / "predictions") as job:
+            out, parts, predictions = job.folder, job.parts(inputs, say), {}
+            for number, (test, test_request) in enumerate(requests):
+                say(f"Predicting {test.name}")
+                predicted = partial(predicting.predict, basis, test, test_request)
+                predictions[test.name] = parts(f"test {number}", predicted)
+            rows = [predicting.row_of(prediction) for prediction in predictions.values()]
+            for sentence in (sentence for row in rows for sentence in row["warnings"]):
+                say(f"warning: {sentence}")
+            say("Writing figures")
+            save_predictions(out, predictions, rows)
     by_noise: dict[str, list[str]] = {}
     for row in rows:
         by_noise.setdefault(row["noise"], []).append(row["test"])
@@ -110,6 +114,13 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
     record = {"run": str(folder), "predictions": rows}
     place = f"Predictions: {out / 'predictions.nc'}"
     answer(options["json_"], record, prediction_table(rows), *how, saved=place)
+
+
+def basis_inputs(folder: Path) -> dict[str, str]:
+    """Return file to SHA-256 of what a folder predicts with."""
+    from jbw.run.files import hash_of
+
+    return {path.name: hash_of(path) for path in sorted(folder.iterdir()) if path.is_file()}
 
 
 def basis_in(folder: Path) -> "Basis":

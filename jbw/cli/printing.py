@@ -55,14 +55,15 @@ def following(command: str, target: Any = None, also: str = "") -> None:
 
 def show_json(record: Any) -> None:
     """Print a record as JSON, with null for what JSON has no number for."""
-    click.echo(json.dumps(_plain(record), indent=1, ensure_ascii=False))
+    click.echo(json.dumps(plain_values(record), indent=1, ensure_ascii=False))
 
 
-def _plain(value: Any) -> Any:
+def plain_values(value: Any) -> Any:
+    """Return plain values with None for each number that is not finite."""
     if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
+        return {key: plain_values(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [plain_values(item) for item in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 

@@ -8,9 +8,11 @@ import threading
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import click
 import numpy as np
 from rich.console import Console, Group, RenderableType
 from rich.live import Live
@@ -21,9 +23,14 @@ from rich.text import Text
 from jbw.cli.printing import duration
 from jbw.memory import address_space
 from jbw.report.messages import stages
+from jbw.report.messages.run import KEPT
 from jbw.run.session import RESERVED
 from jbw.run.session import prepare_process as prepare_process
 
+if TYPE_CHECKING:
+    from jbw.study.store import Job
+
+RESULT_ONLY = ("out", "json_")  # options that decide no number
 LOOK_S = 1.0  # between two looks at the chains at least, on a terminal
 PLAIN_S = 10.0  # between two lines on chains where there is none
 SILENT_S = 4.0  # of silence at most, less the time to the next look at it
@@ -189,6 +196,22 @@ def computing() -> Iterator[Teller]:
             say.remark(stages.little_address_space(limit / 2**30, RESERVED / 2**30))
         prepare_process()
         yield say
+
+
+@contextmanager
+def working(say: Teller, folder: Path) -> "Iterator[Job]":
+    """Hold the output folder of the command under way; its parts are kept there until it ends."""
+    from jbw.study.store import claimed
+
+    context = click.get_current_context()
+    asked = {name: value for name, value in context.params.items() if name not in RESULT_ONLY}
+    with claimed(folder, command=context.info_name, **asked) as job:
+        try:
+            yield job
+        except KeyboardInterrupt:
+            if job.num_kept:
+                say.remark(KEPT)
+            raise
 
 
 def called(name: str) -> str:

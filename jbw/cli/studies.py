@@ -9,7 +9,7 @@ import click
 
 from jbw.cli.options import json_option, out_option, outside_option, seed_option
 from jbw.cli.printing import NOT_TRUSTED, answer, verdict_lines
-from jbw.cli.progress import computing
+from jbw.cli.progress import computing, working
 from jbw.report.messages.commands import sampler_distances
 from jbw.report.table import Column, Table, table, words
 from jbw.report.text import NOTHING
@@ -45,25 +45,26 @@ def compare(
         from jbw.campaign.load import load_campaign
         from jbw.lab.samplers import compare as compare_samplers
         from jbw.lab.samplers import save_comparison
-        from jbw.study.store import claim
-        from jbw.study.study import campaign_of, known_of, require_same_inputs
+        from jbw.study.study import campaign_of, inputs_of, known_of, require_same_inputs
 
         path, summary, run_knowledge = source, {}, None
         campaign, once = options.pop("campaign"), options.pop("once")
         if source.is_dir():
             path, summary, run_knowledge = campaign_of(source, campaign), *known_of(source)
         place = source if source.is_dir() else source.parent
-        folder = claim(out or place / f"compare-{options['step']}")
-        if options["seed"] is None:
-            options["seed"] = summary.get("seed")
-        say(f"Reading {path}")
-        loaded = load_campaign(path, allow_outside=allow_outside)
-        require_same_inputs(loaded, summary)
-        reports = {"report": say, "watch": say.chains}
-        comparison = compare_samplers(
-            loaded, twice=not once, known=run_knowledge, **reports, **options
-        )
-        save_comparison(folder, comparison)
+        with working(say, out or place / f"compare-{options['step']}") as job:
+            folder = job.folder
+            if options["seed"] is None:
+                options["seed"] = summary.get("seed")
+            say(f"Reading {path}")
+            loaded = load_campaign(path, allow_outside=allow_outside)
+            require_same_inputs(loaded, summary)
+            reports = {"report": say, "watch": say.chains}
+            parts = job.parts({**inputs_of(loaded), "known": repr(run_knowledge)}, say)
+            comparison = compare_samplers(
+                loaded, twice=not once, known=run_knowledge, parts=parts, **reports, **options
+            )
+            save_comparison(folder, comparison)
     reports = comparison_lines(comparison.record)
     answer(json_, comparison.record, *reports, saved=f"Comparison: {folder / 'compare.json'}")
 
@@ -168,16 +169,16 @@ def sbc(
     with computing() as say:
         from jbw.campaign.load import load_campaign
         from jbw.lab import calibration
-        from jbw.study.store import claimed
-        from jbw.study.study import campaign_of
+        from jbw.study.study import campaign_of, inputs_of
 
-        with claimed(out or Path(f"sbc-{options['step']}")) as folder:
-            campaign = None
+        with working(say, out or Path(f"sbc-{options['step']}")) as job:
+            folder, campaign = job.folder, None
             if source is not None:
                 path = campaign_of(source) if source.is_dir() else source
                 say(f"Reading {path}")
                 campaign = load_campaign(path, allow_outside=allow_outside)
-            calibrated = calibration.sbc(campaign, report=say, **options)
+            parts = job.parts({} if campaign is None else inputs_of(campaign), say)
+            calibrated = calibration.sbc(campaign, report=say, parts=parts, **options)
             calibration.save_sbc(folder, calibrated)
     verdict = calibrated.record["verdict"]
     shown = calibration_table(calibrated.record), *verdict_lines(verdict, passed=True)

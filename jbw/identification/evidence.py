@@ -9,9 +9,9 @@ Reference:
     For the weights of misfit, Grunwald and van Ommen (2017), Bayesian Analysis 12, 1069.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import jax
@@ -47,6 +47,7 @@ from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
 from jbw.oscillator.modes.parameters import NAMES
+from jbw.parts import Parts, unkept
 from jbw.quantities import law_name, split
 from jbw.report.messages import stages as messages
 from jbw.report.messages.laws import IN_FIRST_MODE, OF_EACH_MODE
@@ -96,13 +97,18 @@ class Candidate:
 
 
 def candidates(
-    key: Key[Array, ""], seen: Measured, sets: Sequence[Laws], report: Report
+    key: Key[Array, ""],
+    seen: Measured,
+    sets: Sequence[Laws],
+    report: Report,
+    parts: Parts = unkept,
 ) -> tuple[list[Candidate], dict[str, str]]:
     """Fit every law, then all again to the data as the best of them weighs these.
 
     Their priors are fixed before any is fitted, by omega_n, zeta and the largest displacement
     alone. Of several modes the campaign's own laws are tried in one joint, in each mode by
     itself, and in the first mode alone. What cannot be fitted is returned by name with the reason.
+    `parts` keeps the first fit of every law.
     """
     data, settings = assemble(seen), alike(seen.settings)
     known = joint_starts(key, seen)
@@ -113,7 +119,8 @@ def candidates(
         forget_when_many()
         try:
             tried, own_settings = tried_under(laws, data, meet, settings)
-            prior, first, weighed_data = first_fit(key, tried, own_settings, known)
+            named = partial(_named, parts, name_of(laws, meet))
+            prior, first, weighed_data = first_fit(key, tried, own_settings, known, parts=named)
         except JbwError as error:
             refused[name_of(laws, meet)] = str(error)
         else:
@@ -138,6 +145,10 @@ def candidates(
         keys = jax.random.split(key, len(fits))
         fits = [again(k, candidate, ready) for k, candidate in zip(keys, fits, strict=True)]
     return fits, refused
+
+
+def _named[T](parts: Parts, law: str, name: str, make: Callable[[], T], *kinds: type) -> T:
+    return parts(f"{name} of {law}", make, *kinds)
 
 
 def tried_under(

@@ -19,6 +19,7 @@ from jbw.identification.thresholds_crossed import log_evidence, other_sides
 from jbw.identification.uncertain_shapes import first_factors
 from jbw.inference.fit.costly_fit import costly_fit, costly_fits, from_search
 from jbw.inference.fit.fitting import Fit, fit
+from jbw.inference.fit.identifiability import WeakDirection
 from jbw.inference.generator import generator
 from jbw.inference.lanes import at_points
 from jbw.inference.space.box import Box, bounds_by_name, box, from_unit
@@ -29,6 +30,7 @@ from jbw.observables.observable import AmplitudeCurve
 from jbw.oscillator.modes.assembled import is_assembled
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.backbone import backbone
+from jbw.parts import Parts, unkept
 from jbw.quantities import MODAL, STUCK, motion_factors_in
 from jbw.report.messages import stages as messages
 
@@ -55,12 +57,14 @@ def first_fit(
     known: Mapping[str, float] | None = None,
     *,
     quick: bool = False,
+    parts: Parts = unkept,
 ) -> tuple[Box, Fit, Dataset]:
     """The box, the fit to data as they are, from first values and from `known` ones, and the data.
 
     These hold the signs of modes at the joint, chosen by a rough fit and again by the final one.
     Where it is to be `quick`, other starts are tried only if the first leaves more than 15 % of the
     rms of a group. Force loops are solved without a time loop, so all starts are tried on them.
+    `parts` keeps the fit, and the one across the laws' thresholds.
     """
     values = {**first_factors(data), **told_by(data.parts, data.held), **(known or {})}
     prior = box_of(settings, data, values)
@@ -70,8 +74,10 @@ def first_fit(
         values |= begun.theta
     is_brief = quick and not all(part.is_prescribed for part in data.parts)
     is_met = partial(is_close, data=data) if is_brief else explains
-    best, data = with_signs(fit_from(key, data, prior, values, is_met=is_met), prior, data)
-    return prior, across_thresholds(best, prior, data), data
+    fitted = partial(fit_from, key, data, prior, values, is_met=is_met)
+    best, data = with_signs(parts("fit", fitted, Fit, WeakDirection), prior, data)
+    across = partial(across_thresholds, best, prior, data)
+    return prior, parts("fit across thresholds", across, Fit, WeakDirection), data
 
 
 def from_amplitude_curve(

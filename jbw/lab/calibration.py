@@ -20,6 +20,7 @@ from jbw.inference.samplers.register import SAMPLERS, Sampler, options_of, sampl
 from jbw.inference.space.box import require_float64
 from jbw.inference.space.problem import LogLikelihood
 from jbw.lab import designs, models
+from jbw.parts import Parts, unkept
 from jbw.quantities import BY_NAME, attrs_of
 from jbw.report.messages import study as messages
 from jbw.report.studies import rank_ecdfs
@@ -71,6 +72,7 @@ def sbc(
     simulate: Simulate | None = None,
     log_likelihood: LogLikelihood | None = None,
     prior: Prior | None = None,
+    parts: Parts = unkept,
 ) -> Sbc:
     """Draw truths from the prior, simulate, identify, and rank each truth in its posterior.
 
@@ -91,6 +93,7 @@ def sbc(
         simulate: Makes data, arrays of fixed shapes, of (key, theta); theta is parameters by name.
         log_likelihood: Of (theta, data), a number or its terms [nats].
         prior: A NumPyro distribution of one real number to every parameter's name.
+        parts: Keeps batches of replications, so that a killed calibration goes on.
 
     Raises:
         ConfigError: An unknown step, sampler or noise, or a float32 session.
@@ -123,14 +126,14 @@ def sbc(
     if step == "linear":
         sampler = "line_fit"
         calibration = models.calibrate_linear(
-            key, *designs.lines(), num_replications=count, report=progress
+            key, *designs.lines(), num_replications=count, report=progress, parts=parts
         )
     else:
         chosen = _step_of(step, campaign, noise, report) if campaign_step is None else campaign_step
         sampler = sampler or chosen.sampler
         calibration = calibrate(
             key, *suited(chosen, sampler), num_replications=count, batch=chosen.batch,
-            report=progress,
+            report=progress, parts=parts,
         )  # fmt: skip
     record = {
         "step": step,

@@ -37,11 +37,13 @@ from jbw.measurement.spectra import FRF
 from jbw.observables.dataset import Dataset, log_likelihood, stacked
 from jbw.observables.records import Records
 from jbw.oscillator.oscillator import oscillator_of
+from jbw.parts import Parts, unkept
 from jbw.quantities import DEFAULT_LAWS
 from jbw.rig.integrator import Specimen, State, doubles, runge_kutta
 from jbw.rig.law_forces import forces_of
 
 WHERE = 0.55  # of a record, where a sweep has just passed the resonance
+LOT = 100  # replications of Step 2 between two reports
 DRAWS = (4, 250)  # of Step 2, in chains
 NUM_RANKS = 100  # of Step 2
 STEPS = 8  # Runge-Kutta steps between two samples
@@ -130,14 +132,20 @@ def calibrate_linear(
     *,
     num_replications: int = 1000,
     report: Callable[[int], None] = lambda done: None,
+    parts: Parts = unkept,
 ) -> Calibration:
     """Rank omega_n, zeta and gain of Step 2 in N(theta, C), the line fits' (23), (38), (39)."""
+
+    def replicated(lot: Key[Array, " replication"]) -> list[tuple[NDArray, NDArray, bool]]:
+        return [_line_replication(one, design, prior) for one in lot]
+
     # A fit that finds no resonance is a failure.
     rows = []
-    for i, replication_key in enumerate(jax.random.split(key, num_replications)):
-        rows.append(_line_replication(replication_key, design, prior))
-        if (i + 1) % 100 == 0 or i + 1 == num_replications:
-            report(i + 1)
+    replication_keys = jax.random.split(key, num_replications)
+    for first in range(0, num_replications, LOT):
+        lot = partial(replicated, replication_keys[first : first + LOT])
+        rows += parts(f"replications from {first}", lot)
+        report(len(rows))
     keys = jax.random.split(jax.random.fold_in(key, num_replications), num_replications)
     rank = jax.jit(jax.vmap(partial(ranked, num_ranks=NUM_RANKS)))
     ranks = rank(keys, *(jnp.array(column) for column in zip(*rows, strict=True)))

@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from time import perf_counter
 from typing import Any, NamedTuple
@@ -26,6 +27,7 @@ from jbw.inference.space.box import require_float64
 from jbw.inference.space.problem import Target
 from jbw.inference.space.reparametrisation import in_box
 from jbw.inference.space.ridge import along_ridge
+from jbw.parts import Parts, unkept
 from jbw.report.studies import comparison
 from jbw.study.store import save_outputs, write_figure, write_json
 
@@ -66,6 +68,7 @@ def compare(
     known: Known | None = None,
     report: Report = logger.info,
     watch: Watch = lambda name, so_far: None,
+    parts: Parts = unkept,
 ) -> Comparison:
     """Draw from one posterior of a campaign by several samplers and set their answers side by side.
 
@@ -82,6 +85,7 @@ def compare(
         known: What a finished run says of its prior and of Step 3.
         report: Called with one sentence at every stage.
         watch: Called with a sampler's name and how far its chains are.
+        parts: Keeps the draws of each sampler, so that a killed comparison goes on.
 
     Returns:
         Draws and numbers. A sampler that cannot draw from this posterior is in the record with the
@@ -111,7 +115,8 @@ def compare(
     for name in samplers or suited(posterior):
         report(f"Drawing by {name}")
         try:
-            drawn[name] = _drawn(key, posterior, name, num_chains, twice, watch)
+            draw = partial(_drawn, key, posterior, name, num_chains, twice, watch)
+            drawn[name] = parts(f"draws by {name}", draw, Drawn)
         except JbwError as error:
             refused[name] = str(error)
     record |= {

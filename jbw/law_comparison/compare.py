@@ -9,6 +9,7 @@ level wants the second.
 import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -49,6 +50,7 @@ from jbw.observables.dataset import Dataset
 from jbw.observables.drives import readings_of
 from jbw.oscillator.laws import FAMILIES, LAWS, laws_named
 from jbw.oscillator.oscillator import oscillator_of
+from jbw.parts import Parts, unkept
 from jbw.report.messages import stages
 from jbw.report.messages import study as messages
 from jbw.study.look import look_groups, look_quietly
@@ -87,6 +89,10 @@ class Weighed(NamedTuple):
     hopeless: bool = False  # then draws and scores are of fits alone
 
 
+# Draws, scores of the runs left out, and log evidence under wide priors, as `Weighed` has them.
+Judged = tuple[xr.DataTree, LeftOut | None, float | None]
+
+
 @dataclass(frozen=True)
 class LawComparison:
     """Result of `compare_laws`."""
@@ -110,6 +116,7 @@ def compare_laws(
     *,
     seed: int | None = None,
     report: Report = logger.info,
+    parts: Parts = unkept,
 ) -> LawComparison:
     r"""Try laws of the joint on one campaign, and say which of them the data tell apart.
 
@@ -120,6 +127,7 @@ def compare_laws(
             `jenkins_3@bolt_1` at that joint.
         seed: Seed of everything random; the campaign's when None.
         report: Called with one sentence at every stage.
+        parts: Keeps the fit and the scores of each law, so that a killed comparison goes on.
 
     Returns:
         Of every law the error of its fit, the error of what it predicts of runs that it has not
@@ -136,21 +144,21 @@ def compare_laws(
     seed = campaign.settings.seed if seed is None else seed
     seen = measured_in(campaign, report)
     keys = jax.random.split(jax.random.key(seed), 3)
-    candidates, unfitted = evidence.candidates(keys[0], seen, trials.sets, report)
-    weighed, unweighed = weigh(keys[1:], candidates, report)
+    candidates, unfitted = evidence.candidates(keys[0], seen, trials.sets, report, parts)
+    weighed, unweighed = weigh(keys[1:], candidates, report, parts)
     first = candidates[0].fitted
     highest = _highest(campaign, runs_of(first.data))
     rows = _rows(weighed, highest)
     (best,) = (name for name, row in rows.items() if row["answer"] == "best")
     named = {name: law.candidate for name, law in weighed.items()}
     groups = law_groups(campaign.tests, named, {name: law.draws for name, law in weighed.items()})
-    held_out = held_out_errors(
-        unseen(campaign.tests, _fitted_names(named[best])), groups, list(named),
-        campaign.settings.seed,
-    )  # fmt: skip
+    tests = unseen(campaign.tests, _fitted_names(named[best]))
+    errors = partial(held_out_errors, tests, groups, list(named), campaign.settings.seed)
+    held_out = parts("errors of held-out tests", errors)
     for name, row in rows.items():
         row |= errors_apart(held_out, name, best)
-    shared_runs = _shared_runs(keys[0], seen, named, best, report)
+    shared = partial(_shared_runs, keys[0], seen, named, best, report)
+    shared_runs = parts("laws without offsets", shared)
     offsets = _offsets(keys[0], weighed[best])
     readings = readings_of(first.data.parts)
     diagnosis = None if readings is None else diagnose(readings)
@@ -350,7 +358,10 @@ def _held(data: Dataset) -> dict[str, float]:
 
 
 def weigh(
-    keys: Key[Array, " two"], candidates: Sequence[Candidate], report: Report
+    keys: Key[Array, " two"],
+    candidates: Sequence[Candidate],
+    report: Report,
+    parts: Parts = unkept,
 ) -> tuple[dict[str, Weighed], dict[str, str]]:
     """Posterior of each law, and what it makes of each run unseen; laws that have none, and why.
 
@@ -367,31 +378,35 @@ def weigh(
     for i, candidate in enumerate(candidates):
         forget_when_many()
         name, law_keys = candidate.name, [jax.random.fold_in(key, i) for key in keys]
-        judged = _by_fit if name in hopeless else _by_draws
+        judge = partial(
+            _by_fit if name in hopeless else _by_draws, law_keys, candidate, several=len(runs) > 1
+        )
         report(stages.scoring(name, len(runs), by_fit=name in hopeless))
         try:
-            weighed[name] = judged(law_keys, candidate, likelihoods[name], several=len(runs) > 1)
+            judged = parts(f"scores of {name}", judge, LeftOut)
         except JbwError as error:
             refused[name] = str(error)
+        else:
+            weighed[name] = Weighed(
+                candidate, *judged, likelihoods[name], hopeless=name in hopeless
+            )
     if not weighed:
         raise DataError(f"No law can be weighed by these data: {next(iter(refused.values()))}")
     return weighed, refused
 
 
-def _by_draws(keys: Keys, candidate: Candidate, most: float, *, several: bool) -> Weighed:
+def _by_draws(keys: Keys, candidate: Candidate, *, several: bool) -> Judged:
     """A law by its posterior, its runs left out where there are several."""
     drawn, moments = evidence.posterior(keys[0], candidate)
     held_out = left_out(keys[1], candidate, drawn, moments) if several else None
     wide = log_evidence_wide(keys[0], candidate, drawn)
-    return Weighed(candidate, drawn, held_out, wide, most)
+    return drawn, held_out, wide
 
 
-def _by_fit(keys: Keys, candidate: Candidate, most: float, *, several: bool) -> Weighed:
+def _by_fit(keys: Keys, candidate: Candidate, *, several: bool) -> Judged:
     """A hopeless law by its fits alone."""
     held_out = left_out_of_fits(candidate) if several else None
-    return Weighed(
-        candidate, evidence.about_fit(keys[0], candidate), held_out, None, most, hopeless=True
-    )
+    return evidence.about_fit(keys[0], candidate), held_out, None
 
 
 def row_of(weighed: Weighed) -> dict[str, Any]:

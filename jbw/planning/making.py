@@ -20,6 +20,7 @@ from jbw.errors import ConfigError
 from jbw.inference.fit.identifiability import weak_direction
 from jbw.oscillator.laws import quantities_of
 from jbw.oscillator.modes.parameters import NAMES
+from jbw.parts import Parts, unkept
 from jbw.planning.beliefs import Beliefs, after, before, modes_of
 from jbw.planning.description import Description, read_description
 from jbw.planning.plan import (
@@ -48,6 +49,7 @@ def plan_tests(
     tree: xr.DataTree | None = None,
     *,
     report: Callable[[str], None] = lambda sentence: None,
+    parts: Parts = unkept,
 ) -> MeasurementPlan:
     """Plan tests of a joint: which level, rate, tones and repeats a wished CV takes.
 
@@ -56,6 +58,7 @@ def plan_tests(
             which tells the joint itself.
         tree: A run's result, as `posterior.nc` holds it; None before any test.
         report: Called with one sentence at every candidate.
+        parts: Keeps every candidate's prospect, so that a killed plan goes on.
 
     Raises:
         ConfigError: A plan file against the schema, neither a description nor a run, a run that
@@ -84,7 +87,7 @@ def plan_tests(
     )
     reach = Reach(settings.fs or rig.fs or sampling_for(natural_hz), aim, wish.max_input)
     grids = description.grids or default_grids(beliefs)
-    predicted = prospects(propose(grids, beliefs, reach), beliefs, noise, report)
+    predicted = prospects(propose(grids, beliefs, reach), beliefs, noise, report, parts)
     rows = [row(prospect, beliefs, wish) for prospect in predicted]
     admitted = [
         prospect

@@ -24,6 +24,7 @@ from jbw.oscillator.hold import HeldInput
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.cycle import steady_state
 from jbw.oscillator.steady.waveform import synthesis
+from jbw.parts import Parts, unkept
 from jbw.planning.beliefs import Beliefs
 from jbw.planning.plan import Candidate, PlannedBackbone, PlannedSweep, PlannedTones, ResponseNoise
 from jbw.quantities import UNIT_OF, Motion
@@ -56,15 +57,20 @@ def prospects(
     beliefs: Beliefs,
     noise: ResponseNoise,
     report: Callable[[str], None] = lambda _: None,
+    parts: Parts = unkept,
 ) -> tuple[Prospect, ...]:
-    """Information and peak displacement of candidates at every joint."""
+    """Return information and peak displacement of candidates at every joint; `parts` keeps each."""
     # Records of sweeps are filled up to the length of the longest, for each new length would be
     # compiled anew; what fills them up is not counted.
     sweeps = [candidate for candidate in candidates if isinstance(candidate, PlannedSweep)]
     longest = max((candidate.num_samples for candidate in sweeps), default=0)
     report(planning.TIMING)
     firsts = {type(candidate): candidate for candidate in reversed(candidates)}
-    timed = {form: _timed(first, beliefs, noise, longest) for form, first in firsts.items()}
+    kinds, rest = (Prospect, *firsts), (beliefs, noise, longest)
+    timed = {
+        form: parts(f"timed {form.__name__}", partial(_timed, first, *rest), *kinds)
+        for form, first in firsts.items()
+    }
     seconds_of_form = {form: seconds for form, (seconds, _) in timed.items()}
     report(cost_sentence(candidates, seconds_of_form, beliefs))
     predicted = []
@@ -73,7 +79,7 @@ def prospects(
         if firsts[type(candidate)] is candidate:
             predicted.append(timed[type(candidate)][1])
         else:
-            predicted.append(_prospect(candidate, beliefs, noise, longest))
+            predicted.append(parts(f"candidate {i}", partial(_prospect, candidate, *rest), *kinds))
     return tuple(predicted)
 
 

@@ -21,6 +21,7 @@ Reference:
 import json
 import logging
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -36,6 +37,7 @@ from jbw.inference.posterior.summary import QUANTILES
 from jbw.inference.samplers.importance import smooth
 from jbw.inference.space.box import require_float64
 from jbw.oscillator.laws import laws_named
+from jbw.parts import Parts, unkept
 from jbw.population.coordinates import (
     Pooled,
     laws_of,
@@ -106,6 +108,7 @@ def population_of(
     all_verdicts: bool = False,
     seed: int = 0,
     report: Report = logger.info,
+    parts: Parts = unkept,
 ) -> Population:
     r"""The population that the units of a fleet come from.
 
@@ -122,6 +125,7 @@ def population_of(
         all_verdicts: Pool though most runs failed.
         seed: Of the sampler.
         report: Called with one sentence at every stage.
+        parts: Keeps the draws of all units and of all but one, so that a killed call goes on.
 
     Raises:
         ConfigError: A name that the fleet does not have.
@@ -149,11 +153,11 @@ def population_of(
     units, key, every = units_of_fleet(fleet, coordinates), jax.random.key(seed), np.ones(num)
     if not summaries:
         report(messages.scatter_stage(num))
-        rough = sampler(units, design, prior, ROUGH)(key, every)
+        rough = parts("rough", lambda: sampler(units, design, prior, ROUGH)(key, every))
         units = units._replace(weighed=own_over_scatter(coordinates, rough).max(axis=1) <= OWN)
     report(messages.sampling_stage(num, int(units.weighed.sum())))
-    draws = sampler(units, design, prior, FULL)(key, every)
-    belongs = belonging(key, units, design, prior, draws, report)
+    draws = parts("all units", lambda: sampler(units, design, prior, FULL)(key, every))
+    belongs = belonging(key, units, design, prior, draws, report, parts)
     record = record_of(fleet, Pooling(coordinates, units, design, prior, draws), belongs)
     record["statements"] = statements(record)
     return Population(coordinates, design, prior, draws, record)
@@ -185,6 +189,7 @@ def belonging(
     prior: Prior,
     draws: dict[str, np.ndarray],
     report: Callable[[str], Any],
+    parts: Parts = unkept,
 ) -> Float[np.ndarray, " unit"]:
     """Probability that a unit of the others' population lies as far from its line as each does."""
     log_density, far = left_out(units, design, prior, draws)
@@ -198,7 +203,8 @@ def belonging(
     drawn = sampler(plain, design, prior, LENGTHS)
     for number, k in enumerate(doubted, start=1):
         report(messages.without_stage(number, len(doubted)))
-        others = drawn(key, (np.arange(len(probability)) != k).astype(float))
+        included = (np.arange(len(probability)) != k).astype(float)
+        others = parts(f"without unit {k}", partial(drawn, key, included))
         probability[k] = np.mean(left_out(units, design, prior, others)[1][:, k])
     return probability
 

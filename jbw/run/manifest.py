@@ -10,7 +10,7 @@ from dataclasses import asdict, dataclass, field, replace
 from importlib.metadata import version
 from itertools import zip_longest
 from pathlib import Path
-from typing import Any
+from typing import Any, TypedDict
 
 from jbw.errors import ConfigError, DataError, RunError
 from jbw.report.messages.run import RESTORE
@@ -27,7 +27,14 @@ def versions() -> dict[str, str]:
     return {**here, "jbw": f"{here['jbw']} (sources {sources_of('jbw')})"}
 
 
-def machine() -> dict[str, str]:
+class Machine(TypedDict):
+    """The computer of a run."""
+
+    name: str
+    processors: str
+
+
+def machine() -> Machine:
     """What else the last bit of a draw may depend on."""
     return {"name": platform.node(), "processors": str(os.cpu_count())}
 
@@ -53,7 +60,7 @@ class Manifest:
     # Hash of every data file by its path, relative to the campaign's folder where it lies below.
     inputs: dict[str, str] | None = None
     versions: dict[str, str] = field(default_factory=versions)
-    machine: dict[str, str] = field(default_factory=machine)
+    machine: Machine = field(default_factory=machine)
 
 
 def write_manifest(path: Path, manifest: Manifest) -> None:
@@ -65,12 +72,15 @@ def write_manifest(path: Path, manifest: Manifest) -> None:
 
 def read_manifest(path: Path) -> Manifest:
     """The manifest of an unfinished run; refused where it was changed or is of another format."""
+    from pydantic import TypeAdapter  # a tenth of a second
+
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        text = path.read_text(encoding="utf-8")
+        content = json.loads(text)
         intact = content.pop("sha256") == _digest(content) and content.pop("format") == FORMAT
-        if intact:
-            content["figures"] = tuple(content.get("figures", ()))
-            return Manifest(**content)
+        if intact and "\\u0000" not in text:  # which no path may hold
+            Manifest(**content)  # refuses other keys
+            return TypeAdapter(Manifest).validate_json(json.dumps(content), strict=True)
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         pass
     raise RunError(

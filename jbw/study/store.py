@@ -7,29 +7,64 @@ import shutil
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
 
 from jbw.errors import RunError
+from jbw.parts import ENDING, KeptParts, Parts, digest_of
 from jbw.report.figures import Beside, Files, draw_figures, figure_of
+from jbw.report.messages.run import REPEAT, going_on
 from jbw.report.page import write_page
 from jbw.report.prediction import prediction
 from jbw.report.style import Panels
-from jbw.run.files import require_room
+from jbw.run.files import put_whole, require_room
+from jbw.run.folder import lock
 from jbw.run.integrity import MARK, sealed
+from jbw.run.manifest import versions
 from jbw.run.netcdf import write_tree
 from jbw.verification.places import safe
 
-PART = ".part-"  # begins the name of a folder whose files are not whole yet
+PART = ".part"  # begins the names of folders whose files are not results yet
+JOB, ASKED, LOCK = f"{PART}s", "asked.json", "lock"  # of a job under way
 Write = Callable[[Path], Any]
 
 
-def claim(folder: Path) -> Path:
+@dataclass(frozen=True)
+class Job:
+    """A long job under way in its folder, which is asked for in words that its parts depend on."""
+
+    folder: Path
+    asked: str
+
+    def parts(self, inputs: Mapping[str, str], report: Callable[[str], Any]) -> Parts:
+        """Return what keeps the parts of the job, once parts of other inputs or code are removed.
+
+        Args:
+            inputs: Digests of all that is read, by file.
+            report: Called with a sentence where parts are kept from before.
+        """
+        mark = digest_of(json.dumps([self.asked, inputs, versions()], sort_keys=True))
+        for path in (self.folder / JOB).glob(f"*{ENDING}"):
+            if not path.name.startswith(mark):
+                path.unlink()
+        if self.num_kept:
+            report(going_on(self.num_kept))
+        return KeptParts(self.folder / JOB, mark)
+
+    @property
+    def num_kept(self) -> int:
+        """Number of parts that are kept."""
+        return len(list((self.folder / JOB).glob(f"*{ENDING}")))
+
+
+def claim(folder: Path, asked: str = "") -> Path:
     """Make a new or empty folder with room for results, before any work is done.
 
-    What a killed process left half written there does not count; `writing` removes it.
+    What a killed process left half written there does not count; `writing` removes it. What a
+    killed job saved does not count either where the same is `asked` for.
 
     Raises:
         RunError: The folder cannot be written, holds something, or its disk is full.
@@ -44,7 +79,7 @@ def claim(folder: Path) -> Path:
             remedy="Choose another with --out.",
         ) from error
     names = sorted(path.name for path in folder.iterdir() if not path.name.startswith(PART))
-    if names:
+    if names and not (asked and _asked_in(folder) == asked):
         raise RunError(
             f"The output folder {folder} must be new or empty, but it holds {names[0]}.",
             why="Results of two runs must not be mixed.",
@@ -54,16 +89,42 @@ def claim(folder: Path) -> Path:
     return folder
 
 
-@contextmanager
-def claimed(folder: Path) -> Iterator[Path]:
-    """Claim a folder, and remove it where the work fails and nothing was written."""
-    claim(folder)
+def _asked_in(folder: Path) -> str:
+    """Return what the job under way in a folder was asked for; nothing where there is none."""
     try:
-        yield folder
+        return (folder / JOB / ASKED).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError):
+        return ""
+
+
+@contextmanager
+def claimed(folder: Path, /, **asked: Any) -> Iterator[Job]:
+    """Hold a folder for a long job, whose parts are kept there until it has ended well.
+
+    Where it fails with no part finished and nothing written, no folder is left.
+
+    Args:
+        folder: The output folder.
+        asked: Plain values of all that was asked for. Parts of the same job are gone on with.
+
+    Raises:
+        RunError: As `claim`; or another process works there.
+    """
+    job = Job(claim(folder, told := json.dumps(asked, sort_keys=True, default=str)), told)
+    (folder / JOB).mkdir(exist_ok=True)
+    held = lock(folder / JOB / LOCK, folder)
+    try:
+        put_whole(folder / JOB / ASKED, told.encode())
+        yield job
     except BaseException:
-        if not any(folder.iterdir()):
-            folder.rmdir()
+        held.release()
+        if not job.num_kept:
+            shutil.rmtree(folder / JOB, ignore_errors=True)
+            if not any(folder.iterdir()):
+                folder.rmdir()
         raise
+    held.release()
+    shutil.rmtree(folder / JOB, ignore_errors=True)
 
 
 def save_result(folder: Path, tree: xr.DataTree, summary: Mapping[str, Any]) -> None:
@@ -149,8 +210,7 @@ def save_outputs(folder: Path, numbers: Mapping[str, Write], pictures: Mapping[s
         raise RunError(
             f"The figures in {folder} failed: {type(error).__name__}: {error}",
             why=f"{', '.join(numbers)} are saved and whole.",
-            remedy="Read the numbers there; for the figures, free some space and repeat the "
-            "command with another --out.",
+            remedy=REPEAT,
         ) from error
 
 
@@ -163,8 +223,8 @@ def _save(folder: Path, outputs: Mapping[str, Write]) -> None:
 @contextmanager
 def writing(folder: Path, *names: str) -> Iterator[Path]:
     """A hidden folder to write `names` into; in their order moved to their place when complete."""
-    left = list(folder.glob(f"{PART}*"))  # by a process that was killed
-    with tempfile.TemporaryDirectory(dir=folder, prefix=PART) as name:
+    left = list(folder.glob(f"{PART}-*"))  # by a process that was killed
+    with tempfile.TemporaryDirectory(dir=folder, prefix=f"{PART}-") as name:
         yield Path(name)
         for path in left:
             shutil.rmtree(path, ignore_errors=True)

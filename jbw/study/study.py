@@ -1,5 +1,6 @@
 """The result of an identification, as it comes from `identify` or from a run's folder."""
 
+import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -8,6 +9,8 @@ from pathlib import Path
 from textwrap import shorten
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+import scipy.sparse
 import xarray as xr
 
 from jbw.campaign.load import Campaign, load_campaign, with_laws
@@ -18,6 +21,7 @@ from jbw.measurement.records import Test
 from jbw.report.formats import formats_of
 from jbw.report.opening import known_parameters
 from jbw.report.result import node, read_result
+from jbw.run.files import hash_of
 from jbw.study.cell import page_of
 from jbw.study.frames import backbone_frame, parameter_frame, prediction_frame
 from jbw.study.store import claim, save_report, save_result
@@ -256,6 +260,20 @@ def require_same_inputs(campaign: Campaign, summary: Mapping[str, Any]) -> None:
             f"its {len(now)} files are new or were changed.",
             remedy="Give the run's campaign with --campaign, or compare on the campaign alone.",
         )
+
+
+def inputs_of(campaign: Campaign) -> dict[str, str]:
+    """Return file to SHA-256 of all that was read, with campaign file and matrices."""
+    read = {**input_hashes(campaign), str(campaign.path): hash_of(campaign.path)}
+    if campaign.joints is None:
+        return read
+    model = campaign.joints.model.matrices
+    digest = hashlib.sha256(repr((model.dofs, model.units, model.positions)).encode())
+    for matrix in (model.mass, model.stiffness, model.damping):
+        values = scipy.sparse.coo_array((0, 0) if matrix is None else matrix)
+        for array in (values.row, values.col, values.data):
+            digest.update(np.ascontiguousarray(array))
+    return {**read, "matrices": digest.hexdigest()}
 
 
 def input_hashes(campaign: Campaign) -> dict[str, str]:

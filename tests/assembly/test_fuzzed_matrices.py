@@ -2,6 +2,7 @@
 
 import warnings
 
+import h5py
 import numpy as np
 import pytest
 import scipy.io
@@ -13,6 +14,8 @@ import jbw
 from jbw.errors import JbwError
 
 MATRIX = sp.csc_array(np.array([[300.0, -100, 0], [-100, 200, -100], [0, -100, 100.0]]))
+ENTRIES = [(0, 0), (1, 0), (1, 1), (2, 1), (2, 2)]  # of the lower triangle
+HEAD = "DMIG    K       0       6       2       0\n"
 WRITERS = {
     "market.mtx": lambda path: scipy.io.mmwrite(path, MATRIX),
     "abaqus.mtx": lambda path: path.write_text("".join(
@@ -23,7 +26,30 @@ WRITERS = {
     "dense.npz": lambda path: np.savez(path, K=MATRIX.toarray()),
     "sparse.npz": lambda path: sp.save_npz(path, MATRIX),
     "five.mat": lambda path: scipy.io.savemat(path, {"K": MATRIX}),
+    "dense.mat": lambda path: matlab73(path, dense=True),
+    "seven.mat": lambda path: matlab73(path, dense=False),
+    "short.pch": lambda path: path.write_text("DMIG,K,0,6,1,0,,,4\n" + "".join(
+        f"DMIG,K,{j + 1},1,,{i + 1},1,{MATRIX[i, j]}\n" for i, j in ENTRIES
+    )),
+    "long.pch": lambda path: path.write_text(HEAD + "".join(
+        f"DMIG*   {'K':16}{j + 1:16}{1:16}\n*       {i + 1:16}{1:16}{MATRIX[i, j]:16.9E}\n"
+        for i, j in ENTRIES
+    )),
 }  # fmt: skip
+
+
+def matlab73(path, *, dense):
+    """A matrix as MATLAB lays it out in HDF5: columns of row indices, or the array in reverse."""
+    with h5py.File(path, "w") as file:
+        if dense:
+            file["K"] = MATRIX.toarray()
+            return
+        group = file.create_group("K")
+        group.attrs["MATLAB_sparse"] = np.uint64(MATRIX.shape[0])
+        for name in ("data", "indices", "indptr"):
+            group[{"indices": "ir", "indptr": "jc"}.get(name, name)] = getattr(MATRIX, name)
+
+
 FUZZED = settings(max_examples=60, deadline=5000, suppress_health_check=list(HealthCheck))
 CHANGES = st.one_of(
     st.tuples(st.just("cut"), st.integers(0, 2**16)),
@@ -54,6 +80,7 @@ def changed(data, change):
 @example(change=("junk", b"%%MatrixMarket matrix array real general\n-3 4\n"))
 @example(change=("junk", b"1 1 1e400\n2 2 nan\n"))
 @example(change=("junk", b"1e30 1e30 1\n"))
+@example(change=("junk", b"DMIG,K,0,6,1,0\nDMIG,K,1,1,,1,1,1e400\nDMIG,K,1e30,x,,nan\n"))
 def test_damage_is_refused_or_a_matrix(tmp_path_factory, name, change):
     path = tmp_path_factory.mktemp("matrix") / name
     WRITERS[name](path)

@@ -12,10 +12,6 @@ import jbw
 from jbw.errors import DataError
 
 FEW = 2**22  # bytes that stand for the limit, so that no test writes gigabytes
-MODULES = (
-    "jbw.measurement.files.npz", "jbw.assembly.files.contents", "jbw.assembly.files.mat",
-    "jbw.assembly.files.mtx",
-)  # fmt: skip
 
 
 def refused(path):
@@ -62,8 +58,7 @@ def test_a_row_number_of_ten_digits_asks_for_no_gigabytes(tmp_path):
 
 @pytest.fixture(name="_few")
 def _limit(monkeypatch):
-    for module in MODULES:
-        monkeypatch.setattr(f"{module}.MAX_BYTES", FEW)
+    monkeypatch.setattr("jbw.memory.MAX_BYTES", FEW)
 
 
 @pytest.mark.fault(54)

@@ -60,7 +60,7 @@ def swept(folder, num_samples, repeats=1):
 
 def test_records_beyond_the_memory_are_refused_as_soon_as_they_are_too_many(tmp_path, monkeypatch):
     path = swept(tmp_path, 4_096, repeats=2)
-    of_one = memory.needed_memory([[(4_096, 2)]])
+    of_one = memory.NO_RECORDS.beside(4_096, 2).needed
     monkeypatch.setattr(memory, "most_memory", lambda: of_one + 4_096)
     with pytest.raises(DataError, match=r"up to sweep_1.h5 need about 0") as told:
         load_campaign(path)
@@ -69,6 +69,21 @@ def test_records_beyond_the_memory_are_refused_as_soon_as_they_are_too_many(tmp_
     for line in ("span = [0.0, 8.0]", "resample = 128.0"):
         path.write_text(SWEEP.replace("fs = 256.0", f"fs = 256.0\n{line}"))
         assert len(load_campaign(path).tests[0].records) == 2
+
+
+@pytest.mark.fault(50)
+def test_a_record_that_memory_cannot_hold_is_refused_before_it_is_read(tmp_path, monkeypatch):
+    path = tmp_path / "campaign.toml"
+    path.write_text(SWEEP)
+    with h5py.File(tmp_path / "sweep_0.h5", "w") as file:  # 400 million samples of no bytes
+        for name in ("input", "velocity"):
+            file.create_dataset(name, (400_000_000,), "f8", chunks=(2**16,))
+    monkeypatch.setattr(memory, "most_memory", lambda: 2.0**35)
+    monkeypatch.setattr("jbw.measurement.files.tree.load", lambda *_: pytest.fail("read"))
+    # 400e6 x (2 channels x 8 + 100 + 200) bytes and 0.35e9 of the process
+    told = r"up to sweep_0.h5 need about 118.0 GiB, but this process may take 32.0 GiB"
+    with pytest.raises(DataError, match=told):
+        load_campaign(path)
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no such limits on this system")
@@ -111,4 +126,4 @@ def test_the_estimate_is_the_peak_of_a_process_up_to_the_fit(tmp_path):
         [sys.executable, "-c", PEAK, str(path)], capture_output=True, text=True, check=True
     )
     peak = 1024 * float(ended.stdout.split()[-1])
-    assert 0.65 < memory.needed_memory([[(1_000_000, 2)]]) / peak < 1.5
+    assert 0.65 < memory.NO_RECORDS.beside(1_000_000, 2).needed / peak < 1.5

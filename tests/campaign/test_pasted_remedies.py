@@ -9,6 +9,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.io import wavfile
 from scipy.signal import chirp, fftconvolve
 
+from jbw import memory
 from jbw.campaign.check import check_campaign
 from jbw.campaign.files import repeats_of
 from jbw.campaign.load import load_campaign
@@ -16,7 +17,6 @@ from jbw.campaign.schema import parse
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.checks.long_records import long_records
 from jbw.measurement.envelopes import envelopes, filter_of
-from jbw.measurement.files import tree
 from jbw.units import decibels, quantity_of
 
 FS, HZ, RATE = 600.0, 30.0, 1.1
@@ -386,7 +386,7 @@ def test_a_pasted_part_of_a_huge_channel_is_read(tmp_path, monkeypatch, rate):
     with h5py.File(tmp_path / "decay.h5", "w") as file:
         dataset = file.create_dataset("v", data=1e-2 * x)
         dataset.attrs.update({"fs": FS} if rate == "" else {})
-    monkeypatch.setattr(tree, "MAX_BYTES", 8 * 1200)
+    monkeypatch.setattr(memory, "MAX_BYTES", 8 * 1200)
     path = tmp_path / "campaign.toml"
     text = TIMED.replace("npz", "h5").replace('time = "t", ', "").replace('time = "s", ', "") + rate
     path.write_text(text)

@@ -150,6 +150,6 @@ def test_a_bomb_inside_a_struct_is_refused(tmp_path, monkeypatch):
     path = tmp_path / "a.mat"
     inside = {"test": {"laser": np.zeros(2**20)}}
     scipy.io.savemat(path, inside, do_compression=True)
-    monkeypatch.setattr("jbw.measurement.files.mat.MAX_BYTES", 2**22)
+    monkeypatch.setattr("jbw.memory.MAX_BYTES", 2**22)
     with pytest.raises(DataError, match=r"declares 0\.0 GiB"):
         read(path, {"velocity": "test.laser"}, UNITS, fs=FS)

@@ -194,6 +194,7 @@ EXAMPLES = {
         reading.unfitting_names(["time", "a_x", "a_y", "a_z"], 2),
         reading.of_sensor('{ acceleration = "100 mV/g" }'),
         reading.of_sensor('{ acceleration = "1 V/g" }', is_scaled=True),
+        reading.channel_takes((4800,)),
         reading.beginning(1e6, 2.7e8),
         reading.beginning(None, 2.7e8),
         reading.against_file("mm", "m"),

@@ -355,7 +355,7 @@ OF_TOPICS = {
         *constants(run), run.stopping(waits=True), run.stopping(waits=False),
         run.damaged_checkpoint("joint", "beam-run", has_earlier=True),
         run.damaged_checkpoint("joint", "beam-run", has_earlier=False),
-        run.another_machine("lab", "16", "desk", "8"),
+        run.another_machine("lab", "16", "desk", "8"), run.going_on(3),
     ],
     "rig": [rig.IDENTIFY, rig.PRIOR, *rig.PURPOSE.values(), *rig.HEAD.splitlines()],
     "figures": [

@@ -10,8 +10,8 @@ import scipy.sparse as sp
 from jbw.assembly.dofs import Dof
 from jbw.assembly.factorisation import Sparse
 from jbw.assembly.files.node_table import Position
-from jbw.errors import DataError
-from jbw.measurement.files.tree import MAX_BYTES
+from jbw.memory import require_readable
+from jbw.report.messages import matrices as messages
 
 INDEX, ENTRY = 8, 16  # bytes of a column and of an entry of a sparse matrix
 
@@ -39,7 +39,7 @@ class MatrixFile:
                     raise ValueError("the starts of its rows or columns do not rise")
 
 
-def require_held(name: str, shape: Sequence[int], entries: int) -> None:
+def require_sparse(name: str, shape: Sequence[int], entries: int) -> None:
     """Refuse a sparse matrix that takes more memory than is read at once, before it is made.
 
     Args:
@@ -47,14 +47,8 @@ def require_held(name: str, shape: Sequence[int], entries: int) -> None:
         shape: Rows and columns.
         entries: How many of its entries are stored.
     """
-    size = INDEX * max(shape) + ENTRY * entries
-    if size > MAX_BYTES:
-        raise DataError(
-            f"A matrix of {shape[0]} x {shape[1]} with {entries} entries in {name} takes "
-            f"{size / 2**30:.1f} GiB, but at most {MAX_BYTES / 2**30:.0f} GiB are read at once.",
-            remedy="Number the degrees of freedom without gaps, or reduce the model in its own "
-            "program.",
-        )
+    takes = f"A matrix of {shape[0]} x {shape[1]} with {entries} entries in {name} takes"
+    require_readable(INDEX * max(shape) + ENTRY * entries, takes, messages.WITHOUT_GAPS)
 
 
 def of_labels(

@@ -9,12 +9,11 @@ import numpy as np
 import scipy.io
 import scipy.sparse as sp
 
-from jbw.assembly.files.contents import MatrixFile, require_held
+from jbw.assembly.files.contents import MatrixFile, require_sparse
 from jbw.assembly.files.dof_table import DOFS, rows_of_table
 from jbw.assembly.files.node_table import NODES, positions
-from jbw.errors import DataError
 from jbw.measurement.files.mat_headers import require_sound
-from jbw.measurement.files.tree import MAX_BYTES
+from jbw.memory import require_readable
 from jbw.report.messages import matrices as messages
 
 
@@ -39,7 +38,7 @@ def _is_matrix(variable: Any) -> bool:
 
 
 def _v5(path: Path) -> dict[str, Any]:
-    require_sound(path, MAX_BYTES)
+    require_sound(path)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of SciPy's sparse matrices
         loaded = scipy.io.loadmat(path, chars_as_strings=True)
@@ -67,7 +66,7 @@ def _read73(file: h5py.File, node: Any) -> Any:
         of: dict[str, Any] = dict(node.items())
         rows, starts = int(np.ravel(size)[0]), _loaded(of["jc"])
         entries = of["data"].size if "data" in of else 0
-        require_held(Path(file.filename).name, (rows, starts.size - 1), entries)
+        require_sparse(Path(file.filename).name, (rows, starts.size - 1), entries)
         if "data" not in of:  # a sparse matrix of zeros
             return sp.csc_array((rows, starts.size - 1))
         parts = (_loaded(of["data"]), _loaded(of["ir"]), starts)
@@ -82,11 +81,6 @@ def _read73(file: h5py.File, node: Any) -> Any:
 
 
 def _loaded(node: Any) -> np.ndarray:
-    """An array of the file, refused before it is unpacked where it takes too much memory."""
-    if node.nbytes > MAX_BYTES:
-        raise DataError(
-            f"The array {node.name} of shape {node.shape} takes {node.nbytes / 2**30:.1f} GiB, "
-            f"but at most {MAX_BYTES / 2**30:.0f} GiB are read at once.",
-            remedy=messages.AS_SPARSE,
-        )
+    takes = f"The array {node.name} of shape {node.shape} takes"
+    require_readable(node.nbytes, takes, messages.AS_SPARSE)
     return np.asarray(node)

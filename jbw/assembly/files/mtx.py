@@ -16,9 +16,9 @@ import numpy as np
 import scipy.io
 
 from jbw.assembly.dofs import Dof, dof_of
-from jbw.assembly.files.contents import MatrixFile, mirrored, of_labels, require_held
+from jbw.assembly.files.contents import MatrixFile, mirrored, of_labels, require_sparse
 from jbw.errors import DataError
-from jbw.measurement.files.tree import MAX_BYTES
+from jbw.memory import require_readable
 from jbw.report.messages import matrices as messages
 
 _EXPONENT = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)")  # as Fortran writes it
@@ -31,25 +31,16 @@ def contents(path: Path) -> MatrixFile:
     if is_market:
         # SciPy's reader runs past the end of a last line that is cut, and ends the process.
         content = path.read_bytes() + b"\n"
-        _require_held(path.name, content)
+        rows, columns, entries, form, *_ = scipy.io.mminfo(BytesIO(content))
+        if form == "array":
+            takes = f"The dense {rows} x {columns} matrix in {path.name} takes"
+            require_readable(8 * rows * columns, takes, messages.AS_SPARSE)
+        else:
+            require_sparse(path.name, (rows, columns), entries)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # of SciPy's sparse matrices
             return MatrixFile({"": scipy.io.mmread(BytesIO(content))})
     return _abaqus(path)
-
-
-def _require_held(name: str, content: bytes) -> None:
-    """Refuse a header that states more than the file holds, or than is read at once."""
-    rows, columns, entries, form, *_ = scipy.io.mminfo(BytesIO(content))
-    dense = form == "array"
-    if not dense:
-        require_held(name, (rows, columns), entries)
-    elif (size := 8 * rows * columns) > MAX_BYTES:
-        raise DataError(
-            f"The dense matrix of {rows} x {columns} in {name} takes {size / 2**30:.1f} GiB, "
-            f"but at most {MAX_BYTES / 2**30:.0f} GiB are read at once.",
-            remedy=messages.AS_SPARSE,
-        )
 
 
 def _abaqus(path: Path) -> MatrixFile:
@@ -79,7 +70,7 @@ def _abaqus(path: Path) -> MatrixFile:
             remedy="Export it by *MATRIX OUTPUT, FORMAT=COORDINATE.",
         )
     size = int(max(row.max(), column.max()))
-    require_held(path.name, (size, size), len(table))
+    require_sparse(path.name, (size, size), len(table))
     return MatrixFile({"": mirrored(row - 1, column - 1, table[:, 2], size)})
 
 

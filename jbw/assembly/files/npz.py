@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import scipy.sparse as sp
 
-from jbw.assembly.files.contents import MatrixFile, require_held
+from jbw.assembly.files.contents import MatrixFile, require_sparse
 from jbw.assembly.files.dof_table import DOFS, rows_of_table
 from jbw.assembly.files.node_table import NODES, positions
 from jbw.measurement.files.npz import require_unpackable
@@ -21,7 +21,7 @@ def contents(path: Path) -> MatrixFile:
     with path.open("rb") as stream, np.load(stream, allow_pickle=False) as archive:
         names = list(archive.files)
         if {"format", "data", "shape"} <= set(names):
-            require_held(path.name, archive["shape"].tolist(), archive["data"].size)
+            require_sparse(path.name, archive["shape"].tolist(), archive["data"].size)
             return MatrixFile({"": sp.load_npz(path)})
         arrays = {name: archive[name] for name in names}
     table = next((arrays.pop(name) for name in names if name.lower() == DOFS), None)

@@ -40,6 +40,7 @@ from jbw.inference.samplers.register import Sampler, module_of
 from jbw.inference.space.box import Box, box, from_unit, require_float64
 from jbw.inference.space.problem import LogLikelihood, Problem, Theta, problem_of
 from jbw.inference.space.reparametrisation import in_box
+from jbw.parts import Parts, unkept
 
 LOG_LIKELIHOOD = "log_likelihood"
 TAIL = 0.005  # on either side of a 99 % interval
@@ -82,6 +83,7 @@ def calibrate(
     num_ranks: int = 100,
     batch: int = 100,
     report: Report = lambda done: None,
+    parts: Parts = unkept,
 ) -> Calibration:
     """Rank the truth among the draws of its posterior, for many truths drawn from the prior.
 
@@ -89,7 +91,7 @@ def calibrate(
     rounds one after the other. A replication fails
     where a draw is not finite, where the chains disagree, or where the sampler did not come to its
     end: its ranks stay as they are, those of draws that are not numbers at the lowest. `report` is
-    told the number of replications done.
+    told the number of replications done; `parts` keeps each batch.
 
     Reference:
         Talts et al. (2018), arXiv:1804.06788; Modrak et al. (2023), Bayesian Analysis 20, 461.
@@ -104,8 +106,8 @@ def calibrate(
     padded = jnp.concatenate([keys, keys[: -num_replications % size]])
     rows = []
     for first in range(0, num_replications, size):
-        lot = one_lot(padded[first : first + size], model, sampler, options, num_ranks)
-        rows.append(jax.tree.map(np.asarray, lot))
+        lot = partial(one_lot, padded[first : first + size], model, sampler, options, num_ranks)
+        rows.append(jax.tree.map(np.asarray, parts(f"replications from {first}", lot, Ranked)))
         report(min(first + size, num_replications))
     replications = jax.tree.map(lambda *parts: np.concatenate(parts)[:num_replications], *rows)
     return judged(model.names, replications, num_ranks)

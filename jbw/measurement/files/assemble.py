@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from math import prod
 from pathlib import Path
 from typing import NamedTuple
 
@@ -31,6 +32,7 @@ from jbw.measurement.records import (
 )
 from jbw.measurement.spans import SPAN, span_words, toml_table
 from jbw.measurement.steady_lines import lines_removed, without_lines
+from jbw.memory import Admit, admit_all
 from jbw.report.messages import reading as messages
 from jbw.units import TORSION, decibels, factor_of, is_voltage, plain, si_unit
 
@@ -68,10 +70,13 @@ class _Clock(NamedTuple):
     is_resampled: bool
 
 
-def records_of(contents: Contents, path: Path, request: Wanted, digest: str) -> tuple[Record, ...]:
+def records_of(
+    contents: Contents, path: Path, request: Wanted, digest: str, admit: Admit = admit_all
+) -> tuple[Record, ...]:
     """Records of an open file in SI, one a repeat; what was done to them is in the provenance."""
     sources = _sources(contents, request)
     clock, rate_source = _clock(contents, sources, request)
+    admit(*_size(contents, sources, request, clock), path.name)
     whole = {"path": str(path), "sha256": digest, "reader": contents.reader, "fs": rate_source}
     read = _Channels({}, {}, {**whole, **contents.notes})
     for role in sources:
@@ -110,6 +115,26 @@ def _clock(
     )
     first = round(request.span[0] * fs) if request.span and np.isfinite(fs) else 0
     return _Clock(fs, part, first, is_resampled), rate_source
+
+
+def _size(
+    contents: Contents, sources: Mapping[str, list[Leaf]], request: Wanted, clock: _Clock
+) -> tuple[int, int]:
+    """Return samples of a record and channels of all, by the shapes that the file states.
+
+    Channels that are resampled from an unknown rate have no sample here.
+    """
+    samples, channels = 0, 0
+    for item in (item for role, items in sources.items() if role != "time" for item in items):
+        length = (item.shape or (1,))[-1] if request.repeats == "rows" else max(item.shape or (1,))
+        kept = len(range(*clock.part.indices(length)))
+        if clock.is_resampled:
+            rate = item.fs or contents.fs or request.fs
+            kept = int(kept * clock.fs / rate) if rate and not isinstance(rate, str) else 0
+            if request.span:
+                kept = min(kept, int(np.diff(request.span)[0] * clock.fs))
+        samples, channels = max(samples, kept), channels + prod(item.shape) // max(length, 1)
+    return samples, channels
 
 
 def _is_curve(role: str, sources: Mapping[str, list[Leaf]]) -> bool:

@@ -17,7 +17,6 @@ from jbw.measurement.files import hdf5
 from jbw.measurement.files.mat_headers import require_sound
 from jbw.measurement.files.tree import (
     LONGEST_TEXT,
-    MAX_BYTES,
     Contents,
     Leaf,
     Node,
@@ -44,7 +43,7 @@ def contents(path: Path) -> Iterator[Contents]:
         with h5py.File(path, "r") as file:
             yield Contents(hdf5.group_tree(file, _node73), "MATLAB v7.3", fs=hdf5.fs_of(file.attrs))
     else:
-        require_sound(path, MAX_BYTES)
+        require_sound(path)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # of sparse matrices, not read here
             # Objects have no name of their own in the file; two of them look like a repetition.

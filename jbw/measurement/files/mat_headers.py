@@ -14,7 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
-from jbw.errors import DataError
+from jbw.memory import require_readable
+from jbw.report.messages import reading as messages
 
 HEADER = 128  # bytes of a file before its first variable
 MATRIX, COMPRESSED = 14, 15  # data types that hold further elements
@@ -31,8 +32,8 @@ LONGEST_NAME = 2**16
 SLACK = 2**16  # bytes that a packed variable may hold beyond what it declares
 
 
-def require_sound(path: Path, most: int) -> None:
-    """Refuse headers that declare what is not there, or more than `most` bytes once unpacked."""
+def require_sound(path: Path) -> None:
+    """Refuse headers that declare what is not there, or more than is read at once."""
     # MATLAB, MAT-File Format, level 5: data elements and their tags.
     data = memoryview(np.memmap(path, np.uint8, "r"))
     # Version 5 to 7 begins with a text, version 4 with a number below 5000.
@@ -40,12 +41,7 @@ def require_sound(path: Path, most: int) -> None:
     declared = 0
     for size, check in variables:
         declared += size
-        if declared > most:
-            raise DataError(
-                f"File `{path.name}` declares {declared / 2**30:.1f} GiB of variables, "
-                f"but at most {most / 2**30:.0f} GiB are read at once.",
-                remedy="Save it with -v7.3, which is read in parts, or save fewer variables.",
-            )
+        require_readable(declared, f"File `{path.name}` declares", messages.AS_V73)
         check()
 
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from jbw.errors import DataError
-from jbw.measurement.files.tree import MAX_BYTES, Contents, numeric
+from jbw.measurement.files.tree import Contents, numeric
+from jbw.memory import require_readable
 from jbw.report.messages import reading as messages
 
 
@@ -31,9 +31,4 @@ def require_unpackable(path: Path, remedy: str) -> None:
     """Refuse an .npz archive that unpacks to more than is read at once, before it is unpacked."""
     with zipfile.ZipFile(path) as archive:
         size = sum(member.file_size for member in archive.infolist())
-    if size > MAX_BYTES:
-        raise DataError(
-            f"File `{path.name}` unpacks to {size / 2**30:.1f} GiB, "
-            f"but at most {MAX_BYTES / 2**30:.0f} GiB are read at once.",
-            remedy=remedy,
-        )
+    require_readable(size, f"File `{path.name}` unpacks to", remedy)

@@ -20,6 +20,7 @@ from jbw.measurement.files.sampling import Wanted
 from jbw.measurement.files.tree import Contents
 from jbw.measurement.recorders import annotated
 from jbw.measurement.records import ROLES, Record
+from jbw.memory import Admit, admit_all
 from jbw.report.messages.reading import EXPORTS
 
 # Suffix to the module that reads it, imported when first needed.
@@ -97,7 +98,7 @@ def read(
     return tuple(included)
 
 
-def records(path: Path, request: Wanted) -> tuple[Record, ...]:
+def records(path: Path, request: Wanted, admit: Admit = admit_all) -> tuple[Record, ...]:
     """Records of a file in SI, not yet checked sample by sample; raises as `read` does."""
     tables = (request.channels or {}, request.units, request.scale, request.sensitivity)
     for role in [role for table in tables for role in table]:
@@ -108,7 +109,7 @@ def records(path: Path, request: Wanted) -> tuple[Record, ...]:
             )
     with naming(path.name), opened(path) as contents, path.open("rb") as stream:
         digest = hashlib.file_digest(stream, "sha256").hexdigest()
-        return records_of(contents, path, request, digest)
+        return records_of(contents, path, request, digest, admit)
 
 
 def report(record: Record, findings: Sequence[Fault]) -> None:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
+from jbw import memory
 from jbw.errors import DataError
 from jbw.report.messages import reading as messages
 
@@ -18,7 +19,6 @@ RATE = re.compile(
     r"(?:^|_)(?:fs|sampl(?:e|ing)_(?:frequency|freq|rate)|samplerate)(?:_?hz)?_*$", re.IGNORECASE
 )
 LONGEST_TEXT = 4096  # letters of a text in a file that are looked at
-MAX_BYTES = 4 * 2**30  # of one channel in memory: stops decompression bombs and slips
 WHOLE = slice(0, None)
 
 
@@ -139,12 +139,9 @@ def load(source: Leaf, part: slice = WHOLE, dtype: DTypeLike | None = None) -> N
     # As it will be held: bytes that a file packs may unpack to eight times as many.
     width = max(array.dtype.itemsize, np.dtype(dtype or array.dtype).itemsize)
     size = int(np.prod(lengths, dtype=np.float64)) * width
-    if size > MAX_BYTES:
-        raise DataError(
-            f"A channel of shape {source.shape} takes {size / 2**30:.1f} GiB, "
-            f"but at most {MAX_BYTES / 2**30:.0f} GiB are read at once.",
-            remedy=messages.beginning(source.fs, MAX_BYTES / (size / lengths[-1])),
-        )
+    fewer = memory.MAX_BYTES * lengths[-1] / max(size, 1) if lengths else 1
+    remedy = messages.beginning(source.fs, fewer)
+    memory.require_readable(size, messages.channel_takes(source.shape), remedy)
     is_complex = np.issubdtype(array.dtype, np.complexfloating)
     if dtype is not None and not is_complex and not isinstance(array, np.ndarray):
         array = array.astype(dtype)  # h5py converts as it reads, without a second copy

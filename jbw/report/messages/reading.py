@@ -26,6 +26,7 @@ STATE_MASS = (
     "`modal_mass` in [campaign]."
 )
 AS_HDF5 = "Save it as HDF5, which is read in parts."
+AS_V73 = "Save it with -v7.3, which is read in parts, or save fewer variables."
 FEWER_SAMPLES = (
     "Read a part of the records, `span = [first, last]` in seconds under [[test]], or decimate "
     "them, `resample = RATE` in Hz at four times the end of the band or more."
@@ -100,6 +101,11 @@ def of_sensor(sensitivity: str, *, is_scaled: bool = False) -> str:
         f"The file holds the volts of a sensor: state its sensitivity, {which}. Put under "
         f"[[test]]: `sensitivity = {sensitivity}`."
     )
+
+
+def channel_takes(shape: tuple[int, ...]) -> str:
+    """Subject and verb of the sentence that a channel is too large."""
+    return f"A channel of shape {shape} takes"
 
 
 def beginning(fs: float | None, most: float) -> str:

@@ -1,6 +1,13 @@
 """What a run's folder and its interruption say."""
 
 RESTORE = "Restore it, or begin a new run in another folder: jbw identify CAMPAIGN --out DIR."
+REPEAT = "Free some space, and repeat the command: it goes on with the parts that are kept."
+KEPT = "Its finished parts are kept: the same command goes on with them."
+
+
+def going_on(parts: int) -> str:
+    """That a command goes on with parts that a killed process of the same command kept."""
+    return f"Going on with {parts} finished parts of the same command"
 
 
 def stopping(*, waits: bool) -> str:
