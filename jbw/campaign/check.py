@@ -34,11 +34,12 @@ from jbw.measurement.checks.loops import degrading, off_centre, travels_freely
 from jbw.measurement.checks.plausibility import doubts, swapped
 from jbw.measurement.curves import forced_loop, response_curve
 from jbw.measurement.hypotheses.begins_late import begins_late
-from jbw.measurement.hypotheses.examine import examined_decay, examined_sweep
+from jbw.measurement.hypotheses.examine import Examined, examined_decay, examined_sweep
 from jbw.measurement.hypotheses.lag_of_noise import untimely
 from jbw.measurement.hypotheses.unlike_gains import unlike_gains
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
+from jbw.measurement.readings.table import RecordReading
 from jbw.measurement.records import INPUTS, RESPONSES, Record, is_sampled, share_clock
 from jbw.measurement.spans import toml_list
 from jbw.measurement.spectra import strongest_line
@@ -343,7 +344,7 @@ def findings(
     if worst(facts) == "error":
         return tuple(facts)
     # What files and campaign state is no guess: its remedies need no trial.
-    return (*facts, *tried(doubtful(record, test, first), facts, record, test, look))
+    return (*facts, *tried(doubtful(record, test, first), facts, record, test, look, _reading))
 
 
 def has_one_mode(spec: CampaignSpec) -> bool:
@@ -378,15 +379,27 @@ def _doubtful(
 ) -> list[Fault]:
     """Faults that a record itself shows, with remedies that nobody has tried."""
     faults = [*_of_metres(record, test), *_believable(record, test, per_unit, laws)]
-    if of_one_mode and test.traits.is_free:
-        faults += examined_decay(record, test.band, test.settle).faults
+    if of_one_mode and (examined := _examined(record, test)) is not None:
+        faults += examined.faults
     elif test.traits.is_free and test.band is not None:
         faults += begins_late(record, test.band, test.settle)
-    elif of_one_mode and test.traits.is_transient and any(x in record.channels for x in INPUTS):
-        faults += examined_sweep(record, test.band, test.delay).faults
     if first and test.traits.is_transient and test.traits.is_driven:
         faults += noisy_drive(first[0], record)
     return faults
+
+
+def _examined(record: Record, test: TestSpec) -> Examined | None:
+    """What a decay or a sweep shows of one mode; None of other kinds of test."""
+    if test.traits.is_free:
+        return examined_decay(record, test.band, test.settle)
+    if test.traits.is_transient and any(x in record.channels for x in INPUTS):
+        return examined_sweep(record, test.band, test.delay)
+    return None
+
+
+def _reading(record: Record, test: TestSpec) -> RecordReading | None:
+    examined = _examined(record, test)
+    return None if examined is None else examined.reading
 
 
 def _started_apart(record: Record, test: TestSpec) -> Iterator[Fault]:

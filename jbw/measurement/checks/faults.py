@@ -22,6 +22,8 @@ class Fault:
     what: str  # what was found, with numbers
     why: str = ""  # why it matters
     remedy: str = ""  # what to do
+    # Frequency [Hz] and damping ratio that a remedy leaves; None where nothing tells them.
+    leaves: tuple[float, float] | None = None
 
 
 refusal, doubt = partial(Fault, "error"), partial(Fault, "warning")

@@ -32,7 +32,7 @@ from jbw.measurement.records import (
 )
 from jbw.measurement.spans import SPAN, span_words, toml_table
 from jbw.measurement.steady_lines import lines_removed, without_lines
-from jbw.memory import Admit, admit_all
+from jbw.memory import MAX_BYTES, VALUE, Admit, admit_all
 from jbw.report.messages import reading as messages
 from jbw.units import TORSION, decibels, factor_of, is_voltage, plain, si_unit
 
@@ -76,7 +76,9 @@ def records_of(
     """Records of an open file in SI, one a repeat; what was done to them is in the provenance."""
     sources = _sources(contents, request)
     clock, rate_source = _clock(contents, sources, request)
-    admit(*_size(contents, sources, request, clock), path.name)
+    samples, channels = _size(contents, sources, request, clock)
+    if samples * VALUE <= MAX_BYTES:  # longer channels are refused by their name as they are read
+        admit(samples, channels, path.name)
     whole = {"path": str(path), "sha256": digest, "reader": contents.reader, "fs": rate_source}
     read = _Channels({}, {}, {**whole, **contents.notes})
     for role in sources:

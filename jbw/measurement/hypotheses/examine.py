@@ -190,7 +190,10 @@ def _from_json(kept: Mapping[str, Any]) -> Examined:
             for name, value in reading.items()
         }
         reading = RecordReading(**values)
-    faults = tuple(Fault(**fault) for fault in kept["faults"])
+    faults = tuple(
+        Fault(**fault | {"leaves": fault["leaves"] and tuple(fault["leaves"])})
+        for fault in kept["faults"]
+    )
     low, high = kept["band_hz"]
     return Examined(reading, faults, (low, high))
 

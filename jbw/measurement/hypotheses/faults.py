@@ -1,6 +1,7 @@
 """All hypotheses in one list, and the faults of one record by them."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.hypotheses.drop_off import drop_off
@@ -37,6 +38,7 @@ def explained(fits: Fits, facts: Facts) -> Iterator[tuple[str, Fault]]:
         return
     named = named_cause(fits, HYPOTHESES)
     if named is not None:
-        yield named.hypothesis.name, named.hypothesis.fault(named.values, fits, facts)
+        fault = named.hypothesis.fault(named.values, fits, facts)
+        yield named.hypothesis.name, replace(fault, leaves=named.mode)
     elif left.rms > UNEXPLAINED and left.share > UNEXPLAINED_SHARE:
         yield "unexplained", doubt(facts.record.response, *messages.unexplained(left.share))

@@ -42,11 +42,19 @@ Fits = DecayFits | SweepFits
 
 
 class Named(NamedTuple):
-    """A cause that is named: the hypothesis, its values, and 2 ln of the likelihood ratio."""
+    """A cause that is named.
+
+    Attributes:
+        hypothesis: What it is.
+        values: Its parameters.
+        odds: 2 ln of the likelihood ratio.
+        mode: Frequency [Hz] and damping ratio of a linear mode beside it: what a remedy leaves.
+    """
 
     hypothesis: "Hypothesis"
     values: Reals
     odds: float
+    mode: tuple[float, float]
 
 
 class Hypothesis(Protocol):
@@ -135,8 +143,11 @@ def named_cause(fits: Fits, hypotheses: Sequence[Hypothesis]) -> Named | None:
     nothing = best_of(fits)
     enough = min(LEFT**2 * len(fits.signal.z), ENOUGH * nothing.squares)
     tried, rivals = [], 0
+    modes = {}  # by the name of a hypothesis
     for hypothesis in hypotheses:
         found = list(_joint_fits(fits, hypothesis))
+        if found:
+            modes[hypothesis.name] = _mode(fits, found[0][1])
         tried += [(hypothesis, *row) for row in found if hypothesis.matters(row[0], fits)]
         rivals += len(found) > 0
         # They are in the order of parameters: one of two that leaves noise alone is enough.
@@ -156,8 +167,15 @@ def named_cause(fits: Fits, hypotheses: Sequence[Hypothesis]) -> Named | None:
     chosen = min(alike, key=lambda i: (len(tried[i][1]), -odds[i]))
     hypothesis, values, fitted = tried[chosen]
     if odds[chosen] > ODDS and fitted.squares < EXPLAINS * nothing.squares:
-        return Named(hypothesis, values, odds[chosen])
+        return Named(hypothesis, values, odds[chosen], modes[hypothesis.name])
     return None
+
+
+def _mode(fits: Fits, linear: Fitted) -> tuple[float, float]:
+    """Frequency [Hz] and damping ratio of a linear mode."""
+    sigma, turn = linear.theta[fits.FIRST : fits.FIRST + 2] * fits.scale
+    pole = complex(-sigma, turn + 2 * np.pi * fits.signal.centre_hz)
+    return abs(pole) / (2 * np.pi), -pole.real / abs(pole)
 
 
 def _joint_fits(fits: Fits, hypothesis: Hypothesis) -> Iterator[tuple[Reals, Fitted]]:
