@@ -36,7 +36,9 @@ class SteadyLine:
         )
 
     def matters(self, values: Reals, fits: Fits) -> bool:
-        """Return whether it is half a percent of the decay, or stands out of a sweep's residual."""
+        """Return whether it is 0.2 % of the decay, or stands out of a sweep's residual."""
+        if self.turn(values, fits) <= -2 * np.pi * fits.signal.centre_hz:
+            return False  # the image of the mode's own oscillation
         if isinstance(fits, SweepFits):
             return remainder(fits).line > STANDS_OUT
         return self.share(values, fits) > LEAST
