@@ -265,7 +265,7 @@ def run_to_end(
     """Carry a run out; when interrupted, say how to go on.
 
     `steps` prints the parameters of every step beside what is said shortly: the paper's Table 1.
-    `brief` writes brief.pdf into the run's folder.
+    `brief` writes brief.pdf into the run's folder, which a run that has one does anyway.
 
     Returns:
         Exit code: 0, 4 when the verdict of the main posterior is neither ok nor usable, or with
@@ -293,6 +293,7 @@ def run_to_end(
         raise
     finally:
         run.close()
+    brief = brief or (run.folder / "brief.pdf").exists()  # that of an earlier answer is made anew
     pages = f"\nBrief: {save_brief(run.folder)}" if brief else ""
     shown = _all_of(summary) if verbose else short_lines(summary, tree)
     if steps and not verbose:

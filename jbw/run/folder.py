@@ -30,7 +30,9 @@ if TYPE_CHECKING:
 
 HIDDEN = ".run"  # beside the results, until these are complete
 MANIFEST, LOCK, SPENT = "manifest.json", "lock", "spent_s"
-RESULT = {"posterior.nc", "summary.json", "figures", "report.html", "interactive.html"}
+RESULT = {
+    "posterior.nc", "summary.json", "figures", "report.html", "interactive.html", "brief.pdf"
+}  # fmt: skip
 OF_RIG = "campaign/campaign.toml"  # below a run's folder: the campaign of the virtual rig
 HOLDER = ".holder"  # beside a lock's file: which process holds it
 UNSUPPORTED = {errno.ENOTSUP, errno.ENOLCK, errno.ENOSYS}  # some network folders know no locks
