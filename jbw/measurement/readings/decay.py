@@ -9,9 +9,11 @@ their logarithm: noise stays additive, and a tail of noise carries no weight.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
+from jaxtyping import Complex, Float
 from scipy.optimize import least_squares
 from scipy.signal import fftconvolve
 
@@ -19,11 +21,13 @@ from jbw.measurement.channels import Complexes, Reals, whole_down, whole_up
 from jbw.measurement.readings.slow_flow import (
     BASES,
     FULLY,
+    LEAST_RATIO,
     NEAR_BEST,
     Basis,
     Fitted,
     converter_step,
     filtered_step,
+    slopes_of_cause,
     strongest_line,
 )  # fmt: skip
 
@@ -58,8 +62,8 @@ class Cause(NamedTuple):
 
     Attributes:
         start: Starting values of its parameters.
-        apply: Model of signal, model values and parameters with the cause; None of a jump, which
-            changes the flow itself.
+        apply: Of signal, model and parameters, the model with what the cause adds; None of a jump,
+            which changes the flow itself.
     """
 
     start: Reals
@@ -125,7 +129,7 @@ class DecaySignal:
 
     def passed(self, turn: float) -> float:
         """Return the filter's response to a steady line above the centre [rad/s]."""
-        return float(np.abs(np.exp(_log_response(self, np.array([1j * turn])))[0]))
+        return float(np.abs(np.exp(_log_response(self, np.array([1j * turn]))[0]))[0])
 
     def until(self, count: int) -> "DecaySignal":
         """Return the first values alone."""
@@ -199,13 +203,14 @@ def _moments(taps: Reals, fs: float) -> Reals:
     return np.array([float(taps @ square**n) * factor for n, factor in enumerate(factors)])
 
 
-def _log_response(signal: DecaySignal, pole: Complexes) -> Complexes:
-    """Logarithm of the filter's response to exp(s t), by its even moments."""
+def _log_response(signal: DecaySignal, pole: Complexes) -> tuple[Complexes, Complexes]:
+    """Logarithm of the filter's response to exp(s t), by its even moments, and its slope by s."""
     square = pole**2
-    response = np.full(len(pole), signal.moments[-1], complex)
+    response, slope = np.full(len(pole), signal.moments[-1], complex), np.zeros(len(pole), complex)
     for moment in signal.moments[-2::-1]:
+        slope = slope * square + response
         response = response * square + moment
-    return np.log(response)
+    return np.log(response), 2 * pole * slope / response
 
 
 def decay_model(
@@ -217,49 +222,140 @@ def decay_model(
     frequency above the centre over `scale` [1/s], then the exponent.
     """
     none = np.full(len(signal.time), NO_MODEL * signal.a0 + 0j)
-    terms = basis.terms
-    sigmas, turns = theta[2 : 2 + terms] * scale, theta[2 + terms : 2 + 2 * terms] * scale
     if not np.all(np.isfinite(theta)) or not abs(theta[0] - np.log(signal.a0)) < 20:
         return none
-    steepest = 300 * signal.fs / max(signal.half, 1)
-    if terms == 1:
-        if not abs(sigmas[0]) < steepest or not -sigmas[0] * signal.time[-1] < 100:
+    if basis.terms == 1:
+        pole = (1j * theta[3] - theta[2]) * scale
+        if not abs(pole.real) < _steepest(signal) or not pole.real * signal.time[-1] < 100:
             return none
-        pole: Any = 1j * turns - sigmas
-        through = complex(_log_response(signal, pole)[0])
-        log = theta[0] + 1j * theta[1] + through + pole[0] * signal.time
+        through = complex(_log_response(signal, np.array([pole]))[0][0])
+        log = theta[0] + 1j * theta[1] + through + pole * signal.time
         if jump is not None:
             log = log + signal.filtered_step(jump.time_s) * (jump.growth + 1j * jump.turn)
         return np.exp(log)
     # From above where the decay, or what follows a jump, begins, to below the noise.
     above = max(jump.growth, 0.0) + 0.05 if jump is not None else 0.0
-    low = min(np.log(max(signal.tail, 1e-4 * signal.a0)) - 2.0, theta[0] - 3.0)
-    logs = np.linspace(theta[0] + above, low, QUADRATURE)
-    powers = basis.values(np.exp(logs) / signal.a0, basis.exponent(theta))
-    sigma = np.maximum(sigmas @ powers, 0.02 * abs(sigmas[0]) + 1e-9 * scale)
-    turn = turns @ powers
-    step = logs[0] - logs[1]
-    time = _integral(1 / sigma, step)
-    if not np.all(np.diff(time) > 0) or sigma.max() > steepest:
+    flow = _flow(signal, theta, basis, scale, above)
+    if flow is None:
         return none
-    slope: Any = 1j * turn - sigma
-    through = _log_response(signal, slope)
-    course = _Course(
-        time=time, log=logs + 1j * _integral(turn / sigma, step),
-        slope=slope, through=through, through_slope=np.gradient(through, time),
-    )  # fmt: skip
+    course, logs = flow.course(), flow.logs
     if jump is None:
         return np.exp(course.at(signal.time) + 1j * theta[1])
     first = course.time_of(float(theta[0]))
     phase = 1j * (theta[1] - course.bare(first).imag)
-    at = course.bare(min(jump.time_s + first, time[-1]))
-    second = course.time_of(float(np.clip(at.real + jump.growth, low, logs[0])))
+    at = course.bare(min(jump.time_s + first, course.time[-1]))
+    second = course.time_of(float(np.clip(at.real + jump.growth, logs[-1], logs[0])))
     phase_2 = phase + 1j * (at.imag + jump.turn - course.bare(second).imag)
     after = signal.filtered_step(jump.time_s)
     before = np.exp(course.at(signal.time + first) + phase)
     since = np.maximum(signal.time - jump.time_s + second, 0.0)
     later = np.where(after > 0, np.exp(course.at(since) + phase_2), 0)
     return before * (1 - after) + later * after
+
+
+def decay_slopes(
+    signal: DecaySignal, theta: Reals, basis: Basis, scale: float, model: Complexes
+) -> Complex[np.ndarray, "value parameter"]:
+    r"""Return the derivatives of a filtered decay by `theta`; zero of a model that does not exist.
+
+    $$\delta L = \sigma\,\delta t, \quad \delta t = \frac{\delta L_0}{\sigma(L_0)}
+      - \int \frac{\delta\sigma}{\sigma^2}\,dL, \qquad
+      \delta\varphi = \delta\varphi_0 - \omega\,\delta t
+      + \frac{\omega(L_0)}{\sigma(L_0)}\,\delta L_0
+      + \int \Big(\frac{\delta\omega}{\sigma} - \frac{\omega\,\delta\sigma}{\sigma^2}\Big) dL$$
+
+    with L = ln a, and the slope of the filter's response.
+
+    Args:
+        signal: From `decay_signal`.
+        theta: As `decay_model` takes it.
+        basis: Powers of the amplitude.
+        scale: Unit of rates [1/s].
+        model: From `decay_model`.
+    """
+    slopes = np.zeros((len(model), len(theta)), complex)
+    if basis.terms == 1:
+        pole = np.array([(1j * theta[3] - theta[2]) * scale])
+        along = (signal.time + _log_response(signal, pole)[1]) * scale
+        ones = np.ones(len(model), complex)
+        slopes[:] = np.stack([ones, 1j * ones, -along, 1j * along], axis=1)
+        slopes *= model[:, None]
+        return slopes
+    if (flow := _flow(signal, theta, basis, scale)) is None:
+        return slopes
+    sigma, turn, step = flow.sigma, flow.turn, flow.step
+    moved_t = _integral(-flow.by_sigma / sigma**2, step)
+    moved_phase = _integral(flow.by_turn / sigma - turn * flow.by_sigma / sigma**2, step)
+    moved_t[0], moved_phase[0] = 1 / sigma[0], turn[0] / sigma[0]
+    moved = sigma * moved_t + 1j * (moved_phase - turn * moved_t)
+    _, through_slope = _log_response(signal, flow.slope)
+    along = np.gradient(flow.slope, -step) * sigma * moved_t
+    moved += through_slope * (1j * flow.by_turn - flow.by_sigma + along)
+    moved[1] = 1j
+    time = flow.time
+    for j, row in enumerate(moved):
+        slopes[:, j] = np.interp(signal.time, time, row)
+    slopes *= model[:, None]
+    return slopes
+
+
+def _steepest(signal: DecaySignal) -> float:
+    """Damping rate that the filter's moments do not follow any more [1/s]."""
+    return 300 * signal.fs / max(signal.half, 1)
+
+
+class _Flow(NamedTuple):
+    """Slow flow over ln a: rates, their derivatives by all parameters, and the time [s]."""
+
+    signal: DecaySignal
+    logs: Reals
+    step: float
+    sigma: Reals
+    turn: Reals
+    by_sigma: Float[np.ndarray, "parameter knot"]
+    by_turn: Float[np.ndarray, "parameter knot"]
+    time: Reals
+
+    @property
+    def slope(self) -> Complexes:
+        """Rate of ln a + j phase by time [1/s]."""
+        rate: Any = 1j * self.turn - self.sigma
+        return rate
+
+    def course(self) -> "_Course":
+        """Return what the flow is along time."""
+        through, _ = _log_response(self.signal, self.slope)
+        phase = _integral(self.turn / self.sigma, self.step)
+        return _Course(
+            time=self.time, log=self.logs + 1j * phase, slope=self.slope, through=through,
+            through_slope=np.gradient(through, self.time),
+        )  # fmt: skip
+
+
+def _flow(
+    signal: DecaySignal, theta: Reals, basis: Basis, scale: float, above: float = 0.0
+) -> _Flow | None:
+    """The flow of a basis from its start, or so much `above` in ln a; None where it is none."""
+    terms = basis.terms
+    own, turned = slice(2, 2 + terms), slice(2 + terms, 2 + 2 * terms)
+    low = min(np.log(max(signal.tail, 1e-4 * signal.a0)) - 2.0, theta[0] - 3.0)
+    logs = np.linspace(theta[0] + above, low, QUADRATURE)
+    r = np.exp(logs) / signal.a0
+    powers = basis.values(r, basis.exponent(theta)) * scale
+    least = 0.02 * abs(theta[2]) * scale + 1e-9 * scale
+    sigma, turn = theta[own] @ powers, theta[turned] @ powers
+    falls = sigma > least
+    sigma = np.where(falls, sigma, least)
+    by_sigma, by_turn = np.zeros((2, len(theta), QUADRATURE))
+    by_sigma[own], by_turn[turned] = powers * falls, powers
+    if basis.is_free:
+        by_power = np.arange(terms)[:, None] * powers * np.log(np.maximum(r, LEAST_RATIO))
+        by_sigma[-1], by_turn[-1] = theta[own] @ by_power * falls, theta[turned] @ by_power
+    step = float(logs[0] - logs[1])
+    time = _integral(1 / sigma, step)
+    if not np.all(np.diff(time) > 0) or sigma.max() > _steepest(signal):
+        return None
+    return _Flow(signal, logs, step, sigma, turn, by_sigma, by_turn, time)
 
 
 class _Course(NamedTuple):
@@ -298,11 +394,12 @@ def _hermite(knots: Reals, values: Complexes, slopes: Complexes, at: Reals) -> C
     )
 
 
-def _integral(values: Reals, step: float) -> Reals:
-    """Running integral by the trapezoidal rule with its end correction, of order 4."""
-    slope = np.gradient(values, step)
-    pieces = step * (values[1:] + values[:-1]) / 2 - step**2 / 12 * (slope[1:] - slope[:-1])
-    return np.concatenate([[0.0], np.cumsum(pieces)])
+def _integral(values: Any, step: float) -> Any:
+    """Running integral by the trapezoidal rule with its end correction, of order 4; by rows."""
+    slope = np.gradient(values, step, axis=-1)
+    pieces = step * (values[..., 1:] + values[..., :-1]) / 2
+    pieces -= step**2 / 12 * (slope[..., 1:] - slope[..., :-1])
+    return np.concatenate([np.zeros((*pieces.shape[:-1], 1)), np.cumsum(pieces, axis=-1)], axis=-1)
 
 
 def fit_decay(
@@ -341,6 +438,15 @@ def fit_decay(
         left = (signal.z - model(theta)) * weight
         return np.concatenate([left.real, left.imag])
 
+    def slopes_at(theta: Reals) -> Any:
+        alone = decay_model(signal, theta[:count], basis, scale)
+        slopes = list(decay_slopes(signal, theta[:count], basis, scale, alone).T)
+        if cause is not None and cause.apply is not None:
+            slopes += slopes_of_cause(partial(cause.apply, signal, alone), theta[count:])
+        weighted = -np.stack(slopes, axis=1) * weight[:, None]
+        return np.concatenate([weighted.real, weighted.imag])
+
+    jac: Any = "2-point" if cause is not None and cause.apply is None else slopes_at
     begin = np.concatenate([start, cause.start]) if cause is not None else np.array(start, float)
     lower, upper = np.full(len(begin), -np.inf), np.full(len(begin), np.inf)
     if basis.terms == 1:  # a free motion falls; what beats may seem to grow
@@ -353,6 +459,7 @@ def fit_decay(
     found: Any = least_squares(
         residual,
         begin,
+        jac,
         bounds=(lower, upper),
         method="trf",
         x_scale="jac",

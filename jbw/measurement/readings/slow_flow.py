@@ -10,6 +10,7 @@ whose power p is a parameter like the others: 1 of a Bouc-Wen law and of quadrat
 cubic spring, 1 + chi of an Iwan law.
 """
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -20,6 +21,7 @@ from jbw.measurement.channels import Complexes, Reals
 # Least change of squares and steps: of a mode, and of one beside a cause, where the likelihood of n
 # values is then off by n / 10^4, against the 25 of a cause that is named.
 FULLY, NEAR_BEST = 1e-8, 1e-4
+SHIFT = 1e-7  # of a cause's parameter, for its slope
 LEAST_RATIO = 1e-9  # of an amplitude over the largest: none is zero
 SMOOTHED = 12  # lines of a residual's spectrum that are averaged
 FEWEST_INDEPENDENT = 0.02  # of a residual's values, however coloured it is
@@ -128,6 +130,16 @@ def converter_step(x: Reals) -> float:
     least = float(steps[steps > 1e-12 * np.ptp(levels)].min())
     whole: Any = steps / least
     return least if np.mean(np.abs(whole - np.round(whole)) < 0.05) > 0.9 else 0.0
+
+
+def slopes_of_cause(model: Callable[[Reals], Any], values: Reals) -> list[Any]:
+    """Return forward differences of a model by each parameter of a cause."""
+    here, found = model(values), []
+    for i, value in enumerate(values):
+        further = values.copy()
+        further[i] += SHIFT * max(abs(value), 1.0)
+        found.append((model(further) - here) / (further[i] - value))
+    return found
 
 
 def strongest_line(values: Complexes, step_s: float) -> tuple[float, complex]:

@@ -29,6 +29,7 @@ from jbw.measurement.readings.slow_flow import (
     Fitted,
     converter_step,
     filtered_step,
+    slopes_of_cause,
 )  # fmt: skip
 
 LAW_ERROR = 3e-3  # of the amplitude: residual of a sound joint, by averaging and by the basis
@@ -37,7 +38,6 @@ DRIVEN = 0.2  # of the drive's largest amplitude: below, nothing is driven
 WORTH_A_TERM = 0.9  # of the squares: the next term of a basis must leave less
 CLEAR = 30.0  # noise amplitudes above which the measured amplitude schedules, below the model's
 IN_PHASE = (1, 3, 5)  # imaginary parts of the gains of the mode and of those outside the band
-SHIFT = 1e-7  # of a cause's parameter, for its slope
 MODES_OWN = (0.5, 2.0)  # of response over frequency^order: motion while the mode rings by itself
 
 Columns = Complex[np.ndarray, "value column"]
@@ -407,11 +407,9 @@ def _project(
             for at, slope in ((0, slopes[:, j]), (number - 1, slopes[:, j + 1])):
                 by[:, at] = slope * weight / size[at]
             found.append(moved(by))
-        for i, value in enumerate(values):
-            further = values.copy()
-            further[i] += SHIFT * max(abs(value), 1.0)
-            there = with_cause(plain, plain[:, :0], further)[0] * (weight[:, None] / size)
-            found.append(moved((there - columns) / (further[i] - value)))
+        if cause is not None:
+            there = slopes_of_cause(lambda x: with_cause(plain, plain[:, :0], x)[0], values)
+            found += [moved(by * weight[:, None] / size) for by in there]
         return np.stack(found, axis=1)
 
     return _Projected(left, gains / size, slopes_of)
