@@ -38,7 +38,7 @@ MORE = {
         "identifiability": "identify",
         "plan": "plan",
     },
-    "Several joints, and over time": {
+    "Several joints, over time": {
         "collect": "collect",
         "population": "population",
         "watch": "watch",

@@ -10,7 +10,7 @@ import xarray as xr
 
 from jbw.errors import JbwError
 from jbw.identification.joint_answers import BACKBONES
-from jbw.report.messages.opening import GRADES
+from jbw.report.messages.opening import BACKBONE_PICTURE, GRADES
 from jbw.report.opening import MOST_SHOWN, with_interval
 from jbw.report.result import BACKBONE, node
 from jbw.report.words import grades
@@ -54,4 +54,4 @@ def _picture(tree: xr.DataTree) -> str:
     except (ImportError, JbwError):  # numbers are shown without their picture
         return ""
     data = b64encode(picture.getvalue()).decode()
-    return f'<img alt="Frequency and damping against amplitude" src="data:image/png;base64,{data}">'
+    return f'<img alt="{escape(BACKBONE_PICTURE)}" src="data:image/png;base64,{data}">'

@@ -25,6 +25,7 @@ STATUS = {
 }
 READ_FIRST = "Read the findings before using it."
 UNDRAWN = "This figure could not be drawn: "
+BACKBONE_PICTURE = "Frequency and damping against amplitude"
 GRADES = (
     "Identified, with the coefficient of variation",
     "Roughly identified",
