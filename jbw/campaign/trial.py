@@ -2,8 +2,8 @@
 
 A line is printed where what it is to cure is gone, the mode is the one that was fitted together
 with the cause, and nothing new has come, but for a doubt whose own line cures it in turn: a record
-may have two faults. Lines of keys that do not change a record
-in memory (units, laws, levels) are printed as they are.
+may have two faults. Lines of keys that do not change a record in memory (units, laws, levels) are
+printed as they are.
 """
 
 import re
@@ -27,7 +27,6 @@ from jbw.report.messages import remedies
 
 LINE = re.compile(r"`((\w+) = [^`]+)`")
 STATED = {"settle", "band", "delay"}  # keys that a record is looked at with, as it is
-
 OR = ", or "  # between the parts of a remedy
 # Between the damping ratios of two modes over one, and their frequencies over a half-power width:
 # cures of drawn faults leave less than 0.13, lines that are accepted and wrong 0.18 and more.

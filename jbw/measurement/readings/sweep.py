@@ -208,14 +208,11 @@ def sweep_columns(
     """
     if slopes is None:
         slopes = np.zeros((len(pole), 0), complex)
-    u, step_s, order = signal.u, signal.step_s, signal.order
-    x = _middle(pole) * step_s - 1j * np.diff(signal.phase)
-    growth, first, second, first_slope, second_slope = _moments(x)
-    forced = step_s * (u[:-1] * (first - second) + u[1:] * second)
-    state = _marched(growth, np.append(0.0, forced))
-    moved = growth * state[:-1]
-    moved += step_s * (u[:-1] * (first_slope - second_slope) + u[1:] * second_slope)
-    moves = _middle(slopes) * step_s
+    u, order = signal.u, signal.order
+    growth, first, second, first_slope, second_slope = _moments(signal, pole)
+    state = _marched(growth, np.append(0.0, _forced(signal, first, second)))
+    moved = growth * state[:-1] + _forced(signal, first_slope, second_slope)
+    moves = _middle(slopes) * signal.step_s
     none = np.zeros((1, slopes.shape[1]))
     states = _marched(growth, np.concatenate([none, moves * moved[:, None]]))
     power, omega = pole**order, pole.imag
@@ -243,11 +240,9 @@ def sweep_columns(
 
 def mirror_of(signal: SweepSignal, pole: Complexes) -> Complexes:
     """Return the part of the conjugate pole: far from resonance, the same for all close poles."""
-    x = _middle(np.conj(pole)) * signal.step_s - 1j * np.diff(signal.phase)
-    growth, first, second, *_ = _moments(x)
-    forced = signal.step_s * (signal.u[:-1] * (first - second) + signal.u[1:] * second)
+    growth, first, second, *_ = _moments(signal, np.conj(pole))
     begins = signal.u[0] / (1j * signal.rate[0] - np.conj(pole[0]))
-    return _marched(growth, np.append(begins, forced))
+    return _marched(growth, np.append(begins, _forced(signal, first, second)))
 
 
 def _middle(values: Any) -> Any:
@@ -260,8 +255,12 @@ def late(columns: Columns, rate: Reals, lag_s: Any) -> Columns:
     return columns * np.exp(-1j * rate * lag_s)[:, None]
 
 
-def _moments(x: Complexes) -> tuple[Complexes, ...]:
-    """exp(x), the integrals of exp(x s) and of (1 - s) exp(x s), and their slopes, safe at zero."""
+def _moments(signal: SweepSignal, pole: Complexes) -> tuple[Complexes, ...]:
+    """exp(x), the integrals of exp(x s) and of (1 - s) exp(x s), and their slopes, safe at zero.
+
+    Of every step, with x the change of a state's logarithm in it.
+    """
+    x = _middle(pole) * signal.step_s - 1j * np.diff(signal.phase)
     growth = np.exp(x)
     is_small = np.abs(x) < 1e-4
     safe = np.where(is_small, 1.0, x)
@@ -270,6 +269,12 @@ def _moments(x: Complexes) -> tuple[Complexes, ...]:
     first_slope = np.where(is_small, 0.5 + x / 3, (growth - first) / safe)
     second_slope = np.where(is_small, 1 / 6 + x / 12, (first_slope - second) / safe)
     return growth, first, second, first_slope, second_slope
+
+
+def _forced(signal: SweepSignal, first: Complexes, second: Complexes) -> Complexes:
+    """What the drive, linear within a step, adds in it, by two moments."""
+    u = signal.u
+    return signal.step_s * (u[:-1] * (first - second) + u[1:] * second)
 
 
 def _marched(growth: Complexes, right: Any) -> Any:
