@@ -12,7 +12,7 @@ from jbw.measurement.curves import ForcedLoop, MeasuredCurve, displacement_of
 from jbw.measurement.demodulation import band_filter
 from jbw.measurement.harmonics import NOISE_FLOOR, Harmonics, harmonics
 from jbw.measurement.records import INPUTS, Record
-from jbw.measurement.resonances import driven_lines
+from jbw.measurement.resonances import driven_lines, read_lines
 from jbw.quantities import derivative_order
 from jbw.report.messages import decay_faults as decay_messages
 from jbw.report.messages import response_faults as messages
@@ -28,7 +28,7 @@ COHERENT = 0.8  # of the power of a first period that one tone explains; wide-ba
 LIKE = 2.0  # times peak or rms of a channel: a level beyond that is of none
 NO_LEVEL = ("frequency", "phase", "time")
 ABOUT = 0.2  # of the strongest line, to either side: a band to begin with
-ELSEWHERE = 0.3  # of the power of a displacement: more is no flank of one resonance
+ELSEWHERE = 0.1  # of the power of a displacement, more than one oscillator has there
 STANDS_OUT = 5.0  # times the median around: of 1000 lines of noise the largest is 3.2 times it
 FEW = 256  # samples of a displacement: fewer are points that somebody read off
 PERIODS = 8  # of a record at least, where a line is taken for a mode
@@ -178,15 +178,23 @@ def bandless(record: Record, settle: float) -> Iterator[Fault]:
 
 
 def several_resonances(record: Record) -> Iterator[Fault]:
-    """The doubt that a driven record without a band holds other modes than the strongest."""
+    """The doubt that a driven record without a band holds other modes than the strongest.
+
+    By the power that lies away from the strongest line, less what one oscillator has there under
+    the same source.
+    """
     try:
         lines = driven_lines(record)
+        mode = read_lines(lines)
     except JbwError:
         return
     hz, power = lines.omega / (2 * np.pi), np.abs(lines.y) ** 2
     peak = float(hz[np.argmax(power * lines.omega**2)])
-    elsewhere = float(np.sum(power[~lines_within(hz, _around_line(peak))]) / np.sum(power))
-    if elsewhere > ELSEWHERE:
+    ratio = hz / mode.frequency_hz
+    of_mode = np.abs(lines.source / (1 - ratio**2 + 2j * mode.damping * ratio)) ** 2
+    outside = ~lines_within(hz, _around_line(peak))
+    elsewhere, expected = (float(np.sum(p[outside]) / np.sum(p)) for p in (power, of_mode))
+    if elsewhere - expected > ELSEWHERE:
         low, high = _in_two_digits(_around_line(peak))
         yield doubt(record.response, *messages.several_modes(elsewhere, low, high))
 

@@ -34,9 +34,11 @@ def held_for(x: Reals) -> tuple[int, int]:
 def drop_outs(x: Reals) -> list[int]:
     r"""Return the samples at which a signal falls to nearly zero, against what its past predicts.
 
-    $$x_k = \sum_i a_i x_{k-i} + e_k, \qquad |e_k| > 12\,s_k, \qquad |x_k| < 0.45\,|x_k - e_k|$$
+    $$x_k = \sum_i a_i x_{k-i} + e_k, \qquad |x_k| < 0.45\,|x_k - e_k|, \qquad
+      |e_k| > 12\,s_k + \tfrac q2 \Bigl(1 + \sum_i |a_i|\Bigr)$$
 
-    with s the robust scale of e in the stretch about k. Impacts push outward as often: where no
+    with s the robust scale of e in the stretch about k and q the least difference of two values:
+    the second term is the most that rounding to q adds. Impacts push outward as often: where no
     more than 60 % of such samples fall inward, none is returned.
     """
     if len(x) < 16 * ORDER or not np.ptp(x) > 0:
@@ -52,7 +54,8 @@ def drop_outs(x: Reals) -> list[int]:
         error = some[:, -1] - some[:, :-1] @ filtered
         kept = np.abs(error) <= OUTLYING * _scales(error)
     error = rows[:, -1] - rows[:, :-1] @ filtered
-    far = np.flatnonzero(np.abs(error) > FAR * _scales(error))
+    rounding = float(np.diff(np.unique(unit)).min()) / 2 * (1 + np.sum(np.abs(filtered)))
+    far = np.flatnonzero(np.abs(error) > FAR * _scales(error) + rounding)
     first = far[np.diff(far, prepend=-ORDER - 1) > ORDER]  # the next ones are predicted from it
     predicted = rows[first, -1] - error[first]
     inward = np.abs(rows[first, -1]) < INWARD * np.abs(predicted)

@@ -238,7 +238,9 @@ def _are_whole(values: Reals, quanta: Reals, error: float) -> bool:
         x, q = values[part], quanta[part]
         steps = np.divide(x, q, out=np.zeros(len(x)), where=q > 0)
         room = 1e-6 + np.divide(error, q, out=np.zeros(len(x)), where=q > 0)
-        if np.any(np.abs(steps - np.round(steps)) > np.minimum(room, 1e-3)):
+        nearest = np.round(steps)
+        # Times that all lie near zero beside a quantum are no multiples of it.
+        if np.any(np.abs(steps - nearest) > np.minimum(room, 1e-3)) or not nearest.any():
             return False
     return True
 

@@ -24,7 +24,7 @@ from jbw.measurement.channels import Reals
 from jbw.measurement.checks.faults import Fault
 from jbw.measurement.readings.decay import Cause as DecayCause
 from jbw.measurement.readings.decay import DecayFits, fit_decay
-from jbw.measurement.readings.slow_flow import Fitted, independent_share
+from jbw.measurement.readings.slow_flow import Fitted, filtered_share, independent_share
 from jbw.measurement.readings.sweep import Cause as SweepCause
 from jbw.measurement.readings.sweep import SweepFits, fit_sweep
 from jbw.measurement.records import Record
@@ -156,7 +156,11 @@ def named_cause(fits: Fits, hypotheses: Sequence[Hypothesis]) -> Named | None:
     if not tried:
         return None
     closest = min(tried, key=lambda row: row[2].squares)[2]
-    count = 2 * len(fits.signal.z) * independent_share(closest.residual * fits.weight)
+    signal = fits.signal
+    # A spectrum of few lines cannot show how coloured it is; what the filter does is known.
+    of_filter = filtered_share(signal.taps, round(signal.step_s * signal.fs))
+    share = min(independent_share(closest.residual * fits.weight), of_filter)
+    count = 2 * len(signal.z) * share
 
     def score(fitted: Fitted) -> float:
         return count * np.log(max(fitted.squares, 1e-300)) + len(fitted.theta) * np.log(count)

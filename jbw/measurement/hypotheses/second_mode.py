@@ -37,14 +37,16 @@ class SecondMode:
             yield _in_sweep(fits, away)
 
     def matters(self, values: Reals, fits: Fits) -> bool:
-        """Return whether a sweep passes it; of a decay, its size of 2 % and a damping alike."""
+        """Return whether a sweep passes it; of a decay, whether it beats and has 2 % of it."""
         if isinstance(fits, SweepFits):
             rate = fits.signal.rate
             second = 2 * np.pi * _first_hz(fits) + float(values[1]) * _rate(fits)
             # Nearer, it is the first one turned by a lag.
             return abs(float(values[1])) > NEAREST and bool(rate.min() < second < rate.max())
         low, high = DAMPINGS
-        return low < abs(values[3]) < high and float(np.hypot(*values[:2])) > LEAST
+        # Nearer than both damping rates together, one of them has decayed before they beat.
+        beats = abs(float(values[2])) > 1.0 + abs(float(values[3]))
+        return beats and low < abs(values[3]) < high and float(np.hypot(*values[:2])) > LEAST
 
     def fault(self, values: Reals, fits: Fits, facts: Facts) -> Fault:
         """Name both frequencies, and a band without the second."""

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Complex, Float
+from scipy.signal import fftconvolve
 
 from jbw.measurement.channels import Complexes, Reals
 
@@ -82,6 +83,16 @@ def independent_share(residual: Complexes) -> float:
     smooth = np.convolve(np.pad(power, width // 2, "wrap"), np.ones(width) / width, "valid")
     share = smooth.sum() ** 2 / (len(smooth) * max(float(np.sum(smooth**2)), 1e-300))
     return float(np.clip(share, FEWEST_INDEPENDENT, 1.0))
+
+
+def filtered_share(taps: Reals, step: int) -> float:
+    r"""Return the share of values of filtered white noise that count as independent.
+
+    $$\frac{r_0^2}{\sum_k r_k^2}, \qquad r_k = \sum_i h_i\,h_{i + k m}$$ of a filter h, for one
+    value in m samples and k of both signs.
+    """
+    correlation = fftconvolve(taps, taps[::-1])[len(taps) - 1 :: step] / np.sum(taps**2)
+    return float(1 / (2 * np.sum(correlation**2) - 1))
 
 
 def covariance(fitted: Fitted, weight: Reals) -> Float[np.ndarray, "parameter parameter"]:
