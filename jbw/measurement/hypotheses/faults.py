@@ -31,12 +31,12 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
 def explained(fits: Fits, facts: Facts) -> Iterator[tuple[str, Fault]]:
     """Yield the one cause of what a mode leaves of a record: name, and what to say of it."""
     left = remainder(fits)
-    if left.is_noise:
+    if left.is_noise and not left.has_line:
         return
     if isinstance(fits, SweepFits) and (dropped := drop_off(fits.signal)) is not None:
         yield "drop-off of the drive", doubt(facts.record.source, *clocks.drop_off(*dropped))
         return
-    named = named_cause(fits, HYPOTHESES)
+    named = named_cause(fits, (SteadyLine(),) if left.is_noise else HYPOTHESES)
     if named is not None:
         fault = named.hypothesis.fault(named.values, fits, facts)
         yield named.hypothesis.name, replace(fault, leaves=named.mode)

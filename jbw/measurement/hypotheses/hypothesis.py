@@ -4,8 +4,8 @@ A mode is fitted first. Only where something is left beyond noise and the law's 
 further cause tried, one at a time, *fitted together with the mode*. It is named where four
 conditions hold, calibrated on sound records of every law (`benchmarks/outside`):
 
-1. something is left: a weighted rms above 1.2, a line of 30 times its local median and 0.05 % of
-   the largest response, or 6 % of the response;
+1. something is left: a weighted rms above 1.2, or 6 % of the response; for a steady line alone a
+   line of 30 times its local median and 0.05 % of the largest response;
 2. the cause takes at least 40 % of the weighted squares;
 3. $2 \ln L_1/L_0 - k \ln n > 25$, with n the effective number of values of a coloured residual
    and k the cause's parameters;
@@ -110,10 +110,14 @@ class Remainder(NamedTuple):
     share: float
 
     @property
+    def has_line(self) -> bool:
+        """Whether one line of it stands out."""
+        return self.line > LINE and self.line_size > LINE_SIZE
+
+    @property
     def is_noise(self) -> bool:
-        """Whether nothing is left to be explained."""
-        has_line = self.line > LINE and self.line_size > LINE_SIZE
-        return self.rms < LEFT and not has_line and self.share < LEFT_SHARE
+        """Whether nothing is left to be explained, but for a line that may stand out."""
+        return self.rms < LEFT and self.share < LEFT_SHARE
 
 
 def best_of(fits: Fits) -> Fitted:
