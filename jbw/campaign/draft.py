@@ -81,7 +81,11 @@ class Draft:
     assumed: tuple[str, ...]  # what the records did not say, one line each
 
 
-def start_campaign(folder: str | Path, named: Named = lambda path, channels: {}) -> Draft:
+def start_campaign(
+    folder: str | Path,
+    named: Named = lambda path, channels: {},
+    files: Sequence[Path] | None = None,
+) -> Draft:
     """Look at the measurement files of a folder and draft its campaign file.
 
     Files whose names differ only in their last number are repeats of one test.
@@ -90,6 +94,7 @@ def start_campaign(folder: str | Path, named: Named = lambda path, channels: {})
         folder: Of the records.
         named: Called with a file and its channels where none of these is named like a response;
             returns the channel of each role.
+        files: Those of the folder to draft; all measurement files in it when None.
 
     Raises:
         DataError: No such folder, or no measurement file in it that can be read.
@@ -97,10 +102,11 @@ def start_campaign(folder: str | Path, named: Named = lambda path, channels: {})
     folder = Path(folder)
     if not folder.is_dir():
         raise DataError(f"Folder `{folder}` does not exist.", remedy="Name the folder of records.")
-    visible = sorted(_measurement_files(folder), key=_stem)
+    visible = sorted(measurement_files(folder) if files is None else files, key=_stem)
+    there = sorted(folder.iterdir() if files is None else files)
     # File and what was assumed of it.
     assumed = [(path.name, messages.to_export(EXPORTS[path.suffix.lower()]))
-               for path in sorted(folder.iterdir()) if path.suffix.lower() in EXPORTS]  # fmt: skip
+               for path in there if path.suffix.lower() in EXPORTS]  # fmt: skip
     blocks: list[str] = []
     names: list[str] = []
     groups = [sorted(repeats) for _, repeats in groupby(visible, key=_stem)]
@@ -184,9 +190,13 @@ def _bands_together(
 
 
 def _name_of(path: Path, number: int, count: int) -> str:
-    """Name of a test by its file's, without the number of the repeat."""
-    stem = _stem(path)[0].rstrip(" _-.(") or path.stem
-    return f"{stem} {number + 1}" if count > 1 else stem
+    """Name of a test by its file's."""
+    return f"{shared_name(path)} {number + 1}" if count > 1 else shared_name(path)
+
+
+def shared_name(path: Path) -> str:
+    """Return the name of a file without the number of the repeat."""
+    return _stem(path)[0].rstrip(" _-.(") or path.stem
 
 
 def _named(blocks: Sequence[str], names: Sequence[str]) -> list[str]:
@@ -225,8 +235,8 @@ def _once(assumed: Sequence[tuple[str, str]]) -> Iterator[str]:
         yield f"{', '.join(shown)}{more}: {what}" if shown else what
 
 
-def _measurement_files(folder: Path) -> list[Path]:
-    """Files of a folder that a reader knows by their suffix, but for hidden ones."""
+def measurement_files(folder: Path) -> list[Path]:
+    """Return the files of a folder that a reader knows by their suffix, but for hidden ones."""
     try:
         named = [p for p in folder.iterdir() if p.suffix.lower() in READERS]
         return [p for p in named if not p.name.startswith(".") and p.is_file()]
@@ -237,9 +247,9 @@ def _measurement_files(folder: Path) -> list[Path]:
         ) from error
 
 
-def write_campaign(draft: Draft, folder: str | Path) -> Path:
-    """Write a draft as `campaign.toml`; a ConfigError where there is one already."""
-    path = Path(folder) / NAMED
+def write_campaign(draft: Draft, folder: str | Path, name: str = NAMED) -> Path:
+    """Write a draft as a campaign file; a ConfigError where there is one already."""
+    path = Path(folder) / name
     try:
         with path.open("xb") as file:
             file.write(draft.text.encode())
@@ -289,7 +299,7 @@ def _may_hold_a_curve(path: Path) -> bool:
     """Whether the beginning of a text speaks of frequencies; of other files nobody knows."""
     with suppress(OSError), path.open("rb") as stream:
         head = stream.read(BEGINNING)
-        is_text = READERS[path.suffix.lower()].endswith(".csv") and b"\0" not in head
+        is_text = READERS.get(path.suffix.lower(), "").endswith(".csv") and b"\0" not in head
         return not is_text or re.search(rb"fre[qk]|hz|phase|rpm", head.lower()) is not None
     return False
 

@@ -8,6 +8,18 @@ from jbw.errors import ConfigError
 CAMPAIGN = "Campaign file", "Write one with: jbw init FOLDER"
 
 
+def is_campaign(path: Path) -> bool:
+    """Return whether a path is called as a campaign file is."""
+    return path.suffix.lower() == ".toml" and not path.is_dir()
+
+
+def campaign_in(folder: Path) -> Path | None:
+    """Return the campaign file of a folder: `campaign.toml`, or the only file of that kind."""
+    inside = sorted(folder.glob("*.toml"))
+    usual = [path for path in inside if path.name == "campaign.toml"] or inside
+    return usual[0] if len(usual) == 1 else None
+
+
 def require_file(path: Path, what: str, remedy: str) -> None:
     """Refuse a path that is no file, or none that may be read; arguments as for `text_of`."""
     try:

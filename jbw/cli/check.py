@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from jbw.cli.options import json_option, outside_option
+from jbw.cli.options import campaign_argument, json_option, outside_option
 from jbw.cli.printing import answer, following, show_json
 from jbw.errors import RunError
 from jbw.report.messages import commands, tables
@@ -81,7 +81,7 @@ def asked_about(folder: Path) -> "Draft":
 
 
 @click.command()
-@click.argument("campaign", type=click.Path(path_type=Path))
+@campaign_argument
 @click.option(
     "--figures",
     type=click.Path(file_okay=False, path_type=Path),
@@ -91,7 +91,7 @@ def asked_about(folder: Path) -> "Draft":
 @json_option
 @outside_option
 def check(campaign: Path, figures: Path | None, json_: bool, allow_outside: bool) -> int:
-    """Check the campaign file CAMPAIGN and all of its channels.
+    """Check a CAMPAIGN, a file or the folder of one, and all of its channels.
 
     Ends with 0 when it can be identified, 2 when the campaign file must change, 3 when data must.
     """

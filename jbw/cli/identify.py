@@ -9,11 +9,12 @@ from typing import Any
 import click
 from rich.text import Text
 
-from jbw.campaign.written import CAMPAIGN, require_file
 from jbw.cli.drawing import DrawingProcess
 from jbw.cli.options import (
     campaign_argument,
+    campaigns_given,
     figures_option,
+    given_argument,
     json_option,
     out_option,
     outside_option,
@@ -115,9 +116,7 @@ def demo(
 
 
 @click.command()
-@click.argument(
-    "campaigns", metavar="CAMPAIGN...", nargs=-1, required=True, type=click.Path(path_type=Path)
-)
+@given_argument
 @out_option(messages.RUN_FOLDER)
 @click.option(
     "--quick", is_flag=True, help="End with the fit, its intervals and bands by its covariance, in "
@@ -142,11 +141,14 @@ def demo(
 @verbose_option
 @outside_option
 def identify(
-    campaigns: tuple[Path, ...], out: Path | None, quick: bool, final: bool, brief: bool,
+    given: tuple[Path, ...], out: Path | None, quick: bool, final: bool, brief: bool,
     workers: int | None, seed: int | None, figures: tuple[str, ...], strict: bool, json_: bool,
     verbose: bool, allow_outside: bool,
 ) -> int:  # fmt: skip
-    """Identify the joint from the campaign file CAMPAIGN, or from each of several.
+    """Identify the joint from a CAMPAIGN, or from each of several.
+
+    CAMPAIGN is a campaign file or the folder of one. Of RECORDs, or of a folder of records, a
+    campaign file is drafted first, as by `jbw init`.
 
     Ends with 0 when the verdict of the main posterior is ok or usable, with 4 when it is neither,
     and with 5 when it was interrupted: `jbw resume` then goes on with it, as it does after a crash.
@@ -163,6 +165,7 @@ def identify(
     is finished. It ends as the first that failed, else with 4 where a verdict is neither ok nor
     usable.
     """
+    campaigns = campaigns_given(given)
     campaign, *others = campaigns
     if others:
         if quick or final:
@@ -175,7 +178,6 @@ def identify(
         return identify_several(campaigns, place, workers, json_, strict, asked, brief=brief)
     if workers is not None:
         raise click.UsageError("--workers is for several campaigns; one runs in one process.")
-    require_file(campaign, *CAMPAIGN)
     source = str(campaign.resolve())
     manifest = Manifest(
         command_line(), source, seed=seed, allow_outside=allow_outside, quick=quick, final=final,

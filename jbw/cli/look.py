@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from jbw.cli.check import finding_lines
-from jbw.cli.options import campaign_argument, figure_option, json_option, outside_option
+from jbw.cli.options import figure_option, given_argument, json_option, one_campaign, outside_option
 from jbw.cli.printing import answer, following
 from jbw.cli.progress import STARTING, telling
 from jbw.errors import ConfigError
@@ -21,7 +21,7 @@ Row = Mapping[str, Any]
 
 
 @click.command()
-@campaign_argument
+@given_argument
 @figure_option("responses, frequency and damping", "look.png")
 @click.option(
     "--html",
@@ -31,9 +31,13 @@ Row = Mapping[str, Any]
 @json_option
 @outside_option
 def look(
-    campaign: Path, figure: Path | None, html: Path | None, json_: bool, allow_outside: bool
-) -> None:
-    """Say what the records of the campaign file CAMPAIGN show, without any model of the joint.
+    given: tuple[Path, ...], figure: Path | None, html: Path | None, json_: bool,
+    allow_outside: bool,
+) -> None:  # fmt: skip
+    """Say what the records of a CAMPAIGN show, without any model of the joint.
+
+    CAMPAIGN is a campaign file or the folder of one. Of RECORDs, or of a folder of records, a
+    campaign file is drafted first, as by `jbw init`.
 
     Frequency, damping, scatter of repeats, third harmonic and what a linear oscillator leaves, test
     by test in the order of the motion; then whether frequency and damping change with amplitude, by
@@ -46,6 +50,7 @@ def look(
             f"Option --html must end in .html, but is {html}.",
             remedy="Name it so, for example look.html.",
         )
+    campaign = one_campaign(given)
     with telling(STARTING) as say:  # nothing of it needs JAX
         from jbw.campaign.check import check_campaign
         from jbw.campaign.load import load_with_doubts

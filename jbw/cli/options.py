@@ -1,6 +1,6 @@
 """Options that several commands share, each said once."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -8,6 +8,7 @@ import click
 
 from jbw.errors import ConfigError
 from jbw.report.formats import FORMATS, formats_of
+from jbw.report.messages import commands as messages
 
 PICTURES = tuple(f".{name}" for name in FORMATS)
 Option = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -35,21 +36,51 @@ figures_option = click.option(
 
 
 class CampaignPath(click.Path):
-    """A campaign file, refused before anything heavy is loaded where it is none."""
+    """A campaign file or its folder, refused before anything heavy is loaded where it is none."""
 
     def convert(self, value: Any, param: Any, ctx: Any) -> Any:
-        """The path, where a file is there that may be read."""
-        from jbw.campaign.written import CAMPAIGN, require_file
+        """Return the campaign file, where one is there that may be read."""
+        from jbw.campaign.written import CAMPAIGN, campaign_in, require_file
 
         path = Path(str(super().convert(value, param, ctx)))
+        if path.is_dir():
+            path = campaign_in(path) or path
         require_file(path, *CAMPAIGN)
         return path
 
 
 campaign_argument = click.argument("campaign", type=CampaignPath(path_type=Path))
+given_argument = click.argument(
+    "given", metavar="CAMPAIGN|RECORD...", nargs=-1, required=True, type=click.Path(path_type=Path)
+)
 run_argument = click.argument(
     "folder", metavar="DIR", type=click.Path(exists=True, file_okay=False, path_type=Path)
 )
+
+
+def campaigns_given(given: Sequence[Path]) -> list[Path]:
+    """Return the campaign files that arguments stand for; what is drafted is said on stderr."""
+    from jbw.campaign.written import CAMPAIGN, is_campaign, require_file
+
+    if all(map(is_campaign, given)):  # nothing has to be read of a record
+        for path in given[:1]:
+            require_file(path, *CAMPAIGN)
+        return list(given)
+    from jbw.campaign.given import campaigns_of
+
+    return campaigns_of(given, lambda sentence: click.echo(sentence, err=True))
+
+
+def one_campaign(given: Sequence[Path]) -> Path:
+    """Return the one campaign file that arguments stand for.
+
+    Raises:
+        UsageError: They stand for several.
+    """
+    campaign, *others = campaigns_given(given)
+    if others:
+        raise click.UsageError(messages.one_at_a_time(str(campaign), str(others[0])))
+    return campaign
 
 
 def figure_option(what: str, example: str) -> Option:

@@ -155,25 +155,27 @@ def test_data_errors_end_with_3_and_json_says_where(folder, capsys):
         (KeyboardInterrupt(), 5, "Interrupted"),
     ],
 )
-def test_errors_become_messages_and_exit_codes(monkeypatch, capsys, error, code, says):
+def test_errors_become_messages_and_exit_codes(monkeypatch, capsys, tmp_path, error, code, says):
     def fail(*_, **__):
         raise error
 
     monkeypatch.delenv("JBW_TRACEBACK", raising=False)
     monkeypatch.setattr("jbw.campaign.check.check_campaign", fail)
-    assert run(["check", "x.toml"]) == code
+    (tmp_path / "x.toml").touch()
+    assert run(["check", str(tmp_path / "x.toml")]) == code
     streams = capsys.readouterr()
     assert says in streams.err
     assert "Traceback" not in streams.err
 
 
-def test_internal_error_tells_how_to_see_more(monkeypatch, capsys):
+def test_internal_error_tells_how_to_see_more(monkeypatch, capsys, tmp_path):
+    (tmp_path / "x.toml").touch()
     monkeypatch.setattr("jbw.campaign.check.check_campaign", lambda *_, **__: 1 / 0)
-    run(["check", "x.toml"])
+    run(["check", str(tmp_path / "x.toml")])
     assert "JBW_TRACEBACK=1" in capsys.readouterr().err
     monkeypatch.setenv("JBW_TRACEBACK", "1")
     with pytest.raises(ZeroDivisionError):
-        run(["check", "x.toml"])
+        run(["check", str(tmp_path / "x.toml")])
 
 
 def test_a_command_returns_its_exit_code(monkeypatch):

@@ -265,9 +265,7 @@ def test_a_terminal_of_sixty_columns_and_none_at_all(monkeypatch):
 
 
 @pytest.mark.parametrize("command", ["check", "look", "identify", "identifiability"])
-def test_a_folder_for_a_campaign_file_is_refused_at_once_with_the_command_to_type(
-    command, tmp_path, capsys, monkeypatch
-):
+def test_a_folder_stands_for_the_campaign_file_in_it(command, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     folder = tmp_path / "my records"
     folder.mkdir()
@@ -279,8 +277,13 @@ def test_a_folder_for_a_campaign_file_is_refused_at_once_with_the_command_to_typ
     np.savetxt(folder / "noise.csv", np.ones((64, 3)), delimiter=",", header="t,u,v", comments="")
     assert run(["init", str(folder)]) == 0  # the remedy, as it is typed
     capsys.readouterr()
+    (folder / "campaign.toml").write_text("[campaign]\nname = 3\n")
     assert run([command, str(folder)]) == 2
-    assert f"Name the file in it: '{folder / 'campaign.toml'}'" in capsys.readouterr().err
+    assert "name" in capsys.readouterr().err  # the file was read
+    (folder / "campaign.toml").rename(folder / "a.toml")
+    (folder / "b.toml").touch()
+    assert run([command, str(folder)]) == 2
+    assert f"Name the file in it: '{folder / 'a.toml'}'" in capsys.readouterr().err
     assert sorted(path.name for path in tmp_path.iterdir()) == ["my records"]  # and no run's folder
 
 

@@ -54,7 +54,7 @@ def drop_outs(x: Reals) -> list[int]:
         error = some[:, -1] - some[:, :-1] @ filtered
         kept = np.abs(error) <= OUTLYING * _scales(error)
     error = rows[:, -1] - rows[:, :-1] @ filtered
-    rounding = float(np.diff(np.unique(unit)).min()) / 2 * (1 + np.sum(np.abs(filtered)))
+    rounding = float(np.min(np.diff(np.unique(unit)))) / 2 * (1 + np.sum(np.abs(filtered)))
     far = np.flatnonzero(np.abs(error) > FAR * _scales(error) + rounding)
     first = far[np.diff(far, prepend=-ORDER - 1) > ORDER]  # the next ones are predicted from it
     predicted = rows[first, -1] - error[first]

@@ -56,6 +56,11 @@ FAULT = "Set JBW_TRACEBACK=1 and run again to see where; please report it."
 RUN_FOLDER = "CAMPAIGN-run, or runs for several,"
 
 
+def one_at_a_time(first: str, second: str) -> str:
+    """That a command was given two campaigns."""
+    return f"One campaign at a time: {first} and {second} are two."
+
+
 def no_command(name: str, nearest: str) -> str:
     """That a command is misspelt, with the nearest one."""
     guess = f" Did you mean '{nearest}'?" if nearest else ""

@@ -11,6 +11,7 @@ HEAD = """\
 [campaign]"""
 FURTHER = "# Further keys of a [[test]], to be written below its line `kind`:"
 NO_RESPONSE = "no channel is named like a response."
+NAME_RECORD = "Name a record, a campaign file, or a folder of either."
 GUESS = "  # CHECK: a guess"
 NO_BAND = "band must be given."
 NO_TONES = "tones must be given."
@@ -23,6 +24,34 @@ ASK_BAND = "lowest and highest frequency of the one mode [Hz]"
 ASK_DWELL = "duration of each step [s]"
 ASK_TONES = "frequencies of the tones [Hz]"
 ASK_RATE = "rate to resample to [Hz]"
+
+
+def several_folders(folders: Sequence[str]) -> tuple[str, str, str]:
+    """That records of several folders were named together, which no campaign file can name."""
+    return (
+        f"Records that are named together must lie in one folder, but lie in {', '.join(folders)}.",
+        "A campaign file names the records beside it.",
+        "Copy them into one folder, or name those of one folder at a time.",
+    )
+
+
+def other_records(path: str) -> tuple[str, str, str]:
+    """That a campaign file has the name of a draft, and other records."""
+    return (
+        f"`{path}`, which the campaign of these records would be called, names other records.",
+        "A campaign file is not overwritten.",
+        f"Name the campaign in their place, `{path}`, or rename it.",
+    )
+
+
+def drafted(path: str) -> str:
+    """That a campaign file was written."""
+    return f"Drafted from the records: {path}"
+
+
+def drafted_before(path: str) -> str:
+    """That the campaign of some records is there already."""
+    return f"The records are those of {path}, which is used."
 
 
 def guessed_kind(kind: str) -> str:
