@@ -333,7 +333,7 @@ def _all_of(summary: Mapping[str, Any]) -> Iterator[Table | Text | str]:
 
 def short_lines(summary: Mapping[str, Any], tree: Any) -> Iterator[Text | str]:
     """What was identified, the verdict, the parameters that are known, and the five sentences."""
-    from jbw.report.opening import known_parameters, opening
+    from jbw.report.opening import known_parameters, opening, split_sentence
     from jbw.report.result import laws_of
     from jbw.report.words import law_words
 
@@ -341,6 +341,8 @@ def short_lines(summary: Mapping[str, Any], tree: Any) -> Iterator[Text | str]:
     done = "a first answer" if "quick" in summary else "identified"
     yield f"{summary['campaign']}: {law_words(laws_of(tree))}, {done} in {took}"
     yield verdict_line(summary["verdict"])
+    if (split := split_sentence(summary)) is not None:
+        yield split
     yield headline(known_parameters(summary), quick="quick" in summary)
     yield from opening(summary, tree)
 

@@ -2,7 +2,6 @@
 
 import logging
 import warnings
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -210,14 +209,20 @@ def entered(seen: Measured) -> dict[str, bool]:
     return {test.name: test.name in names for test in seen.tests}
 
 
-def fitted_repeats(seen: Measured) -> dict[str, int]:
-    """How many repeats of each sweep and free decay are fitted, by its name."""
+def fitted_repeats(seen: Measured) -> dict[str, list[int]]:
+    """Return the repeats of each test that a fit takes, counted from one: of most kinds all."""
     sweeps = () if seen.sweeps is None else seen.sweeps.fitted
-    counts = {test.name: len(test.records) for test in sweeps}
+    chosen = [id(record) for test in sweeps for record in test.records]
     if seen.decays is not None:
-        first = seen.decays.names[: len(seen.decays.fitted.records)]
-        counts |= Counter(name.rpartition(" ")[0] for name in first)
-    return counts
+        chosen += [id(record) for record in seen.decays.fitted.records]
+    return {
+        test.name: [
+            i + 1
+            for i, record in enumerate(test.records)
+            if id(record) in chosen or not (test.traits.is_transient or test.traits.is_free)
+        ]
+        for test in seen.tests
+    }
 
 
 def single_records(seen: Measured) -> list[list[Observable]]:

@@ -4,12 +4,15 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from operator import attrgetter
 
+import numpy as np
+
 from jbw.campaign.settings import Identify
 from jbw.campaign.values import ALL
 from jbw.errors import ConfigError
 from jbw.measurement.records import Test, drive_of, share_clock
 
 THIRD = (0.2, 0.45)  # of the natural frequency: where a tone probes the third-order kernel
+ALIKE = 1.2  # ratio of the rms of two repeats below which they are as strong as one another
 LEVEL = attrgetter("level")  # to sort tests by
 
 
@@ -59,7 +62,8 @@ def sweep_tests(tests: Sequence[Test], settings: Identify, *, every: bool = Fals
 
     `fit_levels` names the levels to fit; by default the lowest and the highest of three or more
     of each drive, all of fewer; all where `every` level is asked for, as each of several modes has
-    its own. `fit_repeats` is how many of their repeats are fitted, by default half, or all.
+    its own. `fit_repeats` is how many of their repeats are fitted, by default half, or all; they
+    span the amplitudes.
     """
     sweeps = [test for test in sorted(tests, key=LEVEL) if test.traits.is_transient]
     if not sweeps:
@@ -75,9 +79,10 @@ def sweep_tests(tests: Sequence[Test], settings: Identify, *, every: bool = Fals
     for test in sweeps:
         usual = levels if every else _outermost(sweeps, drive_of(test))
         chosen = settings.fit_levels or usual
-        count = _fitted_repeats(test, settings) if test.level in chosen else 0
-        fitted.append(replace(test, records=test.records[:count]))
-        held_out.append(replace(test, records=test.records[count:]))
+        places = _fitted_places(test, settings) if test.level in chosen else ()
+        for side, is_fitted in ((fitted, True), (held_out, False)):
+            kept = (x for i, x in enumerate(test.records) if (i in places) == is_fitted)
+            side.append(replace(test, records=tuple(kept)))
     return Sweeps(*(tuple(test for test in side if test.records) for side in (fitted, held_out)))
 
 
@@ -101,7 +106,8 @@ def decay_tests(
 ) -> DecaySplit | None:
     """Free decays split into what is fitted and what is held out; None without any to fit.
 
-    Of each of the `chosen` tests, all of them when None, `fit_repeats` are fitted, half by default.
+    Of each of the `chosen` tests, all of them when None, `fit_repeats` are fitted, half by default;
+    they span the amplitudes.
     """
     decays = [test for test in tests if test.traits.is_free]
     if not decays:
@@ -125,14 +131,34 @@ def decay_tests(
     allowed = {test.name for test in (decays if chosen is None else chosen)}
     first, rest = [], []
     for test in decays:
-        count = _fitted_repeats(test, settings) if test.name in allowed else 0
+        places = _fitted_places(test, settings) if test.name in allowed else ()
         for i, record in enumerate(test.records):
-            (first if i < count else rest).append((record, f"{test.name} {i + 1}"))
+            (first if i in places else rest).append((record, f"{test.name} {i + 1}"))
     if not first:
         return None
     fitted = replace(decays[0], records=tuple(record for record, _ in first))
     together = replace(decays[0], records=tuple(record for record, _ in (*first, *rest)))
     return DecaySplit(fitted, together, tuple(name for _, name in (*first, *rest)))
+
+
+def _fitted_places(test: Test, settings: Identify) -> tuple[int, ...]:
+    """Places of the repeats that are fitted: from the strongest to the weakest in equal steps.
+
+    Of repeats that are as strong as one another the first ones. So a law is never judged on motion
+    beyond what it was fitted to, whatever the order in which a structure was hit.
+    """
+    count = _fitted_repeats(test, settings)
+    sizes = np.array([np.nanstd(record.channels[record.response]) for record in test.records])
+    falling = np.argsort(-sizes, kind="stable")
+    is_weaker = sizes[falling][1:] < sizes[falling][:-1] / ALIKE
+    strength = np.empty(len(sizes), int)
+    strength[falling] = np.concatenate([[0], np.cumsum(is_weaker)])
+    left, places = list(range(len(sizes))), []
+    for step in np.linspace(0, len(sizes) - 1, count).round().astype(int):
+        wanted = strength[falling[step]]
+        places.append(next(i for i in left if strength[i] == wanted))
+        left.remove(places[-1])
+    return tuple(sorted(places))
 
 
 def _fitted_repeats(test: Test, settings: Identify) -> int:

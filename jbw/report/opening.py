@@ -46,6 +46,22 @@ def opening(summary: Summary, tree: xr.DataTree) -> list[str]:
     return [*effects, *units, *met, _unknown(summary), *doubts, _following(summary)]
 
 
+def split_sentence(summary: Summary) -> str | None:
+    """Which tests and repeats were fitted and which were held out; None of a run without tests."""
+    rows = [row for row in summary.get("tests") or () if row.get("fitted_repeats") is not None]
+    sides: tuple[list[str], list[str]] = ([], [])
+    some_repeats = False
+    for row in rows:
+        used = row["fitted_repeats"]
+        rest = [i for i in range(1, row["repeats"] + 1) if i not in used]
+        some_repeats |= bool(used and rest)
+        for side, numbers in zip(sides, (used, rest), strict=True):
+            if numbers:
+                of_test = messages.repeats(row["test"], numbers) if used and rest else row["test"]
+                side.append(of_test)
+    return messages.split(*sides, some_repeats=some_repeats) if rows else None
+
+
 def lead(summary: Summary, drawn: Sequence[str]) -> str | None:
     """The name of the figure that stands first, of those that could be drawn."""
     moves = "loops" if not _has_mode(summary) else None

@@ -141,8 +141,8 @@ def verdict_record(verdict: Verdict) -> dict[str, Any]:
 
 
 def fitted_and_held_out(seen: Measured) -> list[dict[str, Any]]:
-    """Every test of the campaign, and how many of its repeats were fitted."""
-    used, counts = entered(seen), fitted_repeats(seen)
+    """Every test of the campaign, and which of its repeats were fitted."""
+    used, repeats = entered(seen), fitted_repeats(seen)
     return [
         {
             "test": test.name,
@@ -152,9 +152,11 @@ def fitted_and_held_out(seen: Measured) -> list[dict[str, Any]]:
             "run": test.run or None,
             "assembly": test.assembly or None,
             "repeats": len(test.records),
-            "fitted": counts.get(test.name, len(test.records)) if used[test.name] else 0,
+            "fitted": len(chosen),
+            "fitted_repeats": chosen,
         }
         for test in seen.tests
+        for chosen in [repeats[test.name] if used[test.name] else []]
     ]
 
 

@@ -1,5 +1,7 @@
 """What feeds which step, and what is held out before any fit."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from pasted import pasted
@@ -124,3 +126,43 @@ def test_decays_held_out_are_not_fitted():
     assert len(split.fitted.records) == 2  # half of the first, none of the second
     assert len(decay_tests([first, second], Identify()).fitted.records) == 4
     assert decay_tests([first, second], Identify(), []) is None
+
+
+def of_strengths(kind, *strengths):
+    """A test whose repeats are so strong."""
+    test = a_test(kind, 0.1, repeats=len(strengths))
+    samples = np.sin(np.arange(8))
+    return replace(
+        test,
+        records=tuple(
+            replace(r, channels={"input": samples, "velocity": size * samples})
+            for r, size in zip(test.records, strengths, strict=True)
+        ),
+    )
+
+
+@pytest.mark.parametrize(
+    ("strengths", "fitted"),
+    [
+        ((1, 2, 4, 8), "1 4"),  # hit soft first
+        ((8, 4, 2, 1), "1 4"),
+        ((1, 8, 1, 8), "1 2"),
+        ((1.0, 1.05, 0.97, 1.02), "1 2"),  # as strong as one another: the first ones
+        ((1, 2, 4, 8, 16, 32, 64), "1 4 7"),
+        ((1, 2, 4), "1 2 3"),
+    ],
+)
+def test_fitted_repeats_range_from_the_strongest_to_the_weakest(strengths, fitted):
+    decays = decay_tests([of_strengths("decay", *strengths)], Identify())
+    chosen = decays.names[: len(decays.fitted.records)]
+    assert [name.split()[-1] for name in chosen] == fitted.split()
+    sweep = of_strengths("sweep", *strengths)
+    split = sweep_tests([sweep], Identify())
+    ids = [id(record) for record in split.fitted[0].records]
+    numbers = [str(i + 1) for i, record in enumerate(sweep.records) if id(record) in ids]
+    assert numbers == fitted.split()
+
+
+def test_one_fitted_repeat_is_the_strongest():
+    decays = decay_tests([of_strengths("decay", 1, 8, 2, 4)], Identify(fit_repeats=1))
+    assert decays.names[0] == "decay 0.1 2"

@@ -33,6 +33,11 @@ EXAMPLES = {
         *causes.further_mode(30.1, " Put under [[test]]: `band = [15.0, 23.0]`."),
     ],
     "draft": [
+        draft.NAME_RECORD,
+        draft.drafted("tap.toml"),
+        draft.drafted_before("tap.toml"),
+        *draft.several_folders(["/a", "/b"]),
+        *draft.other_records("tap.toml"),
         draft.shared_band("[15.0, 23.0]"),
         draft.about_strongest(15.0, 23.0),
         draft.about_shared(15.0, 23.0),

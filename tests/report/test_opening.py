@@ -20,6 +20,7 @@ from jbw.report.opening import (
     known_parameters,
     lead,
     opening,
+    split_sentence,
 )
 from jbw.study import resumable, store
 from jbw.study.summary import _turning
@@ -306,3 +307,17 @@ def test_decays_of_torsion_say_the_units_of_their_tables():
 def test_a_summary_says_that_its_motion_is_a_rotation(units, said):
     records = [Record(64.0, {"velocity": np.ones(8)}, {"velocity": unit}) for unit in units]
     assert _turning([Test("decay", (record,)) for record in records]) == said
+
+
+def test_the_split_names_the_fitted_repeats_and_the_others():
+    rows = [
+        {"test": "tap", "repeats": 4, "fitted_repeats": [1, 4]},
+        {"test": "sweep", "repeats": 2, "fitted_repeats": [1, 2]},
+        {"test": "tone", "repeats": 1, "fitted_repeats": []},
+    ]
+    assert split_sentence({"tests": rows}).startswith(
+        "Fitted: tap (repeats 1 and 4) and sweep. Held out: tap (repeats 2 and 3) and tone. "
+    )
+    whole = split_sentence({"tests": rows[1:2]})
+    assert whole == "Fitted: sweep. Held out: nothing."
+    assert split_sentence({"tests": [{"kind": "sweep"}]}) is None  # of an earlier version

@@ -15,6 +15,10 @@ NONE_HELD_OUT = (
 )
 FITTED_NOW = "They are fitted now, for use."
 NO_FIT_ERROR = "The error of the fit is known once the posterior is sampled."
+SPREAD = (
+    "The fitted repeats range from the strongest to the weakest; `fit_repeats` states how many."
+)
+NAMED = 6  # tests of a list
 NO_GRADES = "This run does not state which parameters are identified."
 NOTHING_TO_DO = "To do next: nothing; the result can be used."
 STATUS = {
@@ -48,6 +52,22 @@ STEPS = {
 def doubtful(doubt: str) -> str:
     """A doubt about the records."""
     return f"Doubtful: {doubt}"
+
+
+def split(fitted: Sequence[str], held_out: Sequence[str], *, some_repeats: bool) -> str:
+    """What was fitted and what was held out, and how repeats were chosen."""
+    said = f"Fitted: {_some(fitted)}. Held out: {_some(held_out) if held_out else 'nothing'}."
+    return f"{said} {SPREAD}" if some_repeats else said
+
+
+def _some(tests: Sequence[str]) -> str:
+    more = len(tests) - NAMED
+    return listed([*tests[:NAMED], f"{more} more"] if more > 1 else tests)
+
+
+def repeats(test: str, numbers: Sequence[int]) -> str:
+    """Some repeats of a test."""
+    return f"{test} ({'repeat' if len(numbers) == 1 else 'repeats'} {listed(numbers)})"
 
 
 def effect(least: float, most: float, unit: str, changes: str) -> str:
