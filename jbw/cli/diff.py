@@ -1,4 +1,4 @@
-"""The command that sets two finished runs side by side: `jbw diff A B`."""
+"""The command that sets finished runs side by side: `jbw diff A B`, and more."""
 
 from pathlib import Path
 
@@ -15,14 +15,23 @@ finished_run = click.Path(exists=True, file_okay=False, path_type=Path)
 @click.command()
 @click.argument("first", metavar="A", type=finished_run)
 @click.argument("second", metavar="B", type=finished_run)
+@click.argument("further", metavar="[C]...", nargs=-1, type=finished_run)
 @figure_option("frequency and damping", "diff.png")
 @json_option
-def diff(first: Path, second: Path, figure: Path | None, json_: bool) -> None:
+def diff(
+    first: Path, second: Path, further: tuple[Path, ...], figure: Path | None, json_: bool
+) -> None:
     """Say what differs between the finished runs in A and B: assemblies, torques or days.
 
     For every parameter and product that both know, and for frequency and damping at amplitudes that
     both fitted: both 99 % intervals, the difference, and the probability that A's is the larger.
+
+    Of three and more runs, of any laws: frequency and damping at amplitudes that all fitted, in the
+    order of the torques that their campaigns state, and how they go with torque.
     """
+    if further:
+        _side_by_side((first, second, *further), figure, json_=json_)
+        return
     with computing() as say:
         from jbw.report.changes import backbone_table, backbones_figure, parameters_table
         from jbw.study.differences import differences
@@ -42,3 +51,19 @@ def diff(first: Path, second: Path, figure: Path | None, json_: bool) -> None:
     tables = parameters_table(compared.record), backbone_table(compared.record)
     saved = "" if figure is None else f"Figure: {figure}"
     answer(json_, compared.record, *tables, *compared.record["statements"], saved=saved)
+
+
+def _side_by_side(folders: tuple[Path, ...], figure: Path | None, *, json_: bool) -> None:
+    with computing() as say:
+        from jbw.report.changes import side_by_side_figure, side_by_side_table
+        from jbw.study.several_runs import side_by_side
+        from jbw.study.store import write_figure
+
+        say(f"Reading {len(folders)} runs")
+        compared = side_by_side(folders)
+        if figure is not None:
+            write_figure(figure, side_by_side_figure(compared.record, compared.backbones))
+        say("Done")
+    record = compared.record
+    saved = "" if figure is None else f"Figure: {figure}"
+    answer(json_, record, side_by_side_table(record), *record["statements"], saved=saved)

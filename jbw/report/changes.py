@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
+import matplotlib
 import numpy as np
 import xarray as xr
 from scipy.stats import t as student
@@ -56,6 +57,54 @@ def backbone_table(record: Row) -> Table:
         Column(f"at [{unit}]", lambda row: number(factor * row["amplitude"])),
         *_columns(),
     )
+
+
+def side_by_side_table(record: Row) -> Table:
+    """A row a run, in the order of torque, at a tenth and all of the motion that all fitted."""
+    amplitudes = sorted({row["amplitude"] for row in record["readings"]})
+    factor, unit = length_unit(amplitudes[-1])
+    read = {(row["run"], row["amplitude"]): row for row in record["readings"]}
+
+    def column(what: str, heading: str, amplitude: float, scale: float) -> Column:
+        def shown(run: Row) -> str:
+            values = [scale * x for x in read[run["name"], amplitude][what]]
+            return _interval({"here": values}, "here")
+
+        return Column(f"{heading}\nat {number(factor * amplitude)} {unit}", shown)
+
+    return table(
+        messages.SIDE_BY_SIDE.format(len(record["runs"])),
+        record["runs"],
+        words("run", "name"),
+        Column(
+            "torque [N m]", lambda run: NOTHING if run["torque"] is None else number(run["torque"])
+        ),
+        *(column("frequency", "frequency [Hz]", y, 1.0) for y in amplitudes),
+        *(column("damping ratio", "damping [%]", y, 1.0) for y in amplitudes),
+    )
+
+
+def _torque(run: Row) -> str:
+    return NOTHING if run["torque"] is None else f"{run['torque']:g}"
+
+
+def side_by_side_figure(record: Row, bands: xr.Dataset, ax: Any = None) -> Panels:
+    """Draw frequency and damping of several runs against amplitude, a colour a run."""
+    axes = panels(ax, 1, 2, height=3.2)
+    factor, unit = length_unit(float(bands["amplitude"][-1]))
+    # From dark to light in the order of torque, told apart in grey too.
+    colours = matplotlib.colormaps["viridis"](np.linspace(0.0, 0.85, len(record["runs"])))
+    x = factor * bands["amplitude"].values
+    for only, (name, label) in zip(axes[0], QUANTITIES.items(), strict=True):
+        scale = 100.0 if name == "damping" else 1.0
+        for run, colour in zip(record["runs"], colours, strict=True):
+            low, middle, high = scale * bands[name].sel(run=run["name"]).values
+            torque = "" if run["torque"] is None else f", {_torque(run)} N m"
+            shade(only, x, low, high, colour, "")
+            only.plot(x, middle, color=colour, lw=1.2, label=f"{run['name']}{torque}")
+        only.set_ylabel(label)
+        only.ticklabel_format(axis="y", useOffset=False)
+    return finish(axes, ax, f"amplitude of displacement [{unit}]")
 
 
 def _columns() -> tuple[Column, ...]:

@@ -236,7 +236,11 @@ OF_TOPICS = {
         laws.error_of_fit(0.023),
     ],
     "differences": [
-        differences.NONE_DIFFERS,
+        differences.NONE_DIFFERS, differences.without_backbone("runs/a"), differences.SCATTER,
+        differences.with_torque("frequency", "0.14 mm", "0.85 [0.80, 0.90] Hz", "rises"),
+        differences.with_torque("damping ratio", "0.14 mm", "0.01 [-0.02, 0.04] %", ""),
+        differences.LEAVE_IT_OUT, differences.NO_TORQUES, differences.INDEPENDENT_RUNS,
+        differences.SIDE_BY_SIDE.format(3),
         differences.differs("omega_n", "1.00 [0.64, 1.36] rad/s", sure=True),
         differences.differs("zeta", "0.001 [-0.001, 0.003]", sure=False),
         differences.may_be_same(["zeta", "alpha"]),

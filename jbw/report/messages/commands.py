@@ -36,7 +36,7 @@ SHORT = {
     "report": "Write the one-file report of a finished run.",
     "predict": "Predict tests from a run, measured or planned.",
     "export": "Write a run's joint for other programs, FMUs among them.",
-    "diff": "Compare two runs: assemblies, torques, days.",
+    "diff": "Compare runs: assemblies, torques, days.",
     "plan": "Say which tests reach a given accuracy.",
     "collect": "Collect finished runs of several units in one fleet.",
     "population": "Say how the units of a fleet scatter, and depend on torque.",

@@ -112,5 +112,30 @@ def one_joint(ratio: str, a: str, b: str, *, sure: bool) -> str:
     return f"One joint across both modes has one {ratio}; A {a}, B {b}: {SHARES[sure]}."
 
 
+def without_backbone(run: str) -> str:
+    """That a run has no frequency and damping against amplitude."""
+    return f"Run {run} lacks the parameters or the displacement for frequency and damping."
+
+
+def with_torque(quantity: str, amplitude: str, change: str, word: str) -> str:
+    """How a quantity at an amplitude goes with the torque; an empty word where nobody knows."""
+    if not word:
+        return f"At {amplitude} the {quantity} shows no trend with torque: {change} a doubling."
+    return f"At {amplitude} the {quantity} {word} with torque: {change} a doubling."
+
+
+SCATTER = (
+    "The runs scatter about a line in the logarithm of the torque more than their posteriors "
+    "allow; intervals of the trend include it. Each tightening differs, or the trend is no line."
+)
+LEAVE_IT_OUT = "Leave it out, or compare the parameters of two runs: jbw diff A B"
+NO_TORQUES = (
+    "No trend: the campaigns do not state different torques. State `torque` in [assembly] of each."
+)
+INDEPENDENT_RUNS = (
+    "Intervals take the posteriors as independent: they omit errors that all runs share, of a "
+    "sensor or a mass, and the scatter of a new tightening."
+)
+SIDE_BY_SIDE = "Frequency and damping of {} runs, median and 99 % interval"
 TABLE = "Parameters, median and 99 % interval"
 BACKBONE_TABLE = "Frequency and damping against amplitude, median and 99 % interval"

@@ -1,0 +1,208 @@
+r"""Several finished runs: frequency and damping against amplitude, and how they go with torque.
+
+Draws q of every run at an amplitude that all fitted are taken as independent. Over the
+logarithm x of their torques each set of draws has the slope of least squares,
+
+$$b = \frac{\sum_i (x_i - \bar x)\,q_i}{\sum_i (x_i - \bar x)^2},$$
+
+in change a doubling where x is the binary logarithm. Where the chi-square of what the line leaves
+is beyond chance, the runs scatter by themselves, and the slope's interval is Student's by that
+scatter as well.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from jaxtyping import Float
+from scipy import stats
+
+from jbw.errors import ConfigError
+from jbw.inference.posterior.summary import QUANTILES
+from jbw.report.messages import differences as messages
+from jbw.report.result import read_result
+from jbw.report.text import interval, length_unit, number
+from jbw.verification.backbone import curves
+from jbw.verification.predicted import carry
+from jbw.verification.predictive_basis import Basis, basis_of, parameter_names
+
+NUM_DRAWS = 200  # of each run
+GRID = np.linspace(0.05, 1.0, 20)  # of the largest displacement that all runs fitted
+TOLD = (1, 19)  # of these: a tenth and all of it
+QUANTITIES = (("frequency", "Hz", 1.0), ("damping ratio", "%", 100.0))
+BY_CHANCE = 0.01  # probability of the scatter about a trend, below which it is said
+NUISANCE = {"gain"}  # of the source, without which frequency and damping are known
+
+
+@dataclass(frozen=True)
+class SideBySide:
+    """Result of `side_by_side`.
+
+    Attributes:
+        record: Runs, readings, trends and statements in plain values.
+        backbones: 99 % bands of frequency [Hz] and damping ratio, by run, quantile and amplitude.
+    """
+
+    record: dict[str, Any]
+    backbones: xr.Dataset
+
+
+def side_by_side(folders: Sequence[Path]) -> SideBySide:
+    """Set frequency and damping of several finished runs side by side, of any laws.
+
+    Runs stand in the order of the torques that their campaigns state, where all do, else as given.
+
+    Raises:
+        ConfigError: A run without frequency and damping against amplitude.
+    """
+    opened = [read_result(folder) for folder in folders]
+    torques: list[Any] = [(summary.get("assembly") or {}).get("torque") for summary, _ in opened]
+    order = list(range(len(folders)))
+    if all(torque is not None for torque in torques):
+        order.sort(key=lambda i: torques[i])
+    bases = [basis_of(opened[i][1]) for i in order]
+    for i, basis in zip(order, bases, strict=True):
+        _require_backbone(folders[i], basis)
+    amplitude = min(basis.y_peak for basis in bases) * GRID
+    names = _names([folders[i] for i in order])
+    runs = [
+        {
+            "name": name,
+            "folder": str(folders[i]),
+            "campaign": str(opened[i][0].get("campaign", "")),
+            "verdict": (opened[i][0].get("verdict") or {}).get("status", ""),
+            "laws": list(basis.laws),
+            "torque": torques[i],
+        }
+        for name, i, basis in zip(names, order, bases, strict=True)
+    ]
+    draws = [_along(basis, amplitude) for basis in bases]
+    bands = np.array([np.quantile(x, QUANTILES, axis=1) for x in draws])  # run quantile what place
+    backbones = _dataset(bands, names, amplitude)
+    record = {
+        "runs": runs,
+        "readings": [
+            {"run": name, "amplitude": float(amplitude[place])}
+            | {
+                what: (scale * bands[i, :, q, place]).tolist()
+                for q, (what, _, scale) in enumerate(QUANTITIES)
+            }
+            for i, name in enumerate(names)
+            for place in TOLD
+        ],
+        "trends": _trends(runs, draws, amplitude),
+    }
+    return SideBySide(record | {"statements": _statements(record)}, backbones)
+
+
+def _require_backbone(folder: Path, basis: Basis) -> None:
+    needed = set(parameter_names(basis.laws)) - NUISANCE
+    if not (0.0 < basis.y_peak < np.inf and needed <= set(basis.thinned(2))):
+        raise ConfigError(messages.without_backbone(str(folder)), remedy=messages.LEAVE_IT_OUT)
+
+
+def _names(folders: Sequence[Path]) -> list[str]:
+    """Names of the folders, and their paths where two have one name."""
+    short = [folder.resolve().name for folder in folders]
+    return short if len({*short}) == len(short) else [str(folder) for folder in folders]
+
+
+def _along(
+    basis: Basis, amplitude: Float[np.ndarray, " place"]
+) -> Float[np.ndarray, "what draw place"]:
+    """Draws of frequency [Hz] and damping ratio against amplitude [m]."""
+    carried = carry(curves, basis.thinned(NUM_DRAWS), jnp.asarray(amplitude), basis.laws)
+    return np.array([np.asarray(x) for x in carried[:2]])
+
+
+def _dataset(
+    bands: Float[np.ndarray, "run quantile what place"],
+    names: Sequence[str],
+    amplitude: Float[np.ndarray, " place"],
+) -> xr.Dataset:
+    dims = ("run", "quantile", "amplitude")
+    facts = {"frequency": "Hz", "damping": "1"}
+    return xr.Dataset(
+        {
+            what: (dims, bands[:, :, q], {"units": unit})
+            for q, (what, unit) in enumerate(facts.items())
+        },
+        {
+            "run": list(names),
+            "quantile": list(QUANTILES),
+            "amplitude": ("amplitude", amplitude, {"units": "m"}),
+        },
+    )
+
+
+def _trends(
+    runs: Sequence[Mapping[str, Any]],
+    draws: Sequence[Float[np.ndarray, "what draw place"]],
+    amplitude: Float[np.ndarray, " place"],
+) -> list[dict[str, Any]]:
+    """Change of each quantity with twice the torque; none of runs without torques that differ."""
+    torques = [run["torque"] for run in runs]
+    if None in torques or len({*torques}) < 2:
+        return []
+    doublings = np.log2(torques)
+    return [
+        {
+            "name": what,
+            "unit": unit,
+            "amplitude": float(amplitude[place]),
+            **_trend(doublings, [scale * x[q, :, place] for x in draws]),
+        }
+        for q, (what, unit, scale) in enumerate(QUANTITIES)
+        for place in TOLD
+    ]
+
+
+def _trend(
+    doublings: Float[np.ndarray, " run"], draws: Sequence[Float[np.ndarray, " draw"]]
+) -> dict[str, Any]:
+    """Slope with its 99 % interval, the chance of the scatter about it, and its direction."""
+    count = min(map(len, draws))
+    # Runs of one seed have draws that go together, number by number: in any order they do not.
+    rng = np.random.default_rng(0)
+    values = np.array([rng.permutation(x)[:count] for x in draws])
+    away = doublings - doublings.mean()
+    low, middle, high = np.quantile(away @ values / np.sum(away**2), QUANTILES)
+    mean, sd = values.mean(axis=1), values.std(axis=1)
+    left = mean - mean.mean() - away * middle
+    degrees = len(draws) - 2
+    p = float(stats.chi2.sf(np.sum((left / sd) ** 2), degrees)) if degrees else 1.0
+    if p < BY_CHANCE:  # as known as the line's slope through runs that scatter by themselves
+        deviation = np.sqrt(np.sum(left**2) / degrees / np.sum(away**2))
+        reach = stats.t.ppf(QUANTILES[2], degrees) * deviation
+        low, high = middle - np.hypot(middle - low, reach), middle + np.hypot(high - middle, reach)
+    rising, falling = (
+        bool(np.all(np.mean(sign * np.diff(values, axis=0) > 0, axis=1) > QUANTILES[2]))
+        for sign in (1, -1)
+    )
+    word = "rises" if rising or low > 0 else "falls" if falling or high < 0 else ""
+    return {"per_doubling": [low, middle, high], "p": p, "direction": word}
+
+
+def _statements(record: Mapping[str, Any]) -> list[str]:
+    factor, unit = length_unit(max(row["amplitude"] for row in record["readings"]))
+    sentences = []
+    for row in record["trends"]:
+        low, middle, high = row["per_doubling"]
+        at = f"{number(factor * row['amplitude'])} {unit}"
+        change = f"{interval(low, middle, high)} {row['unit']}"
+        sentences.append(messages.with_torque(row["name"], at, change, row["direction"]))
+    if any(row["p"] < BY_CHANCE for row in record["trends"]):
+        sentences.append(messages.SCATTER)
+    if not record["trends"]:
+        sentences.append(messages.NO_TORQUES)
+    unusable = {run["name"]: run["verdict"] for run in record["runs"]}
+    sentences += [
+        messages.not_usable(name, word)
+        for name, word in unusable.items()
+        if word not in ("ok", "usable")
+    ]
+    return [*sentences, messages.INDEPENDENT_RUNS]
