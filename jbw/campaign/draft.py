@@ -46,10 +46,17 @@ LISTED = 12  # channels named in a comment
 MOST_GROUPS = 500  # names of files that are not repeats of one another
 BEGINNING = 1 << 14  # bytes of a file by which it is told whether it may hold a curve
 BAND = "\nband = ["
+CHANNELS = "\nchannels = "
+TORQUE = re.compile(
+    r"\d+(?:[.,p]\d+)?[ _-]?(?:N[ _-]?m|kgf?[ _-]?cm|(?:ft|in)[ _-]?lbf?)(?![a-z])", re.IGNORECASE
+)
 SENSORS = "# sensitivity = "
 SAME_LINE = 1.25  # largest over smallest centre of bands about one line
 LEAST_HEIGHT = 0.02  # of a decay's strongest line, for another to be shown by it
 FOLLOWING = 0.7  # correlation of force and displacement from which they are drafted as a loop
+MOST_LEVELLED = 100  # files of one name whose level is looked at
+ANOTHER_LEVEL = 1.2  # times the level of a repeat
+FILES = "# files"  # a line that is written when the levels are known
 MOST_BLOCKS = 40  # tests drafted from one file
 # Keys of a test that are offered in a comment.
 OPTIONAL = ("level", "band", "delay", "assembly", "run", "exclude", "span")
@@ -119,12 +126,16 @@ def start_campaign(
             f"sweep_1{visible[0].suffix}, sweep_2{visible[0].suffix}.",
         )
     curves = _frequencies_of_curves(groups)
+    torques = {_torque_of(repeats[0]) for repeats in groups}
     for repeats in groups:
         file_blocks = _blocks(repeats, assumed, curves, named)
+        if len(torques) > 1 and (torque := _torque_of(repeats[0])):
+            line = messages.assembly(toml(torque))
+            file_blocks = [block.replace(CHANNELS, f"\n{line}{CHANNELS}") for block in file_blocks]
+            assumed.append((repeats[0].name, messages.TORQUES))
         names += [_name_of(repeats[0], i, len(file_blocks)) for i in range(len(file_blocks))]
         blocks += file_blocks
-    if curves is None:
-        blocks = _bands_together(blocks, folder, assumed)
+    blocks = _bands_together(blocks, folder, assumed)
     blocks = _named(blocks, names)
     if not any("[[test]]" in block for block in blocks):
         raise DataError(
@@ -146,10 +157,16 @@ def start_campaign(
     return Draft("\n".join([*head, *blocks, *foot]), tuple(_once(assumed)))
 
 
+def _torque_of(path: Path) -> str:
+    """A tightening torque in a file's name, as it is written there; empty without one."""
+    found = TORQUE.search(path.stem)
+    return found.group(0).strip("_ -") if found else ""
+
+
 def _bands_together(
     blocks: Sequence[str], folder: Path, assumed: list[tuple[str, str]]
 ) -> list[str]:
-    """Bands of the decays about the line that all of them show, where their strongest ones differ.
+    """Decays of one mode in one band: about the line that all of them show, where these differ.
 
     A blow may move the suspension more than the joint: its line is the largest of one test, the
     joint's stands out of every one.
@@ -166,27 +183,36 @@ def _bands_together(
             lines = block.splitlines()
             sampled[i] = first, _first_record(first, test["channels"], lines)
             bands[i] = tuple(test["band"])
-    centres = [sum(band) / 2 for band in bands.values()]
-    if len(centres) < 2 or max(centres) < SAME_LINE * min(centres):
-        return list(blocks)
-    shared = max(
-        bands.values(),
-        key=lambda band: min(height_within(record, band) for _, record in sampled.values()),
-    )
-    if min(height_within(record, shared) for _, record in sampled.values()) < LEAST_HEIGHT:
-        return list(blocks)
     changed = list(blocks)
-    for i, (path, record) in sampled.items():
-        low, high = band_about_peak(record, within=shared)
-        line = messages.shared_band(toml([low, high]))
+    for i, band in _shared_bands(bands, {i: record for i, (_, record) in sampled.items()}).items():
+        line = messages.shared_band(toml(list(band)))
         changed[i] = re.sub(r"^band = .*$", line, blocks[i], flags=re.MULTILINE)
-        before = messages.about_strongest(bands[i][0], bands[i][1])
-        after = messages.about_shared(low, high)
-        assumed[:] = [
-            (name, after) if (name, what) == (path.name, before) else (name, what)
-            for name, what in assumed
-        ]
+        before, after = messages.about_strongest(*bands[i]), messages.about_shared(*band)
+        name = sampled[i][0].name
+        assumed[:] = [(name, after) if row == (name, before) else row for row in assumed]
     return changed
+
+
+def _shared_bands(bands: Mapping[int, Reach], records: Mapping[int, Record]) -> dict[int, Reach]:
+    """One band for decays about one line, and about the line that all show where they differ.
+
+    Decays of one mode are fitted in one band, that of all of them: the narrowest of its ends.
+    """
+    centres = [sum(band) / 2 for band in bands.values()]
+    if len(centres) < 2:
+        return {}
+    about = list(bands.values())
+    if max(centres) >= SAME_LINE * min(centres):
+
+        def least_height(band: Reach) -> float:
+            return min(height_within(record, band) for record in records.values())
+
+        shared = max(about, key=least_height)
+        if least_height(shared) < LEAST_HEIGHT:
+            return {}
+        about = [band_about_peak(record, within=shared) for record in records.values()]
+    one = max(low for low, _ in about), min(high for _, high in about)
+    return {i: one for i, band in bands.items() if band != one} if one[0] < one[1] else {}
 
 
 def _name_of(path: Path, number: int, count: int) -> str:
@@ -313,8 +339,9 @@ def _blocks(
             looked = looked_at(contents)
             by_record = _records_in(looked.series)
             blocks = [
-                _block(files, replace(looked, series=series), assumed, curves, named)
+                block
                 for series in by_record[:MOST_BLOCKS]
+                for block in _block(files, replace(looked, series=series), assumed, curves, named)
             ]
     except JbwError as error:
         said = [error.what, error.remedy] if error.remedy else [error.what]
@@ -331,8 +358,8 @@ def _block(
     assumed: list[tuple[str, str]],
     curves: Reach | None,
     named: Named,
-) -> str:
-    """One [[test]] table; as a comment where no channel is known to be a response."""
+) -> list[str]:
+    """One [[test]] table a level; as a comment where no channel is known to be a response."""
 
     def assume(what: str) -> None:
         assumed.append((files[0].name, what))
@@ -348,7 +375,7 @@ def _block(
     if channels.keys().isdisjoint(RESPONSES):
         matrices = _matrices(looked.leaves)
         assume(messages.matrices(matrices) if matrices else messages.NO_RESPONSE)
-        return _skeleton(files, looked, channels)
+        return [_skeleton(files, looked, channels)]
     timed = looked.fs is not None or "time" in channels or bool(_scalar_rate(looked.leaves))
     kind, is_sure = _kind_of(files[0], channels, series, is_timed=timed)
     traits = KINDS[kind]
@@ -371,7 +398,7 @@ def _block(
         *(messages.doubtful(doubt) for doubt in looked.doubts),
         "[[test]]",
         f"kind = {toml(kind)}" + ("" if is_sure else messages.GUESS),
-        messages.files(toml(_pattern(files)), len(files)),
+        FILES,
         f"channels = {toml(roles)}{checks}",
         *_units(channels, looked, assume),
         *clock.lines,
@@ -389,7 +416,41 @@ def _block(
     unused = [name for name in series if name not in roles.values() and name not in clock.columns]
     if unused:
         lines.append(messages.not_used(_listed(unused)))
-    return "\n".join(lines) + "\n"
+    is_levelled = traits.is_driven and not traits.is_curve
+    levels = _levels(files, roles, lines) if is_levelled else []
+    at = lines.index(FILES)
+    return [
+        "\n".join([*lines[:at], messages.files(toml(_pattern(some)), len(some)), *level,
+                   *lines[at + 1 :], ""])
+        for some, level in levels or [(files, [])]
+    ]  # fmt: skip
+
+
+def _levels(
+    files: Sequence[Path], roles: Mapping[str, str], lines: Sequence[str]
+) -> list[tuple[list[Path], list[str]]]:
+    """Files by the level of their source, with its line; nothing where none can be told.
+
+    Repeats of one level are alike; a programme doubles it, or halves it.
+    """
+    source = next((role for role in INPUTS if role in roles), "")
+    if not source or len(files) > MOST_LEVELLED:
+        return []
+    sizes: dict[Path, float] = {}
+    with suppress(JbwError, ValueError, IndexError):
+        for path in files:
+            u = _first_record(path, roles, lines).channels[source]
+            sizes[path] = float(np.nanmax(np.abs(u)))
+    if len(sizes) < len(files) or not min(sizes.values()) > 0:
+        return []
+    rising = sorted(files, key=lambda path: sizes[path])
+    parts: list[list[Path]] = []
+    for path in rising:
+        if not parts or sizes[path] > ANOTHER_LEVEL * sizes[parts[-1][-1]]:
+            parts.append([])
+        parts[-1].append(path)
+    found = [(sorted(part), f"{sizes[part[0]]:.2g}") for part in parts]
+    return [(part, [messages.level(toml(float(peak)), source)]) for part, peak in found]
 
 
 class Clock(NamedTuple):

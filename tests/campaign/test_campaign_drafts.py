@@ -11,6 +11,8 @@ import scipy.io
 
 from jbw.campaign.draft import start_campaign, write_campaign
 from jbw.campaign.load import load_campaign
+from jbw.campaign.settings import Identify
+from jbw.identification.selection import decay_tests, sweep_tests
 
 FREQ = np.linspace(79.0, 81.0, 41)
 
@@ -143,12 +145,68 @@ def test_a_hammer_s_band_lies_where_the_curves_beside_it_do(tmp_path):
     acceleration = np.gradient(np.gradient(suspension + mode, t), t)
     np.savez(tmp_path / "hammer_1.npz", acceleration=acceleration, fs=1000.0)
     alone = start_campaign(tmp_path).text
-    assert "band = [1.1, 1.7]" in alone
+    assert "band = [0.7, 2.1]" in alone
     f = np.linspace(70.0, 90.0, 41)
     h = 1 / ((2 * np.pi * 80.0) ** 2 - (2 * np.pi * f) ** 2 + 2j * 0.003 * (2 * np.pi * f) ** 2)
     np.savez(tmp_path / "curve.npz", frequency=f, force=np.ones_like(f), displacement=np.abs(h),
              phase=np.angle(h))  # fmt: skip
-    assert "band = [64.0, 96.0]" in start_campaign(tmp_path).text
+    assert "band = [40.0, 120.0]" in start_campaign(tmp_path).text
+
+
+def test_levels_of_a_drive_are_tests_of_their_own(tmp_path):
+    """Numbered 1 to 6, with the levels 1, 1, 2, 2, 8, 8 N: three levels of two repeats."""
+    t = np.arange(4096) / 512.0
+    u = np.sin(2 * np.pi * (15 + 1.5 * t) * t) * np.sin(np.pi * t / t[-1])
+    ratio = np.fft.rfftfreq(2 * len(t), 1 / 512.0) / 25.0
+    h = -(ratio**2) / (1 - ratio**2 + 0.02j * ratio)
+    response = np.fft.irfft(h * np.fft.rfft(u, 2 * len(t)))[: len(t)]
+    noise = np.random.default_rng(0)
+    for i, level in enumerate((2, 1, 8, 1, 2, 8)):
+        force = level * u + 1e-4 * noise.standard_normal(len(t))
+        measured = level * response + 0.01 * noise.standard_normal(len(t))
+        channels = {"force": force, "acceleration": measured}
+        np.savez(tmp_path / f"sweep_{i + 1}.npz", fs=512.0, **channels)
+    draft = start_campaign(tmp_path)
+    tests = tomllib.loads(draft.text)["test"]
+    assert [test["level"] for test in tests] == [1.0, 2.0, 8.0]
+    assert tests[0]["files"] == ["sweep_2.npz", "sweep_4.npz"]
+    loaded = load_campaign(write_campaign(draft, tmp_path)).tests
+    split = sweep_tests(loaded, Identify())
+    assert [test.level for test in split.fitted] == [1.0, 8.0]
+
+
+@pytest.mark.parametrize(
+    ("names", "assemblies"),
+    [
+        (("tap_05Nm_1", "tap_20Nm_1"), ["05Nm", "20Nm"]),
+        (("tap 5 N m 1", "tap 7.5 N m 1"), ["5 N m", "7.5 N m"]),
+        (("3Nm-a", "12Nm-a"), ["12Nm", "3Nm"]),
+        (("tap_20names_a", "tap_30name_b"), [None, None]),
+        (("tap_05Nm_a", "tap_05Nm_b"), [None, None]),  # one torque is none to tell apart
+    ],
+)
+def test_torques_in_names_are_assemblies(tmp_path, names, assemblies):
+    t = np.arange(4096) / 512.0
+    for name in names:
+        x = np.exp(-t) * np.cos(2 * np.pi * 30 * t)
+        np.savez(tmp_path / f"{name}.npz", acceleration=x, fs=512.0)
+    draft = start_campaign(tmp_path)
+    tests = tomllib.loads(draft.text)["test"]
+    assert [test.get("assembly") for test in tests] == assemblies
+    assert any("several torques" in line for line in draft.assumed) == (None not in assemblies)
+
+
+def test_decays_of_one_mode_are_drafted_in_one_band(tmp_path):
+    """Torques shift the mode by some percent; an identification asks for one band of all."""
+    t = np.arange(4096) / 512.0
+    for name, hz in (("tap_05Nm", 30.0), ("tap_10Nm", 31.0), ("tap_20Nm", 32.0)):
+        x = np.exp(-t) * np.cos(2 * np.pi * hz * t)
+        np.savez(tmp_path / f"{name}_1.npz", acceleration=x, fs=512.0)
+    draft = start_campaign(tmp_path)
+    bands = [test["band"] for test in tomllib.loads(draft.text)["test"]]
+    assert bands == [[16.0, 45.0]] * 3  # from half of the highest to one and a half of the lowest
+    tests = load_campaign(write_campaign(draft, tmp_path)).tests
+    assert decay_tests(tests, Identify()) is not None
 
 
 @pytest.mark.parametrize("name", ["fs", "Fs", "_fs_hz", "sample_rate", "SamplingRate"])

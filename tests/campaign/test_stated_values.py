@@ -35,16 +35,29 @@ def folder(tmp_path):
 
 def test_a_band_is_proposed_about_the_mode_and_not_the_loudest_acceleration():
     record = Record(FS, {"acceleration": decay()}, {"acceleration": "m/s^2"})
-    # 20 % to either side of 18.8 Hz, to two digits; lines are 1/8 Hz apart.
-    assert band_about_peak(record) == (15.0, 22.0)
+    # Half of 18.8 Hz to either side, to two digits, as no line is nearer than 90 Hz.
+    assert band_about_peak(record) == (9.4, 28.0)
+
+
+@pytest.mark.parametrize(
+    ("other_hz", "band"),
+    [(31.0, (10.0, 25.0)), (13.0, (16.0, 30.0)), (45.0, (10.0, 30.0)), (22.0, (10.0, 30.0))],
+)
+def test_a_band_ends_half_way_to_the_nearest_other_line(other_hz, band):
+    """Of 20 and 31 Hz sqrt(620) = 24.9 Hz; what is within 20 % is of the line itself."""
+    t = np.arange(6144) / FS
+    x = np.exp(-0.5 * t) * np.cos(2 * np.pi * 20 * t)
+    x += 0.2 * np.exp(-0.7 * t) * np.cos(2 * np.pi * other_hz * t)
+    x += 1e-4 * np.random.default_rng(0).standard_normal(len(t))
+    assert band_about_peak(Record(FS, {"displacement": x}, {})) == band
 
 
 def test_init_drafts_the_band_of_a_decay_and_check_takes_it(folder):
     draft = start_campaign(folder)
     (test,) = tomllib.loads(draft.text)["test"]
-    assert test["band"] == [15.0, 22.0]
+    assert test["band"] == [9.4, 28.0]
     assert draft.text.count("band = ") == 1
-    assert any("band 15 to 22 Hz" in line for line in draft.assumed)
+    assert any("band 9.4 to 28 Hz" in line for line in draft.assumed)
     assert check_campaign(write_campaign(draft, folder)).exit_code == 0
 
 
@@ -57,9 +70,9 @@ def test_check_refuses_a_decay_without_a_band_with_the_line_that_mends_it(folder
     assert found.exit_code == 2  # the file must change, not the data
     (fault,) = (one for row in found.rows for one in row.findings if one.severity == "error")
     assert "needs `band`" in fault.what
-    assert lines_of(fault.remedy) == [("[test]", "band = [15, 22]")]
+    assert lines_of(fault.remedy) == [("[test]", "band = [9.4, 28]")]
     assert run(["check", str(path)]) == 2
-    assert "band = [15, 22]" in capsys.readouterr().out
+    assert "band = [9.4, 28]" in capsys.readouterr().out
     # A look needs no band, and tells frequency and damping all the same.
     assert run(["look", str(path)]) == 0
 
@@ -124,11 +137,11 @@ def test_noise_of_an_acceleration_is_no_suspension(seed):
     t = np.arange(6144) / FS
     x = np.exp(-0.5 * t) * np.cos(2 * np.pi * 20 * t)
     x += 2e-2 * np.random.default_rng(seed).standard_normal(len(t))
-    assert band_about_peak(Record(FS, {"acceleration": x}, {})) == (16.0, 24.0)
+    assert band_about_peak(Record(FS, {"acceleration": x}, {})) == (10.0, 30.0)
 
 
 def test_a_suspension_that_stands_out_is_the_largest_displacement():
     t = np.arange(6144) / FS
     x = np.exp(-0.5 * t) * np.cos(2 * np.pi * 20 * t) + 0.1 * np.cos(2 * np.pi * 1.4 * t)
     x += 1e-3 * np.random.default_rng(0).standard_normal(len(t))
-    assert band_about_peak(Record(FS, {"acceleration": x}, {})) == (1.1, 1.7)
+    assert band_about_peak(Record(FS, {"acceleration": x}, {})) == (0.71, 2.1)

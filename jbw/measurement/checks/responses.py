@@ -4,6 +4,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 
 import numpy as np
+from scipy.ndimage import maximum_filter1d
 
 from jbw.errors import DataError, JbwError
 from jbw.measurement.channels import Reals, lines_within
@@ -27,7 +28,9 @@ OFFSET = 1.0  # mean of a response over its standard deviation: more is a channe
 COHERENT = 0.8  # of the power of a first period that one tone explains; wide-band noise has none
 LIKE = 2.0  # times peak or rms of a channel: a level beyond that is of none
 NO_LEVEL = ("frequency", "phase", "time")
-ABOUT = 0.2  # of the strongest line, to either side: a band to begin with
+ABOUT = 0.2  # of the strongest line, to either side: what is there is of that line
+WIDEST = 0.5  # of that line, to either side: a band where no other line is near
+OTHER, PEAK_LINES = 3e-3, 2  # of the strongest: another line; lines to either side that are lower
 ELSEWHERE = 0.1  # of the power of a displacement, more than one oscillator has there
 STANDS_OUT = 5.0  # times the median around: of 1000 lines of noise the largest is 3.2 times it
 FEW = 256  # samples of a displacement: fewer are points that somebody read off
@@ -219,19 +222,30 @@ def band_about_peak(
 def about_peak(
     record: Record, settle: float = 0.0, *, within: tuple[float, float] | None = None
 ) -> tuple[float, float]:
-    """Frequencies about the strongest line of a displacement [Hz].
+    """Frequencies about the strongest line of a displacement, as wide as no other line bounds [Hz].
 
-    Of the lines `within` some frequencies [Hz] where these are given and the record has any, and of
-    those that stand out of what is around them: noise of an acceleration is a large displacement at
-    low frequencies.
+    A narrow band takes long to settle, which costs the strongest part of a decay: it goes half way
+    to the nearest other line, and no further than half of the line's frequency.
+
+    The line is one of those `within` some frequencies [Hz] where these are given and the record has
+    any, and of those that stand out of what is around them: noise of an acceleration is a large
+    displacement at low frequencies.
     """
     freq, size, lowest = _lines(record, settle)
-    if within is not None and np.any(inside := lines_within(freq, within)):
-        size = np.where(inside[:, None], size, 0.0)
     every, standing = size.T
-    size = standing if np.any(standing[lowest:] > 0) else every
-    peak = float(freq[lowest + np.argmax(size[lowest:])])
-    return _around_line(peak)
+    if within is not None and np.any(inside := lines_within(freq, within)):
+        every, chosen = np.where(inside, every, 0.0), np.where(inside, standing, 0.0)
+    else:
+        chosen = standing
+    strongest = chosen if np.any(chosen[lowest:] > 0) else every
+    peak = float(freq[lowest + np.argmax(strongest[lowest:])])
+    near = _around_line(peak)
+    is_peak = standing == maximum_filter1d(standing, 2 * PEAK_LINES + 1)
+    others = freq[is_peak & (standing > OTHER * strongest.max()) & ~lines_within(freq, near)]
+    below, above = others[others < peak], others[others > peak]
+    low = np.sqrt(below[-1] * peak) if len(below) else 0.0
+    high = np.sqrt(above[0] * peak) if len(above) else np.inf
+    return max(low, (1 - WIDEST) * peak), min(high, (1 + WIDEST) * peak, 0.95 * record.fs / 2)
 
 
 def height_within(record: Record, band: tuple[float, float]) -> float:

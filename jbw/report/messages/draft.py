@@ -100,6 +100,23 @@ def files(pattern: str, count: int) -> str:
     return f"files = {pattern}  # {count} file(s), one repeat each"
 
 
+TORQUES = (
+    "files of several torques are assemblies with frequencies and damping of their own. If the "
+    "joint differs with torque, put each torque into a folder of its own, with `torque` in "
+    "[assembly]."
+)
+
+
+def assembly(name: str) -> str:
+    """The assembly of a test, by the torque in its files' name."""
+    return f"assembly = {name}  # CHECK: by the torque in the name"
+
+
+def level(level: str, source: str) -> str:
+    """The level of a test, as its source was recorded."""
+    return f"level = {level}  # peak of the {source}"
+
+
 def delay(delay: str) -> str:
     """A delay by the start times."""
     return f"delay = {delay}  # by the start times in the file"
