@@ -30,11 +30,12 @@ HYPOTHESES: tuple[Hypothesis, ...] = (
 
 def explained(fits: Fits, facts: Facts) -> Iterator[tuple[str, Fault]]:
     """Yield the one cause of what a mode leaves of a record: name, and what to say of it."""
-    left = remainder(fits)
-    if left.is_noise and not left.has_line:
-        return
+    # Noise of the drive hides in the damping, and leaves nothing.
     if isinstance(fits, SweepFits) and (dropped := drop_off(fits.signal)) is not None:
         yield "drop-off of the drive", doubt(facts.record.source, *clocks.drop_off(*dropped))
+        return
+    left = remainder(fits)
+    if left.is_noise and not left.has_line:
         return
     named = named_cause(fits, (SteadyLine(),) if left.is_noise else HYPOTHESES)
     if named is not None:
