@@ -44,6 +44,7 @@ class Task:
     allow_outside: bool
     command: str
     figures: tuple[str, ...] = ()
+    quick: bool = False
 
 
 @dataclass(frozen=True)
@@ -82,6 +83,7 @@ def identify_many(
     seed: int | None = None,
     allow_outside: bool = False,
     figures: Sequence[str] = (),
+    quick: bool = False,
     report: Callable[[str], None] = logger.info,
     command: str | None = None,
 ) -> list[RunOutcome]:
@@ -97,6 +99,8 @@ def identify_many(
         seed: Seed of every campaign; each campaign's own when None.
         allow_outside: Let `files` of campaigns point out of their folders.
         figures: Formats of the files that figures of each run go to: "png", "svg", "pdf".
+        quick: End each with its fit, as `jbw identify --quick`; called again without it, each goes
+            on to its posterior.
         report: Called with one sentence whenever a campaign ends.
         command: What was typed, for the summaries; this process's when None.
 
@@ -116,7 +120,7 @@ def identify_many(
     command = command or " ".join(["jbw", *sys.argv[1:]])
     formats = formats_of(figures, "Argument `figures`")
     tasks = [
-        Task(str(path), str(folder), seed, allow_outside, command, formats)
+        Task(str(path), str(folder), seed, allow_outside, command, formats, quick)
         for path, folder in _folders(
             [_file_of(campaign) for campaign in campaigns], Path(out)
         ).items()
@@ -163,7 +167,7 @@ def _run(task: Task) -> RunOutcome:
         else:
             manifest = Manifest(
                 task.command, task.campaign, seed=task.seed, allow_outside=task.allow_outside,
-                figures=task.figures,
+                quick=task.quick, figures=task.figures,
             )  # fmt: skip
             run = begin(folder, manifest)
         if run is None:  # another process has finished it meanwhile
@@ -172,6 +176,7 @@ def _run(task: Task) -> RunOutcome:
             if began == "resumed":
                 _require_asked(task, run.manifest.campaign, run.manifest.seed)
                 require_same(run)
+                run.note(replace(run.manifest, quick=task.quick))
             with run.interruption.heard(lambda: f"Saved in {folder}."):
                 summary, _ = carried_out(run, logger.info)
         except JbwError:
@@ -186,7 +191,7 @@ def _run(task: Task) -> RunOutcome:
 
 def _done(task: Task, summary: Mapping[str, Any], began: Any, seconds: float = 0.0) -> RunOutcome:
     verdict = str(summary["verdict"]["status"])
-    code = 0 if verdict in ("ok", "usable") else 4
+    code = 0 if verdict in ("ok", "usable") or "quick" in summary else 4
     return RunOutcome(
         task.campaign, task.folder, "done", verdict, "", code, began, round(seconds, 2)
     )
@@ -234,9 +239,13 @@ def _folders(files: Sequence[Path], out: Path) -> dict[Path, Path]:
 
 
 def _finished_before(task: Task) -> RunOutcome | None:
-    """The outcome of a run that is finished, as its manifest is gone; None where there is work."""
+    """The outcome of a run that is finished; None where there is work.
+
+    Its manifest is gone, or where a first answer is asked for it holds one.
+    """
     folder = Path(task.folder)
-    if (folder / HIDDEN / MANIFEST).exists() or not (folder / "summary.json").is_file():
+    is_open = (folder / HIDDEN / MANIFEST).exists()
+    if (is_open and not task.quick) or not (folder / "summary.json").is_file():
         return None
     try:
         summary, _ = read_result(folder, "posterior")

@@ -229,6 +229,28 @@ def require_same_fleets(*several):
     return first
 
 
+@pytest.mark.slow
+def test_first_answers_of_several_are_kept_and_go_on_to_their_posteriors(
+    tmp_path, monkeypatch, units
+):
+    files, out = units(2), tmp_path / "out"
+    monkeypatch.setattr(store, "draw_figures", lambda *_: None)
+    monkeypatch.setattr(store, "write_page", lambda *of: of[2].write_text("page"))
+    with ThreadPoolExecutor(1) as pool:
+        first = jbw.identify_many(files, out, executor=pool, quick=True)
+        again = jbw.identify_many(files, out, executor=pool, quick=True)
+        drawn = jbw.identify_many(files, out, executor=pool)
+        anew = jbw.identify_many(files, tmp_path / "anew", executor=pool)
+    assert [[one.began for one in all_] for all_ in (first, again, drawn)] == [
+        ["new"] * 2, ["finished"] * 2, ["resumed"] * 2
+    ]  # fmt: skip
+    assert {one.exit_code for one in (*first, *again)} == {0}
+    assert {one.verdict for one in drawn} <= {"ok", "usable", "failed"}
+    for one, other in zip(drawn, anew, strict=True):  # as if the first answer had never been
+        pair = [jbw.load_study(run.folder).tree["posterior"]["omega_n"] for run in (one, other)]
+        np.testing.assert_array_equal(*pair)
+
+
 @pytest.mark.release  # the campaigns of the fleet above, by processes of another library
 def test_dasks_workers_draw_what_a_thread_of_this_process_draws(tmp_path, monkeypatch, units):
     distributed = pytest.importorskip("distributed")
