@@ -1,4 +1,4 @@
-"""Envelopes of free decays in a band: the band's filter, and what is read along them."""
+"""Envelopes of free decays in a band, and the band's filter."""
 
 from collections.abc import Sequence
 
@@ -6,13 +6,7 @@ import numpy as np
 
 from jbw.errors import DataError
 from jbw.measurement.checks.responses import bandless
-from jbw.measurement.demodulation import (
-    BandFilter,
-    DecayReading,
-    band_filter,
-    demodulate,
-    read_decay,
-)
+from jbw.measurement.demodulation import BandFilter, band_filter, demodulate
 from jbw.measurement.records import Test
 
 
@@ -35,28 +29,6 @@ def envelopes(test: Test) -> list[np.ndarray]:
         demodulate(record.channels[record.response][round(test.settle * record.fs) :], chosen)[1]
         for record in test.records
     ]
-
-
-def readings(test: Test) -> list[DecayReading]:
-    """Frequency and damping along every record of a test."""
-    chosen = filter_of(test)
-    along_records = [
-        read_decay(envelope[:: chosen.step], chosen.step_s, chosen.centre_hz)
-        for envelope in envelopes(test)
-    ]
-    return some_readings(test.name, along_records)
-
-
-def some_readings(name: str, found: list[DecayReading]) -> list[DecayReading]:
-    """Readings of the records of a test, of which one at least must fall in the band."""
-    if any(len(reading.amplitude) for reading in found):
-        return found
-    raise DataError(
-        f"Test `{name}` must decay in its `band`, but no part of its records is the decay of one "
-        "mode there.",
-        why="Every piece grows, or is missed by half by an exponential with a slow change.",
-        remedy="Correct `band`, or let `settle` begin after the blow.",
-    )
 
 
 def bands_of(modes_hz: Sequence[float], test: Test) -> list[tuple[float, float]]:

@@ -14,11 +14,11 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Complex, Float, Key
 
+from jbw.errors import DataError
 from jbw.inference.generator import generator
 from jbw.inference.groups.offsets import Estimate
 from jbw.inference.groups.scatter import log_density_of_offsets
 from jbw.measurement.demodulation import read_decay
-from jbw.measurement.envelopes import some_readings
 from jbw.observables.decay_drift import LeftOutDecay, left_out_decay
 from jbw.observables.decay_envelopes import (
     Entry,
@@ -44,6 +44,7 @@ from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.oscillator.response import simulate
 from jbw.quantities import LETTER_OF, UNIT_OF, derivative_order
 from jbw.report.messages import observed as messages
+from jbw.report.messages.reading import none_decays
 
 BEGINNING = 0.3  # 1 / (zeta omega_n): of a record, from which its initial state is read
 LEAST_BEGUN = 8  # values of the envelope for that
@@ -223,7 +224,10 @@ class Decays(Envelopes):
         """Frequency and damping along every record."""
         rows = np.asarray(self.envelope)
         read = [read_decay(row, self.step_s, self.centre_hz) for row in rows]
-        readings = some_readings(", ".join(self.names), read)
+        readings = [reading for reading in read if len(reading.amplitude)]
+        if not readings:
+            what, why, remedy = none_decays(", ".join(self.names))
+            raise DataError(what, why=why, remedy=remedy)
         omega = 2 * np.pi * np.concatenate([reading.frequency_hz for reading in readings])
         size = np.concatenate([reading.amplitude for reading in readings])
         y = size / omega ** derivative_order(self.response)

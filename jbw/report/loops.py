@@ -231,9 +231,9 @@ def draw_loops(tree: xr.DataTree, only: Axes) -> None:
 def amplitude_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
     """How do frequency and damping depend on the amplitude?
 
-    Points are read from the envelopes without any model of the joint; the bands are the model's,
-    from the equivalent stiffness and the energy lost in its steady loop. Points that leave the band
-    on a curve tell of a joint that the law does not describe.
+    Points are read from the records without any model of the joint, with their 99 % intervals; the
+    bands are the model's, from the equivalent stiffness and the energy lost in its steady loop.
+    Points that leave the band on a curve tell of a joint that the law does not describe.
 
     Panels: frequency, damping.
     """
@@ -248,7 +248,10 @@ def amplitude_curves(tree: xr.DataTree, ax: Any = None) -> Panels:
             is_fitted = "fitted" not in curves or bool(curves["fitted"][i])
             x, values = curves["measured_amplitude"][i], factor * curves[f"measured_{name}"][i]
             label = "fitted records" if is_fitted else "held-out records"
-            panel.plot(x, values, ".", color=INK if is_fitted else style.SKY, ms=4, label=label)
+            look = {"color": INK if is_fitted else style.SKY, "ms": 4, "lw": 0.7, "label": label}
+            errors = curves.get(f"measured_{name}_sd")  # which runs of earlier versions lack
+            reach = None if errors is None else 0.5 * BAND_SDS * factor * errors[i]
+            panel.errorbar(x, values, reach, fmt=".", **look)
     axes[0, 0].set_ylabel(axis_label("frequency", "Hz"))
     axes[0, 1].set_ylabel(axis_label("damping ratio", "%"))
     response = plain(curves["amplitude"].attrs.get("long_name", "response"))

@@ -8,12 +8,15 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
-from jbw.measurement.envelopes import filter_of, readings
+from jbw.errors import DataError
+from jbw.measurement.envelopes import filter_of
+from jbw.measurement.hypotheses.examine import examined_decay
 from jbw.measurement.records import Test
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.oscillator.steady.backbone import backbone
 from jbw.quantities import UNIT_OF, derivative_order
 from jbw.report.messages import verification as messages
+from jbw.report.messages.reading import none_decays
 from jbw.verification.bands import QUANTILE_AXIS, band
 from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Draws, Laws, parameter_names
@@ -87,15 +90,24 @@ def amplitude_verification(test: Test, num_fitted: int, draws: Draws, laws: Laws
 
     $$X = \omega(Y)^p\,Y$$
 
-    with omega(Y) of the oscillator's backbone and p the order of the measured derivative.
+    with omega(Y) of the oscillator's backbone and p the order of the measured derivative. Records
+    that cannot be read have NaN.
+
+    Raises:
+        DataError: No record can be read as the decay of one mode in its band.
     """
-    decay_readings = readings(test)
-    pieces = min(len(reading.amplitude) for reading in decay_readings)
-    sizes, frequencies, ratios = (
-        np.stack([getattr(reading, name)[:pieces] for reading in decay_readings])
-        for name in ("amplitude", "frequency_hz", "damping")
+    low, high = filter_of(test).band_hz
+    tables = [examined_decay(r, (low, high), test.settle).reading for r in test.records]
+    read = [table for table in tables if table is not None]
+    if not read:
+        what, why, remedy = none_decays(test.name)
+        raise DataError(what, why=why, remedy=remedy)
+    none = np.full(min(len(table.amplitude) for table in read), np.nan)
+    sizes, frequencies, ratios, *errors = (
+        np.stack([none if x is None else getattr(x, name)[: len(none)] for x in tables])
+        for name in ("amplitude", "hz", "zeta", "hz_sd", "zeta_sd")
     )
-    amplitude = np.linspace(0.0, 1.05 * sizes.max(), NUM_OF_DECAYS + 1)[1:]
+    amplitude = np.linspace(0.0, 1.05 * np.nanmax(sizes), NUM_OF_DECAYS + 1)[1:]
     response = test.records[0].response
     centre, order = 2 * np.pi * filter_of(test).centre_hz, derivative_order(response)
     frequency, damping, _ = carry(
@@ -107,9 +119,11 @@ def amplitude_verification(test: Test, num_fitted: int, draws: Draws, laws: Laws
             "measured_amplitude": (dims, sizes, unit),
             "measured_frequency": (dims, frequencies, HERTZ),
             "measured_damping": (dims, ratios, RATIO),
+            "measured_frequency_sd": (dims, errors[0], HERTZ),
+            "measured_damping_sd": (dims, errors[1], RATIO),
             "model_frequency": (BANDS, band(frequency), HERTZ),
             "model_damping": (BANDS, band(damping), RATIO),
-            "fitted": ("record", (np.arange(len(decay_readings)) < num_fitted).astype(int)),
+            "fitted": ("record", (np.arange(len(tables)) < num_fitted).astype(int)),
         },
         {"amplitude": ("amplitude", amplitude, unit), "quantile": QUANTILE_AXIS},
     )

@@ -194,6 +194,7 @@ EXAMPLES = {
         posterior.check_of(posterior.REPEATS),
     ],
     "reading": [
+        *reading.none_decays("hits"),
         reading.times_or_rate('{ time = "t", velocity = "v" }'),
         reading.resample_or_part("`resample = 1024.0`, good below 300 Hz", "`span = [0.0, 1.9]`"),
         reading.part_or_higher_rate("Put under [[test]]: `span = [0.0, 1.9]`"),

@@ -234,3 +234,13 @@ def resampled_to(fs: float) -> str:
 def own_path(path: str) -> str:
     """The path of a linked group."""
     return f"Use the group's own path `{path}`."
+
+
+def none_decays(name: str) -> tuple[str, str, str]:
+    """That no record of a test decays in its band as one mode does."""
+    return (
+        f"Test `{name}` must decay in its `band`, but no part of its records is the decay of one "
+        "mode there.",
+        "Every piece grows, or is no decay of one mode.",
+        "Correct `band`, or let `settle` begin after the blow.",
+    )
