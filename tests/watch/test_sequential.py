@@ -154,7 +154,7 @@ def test_records_count_as_many_values_as_those_of_the_run():
     assert abs(after.mean() - TRUTH["zeta"]) < 4 * exact_sd(HITS, worth)
 
 
-@pytest.mark.slow
+@pytest.mark.release  # two posteriors drawn whole; their pieces are tested above
 def test_a_run_that_was_written_and_loaded_takes_one_record_more(tmp_path):
     """Hits of the rig: a run of three, closed and loaded, and the posterior of all four anew."""
     burst = Sweep(18.6, 18.6, 0.2, burst=1.5, fade=0.1, duration=4.0, settle=1.75)
