@@ -28,6 +28,7 @@ SEES = {
     "run": set(),
     "parts": {"run"},
     "oscillator": set(),
+    "forced": {"oscillator"},  # what a known joint does under other loads
     "measurement": set(),
     "assembly": {"measurement", "oscillator"},
     "inference": set(),
@@ -39,7 +40,7 @@ SEES = {
     "identification": MODEL | {"paper"},
     "verification": MODEL | {"identification"},
     "planning": MODEL | {"verification"},
-    "study": MODEL | {"assembly", "identification", "verification", "report", "rig", "run"},
+    "study": MODEL | {"assembly", "forced", "identification", "verification", "report", "rig", "run"},
     "export": {"assembly", "oscillator", "report", "study", "verification"},
     "law_comparison": MODEL | {"identification", "report", "run", "study", "verification"},
     "lab": MODEL | {"identification", "report", "rig", "run", "study"},
@@ -47,7 +48,7 @@ SEES = {
     "watch": MODEL - {"oscillator"}
     | {"identification", "population", "run", "study", "verification"},
     "cli": MODEL
-    | {"report", "rig", "run", "study", "verification"}
+    | {"forced", "report", "rig", "run", "study", "verification"}
     | {"export", "lab", "law_comparison", "planning", "population", "watch"},
 }
 # What stands on an identification and is no part of it: a command each, and no other room but one

@@ -1,0 +1,297 @@
+r"""Force response curves with the amplitude as their parameter: peaks, widths and jumps.
+
+Under the force amplitude A per unit mass, the frequencies at which the amplitude is Y are roots of
+
+$$G(x) = (K - x)^2 + (c\,\omega + D)^2 = (A/Y)^2, \qquad x = \omega^2$$
+
+G is least at $x_m = K - c^2/2 - cD/(2\omega_m)$, and there the curve of amplitude Y has its peak.
+About it
+
+$$G(x) = G(x_m) + (x - x_m)^2 \left[1 - \frac{cD}{\omega_m(\omega + \omega_m)^2}\right]$$
+
+holds exactly, so that both roots follow without a singular step where they meet. Peaks and folds
+are searched in a table of the loops, then corrected by loops at those points themselves.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jbw.errors import ModelError
+from jbw.forced.equivalent import EquivalentMotion, Loops, Values
+from jbw.forced.roots import bracketed_root
+from jbw.forced.table import LoopTable, tabulated
+
+COARSE, FINE = 24, 96  # nodes of the tables that a peak is searched in
+POINTS = 160  # of half a curve
+ROUNDS = 4  # of the iteration for a frequency; each gains a factor of about zeta^2
+CORRECTIONS = 4  # by the loops themselves, each gains the square of what the table misses
+MOST_EXTENSIONS = 6  # of the coarse table, each by a factor of 4
+HALF = np.arccosh(np.sqrt(2.0))  # place of the half-power amplitude, Y_peak / cosh(t)
+SURE = 1e-6  # of the tangent of a fold's place
+
+
+@dataclass(frozen=True, eq=False)
+class Peaks:
+    """The highest points of force response curves, of shape (draw, level).
+
+    Attributes:
+        level: Force amplitude A [N/kg].
+        y: Displacement amplitude [m].
+        omega: Frequency [rad/s].
+        isolated: Whether the curve has a branch that is not connected to the main one, at larger
+            amplitudes: a second motion, which a slow sweep from rest never meets.
+        table: Loops of every draw up to the peaks and a little beyond.
+    """
+
+    level: Values
+    y: Values
+    omega: Values
+    isolated: NDArray[np.bool_]
+    table: LoopTable
+
+
+@dataclass(frozen=True, eq=False)
+class Resonance:
+    """Peaks, widths and jumps of force response curves, of shape (draw, level).
+
+    Attributes:
+        peak: The highest points.
+        half_power: Frequencies below and above the peak at Y_peak / sqrt 2, of shape (draw, level,
+            2) [rad/s]; NaN where the curve folds between them.
+        jump_up: Frequency at which a slow sweep jumps to a larger amplitude [rad/s]; NaN without.
+        jump_down: Frequency at which a slow sweep jumps to a smaller one [rad/s]; NaN without.
+        y_up: Amplitude at which the jump up begins [m].
+        y_down: Amplitude at which the jump down begins [m].
+    """
+
+    peak: Peaks
+    half_power: Values
+    jump_up: Values
+    jump_down: Values
+    y_up: Values
+    y_down: Values
+
+    @property
+    def width(self) -> Values:
+        """Half-power width [rad/s]; NaN where the curve folds."""
+        return self.half_power[..., 1] - self.half_power[..., 0]
+
+    @property
+    def quality(self) -> Values:
+        """Q, the peak frequency over the half-power width; NaN where the curve folds."""
+        return self.peak.omega / self.width
+
+
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """Points along force response curves from low to high frequency, of shape (draw, *any).
+
+    Attributes:
+        y: Displacement amplitude [m].
+        omega: Frequency [rad/s]; 0 where the amplitude is below the static one.
+        phase: Phase of the displacement to the force [rad], from 0 to -pi.
+        rise: Slope of the force that holds the point by its amplitude, dA/dY Y/A at a fixed
+            frequency: positive where the motion is stable, zero at a fold.
+    """
+
+    y: Values
+    omega: Values
+    phase: Values
+    rise: Values
+
+    @property
+    def stable(self) -> NDArray[np.bool_]:
+        """Whether a small disturbance decays."""
+        return self.rise > 0.0
+
+
+def least_omega(loops: Loops) -> Values:
+    """Return the frequency of least G [rad/s], where the curve of this amplitude peaks.
+
+    NaN where the equivalent stiffness leaves no resonance.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        omega = np.sqrt(loops.stiffness)
+        for _ in range(ROUNDS):
+            lowered = 0.5 * loops.viscous * (loops.viscous + loops.loss / omega)
+            omega = np.sqrt(loops.stiffness - lowered)
+    return omega
+
+
+def force_ratio(loops: Loops, omega: Values) -> NDArray[np.complex128]:
+    """Return the force amplitude over the displacement amplitude, F_1 / Y [1/s^2], complex."""
+    return loops.stiffness - omega**2 + 1j * (loops.viscous * omega + loops.loss)
+
+
+def peak_level(loops: Loops, y: Values) -> Values:
+    """Return the force amplitude [N/kg] whose curve has its peak at the amplitude y [m]."""
+    return y * np.abs(force_ratio(loops, least_omega(loops)))
+
+
+def curve_points(loops: Loops, level: Values, y: Values, side: Values) -> Curve:
+    r"""Return points of curves at amplitudes y, on a side of their peak.
+
+    The slope of the force at a fixed frequency is
+
+    $$\frac{Y}{A}\frac{dA}{dY} = \frac{(K - x)(K - x + Y K') +
+      (c\omega + D)(c\omega + D + Y(c'\omega + D'))}{(K - x)^2 + (c\omega + D)^2}$$
+
+    Args:
+        loops: Equivalent stiffness and loss at y.
+        level: Force amplitudes A [N/kg].
+        y: Displacement amplitudes [m], at most those of the peaks.
+        side: -1 below the peak, +1 above it.
+    """
+    with np.errstate(invalid="ignore", divide="ignore"):
+        omega_m = least_omega(loops)
+        excess = (level / y) ** 2 - np.abs(force_ratio(loops, omega_m)) ** 2
+        away = side * np.sqrt(np.maximum(excess, 0.0))
+        omega = np.sqrt(np.maximum(omega_m**2 + away, 0.0))
+        for _ in range(ROUNDS):
+            curvature = loops.viscous * loops.loss / (omega_m * (omega + omega_m) ** 2)
+            omega = np.sqrt(np.maximum(omega_m**2 + away / np.sqrt(1.0 - curvature), 0.0))
+        ratio = force_ratio(loops, omega)
+        loss_by_y = loops.loss_by_y + omega * loops.viscous_by_y
+        grown = ratio + y * (loops.stiffness_by_y + 1j * loss_by_y)
+        rise = np.real(ratio * grown.conj()) / np.abs(ratio) ** 2
+    return Curve(y, omega, -np.angle(ratio), rise)
+
+
+def peaks(motion: EquivalentMotion, level: Values) -> Peaks:
+    """Return the highest point of the main branch at each force amplitude.
+
+    Args:
+        motion: The joint.
+        level: Force amplitudes A of shape (draw, level) [N/kg].
+
+    Raises:
+        ModelError: A curve has no peak: the damping is too heavy, or the stiffness is lost.
+    """
+    level = np.broadcast_to(level, (len(motion.omega_n), np.shape(level)[-1]))
+    # Below, no curve of a joint that is damped by less than a half of critical has its peak.
+    low = 0.5 * np.min(level, axis=1, keepdims=True) / motion.omega_n**2
+    highest = np.max(level, axis=1, keepdims=True)
+    span = 64.0
+    for _ in range(MOST_EXTENSIONS):
+        span *= 4.0
+        coarse = tabulated(motion, low, 0.5 * span * highest / motion.omega_n**2, COARSE)
+        needed = _needed(coarse)
+        if not np.any(needed[:, -1:] < highest):
+            break
+    first, _ = _crossing(needed, level)
+    high = np.max(_at(coarse.y, first), axis=1, keepdims=True)
+    table = tabulated(motion, low, 1.05 * high, FINE)
+    cell, found = _crossing(_needed(table), level)
+    _require_peak(found, level)
+    ends = (_at(table.y, cell - 1), _at(table.y, cell))
+    y = bracketed_root(lambda y: peak_level(table.loops(y), y) - level, *ends)
+    omega = least_omega(table.loops(y))
+    for _ in range(CORRECTIONS if motion.num_harmonics > 1 else CORRECTIONS - 2):
+        loops = motion.loops(y, omega)
+        omega = least_omega(loops)
+        rise = curve_points(loops, peak_level(loops, y), y, 0.0 * y).rise
+        y = y * (1.0 + (level / peak_level(loops, y) - 1.0) / rise)
+    nodes = np.arange(COARSE) > first[..., None]
+    isolated = np.any(nodes & (needed[:, None] < level[..., None]), axis=-1)
+    return Peaks(level, y, omega, isolated, table)
+
+
+def _needed(table: LoopTable) -> Values:
+    """Return the level of every node's peak, of shape (draw, node) [N/kg]."""
+    return peak_level(table.loops(table.y), table.y)
+
+
+def _crossing(needed: Values, level: Values) -> tuple[NDArray[np.int_], NDArray[np.bool_]]:
+    """Return the first node that a level does not reach, and whether it lies past a peak."""
+    below = needed[:, None] < level[..., None]
+    first = np.argmax(~below, axis=-1)
+    found = below[..., 0] & ~below[..., -1] & np.isfinite(_at(needed, first))
+    return first, found
+
+
+def _at(values: NDArray, index: NDArray) -> NDArray:
+    """Return values of the last axis at indices (draw, level)."""
+    if values.ndim == index.ndim:
+        return np.take_along_axis(values, index, -1)
+    return np.take_along_axis(values, index[..., None], -1)[..., 0]
+
+
+def _require_peak(found: NDArray[np.bool_], level: Values) -> None:
+    if not np.all(found):
+        raise ModelError(
+            f"The response at a force amplitude of {level[~found][0]:.3g} N/kg must have a peak, "
+            f"but {np.sum(~found)} of {found.size} draws and levels have none.",
+            why="The damping is above 50 %, or the joint loses its stiffness at this level.",
+            remedy="Ask for a lower level, or simulate the motion by `jbw.simulate`.",
+        )
+
+
+def along(peak: Peaks, place: Values) -> Curve:
+    """Return points by the table at places t of Y = Y_peak / cosh t, of shape (draw, level, t)."""
+    y, level = (x.reshape(*x.shape, *(1,) * (place.ndim - x.ndim)) for x in (peak.y, peak.level))
+    y = y / np.cosh(place)
+    return curve_points(peak.table.loops(y), level, y, np.sign(place))
+
+
+def places(motion: EquivalentMotion, peak: Peaks, band: tuple[float, float]) -> Values:
+    """Return places t along the curves that reach both ends of a band [rad/s]."""
+    far = np.max([np.abs(motion.omega_n**2 - end**2) for end in band], axis=0)
+    lowest = np.maximum(0.5 * peak.level / far, peak.table.y[:, :1])
+    ends = np.arccosh(np.maximum(peak.y / lowest, 4.0))
+    return ends[..., None] * np.linspace(-1.0, 1.0, 2 * POINTS + 1)
+
+
+def resonance(motion: EquivalentMotion, level: Values) -> Resonance:
+    """Return peak, half-power width and jumps of force response curves.
+
+    Args:
+        motion: The joint.
+        level: Force amplitudes A of shape (draw, level) [N/kg].
+
+    Raises:
+        ModelError: A curve has no peak.
+    """
+    peak = peaks(motion, level)
+    reach = np.arccosh(np.maximum(np.minimum(peak.y / peak.table.y[:, :1], 30.0), 4.0))
+    place = reach[..., None] * np.linspace(-1.0, 1.0, 2 * POINTS + 1)
+    rise = along(peak, place).rise
+    folds = [_fold(motion, peak, place, rise, last=last) for last in (False, True)]
+    first, last = folds
+    is_up = first.y < last.y  # the jump up begins at the smaller amplitude
+    up = [np.where(is_up, *pair) for pair in ((first.omega, last.omega), (first.y, last.y))]
+    down = [np.where(is_up, *pair) for pair in ((last.omega, first.omega), (last.y, first.y))]
+    half = np.broadcast_to(HALF * np.array([-1.0, 1.0]), (*peak.y.shape, 2))
+    half_power = exact_points(motion, peak, half).omega
+    folded = np.any((np.abs(place) <= HALF) & (rise < 0.0), axis=-1, keepdims=True)
+    return Resonance(peak, np.where(folded, np.nan, half_power), up[0], down[0], up[1], down[1])
+
+
+def exact_points(motion: EquivalentMotion, peak: Peaks, place: Values) -> Curve:
+    """Return points by the loops themselves at places t of Y = Y_peak / cosh t."""
+    point = along(peak, place)
+    level = peak.level.reshape(*peak.level.shape, *(1,) * (place.ndim - peak.level.ndim))
+    # Where the loops depend on the frequency, the second round has that of the first.
+    for _ in range(2 if motion.num_harmonics > 1 or motion.feels_rate else 1):
+        loops = motion.loops(point.y, point.omega)
+        point = curve_points(loops, level, point.y, np.sign(place))
+    return point
+
+
+def _fold(
+    motion: EquivalentMotion, peak: Peaks, place: Values, rise: Values, *, last: bool
+) -> Curve:
+    """Return the first fold along the curve, or the last one; NaN where there is none."""
+    changes = np.signbit(rise[..., 1:]) != np.signbit(rise[..., :-1])
+    count = changes.shape[-1]
+    index = count - 1 - np.argmax(changes[..., ::-1], -1) if last else np.argmax(changes, -1)
+    has_fold = np.any(changes, axis=-1)
+    ends = [np.where(has_fold, _at(place, index + i), np.nan) for i in range(2)]
+    root = bracketed_root(lambda t: along(peak, t).rise, ends[0], ends[1])
+    tangent = along(peak, root + SURE).rise - along(peak, root - SURE).rise
+    point = exact_points(motion, peak, root)
+    for _ in range(CORRECTIONS if motion.num_harmonics > 1 else CORRECTIONS - 2):
+        root = root - 2.0 * SURE * point.rise / tangent
+        point = exact_points(motion, peak, root)
+    return point

@@ -1,0 +1,72 @@
+"""Slow sweeps along a curve at stated frequencies, and the level that holds an amplitude."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jbw.forced.curves import Curve, Peaks, along, force_ratio, places
+from jbw.forced.equivalent import EquivalentMotion, Values
+from jbw.forced.roots import bracketed_root
+
+ROUNDS = 12  # of the search within a cell of the curve
+Complexes = NDArray[np.complex128]
+
+
+def whole_curve(motion: EquivalentMotion, peak: Peaks, band: tuple[float, float]) -> Curve:
+    """Return points along the curves across a band [rad/s], of shape (draw, level, point)."""
+    return along(peak, places(motion, peak, band))
+
+
+def swept(motion: EquivalentMotion, peak: Peaks, omega: Values, *, upward: bool) -> Complexes:
+    """Return the displacement over the phase of the force in a slow sweep [m], complex.
+
+    An upward sweep stays on its branch until that ends: at each frequency it has the first point of
+    the curve, from its low end, that reaches the frequency. A downward sweep has the last one.
+
+    Args:
+        motion: The joint.
+        peak: Peaks of the curves, of shape (draw, level).
+        omega: Frequencies in rising order [rad/s].
+        upward: Whether the frequency rises.
+
+    Returns:
+        Shape (draw, level, frequency).
+    """
+    place = places(motion, peak, (float(omega[0]), float(omega[-1])))
+    reached = along(peak, place).omega
+    if upward:
+        cell = np.sum(np.maximum.accumulate(reached, -1)[..., None] < omega, axis=-2) - 1
+    else:
+        least = np.minimum.accumulate(reached[..., ::-1], -1)[..., ::-1]
+        cell = np.sum(least[..., None] <= omega, axis=-2) - 1
+    cell = np.clip(cell, 0, place.shape[-1] - 2)
+    ends = (np.take_along_axis(place, cell + i, -1) for i in range(2))
+    root = bracketed_root(lambda t: along(peak, t).omega - omega, *ends, rounds=ROUNDS)
+    point = along(peak, root)
+    return np.asarray(point.y * np.exp(1j * point.phase), complex)
+
+
+def level_that_holds(motion: EquivalentMotion, y: Values, omega: Values) -> Values:
+    """Return the force amplitude that holds the displacement amplitude y at omega [N/kg].
+
+    Response control, or notching: where a sweep's level is larger, it is lowered to this one.
+    """
+    return y * np.abs(force_ratio(motion.loops(y, omega), omega))
+
+
+def base_gain(
+    ratio: Complexes, omega: Values, participation: float = 1.0, shape: float = 1.0
+) -> Complexes:
+    r"""Return the absolute acceleration of a point over that of the base.
+
+    $$\frac{a}{a_b} = 1 + \frac{p\,s\,\omega^2}{F_1/Z}$$
+
+    Damper and joint act on the motion z relative to the base, which -p a_b drives: the curves are
+    those of the force amplitude p a_b.
+
+    Args:
+        ratio: Force amplitude over relative displacement amplitude, complex [1/s^2].
+        omega: Frequency [rad/s].
+        participation: Participation p of the mode in the motion of the base.
+        shape: Motion s of the point in the mode.
+    """
+    return 1.0 + participation * shape * omega**2 / ratio

@@ -1,0 +1,73 @@
+"""Equivalent stiffness and loss between a few amplitudes, for searches without the law."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from jbw.forced.equivalent import EquivalentMotion, Loops, Values, wide
+
+
+@dataclass(frozen=True, eq=False)
+class LoopTable:
+    """Stiffness and loss of every draw at amplitudes in equal ratios, cubic between them.
+
+    Attributes:
+        log_y: Logarithms of the amplitudes, of shape (draw, node).
+        parts: K, D and c there, of shape (3, draw, node).
+        slopes: Their slopes by the logarithm of the amplitude.
+    """
+
+    log_y: Values
+    parts: Values
+    slopes: Values
+
+    @property
+    def y(self) -> Values:
+        """Amplitudes at the nodes, of shape (draw, node) [m]."""
+        return np.exp(self.log_y)
+
+    def loops(self, y: Values) -> Loops:
+        """Return stiffness and loss by cubic interpolation, of shape (draw, *any).
+
+        NaN beyond the nodes.
+        """
+        count = self.log_y.shape[1]
+        shape, position = y.shape, np.log(y).reshape(y.shape[0], -1)
+        step = self.log_y[:, 1:2] - self.log_y[:, :1]
+        u = (position - self.log_y[:, :1]) / step
+        inside = (u > -1e-9) & (u < count - 1 + 1e-9)
+        cell = np.clip(np.nan_to_num(u), 0, count - 2).astype(int)
+        u = np.where(inside, u - cell, np.nan)
+        values = [np.take_along_axis(self.parts, (cell + i)[None], 2) for i in range(2)]
+        slopes = [np.take_along_axis(self.slopes, (cell + i)[None], 2) * step for i in range(2)]
+        rise = values[1] - values[0]
+        # Hermite's cubic through both values and slopes.
+        third, second = slopes[0] + slopes[1] - 2.0 * rise, 3.0 * rise - 2.0 * slopes[0] - slopes[1]
+        parts = values[0] + u * (slopes[0] + u * (second + u * third))
+        by_y = (slopes[0] + u * (2.0 * second + 3.0 * u * third)) / (step * np.exp(position))
+        return Loops(*(part.reshape(shape) for part in (*parts, *by_y)))
+
+
+def tabulated(motion: EquivalentMotion, low: Values, high: Values, num_nodes: int) -> LoopTable:
+    """Return the table of a joint between two amplitudes.
+
+    A force of the speed acts in resonance at each amplitude.
+
+    Args:
+        motion: The joint; one harmonic is taken of it.
+        low: Smallest amplitudes of shape (draw, 1) [m].
+        high: Largest amplitudes of shape (draw, 1) [m].
+        num_nodes: Amplitudes of each draw.
+    """
+    first = EquivalentMotion(motion.joint)
+    log_y = np.log(low) + (np.log(high) - np.log(low)) * np.linspace(0.0, 1.0, num_nodes)
+    y, omega = np.exp(log_y), wide(motion.omega_n, log_y)
+    if motion.feels_rate:
+        stiffness, _ = first.values(y, omega)
+        omega = np.sqrt(np.where(stiffness > 0, stiffness, np.nan))
+        parts = first.loops(y, omega)[:3]
+    else:
+        parts = *first.values(y, omega), np.broadcast_to(motion.viscous, y.shape)
+    parts = np.stack(parts)
+    slopes = np.gradient(parts, axis=2, edge_order=2) / (log_y[:, 1:2] - log_y[:, :1])
+    return LoopTable(log_y, parts, slopes)
