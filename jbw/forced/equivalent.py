@@ -102,16 +102,36 @@ class EquivalentMotion:
     ) -> tuple[Values, Values]:
         """Return both results of a compiled function of lanes, whose number is always the same."""
         draw = np.repeat(np.arange(y.shape[0]), y.size // y.shape[0])
-        flat, frequency = y.ravel(), np.broadcast_to(omega, y.shape).ravel()
-        known = np.flatnonzero(np.isfinite(flat) & np.isfinite(frequency) & (flat > 0))
-        found = np.full((2, flat.size), np.nan)
+        omega = np.broadcast_to(omega, y.shape)
+        function = partial(function, num_harmonics=num_harmonics)
+        pair = self.by_lanes(function, draw, y.ravel(), omega.ravel())
+        return pair[:, 0].reshape(y.shape), pair[:, 1].reshape(y.shape)
+
+    def by_lanes(
+        self, function: Callable[..., Array], draw: NDArray[np.intp], *points: Values
+    ) -> Values:
+        """Return a compiled function of joints and points, whose number is always the same.
+
+        Args:
+            function: Takes a joint and points of as many lanes each; returns a row for each lane.
+            draw: Draw of the joint at each point.
+            points: Arguments at each point. The first must be positive.
+
+        Returns:
+            A row for each point; NaN where an argument is not finite or the first is not positive.
+        """
+        known = np.flatnonzero(np.all(np.isfinite(points), 0) & (points[0] > 0))
+        rows = []
         for first in range(0, len(known), LANES):
             lot = known[first : first + LANES]
             padded = np.pad(lot, (0, LANES - len(lot)), "edge")
             joint = jax.tree.map(lambda leaf, i=draw[padded]: leaf[i], self.joint)
-            pair = function(joint, flat[padded], frequency[padded], num_harmonics)
-            found[:, lot] = np.asarray(pair)[:, : len(lot)]
-        return found[0].reshape(y.shape), found[1].reshape(y.shape)
+            rows.append(np.asarray(function(joint, *(x[padded] for x in points)))[: len(lot)])
+        width = rows[0].shape[1] if rows else 2
+        found = np.full((len(draw), width), np.nan)
+        if rows:
+            found[known] = np.concatenate(rows)
+        return found
 
     def loops(self, y: Values, omega: Values) -> Loops:
         """Return stiffness, loss and slopes about amplitudes y [m] and frequencies omega [rad/s].
@@ -169,30 +189,30 @@ def equivalent_motion(joint: Joint, num_harmonics: int = 1) -> EquivalentMotion:
     return EquivalentMotion(jax.tree.unflatten(structure, draws), num_harmonics)
 
 
-@partial(jax.jit, static_argnums=3)
+@partial(jax.jit, static_argnames="num_harmonics")
 def _loops(
-    joint: Oscillator, y: Float[Array, " lane"], omega: Float[Array, " lane"], count: int
-) -> Float[Array, "2 lane"]:
+    joint: Oscillator, y: Float[Array, " lane"], omega: Float[Array, " lane"], num_harmonics: int
+) -> Float[Array, "lane 2"]:
     def loop(joint: Oscillator, y: Array, omega: Array) -> Array:
-        if count > 1:
-            force = condensed(joint, y, omega, count)[0]
+        if num_harmonics > 1:
+            force = condensed(joint, y, omega, num_harmonics)[0]
             return jnp.stack([joint.omega_n**2 + jnp.real(force), jnp.imag(force)])
         stiffness, loss = joint.loop(y, omega)
         return jnp.stack([joint.k + stiffness, loss])
 
-    return jax.vmap(loop, out_axes=1)(joint, y, omega)
+    return jax.vmap(loop)(joint, y, omega)
 
 
-@partial(jax.jit, static_argnums=3)
+@partial(jax.jit, static_argnames="num_harmonics")
 def _shapes(
-    joint: Oscillator, y: Float[Array, " lane"], omega: Float[Array, " lane"], count: int
-) -> Float[Array, "2 lane"]:
+    joint: Oscillator, y: Float[Array, " lane"], omega: Float[Array, " lane"], num_harmonics: int
+) -> Float[Array, "lane 2"]:
     def shape(joint: Oscillator, y: Array, omega: Array) -> Array:
-        _, higher = condensed(joint, y, omega, count)
+        _, higher = condensed(joint, y, omega, num_harmonics)
         motion = jnp.concatenate([jnp.ones(1, complex), higher])
         return jnp.stack([jnp.abs(synthesis(motion, crest(motion))), jnp.abs(higher[0])])
 
-    return jax.vmap(shape, out_axes=1)(joint, y, omega)
+    return jax.vmap(shape)(joint, y, omega)
 
 
 def condensed(

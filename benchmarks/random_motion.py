@@ -1,0 +1,105 @@
+"""Random response of slipping joints by Monte Carlo, without jbw: makes tests/golden_random.json.
+
+    python benchmarks/random_motion.py
+
+The force is Gaussian with a flat spectrum between 5 and 80 Hz, drawn by its Fourier transform at
+640 Hz in blocks of 32,768 periods; `random_motion.c` integrates. Standard errors are those of the
+mean over blocks. A linear joint checks the procedure against its closed form.
+"""
+
+import ctypes
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import numpy as np
+
+SOURCE = Path(__file__).with_suffix(".c")
+TARGET = Path(__file__).parents[1] / "tests" / "golden_random.json"
+FS, BLOCK, BLOCKS = 640.0, 2**20, 64
+BAND = (5.0, 80.0)
+OMEGA_N = 2 * np.pi * 20.0
+K_T, F_S, CHI, BETA = 0.2 * OMEGA_N**2, 2.0, -0.5, 0.5
+PHI_MAX = F_S * (1 + BETA) / (K_T * (BETA + (CHI + 1) / (CHI + 2)))
+LOST = K_T * PHI_MAX ** -(1 + CHI) / ((1 + BETA) * (2 + CHI))
+# Number of the law in C, damping ratio, parameters, stiffness at rest, levels (m/s^2)^2/Hz.
+LAWS = {
+    "linear": (1, 0.01, (0.0, 1.0), 0.0, (0.01,)),
+    "bouc_wen": (
+        0, 0.002, (0.1 * OMEGA_N**2, 400.0, 20.0), 0.1 * OMEGA_N**2, (1e-4, 2e-3, 3e-2),
+    ),
+    "jenkins": (
+        1, 0.005, (0.05 * OMEGA_N**2, 2e-4), 0.05 * OMEGA_N**2, (1e-3, 1e-2, 1e-1),
+    ),
+    "iwan4": (2, 0.002, (K_T, CHI, PHI_MAX, LOST, F_S), K_T, (1e-3, 2e-2, 2e-1)),
+}  # fmt: skip
+
+
+def library():
+    folder = tempfile.mkdtemp()
+    target = str(Path(folder) / "random_motion.so")
+    command = ["cc", "-O3", "-march=native", "-shared", "-fPIC", str(SOURCE), "-o", target, "-lm"]
+    subprocess.run(command, check=True)
+    array = np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS")
+    motion = ctypes.CDLL(target).motion
+    double, long = ctypes.c_double, ctypes.c_long
+    motion.argtypes = [long, array, double, double, array, long, double, array, array]
+    return motion
+
+
+def force(rng, psd):
+    """A block of the force, which repeats itself: its last samples go on with its first."""
+    freq = np.fft.rfftfreq(BLOCK, 1 / FS)
+    inside = (freq >= BAND[0]) & (freq <= BAND[1])
+    # A line of one-sided density G has the mean square G fs / N.
+    parts = rng.standard_normal((2, freq.size)) * np.sqrt(psd * FS / BLOCK / 2)
+    spectrum = np.where(inside, parts[0] + 1j * parts[1], 0.0) * BLOCK / np.sqrt(2)
+    u = np.fft.irfft(spectrum, BLOCK)
+    return np.concatenate([u[-1:], u, u[:2]])
+
+
+def monte_carlo(motion, law, psd, seed):
+    number, zeta, parameters, stiffness, _ = LAWS[law]
+    rng, state, means = np.random.default_rng(seed), np.zeros(4), []
+    k, c = OMEGA_N**2 - stiffness, 2 * zeta * OMEGA_N
+    for block in range(BLOCKS + 1):
+        sums = np.zeros(3)
+        u = force(rng, psd)
+        motion(number, np.array(parameters), k, c, u, BLOCK, 1 / FS, state, sums)
+        if block:  # the first is the transient
+            means.append(sums / BLOCK)
+    means = np.array(means)
+    mean, error = means.mean(0), means.std(0, ddof=1) / np.sqrt(BLOCKS)
+    rms = np.sqrt(mean[:2])
+    return {
+        "psd": psd,
+        "rms_y": [rms[0], error[0] / (2 * rms[0])],
+        "rms_v": [rms[1], error[1] / (2 * rms[1])],
+        "kurtosis_y": mean[2] / mean[0] ** 2,
+        "periods": BLOCKS * BLOCK * 20.0 / FS,
+    }
+
+
+def main():
+    motion, found = library(), {}
+    for law in sys.argv[1:] or LAWS:
+        found[law] = []
+        for i, psd in enumerate(LAWS[law][-1]):
+            start = time.process_time()
+            found[law].append(monte_carlo(motion, law, psd, [58, i]))
+            print(law, found[law][-1], f"{time.process_time() - start:.0f} s", flush=True)
+    if not sys.argv[1:]:
+        freq = np.fft.rfftfreq(2**22, 2**-13)
+        freq = freq[(freq > BAND[0]) & (freq < BAND[1])]
+        x = 2 * np.pi * freq
+        gain = 1 / ((OMEGA_N**2 - x**2) ** 2 + (0.02 * OMEGA_N * x) ** 2)
+        found["linear"][0]["closed_form"] = float(np.sqrt(0.01 * np.trapezoid(gain, freq)))
+        found["band_hz"] = BAND
+        TARGET.write_text(json.dumps(found, indent=1) + "\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,227 @@
+r"""Random vibration of a lightly damped joint by averaging of its energy.
+
+Under a force of one-sided density G, per unit mass squared, the energy level has the density
+
+$$p(E) \propto T(E)\,\exp\!\left(-\int_0^E \frac{4 B T}{G J}\,de\right), \qquad
+  B T = c J + \pi D Y^2$$
+
+with period T, action J and the losses of the viscous damper and of the loop over one cycle; G is
+taken at the frequency 1/T of the level. Without a loop it is exact: p(y) ~ exp(-4 c V(y)/G).
+
+Reference: J. B. Roberts and P. D. Spanos, Random Vibration and Statistical Linearization (1990).
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from jbw.errors import ModelError
+from jbw.forced.energy import Cycles, cycles, rule
+from jbw.forced.equivalent import EquivalentMotion, Values, wide
+
+NODES, COARSE = 48, 24  # amplitudes, and of the search for the largest of them
+FARTHEST = 30.0  # exponent of the density at the largest amplitude
+LEAST = 1e-3  # of the density at the mode, so that no level is divided by zero
+WIDTHS, UNEVEN = 4.0, 4.0  # half widths about the mode within which the density varies so much
+HEAVY = 0.05  # damping ratio above which energy is not a slow variable
+
+Density = Callable[[Values], Values]
+
+
+@dataclass(frozen=True, eq=False)
+class RandomResponse:
+    """Stationary random motion, by amplitude levels, of shape (draw, level).
+
+    Attributes:
+        y: Amplitudes [m].
+        weight: Probability of each level; the sum of a draw is 1.
+        cycles: The cycle at each level.
+        loss: Losses over the action at each level, c + pi D Y^2 / J [1/s].
+        force_density: Density of the force per unit mass, at frequencies (draw, any) in Hz.
+    """
+
+    y: Values
+    weight: Values
+    cycles: Cycles
+    loss: Values
+    force_density: Density
+
+    def rms(self, order: int = 0) -> Values:
+        """Return the rms of displacement (0), velocity (1) or acceleration (2) of each draw.
+
+        In the unit of that quantity. The part far below the resonance is that of a flat spectrum.
+        """
+        return np.sqrt(np.sum(self.weight * self.cycles.mean_squares[order], -1))
+
+    @property
+    def frequency_hz(self) -> Values:
+        """Mean rate of upward crossings of zero, the equivalent frequency [Hz]."""
+        return np.sum(self.weight / self.cycles.period, -1)
+
+    @property
+    def damping(self) -> Values:
+        """Equivalent damping ratio: lost power over that of a viscous damper [-]."""
+        power = np.sum(self.weight * self.loss * self.cycles.mean_squares[1], -1)
+        return power / self.rms(1) ** 2 / (4.0 * np.pi * self.frequency_hz)
+
+    def spectrum(self, freq_hz: Values, order: int = 0) -> Values:
+        """Return the one-sided spectral density of the relative motion, of shape (draw, frequency).
+
+        Linear spectra of each level's frequency and damping, each with the mean square of its
+        level, are superposed by the probability of the levels.
+
+        Args:
+            freq_hz: Frequencies [Hz].
+            order: 0 for displacement, 1 for velocity, 2 for acceleration.
+        """
+        share, receptance = self._linear(freq_hz)
+        density = self.force_density(freq_hz[None])
+        return (
+            self._x(freq_hz) ** (2 * order) * density * np.sum(share * np.abs(receptance) ** 2, 1)
+        )
+
+    def base_spectrum(
+        self, freq_hz: Values, participation: float = 1.0, shape: float = 1.0
+    ) -> Values:
+        """Return the one-sided density of a point's absolute acceleration, per that of the base.
+
+        The force per unit mass is -p a_b: the density of a_b is that of the force over p^2.
+        """
+        share, receptance = self._linear(freq_hz)
+        gain = 1.0 + participation * shape * self._x(freq_hz) ** 2 * receptance
+        density = self.force_density(freq_hz[None]) / participation**2
+        return density * (1.0 + np.sum(share * (np.abs(gain) ** 2 - 1.0), 1))
+
+    def _x(self, freq_hz: Values) -> Values:
+        return 2.0 * np.pi * freq_hz
+
+    def _linear(self, freq_hz: Values) -> tuple[Values, NDArray[np.complex128]]:
+        """Return share and receptance of every level's linear oscillator, (draw, level, freq)."""
+        omega, x = 2.0 * np.pi / self.cycles.period[..., None], self._x(freq_hz)
+        loss, level = self.loss[..., None], self.force_density(1.0 / self.cycles.period)
+        # Under a flat force of density G the mean square is G / (4 loss omega^2).
+        mean_square = self.weight * self.cycles.mean_squares[0] / np.where(level > 0, level, np.inf)
+        share = 4.0 * loss * omega**2 * mean_square[..., None]
+        return share, 1.0 / (omega**2 - x**2 + 1j * loss * x)
+
+    def exceeded(self) -> Values:
+        """Return the rate at which peaks exceed each amplitude, of shape (draw, level) [1/s].
+
+        Over that of all peaks it is the distribution of the peaks.
+        """
+        levels, rate = rule(self.y.shape[1]), self.weight / self.cycles.period
+        return np.sum(rate, -1, keepdims=True) - (rate / levels.weights) @ levels.integral.T
+
+    def largest(self, duration: float) -> Values:
+        """Return the median of the largest displacement within a duration [s] of each draw [m].
+
+        Peaks of either sign above it are taken as independent, exp(-2 rate duration) = 1/2, which
+        errs on the side of larger peaks where the band is narrow.
+        """
+        target = np.log(np.log(2.0) / (2.0 * duration))
+        rates = np.log(np.maximum(self.exceeded(), 1e-300))
+        return np.array([
+            np.interp(-target, -rate, y) for rate, y in zip(rates, self.y, strict=True)
+        ])  # fmt: skip
+
+
+def random_response(motion: EquivalentMotion, density: Density, share: Values) -> RandomResponse:
+    """Return the stationary motion under a random force.
+
+    Args:
+        motion: The joint, whose first harmonic is taken.
+        density: One-sided density by frequency in Hz, of the source squared per Hz.
+        share: Force per unit mass and unit of the source, of shape (draw, 1).
+
+    Raises:
+        ModelError: The profile has no power at the mode, or the damping is above 5 %.
+    """
+    single = EquivalentMotion(motion.joint)
+
+    def force_density(freq_hz: Values) -> Values:
+        return density(freq_hz) * wide(share, freq_hz) ** 2
+
+    def at_levels(freq_hz: Values) -> Values:
+        # Levels that the profile does not drive are cut off steeply; `_require_broad` looks there.
+        return np.maximum(force_density(freq_hz), LEAST * at_rest)
+
+    at_rest = force_density(motion.omega_n / (2.0 * np.pi))
+    _require_power(at_rest, motion.omega_n)
+    viscous = np.maximum(motion.viscous, 1e-4 * motion.omega_n)
+    scale = np.sqrt(at_rest / (4.0 * viscous)) / motion.omega_n  # rms of the joint fully stuck
+    coarse = scale * np.geomspace(1e-3, 100.0, COARSE)
+    cycle, loss = _losses(single, coarse)
+    steps = np.diff(cycle.energy, prepend=0.0)
+    exponent = np.cumsum(4.0 * loss / at_levels(1.0 / cycle.period) * steps, -1)
+    # NaN where the joint has no free cycle, so that no motion is kept there.
+    beyond = np.argmax(~(exponent < FARTHEST), -1)
+    beyond = np.where(exponent[:, -1] < FARTHEST, COARSE - 1, beyond)
+    nodes, weights, integral, derivative = rule(NODES)
+    y_most = np.take_along_axis(coarse, beyond[:, None], -1)
+    y = y_most * nodes
+    cycle, loss = _losses(single, y)
+    _require_levels(cycle.period)
+    energy_by_y = cycle.energy @ derivative.T
+    exponent = (4.0 * loss / at_levels(1.0 / cycle.period) * energy_by_y) @ integral.T
+    probability = weights * cycle.period * energy_by_y * np.exp(-exponent)
+    probability = probability / np.sum(probability, -1, keepdims=True)
+    found = RandomResponse(y, probability, cycle, loss, force_density)
+    _require_light(found.damping)
+    _require_broad(found)
+    return found
+
+
+def _losses(motion: EquivalentMotion, y: Values) -> tuple[Cycles, Values]:
+    """Return the cycles at amplitudes, and the losses over their action, c + pi D Y^2 / J [1/s]."""
+    cycle = cycles(motion, y)
+    _, loss = motion.values(y, 2.0 * np.pi / cycle.period)
+    return cycle, motion.viscous + np.pi * loss * y**2 / cycle.action
+
+
+def _require_power(density: Values, omega_n: Values) -> None:
+    if not np.all(density > 0.0):
+        raise ModelError(
+            "The profile must have power at the natural frequency, but has none at "
+            f"{float(np.median(omega_n)) / (2.0 * np.pi):.4g} Hz.",
+            why="Only the motion of the mode is predicted.",
+            remedy="Widen the profile, or ask for a joint whose mode it drives.",
+        )
+
+
+def _require_levels(period: Values) -> None:
+    if not np.all(np.isfinite(period)):
+        raise ModelError(
+            "The joint must keep a positive stiffness at every amplitude of the motion, but loses "
+            f"it in {np.sum(~np.all(np.isfinite(period), -1))} of {len(period)} draws.",
+            remedy="Ask for a lower level, or simulate the motion by `jbw.simulate`.",
+        )
+
+
+def _require_light(damping: Values) -> None:
+    if np.median(damping) > HEAVY:
+        raise ModelError(
+            f"The equivalent damping ratio must be at most {HEAVY:g} for averaging of the energy, "
+            f"but is {np.median(damping):.3g}.",
+            why="The energy then changes within a cycle.",
+            remedy="Simulate the motion by `jbw.simulate` with samples of the force.",
+        )
+
+
+def _require_broad(found: RandomResponse) -> None:
+    frequency, likely = 1.0 / found.cycles.period, found.weight > 1e-3
+    low, high = (
+        extreme(np.where(likely, frequency, edge), -1, keepdims=True)
+        for extreme, edge in ((np.min, np.inf), (np.max, -np.inf))
+    )
+    width = WIDTHS * found.damping[:, None] * found.frequency_hz[:, None]
+    near = low - width + (high - low + 2.0 * width) * np.linspace(0.0, 1.0, 33)
+    density = found.force_density(near)
+    if np.any(np.max(density, -1) > UNEVEN * np.min(density, -1)):
+        raise ModelError(
+            f"The profile must be broad at the mode, but its density changes by more than a factor "
+            f"of {UNEVEN:g} between {np.min(near):.4g} and {np.max(near):.4g} Hz.",
+            why="Averaging of the energy takes the force as flat across the resonance.",
+            remedy="Simulate the motion by `jbw.simulate` with samples of the force.",
+        )
