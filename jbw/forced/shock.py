@@ -1,0 +1,205 @@
+"""Shock: classical pulses and measured records, the motion after them, and response spectra."""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.signal import lfilter
+
+from jbw.errors import ConfigError
+from jbw.forced.equivalent import EquivalentMotion, Values
+from jbw.oscillator.response import simulate
+from jbw.units import measured, plain
+
+SAMPLES = 400  # of a pulse: straight lines between them miss 5e-6 of a half-sine's area
+PER_CYCLE = 64  # samples of the mode's cycle at least
+CYCLES = 6  # of the mode after the pulse: its largest motion comes in the first ones
+RAMP = 0.1  # of a trapezoid's duration, its rise and its fall
+
+SHAPES: dict[str, Callable[[Values], Values]] = {
+    "half-sine": lambda x: np.sin(np.pi * x),
+    "sawtooth": lambda x: x,  # its peak is at its end
+    "trapezoid": lambda x: np.minimum(np.minimum(x, 1.0 - x) / RAMP, 1.0),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Pulse:
+    """A shock as samples from rest.
+
+    Attributes:
+        samples: Values in `unit`, the first at t = 0.
+        fs: Sampling rate [Hz].
+        unit: Unit of the samples, such as `m/s^2`.
+    """
+
+    samples: Values
+    fs: float
+    unit: str
+
+    @property
+    def duration(self) -> float:
+        """Duration [s]."""
+        return (len(self.samples) - 1) / self.fs
+
+
+def classical_pulse(
+    peak: float, duration: float, unit: str, shape: str = "half-sine", fs: float = 0.0
+) -> Pulse:
+    """Return a half-sine, a terminal-peak sawtooth or a trapezoid.
+
+    Args:
+        peak: Largest value, in `unit`.
+        duration: Duration [s].
+        unit: Unit of the source.
+        shape: `half-sine`, `sawtooth` or `trapezoid`, whose ramps are 10 % of it each.
+        fs: Least sampling rate [Hz].
+
+    Raises:
+        ConfigError: Another shape, or a peak or duration that is not positive.
+    """
+    if shape not in SHAPES:
+        raise ConfigError(
+            f"Argument `shape` must be one of {', '.join(SHAPES)}, but is {shape!r}.",
+            remedy="Give a measured record for any other shock.",
+        )
+    if not (0.0 < peak < np.inf and 0.0 < duration < np.inf):
+        raise ConfigError(
+            f"A shock must have a positive peak and duration, but has {peak:g} {unit} and "
+            f"{duration:g} s.",
+            remedy="Write it as `20g,11ms`.",
+        )
+    count = max(SAMPLES, int(np.ceil(duration * fs)))
+    samples = peak * SHAPES[shape](np.linspace(0.0, 1.0, count + 1))
+    # A jump to zero at the end has the mean of both sides there, which keeps the area.
+    samples[-1] *= 0.5
+    return Pulse(samples, count / duration, unit)
+
+
+def pulse_of(text: str, fs: float = 0.0) -> Pulse:
+    """Return the pulse that a text such as `20g,11ms` or `50 m/s^2, 6 ms, sawtooth` states.
+
+    Raises:
+        ConfigError: The text states no peak with a unit and no duration.
+    """
+    parts = [part.strip() for part in text.split(",")]
+    match = [re.fullmatch(r"([-+.\deE]+?)\s*([A-Za-z].*)", part) for part in parts[:2]]
+    units = [measured(plain(found[2])) if found else None for found in match]
+    second = measured("s")
+    if len(parts) not in (2, 3) or None in units or not second or units[1][1] != second[1]:  # pyright: ignore[reportOptionalSubscript]
+        raise ConfigError(
+            f"A shock must state its peak and its duration with units, but is {text!r}.",
+            remedy="Write it as `20g,11ms`, or with its shape as `20g,11ms,sawtooth`.",
+        )
+    values = [_number(found[1], text) for found in match if found]
+    unit = next(
+        (name for name in ("m/s^2", "N", "V") if measured(name)[1] == units[0][1]),  # pyright: ignore[reportOptionalSubscript]
+        plain(match[0][2]),  # pyright: ignore[reportOptionalSubscript]
+    )
+    peak, duration = (value * factor[0] for value, factor in zip(values, units, strict=True))  # pyright: ignore[reportOptionalSubscript]
+    return classical_pulse(peak, duration, unit, *parts[2:], fs=fs)
+
+
+def _number(text: str, whole: str) -> float:
+    try:
+        return float(text)
+    except ValueError as cause:
+        raise ConfigError(
+            f"A shock must state a number, but {text!r} of {whole!r} is none.",
+            remedy="Write it as `20g,11ms`.",
+        ) from cause
+
+
+@dataclass(frozen=True, eq=False)
+class ShockResponse:
+    """Motion of every draw during and after a shock.
+
+    Attributes:
+        t: Time [s].
+        y: Relative displacement, of shape (draw, time) [m].
+        v: Relative velocity [m/s].
+        a: Relative acceleration [m/s^2].
+        source: The source at these times, in its unit.
+        fs: Sampling rate [Hz].
+    """
+
+    t: Values
+    y: Values
+    v: Values
+    a: Values
+    source: Values
+    fs: float
+
+
+def shock_response(motion: EquivalentMotion, pulse: Pulse, share: Values) -> ShockResponse:
+    """Return the motion from rest under a shock, and some cycles of the mode after it.
+
+    Args:
+        motion: The joint.
+        pulse: The shock; a record that is sampled too coarsely is interpolated by straight lines.
+        share: Force per unit mass and unit of the source, of shape (draw, 1).
+    """
+    frequency = float(np.max(motion.omega_n)) / (2.0 * np.pi)
+    finer = max(1, int(np.ceil(PER_CYCLE * frequency / pulse.fs)))
+    count = finer * (len(pulse.samples) - 1)
+    grid = np.arange(count + 1) / finer
+    samples = np.interp(grid, np.arange(len(pulse.samples)), pulse.samples)
+    fs = finer * pulse.fs
+    lowest = float(np.min(motion.omega_n)) / (2.0 * np.pi)
+    after = int(np.ceil(CYCLES * fs / lowest))
+    source = np.concatenate([samples, np.zeros(after)])
+    found = simulate(motion.joint, share * source, fs)
+    y, v, a = (np.asarray(part) for part in (found.y, found.v, found.a))
+    return ShockResponse(np.arange(len(source)) / fs, y, v, a, source, fs)
+
+
+def shock_spectrum(
+    acceleration: Values, fs: float, freq_hz: Values, quality: float = 10.0
+) -> Values:
+    r"""Return the maximax absolute acceleration of oscillators on a moving base.
+
+    By the ramp-invariant filter, exact for an acceleration that is straight between its samples:
+
+    $$H(z) = \frac{1 - \sigma + 2 e^{-A}(\sigma' - \cos B) z^{-1} + (e^{-2A} - \sigma) z^{-2}}
+      {1 - 2 e^{-A}\cos B\,z^{-1} + e^{-2A} z^{-2}}$$
+
+    with $A = \omega / (2 Q f_s)$, $B = (\omega/f_s)\sqrt{1 - 1/4Q^2}$, $\sigma' = \sin B / B$ and
+    $\sigma = e^{-A}\sigma'$. The record is followed by one cycle of each oscillator.
+
+    Args:
+        acceleration: Acceleration of the base on its last axis [m/s^2].
+        fs: Sampling rate [Hz]; ten times the highest frequency leaves 5 % of a peak.
+        freq_hz: Natural frequencies [Hz].
+        quality: Q of the oscillators, above 1/2; infinite without damping.
+
+    Returns:
+        Shape (..., frequency), in the unit of the acceleration.
+
+    Raises:
+        ConfigError: A frequency at or above half the sampling rate, or a Q of 1/2 or less.
+
+    Reference:
+        ISO 18431-4:2007, 5.2, absolute acceleration.
+    """
+    freq_hz = np.asarray(freq_hz, float)
+    if np.any(freq_hz <= 0) or np.any(freq_hz >= 0.5 * fs) or not quality > 0.5:
+        raise ConfigError(
+            "A shock response spectrum must have frequencies between 0 and half the sampling rate "
+            f"({0.5 * fs:g} Hz) and Q above 1/2, but reaches {np.max(freq_hz):g} Hz with Q = "
+            f"{quality:g}.",
+            remedy="Lower the highest frequency, or sample the record faster.",
+        )
+    spectrum = []
+    for frequency in freq_hz:
+        angle = 2.0 * np.pi * frequency / fs
+        a, b = 0.5 * angle / quality, angle * np.sqrt(1.0 - 0.25 / quality**2)
+        decay, ratio = np.exp(-a), np.sin(b) / b
+        numerator = [
+            1.0 - decay * ratio, 2.0 * decay * (ratio - np.cos(b)), decay * (decay - ratio)
+        ]  # fmt: skip
+        denominator = [1.0, -2.0 * decay * np.cos(b), decay**2]
+        tail = np.zeros((*acceleration.shape[:-1], int(np.ceil(fs / frequency))))
+        motion = lfilter(numerator, denominator, np.concatenate([acceleration, tail], -1))
+        spectrum.append(np.max(np.abs(motion), -1))
+    return np.stack(spectrum, -1)
