@@ -51,23 +51,22 @@ class LoopTable:
 def tabulated(motion: EquivalentMotion, low: Values, high: Values, num_nodes: int) -> LoopTable:
     """Return the table of a joint between two amplitudes.
 
-    A force of the speed acts in resonance at each amplitude.
+    What depends on the frequency as well is taken in resonance at each amplitude.
 
     Args:
-        motion: The joint; one harmonic is taken of it.
+        motion: The joint.
         low: Smallest amplitudes of shape (draw, 1) [m].
         high: Largest amplitudes of shape (draw, 1) [m].
         num_nodes: Amplitudes of each draw.
     """
-    first = EquivalentMotion(motion.joint)
     log_y = np.log(low) + (np.log(high) - np.log(low)) * np.linspace(0.0, 1.0, num_nodes)
     y, omega = np.exp(log_y), wide(motion.omega_n, log_y)
-    if motion.feels_rate:
-        stiffness, _ = first.values(y, omega)
+    if motion.feels_rate or motion.num_harmonics > 1:
+        stiffness, _ = EquivalentMotion(motion.joint).values(y, omega)
         omega = np.sqrt(np.where(stiffness > 0, stiffness, np.nan))
-        parts = first.loops(y, omega)[:3]
+    if motion.feels_rate:
+        parts = np.stack(motion.loops(y, omega)[:3])
     else:
-        parts = *first.values(y, omega), np.broadcast_to(motion.viscous, y.shape)
-    parts = np.stack(parts)
+        parts = np.stack([*motion.values(y, omega), np.broadcast_to(motion.viscous, y.shape)])
     slopes = np.gradient(parts, axis=2, edge_order=2) / (log_y[:, 1:2] - log_y[:, :1])
     return LoopTable(log_y, parts, slopes)

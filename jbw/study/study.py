@@ -2,12 +2,12 @@
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from textwrap import shorten
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Unpack
 
 import numpy as np
 import scipy.sparse
@@ -15,15 +15,21 @@ import xarray as xr
 
 from jbw.campaign.load import Campaign, load_campaign, with_laws
 from jbw.errors import ConfigError, DataError
+from jbw.forced.profiles import Profile
+from jbw.forced.shock import Pulse, pulse_of
 from jbw.identification.procedure import Identification, Known
 from jbw.inference.posterior.finding import Verdict, kept_finding
 from jbw.measurement.records import Test
+from jbw.oscillator.oscillator import Oscillator
 from jbw.report.formats import formats_of
 from jbw.report.opening import known_parameters
 from jbw.report.result import node, read_result
 from jbw.run.files import hash_of
 from jbw.study.cell import page_of
 from jbw.study.frames import backbone_frame, parameter_frame, prediction_frame
+from jbw.study.loads import Load, LoadOptions, joints_of_basis
+from jbw.study.loads_in_time import random_of, shock_of
+from jbw.study.loads_of_sines import notch_of, resonance_of, response_curve_of
 from jbw.study.store import claim, save_report, save_result
 from jbw.verification.planned import planned_sweep
 from jbw.verification.predict import Request, chosen, predict
@@ -31,6 +37,7 @@ from jbw.verification.predictive_basis import GROUPS_OF_BASIS, NUM_DRAWS, Basis,
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
 
 LINE = 300  # characters of what is known, in a cell
 
@@ -164,6 +171,123 @@ class Study:
             ConfigError: A number that is not positive, or a sweep beyond half of `fs`.
         """
         return planned_sweep(basis_of(self.tree), band_hz, level, duration, fs)
+
+    def joints(self, draws: int = NUM_DRAWS) -> Oscillator:
+        """Return draws of the joint as one oscillator, for use of your own.
+
+        Its leaves have the shape (draw,), and `jbw.simulate` and `jbw.steady_state` take it so.
+
+        Raises:
+            ModelError: The run has several modes or joints.
+            ConfigError: Fewer than two draws.
+        """
+        return joints_of_basis(basis_of(self.tree), draws)
+
+    def response_curve(
+        self, level: float, band: tuple[float, float], **options: Unpack[LoadOptions]
+    ) -> xr.Dataset:
+        """Return the response to a sine of one level across a band, with jumps.
+
+        Args:
+            level: Amplitude in the unit of the run's source, of a moving base in m/s^2.
+            band: First and last frequency [Hz].
+            options: `drive` (`force`, the default, for the run's source, or `base`), `draws`,
+                `participation` and `shape` of the mode on a moving base, `harmonics`, `unit` of the
+                response, `seed`.
+
+        Returns:
+            `frequency` [Hz], `amplitude`, `phase` [rad] and `stable` by (draw, point) along the
+            curves; `upward` and `downward`, the 99 % bands over (quantile, freq) of what slow
+            sweeps show. Attributes say what the bands contain, and `reach`: the peak displacement
+            over the largest that was fitted.
+
+        Raises:
+            ConfigError: A level, band or option that cannot be meant.
+            DataError: The run determines no gain.
+            ModelError: The run has several modes, or no resonance at this level.
+        """
+        load = Load(**options)
+        return response_curve_of(basis_of(self.tree), level, band, load)
+
+    def resonance(self, levels: Iterable[float], **options: Unpack[LoadOptions]) -> xr.Dataset:
+        """Return frequency, height, Q, half-power width and jumps of the resonance at each level.
+
+        Args:
+            levels: Amplitudes as of `response_curve`.
+            options: As of `response_curve`.
+
+        Returns:
+            Variables over (quantile, level) with 99 % intervals. `quality` and `half_power_width`
+            are those of the draws whose curve does not fold between the half-power points, the
+            jumps those of draws that fold; `folds` is the share of these.
+
+        Raises:
+            ConfigError, DataError, ModelError: As of `response_curve`.
+        """
+        return resonance_of(basis_of(self.tree), levels, Load(**options))
+
+    def notch(
+        self,
+        level: float,
+        limit: float,
+        band: tuple[float, float],
+        **options: Unpack[LoadOptions],
+    ) -> xr.Dataset:
+        """Return the level that keeps the response within a limit at each frequency.
+
+        Args:
+            level: Amplitude of the sine that is asked for.
+            limit: Largest amplitude of the response, in its unit.
+            band: First and last frequency [Hz].
+            options: As of `response_curve`.
+
+        Returns:
+            `allowed` and `notched` (the smaller one of `allowed` and `level`) over (quantile,
+            freq), in the unit of the source.
+
+        Raises:
+            ConfigError, DataError, ModelError: As of `response_curve`.
+        """
+        return notch_of(basis_of(self.tree), level, limit, band, Load(**options))
+
+    def random(
+        self, profile: Profile, duration: float = 60.0, **options: Unpack[LoadOptions]
+    ) -> xr.Dataset:
+        """Return the response to random vibration of a profile, by averaging of the energy.
+
+        Args:
+            profile: Spectral density of the source, from `jbw.read_profile` or `jbw.profile_of`.
+            duration: Duration over which the largest displacement is asked for [s].
+            options: As of `response_curve`.
+
+        Returns:
+            99 % intervals of `rms` and `psd` of the response, rms, largest displacement and peak
+            factor of the relative motion, rate of upward crossings and equivalent damping.
+
+        Raises:
+            ConfigError: A unit that does not fit the source.
+            DataError: The run determines no gain.
+            ModelError: The profile has no power at the mode or is too narrow, the damping is above
+                5 %, or the run has several modes.
+        """
+        load = Load(**options)
+        return random_of(basis_of(self.tree), profile, duration, load)
+
+    def shock(self, pulse: str | Pulse, **options: Unpack[LoadOptions]) -> xr.Dataset:
+        """Return the motion under a shock: its band over time, its largest value, its spectrum.
+
+        Args:
+            pulse: `20g,11ms`, a half-sine unless a third word says `sawtooth` or `trapezoid`; or a
+                `jbw.Pulse` of samples.
+            options: As of `response_curve`; the modes outside the band are left out.
+
+        Raises:
+            ConfigError: A shock that cannot be meant, or in another unit than the source.
+            DataError: The run determines no gain.
+            ModelError: The run has several modes.
+        """
+        stated = pulse_of(pulse) if isinstance(pulse, str) else pulse
+        return shock_of(basis_of(self.tree), stated, Load(**options))
 
     def save(self, folder: str | Path, *, figures: Sequence[str] = ()) -> None:
         """Write posterior.nc, summary.json and report.html into a new or empty folder.

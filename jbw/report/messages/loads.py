@@ -1,0 +1,74 @@
+"""Predictions under other loads: what bands contain, how far a load reaches, units and names."""
+
+import logging
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+logger = logging.getLogger("jbw")
+IN_BANDS = "parameters, variation between runs, model discrepancy; no noise of a measurement"
+HERTZ, NUMBER, METRE = {"units": "Hz"}, {"units": "1"}, {"units": "m"}
+
+
+def sine(level: float, unit: str) -> str:
+    """The load of a response curve."""
+    return f"A sine of {level:g} {unit}"
+
+
+def limit(value: float, unit: str) -> str:
+    """The load of a notch."""
+    return f"A response held at {value:g} {unit}"
+
+
+def random(rms: float, unit: str) -> str:
+    """The load of a random profile."""
+    return f"A random profile of {rms:.3g} {unit} rms"
+
+
+def shock(unit: str, pulse: Any) -> str:
+    """The load of a shock."""
+    return f"A shock of {max(abs(pulse.samples)):.3g} {unit} over {1e3 * pulse.duration:.3g} ms"
+
+
+def warnings_of(what: str, y: float, reach: float, most: float, *, withheld: bool) -> Iterator[str]:
+    """Yield what must be known before a prediction of a load is trusted."""
+    if reach > most:
+        yield (
+            f"{what} moves the joint by {y:.3g} m, {reach:.2g} times the largest displacement that "
+            "was fitted, where nothing shows that the joint follows the law; add a test of that "
+            "level to the campaign and identify again."
+        )
+    if withheld:
+        yield (
+            f"{what} has no 99 % band: the law misses more than noise, and no held-out run shows "
+            "how much at this amplitude; fit a test of this level."
+        )
+
+
+def units_of_resonance(response: Mapping[str, str]) -> dict[str, dict[str, str]]:
+    """Attributes of the variables of a resonance."""
+    return {
+        "frequency": {**HERTZ, "long_name": "frequency of the peak"},
+        "peak": {**response, "long_name": f"peak {response['long_name']}"},
+        "displacement": {**METRE, "long_name": "peak displacement"},
+        "quality": {**NUMBER, "long_name": "Q, withheld where the curve folds"},
+        "half_power_width": {**HERTZ, "long_name": "half-power width"},
+        "jump_up": {**HERTZ, "long_name": "frequency of the jump up"},
+        "jump_down": {**HERTZ, "long_name": "frequency of the jump down"},
+        "folds": {**NUMBER, "long_name": "share of draws whose curve folds"},
+        "reach": {**NUMBER, "long_name": "displacement over the largest fitted"},
+        "withheld": {**NUMBER, "long_name": "1 where no band can be stated"},
+    }
+
+
+def units_of_random(response: Mapping[str, str]) -> dict[str, dict[str, str]]:
+    """Attributes of the variables of a random response."""
+    unit, name = response["units"], response["long_name"]
+    return {
+        "rms": {**response, "long_name": f"rms {name}"},
+        "displacement": {**METRE, "long_name": "rms displacement"},
+        "largest_displacement": {**METRE, "long_name": "largest displacement"},
+        "peak_factor": {**NUMBER, "long_name": "largest displacement over its rms"},
+        "frequency": {**HERTZ, "long_name": "rate of upward crossings of zero"},
+        "damping": {**NUMBER, "long_name": "equivalent damping ratio"},
+        "psd": {"units": f"({unit})^2/Hz", "long_name": f"spectral density of the {name}"},
+    }

@@ -1,0 +1,301 @@
+"""What the joint of a run does under other loads: what drives it, its draws, their bands.
+
+A member is the draws of one law as oscillators of equivalent stiffness and loss. Bands contain the
+parameters, the variation between runs and the model discrepancy at the amplitude of the load; they
+do not contain the noise of a measurement.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple, TypedDict
+
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from jbw.errors import ConfigError, ModelError
+from jbw.forced.curves import peaks
+from jbw.forced.equivalent import EquivalentMotion, Values, equivalent_motion
+from jbw.identification.discrepancy import NOTHING, AtAmplitude
+from jbw.inference.thresholds import BEYOND
+from jbw.observables.residual_terms import receptance, taken
+from jbw.oscillator.modes.parameters import has_further_modes
+from jbw.oscillator.oscillator import Oscillator, oscillator_of
+from jbw.quantities import UNIT_OF, are_at_joints, derivative_order
+from jbw.report.messages import loads as messages
+from jbw.units import factor_of
+from jbw.verification.bands import QUANTILE_AXIS, QUANTILES
+from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws
+from jbw.verification.withheld import is_withheld
+
+FEW = 8  # draws that tell the amplitude of a load
+ONE_HARMONIC = 1e-3  # of the third harmonic over the first: up to here one harmonic has 1e-5
+MANY = 8  # harmonics elsewhere
+TAU = 2.0 * np.pi
+BASE = "base"
+Complexes = NDArray[np.complex128]
+
+
+@dataclass(frozen=True)
+class Load:
+    """What drives the joint, and how it is predicted.
+
+    Attributes:
+        drive: `force` for the source of the run; `voltage` or `current` where a run has both; or
+            `base` for an acceleration of the base [m/s^2].
+        draws: Draws of the posterior.
+        participation: Participation of the mode in the motion of the base, phi^T M r [-].
+        shape: Motion of the measured point in the mode [-].
+        harmonics: Odd harmonics; None takes 8 where the third one is above 1e-3 of the first.
+        unit: Unit of the response, such as `g`; SI when empty.
+        seed: Seed of the variation between runs.
+    """
+
+    drive: str = "force"
+    draws: int = NUM_DRAWS
+    participation: float = 1.0
+    shape: float = 1.0
+    harmonics: int | None = None
+    unit: str = ""
+    seed: int = 0
+
+    @property
+    def is_base(self) -> bool:
+        """Whether the base moves."""
+        return self.drive == BASE
+
+
+class LoadOptions(TypedDict, total=False):
+    """Keyword arguments of predictions under other loads, the fields of `Load`."""
+
+    drive: str
+    draws: int
+    participation: float
+    shape: float
+    harmonics: int | None
+    unit: str
+    seed: int
+
+
+class Member(NamedTuple):
+    """The draws of one law under a load.
+
+    Attributes:
+        motion: The oscillators.
+        theta: The parameters by name, of shape (draw,).
+        share: Force per unit mass and unit of the source, of shape (draw, 1).
+    """
+
+    motion: EquivalentMotion
+    theta: Draws
+    share: Values
+
+
+class Measured(NamedTuple):
+    """The response that is predicted.
+
+    Attributes:
+        name: displacement, velocity or acceleration.
+        unit: Its unit.
+        factor: Factor from SI.
+        source: Unit of the source.
+    """
+
+    name: str
+    unit: str
+    factor: float
+    source: str
+
+    @property
+    def attrs(self) -> dict[str, str]:
+        """Attributes of its variables."""
+        return {"units": self.unit, "long_name": self.name}
+
+
+def joints_of_basis(basis: Basis, draws: int = NUM_DRAWS) -> Oscillator:
+    """Return draws of the joint as one oscillator whose leaves have the shape (draw,)."""
+    _require_one_mode(basis)
+    if basis.beside:
+        raise ConfigError(
+            "A comparison of several laws has no single joint.",
+            remedy="Load the run of one law.",
+        )
+    theta = basis.draws(draws, gain=1.0)
+    return oscillator_of({name: jnp.asarray(x) for name, x in theta.items()}, basis.laws)
+
+
+def measured_of(basis: Basis, load: Load) -> Measured:
+    """Return the response that the run measured, and the unit of its source."""
+    driven = [seen for seen in basis.seen.values() if seen.response in UNIT_OF]
+    name = "acceleration" if load.is_base else driven[0].response if driven else "displacement"
+    unit = load.unit or UNIT_OF[name]
+    factor = 1.0 / factor_of(unit, name)
+    sources = [seen.source for seen in driven if seen.source]
+    source = "m/s^2" if load.is_base else sources[0] if sources else "N/kg"
+    return Measured(name, unit, factor, source)
+
+
+def members_of(basis: Basis, load: Load, draws: int, missed: AtAmplitude) -> list[Member]:
+    """Return the draws of every law of a run, each with its harmonics.
+
+    Raises:
+        ConfigError: The participation is zero or not finite, or there are too few draws.
+        DataError: The run determines no gain.
+        ModelError: The run has several modes or joints.
+    """
+    _require_one_mode(basis)
+    if load.is_base and not (np.isfinite(load.participation) and load.participation != 0.0):
+        raise ConfigError(
+            "Argument `participation` must be a number other than zero, but is "
+            f"{load.participation:g}.",
+            remedy="Compute it from the matrices, phi^T M r of a mode of unit modal mass.",
+        )
+    found = []
+    for count, member in basis.shared(draws):
+        gain = load.participation if load.is_base else None
+        drive = "" if load.is_base else load.drive
+        theta = member.draws(count, gain, load.seed, drive, missed=missed)
+        joint = oscillator_of({name: jnp.asarray(x) for name, x in theta.items()}, member.laws)
+        motion = equivalent_motion(joint, load.harmonics or 1)
+        found.append(Member(motion, theta, theta["gain"][:, None]))
+    return found
+
+
+def _require_one_mode(basis: Basis) -> None:
+    if has_further_modes(basis.posterior) or are_at_joints(basis.laws):
+        raise ModelError(
+            "The run must have one mode with one joint for this prediction, but has several.",
+            remedy="Follow the curve of a `jbw.Structure` by `jbw.response_curve`, or predict a "
+            "sweep by `jbw predict RUN --sweep`.",
+        )
+
+
+class Prepared(NamedTuple):
+    """Members at one level, with what is known of the amplitude.
+
+    Attributes:
+        members: The draws of every law.
+        reach: Largest amplitude over the largest that was fitted; NaN where not known.
+        withheld: Whether no band can be stated at this amplitude.
+        load: The load, with its harmonics.
+    """
+
+    members: list[Member]
+    reach: float
+    withheld: bool
+    load: Load
+
+
+def prepared(
+    basis: Basis, load: Load, amplitude: Callable[[Member], Values], what: str
+) -> Prepared:
+    """Return the members with the model discrepancy at the amplitude of a load.
+
+    Args:
+        basis: What the run predicts with.
+        load: The load.
+        amplitude: The largest displacement of every draw of a member [m].
+        what: The load in words, for warnings.
+    """
+    few = members_of(basis, replace(load, harmonics=1), FEW, NOTHING)
+    y = float(np.median(np.concatenate([np.ravel(amplitude(member)) for member in few])))
+    reach = y / basis.y_peak if basis.y_peak > 0 else np.nan
+    if reach > BEYOND and basis.outward is not None:
+        basis = basis.outward
+    if load.harmonics is None:
+        load = replace(load, harmonics=_harmonics(few[0], y))
+    missed = NOTHING if basis.discrepancy is None else basis.discrepancy.at(y)
+    members = members_of(basis, load, load.draws, missed)
+    withheld = is_withheld(basis, (y,))
+    for sentence in messages.warnings_of(what, y, reach, BEYOND, withheld=withheld):
+        messages.logger.warning(sentence)
+    return Prepared(members, reach, withheld, load)
+
+
+def _harmonics(member: Member, y: float) -> int:
+    """Return 1 where the third harmonic is small at an amplitude, else 8."""
+    motion = member.motion
+    amplitude = np.full((len(motion.omega_n), 1), y)
+    stiffness, _ = motion.values(amplitude, motion.omega_n)
+    third = motion.shapes(amplitude, np.sqrt(np.maximum(stiffness, 0.0)))[1]
+    return 1 if np.nanmax(third, initial=0.0) < ONE_HARMONIC else MANY
+
+
+def response_of(
+    member: Member, load: Load, seen: Measured, level: float, omega: Values, y: Complexes
+) -> Complexes:
+    """Return the response [unit] to a level at displacements y over the phase of the force [m].
+
+    Under a force the modes outside the band add to it. On a moving base it is the absolute
+    acceleration of the point. All arrays have the shape (draw, any).
+    """
+    if load.is_base:
+        sign = np.sign(load.participation)
+        return seen.factor * (level + load.shape * omega**2 * sign * y)
+    gain = member.share
+    terms = {name: jnp.asarray(x)[:, None] for name, x in taken(member.theta, "auto").items()}
+    added = gain * level * np.asarray(receptance(terms, jnp.asarray(omega))) if terms else 0.0
+    order = derivative_order(seen.name)
+    return seen.factor * (1j * omega) ** order * (np.sign(gain) * y + added)
+
+
+def level_of(member: Member, level: float) -> Values:
+    """Return the force amplitude of every draw at a level of the source, (draw, 1) [N/kg]."""
+    return np.abs(member.share) * level
+
+
+def peak_of(level: float) -> Callable[[Member], Values]:
+    """Return the function from a member to its peak displacements at a level [m]."""
+    return lambda member: peaks(member.motion, level_of(member, level)).y
+
+
+def bands(values: Sequence[Values], *, withheld: bool = False) -> Values:
+    """Return median and ends of the 99 % band of all members' draws; NaN where withheld.
+
+    Draws without a value, such as those whose curve does not fold, are left out.
+    """
+    drawn = np.concatenate(values)
+    found = np.full((len(QUANTILES), *drawn.shape[1:]), np.nan)
+    has_value = np.any(np.isfinite(drawn), axis=0)
+    found[:, has_value] = np.nanquantile(drawn[:, has_value], QUANTILES, axis=0)
+    if withheld:
+        found[[0, -1]] = np.nan
+    return found
+
+
+def labelled(
+    variables: Mapping[str, Any], coords: Mapping[str, Any], load: Load, seen: Measured
+) -> xr.Dataset:
+    """Return variables with the facts of their load as attributes."""
+    facts = {
+        "drive": load.drive, "source_unit": seen.source, "quantity": seen.name,
+        "num_draws": load.draws, "harmonics": load.harmonics or 1, "band": messages.IN_BANDS,
+    }  # fmt: skip
+    if load.is_base:
+        facts |= {"participation": load.participation, "shape": load.shape}
+    return xr.Dataset(dict(variables), {**coords, "quantile": QUANTILE_AXIS}, facts)
+
+
+def checked_levels(values: Iterable[float]) -> list[float]:
+    """Return positive numbers, or refuse."""
+    levels = [float(value) for value in values]
+    wrong = [value for value in levels if not 0.0 < value < np.inf]
+    if wrong or not levels:
+        found = f"{wrong[0]:g}" if wrong else "no value"
+        raise ConfigError(
+            f"Levels, limits and durations must be positive, but {found} was given.",
+            remedy="Give amplitudes in the unit of the source, such as 0.1.",
+        )
+    return levels
+
+
+def checked_band(band_hz: tuple[float, float]) -> tuple[float, float]:
+    """Return a band that rises from a positive frequency, or refuse."""
+    low, high = map(float, band_hz)
+    if not 0.0 < low < high < np.inf:
+        raise ConfigError(
+            f"Argument `band` must rise from a positive frequency, but is {low:g} to {high:g} Hz.",
+            remedy="Give it as `17:20`.",
+        )
+    return low, high

@@ -1,0 +1,162 @@
+"""Bands under a sine: response curves, their resonance, and the level that a limit allows."""
+
+from collections.abc import Callable, Iterable
+
+import numpy as np
+import xarray as xr
+
+from jbw.forced.curves import Peaks, exact_points, force_ratio, peaks, resonance
+from jbw.forced.equivalent import Values
+from jbw.forced.sweeps import swept, whole_curve
+from jbw.quantities import derivative_order
+from jbw.report.messages import loads as messages
+from jbw.study.loads import (
+    TAU,
+    Load,
+    Measured,
+    Member,
+    bands,
+    checked_band,
+    checked_levels,
+    labelled,
+    level_of,
+    measured_of,
+    peak_of,
+    prepared,
+    response_of,
+)
+from jbw.verification.predictive_basis import Basis
+
+NUM_FREQ = 241  # of a curve
+
+
+def resonance_of(basis: Basis, levels: Iterable[float], load: Load) -> xr.Dataset:
+    """Return the resonance at each level: see `Study.resonance`."""
+    levels = checked_levels(levels)
+    seen, columns = measured_of(basis, load), []
+    for level in levels:
+        ready = prepared(basis, load, peak_of(level), messages.sine(level, seen.source))
+        rows = [_resonance(member, ready.load, seen, level) for member in ready.members]
+        named = {name: [row[name] for row in rows] for name in rows[0]}
+        column = {name: bands(draws, withheld=ready.withheld) for name, draws in named.items()}
+        column |= {
+            name: np.mean(np.isfinite(np.concatenate(named[of])))
+            for name, of in (("folds", "jump_up"),)
+        }
+        columns.append({**column, "reach": ready.reach, "withheld": float(ready.withheld)})
+    units = messages.units_of_resonance(seen.attrs)
+    variables = {
+        name: (
+            ("quantile", "level") if np.ndim(columns[0][name]) else "level",
+            np.stack([column[name] for column in columns], -1),
+            units[name],
+        )
+        for name in columns[0]
+    }
+    return labelled(variables, {"level": ("level", levels, {"units": seen.source})}, load, seen)
+
+
+def _resonance(member: Member, load: Load, seen: Measured, level: float) -> dict[str, Values]:
+    """Return the quantities of a resonance, of every draw."""
+    found = resonance(member.motion, level_of(member, level))
+    top = exact_points(member.motion, found.peak, np.zeros_like(found.peak.y))
+    phasor = np.asarray(top.y * np.exp(1j * top.phase), complex)
+    response = response_of(member, load, seen, level, top.omega, phasor)
+    return {
+        "frequency": found.peak.omega[:, 0] / TAU,
+        "peak": np.abs(response)[:, 0],
+        "displacement": found.peak.y[:, 0],
+        "quality": found.quality[:, 0],
+        "half_power_width": found.width[:, 0] / TAU,
+        "jump_up": found.jump_up[:, 0] / TAU,
+        "jump_down": found.jump_down[:, 0] / TAU,
+    }
+
+
+def response_curve_of(
+    basis: Basis, level: float, band_hz: tuple[float, float], load: Load, num_freq: int = NUM_FREQ
+) -> xr.Dataset:
+    """Return the response curve of a level: see `Study.response_curve`."""
+    (level,), band_hz = checked_levels([level]), checked_band(band_hz)
+    seen = measured_of(basis, load)
+    ready = prepared(basis, load, peak_of(level), messages.sine(level, seen.source))
+    freq_hz = np.linspace(*band_hz, num_freq)
+    parts: dict[str, list[Values]] = {}
+    for member in ready.members:
+        peak = peaks(member.motion, level_of(member, level))
+        for name, values in _curve(member, load, seen, level, peak, freq_hz).items():
+            parts.setdefault(name, []).append(values)
+    unit, hertz, radian = seen.attrs, {"units": "Hz"}, {"units": "rad"}
+    points = {name: np.concatenate(parts[name]) for name in ("frequency", "amplitude", "phase")}
+    variables = {
+        name: (("draw", "point"), points[name], attrs)
+        for name, attrs in (("frequency", hertz), ("amplitude", unit), ("phase", radian))
+    }
+    variables["stable"] = (("draw", "point"), np.concatenate(parts["stable"]), {})
+    for name in ("upward", "downward"):
+        banded = bands(parts[name], withheld=ready.withheld)
+        variables[name] = (("quantile", "freq"), banded, unit)
+    facts = {"level": level, "reach": ready.reach, "withheld": int(ready.withheld)}
+    found = labelled(variables, {"freq": ("freq", freq_hz, hertz)}, ready.load, seen)
+    return found.assign_attrs(facts)
+
+
+def _curve(
+    member: Member, load: Load, seen: Measured, level: float, peak: Peaks, freq_hz: Values
+) -> dict[str, Values]:
+    """Return every draw's curve along its points, and in slow sweeps at stated frequencies."""
+    omega = TAU * freq_hz
+    curve = whole_curve(member.motion, peak, (float(omega[0]), float(omega[-1])))
+    phasor = np.asarray(curve.y * np.exp(1j * curve.phase), complex)[:, 0]
+    response = response_of(member, load, seen, level, curve.omega[:, 0], phasor)
+    found = {
+        "frequency": curve.omega[:, 0] / TAU,
+        "amplitude": np.abs(response),
+        "phase": np.angle(response),
+        "stable": curve.stable[:, 0],
+    }
+    for name, upward in (("upward", True), ("downward", False)):
+        y = swept(member.motion, peak, omega, upward=upward)[:, 0]
+        frequency = np.broadcast_to(omega, y.shape)
+        found[name] = np.abs(response_of(member, load, seen, level, frequency, y))
+    return found
+
+
+def notch_of(
+    basis: Basis, level: float, limit: float, band_hz: tuple[float, float], load: Load
+) -> xr.Dataset:
+    """Return the level that keeps a response within a limit: see `Study.notch`."""
+    (level, limit), band_hz = checked_levels([level, limit]), checked_band(band_hz)
+    seen = measured_of(basis, load)
+    freq_hz = np.linspace(*band_hz, NUM_FREQ)
+    omega = TAU * freq_hz
+
+    def displacement(member: Member) -> tuple[Values, Values]:
+        """Return the displacement that has the limit as its response, and the force for it."""
+        frequency = np.broadcast_to(omega, (len(member.motion.omega_n), len(omega)))
+        y = np.broadcast_to(
+            limit / seen.factor / omega ** derivative_order(seen.name), frequency.shape
+        )
+        ratio = force_ratio(member.motion.loops(y, frequency), frequency)
+        for _ in range(6 if load.is_base else 0):
+            share = load.participation
+            y = limit / seen.factor * abs(share) / np.abs(ratio + share * load.shape * frequency**2)
+            ratio = force_ratio(member.motion.loops(y, frequency), frequency)
+        return y, y * np.abs(ratio)
+
+    middle = np.argmin(np.abs(freq_hz - 0.5 * sum(band_hz)))
+    amplitude: Callable[[Member], Values] = lambda member: displacement(member)[0][:, middle]  # noqa: E731
+    ready = prepared(basis, load, amplitude, messages.limit(limit, seen.unit))
+    allowed = [displacement(member)[1] / np.abs(member.share) for member in ready.members]
+    unit = {"units": seen.source}
+    variables = {
+        "allowed": (("quantile", "freq"), bands(allowed, withheld=ready.withheld), unit),
+        "notched": (
+            ("quantile", "freq"),
+            bands([np.minimum(draws, level) for draws in allowed], withheld=ready.withheld),
+            unit,
+        ),
+    }
+    found = labelled(variables, {"freq": ("freq", freq_hz, {"units": "Hz"})}, ready.load, seen)
+    facts = {"limit": limit, "reach": ready.reach, "withheld": int(ready.withheld)}
+    return found.assign_attrs(facts)

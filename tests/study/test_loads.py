@@ -1,0 +1,184 @@
+"""A run's draws under other loads: the golden joints as posteriors, closed forms, refusals."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from made_runs import GAIN, JOINT, OMEGA_N, SILENT, ZETA, Z, a_test, a_tree, same, spread
+
+import jbw
+from jbw.errors import ConfigError, DataError, ModelError
+from jbw.forced.profiles import profile_of
+from jbw.identification.discrepancy import NO_SCATTER, Discrepancy, Missed, Scatter
+from jbw.study.study import Study
+
+GOLDEN = json.loads((Path(__file__).parents[1] / "golden_forced.json").read_text())
+GOLDEN_JOINT = GOLDEN["parameters"]["bouc_wen"]
+TAU = 2 * np.pi
+
+
+def study_of(draws, **options):
+    return Study(a_tree(draws, seen=[a_test(0.1)], **options), {})
+
+
+@pytest.fixture(scope="module")
+def golden_study():
+    """The golden joint with gain 2, of which velocity was measured."""
+    return study_of({**same(GOLDEN_JOINT), "gain": np.full(4, 2.0)})
+
+
+def test_the_resonance_is_the_golden_one_in_what_was_measured(golden_study):
+    golden = GOLDEN["sine"]["bouc_wen_folded"]
+    found = golden_study.resonance([golden["level"] / 2], draws=4)
+    assert found["frequency"].values[:, 0] == pytest.approx(golden["peak"]["hz"], rel=1e-5)
+    velocity = TAU * golden["peak"]["hz"] * golden["peak"]["Y1"]
+    assert found["peak"].values[:, 0] == pytest.approx(velocity, rel=1e-3)
+    assert found["peak"].attrs["units"] == "m/s"
+    assert found["level"].attrs["units"] == "V"
+    assert found["jump_up"].values[:, 0] == pytest.approx(golden["folds"][1]["hz"], rel=3e-6)
+    assert found["jump_down"].values[:, 0] == pytest.approx(golden["folds"][0]["hz"], rel=3e-6)
+    assert found["folds"].values == [1.0]
+    assert np.all(np.isnan(found["quality"].values))
+
+
+def test_a_gaussian_gain_has_the_band_of_its_closed_form():
+    found = study_of(spread()).resonance([0.1], draws=400)
+    low, middle, high = found["peak"].values[:, 0]
+    peak = GAIN * 0.1 / (2 * ZETA * OMEGA_N)  # of a velocity
+    assert middle == pytest.approx(peak, rel=1e-4)
+    # Quantiles of 400 draws at the tail: off by a tenth of the spacing of the last two.
+    assert (high - low) / 2 == pytest.approx(Z * 0.01 * peak, rel=0.05)
+    assert found.attrs["band"]
+
+
+def test_the_curve_has_what_sweeps_show(golden_study):
+    level = GOLDEN["sine"]["bouc_wen_folded"]["level"] / 2
+    found = golden_study.response_curve(level, (19.0, 20.5), draws=4)
+    assert found["frequency"].dims == ("draw", "point")
+    up, down = found["upward"].values[1], found["downward"].values[1]
+    folds = GOLDEN["sine"]["bouc_wen_folded"]["folds"]
+    freq_hz = found["freq"].values
+    between = (freq_hz > folds[0]["hz"]) & (freq_hz < folds[1]["hz"])
+    assert np.all(up[~between] == pytest.approx(down[~between], rel=1e-6))
+    assert not np.all(found["stable"].values)
+    near = np.argmin(np.abs(freq_hz - 19.4))
+    joint = jbw.BoucWen(**GOLDEN_JOINT)
+    motion = jbw.steady_state(joint, TAU * freq_hz[near], 2 * level)
+    expected = TAU * freq_hz[near] * abs(motion[0])
+    assert up[near] == pytest.approx(float(expected), rel=1e-4)
+
+
+def test_a_moving_base_has_the_golden_acceleration(golden_study):
+    golden = GOLDEN["sine"]["base_bouc_wen"]
+    found = golden_study.resonance([golden["base_acceleration"]], drive="base", draws=4, unit="g")
+    assert found["frequency"].values[1, 0] == pytest.approx(golden["hz"], rel=1e-5)
+    gain = golden["transmissibility_first_harmonic"]
+    largest = gain * golden["base_acceleration"] / 9.80665
+    assert found["peak"].values[1, 0] == pytest.approx(largest, rel=1e-3)
+    assert found["peak"].attrs["units"] == "g"
+    assert found["level"].attrs["units"] == "m/s^2"
+
+
+def test_a_limit_allows_the_level_whose_peak_it_is(golden_study):
+    peak = GOLDEN["sine"]["bouc_wen_weak"]["peak"]
+    level = GOLDEN["sine"]["bouc_wen_weak"]["level"] / 2
+    limit = TAU * peak["hz"] * peak["Y1"]
+    band = (peak["hz"] - 0.5, peak["hz"] + 0.5)
+    found = golden_study.notch(10 * level, limit, band, draws=4)
+    # The lowest allowed level is that of the resonance, between frequencies 0.004 Hz apart.
+    assert found["allowed"].values[1].min() == pytest.approx(level, rel=5e-3)
+    assert found["notched"].values.max() <= 10 * level
+    golden = GOLDEN["sine"]["base_bouc_wen"]
+    expected = golden["base_acceleration"]
+    acceleration = golden["transmissibility_first_harmonic"] * expected
+    base = golden_study.notch(1.0, acceleration, (19.8, 19.98), drive="base", draws=4)
+    assert base["allowed"].values[1].min() == pytest.approx(expected, rel=5e-3)
+
+
+def test_random_vibration_has_the_golden_rms(golden_study):
+    golden = GOLDEN["random"]["bouc_wen_moderate"]
+    rows = [(str(f), str(golden["psd"])) for f in golden["band_hz"]]
+    found = golden_study.random(profile_of(rows, "(m/s^2)^2/Hz"), drive="base", draws=4)
+    for name, key in (("rms", "rms_absolute_acceleration"), ("displacement", "rms_y")):
+        mean, error = golden[key]
+        assert found[name].values[1] == pytest.approx(mean, abs=max(3 * error, 3e-3 * mean))
+    power = np.trapezoid(found["psd"].values[1], found["freq"].values)
+    assert np.sqrt(power) == pytest.approx(found["rms"].values[1], rel=1e-6)
+    assert 3.0 < found["peak_factor"].values[1] < 5.0
+
+
+def test_a_shock_has_the_golden_maximum(golden_study):
+    golden = GOLDEN["shock"]["bouc_wen_half_sine_11ms_20"]
+    found = golden_study.shock("20 m/s^2, 11ms", drive="base", draws=4)
+    largest = golden["absolute_acceleration_max"]
+    assert found["largest"].values == pytest.approx(largest, rel=1e-5)
+    assert found["displacement"].values == pytest.approx(golden["relative_y_max"], rel=1e-5)
+    assert found["srs"].dims == ("quantile", "freq")
+
+
+def test_the_joints_are_a_pytree(golden_study):
+    joints = golden_study.joints(4)
+    assert joints.omega_n.shape == (4,)
+    assert float(joints.laws[0].alpha[0]) == GOLDEN_JOINT["alpha"]
+
+
+def test_levels_beyond_the_fitted_are_said_and_withheld(caplog):
+    """No run that was left out shows what the law misses at ten times the fitted displacement."""
+    study = study_of(same(GOLDEN_JOINT), y_peak=1e-5)
+    with caplog.at_level("WARNING", "jbw"):
+        found = study.resonance([1e-3], draws=4)
+    assert found["reach"].values[0] > 1.05
+    assert "times the largest displacement" in caplog.text
+
+
+def test_a_model_discrepancy_widens_the_band(monkeypatch):
+    """A discrepancy of 1e-3 in frequency is a standard deviation of that of the peak."""
+    import jbw.study.study as module
+
+    missed = Missed(Scatter(1e-3), NO_SCATTER)
+    stated = Discrepancy(missed, missed, {}, 1e-6, 1.0)
+    plain = module.basis_of
+    monkeypatch.setattr(module, "basis_of", lambda tree: replace(plain(tree), discrepancy=stated))
+    found = study_of(same(SILENT, 400)).resonance([0.01], draws=400)
+    low, middle, high = found["frequency"].values[:, 0]
+    # Quantiles of 400 normal numbers at the tail.
+    assert (high - low) / (2 * Z * middle) == pytest.approx(1e-3, rel=0.25)
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "match"),
+    [
+        (lambda s: s.resonance([-1.0]), ConfigError, "positive"),
+        (lambda s: s.resonance([]), ConfigError, "positive"),
+        (lambda s: s.response_curve(0.1, (20.0, 17.0)), ConfigError, "band"),
+        (lambda s: s.resonance([0.1], draws=1), ConfigError, "draws"),
+        (lambda s: s.resonance([0.1], drive="base", participation=0.0), ConfigError, "particip"),
+        (lambda s: s.resonance([0.1], unit="kg"), ConfigError, "kg"),
+        (lambda s: s.shock("20g,11ms"), ConfigError, "m/s"),
+        (
+            lambda s: s.random(profile_of([("1", "1"), ("5", "1")], "V^2/Hz")),
+            ModelError, "power",
+        ),
+        (
+            lambda s: s.random(profile_of([("5", "1"), ("80", "1")], "g^2/Hz")),
+            ConfigError, r"\(V\)\^2/Hz",
+        ),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_meant_is_refused(golden_study, call, error, match):
+    with pytest.raises(error, match=match):
+        call(golden_study)
+
+
+def test_decays_determine_no_gain():
+    draws = {name: values for name, values in same(JOINT).items() if name != "gain"}
+    with pytest.raises(DataError, match="gain"):
+        study_of(draws).resonance([0.1], draws=4)
+
+
+def test_several_modes_are_refused():
+    draws = {**same(JOINT), "omega_2": np.full(4, 200.0), "zeta_2": np.full(4, 0.01)}
+    with pytest.raises(ModelError, match="one mode"):
+        study_of(draws).resonance([0.1], draws=4)
