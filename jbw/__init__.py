@@ -8,6 +8,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from jbw import forced as forced
     from jbw import paper as paper
     from jbw import rig as rig
     from jbw.assembly.files.read import read_matrices as read_matrices
@@ -26,6 +27,11 @@ if TYPE_CHECKING:
     from jbw.errors import JbwError as JbwError
     from jbw.errors import ModelError as ModelError
     from jbw.errors import RunError as RunError
+    from jbw.forced.profiles import Profile as Profile
+    from jbw.forced.profiles import profile_of as profile_of
+    from jbw.forced.profiles import read_profile as read_profile
+    from jbw.forced.shock import Pulse as Pulse
+    from jbw.forced.shock import shock_spectrum as shock_spectrum
     from jbw.identification.linear import line_fit as line_fit
     from jbw.identification.linear import pool as pool
     from jbw.identification.modal import fit_modes as fit_modes
@@ -110,6 +116,8 @@ _HOME = {
     "Oscillator": "oscillator.oscillator",
     "Polynomial": "oscillator.laws.springs",
     "Record": "measurement.records",
+    "Profile": "forced.profiles",
+    "Pulse": "forced.shock",
     "ReducedModel": "assembly.reduce",
     "Response": "oscillator.response",
     "RunError": "errors",
@@ -151,14 +159,17 @@ _HOME = {
     "numpyro_model": "study.numpyro_model",
     "plan_tests": "planning.making",
     "pool": "identification.linear",
+    "profile_of": "forced.profiles",
     "population_of": "population.population",
     "read": "measurement.files.read",
     "read_fleet": "population.fleet",
+    "read_profile": "forced.profiles",
     "read_matrices": "assembly.files.read",
     "record_frf": "measurement.transients",
     "reduce": "assembly.reduce",
     "response_curve": "oscillator.steady.continuation",
     "sbc": "lab.calibration",
+    "shock_spectrum": "forced.shock",
     "shooting": "oscillator.periodic",
     "simulate": "oscillator.response",
     "smoothing": "paper.coefficients",
@@ -179,6 +190,7 @@ _HOME = {
 _ROOMS = {
     "conventions": "jbw.oscillator.conventions",
     "excitation": "jbw.oscillator.excitation",
+    "forced": "jbw.forced",
     "plots": "jbw.report.plots",
     "laws": "jbw.oscillator.laws",
     "paper": "jbw.paper",

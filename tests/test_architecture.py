@@ -40,7 +40,8 @@ SEES = {
     "identification": MODEL | {"paper"},
     "verification": MODEL | {"identification"},
     "planning": MODEL | {"verification"},
-    "study": MODEL | {"assembly", "forced", "identification", "verification", "report", "rig", "run"},
+    "study": MODEL
+    | {"assembly", "forced", "identification", "verification", "report", "rig", "run"},
     "export": {"assembly", "oscillator", "report", "study", "verification"},
     "law_comparison": MODEL | {"identification", "report", "run", "study", "verification"},
     "lab": MODEL | {"identification", "report", "rig", "run", "study"},

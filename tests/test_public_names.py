@@ -23,6 +23,7 @@ MODULES = {
     "jbw": "jbw",
     "jbw.conventions": "jbw.oscillator.conventions",
     "jbw.excitation": "jbw.oscillator.excitation",
+    "jbw.forced": "jbw.forced",
     "jbw.plots": "jbw.report.plots",
     "jbw.laws": "jbw.oscillator.laws",
     "jbw.paper": "jbw.paper",

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from jbw.cli.loads import LOADS, Quantities, bare, predict_loads
 from jbw.cli.options import json_option, out_option, outside_option, run_argument
 from jbw.cli.printing import answer
 from jbw.cli.progress import computing, working
@@ -46,8 +47,40 @@ class FromTo(click.ParamType):
 @click.option("--sweep", type=FromTo(), help="A sweep nobody measured, from:to [Hz].")
 @click.option("--stepped", type=FromTo(), help="A stepped sine nobody measured, from:to [Hz].")
 @click.option("--tone", type=float, help="A tone nobody measured [Hz].")
-@click.option("--level", "levels", type=float, multiple=True, help="Its amplitude, as the run's.")
-@click.option("--duration", type=float, default=64.0, show_default=True, help="Of the sweep [s].")
+@click.option("--response", type=FromTo(), help="Response curves of sines, from:to [Hz].")
+@click.option("--psd", type=click.Path(path_type=Path), help="Random profile: a CSV file.")
+@click.option("--shock", help="A shock, such as 20g,11ms or 20g,11ms,sawtooth.")
+@click.option("--notch", type=Quantities(), help="Largest response of the curves, such as 5g.")
+@click.option("--base", is_flag=True, help="Levels are accelerations of the base, such as 2g.")
+@click.option(
+    "--participation",
+    type=float,
+    default=1.0,
+    show_default=True,
+    help="Participation of the mode in the motion of the base.",
+)
+@click.option(
+    "--shape",
+    type=float,
+    default=1.0,
+    show_default=True,
+    help="Motion of the measured point in the mode, on a moving base.",
+)
+@click.option("--unit", default="", help="Unit of the response, such as g; SI when left out.")
+@click.option(
+    "--level",
+    "levels",
+    type=Quantities(),
+    multiple=True,
+    help="Amplitudes of sweeps, tones and curves, as the run's source; 0.1,0.2 for two.",
+)
+@click.option(
+    "--duration",
+    type=float,
+    default=64.0,
+    show_default=True,
+    help="Duration of the sweep or of the random motion [s].",
+)
 @click.option("--fs", type=float, default=1024.0, show_default=True, help="Of the sweep [Hz].")
 @click.option("--without-noise", is_flag=True, help="Bands of the parameters alone.")
 @click.option("--draws", type=int, default=100, show_default=True, help="Draws carried along.")
@@ -64,6 +97,11 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
     nobody measured: a linear sweep from rest, which fades out over its last 2 %, a stepped sine or
     a tone. predictions.nc has the bands by test, predictions.json the table, figures/ a figure of
     each. A test beyond the displacements that were fitted is said to be.
+
+    Other loads are predicted from the joint alone: --response draws response curves with their
+    jumps, --psd random vibration, --shock a shock, each as a force or as an acceleration of the
+    base, and --notch the level that keeps a response within a limit. loads.nc has their bands,
+    loads.json the answers; each has a CSV file and a figure.
     """
     with computing() as say:
         from jbw.campaign.gains import force_per_unit
@@ -76,6 +114,8 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
 
         say(f"Reading {folder}")
         basis = basis_in(folder)
+        if any(options[name] is not None for name in LOADS):
+            return predict_loads(folder, basis, options, say)
         # Planned tests are in the run's own unit, whatever the campaign says of its gain.
         request = predicting.Request(options["draws"], not options["without_noise"])
         requests = [(test, request) for test in _planned(basis, options)]
@@ -147,9 +187,10 @@ def _planned(basis: "Basis", options: Mapping[str, Any]) -> "Iterator[Test]":
     from jbw.verification import planned
 
     sweep, stepped, tone = (options[kind] for kind in ("sweep", "stepped", "tone"))
-    if any(quantity is not None for quantity in (sweep, stepped, tone)) != bool(options["levels"]):
-        raise click.UsageError("--level goes with --sweep, --stepped or --tone.")
-    for level in options["levels"]:
+    levels = bare(options["levels"])
+    if any(quantity is not None for quantity in (sweep, stepped, tone)) != bool(levels):
+        raise click.UsageError("--level goes with --sweep, --stepped, --tone or --response.")
+    for level in levels:
         if sweep is not None:
             yield planned.planned_sweep(basis, sweep, level, options["duration"], options["fs"])
         if stepped is not None:

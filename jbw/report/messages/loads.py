@@ -72,3 +72,27 @@ def units_of_random(response: Mapping[str, str]) -> dict[str, dict[str, str]]:
         "damping": {**NUMBER, "long_name": "equivalent damping ratio"},
         "psd": {"units": f"({unit})^2/Hz", "long_name": f"spectral density of the {name}"},
     }
+
+
+RESPONSE_NEEDS = "--response needs --level, and --notch needs both."
+
+
+def no_quantity(text: str) -> str:
+    """That a text is no number with a unit."""
+    return f"Each value must be a number with or without a unit, such as 0.1 or 2g, not {text!r}."
+
+
+def bare_level(unit: str) -> str:
+    """That the level of a planned test has a unit."""
+    return f"--level of a sweep, of steps or of a tone is in the run's own unit, not in {unit}."
+
+
+def contains(attrs: Mapping[str, Any]) -> str:
+    """What the bands contain, and which participation a moving base has."""
+    said = f"Bands of 99 % contain {attrs['band']} ({attrs['num_draws']} draws)."
+    if attrs["drive"] != "base":
+        return said
+    return (
+        f"{said} The mode has the participation {attrs['participation']:g} and the shape "
+        f"{attrs['shape']:g}, as stated by --participation and --shape."
+    )

@@ -1,0 +1,166 @@
+"""Loads of `jbw predict`: response curves, random profiles, shocks, notches."""
+
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from jbw.cli.printing import answer
+from jbw.cli.progress import working
+from jbw.errors import ConfigError
+from jbw.report.messages import loads as messages
+from jbw.report.table import Column, Table, table, words
+from jbw.report.text import NOTHING, number
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+    from jbw.study.loads import Load
+    from jbw.verification.predictive_basis import Basis
+
+LOADS = ("response", "psd", "shock", "notch")
+Found = dict[str, "xr.Dataset"]
+
+
+class Quantities(click.ParamType):
+    """Numbers with commas between them, each with or without a unit, as (value, unit)."""
+
+    name = "value"
+
+    def convert(self, value: Any, *of: Any) -> list[tuple[float, str]]:
+        """Numbers and units."""
+        if not isinstance(value, str):
+            return value
+        found = []
+        for part in value.split(","):
+            match = re.fullmatch(r"\s*([+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?)\s*(\S*)\s*", part)
+            if match is None:
+                self.fail(messages.no_quantity(part), *of)
+            found.append((float(match[1]), match[2]))
+        return found
+
+
+def in_unit(quantity: tuple[float, str], unit: str, option: str) -> float:
+    """Return a value in a unit, from its own where it states one."""
+    from jbw.units import measured, plain
+
+    value, stated = quantity
+    if not stated:
+        return value
+    have, want = measured(plain(stated)), measured(plain(unit))
+    if have is None or want is None or have[1] != want[1]:
+        raise ConfigError(
+            f"Option {option} must be in {unit}, but is in {stated}.",
+            remedy="Give it in that unit, or with --base for an acceleration of the base.",
+        )
+    return value * have[0] / want[0]
+
+
+def bare(quantities: tuple[list[tuple[float, str]], ...]) -> list[float]:
+    """Return levels of planned tests, which are in the run's own unit."""
+    values = [quantity for some in quantities for quantity in some]
+    for _, unit in values:
+        if unit:
+            raise click.UsageError(messages.bare_level(unit))
+    return [value for value, _ in values]
+
+
+def predict_loads(folder: Path, basis: "Basis", options: Mapping[str, Any], say: Any) -> None:
+    """Predict the loads that the options ask for, save them, and print the answers."""
+    from jbw.study.loads import BASE, Load
+    from jbw.study.saved_loads import save_loads
+
+    load = Load(
+        drive=BASE if options["base"] else "force",
+        draws=options["draws"],
+        participation=options["participation"],
+        shape=options["shape"],
+        unit=options["unit"],
+    )
+    with working(say, options["out"] or folder / "predictions") as job:
+        found: Found = {}
+        for name, dataset in _loads(basis, load, options):
+            say(f"Predicted: {name}")
+            found[name] = dataset
+        rows = [row for name, dataset in found.items() for row in rows_of(name, dataset)]
+        say("Writing figures")
+        save_loads(job.folder, found, rows)
+    says = [messages.contains(next(iter(found.values())).attrs)]
+    place = f"Predictions: {job.folder / 'loads.nc'}"
+    answer(options["json_"], {"run": str(folder), "loads": rows}, _table(rows), *says, saved=place)
+
+
+def _loads(
+    basis: "Basis", load: "Load", options: Mapping[str, Any]
+) -> "Iterator[tuple[str, xr.Dataset]]":
+    """Yield every prediction with its name."""
+    from jbw.forced.profiles import read_profile
+    from jbw.forced.shock import pulse_of
+    from jbw.study.loads import measured_of
+    from jbw.study.loads_in_time import random_of, shock_of
+    from jbw.study.loads_of_sines import notch_of, resonance_of, response_curve_of
+
+    seen, band = measured_of(basis, load), options["response"]
+    stated = [quantity for some in options["levels"] for quantity in some]
+    levels = [in_unit(quantity, seen.source, "--level") for quantity in stated]
+    if (band is not None and not levels) or (options["notch"] and not (band and levels)):
+        raise click.UsageError(messages.RESPONSE_NEEDS)
+    if band is not None:
+        yield "resonance", resonance_of(basis, levels, load)
+        for level in levels:
+            curve = response_curve_of(basis, level, band, load)
+            yield f"response at {level:.6g} {seen.source}", curve
+            for quantity in options["notch"] or ():
+                limit = in_unit(quantity, seen.unit, "--notch")
+                notch = notch_of(basis, level, limit, band, load)
+                yield f"notch of {level:.6g} {seen.source} at {limit:.6g} {seen.unit}", notch
+    if options["psd"] is not None:
+        profile = read_profile(options["psd"])
+        yield "random", random_of(basis, profile, options["duration"], load)
+    if options["shock"] is not None:
+        yield "shock", shock_of(basis, pulse_of(options["shock"]), load)
+
+
+def rows_of(name: str, dataset: "xr.Dataset") -> list[dict[str, Any]]:
+    """Return the bands of single numbers, one row a quantity and level."""
+    rows = []
+    for key, values in dataset.data_vars.items():
+        if values.dims not in (("quantile",), ("quantile", "level")):
+            continue
+        columns = values.values.reshape(3, -1).T
+        levels = dataset["level"].values if "level" in values.dims else [None]
+        for level, (low, middle, high) in zip(levels, columns, strict=True):
+            rows.append({
+                "load": name, "level": None if level is None else float(level),
+                "level_unit": dataset.attrs["source_unit"], "quantity": str(key),
+                "low": float(low), "median": float(middle), "high": float(high),
+                "unit": values.attrs["units"],
+            })  # fmt: skip
+    return rows
+
+
+def _table(rows: list[dict[str, Any]]) -> Table:
+    """The answers, a line a quantity."""
+    return table(
+        "",
+        rows,
+        words("load", "load"),
+        Column("level", _level),
+        Column("quantity", lambda row: row["quantity"].replace("_", " "), align="left"),
+        Column("median [99 %]", _band),
+        words("unit", "unit"),
+    )
+
+
+def _level(row: Mapping[str, Any]) -> str:
+    return NOTHING if row["level"] is None else f"{row['level']:.6g} {row['level_unit']}"
+
+
+def _band(row: Mapping[str, Any]) -> str:
+    low, middle, high = (row[name] for name in ("low", "median", "high"))
+    if middle != middle:
+        return NOTHING
+    low_text, text, high_text = (number(x, high - low) for x in (low, middle, high))
+    return f"{text} [{low_text}, {high_text}]"

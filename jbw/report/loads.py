@@ -1,0 +1,81 @@
+"""Figures of predictions under other loads: response curves, notches, spectra, shocks."""
+
+from typing import Any
+
+import xarray as xr
+
+from jbw.report import style
+from jbw.report.style import Panels, draw_model, finish, log_y, panels, shade, title
+from jbw.report.text import axis_label
+
+
+def load_figure(name: str, dataset: xr.Dataset) -> Panels:
+    """Draw a prediction of `Study.response_curve`, `notch`, `random`, `shock` or `resonance`."""
+    draw = next(
+        (draw for variable, draw in FIGURES.items() if variable in dataset.data_vars), _levels
+    )
+    axes = draw(dataset)
+    title(axes.flat[0], style.plain(name))
+    return axes
+
+
+def _label(values: xr.DataArray) -> str:
+    return axis_label(str(values.attrs.get("long_name", values.name)), values.attrs["units"])
+
+
+def _curve(dataset: xr.Dataset) -> Panels:
+    axes = panels(None, 1, 1, height=3.2)
+    ax, freq = axes[0, 0], dataset["freq"].values
+    draw_model(ax, freq, dataset["upward"].values, "upward sweep, median")
+    down = dataset["downward"].values
+    shade(ax, freq, down[0], down[2], style.SKY, "downward sweep, 99 % band")
+    ax.plot(freq, down[1], color=style.BLUE, lw=1.0, ls="--", label="downward sweep, median")
+    log_y(ax)
+    return finish(axes, None, axis_label("frequency", "Hz"), _label(dataset["upward"]))
+
+
+def _notch(dataset: xr.Dataset) -> Panels:
+    axes = panels(None, 1, 1, height=3.2)
+    ax, freq = axes[0, 0], dataset["freq"].values
+    draw_model(ax, freq, dataset["allowed"].values, "allowed, median")
+    ax.plot(freq, dataset["notched"].values[1], color=style.BLUE, label="notched level")
+    log_y(ax)
+    unit = dataset["allowed"].attrs["units"]
+    return finish(axes, None, axis_label("frequency", "Hz"), axis_label("level", unit))
+
+
+def _random(dataset: xr.Dataset) -> Panels:
+    axes = panels(None, 1, 1, height=3.2)
+    ax = axes[0, 0]
+    draw_model(ax, dataset["freq"].values, dataset["psd"].values, "median")
+    ax.set_xscale("log")
+    log_y(ax)
+    return finish(axes, None, axis_label("frequency", "Hz"), _label(dataset["psd"]))
+
+
+def _shock(dataset: xr.Dataset) -> Panels:
+    axes = panels(None, 2 if "srs" in dataset else 1, 1, height=3.2)
+    draw_model(axes[0, 0], dataset["time"].values, dataset["response"].values, "median")
+    axes[0, 0].set_ylabel(_label(dataset["response"]))
+    axes[0, 0].set_xlabel(axis_label("time", "s"))
+    if "srs" in dataset:
+        draw_model(axes[1, 0], dataset["freq"].values, dataset["srs"].values, "median")
+        axes[1, 0].set_xscale("log")
+        log_y(axes[1, 0])
+        axes[1, 0].set_xlabel(axis_label("natural frequency, Q = 10", "Hz"))
+        axes[1, 0].set_ylabel(_label(dataset["srs"]))
+    return finish(axes, None)
+
+
+def _levels(dataset: xr.Dataset) -> Panels:
+    axes = panels(None, 2, 1, height=4.2, sharex=True)
+    level: Any = dataset["level"]
+    for ax, name in zip(axes[:, 0], ("frequency", "peak"), strict=True):
+        low, middle, high = dataset[name].values
+        spread = [middle - low, high - middle]
+        ax.errorbar(level.values, middle, spread, color=style.MODEL, marker="o", ms=3, capsize=3)
+        ax.set_ylabel(_label(dataset[name]))
+    return finish(axes, None, axis_label("level", level.attrs["units"]))
+
+
+FIGURES = {"upward": _curve, "allowed": _notch, "psd": _random, "response": _shock}

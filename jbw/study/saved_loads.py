@@ -1,0 +1,72 @@
+"""Predictions under other loads in a folder: numbers, CSV files and figures."""
+
+import re
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from jbw.report.loads import load_figure
+from jbw.run.netcdf import write_tree
+from jbw.study.store import Write, save_outputs, write_figure, write_json
+from jbw.verification.places import safe
+
+
+def save_loads(
+    folder: Path, found: Mapping[str, xr.Dataset], rows: Sequence[Mapping[str, Any]]
+) -> None:
+    """Write loads.nc, loads.json, a CSV file a prediction and figures/; whole as a result."""
+    tree = xr.DataTree.from_dict({f"/{safe(name)}": dataset for name, dataset in found.items()})
+    slugs = {name: re.sub(r"[^\w.-]+", "_", name) for name in found}
+
+    def draw(figures: Path) -> None:
+        figures.mkdir()
+        for name, dataset in found.items():
+            write_figure(figures / f"{slugs[name]}.png", load_figure(name, dataset))
+
+    numbers: dict[str, Write] = {
+        "loads.json": lambda path: write_json(path, plain_rows(rows)),
+        "loads.nc": lambda path: write_tree(path, tree),
+    }
+    for name, dataset in found.items():
+        for axis, text in csv_tables(dataset).items():
+            suffix = "" if axis in ("freq", "level") else f"_{axis}"
+            numbers[f"{slugs[name]}{suffix}.csv"] = partial(_write_text, text)
+    save_outputs(folder, numbers, {"figures": draw})
+
+
+def plain_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Return rows with None for each number that is not finite."""
+    return [
+        {key: None if isinstance(x, float) and not np.isfinite(x) else x for key, x in row.items()}
+        for row in rows
+    ]
+
+
+def csv_tables(dataset: xr.Dataset) -> dict[str, str]:
+    """Return the bands of a prediction as CSV, by the axis that they are over."""
+    columns: dict[str, dict[str, np.ndarray]] = {}
+    for name, values in dataset.data_vars.items():
+        if values.dims[:1] != ("quantile",) or len(values.dims) != 2:
+            continue
+        axis = str(values.dims[1])
+        of_axis = columns.setdefault(axis, {
+            f"{axis} [{dataset[axis].attrs['units']}]": dataset[axis].values
+        })  # fmt: skip
+        for end, row in zip(("_low", "", "_high"), values.values, strict=True):
+            of_axis[f"{name}{end} [{values.attrs['units']}]"] = row
+    return {axis: _csv(of_axis) for axis, of_axis in columns.items()}
+
+
+def _csv(columns: Mapping[str, np.ndarray]) -> str:
+    """Return named columns as text, with nine digits."""
+    rows = zip(*columns.values(), strict=True)
+    lines = [",".join(columns), *(",".join(f"{x:.9g}" for x in row) for row in rows)]
+    return "\n".join(lines) + "\n"
+
+
+def _write_text(text: str, path: Path) -> None:
+    path.write_text(text, encoding="utf-8")
