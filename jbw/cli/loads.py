@@ -71,6 +71,7 @@ def predict_loads(folder: Path, basis: "Basis", options: Mapping[str, Any], say:
     """Predict the loads that the options ask for, save them, and print the answers."""
     from jbw.study.loads import BASE, Load
     from jbw.study.saved_loads import save_loads
+    from jbw.verification.predict import warnings_of
 
     load = Load(
         drive=BASE if options["base"] else "force",
@@ -84,12 +85,16 @@ def predict_loads(folder: Path, basis: "Basis", options: Mapping[str, Any], say:
         for name, dataset in _loads(basis, load, options):
             say(f"Predicted: {name}")
             found[name] = dataset
+        warnings = [line for dataset in found.values() for line in warnings_of(dataset)]
+        for sentence in dict.fromkeys(warnings):
+            say(f"warning: {sentence}")
         rows = [row for name, dataset in found.items() for row in rows_of(name, dataset)]
         say("Writing figures")
         save_loads(job.folder, found, rows)
     says = [messages.contains(next(iter(found.values())).attrs)]
     place = f"Predictions: {job.folder / 'loads.nc'}"
-    answer(options["json_"], {"run": str(folder), "loads": rows}, _table(rows), *says, saved=place)
+    record = {"run": str(folder), "loads": rows, "warnings": list(dict.fromkeys(warnings))}
+    answer(options["json_"], record, _table(rows), *says, saved=place)
 
 
 def _loads(

@@ -23,7 +23,7 @@ from jbw.forced.equivalent import EquivalentMotion, Loops, Values
 from jbw.forced.roots import bracketed_root
 from jbw.forced.table import LoopTable, tabulated
 
-COARSE, FINE = 24, 96  # nodes of the tables that a peak is searched in
+COARSE, FINE = 16, 96  # nodes of the tables that a peak is searched in
 POINTS = 160  # of half a curve
 ROUNDS = 4  # of the iteration for a frequency; each gains a factor of about zeta^2
 CORRECTIONS = 4  # by the loops themselves, each gains the square of what the table misses

@@ -27,7 +27,7 @@ from jbw.oscillator.parameters import Scalar
 from jbw.oscillator.steady.waveform import crest, orders, synthesis
 
 Values = NDArray[np.float64]
-LANES = 512  # amplitudes in one compiled call, whatever the number of draws
+LANES = 128  # amplitudes in one compiled call, whatever the number of draws
 STEP = 1e-4  # of amplitude or frequency, for slopes by differences
 CONDENSED, MOST_STEPS = 1e-13, 60  # change of a harmonic over Y that ends its iteration
 

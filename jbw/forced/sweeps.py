@@ -7,7 +7,7 @@ from jbw.forced.curves import Curve, Peaks, along, force_ratio, places
 from jbw.forced.equivalent import EquivalentMotion, Values
 from jbw.forced.roots import bracketed_root
 
-ROUNDS = 12  # of the search within a cell of the curve
+ROUNDS = 8  # of the search within a cell of the curve, which leave 1e-7 of the amplitude
 Complexes = NDArray[np.complex128]
 
 

@@ -2,11 +2,14 @@
 
 from typing import Any
 
+import numpy as np
 import xarray as xr
 
 from jbw.report import style
 from jbw.report.style import Panels, draw_model, finish, log_y, panels, shade, title
 from jbw.report.text import axis_label
+
+BAND = "99 % band"
 
 
 def load_figure(name: str, dataset: xr.Dataset) -> Panels:
@@ -26,10 +29,11 @@ def _label(values: xr.DataArray) -> str:
 def _curve(dataset: xr.Dataset) -> Panels:
     axes = panels(None, 1, 1, height=3.2)
     ax, freq = axes[0, 0], dataset["freq"].values
-    draw_model(ax, freq, dataset["upward"].values, "upward sweep, median")
-    down = dataset["downward"].values
-    shade(ax, freq, down[0], down[2], style.SKY, "downward sweep, 99 % band")
-    ax.plot(freq, down[1], color=style.BLUE, lw=1.0, ls="--", label="downward sweep, median")
+    up, down = dataset["upward"].values, dataset["downward"].values
+    draw_model(ax, freq, up, "upward sweep, median", holds=BAND)
+    if not np.allclose(up, down, rtol=1e-3, equal_nan=True):
+        shade(ax, freq, down[0], down[2], style.SKY, "downward sweep, 99 % band")
+        ax.plot(freq, down[1], color=style.BLUE, lw=1.0, ls="--", label="downward sweep, median")
     log_y(ax)
     return finish(axes, None, axis_label("frequency", "Hz"), _label(dataset["upward"]))
 
@@ -37,7 +41,7 @@ def _curve(dataset: xr.Dataset) -> Panels:
 def _notch(dataset: xr.Dataset) -> Panels:
     axes = panels(None, 1, 1, height=3.2)
     ax, freq = axes[0, 0], dataset["freq"].values
-    draw_model(ax, freq, dataset["allowed"].values, "allowed, median")
+    draw_model(ax, freq, dataset["allowed"].values, "allowed, median", holds=BAND)
     ax.plot(freq, dataset["notched"].values[1], color=style.BLUE, label="notched level")
     log_y(ax)
     unit = dataset["allowed"].attrs["units"]
@@ -47,7 +51,7 @@ def _notch(dataset: xr.Dataset) -> Panels:
 def _random(dataset: xr.Dataset) -> Panels:
     axes = panels(None, 1, 1, height=3.2)
     ax = axes[0, 0]
-    draw_model(ax, dataset["freq"].values, dataset["psd"].values, "median")
+    draw_model(ax, dataset["freq"].values, dataset["psd"].values, "median", holds=BAND)
     ax.set_xscale("log")
     log_y(ax)
     return finish(axes, None, axis_label("frequency", "Hz"), _label(dataset["psd"]))
@@ -55,11 +59,11 @@ def _random(dataset: xr.Dataset) -> Panels:
 
 def _shock(dataset: xr.Dataset) -> Panels:
     axes = panels(None, 2 if "srs" in dataset else 1, 1, height=3.2)
-    draw_model(axes[0, 0], dataset["time"].values, dataset["response"].values, "median")
+    draw_model(axes[0, 0], dataset["time"].values, dataset["response"].values, "median", holds=BAND)
     axes[0, 0].set_ylabel(_label(dataset["response"]))
     axes[0, 0].set_xlabel(axis_label("time", "s"))
     if "srs" in dataset:
-        draw_model(axes[1, 0], dataset["freq"].values, dataset["srs"].values, "median")
+        draw_model(axes[1, 0], dataset["freq"].values, dataset["srs"].values, "median", holds=BAND)
         axes[1, 0].set_xscale("log")
         log_y(axes[1, 0])
         axes[1, 0].set_xlabel(axis_label("natural frequency, Q = 10", "Hz"))

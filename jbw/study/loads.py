@@ -29,7 +29,7 @@ from jbw.verification.bands import QUANTILE_AXIS, QUANTILES
 from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws
 from jbw.verification.withheld import is_withheld
 
-FEW = 8  # draws that tell the amplitude of a load
+FEW = 4  # draws that tell the amplitude of a load
 ONE_HARMONIC = 1e-3  # of the third harmonic over the first: up to here one harmonic has 1e-5
 MANY = 8  # harmonics elsewhere
 TAU = 2.0 * np.pi
@@ -179,12 +179,20 @@ class Prepared(NamedTuple):
         reach: Largest amplitude over the largest that was fitted; NaN where not known.
         withheld: Whether no band can be stated at this amplitude.
         load: The load, with its harmonics.
+        warnings: Sentences on what must be known before the prediction is trusted.
     """
 
     members: list[Member]
     reach: float
     withheld: bool
     load: Load
+    warnings: tuple[str, ...]
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """Attributes of the prediction."""
+        said = "\n".join(self.warnings)
+        return {"reach": self.reach, "withheld": int(self.withheld), "warnings": said}
 
 
 def prepared(
@@ -208,9 +216,8 @@ def prepared(
     missed = NOTHING if basis.discrepancy is None else basis.discrepancy.at(y)
     members = members_of(basis, load, load.draws, missed)
     withheld = is_withheld(basis, (y,))
-    for sentence in messages.warnings_of(what, y, reach, BEYOND, withheld=withheld):
-        messages.logger.warning(sentence)
-    return Prepared(members, reach, withheld, load)
+    warnings = tuple(messages.warnings_of(what, y, reach, BEYOND, withheld=withheld))
+    return Prepared(members, reach, withheld, load, warnings)
 
 
 def _harmonics(member: Member, y: float) -> int:

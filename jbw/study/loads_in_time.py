@@ -72,8 +72,8 @@ def random_of(basis: Basis, profile: Profile, duration: float, load: Load) -> xr
         for name, draws in parts.items()
     }
     found = labelled(variables, {"freq": ("freq", freq_hz, {"units": "Hz"})}, ready.load, seen)
-    facts = {"duration": duration, "profile_rms": stated.rms, "reach": ready.reach}
-    return found.assign_attrs(facts, withheld=int(ready.withheld))
+    facts = {"duration": duration, "profile_rms": stated.rms, **ready.facts}
+    return found.assign_attrs(facts)
 
 
 def _frequencies(centre: Values, damping: Values, band: tuple[float, float], few: int) -> Values:
@@ -133,4 +133,4 @@ def shock_of(basis: Basis, pulse: Pulse, load: Load) -> xr.Dataset:
         "freq": ("freq", freq_hz, {"units": "Hz"}),
     }
     found = labelled(variables, coords, ready.load, seen)
-    return found.assign_attrs(reach=ready.reach, withheld=int(ready.withheld))
+    return found.assign_attrs(ready.facts)

@@ -33,17 +33,16 @@ NUM_FREQ = 241  # of a curve
 def resonance_of(basis: Basis, levels: Iterable[float], load: Load) -> xr.Dataset:
     """Return the resonance at each level: see `Study.resonance`."""
     levels = checked_levels(levels)
-    seen, columns = measured_of(basis, load), []
+    seen, columns, warnings = measured_of(basis, load), [], []
     for level in levels:
         ready = prepared(basis, load, peak_of(level), messages.sine(level, seen.source))
         rows = [_resonance(member, ready.load, seen, level) for member in ready.members]
         named = {name: [row[name] for row in rows] for name in rows[0]}
         column = {name: bands(draws, withheld=ready.withheld) for name, draws in named.items()}
-        column |= {
-            name: np.mean(np.isfinite(np.concatenate(named[of])))
-            for name, of in (("folds", "jump_up"),)
-        }
-        columns.append({**column, "reach": ready.reach, "withheld": float(ready.withheld)})
+        folds = np.mean(np.isfinite(np.concatenate(named["jump_up"])))
+        known = {"folds": folds, "reach": ready.reach, "withheld": float(ready.withheld)}
+        columns.append({**column, **known})
+        warnings += ready.warnings
     units = messages.units_of_resonance(seen.attrs)
     variables = {
         name: (
@@ -53,7 +52,8 @@ def resonance_of(basis: Basis, levels: Iterable[float], load: Load) -> xr.Datase
         )
         for name in columns[0]
     }
-    return labelled(variables, {"level": ("level", levels, {"units": seen.source})}, load, seen)
+    found = labelled(variables, {"level": ("level", levels, {"units": seen.source})}, load, seen)
+    return found.assign_attrs(warnings="\n".join(warnings))
 
 
 def _resonance(member: Member, load: Load, seen: Measured, level: float) -> dict[str, Values]:
@@ -96,7 +96,7 @@ def response_curve_of(
     for name in ("upward", "downward"):
         banded = bands(parts[name], withheld=ready.withheld)
         variables[name] = (("quantile", "freq"), banded, unit)
-    facts = {"level": level, "reach": ready.reach, "withheld": int(ready.withheld)}
+    facts = {"level": level, **ready.facts}
     found = labelled(variables, {"freq": ("freq", freq_hz, hertz)}, ready.load, seen)
     return found.assign_attrs(facts)
 
@@ -158,5 +158,5 @@ def notch_of(
         ),
     }
     found = labelled(variables, {"freq": ("freq", freq_hz, {"units": "Hz"})}, ready.load, seen)
-    facts = {"limit": limit, "reach": ready.reach, "withheld": int(ready.withheld)}
+    facts = {"limit": limit, **ready.facts}
     return found.assign_attrs(facts)

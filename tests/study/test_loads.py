@@ -9,6 +9,7 @@ import pytest
 from made_runs import GAIN, JOINT, OMEGA_N, SILENT, ZETA, Z, a_test, a_tree, same, spread
 
 import jbw
+import jbw.study.study as module
 from jbw.errors import ConfigError, DataError, ModelError
 from jbw.forced.profiles import profile_of
 from jbw.identification.discrepancy import NO_SCATTER, Discrepancy, Missed, Scatter
@@ -124,19 +125,31 @@ def test_the_joints_are_a_pytree(golden_study):
     assert float(joints.laws[0].alpha[0]) == GOLDEN_JOINT["alpha"]
 
 
-def test_levels_beyond_the_fitted_are_said_and_withheld(caplog):
-    """No run that was left out shows what the law misses at ten times the fitted displacement."""
-    study = study_of(same(GOLDEN_JOINT), y_peak=1e-5)
-    with caplog.at_level("WARNING", "jbw"):
-        found = study.resonance([1e-3], draws=4)
-    assert found["reach"].values[0] > 1.05
-    assert "times the largest displacement" in caplog.text
+def test_levels_beyond_the_fitted_are_said():
+    """The response is ten times the displacement that was fitted."""
+    level = 1e-3
+    reached = study_of(same(GOLDEN_JOINT)).resonance([level], draws=4)["displacement"].values[1, 0]
+    found = study_of(same(GOLDEN_JOINT), y_peak=reached / 10).resonance([level], draws=4)
+    assert found["reach"].values[0] == pytest.approx(10.0)
+    (sentence,) = jbw.warnings_of(found)
+    assert "10 times" in sentence
+
+
+def test_a_band_that_cannot_be_stated_is_withheld(monkeypatch):
+    """The fitted amplitudes are an octave apart, and the response is far above them."""
+    missed = Missed(Scatter(1e-3, 0, 1e-3), NO_SCATTER)
+    stated = Discrepancy(missed, missed, {}, 1e-6, 2e-6)
+    plain = module.basis_of
+    monkeypatch.setattr(module, "basis_of", lambda tree: replace(plain(tree), discrepancy=stated))
+    found = study_of(same(GOLDEN_JOINT)).resonance([1e-3], draws=4)
+    assert found["withheld"].values == [1.0]
+    assert np.isnan(found["peak"].values[[0, 2], 0]).all()
+    assert found["peak"].values[1, 0] > 0
+    assert len(jbw.warnings_of(found)) == 1
 
 
 def test_a_model_discrepancy_widens_the_band(monkeypatch):
     """A discrepancy of 1e-3 in frequency is a standard deviation of that of the peak."""
-    import jbw.study.study as module
-
     missed = Missed(Scatter(1e-3), NO_SCATTER)
     stated = Discrepancy(missed, missed, {}, 1e-6, 1.0)
     plain = module.basis_of

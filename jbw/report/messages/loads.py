@@ -1,10 +1,8 @@
 """Predictions under other loads: what bands contain, how far a load reaches, units and names."""
 
-import logging
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-logger = logging.getLogger("jbw")
 IN_BANDS = "parameters, variation between runs, model discrepancy; no noise of a measurement"
 HERTZ, NUMBER, METRE = {"units": "Hz"}, {"units": "1"}, {"units": "m"}
 
