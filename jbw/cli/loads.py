@@ -147,10 +147,10 @@ def rows_of(name: str, dataset: "xr.Dataset") -> list[dict[str, Any]]:
 
 
 def _table(rows: list[dict[str, Any]]) -> Table:
-    """The answers, a line a quantity."""
+    """Return the table of answers, one line for each quantity that has a value."""
     return table(
         "",
-        rows,
+        [row for row in rows if row["median"] == row["median"]],
         words("load", "load"),
         Column("level", _level),
         Column("quantity", lambda row: row["quantity"].replace("_", " "), align="left"),
@@ -165,7 +165,5 @@ def _level(row: Mapping[str, Any]) -> str:
 
 def _band(row: Mapping[str, Any]) -> str:
     low, middle, high = (row[name] for name in ("low", "median", "high"))
-    if middle != middle:
-        return NOTHING
     low_text, text, high_text = (number(x, high - low) for x in (low, middle, high))
     return f"{text} [{low_text}, {high_text}]"
