@@ -1,20 +1,20 @@
-"""Cost of predictions under other loads: 100 draws, resonances and curves of three levels.
+"""What do resonances, response curves and random vibration of 100 draws cost at three levels?
 
     python benchmarks/loads.py
 
-CPU seconds of this process after imports. The bound is 4 for the first call, which compiles, and 1
-for the next ones.
+CPU seconds of this process after imports. The first call compiles.
 """
 
 import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from time import process_time
 from typing import Any
 
 import numpy as np
+from timing import Table, Target, options, show, targets
 
 import jbw
 from jbw.forced import equivalent_motion, peaks, random_response, resonance, swept
@@ -43,29 +43,40 @@ LAWS = {
 }  # fmt: skip
 
 
-def cost(what: Callable[[], Any]) -> list[float]:
-    """CPU seconds of the first call, and of the mean of three more."""
-    start = process_time()
-    what()
-    first = process_time() - start
-    start = process_time()
-    for _ in range(3):
+def cost(what: Callable[[], Any], calls: int) -> list[float]:
+    """CPU seconds of the first call, and the mean of more."""
+    seconds = []
+    for _ in range(calls + 1):
+        start = process_time()
         what()
-    return [first, (process_time() - start) / 3]
+        seconds.append(process_time() - start)
+    return [seconds[0], float(np.mean(seconds[1:]))]
 
 
-def main() -> None:
-    """Print a line a law."""
-    jbw.enable_x64()
-    print("law        resonance         curves, both ways  random  [CPU s: first, next]")
+def table(calls: int) -> tuple[Table, Table]:
+    """A row for each law and kind of prediction, and what they must reach."""
+    rows = []
     for law, (theta, levels) in LAWS.items():
-        costs = [cost(what) for what in predictions(law, theta, np.array([levels]))]
-        print(f"{law:10s}", *(f"{first:8.2f} {after:8.2f}" for first, after in costs))
+        for name, what in predictions(law, theta, np.array([levels])).items():
+            rows.append((law, name, *cost(what, calls)))
+    columns = {"law": "", "prediction": "", "first [CPU s]": ".2f", "next [CPU s]": ".2f"}
+    entries = [
+        Target("first call, most [CPU s]", max(row[2] for row in rows), 4.0, 2.0),
+        Target("next calls, most [CPU s]", max(row[3] for row in rows), 1.0, 0.5),
+    ]
+    return Table("100 draws at three levels", columns, rows), targets(entries)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Print the table."""
+    chosen = options(__doc__, calls=3).parse_args(arguments)
+    jbw.enable_x64()
+    show(table(chosen.calls), file=chosen.json)
 
 
 def predictions(
     law: str, theta: dict[str, float], level: np.ndarray
-) -> tuple[Callable[[], Any], ...]:
+) -> dict[str, Callable[[], Any]]:
     """What is measured, of 100 draws of a law."""
     rng = np.random.default_rng(58)
     omega = 2 * np.pi * np.linspace(18.5, 20.5, 241)
@@ -79,7 +90,8 @@ def predictions(
     def random() -> Any:
         return random_response(motion, lambda f: np.full_like(f, 0.002), np.ones((100, 1)))
 
-    return lambda: resonance(motion, level), curves, random
+    named = {"resonances": lambda: resonance(motion, level), "curves, both ways": curves}
+    return named | {"random vibration": random}
 
 
 if __name__ == "__main__":
