@@ -26,7 +26,8 @@ from jbw.forced.table import LoopTable, tabulated
 COARSE, FINE = 16, 96  # nodes of the tables that a peak is searched in
 POINTS = 160  # of half a curve
 ROUNDS = 4  # of the iteration for a frequency; each gains a factor of about zeta^2
-CORRECTIONS = 4  # by the loops themselves, each gains the square of what the table misses
+MOST_ROUNDS = 12  # of corrections by the loops themselves
+CLOSE, FLAT = 1e-11, 1e-6  # changes of level or frequency, and slope at a fold, that end them
 MOST_EXTENSIONS = 6  # of the coarse table, each by a factor of 4
 HALF = np.arccosh(np.sqrt(2.0))  # place of the half-power amplitude, Y_peak / cosh(t)
 SURE = 1e-6  # of the tangent of a fold's place
@@ -187,15 +188,24 @@ def peaks(motion: EquivalentMotion, level: Values) -> Peaks:
     _require_peak(found, level)
     ends = (_at(table.y, cell - 1), _at(table.y, cell))
     y = bracketed_root(lambda y: peak_level(table.loops(y), y) - level, *ends)
-    omega = least_omega(table.loops(y))
-    for _ in range(CORRECTIONS if motion.num_harmonics > 1 else CORRECTIONS - 2):
-        loops = motion.loops(y, omega)
-        omega = least_omega(loops)
-        rise = curve_points(loops, peak_level(loops, y), y, 0.0 * y).rise
-        y = y * (1.0 + (level / peak_level(loops, y) - 1.0) / rise)
     nodes = np.arange(COARSE) > first[..., None]
     isolated = np.any(nodes & (needed[:, None] < level[..., None]), axis=-1)
-    return Peaks(level, y, omega, isolated, table)
+    return Peaks(level, *_corrected(motion, level, y, least_omega(table.loops(y))), isolated, table)
+
+
+def _corrected(
+    motion: EquivalentMotion, level: Values, y: Values, omega: Values
+) -> tuple[Values, Values]:
+    """Return amplitude and frequency of the peaks by the loops themselves, from close guesses."""
+    for _ in range(MOST_ROUNDS):
+        loops = motion.loops(y, omega)
+        before, omega = omega, least_omega(loops)
+        reached = peak_level(loops, y)
+        y = y * (1.0 + (level / reached - 1.0) / curve_points(loops, reached, y, 0.0 * y).rise)
+        changes = np.maximum(np.abs(level / reached - 1.0), np.abs(omega / before - 1.0))
+        if not np.any(changes > CLOSE):
+            break
+    return y, omega
 
 
 def _needed(table: LoopTable) -> Values:
@@ -272,10 +282,14 @@ def exact_points(motion: EquivalentMotion, peak: Peaks, place: Values) -> Curve:
     """Return points by the loops themselves at places t of Y = Y_peak / cosh t."""
     point = along(peak, place)
     level = peak.level.reshape(*peak.level.shape, *(1,) * (place.ndim - peak.level.ndim))
-    # Where the loops depend on the frequency, the second round has that of the first.
-    for _ in range(2 if motion.num_harmonics > 1 or motion.feels_rate else 1):
-        loops = motion.loops(point.y, point.omega)
+    # Where the loops depend on the frequency, each round has that of the one before.
+    depends = motion.num_harmonics > 1 or motion.feels_rate
+    for _ in range(MOST_ROUNDS if depends else 1):
+        before = point.omega
+        loops = motion.loops(point.y, before)
         point = curve_points(loops, level, point.y, np.sign(place))
+        if not np.any(np.abs(point.omega / before - 1.0) > CLOSE):
+            break
     return point
 
 
@@ -291,7 +305,9 @@ def _fold(
     root = bracketed_root(lambda t: along(peak, t).rise, ends[0], ends[1])
     tangent = along(peak, root + SURE).rise - along(peak, root - SURE).rise
     point = exact_points(motion, peak, root)
-    for _ in range(CORRECTIONS if motion.num_harmonics > 1 else CORRECTIONS - 2):
+    for _ in range(MOST_ROUNDS):
+        if not np.any(np.abs(point.rise) > FLAT):
+            break
         root = root - 2.0 * SURE * point.rise / tangent
         point = exact_points(motion, peak, root)
     return point
