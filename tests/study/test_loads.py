@@ -195,3 +195,53 @@ def test_several_modes_are_refused():
     draws = {**same(JOINT), "omega_2": np.full(4, 200.0), "zeta_2": np.full(4, 0.01)}
     with pytest.raises(ModelError, match="one mode"):
         study_of(draws).resonance([0.1], draws=4)
+
+
+def test_modes_outside_the_band_add_to_the_response():
+    """A static term U of the modes above adds gain * level * U to the displacement."""
+    upper = 3e-5
+    plain = study_of(same(SILENT)).response_curve(0.1, (10.0, 17.0), draws=4)
+    found = study_of({**same(SILENT), "residual_upper": np.full(4, upper)})
+    found = found.response_curve(0.1, (10.0, 17.0), draws=4)
+    omega = TAU * found["freq"].values
+    receptance = 1 / (OMEGA_N**2 - omega**2 + 2j * ZETA * OMEGA_N * omega)
+    expected = omega * GAIN * 0.1 * np.abs(receptance + upper)
+    assert found["upward"].values[1] == pytest.approx(expected, rel=1e-5)
+    assert np.all(found["upward"].values[1] > 1.05 * plain["upward"].values[1])
+
+
+def test_a_turned_gain_turns_the_response_alone():
+    draws = {**same(GOLDEN_JOINT), "gain": np.full(4, -2.0)}
+    level = GOLDEN["sine"]["bouc_wen_weak"]["level"] / 2
+    found = study_of(draws).resonance([level], draws=4)
+    golden = GOLDEN["sine"]["bouc_wen_weak"]["peak"]
+    assert found["frequency"].values[1, 0] == pytest.approx(golden["hz"], rel=1e-5)
+    assert found["peak"].values[1, 0] == pytest.approx(TAU * golden["hz"] * golden["Y1"], rel=1e-3)
+
+
+def test_several_laws_predict_each_by_its_share(monkeypatch):
+    """Half of the draws are of a joint with a natural frequency 1 % higher."""
+    plain = module.basis_of
+
+    def of_both(tree):
+        basis = plain(tree)
+        higher = basis.posterior.assign(omega_n=1.01 * basis.posterior["omega_n"])
+        return replace(basis, beside=((0.5, replace(basis, posterior=higher)),))
+
+    monkeypatch.setattr(module, "basis_of", of_both)
+    found = study_of(same(SILENT, 40)).resonance([0.01], draws=40)
+    low, _, high = found["frequency"].values[:, 0]
+    peak = OMEGA_N * np.sqrt(1 - 2 * ZETA**2) / TAU
+    assert (low, high) == pytest.approx((peak, 1.01 * peak), rel=1e-5)
+    with pytest.raises(ConfigError, match="several laws"):
+        study_of(same(SILENT, 40)).joints(4)
+
+
+@pytest.mark.slow
+def test_a_strong_third_harmonic_takes_eight():
+    spring = {**same(SILENT), "cubic": np.full(4, 4e9)}
+    tree = a_tree(spring, seen=[a_test(0.1)])
+    tree.attrs["laws"] = json.dumps(["bouc_wen", "cubic"])
+    study = Study(tree, {})
+    weak, strong = (study.response_curve(level, (15, 25), draws=4) for level in (1e-4, 0.3))
+    assert (weak.attrs["harmonics"], strong.attrs["harmonics"]) == (1, 8)
