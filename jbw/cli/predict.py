@@ -66,7 +66,9 @@ class FromTo(click.ParamType):
     show_default=True,
     help="Motion of the measured point in the mode, on a moving base.",
 )
-@click.option("--unit", default="", help="Unit of the response, such as g; SI when left out.")
+@click.option(
+    "--unit", default="", help="Unit of the response, such as g; as measured when left out."
+)
 @click.option(
     "--level",
     "levels",

@@ -24,7 +24,7 @@ from jbw.oscillator.modes.parameters import has_further_modes
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.quantities import UNIT_OF, are_at_joints, derivative_order
 from jbw.report.messages import loads as messages
-from jbw.units import factor_of
+from jbw.units import FACTORS, factor_of
 from jbw.verification.bands import QUANTILE_AXIS, QUANTILES
 from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws
 from jbw.verification.withheld import is_withheld
@@ -48,7 +48,7 @@ class Load:
         participation: Participation of the mode in the motion of the base, phi^T M r [-].
         shape: Motion of the measured point in the mode [-].
         harmonics: Odd harmonics; None takes 8 where the third one is above 1e-3 of the first.
-        unit: Unit of the response, such as `g`; SI when empty.
+        unit: Unit of the response, such as `g`; that of the records when empty.
         seed: Seed of the variation between runs.
     """
 
@@ -129,7 +129,9 @@ def measured_of(basis: Basis, load: Load) -> Measured:
     """Return the response that the run measured, and the unit of its source."""
     driven = [seen for seen in basis.seen.values() if seen.response in UNIT_OF]
     name = "acceleration" if load.is_base else driven[0].response if driven else "displacement"
-    unit = load.unit or UNIT_OF[name]
+    stated = [seen.stated_unit for seen in driven if seen.response == name]
+    is_unit = bool(stated) and stated[0] in FACTORS[name]
+    unit = load.unit or (stated[0] if is_unit else UNIT_OF[name])
     factor = 1.0 / factor_of(unit, name)
     sources = [seen.source for seen in driven if seen.source]
     source = "m/s^2" if load.is_base else sources[0] if sources else "N/kg"

@@ -193,7 +193,7 @@ class Study:
             band: First and last frequency [Hz].
             options: `drive` (`force`, the default, for the run's source, or `base`), `draws`,
                 `participation` and `shape` of the mode on a moving base, `harmonics`, `unit` of the
-                response, `seed`.
+                response (that of the records when left out), `seed`.
 
         Returns:
             `frequency` [Hz], `amplitude`, `phase` [rad] and `stable` by (draw, point) along the

@@ -52,6 +52,7 @@ class CampaignTest(NamedTuple):
     level: float | None = None  # None where it has none, or the run does not say
     family: str = ""  # name that its group of data shares with other tests of its level
     drive: str = ""  # what drives it; empty where the run does not say
+    stated_unit: str = ""  # of the response, as its record states it; empty where it does not
 
 
 @dataclass(frozen=True)
@@ -337,4 +338,5 @@ def seen_of(test: Test) -> CampaignTest:
             response = source
     # A free decay has no source, whatever was recorded beside it.
     unit = "" if test.traits.is_free else record.units.get(source, "")
-    return CampaignTest(test.kind, unit, response, *place)
+    stated_unit = record.provenance.get(f"unit of {response}", "")
+    return CampaignTest(test.kind, unit, response, *place, stated_unit)

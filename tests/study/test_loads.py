@@ -237,6 +237,17 @@ def test_several_laws_predict_each_by_its_share(monkeypatch):
         study_of(same(SILENT, 40)).joints(4)
 
 
+def test_a_response_is_in_the_unit_of_its_records():
+    test = a_test(0.1)
+    (record,) = test.records
+    stated = replace(record, provenance={"unit of velocity": "mm/s"})
+    tree = a_tree(same(SILENT), seen=[replace(test, records=(stated,))])
+    found = Study(tree, {}).resonance([0.01], draws=4)
+    assert found["peak"].attrs["units"] == "mm/s"
+    peak = 1e3 * GAIN * 0.01 / (2 * ZETA * OMEGA_N)
+    assert found["peak"].values[1, 0] == pytest.approx(peak, rel=1e-4)
+
+
 @pytest.mark.slow
 def test_a_strong_third_harmonic_takes_eight():
     spring = {**same(SILENT), "cubic": np.full(4, 4e9)}
