@@ -67,6 +67,15 @@ def bare(quantities: tuple[list[tuple[float, str]], ...]) -> list[float]:
     return [value for value, _ in values]
 
 
+def require_alike(options: Mapping[str, Any], *, loads: bool, campaign: Path | None) -> None:
+    """Refuse tests and other loads in one command, and a moving base without a load."""
+    tests = any(options[name] for name in ("names", "sweep", "stepped", "tone")) or campaign
+    if loads and tests:
+        raise click.UsageError(messages.LOADS_OR_TESTS)
+    if options["base"] and not loads:
+        raise click.UsageError(messages.BASE_NEEDS)
+
+
 def predict_loads(folder: Path, basis: "Basis", options: Mapping[str, Any], say: Any) -> None:
     """Predict the loads that the options ask for, save them, and print the answers."""
     from jbw.study.loads import BASE, Load

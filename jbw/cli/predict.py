@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jbw.cli.loads import LOADS, Quantities, bare, predict_loads
+from jbw.cli.loads import LOADS, Quantities, bare, predict_loads, require_alike
 from jbw.cli.options import json_option, out_option, outside_option, run_argument
 from jbw.cli.printing import answer
 from jbw.cli.progress import computing, working
@@ -105,6 +105,8 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
     base, and --notch the level that keeps a response within a limit. loads.nc has their bands,
     loads.json the answers; each has a CSV file and a figure.
     """
+    loads = any(options[name] is not None for name in LOADS)
+    require_alike(options, loads=loads, campaign=campaign)
     with computing() as say:
         from jbw.campaign.gains import force_per_unit
         from jbw.campaign.load import load_campaign
@@ -116,7 +118,7 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
 
         say(f"Reading {folder}")
         basis = basis_in(folder)
-        if any(options[name] is not None for name in LOADS):
+        if loads:
             return predict_loads(folder, basis, options, say)
         # Planned tests are in the run's own unit, whatever the campaign says of its gain.
         request = predicting.Request(options["draws"], not options["without_noise"])

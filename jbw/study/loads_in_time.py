@@ -27,7 +27,10 @@ from jbw.verification.predictive_basis import Basis
 
 
 def random_of(basis: Basis, profile: Profile, duration: float, load: Load) -> xr.Dataset:
-    """Return the response to a random profile: see `Study.random`."""
+    """Return the response to a random profile: see `Study.random`.
+
+    The model discrepancy is that at twice the rms displacement.
+    """
     (duration,) = checked_levels([duration])
     seen = measured_of(basis, load)
     stated = profile.in_unit(seen.source)

@@ -72,6 +72,11 @@ def units_of_random(response: Mapping[str, str]) -> dict[str, dict[str, str]]:
     }
 
 
+LOADS_OR_TESTS = (
+    "Predict other loads (--response, --psd, --shock) and tests (--campaign, --test, --sweep, "
+    "--stepped, --tone) by two commands."
+)
+BASE_NEEDS = "--base needs a load: --response, --psd or --shock."
 RESPONSE_NEEDS = "--response needs --level, and --notch needs both."
 
 
