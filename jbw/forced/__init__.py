@@ -8,7 +8,7 @@ from jbw.forced.curves import Curve, Peaks, Resonance, exact_points, peaks, reso
 from jbw.forced.equivalent import EquivalentMotion, equivalent_motion
 from jbw.forced.random import RandomResponse, random_response
 from jbw.forced.shock import ShockResponse, classical_pulse, pulse_of, shock_response
-from jbw.forced.sweeps import base_gain, level_that_holds, swept, whole_curve
+from jbw.forced.sweeps import base_gain, held_ratio, level_that_holds, swept, whole_curve
 
 __all__ = [
     "Curve",
@@ -21,6 +21,7 @@ __all__ = [
     "classical_pulse",
     "equivalent_motion",
     "exact_points",
+    "held_ratio",
     "level_that_holds",
     "peaks",
     "pulse_of",

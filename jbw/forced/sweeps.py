@@ -3,8 +3,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from jbw.forced.curves import Curve, Peaks, along, force_ratio, places
-from jbw.forced.equivalent import EquivalentMotion, Values
+from jbw.forced.curves import Curve, Peaks, along, places
+from jbw.forced.equivalent import EquivalentMotion, Values, wide
 from jbw.forced.roots import bracketed_root
 
 ROUNDS = 8  # of the search within a cell of the curve, which leave 1e-7 of the amplitude
@@ -45,12 +45,18 @@ def swept(motion: EquivalentMotion, peak: Peaks, omega: Values, *, upward: bool)
     return np.asarray(point.y * np.exp(1j * point.phase), complex)
 
 
+def held_ratio(motion: EquivalentMotion, y: Values, omega: Values) -> Complexes:
+    """Return the force amplitude over the displacement amplitude y at omega [1/s^2], complex."""
+    stiffness, loss = motion.values(y, omega)
+    return stiffness - omega**2 + 1j * (wide(motion.viscous, y) * omega + loss)
+
+
 def level_that_holds(motion: EquivalentMotion, y: Values, omega: Values) -> Values:
     """Return the force amplitude that holds the displacement amplitude y at omega [N/kg].
 
     Response control, or notching: where a sweep's level is larger, it is lowered to this one.
     """
-    return y * np.abs(force_ratio(motion.loops(y, omega), omega))
+    return y * np.abs(held_ratio(motion, y, omega))
 
 
 def base_gain(

@@ -5,9 +5,9 @@ from collections.abc import Callable, Iterable
 import numpy as np
 import xarray as xr
 
-from jbw.forced.curves import Peaks, exact_points, force_ratio, peaks, resonance
+from jbw.forced.curves import Peaks, exact_points, peaks, resonance
 from jbw.forced.equivalent import Values
-from jbw.forced.sweeps import swept, whole_curve
+from jbw.forced.sweeps import held_ratio, swept, whole_curve
 from jbw.quantities import derivative_order
 from jbw.report.messages import loads as messages
 from jbw.study.loads import (
@@ -28,6 +28,7 @@ from jbw.study.loads import (
 from jbw.verification.predictive_basis import Basis
 
 NUM_FREQ = 241  # of a curve
+MOST_ROUNDS, CLOSE = 8, 1e-6  # for the displacement that has a limit as its response
 
 
 def resonance_of(basis: Basis, levels: Iterable[float], load: Load) -> xr.Dataset:
@@ -137,11 +138,14 @@ def notch_of(
         y = np.broadcast_to(
             limit / seen.factor / omega ** derivative_order(seen.name), frequency.shape
         )
-        ratio = force_ratio(member.motion.loops(y, frequency), frequency)
-        for _ in range(6 if load.is_base else 0):
-            share = load.participation
+        ratio, share = held_ratio(member.motion, y, frequency), load.participation
+        # On a moving base the acceleration of the base is part of the response.
+        for _ in range(MOST_ROUNDS if load.is_base else 0):
+            before = y
             y = limit / seen.factor * abs(share) / np.abs(ratio + share * load.shape * frequency**2)
-            ratio = force_ratio(member.motion.loops(y, frequency), frequency)
+            ratio = held_ratio(member.motion, y, frequency)
+            if not np.any(np.abs(y / before - 1.0) > CLOSE):
+                break
         return y, y * np.abs(ratio)
 
     middle = np.argmin(np.abs(freq_hz - 0.5 * sum(band_hz)))
