@@ -146,6 +146,19 @@ def test_strong_softening_beside_a_spring_needs_its_higher_harmonics():
     assert abs(one.y[0, 0] / top - 1) > 5e-3  # so that the harmonics are tested at all
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize(("law", "level"), [("iwan4", 0.5), ("iwan4", 2.0), ("jenkins", 1.0)])
+def test_the_full_balance_peaks_there_in_macroslip(law, level):
+    """Beyond what the golden cases reach: the whole joint slips."""
+    motion = equivalent_motion(joint(law), 8)
+    found = peaks(motion, np.array([[level]]))
+    omega = found.omega[0, 0] * np.array([0.999, 1.0, 1.001])
+    below, top, above = np.abs(np.asarray(jbw.steady_state(joint(law), omega, level, 8))[:, 0])
+    # Both stop at 1e-8 of their residuals.
+    assert found.y[0, 0] == pytest.approx(top, rel=1e-7)
+    assert max(below, above) < top
+
+
 def test_the_held_level_gives_the_curve_back():
     motion, found = resonant("iwan4", 1)
     peak = found.peak
