@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from jbw.errors import JbwError as JbwError
     from jbw.errors import ModelError as ModelError
     from jbw.errors import RunError as RunError
-    from jbw.forced.profiles import Profile as Profile
+    from jbw.forced.profiles import RandomProfile as RandomProfile
     from jbw.forced.profiles import profile_of as profile_of
     from jbw.forced.profiles import read_profile as read_profile
     from jbw.forced.shock import Pulse as Pulse
@@ -116,7 +116,7 @@ _HOME = {
     "Oscillator": "oscillator.oscillator",
     "Polynomial": "oscillator.laws.springs",
     "Record": "measurement.records",
-    "Profile": "forced.profiles",
+    "RandomProfile": "forced.profiles",
     "Pulse": "forced.shock",
     "ReducedModel": "assembly.reduce",
     "Response": "oscillator.response",

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from jbw.errors import ModelError
-from jbw.forced.equivalent import EquivalentMotion, Loops, Values
+from jbw.forced.equivalent import EquivalentLoops, EquivalentMotion, Values
 from jbw.forced.roots import bracketed_root
 from jbw.forced.table import LoopTable, tabulated
 
@@ -43,7 +43,7 @@ class Peaks:
         omega: Frequency [rad/s].
         isolated: Whether the curve has a branch that is not connected to the main one, at larger
             amplitudes: a second motion, which a slow sweep from rest never meets.
-        table: Loops of every draw up to the peaks and a little beyond.
+        table: EquivalentLoops of every draw up to the peaks and a little beyond.
     """
 
     level: Values
@@ -86,7 +86,7 @@ class Resonance:
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class ForcedCurve:
     """Points along force response curves from low to high frequency, of shape (draw, *any).
 
     Attributes:
@@ -108,7 +108,7 @@ class Curve:
         return self.rise > 0.0
 
 
-def least_omega(loops: Loops) -> Values:
+def least_omega(loops: EquivalentLoops) -> Values:
     """Return the frequency of least G [rad/s], where the curve of this amplitude peaks.
 
     NaN where the equivalent stiffness leaves no resonance.
@@ -121,17 +121,17 @@ def least_omega(loops: Loops) -> Values:
     return omega
 
 
-def force_ratio(loops: Loops, omega: Values) -> NDArray[np.complex128]:
+def force_ratio(loops: EquivalentLoops, omega: Values) -> NDArray[np.complex128]:
     """Return the force amplitude over the displacement amplitude, F_1 / Y [1/s^2], complex."""
     return loops.stiffness - omega**2 + 1j * (loops.viscous * omega + loops.loss)
 
 
-def peak_level(loops: Loops, y: Values) -> Values:
+def peak_level(loops: EquivalentLoops, y: Values) -> Values:
     """Return the force amplitude [N/kg] whose curve has its peak at the amplitude y [m]."""
     return y * np.abs(force_ratio(loops, least_omega(loops)))
 
 
-def curve_points(loops: Loops, level: Values, y: Values, side: Values) -> Curve:
+def curve_points(loops: EquivalentLoops, level: Values, y: Values, side: Values) -> ForcedCurve:
     r"""Return points of curves at amplitudes y, on a side of their peak.
 
     The slope of the force at a fixed frequency is
@@ -157,7 +157,7 @@ def curve_points(loops: Loops, level: Values, y: Values, side: Values) -> Curve:
         loss_by_y = loops.loss_by_y + omega * loops.viscous_by_y
         grown = ratio + y * (loops.stiffness_by_y + 1j * loss_by_y)
         rise = np.real(ratio * grown.conj()) / np.abs(ratio) ** 2
-    return Curve(y, omega, -np.angle(ratio), rise)
+    return ForcedCurve(y, omega, -np.angle(ratio), rise)
 
 
 def peaks(motion: EquivalentMotion, level: Values) -> Peaks:
@@ -238,7 +238,7 @@ def _require_peak(found: NDArray[np.bool_], level: Values) -> None:
         )
 
 
-def along(peak: Peaks, place: Values) -> Curve:
+def along(peak: Peaks, place: Values) -> ForcedCurve:
     """Return points by the table at places t of Y = Y_peak / cosh t, of shape (draw, level, t)."""
     y, level = (x.reshape(*x.shape, *(1,) * (place.ndim - x.ndim)) for x in (peak.y, peak.level))
     y = y / np.cosh(place)
@@ -278,7 +278,7 @@ def resonance(motion: EquivalentMotion, level: Values) -> Resonance:
     return Resonance(peak, np.where(folded, np.nan, half_power), up[0], down[0], up[1], down[1])
 
 
-def exact_points(motion: EquivalentMotion, peak: Peaks, place: Values) -> Curve:
+def exact_points(motion: EquivalentMotion, peak: Peaks, place: Values) -> ForcedCurve:
     """Return points by the loops themselves at places t of Y = Y_peak / cosh t.
 
     With several harmonics a frequency is good to 5e-7 for 0 < |t| < 1e-4, where both sides of a
@@ -299,7 +299,7 @@ def exact_points(motion: EquivalentMotion, peak: Peaks, place: Values) -> Curve:
 
 def _fold(
     motion: EquivalentMotion, peak: Peaks, place: Values, rise: Values, *, last: bool
-) -> Curve:
+) -> ForcedCurve:
     """Return the first fold along the curve, or the last one; NaN where there is none."""
     changes = np.signbit(rise[..., 1:]) != np.signbit(rise[..., :-1])
     count = changes.shape[-1]

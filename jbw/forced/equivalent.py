@@ -32,7 +32,7 @@ STEP = 1e-4  # of amplitude or frequency, for slopes by differences
 CONDENSED, MOST_STEPS = 1e-13, 60  # change of a harmonic over Y that ends its iteration
 
 
-class Loops(NamedTuple):
+class EquivalentLoops(NamedTuple):
     """Equivalent stiffness and loss at amplitudes, with their slopes.
 
     The loss is linear in the frequency about the one where it was evaluated, D + c omega, so that
@@ -133,7 +133,7 @@ class EquivalentMotion:
             found[known] = np.concatenate(rows)
         return found
 
-    def loops(self, y: Values, omega: Values) -> Loops:
+    def loops(self, y: Values, omega: Values) -> EquivalentLoops:
         """Return stiffness, loss and slopes about amplitudes y [m] and frequencies omega [rad/s].
 
         Slopes are central differences. Their step of 1e-4 leaves 1e-8 of a slope; a fold's
@@ -149,7 +149,7 @@ class EquivalentMotion:
         parts = stiffness, loss - by_speed * frequency, by_speed
         slopes = ((part[..., 1] - part[..., 2]) / (2.0 * STEP * y) for part in parts)
         stiffness, loss, by_speed = (part[..., 0] for part in parts)
-        return Loops(stiffness, loss, by_speed + wide(self.viscous, y), *slopes)
+        return EquivalentLoops(stiffness, loss, by_speed + wide(self.viscous, y), *slopes)
 
 
 def wide(values: Values, like: Values) -> Values:

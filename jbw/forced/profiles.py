@@ -20,7 +20,7 @@ EXAMPLE = "frequency [Hz], density [g^2/Hz]"
 
 
 @dataclass(frozen=True, eq=False)
-class Profile:
+class RandomProfile:
     """A one-sided spectral density by its breakpoints, straight on log-log axes.
 
     Attributes:
@@ -55,7 +55,7 @@ class Profile:
             inside, np.exp(np.interp(log_f, np.log(self.freq_hz), np.log(self.density))), 0.0
         )
 
-    def in_unit(self, source: str) -> "Profile":
+    def in_unit(self, source: str) -> "RandomProfile":
         """Return the profile per a source in another unit, such as `m/s^2` or `N`.
 
         Raises:
@@ -69,10 +69,10 @@ class Profile:
                 remedy="State the unit in the header of the file, or the kind of load: `--base` "
                 "for an acceleration of the base.",
             )
-        return Profile(self.freq_hz, self.density * have[0] / want[0], f"({source})^2/Hz")
+        return RandomProfile(self.freq_hz, self.density * have[0] / want[0], f"({source})^2/Hz")
 
 
-def profile_of(rows: Iterable[tuple[str, str]], unit: str) -> Profile:
+def profile_of(rows: Iterable[tuple[str, str]], unit: str) -> RandomProfile:
     """Return the profile of rows as test houses write them.
 
     Args:
@@ -113,7 +113,7 @@ def profile_of(rows: Iterable[tuple[str, str]], unit: str) -> Profile:
             remedy="State the density at one end of each slope, as in `20, 0.01`.",
         )
     freq_hz = np.array(sorted(known))
-    return Profile(freq_hz, np.array([known[freq] for freq in freq_hz]), unit)
+    return RandomProfile(freq_hz, np.array([known[freq] for freq in freq_hz]), unit)
 
 
 def _is_positive(value: str) -> bool:
@@ -123,7 +123,7 @@ def _is_positive(value: str) -> bool:
         return False
 
 
-def read_profile(path: str | Path, unit: str = "") -> Profile:
+def read_profile(path: str | Path, unit: str = "") -> RandomProfile:
     """Return the profile of a CSV file of two columns, frequency and density.
 
     Args:

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from jbw.forced.curves import Curve, Peaks, along, places
+from jbw.forced.curves import ForcedCurve, Peaks, along, places
 from jbw.forced.equivalent import EquivalentMotion, Values, wide
 from jbw.forced.roots import bracketed_root
 
@@ -11,7 +11,7 @@ ROUNDS = 8  # of the search within a cell of the curve, which leave 1e-7 of the 
 Complexes = NDArray[np.complex128]
 
 
-def whole_curve(motion: EquivalentMotion, peak: Peaks, band: tuple[float, float]) -> Curve:
+def whole_curve(motion: EquivalentMotion, peak: Peaks, band: tuple[float, float]) -> ForcedCurve:
     """Return points along the curves across a band [rad/s], of shape (draw, level, point)."""
     return along(peak, places(motion, peak, band))
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from jbw.forced.equivalent import EquivalentMotion, Loops, Values, wide
+from jbw.forced.equivalent import EquivalentLoops, EquivalentMotion, Values, wide
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +26,7 @@ class LoopTable:
         """Amplitudes at the nodes, of shape (draw, node) [m]."""
         return np.exp(self.log_y)
 
-    def loops(self, y: Values) -> Loops:
+    def loops(self, y: Values) -> EquivalentLoops:
         """Return stiffness and loss by cubic interpolation, of shape (draw, *any).
 
         NaN beyond the nodes.
@@ -45,7 +45,7 @@ class LoopTable:
         third, second = slopes[0] + slopes[1] - 2.0 * rise, 3.0 * rise - 2.0 * slopes[0] - slopes[1]
         parts = values[0] + u * (slopes[0] + u * (second + u * third))
         by_y = (slopes[0] + u * (2.0 * second + 3.0 * u * third)) / (step * np.exp(position))
-        return Loops(*(part.reshape(shape) for part in (*parts, *by_y)))
+        return EquivalentLoops(*(part.reshape(shape) for part in (*parts, *by_y)))
 
 
 def tabulated(motion: EquivalentMotion, low: Values, high: Values, num_nodes: int) -> LoopTable:

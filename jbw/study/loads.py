@@ -92,7 +92,7 @@ class Member(NamedTuple):
     share: Values
 
 
-class Measured(NamedTuple):
+class SeenResponse(NamedTuple):
     """The response that is predicted.
 
     Attributes:
@@ -125,7 +125,7 @@ def joints_of_basis(basis: Basis, draws: int = NUM_DRAWS) -> Oscillator:
     return oscillator_of({name: jnp.asarray(x) for name, x in theta.items()}, basis.laws)
 
 
-def measured_of(basis: Basis, load: Load) -> Measured:
+def measured_of(basis: Basis, load: Load) -> SeenResponse:
     """Return the response that the run measured, and the unit of its source."""
     driven = [seen for seen in basis.seen.values() if seen.response in UNIT_OF]
     name = "acceleration" if load.is_base else driven[0].response if driven else "displacement"
@@ -135,7 +135,7 @@ def measured_of(basis: Basis, load: Load) -> Measured:
     factor = 1.0 / factor_of(unit, name)
     sources = [seen.source for seen in driven if seen.source]
     source = "m/s^2" if load.is_base else sources[0] if sources else "N/kg"
-    return Measured(name, unit, factor, source)
+    return SeenResponse(name, unit, factor, source)
 
 
 def members_of(basis: Basis, load: Load, draws: int, missed: AtAmplitude) -> list[Member]:
@@ -232,7 +232,7 @@ def _harmonics(member: Member, y: float) -> int:
 
 
 def response_of(
-    member: Member, load: Load, seen: Measured, level: float, omega: Values, y: Complexes
+    member: Member, load: Load, seen: SeenResponse, level: float, omega: Values, y: Complexes
 ) -> Complexes:
     """Return the response [unit] to a level at displacements y over the phase of the force [m].
 
@@ -274,7 +274,7 @@ def bands(values: Sequence[Values], *, withheld: bool = False) -> Values:
 
 
 def labelled(
-    variables: Mapping[str, Any], coords: Mapping[str, Any], load: Load, seen: Measured
+    variables: Mapping[str, Any], coords: Mapping[str, Any], load: Load, seen: SeenResponse
 ) -> xr.Dataset:
     """Return variables with the facts of their load as attributes."""
     facts = {

@@ -1,22 +1,23 @@
 """Bands under loads in time: random profiles and shocks."""
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from jbw.errors import ConfigError
 from jbw.forced.equivalent import Values
-from jbw.forced.profiles import Profile
-from jbw.forced.random import random_response
-from jbw.forced.shock import Pulse, shock_response, shock_spectrum
+from jbw.forced.profiles import RandomProfile
+from jbw.forced.random import RandomResponse, random_response
+from jbw.forced.shock import Pulse, ShockResponse, shock_response, shock_spectrum
 from jbw.quantities import derivative_order
 from jbw.report.messages import loads as messages
 from jbw.study.loads import (
     TAU,
     Load,
     Member,
+    Prepared,
+    SeenResponse,
     bands,
     checked_levels,
     labelled,
@@ -25,8 +26,11 @@ from jbw.study.loads import (
 )
 from jbw.verification.predictive_basis import Basis
 
+FEW = 240  # frequencies away from the resonance, on either side
+MOST_TIMES = 2000  # of a response that is kept, about
 
-def random_of(basis: Basis, profile: Profile, duration: float, load: Load) -> xr.Dataset:
+
+def random_of(basis: Basis, profile: RandomProfile, duration: float, load: Load) -> xr.Dataset:
     """Return the response to a random profile: see `Study.random`.
 
     The model discrepancy is that at twice the rms displacement.
@@ -40,43 +44,44 @@ def random_of(basis: Basis, profile: Profile, duration: float, load: Load) -> xr
         lambda member: 2.0 * random_response(member.motion, stated.at, member.share).rms()[:, None],
         messages.random(stated.rms, seen.source),
     )
-    few, wide = 240, (float(stated.freq_hz[0]), float(stated.freq_hz[-1]))
-    freq_hz: Values = np.array([])
-    parts: dict[str, list[Values]] = {}
-    for member in ready.members:
-        found = random_response(member.motion, stated.at, np.abs(member.share))
-        if not freq_hz.size:
-            freq_hz = _frequencies(found.frequency_hz, found.damping, wide, few)
-        if load.is_base:
-            spectrum = found.base_spectrum(freq_hz, load.participation, load.shape)
-        else:
-            spectrum = found.spectrum(freq_hz, derivative_order(seen.name))
-        spectrum = seen.factor**2 * spectrum
-        relative = np.sqrt(np.trapezoid(found.spectrum(freq_hz), freq_hz))
-        largest = found.largest(duration)
-        rows = {
-            "rms": np.sqrt(np.trapezoid(spectrum, freq_hz)),
-            "displacement": relative,
-            "largest_displacement": largest,
-            "peak_factor": largest / relative,
-            "frequency": found.frequency_hz,
-            "damping": found.damping,
-            "psd": spectrum,
-        }
-        for name, values in rows.items():
-            parts.setdefault(name, []).append(values)
+    found = [random_response(m.motion, stated.at, np.abs(m.share)) for m in ready.members]
+    band = float(stated.freq_hz[0]), float(stated.freq_hz[-1])
+    freq_hz = _frequencies(found[0].frequency_hz, found[0].damping, band, FEW)
+    rows = [_random(response, load, seen, freq_hz, duration) for response in found]
     units = messages.units_of_random(seen.attrs)
     variables = {
         name: (
             ("quantile", "freq") if name == "psd" else "quantile",
-            bands(draws, withheld=ready.withheld),
+            bands([row[name] for row in rows], withheld=ready.withheld),
             units[name],
         )
-        for name, draws in parts.items()
+        for name in rows[0]
     }
-    found = labelled(variables, {"freq": ("freq", freq_hz, {"units": "Hz"})}, ready.load, seen)
+    coords = {"freq": ("freq", freq_hz, {"units": "Hz"})}
     facts = {"duration": duration, "profile_rms": stated.rms, **ready.facts}
-    return found.assign_attrs(facts)
+    return labelled(variables, coords, ready.load, seen).assign_attrs(facts)
+
+
+def _random(
+    found: RandomResponse, load: Load, seen: SeenResponse, freq_hz: Values, duration: float
+) -> dict[str, Values]:
+    """Return the quantities of a random response, of every draw, without other modes."""
+    if load.is_base:
+        spectrum = found.base_spectrum(freq_hz, load.participation, load.shape)
+    else:
+        spectrum = found.spectrum(freq_hz, derivative_order(seen.name))
+    spectrum = seen.factor**2 * spectrum
+    relative = np.sqrt(np.trapezoid(found.spectrum(freq_hz), freq_hz))
+    largest = found.largest(duration)
+    return {
+        "rms": np.sqrt(np.trapezoid(spectrum, freq_hz)),
+        "displacement": relative,
+        "largest_displacement": largest,
+        "peak_factor": largest / relative,
+        "frequency": found.frequency_hz,
+        "damping": found.damping,
+        "psd": spectrum,
+    }
 
 
 def _frequencies(centre: Values, damping: Values, band: tuple[float, float], few: int) -> Values:
@@ -101,7 +106,7 @@ def shock_of(basis: Basis, pulse: Pulse, load: Load) -> xr.Dataset:
         )
     signed = replace(load, harmonics=1)
 
-    def moved(member: Member) -> Any:
+    def moved(member: Member) -> ShockResponse:
         share = -member.share if load.is_base else member.share
         return shock_response(member.motion, pulse, share)
 
@@ -110,30 +115,34 @@ def shock_of(basis: Basis, pulse: Pulse, load: Load) -> xr.Dataset:
 
     ready = prepared(basis, signed, largest, messages.shock(seen.source, pulse))
     motions = [moved(member) for member in ready.members]
+    lowest = float(np.min(ready.members[0].motion.omega_n)) / TAU
+    return _shock(motions, ready, seen, lowest)
+
+
+def _shock(
+    motions: list[ShockResponse], ready: Prepared, seen: SeenResponse, lowest: float
+) -> xr.Dataset:
+    """Return the bands of a response over time, of its largest value and of its spectrum."""
+    load, order, withheld = ready.load, derivative_order(seen.name), ready.withheld
     responses = []
     for motion in motions:
-        order = derivative_order(seen.name)
         relative = (motion.y, motion.v, motion.a)[order]
-        absolute = load.shape * relative + (motion.source if load.is_base else 0.0)
-        responses.append(seen.factor * absolute)
+        total = load.shape * relative + motion.source if load.is_base else relative
+        responses.append(seen.factor * total)
     t, fs = motions[0].t, motions[0].fs
-    lowest = float(np.min(ready.members[0].motion.omega_n)) / TAU
-    freq_hz = np.geomspace(0.25 * lowest, min(20.0 * lowest, 0.1 * fs), 60)
-    step = max(1, len(t) // 2000)
-    unit = seen.attrs
+    step = max(1, len(t) // MOST_TIMES)
+    largest = [np.max(np.abs(response), -1) for response in responses]
+    displacement = [np.max(np.abs(motion.y), -1) for motion in motions]
+    thinned = [response[:, ::step] for response in responses]
     variables = {
-        "response": (("quantile", "time"), bands([r[:, ::step] for r in responses]), unit),
-        "largest": ("quantile", bands([np.max(np.abs(r), -1) for r in responses]), unit),
-        "displacement": (
-            "quantile", bands([np.max(np.abs(m.y), -1) for m in motions]), {"units": "m"}
-        ),
-    }  # fmt: skip
-    if seen.name == "acceleration":
-        spectra = [shock_spectrum(r, fs, freq_hz) for r in responses]
-        variables["srs"] = (("quantile", "freq"), bands(spectra), unit)
-    coords = {
-        "time": ("time", t[::step], {"units": "s"}),
-        "freq": ("freq", freq_hz, {"units": "Hz"}),
+        "response": (("quantile", "time"), bands(thinned, withheld=withheld), seen.attrs),
+        "largest": ("quantile", bands(largest, withheld=withheld), seen.attrs),
+        "displacement": ("quantile", bands(displacement, withheld=withheld), {"units": "m"}),
     }
-    found = labelled(variables, coords, ready.load, seen)
-    return found.assign_attrs(ready.facts)
+    coords = {"time": ("time", t[::step], {"units": "s"})}
+    if seen.name == "acceleration":
+        freq_hz = np.geomspace(0.25 * lowest, min(20.0 * lowest, 0.1 * fs), 60)
+        spectra = [shock_spectrum(response, fs, freq_hz) for response in responses]
+        variables["srs"] = (("quantile", "freq"), bands(spectra, withheld=withheld), seen.attrs)
+        coords["freq"] = ("freq", freq_hz, {"units": "Hz"})
+    return labelled(variables, coords, load, seen).assign_attrs(ready.facts)

@@ -13,8 +13,8 @@ from jbw.report.messages import loads as messages
 from jbw.study.loads import (
     TAU,
     Load,
-    Measured,
     Member,
+    SeenResponse,
     bands,
     checked_band,
     checked_levels,
@@ -57,7 +57,7 @@ def resonance_of(basis: Basis, levels: Iterable[float], load: Load) -> xr.Datase
     return found.assign_attrs(warnings="\n".join(warnings))
 
 
-def _resonance(member: Member, load: Load, seen: Measured, level: float) -> dict[str, Values]:
+def _resonance(member: Member, load: Load, seen: SeenResponse, level: float) -> dict[str, Values]:
     """Return the quantities of a resonance, of every draw."""
     found = resonance(member.motion, level_of(member, level))
     top = exact_points(member.motion, found.peak, np.zeros_like(found.peak.y))
@@ -103,7 +103,7 @@ def response_curve_of(
 
 
 def _curve(
-    member: Member, load: Load, seen: Measured, level: float, peak: Peaks, freq_hz: Values
+    member: Member, load: Load, seen: SeenResponse, level: float, peak: Peaks, freq_hz: Values
 ) -> dict[str, Values]:
     """Return every draw's curve along its points, and in slow sweeps at stated frequencies."""
     omega = TAU * freq_hz

@@ -15,7 +15,7 @@ import xarray as xr
 
 from jbw.campaign.load import Campaign, load_campaign, with_laws
 from jbw.errors import ConfigError, DataError
-from jbw.forced.profiles import Profile
+from jbw.forced.profiles import RandomProfile
 from jbw.forced.shock import Pulse, pulse_of
 from jbw.identification.procedure import Identification, Known
 from jbw.inference.posterior.finding import Verdict, kept_finding
@@ -251,7 +251,7 @@ class Study:
         return notch_of(basis_of(self.tree), level, limit, band, Load(**options))
 
     def random(
-        self, profile: Profile, duration: float = 60.0, **options: Unpack[LoadOptions]
+        self, profile: RandomProfile, duration: float = 60.0, **options: Unpack[LoadOptions]
     ) -> xr.Dataset:
         """Return the response to random vibration of a profile, by averaging of the energy.
 
