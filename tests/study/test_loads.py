@@ -256,3 +256,21 @@ def test_a_strong_third_harmonic_takes_eight():
     study = Study(tree, {})
     weak, strong = (study.response_curve(level, (15, 25), draws=4) for level in (1e-4, 0.3))
     assert (weak.attrs["harmonics"], strong.attrs["harmonics"]) == (1, 8)
+
+
+def test_the_spectrum_of_a_response_has_built_up_at_the_mode():
+    """The response itself, as long as it rings, has the same largest value at the mode."""
+    study = study_of(same(SILENT))
+    study.tree.attrs["tests"] = json.dumps(
+        {"fitted": {"kind": "sweep", "source": "m/s^2", "response": "acceleration"}}
+    )
+    found = study.shock("1 m/s^2,11ms", drive="base", draws=4)
+    joint = jbw.forced.equivalent_motion(jbw.BoucWen(**SILENT))
+    pulse = jbw.forced.classical_pulse(1.0, 0.011, "m/s^2")
+    t = np.arange(int(100 * TAU / OMEGA_N * pulse.fs)) / pulse.fs
+    source = np.interp(t, np.arange(len(pulse.samples)) / pulse.fs, pulse.samples, right=0.0)
+    motion = jbw.simulate(joint.joint, -source[None], pulse.fs)
+    absolute = np.asarray(motion.a)[0] + source
+    expected = jbw.shock_spectrum(absolute, pulse.fs, found["freq"].values)
+    # What the oscillator gains after 24 cycles.
+    assert found["srs"].values[1] == pytest.approx(expected, rel=2e-3)
