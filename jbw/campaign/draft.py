@@ -48,7 +48,7 @@ BEGINNING = 1 << 14  # bytes of a file by which it is told whether it may hold a
 BAND = "\nband = ["
 CHANNELS = "\nchannels = "
 TORQUE = re.compile(
-    r"\d+(?:[.,p]\d+)?[\s_-]?(?:N[\s_-]?m|kgf?[\s_-]?cm|(?:ft|in)[\s_-]?lbf?)(?![a-z])", re.IGNORECASE
+    r"(?i)\d+(?:[.,p]\d+)?[\s_-]?(?:N[\s_-]?m|kgf?[\s_-]?cm|(?:ft|in)[\s_-]?lbf?)(?![a-z])"
 )
 SENSORS = "# sensitivity = "
 SAME_LINE = 1.25  # largest over smallest centre of bands about one line

@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 
 from jbw.report import style
+from jbw.report.messages import loads as messages
 from jbw.report.style import Panels, draw_model, finish, log_y, panels, shade, title
 from jbw.report.text import axis_label
 
@@ -32,7 +33,7 @@ def _curve(dataset: xr.Dataset) -> Panels:
     up, down = dataset["upward"].values, dataset["downward"].values
     draw_model(ax, freq, up, "upward sweep, median", holds=BAND)
     if not np.allclose(up, down, rtol=1e-3, equal_nan=True):
-        shade(ax, freq, down[0], down[2], style.SKY, "downward sweep, 99 % band")
+        shade(ax, freq, down[0], down[2], style.SKY, messages.DOWNWARD)
         ax.plot(freq, down[1], color=style.BLUE, lw=1.0, ls="--", label="downward sweep, median")
     log_y(ax)
     return finish(axes, None, axis_label("frequency", "Hz"), _label(dataset["upward"]))
@@ -66,7 +67,7 @@ def _shock(dataset: xr.Dataset) -> Panels:
         draw_model(axes[1, 0], dataset["freq"].values, dataset["srs"].values, "median", holds=BAND)
         axes[1, 0].set_xscale("log")
         log_y(axes[1, 0])
-        axes[1, 0].set_xlabel(axis_label("natural frequency, Q = 10", "Hz"))
+        axes[1, 0].set_xlabel(axis_label(messages.OF_SPECTRUM, "Hz"))
         axes[1, 0].set_ylabel(_label(dataset["srs"]))
     return finish(axes, None)
 

@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+DOWNWARD, OF_SPECTRUM = "downward sweep, 99 % band", "natural frequency, Q = 10"
 IN_BANDS = "parameters, variation between runs, model discrepancy; no noise of a measurement"
 HERTZ, NUMBER, METRE = {"units": "Hz"}, {"units": "1"}, {"units": "m"}
 
