@@ -22,6 +22,7 @@ from jbw.report.messages import (
     identified,
     joint,
     laws,
+    loads,
     look,
     opening,
     planning,
@@ -358,6 +359,15 @@ OF_TOPICS = {
         joint.step_of_mode(400.0, 1.3, 1024.0, 1),
         joint.put_substeps(4),
         joint.indistinguishable(("iwan4", "jenkins_3"), joint.SAME_CURVES),
+    ],
+    "loads": [
+        loads.sine(0.02, "V"), loads.limit(5.0, "g"), loads.random(1.2, "g"),
+        *loads.warnings_of("A sine of 2 V", 4e-3, 1.8, 1.25, withheld=True),
+        loads.LOADS_OR_TESTS, loads.BASE_NEEDS, loads.RESPONSE_NEEDS, loads.no_quantity("two"),
+        loads.bare_level("V"), loads.DOWNWARD, loads.OF_SPECTRUM,
+        loads.contains({"band": loads.IN_BANDS, "num_draws": 100, "drive": "force"}),
+        loads.contains({"band": loads.IN_BANDS, "num_draws": 100, "drive": "base",
+                        "participation": 1.3, "shape": 1.0}),
     ],
     "run": [
         *constants(run), run.stopping(waits=True), run.stopping(waits=False),
