@@ -33,6 +33,7 @@ SEES = {
     "assembly": {"measurement", "oscillator"},
     "inference": set(),
     "paper": {"inference", "oscillator"},
+    "freeform": {"measurement"},
     "campaign": {"assembly", "inference", "measurement", "oscillator"},
     "rig": {"assembly", "campaign", "measurement", "oscillator"},
     "report": {"inference", "measurement", "oscillator", "run"},
@@ -41,7 +42,8 @@ SEES = {
     "verification": MODEL | {"identification"},
     "planning": MODEL | {"verification"},
     "study": MODEL
-    | {"assembly", "forced", "identification", "verification", "report", "rig", "run"},
+    | {"assembly", "forced", "freeform", "identification", "verification"}
+    | {"report", "rig", "run"},
     "export": {"assembly", "oscillator", "report", "study", "verification"},
     "law_comparison": MODEL | {"identification", "report", "run", "study", "verification"},
     "lab": MODEL | {"identification", "report", "rig", "run", "study"},

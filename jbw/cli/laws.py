@@ -8,7 +8,7 @@ import click
 from jbw.cli.options import json_option, out_option, outside_option, seed_option
 from jbw.cli.printing import answer
 from jbw.cli.progress import computing, working
-from jbw.report.law_table import laws_table
+from jbw.report.law_table import free_law_table, laws_table
 
 
 @click.command()
@@ -49,6 +49,7 @@ def laws(
             compared = compare_laws(loaded, chosen, seed=seed, report=say, parts=parts)
             save_laws(folder, compared.tree, compared.record)
     record = compared.record
-    lines = laws_table(record), *record["statements"]
+    tables = [table for table in (laws_table(record), free_law_table(record)) if table is not None]
+    lines = *tables, *record["statements"]
     refused = (f"{name}: {reason}" for name, reason in record["refused"].items())
     answer(json_, record, *lines, *refused, saved=f"Laws: {folder / 'laws.html'}")

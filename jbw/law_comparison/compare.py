@@ -53,6 +53,14 @@ from jbw.oscillator.oscillator import oscillator_of
 from jbw.parts import Parts, unkept
 from jbw.report.messages import stages
 from jbw.report.messages import study as messages
+from jbw.study.free_group import (
+    free_law_groups,
+    free_law_of,
+    free_law_record,
+    free_law_sentences,
+    gap_record,
+    gap_sentences,
+)
 from jbw.study.look import look_groups, look_quietly
 from jbw.verification.backbone import HERTZ, RATIO, curves
 from jbw.verification.bands import QUANTILE_AXIS, band
@@ -71,6 +79,7 @@ USUAL = (
 OF_LOOPS = ("gap_series",)  # besides, where force passes through zero along a motion that is given
 NUM_DRAWS = 50  # that the curves' bands are made of
 NUM_AMPLITUDES = 40
+FREE_PARTICLES = 1000  # of the law without a form
 # Of the posterior, and of what it makes of runs unseen.
 Keys = Key[Array, " two"] | Sequence[Key[Array, ""]]
 NUM_POINTS = 101  # of half a loop
@@ -162,6 +171,8 @@ def compare_laws(
     offsets = _offsets(keys[0], weighed[best])
     readings = readings_of(first.data.parts)
     diagnosis = None if readings is None else diagnose(readings)
+    looked = look_quietly(campaign)
+    without_form = free_law_of(looked, seen, seed, named=True, particles=FREE_PARTICLES)
     lines = own_lines(first.data, {**_held(first.data), **first.fit.theta})
     record: dict[str, Any] = {
         "campaign": campaign.name,
@@ -174,16 +185,20 @@ def compare_laws(
         "laws": rows,
         "refused": unfitted | unweighed,
         "shared_runs": shared_runs,
+        "free_law": free_law_record(without_form),
+        "gap_sliders": gap_record(campaign.tests, seen),
     }
     record["statements"] = [
         *([trials.sentence] if trials.sentence else []),
         *([] if diagnosis is None else diagnosis_sentences(diagnosis)),
         *statements(record),
+        *free_law_sentences(without_form),
+        *gap_sentences(record["gap_sliders"]),
         *([] if offsets is None else [f"Under {best}: {runs_sentence(offsets)}"]),
     ]
     tree = _tree(weighed, record, {"/offsets": offsets, "/held_out": held_out})
-    looked = look_groups(look_quietly(campaign), entered(seen))
-    return LawComparison(named, xr.DataTree.from_dict({**tree, **looked, **groups}), record)
+    beside = look_groups(looked, entered(seen)) | free_law_groups(without_form)
+    return LawComparison(named, xr.DataTree.from_dict({**tree, **beside, **groups}), record)
 
 
 def _tree(

@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
+from jbw.report.messages import free_law as messages
 from jbw.report.messages import tables as notes
 from jbw.report.table import Column, Table, table, words
 from jbw.report.text import NOTHING
@@ -42,6 +43,24 @@ def laws_table(record: Mapping[str, Any]) -> Table:
         _number("weight", "weight", ".2f"),
         Column("log evidence", _difference("log_evidence_difference", "log_evidence_error")),
         Column("answer", lambda row: row["answer"], align="left"),
+    )
+
+
+def free_law_table(record: Mapping[str, Any]) -> Table | None:
+    """A line a law by the evidence of the readings alone, the best first; None without readings."""
+    free = record.get("free_law")
+    if free is None:
+        return None
+    differences = free["log_evidence_difference"]
+    rows = [
+        {"law": name, "difference": differences[name]}
+        for name in sorted(differences, key=differences.__getitem__, reverse=True)
+    ]
+    return table(
+        messages.TABLE,
+        rows,
+        words("law", "law"),
+        _number("log evidence", "difference", "+.1f"),
     )
 
 

@@ -6,8 +6,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from jbw.report.law_table import law_order, laws_table
+from jbw.report.free_band import draw_free_band
+from jbw.report.law_table import free_law_table, law_order, laws_table
 from jbw.report.measured_points import draw_points, measured_points
+from jbw.report.messages import free_law as free_messages
 from jbw.report.messages import laws as messages
 from jbw.report.messages import tables as notes
 from jbw.report.sheet import Folded, Sheet, render_sheet
@@ -147,6 +149,7 @@ def law_backbones(
             band = scale * curves[name].sel(law=law).transpose("quantile", "amplitude").values
             draw_model(panel, amplitude, band, label="median of the law")
             draw_points(panel, points, name, factor, scale)
+            draw_free_band(panel, tree, name, factor, scale)
             panel.axvspan(end, amplitude[-1], color=SOFT, alpha=0.15, lw=0, label="beyond the fit")
             panel.set_xlim(0.0, amplitude[-1])
             panel.ticklabel_format(axis="y", useOffset=False)
@@ -175,6 +178,8 @@ def laws_sheet(record: Mapping[str, Any]) -> Sheet:
     equivalent = [name for name, row in rows.items() if row["answer"] == "not told apart"]
     equivalent_words = messages.not_distinguished(equivalent) if equivalent else ""
     tables = [("Scores", laws_table(record))]
+    if (of_readings := free_law_table(record)) is not None:
+        tables.append((free_messages.TABLE, of_readings))
     if record["refused"]:
         refused = [{"law": law, "why": why} for law, why in record["refused"].items()]
         columns = words("law", "law"), words("why not", "why", "wrap")

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
 from jbw.report import style
+from jbw.report.free_band import draw_free_band
 from jbw.report.measured_points import draw_points, measured_points
 from jbw.report.messages import figures as labels
 from jbw.report.records import short
@@ -178,8 +179,9 @@ def backbone(tree: xr.DataTree, ax: Any = None) -> Panels:
 
     Natural frequency and equivalent damping of the identified joint against amplitude; open symbols
     are what each test shows without a model of the joint, read as a linear oscillator, with the
-    standard deviation of its repeats. Beyond the amplitudes that were fitted (grey) the law is
-    trusted, not tested.
+    standard deviation of its repeats. Dotted lines are the ends of the 99 % band of a law without a
+    form, by the readings of fitted tests; it widens where there are none. Beyond the amplitudes
+    that were fitted (grey) the law is trusted, not tested.
 
     Panels: frequency, damping (2 axes); grey beyond the amplitudes that were fitted.
     """
@@ -192,6 +194,7 @@ def backbone(tree: xr.DataTree, ax: Any = None) -> Panels:
     for panel, name, scale in ((axes[0, 0], "frequency", 1.0), (axes[0, 1], "damping", PERCENT)):
         draw_model(panel, amplitude, scale * quantiles(curve, name))
         draw_points(panel, points, name, factor, scale)
+        draw_free_band(panel, tree, name, factor, scale)
         label = "beyond what was fitted"
         panel.axvspan(end, amplitude[-1], color=SOFT, alpha=0.15, lw=0, label=label)
         panel.set_xlim(0.0, amplitude[-1])

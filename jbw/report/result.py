@@ -19,6 +19,7 @@ from jbw.run.netcdf import read_tree
 
 TURN = 360.0  # degrees
 BACKBONE = "verification/backbone"
+FREE_LAW = "free_law"
 DRAWN = ("posterior", "as_recorded", "runs")  # groups of draws, wherever they stand
 HELD_OUT = "held out"  # of every fit
 

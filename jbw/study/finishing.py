@@ -24,6 +24,7 @@ from jbw.report.opening import opening
 from jbw.study.assembly_group import GROUP as ASSEMBLY
 from jbw.study.assembly_group import assembly_group
 from jbw.study.comparisons import Comparisons
+from jbw.study.free_group import free_law_groups, free_law_of
 from jbw.study.identifiability import as_group
 from jbw.study.look import look_groups
 from jbw.study.order import Order
@@ -75,6 +76,8 @@ def measured_groups(
     if wide is not None:
         groups |= _with_instruments(tree["posterior"].to_dataset(), wide)
     groups |= look_groups(prepared.look, entered(prepared.measured))
+    law = free_law_of(prepared.look, prepared.measured, order.seed, named=False)
+    groups |= free_law_groups(law)
     if order.campaign.joints is not None:
         modes = tree["joints"].to_dataset()["frequency_hz"].values if "joints" in tree else ()
         groups[f"/{ASSEMBLY}"] = assembly_group(order.campaign.joints.model, tuple(modes))

@@ -8,7 +8,7 @@ import xarray as xr
 
 from jbw.errors import ConfigError, DataError, did_you_mean
 from jbw.identification.joint_answers import BACKBONES
-from jbw.report.result import BACKBONE, branch, node
+from jbw.report.result import BACKBONE, FREE_LAW, branch, node
 
 if TYPE_CHECKING:  # takes half a second to load
     from pandas import DataFrame
@@ -54,7 +54,20 @@ def backbone_frame(tree: xr.DataTree) -> "DataFrame":
     group = branch(tree, BACKBONE, "frequency", "damping")
     frame = _bands(group["amplitude"], group["frequency"], group["damping"])
     # The last fitted amplitude is a node of the grid, up to round-off.
-    return frame.assign(fitted=frame.index <= group.attrs["y_fitted"] * (1 + 1e-9))
+    frame = frame.assign(fitted=frame.index <= group.attrs["y_fitted"] * (1 + 1e-9))
+    return frame if (free := node(tree, FREE_LAW)) is None else frame.assign(**_free(frame, free))
+
+
+def _free(frame: "DataFrame", free: xr.DataTree) -> dict[str, np.ndarray]:
+    """Return bands without a form at the amplitudes of a frame; NaN beyond those they reach."""
+    x, at = np.log(np.asarray(free["amplitude"], float)), np.log(frame.index.values)
+    return {
+        f"{column}_free{end and '_'}{end}": np.interp(
+            at, x, np.asarray(free[name].isel(quantile=i), float), left=np.nan, right=np.nan
+        )
+        for column, name in (("frequency_hz", "frequency"), ("damping", "damping"))
+        for i, end in enumerate(ENDS)
+    }
 
 
 def _bands(amplitude: xr.DataArray, frequency: xr.DataArray, damping: xr.DataArray) -> "DataFrame":

@@ -109,7 +109,9 @@ class Study:
         """Return natural frequency and damping ratio at each amplitude, with 99 % bands.
 
         Columns: the medians `frequency_hz` [Hz] and `damping` [-], their bands' ends with `_low`
-        and `_high`, and `fitted`: whether the amplitude lies within those that were fitted.
+        and `_high`, and `fitted`: whether the amplitude lies within those that were fitted. With
+        `_free` behind the quantity the same of the law without a form, by the readings of fitted
+        tests, where there are enough; NaN far from them.
 
         Returns:
             One row per amplitude of the displacement [m]; per mode and amplitude at the first point

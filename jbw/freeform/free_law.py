@@ -1,0 +1,183 @@
+r"""The law without a form: evidence by readings, bands, Masing's rule and the least damping.
+
+Laws without a form differ by the springs beside the sliders, and by whether damping is bound to the
+stiffness. Bands are of all of them whose evidence is within 5 nats of the most, in equal parts.
+Masing's rule is tested by
+
+$$B = \log \sum_k Z_{loose, k} - \log \sum_k Z_{free, k}$$
+
+over the same springs k, and called at 5 nats. The least damping at an amplitude is that of any
+strengths w >= 0, without a prior, whose squares are within 6.63 of the least (99 %).
+
+Reference:
+    Lawson and Hanson (1974), Solving Least Squares Problems, for non-negative least squares.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import ArrayLike, Float
+from scipy.optimize import nnls
+
+from jbw.freeform.posterior import StrengthPosterior, posterior_of
+from jbw.freeform.rows import ReadingRows, rows_of
+from jbw.freeform.sliders import Reals
+from jbw.freeform.tempering import PARTICLES, Tempered, temper
+from jbw.measurement.readings.statement import Table
+
+QUANTILES = 0.005, 0.5, 0.995
+CALLED = 5.0  # nats from which Masing's rule is said to hold or to be broken
+INSIDE = 6.63  # of the squares: the 99 % interval of one quantity
+SPRINGS = (), ("cubic",), ("cubic", "quintic")  # beside the sliders
+SPRINGS_OF_NAMED = (), ("cubic",)
+WITHOUT_FORM = "free", "loose"
+NAMED = "linear", "power", "iwan4"
+NAMES = {"power": "masing_power"}  # of laws, where they are not those of the prior
+PENALTY = 1e5  # of a bound's constraint, over its readings
+WIDER, HALVINGS, FIRST_TRY = 1.7, 30, 0.05  # steps that bracket a bound, and halve it
+MOST_TRIES = 60
+
+Bands = Float[np.ndarray, "quantile amplitude"]
+
+
+class FreeLawKey(NamedTuple):
+    """A prior of strengths with its springs."""
+
+    prior: str
+    terms: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """Its name as of a law of jbw."""
+        return " + ".join([NAMES.get(self.prior, self.prior), *self.terms])
+
+
+@dataclass(frozen=True)
+class FreeLaw:
+    """What readings say of a joint without the form of a law.
+
+    Attributes:
+        rows: The readings.
+        log_evidence: Of every law by its name [nats].
+        masing: Evidence against Masing's rule [nats]; positive where damping is not bound.
+        posteriors: Of the laws without a form, with their draws.
+    """
+
+    rows: ReadingRows
+    log_evidence: Mapping[str, float]
+    masing: float
+    posteriors: Mapping[FreeLawKey, tuple[StrengthPosterior, Tempered]]
+
+    @property
+    def rule(self) -> str:
+        """Masing's rule: "holds", "broken", or "open" where readings do not decide."""
+        if self.masing >= CALLED:
+            return "broken"
+        return "holds" if self.masing <= -CALLED else "open"
+
+    @property
+    def scatter(self) -> float:
+        """Median of the relative standard deviation between the records' frequencies."""
+        best = max(self.posteriors.values(), key=lambda found: found[1].log_evidence)
+        return float(np.exp(np.median(best[1].theta[:, -1])))
+
+    def bands(
+        self, amplitude: ArrayLike, seed: int = 0, quantiles: Sequence[float] = QUANTILES
+    ) -> tuple[Bands, Bands]:
+        """Return the bands of frequency [Hz] and damping ratio at amplitudes [m]."""
+        rng = np.random.default_rng(seed)
+        logs = np.array([drawn.log_evidence for _, drawn in self.posteriors.values()])
+        weights = (logs > logs.max() - CALLED) / np.sum(logs > logs.max() - CALLED)
+        most = max(len(drawn.theta) for _, drawn in self.posteriors.values())
+        curves = []
+        for (posterior, drawn), weight in zip(self.posteriors.values(), weights, strict=True):
+            if count := round(weight * most):
+                chosen = rng.choice(len(drawn.theta), count, replace=False)
+                curves.append(posterior.curves(drawn.theta[chosen], amplitude, rng))
+        hz, zeta = (np.concatenate(values) for values in zip(*curves, strict=True))
+        return np.quantile(hz, quantiles, axis=0), np.quantile(zeta, quantiles, axis=0)
+
+    def least_damping(self, amplitude: ArrayLike) -> Reals:
+        """Return the least damping ratio under every law of Masing's kind at amplitudes [m]."""
+        hz = self.bands(amplitude, quantiles=(QUANTILES[-1],))[0][0]
+        omega_sq = (2 * np.pi * hz) ** 2 / self.rows.unit
+        return least_loss(self.rows, amplitude, omega_sq) / (2 * omega_sq)
+
+
+def free_law(
+    tables: Sequence[Table],
+    *,
+    named: bool = True,
+    seed: int = 0,
+    num_particles: int = PARTICLES,
+) -> FreeLaw:
+    """Find the law of a joint without a form from readings of frequency and damping.
+
+    Args:
+        tables: Readings, one table a record.
+        named: Whether the evidence of named laws by the same readings is found too.
+        seed: Of the random numbers.
+        num_particles: Of every law; four times as many draws are kept.
+
+    Raises:
+        DataError: Fewer than four amplitudes, or a reading that is not finite and positive.
+    """
+    rows = rows_of(tables)
+    keys = [
+        FreeLawKey(prior, terms)
+        for prior in (*(NAMED if named else ()), *WITHOUT_FORM)
+        for terms in (SPRINGS_OF_NAMED if prior in NAMED else SPRINGS)
+    ]
+    posteriors = {}
+    for i, key in enumerate(keys):
+        posterior = posterior_of(rows, key.prior, key.terms)
+        rng = np.random.default_rng([seed, i])
+        drawn = temper(posterior.with_slopes, posterior.mean, posterior.sd, rng, num_particles)
+        posteriors[key] = posterior, drawn
+    evidence = {key.name: drawn.log_evidence for key, (_, drawn) in posteriors.items()}
+    bound, loose = (
+        np.logaddexp.reduce([evidence[FreeLawKey(prior, terms).name] for terms in SPRINGS])
+        for prior in WITHOUT_FORM
+    )
+    kept = {key: found for key, found in posteriors.items() if key.prior in WITHOUT_FORM}
+    return FreeLaw(rows, evidence, float(loose - bound), kept)
+
+
+def least_loss(rows: ReadingRows, amplitude: ArrayLike, omega_sq: Reals) -> Reals:
+    """Return the least 2 zeta omega^2, over the readings' unit, of any sliders at amplitudes [m].
+
+    Springs may stand beside them. The bound is that of a quadratic program in w >= 0, found
+    by bisection of the squares with the loss held.
+    """
+    posterior = posterior_of(rows, "free", SPRINGS[-1])
+    made = np.column_stack([posterior.by_stiffness + posterior.by_loss, posterior.by_viscous])
+    best, left = nnls(made, posterior.readings, maxiter=50 * made.shape[1])
+    squares = left**2 + INSIDE
+    y = np.atleast_1d(np.asarray(amplitude, float))
+    losses = np.column_stack([posterior.grid.loss(y), np.sqrt(omega_sq)])
+    return np.array([_least(made, posterior.readings, loss, best, squares) for loss in losses])
+
+
+def _least(made: np.ndarray, readings: Reals, loss: Reals, best: Reals, squares: float) -> float:
+    """Return the least loss whose squares are no more than given."""
+
+    def is_inside(value: float) -> bool:
+        rows = np.vstack([made, PENALTY * loss])
+        found = nnls(rows, np.append(readings, PENALTY * value), maxiter=50 * rows.shape[1])
+        return bool(found[1] ** 2 <= squares)
+
+    inside = float(loss @ best)
+    step, outside = FIRST_TRY * inside, 0.0
+    if is_inside(0.0):
+        return 0.0
+    for _ in range(MOST_TRIES):
+        outside = max(inside - step, 0.0)
+        if not is_inside(outside):
+            break
+        inside, step = outside, WIDER * step
+    for _ in range(HALVINGS):
+        middle = (inside + outside) / 2
+        inside, outside = (middle, outside) if is_inside(middle) else (inside, middle)
+    return inside

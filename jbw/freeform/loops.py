@@ -1,0 +1,142 @@
+r"""Force loops without a form: sliders behind gaps, non-negative least squares.
+
+A slider of half width d behind a gap g holds the play p of half width g + d and has the force of
+the dead zone of both,
+
+$$f(y) = \mathrm{dz}(y - p, g), \qquad \mathrm{dz}(e, g) = \mathrm{sign}(e)\,\max(|e| - g, 0)$$
+
+so that the force of a joint is linear in the strengths w >= 0 of all pairs (g, d), in an elastic
+spring and in a constant force:
+
+$$F(y) = k y + F_0 + \sum_{g, d} w_{gd}\, f_{gd}(y)$$
+
+Reference:
+    Visintin (1994), Differential Models of Hysteresis; Lawson and Hanson (1974), Solving Least
+    Squares Problems.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import ArrayLike, Float
+from scipy.optimize import nnls
+
+from jbw.errors import DataError
+from jbw.freeform.sliders import Reals
+from jbw.measurement.curves import ForcedLoop
+
+YIELDS, GAPS = 16, 12  # half widths and gaps of the grid; one more gap is none
+SMALLEST = 1e-3  # of the largest motion: half width
+LARGEST = 1.0  # of the largest motion: half width, and gap
+SMALLEST_GAP = 1e-2  # of the largest motion
+MOST_SAMPLES = 2000  # of all loops together: a loop is as smooth as its motion
+FEWEST = 8  # samples of a loop
+
+Columns = Float[np.ndarray, "sample column"]
+
+
+@dataclass(frozen=True)
+class GapSliders:
+    """Sliders behind gaps.
+
+    Attributes:
+        half_widths: Of every slider [m].
+        gaps: In front of every slider [m].
+        strengths: Of every slider [N/m], none negative.
+        stiffness: Of the elastic spring beside them [N/m].
+        offset: Mean of the loops' constant forces [N].
+        error: Root mean square of the residual over that of the force, of all loops.
+    """
+
+    half_widths: Reals
+    gaps: Reals
+    strengths: Reals
+    stiffness: float
+    offset: float
+    error: float
+
+    def force(self, y: ArrayLike) -> Reals:
+        """Return the force along a motion [m] from rest in the middle of the gaps [N]."""
+        motion = np.asarray(y, float)
+        used = self.strengths > 0
+        columns = gap_columns(motion, self.half_widths[used], self.gaps[used])
+        return self.offset + self.stiffness * motion + columns @ self.strengths[used]
+
+    def errors(self, loop: ForcedLoop) -> tuple[float, float]:
+        """Return the error of a loop over the rms of its force, and with a force of its own.
+
+        The second one allows for a constant force of the loop, as an amplifier's zero adds.
+        """
+        force = np.asarray(loop.force, float)
+        residual = self.force(loop.displacement) - force
+        size = max(float(np.sqrt(np.mean(force**2))), 1e-300)
+        return float(np.sqrt(np.mean(residual**2)) / size), float(np.std(residual) / size)
+
+    @property
+    def mean_gap(self) -> float:
+        """Mean of the gaps, weighted with the sliders' largest forces [m]."""
+        weights = self.strengths * self.half_widths
+        return float(weights @ self.gaps / weights.sum()) if weights.sum() > 0 else 0.0
+
+
+def gap_columns(y: Reals, half_widths: Reals, gaps: Reals) -> Columns:
+    """Return the force of sliders of unit strength along a motion, one column each."""
+    reach = gaps + half_widths
+    play, columns = np.zeros_like(reach), np.empty((len(y), len(reach)))
+    for k, position in enumerate(y):
+        play = np.clip(play, position - reach, position + reach)
+        apart = position - play
+        columns[k] = np.sign(apart) * np.maximum(np.abs(apart) - gaps, 0.0)
+    return columns
+
+
+def gap_sliders(loops: Sequence[ForcedLoop]) -> GapSliders:
+    """Fit sliders behind gaps to force loops; each loop may have a constant force of its own.
+
+    Args:
+        loops: Displacement and force along the motion, each from rest.
+
+    Raises:
+        DataError: No loop, a loop of fewer than eight samples, without motion, or not finite.
+    """
+    for loop in loops:
+        _require(loop)
+    if not loops:
+        raise DataError("Sliders behind gaps need at least one force loop, but there is none.")
+    top = max(float(np.max(np.abs(loop.displacement))) for loop in loops)
+    widths = np.geomspace(SMALLEST, LARGEST, YIELDS) * top
+    gaps = np.concatenate([[0.0], np.geomspace(SMALLEST_GAP, LARGEST, GAPS) * top])
+    gap, width = (grid.ravel() for grid in np.meshgrid(gaps, widths, indexing="ij"))
+    every = max(1, sum(len(loop.displacement) for loop in loops) // MOST_SAMPLES)
+    columns = [
+        gap_columns(np.asarray(loop.displacement, float), width, gap)[::every] for loop in loops
+    ]
+    motions = [np.asarray(loop.displacement, float)[::every] for loop in loops]
+    forces = [np.asarray(loop.force, float)[::every] for loop in loops]
+    own = np.repeat(np.eye(len(loops)), [len(force) for force in forces], axis=0)
+    signed = np.column_stack([np.concatenate(motions), own])
+    scale = float(np.sqrt(np.mean(np.concatenate(forces) ** 2)))
+    design = np.column_stack([np.vstack(columns), signed, -signed])
+    sizes = np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+    found, left = nnls(design / sizes, np.concatenate(forces), maxiter=50 * design.shape[1])
+    values = found / sizes
+    free = values[len(gap) : len(gap) + signed.shape[1]] - values[len(gap) + signed.shape[1] :]
+    error = float(left / np.sqrt(len(own)) / max(scale, 1e-300))
+    offset = float(np.mean(free[1:]))
+    return GapSliders(width, gap, values[: len(gap)], float(free[0]), offset, error)
+
+
+def _require(loop: ForcedLoop) -> None:
+    y, force = np.asarray(loop.displacement, float), np.asarray(loop.force, float)
+    if len(y) < FEWEST or not np.all(np.isfinite(y)) or not np.all(np.isfinite(force)):
+        raise DataError(
+            f"A force loop must have {FEWEST} finite samples or more, but a loop has "
+            f"{int(np.sum(np.isfinite(y)))}.",
+            remedy="Leave out the loop, or its samples without a number.",
+        )
+    if not np.ptp(y) > 0:
+        raise DataError(
+            "A force loop must move, but the displacement of a loop is constant.",
+            remedy="Check which channel is the displacement.",
+        )

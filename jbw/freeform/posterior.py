@@ -1,0 +1,224 @@
+r"""The posterior of strengths given readings; linear coefficients are integrated out.
+
+Readings are linear in omega_n^2 and in the coefficients of springs and dampers,
+
+$$r = L b + G w + c\,\omega, \qquad b = (\omega_n^2, b_3, b_5, c_2)$$
+
+with $\tfrac34 b_3 Y^2$ and $\tfrac58 b_5 Y^4$ in omega^2 and $\tfrac{8}{3\pi} c_2 \omega^2 Y$ in
+2 zeta omega^2. omega_n^2 has a flat prior; the change that any other term makes at the largest
+amplitude is normal; its standard deviation is twice the change of the readings. One QR of the
+whitened columns leaves the likelihood of w. The relative frequency offset of each record,
+N(0, tau^2), is integrated out as well: with U S V^T the whitened columns of the records and e the
+residual,
+
+$$-2 \ln L = e^T e - \sum_k \frac{\tau^2 s_k^2}{1 + \tau^2 s_k^2} (U_k^T e)^2
+  + \sum_k \ln(1 + \tau^2 s_k^2), \qquad \log \tau \sim N(\log 2\cdot 10^{-5}, 2.3)$$
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import ArrayLike, Float
+
+from jbw.errors import ConfigError
+from jbw.freeform.prior import PRIORS, Particles, SliderStrengths, StrengthPrior
+from jbw.freeform.rows import ReadingRows
+from jbw.freeform.sliders import Matrix, Reals, SliderGrid
+
+SPRINGS = {"quadratic": 1, "cubic": 2, "quintic": 4}  # powers of the amplitude in omega^2
+DAMPERS = {"quadratic_damping": 1}  # power of the amplitude in 2 zeta omega^2
+TERM = 2.0  # of the readings' change: standard deviation of a term's at the largest amplitude
+EXHAUSTED = 1e3  # nats per share by which strengths exceed the stiffness
+STEP = 1e-6  # of a parameter, for slopes where there are few
+RowColumns = Float[np.ndarray, "_ _"]
+SCATTER = np.log(2e-5), 2.3  # ln of the relative scatter between records' frequencies: a decade
+
+
+@dataclass(frozen=True)
+class StrengthPosterior:
+    """Likelihood and prior of the strengths for given readings.
+
+    Parameters are those of the strengths and, the last one, ln of the scatter between records.
+
+    Attributes:
+        rows: The readings.
+        grid: Of half widths.
+        prior: Of the strengths.
+        terms: Names of springs and dampers beside the sliders.
+        white: Rows that whiten readings and the terms' priors.
+        basis: Orthonormal columns of what is linear.
+        factor: R of the same, so that basis factor are the whitened columns.
+        by_stiffness, by_loss, by_viscous: Whitened columns of strengths and viscous damping,
+            orthogonal to what is linear.
+        own, own_sizes: U and S of the records' own frequencies, projected alike.
+        records: The columns of the same, whitened and projected.
+        readings: Whitened and projected.
+        constant: Of the log likelihood [nats].
+    """
+
+    rows: ReadingRows
+    grid: SliderGrid
+    prior: StrengthPrior
+    terms: tuple[str, ...]
+    white: Float[np.ndarray, "row row"]
+    basis: Float[np.ndarray, "row term"]
+    factor: Float[np.ndarray, "term term"]
+    by_stiffness: Float[np.ndarray, "row bin"]
+    by_loss: Float[np.ndarray, "row bin"]
+    by_viscous: Reals
+    own: Float[np.ndarray, "row size"]
+    own_sizes: Float[np.ndarray, " size"]
+    records: Float[np.ndarray, "row record"]
+    readings: Reals
+    constant: float
+
+    def left(self, w: SliderStrengths) -> Float[np.ndarray, "particle row"]:
+        """Return the whitened residual of strengths, what is linear projected out."""
+        made = w.of_stiffness @ self.by_stiffness.T + w.of_loss @ self.by_loss.T
+        return self.readings - made - w.viscous[:, None] * self.by_viscous
+
+    @property
+    def mean(self) -> Reals:
+        """Means of the parameters' Gaussian prior."""
+        return np.append(self.prior.mean, SCATTER[0])
+
+    @property
+    def sd(self) -> Reals:
+        """Standard deviations of the parameters' Gaussian prior."""
+        return np.append(self.prior.sd, SCATTER[1])
+
+    def log_likelihood(self, theta: Particles) -> Float[np.ndarray, " particle"]:
+        """Return the log likelihood of parameters [nats]."""
+        return self._value(theta)[0]
+
+    def _value(self, theta: Particles) -> tuple[Reals, SliderStrengths, RowColumns, RowColumns]:
+        """Return it with the strengths, the residual over its covariance, and the sizes' shares."""
+        w = self.prior.strengths(theta[:, :-1])
+        left = self.left(w)
+        variance = np.exp(2 * theta[:, -1:]) * self.own_sizes**2
+        along = left @ self.own
+        solved = left - (variance / (1 + variance) * along) @ self.own.T
+        excess = np.maximum(w.of_stiffness.sum(axis=1) - 1.0, 0.0)
+        squares = np.sum(left * solved, axis=1) + np.log1p(variance).sum(axis=1)
+        # d/d ln tau of -squares/2
+        by_scatter = variance / (1 + variance) * (along**2 / (1 + variance) - 1)
+        return self.constant - 0.5 * squares - EXHAUSTED * excess, w, solved, by_scatter
+
+    def with_slopes(self, theta: Particles) -> tuple[Reals, Particles]:
+        """Return the log likelihood and its slopes by the parameters."""
+        value, w, solved, by_scatter = self._value(theta)
+        if self.prior.slopes is None:
+            steps = STEP * np.eye(theta.shape[1])
+            moved = [self.log_likelihood(theta + step) - value for step in steps]
+            return value, np.column_stack(moved) / STEP
+        excess = EXHAUSTED * (w.of_stiffness.sum(axis=1, keepdims=True) > 1.0)
+        by_log = SliderStrengths(
+            (solved @ self.by_stiffness - excess) * w.of_stiffness,
+            solved @ self.by_loss * w.of_loss,
+            solved @ self.by_viscous * w.viscous,
+        )
+        return value, np.column_stack([
+            self.prior.slopes(theta[:, :-1], by_log), by_scatter.sum(axis=1)
+        ])  # fmt: skip
+
+    def curves(
+        self, theta: Particles, amplitude: ArrayLike, rng: np.random.Generator
+    ) -> tuple[Matrix, Matrix]:
+        """Return frequency [Hz] and damping ratio of each draw at amplitudes [m].
+
+        Linear coefficients are drawn from their Gaussian given the strengths.
+        """
+        y, w = np.asarray(amplitude, float), self.prior.strengths(theta[:, :-1])
+        columns = StrengthPosterior.columns(self.rows, self.grid)
+        made = w.of_stiffness @ columns[0].T + w.of_loss @ columns[1].T
+        made += w.viscous[:, None] * columns[2][:, 0]
+        made += self._offsets(w, theta[:, -1], rng) @ self.rows.own.T
+        whole = np.pad(self.rows.values - made, ((0, 0), (0, len(self.terms))))
+        whole = whole @ self.white.T @ self.basis
+        b = np.linalg.solve(self.factor, (whole + rng.standard_normal(whole.shape)).T).T
+        springs, dampers = _term_columns(self.terms, y / self.rows.y.max())
+        omega_sq = b[:, :1] - w.of_stiffness @ self.grid.softening(y).T + b[:, 1:] @ springs.T
+        omega = np.sqrt(np.maximum(omega_sq, 1e-12))
+        loss = w.viscous[:, None] * omega + w.of_loss @ self.grid.loss(y).T
+        loss += omega_sq * (b[:, 1:] @ dampers.T)
+        hz = omega * np.sqrt(self.rows.unit) / (2 * np.pi)
+        return hz, loss / (2 * np.maximum(omega_sq, 1e-12))
+
+    def _offsets(
+        self, w: SliderStrengths, log_scatter: Reals, rng: np.random.Generator
+    ) -> Float[np.ndarray, "particle record"]:
+        """Return draws of the records' relative frequency offsets, given the strengths."""
+        normal = self.records.T @ self.records
+        sizes, vectors = np.linalg.eigh(normal)
+        precision = np.maximum(sizes, 0.0) + np.exp(-2 * log_scatter[:, None])
+        along = self.left(w) @ self.records @ vectors
+        noise = rng.standard_normal(along.shape)
+        return (along / precision + noise / np.sqrt(precision)) @ vectors.T
+
+    @staticmethod
+    def columns(rows: ReadingRows, grid: SliderGrid) -> tuple[RowColumns, RowColumns, RowColumns]:
+        """Return what strengths of stiffness and loss and the viscous damping make of readings."""
+        none = np.zeros((len(rows.y), len(grid.log_d)))
+        return (
+            np.vstack([-grid.softening(rows.y), none]),
+            np.vstack([none, grid.loss(rows.y)]),
+            np.concatenate([np.zeros(len(rows.y)), rows.omega])[:, None],
+        )
+
+
+def posterior_of(
+    rows: ReadingRows, prior: str = "free", terms: Sequence[str] = ()
+) -> StrengthPosterior:
+    """Return the posterior of a law's strengths for readings.
+
+    Args:
+        rows: The readings.
+        prior: "free", "loose" (not of Masing's rule), "power", "iwan4" or "linear".
+        terms: Of "cubic", "quintic" and "quadratic_damping".
+
+    Raises:
+        ConfigError: An unknown prior or term.
+    """
+    for given, known, argument in (
+        ((prior,), PRIORS, "prior"),
+        (terms, SPRINGS | DAMPERS, "terms"),
+    ):
+        if unknown := [name for name in given if name not in known]:
+            raise ConfigError(
+                f"Argument `{argument}` must name {', '.join(known)}, but names {unknown[0]!r}.",
+                remedy=f"Give one of {', '.join(known)}.",
+            )
+    grid, num, more = rows.grid, len(rows.y), len(terms)
+    white = np.zeros((2 * num + more, 2 * num + more))
+    white[: 2 * num, : 2 * num] = np.linalg.inv(np.linalg.cholesky(rows.covariance))
+    white[2 * num :, 2 * num :] = np.eye(more) / (TERM * (np.ptp(rows.stiffness) + rows.loss.max()))
+    springs, dampers = _term_columns(terms, rows.y / rows.y.max())
+    measured = np.vstack([springs, rows.omega[:, None] ** 2 * dampers])
+    stiff = np.concatenate([np.ones(num), np.zeros(num + more)])
+    linear = white @ np.column_stack([stiff, np.vstack([measured, np.eye(more)])])
+    basis, factor = np.linalg.qr(linear)
+
+    def apart(columns: RowColumns) -> RowColumns:
+        whitened = white @ np.pad(columns, ((0, more), (0, 0)))
+        return whitened - basis @ (basis.T @ whitened)
+
+    columns, records = StrengthPosterior.columns(rows, grid), apart(rows.own)
+    own, own_sizes, _ = np.linalg.svd(records, full_matrices=False)
+    readings = apart(rows.values[:, None])[:, 0]
+    diagonals = np.log(np.diag(white)).sum() - np.log(np.abs(np.diag(factor))).sum()
+    constant = float(diagonals) - 0.5 * np.log(2 * np.pi) * (2 * num - 1)
+    x_middle = 0.5 * float(np.log(rows.y.min() * rows.y.max()))
+    by_stiffness, by_loss, by_viscous = map(apart, columns)
+    return StrengthPosterior(
+        rows, grid, PRIORS[prior](grid, x_middle), tuple(terms), white, basis, factor, by_stiffness,
+        by_loss, by_viscous[:, 0], own, own_sizes, records, readings, constant,
+    )  # fmt: skip
+
+
+def _term_columns(terms: Sequence[str], ratio: Reals) -> tuple[RowColumns, RowColumns]:
+    """Return what each term makes of omega^2, and of 2 zeta, at ratios to the largest amplitude."""
+    springs = [ratio ** SPRINGS[name] if name in SPRINGS else 0 * ratio for name in terms]
+    dampers = [ratio ** DAMPERS[name] if name in DAMPERS else 0 * ratio for name in terms]
+    shape = len(ratio), len(terms)
+    return np.reshape(springs, shape[::-1]).T, np.reshape(dampers, shape[::-1]).T

@@ -1,0 +1,165 @@
+r"""Readings as rows of a linear problem: omega^2 and 2 zeta omega^2, with their covariance.
+
+A record's rows share an error, its own frequency: over the mean of omega^2, the stiffness has
+
+$$C_i' = C_i + (2 \tau)^2\, 1 1^T$$
+
+where $\tau$ is the relative scatter between records at equal amplitude. Errors are widened where
+the best sliders, frequency and damping apart, miss more than the errors with the likeliest $\tau$.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.linalg import block_diag
+from scipy.optimize import nnls
+
+from jbw.errors import DataError
+from jbw.freeform.sliders import Reals, SliderGrid, grid_for
+from jbw.measurement.readings.statement import Table
+
+ROWS = 4  # of a record: its table is that smooth
+FEWEST = 4  # amplitudes: two coefficients of frequency and two of damping
+FLOOR_HZ, FLOOR_ZETA = 1e-6, 3e-3  # relative, of readings that state no error
+SCATTERS = np.concatenate([[0.0], np.geomspace(1e-7, 1e-2, 61)])  # of frequency that are tried
+ROUNDS = 4  # of law and scatter in turn
+
+Square = Float[np.ndarray, "row row"]
+
+
+class ReadingRows(NamedTuple):
+    """Rows of all records, in units of the mean of omega^2.
+
+    Attributes:
+        y: Amplitude of the displacement [m].
+        omega: Over the root of `unit`.
+        stiffness: omega^2 over `unit`.
+        loss: 2 zeta omega^2 over `unit`.
+        covariance: Of stiffness and loss, one after the other, without the records' offsets.
+        own: What a relative change of each record's frequency makes of stiffness and loss.
+        unit: The mean of omega^2 [rad^2/s^2].
+        scatter: Likeliest relative standard deviation between the frequencies of records.
+        inflation: Factor of the covariance: what no law of the amplitude follows, over the errors.
+    """
+
+    y: Reals
+    omega: Reals
+    stiffness: Reals
+    loss: Reals
+    covariance: Square
+    own: Float[np.ndarray, "row record"]
+    unit: float
+    scatter: float = 0.0
+    inflation: float = 1.0
+
+    @property
+    def values(self) -> Reals:
+        """Stiffness and loss, one after the other."""
+        return np.concatenate([self.stiffness, self.loss])
+
+    @property
+    def with_scatter(self) -> Square:
+        """The covariance with the records' own frequencies in it."""
+        return self.covariance + self.scatter**2 * self.own @ self.own.T
+
+    @property
+    def grid(self) -> SliderGrid:
+        """The grid of sliders for these amplitudes."""
+        return grid_for(float(self.y.min()), float(self.y.max()))
+
+
+def rows_of(tables: Sequence[Table]) -> ReadingRows:
+    """Return the rows of tables of readings, with the scatter between records in their covariance.
+
+    Raises:
+        DataError: Fewer than four amplitudes, or readings that are not finite and positive.
+    """
+    count = sum(len(_picked(table)) for table in tables)
+    if count < FEWEST:
+        raise DataError(
+            f"A law without a form needs readings at {FEWEST} amplitudes or more, but there are "
+            f"{count}.",
+            remedy="Add records of other levels, or a free decay.",
+        )
+    if not all(_is_whole(table) for table in tables):
+        raise DataError(
+            "A law without a form needs positive amplitudes and frequencies and finite damping "
+            "ratios, but a reading is not.",
+            remedy="Leave out the record that `jbw look` shows without a number.",
+        )
+    rows, found = _rows(tables), np.nan
+    for _ in range(ROUNDS if len(tables) > 1 else 0):
+        if found == rows.scatter:
+            break
+        found = rows.scatter
+        rows = rows._replace(scatter=_scatter(rows, _left_by_any_law(rows)[0]))
+    residual, freedom = _left_by_any_law(rows)
+    squares = float(residual @ np.linalg.solve(rows.with_scatter, residual))
+    inflation = max(1.0, squares / freedom)
+    return rows._replace(covariance=inflation * rows.covariance, inflation=inflation)
+
+
+def _is_whole(table: Table) -> bool:
+    columns = table.y, table.hz, table.zeta
+    positive = bool(np.all(table.y > 0) and np.all(table.hz > 0))
+    return positive and all(bool(np.all(np.isfinite(column))) for column in columns)
+
+
+def _picked(table: Table) -> np.ndarray:
+    return np.unique(np.linspace(0, len(table.y) - 1, ROWS).astype(int))
+
+
+def _rows(tables: Sequence[Table]) -> ReadingRows:
+    columns: list[tuple[Reals, ...]] = []
+    of_hz, of_zeta = [], []
+    for table in tables:
+        pick = _picked(table)
+        square = np.ix_(pick, pick)
+        columns.append((table.y[pick], table.hz[pick], table.zeta[pick]))
+        floors = (FLOOR_HZ * table.hz[pick]) ** 2, (FLOOR_ZETA * table.zeta[pick]) ** 2
+        of_hz.append(table.hz_covariance[square] + np.diag(floors[0]))
+        of_zeta.append(table.zeta_covariance[square] + np.diag(floors[1]))
+    y, hz, zeta = (np.concatenate(column) for column in zip(*columns, strict=True))
+    omega = 2 * np.pi * hz
+    unit = float(np.mean(omega**2))
+    by_hz = 4 * np.pi * omega / unit  # of omega^2
+    jacobian = np.block([
+        [np.diag(by_hz), np.zeros((len(y), len(y)))],
+        [np.diag(2 * zeta * by_hz), np.diag(2 * omega**2 / unit)],
+    ])  # fmt: skip
+    covariance = jacobian @ np.asarray(block_diag(*of_hz, *of_zeta)) @ jacobian.T
+    own = np.asarray(block_diag(*(np.ones((len(column[0]), 1)) for column in columns)))
+    own = 2.0 * np.vstack([own, np.zeros_like(own)])
+    return ReadingRows(
+        y, omega / np.sqrt(unit), omega**2 / unit, 2 * zeta * omega**2 / unit, covariance, own, unit
+    )
+
+
+def _left_by_any_law(rows: ReadingRows) -> tuple[Reals, float]:
+    """Return what the best sliders miss, frequency and damping apart, and the degrees of freedom.
+
+    Each quantity has strengths of its own and a cubic spring, so that no law of the amplitude
+    alone does much better.
+    """
+    grid, num = rows.grid, len(rows.y)
+    softening, loss = grid.softening(rows.y), grid.loss(rows.y)
+    cubic = (rows.y / rows.y.max()) ** 2
+    of_stiffness = np.column_stack([np.ones(num), cubic, -cubic, -softening])
+    design = np.asarray(block_diag(of_stiffness, np.column_stack([rows.omega, loss])))
+    white = np.linalg.inv(np.linalg.cholesky(rows.with_scatter))
+    found = nnls(white @ design, white @ rows.values, maxiter=50 * design.shape[1])[0]
+    used = int(np.sum(found > 0))
+    return rows.values - design @ found, max(len(rows.values) - used, 1.0)
+
+
+def _scatter(rows: ReadingRows, residual: Reals) -> float:
+    """Return the likeliest scatter of the records' frequencies for a residual of the law."""
+
+    def penalty(scatter: float) -> float:
+        covariance = rows._replace(scatter=scatter).with_scatter
+        squares = residual @ np.linalg.solve(covariance, residual)
+        return float(squares) + float(np.linalg.slogdet(covariance)[1])
+
+    return float(min(SCATTERS, key=penalty))

@@ -1,0 +1,100 @@
+r"""Elasto-plastic sliders in parallel: the force, its first harmonic and the grid of half widths.
+
+A slider of strength w holds the play p of half width d, $p' = \mathrm{clip}(p, y - d, y + d)$, and
+
+$$f = \omega_n^2 y - \sum_i w_i p_i$$
+
+With x = d / Y <= 1 and t = arccos(1 - 2 x), one slider has the stiffness $\kappa$ and the loss l,
+
+$$\kappa = \frac{t - \sin t \cos t}{\pi}, \qquad l = \frac{4}{\pi} x (1 - x)$$
+
+so that frequency and damping are linear in the strengths:
+
+$$\omega^2(Y) = \omega_n^2 - \sum_i w_i (1 - \kappa_i), \qquad
+  2 \zeta \omega^2 = c\,\omega + \sum_i w_i l_i$$
+
+Reference:
+    Iwan (1966), J. Appl. Mech. 33, 893; Visintin (1994), Differential Models of Hysteresis.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import ArrayLike, Float
+
+Reals = Float[np.ndarray, " _"]
+Matrix = Float[np.ndarray, "amplitude bin"]
+
+PER_DECADE = 16  # bins: with 6 a decade a law of Masing's kind can seem to break Masing's rule
+FINE = 8  # sliders of equal strength in a bin, so that curves are smooth in the amplitude
+# Of the smallest and the largest amplitude: ends of the grid. Sliders below a quarter of the
+# smallest slip in every reading; without them bands at a third of it contained 75 % of the truths.
+BELOW, ABOVE = 1 / 20, 6.0
+
+
+def stiffness_share(amplitude: ArrayLike, half_width: ArrayLike) -> np.ndarray:
+    r"""Return the first harmonic's stiffness $\kappa$ of a slider of unit strength."""
+    x = np.clip(np.asarray(half_width) / np.asarray(amplitude), 0.0, 1.0)
+    turn = np.arccos(1 - 2 * x)
+    return (turn - np.sin(turn) * np.cos(turn)) / np.pi
+
+
+def loss_share(amplitude: ArrayLike, half_width: ArrayLike) -> np.ndarray:
+    r"""Return the energy per cycle of a slider of unit strength, over $\pi Y^2$."""
+    x = np.clip(np.asarray(half_width) / np.asarray(amplitude), 0.0, 1.0)
+    return 4 / np.pi * x * (1 - x)
+
+
+def play_force(y: Reals, strengths: Reals, half_widths: Reals, stiffness: float) -> Reals:
+    """Return the force along a motion from rest, exact between samples joined by straight lines.
+
+    Args:
+        y: Displacement [m].
+        strengths: w of every slider [N/kg/m].
+        half_widths: d of every slider [m].
+        stiffness: omega_n^2, of the fully stuck joint [N/kg/m].
+    """
+    play, force = np.zeros_like(half_widths), np.empty(len(y))
+    for k, position in enumerate(y):
+        play = np.clip(play, position - half_widths, position + half_widths)
+        force[k] = stiffness * position - strengths @ play
+    return force
+
+
+@dataclass(frozen=True)
+class SliderGrid:
+    """Bins of half width, equal in their logarithm.
+
+    Attributes:
+        log_d: Middle of every bin, ln of the half width [m].
+        width: Of a bin, in ln of the half width.
+    """
+
+    log_d: Reals
+    width: float
+
+    @property
+    def half_widths(self) -> Float[np.ndarray, "bin slider"]:
+        """Half widths of the equal sliders of every bin [m]."""
+        within = self.width * ((np.arange(FINE) + 0.5) / FINE - 0.5)
+        return np.exp(self.log_d[:, None] + within)
+
+    def softening(self, amplitude: ArrayLike) -> Matrix:
+        """Return by how much omega^2 falls at each amplitude, per strength of a bin."""
+        return 1.0 - self._mean(stiffness_share, amplitude)
+
+    def loss(self, amplitude: ArrayLike) -> Matrix:
+        """Return by how much 2 zeta omega^2 rises at each amplitude, per strength of a bin."""
+        return self._mean(loss_share, amplitude)
+
+    def _mean(self, share: Callable[..., np.ndarray], amplitude: ArrayLike) -> Matrix:
+        return share(np.asarray(amplitude)[:, None, None], self.half_widths).mean(axis=-1)
+
+
+def grid_for(smallest: float, largest: float, per_decade: int = PER_DECADE) -> SliderGrid:
+    """Return the grid for amplitudes of a motion [m]: from a twentieth to six times of them."""
+    low, high = np.log(BELOW * smallest), np.log(ABOVE * largest)
+    count = max(4, int(np.ceil((high - low) / np.log(10) * per_decade)))
+    edges = np.linspace(low, high, count + 1)
+    return SliderGrid((edges[1:] + edges[:-1]) / 2, float(edges[1] - edges[0]))

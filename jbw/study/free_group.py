@@ -1,0 +1,153 @@
+"""The law without a form, from the readings of a look to sentences and a group of a result."""
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from jbw.errors import JbwError
+from jbw.freeform.free_law import CALLED, QUANTILES, FreeLaw, free_law
+from jbw.freeform.loops import gap_sliders
+from jbw.identification.assemble import Measured, entered, fitted_repeats
+from jbw.measurement.curves import forced_loop
+from jbw.measurement.readings.statement import Table
+from jbw.measurement.records import Test
+from jbw.report.messages import free_law as messages
+from jbw.report.result import FREE_LAW
+from jbw.study.look import Look
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+PARTICLES = 300  # beside an identification: evidence is then known to one nat
+NUM_AMPLITUDES = 48
+REACH = 3.0  # times the largest amplitude, and part of the smallest: how far bands go
+BEYOND = 1.25  # times the largest amplitude: where a sentence states the bands
+SCATTERED = 2.0  # of the inflation: readings that scatter 1.4 times as much as their errors
+
+
+def fitted_tables(looked: Look, seen: Measured) -> list[Table]:
+    """Return the tables of readings of all that was fitted."""
+    fitted, repeats = entered(seen), fitted_repeats(seen)
+    chosen = (
+        tables[: repeats.get(name)]
+        for name, tables in looked.tables.items()
+        if fitted.get(name, True)
+    )
+    return [table for tables in chosen for table in tables]
+
+
+def free_law_of(
+    looked: Look, seen: Measured, seed: int, *, named: bool, particles: int = PARTICLES
+) -> FreeLaw | None:
+    """Return the law without a form of what was fitted, by a look's readings.
+
+    None of several modes, and where the readings do not suffice.
+    """
+    if seen.modes is not None or seen.joints is not None:
+        return None
+    try:
+        tables = fitted_tables(looked, seen)
+        return free_law(tables, named=named, seed=seed, num_particles=particles)
+    except (JbwError, ValueError, np.linalg.LinAlgError):
+        return None
+
+
+def gap_record(tests: Sequence[Test], seen: Measured) -> dict[str, Any] | None:
+    """Return how sliders behind gaps fit force loops, and predict held-out ones; None of no loop.
+
+    Errors are over the rms of the force; of a held-out loop also with a constant force of its own.
+    """
+    fitted = entered(seen)
+    named = [
+        (test.name, forced_loop(record))
+        for test in tests
+        if test.traits.is_prescribed
+        for record in test.records
+    ]
+    try:
+        found = gap_sliders([loop for name, loop in named if fitted.get(name, False)])
+    except JbwError:
+        return None
+    held_out = [(name, loop) for name, loop in named if not fitted.get(name, False)]
+    return {
+        "error": found.error,
+        "mean_gap": found.mean_gap,
+        "sliders": int(np.sum(found.strengths > 0)),
+        "held_out": {name: list(found.errors(loop)) for name, loop in held_out},
+    }
+
+
+def gap_sentences(record: Mapping[str, Any] | None) -> list[str]:
+    """Return what sliders behind gaps say of force loops, a sentence each."""
+    if record is None:
+        return []
+    fit = messages.gap_sliders(record["sliders"], record["error"], record["mean_gap"])
+    return [fit, *(messages.held_out_loop(n, *e) for n, e in record["held_out"].items())]
+
+
+def free_law_groups(law: FreeLaw | None) -> "dict[str, xr.Dataset]":
+    """Return the bands of a law without a form as a group of a result; nothing without a law."""
+    if law is None:
+        return {}
+    import xarray as xr  # takes long to load
+
+    low, high = float(law.rows.y.min()), float(law.rows.y.max())
+    amplitude = np.geomspace(low / REACH, REACH * high, NUM_AMPLITUDES)
+    frequency, damping = law.bands(amplitude)
+    dims = "quantile", "amplitude"
+    group = xr.Dataset(
+        {
+            "frequency": (dims, frequency, {"units": "Hz", "long_name": messages.FREQUENCY}),
+            "damping": (dims, damping, {"units": "1", "long_name": messages.DAMPING}),
+            "least_damping": (
+                "amplitude", law.least_damping(amplitude),
+                {"units": "1", "long_name": messages.LEAST_DAMPING},
+            ),
+        },
+        {
+            "amplitude": ("amplitude", amplitude, {"units": "m"}),
+            "quantile": ("quantile", list(QUANTILES)),
+        },
+        {
+            "y_low": low, "y_high": high, "against_masing": law.masing,
+            "log_evidence": json.dumps(law.log_evidence),
+        },
+    )  # fmt: skip
+    return {f"/{FREE_LAW}": group}
+
+
+def free_law_record(law: FreeLaw | None) -> dict[str, Any] | None:
+    """Return evidence and tests of a law without a form as plain values; None without a law."""
+    if law is None:
+        return None
+    best = max(law.log_evidence.values())
+    return {
+        "log_evidence": dict(law.log_evidence),
+        "log_evidence_difference": {n: z - best for n, z in law.log_evidence.items()},
+        "against_masing": law.masing,
+        "masing": law.rule,
+        "scatter": law.scatter,
+        "inflation": law.rows.inflation,
+        "num_readings": len(law.rows.y),
+    }
+
+
+def free_law_sentences(law: FreeLaw | None) -> list[str]:
+    """Return what the readings say without the form of a law, a sentence each."""
+    if law is None:
+        return []
+    high = float(law.rows.y.max())
+    at = np.array([high, BEYOND * high])
+    hz, zeta = law.bands(at)
+    sentences = [
+        messages.bands(high, tuple(hz[:, 0]), tuple(zeta[:, 0])),
+        messages.bands_beyond(BEYOND, tuple(hz[:, 1]), tuple(zeta[:, 1])),
+        messages.masing(law.rule, law.masing, CALLED),
+    ]
+    if law.rule != "broken":
+        sentences.append(messages.least_damping(BEYOND, float(law.least_damping(at[1:])[0])))
+    if law.rows.inflation > SCATTERED:
+        sentences.append(messages.scattered(float(np.sqrt(law.rows.inflation))))
+    return sentences
