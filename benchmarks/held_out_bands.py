@@ -69,7 +69,14 @@ TRUE = {
 LEFT_OUT = (2, 5)  # of six levels
 NUM_BLOCKS = 4  # of a set with one record
 REACH = 2.576  # standard deviations of a 99 % band
-COLUMNS = {"set": "", "left out": "", "error, %": ".2g", "held before, %": ".1f", "held, %": ".1f"}
+COLUMNS = {
+    "set": "",
+    "left out": "",
+    "error, %": ".2g",
+    "own frequency, %": ".2g",
+    "held before, %": ".1f",
+    "held, %": ".1f",
+}
 COLUMNS |= {"width before": ".2f", "width": ".2f", "missed": "", "time, s": ".0f"}
 
 
@@ -164,6 +171,7 @@ def compared(before: Basis, after: Basis, held: Test) -> dict[str, Any]:
     for suffix, basis in ((" before", before), ("", after)):
         attrs = predict(basis, held, Request(seed=1)).attrs
         found["error, %"] = 100 * float(attrs["nrmse"])
+        found["own frequency, %"] = 100 * float(attrs.get("nrmse_own_frequency", np.nan))
         found[f"held{suffix}, %"] = 100 * float(attrs.get("coverage", np.nan))
         width = float(attrs.get("half_width", np.nan))
         found[f"width{suffix}"] = width / (REACH * found["error, %"] / 100)

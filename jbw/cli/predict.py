@@ -216,6 +216,7 @@ def prediction_table(rows: Sequence[dict[str, Any]]) -> Table:
         Column("inside the band", inside),
         shares("its half width", "half_width", ""),
         shares("error", "nrmse", ""),
+        shares("the same, own frequency", "nrmse_own_frequency", ""),
         Column("peak displacement [m]", _peak),
         Column("of fitted", _reach, align="left"),
     )

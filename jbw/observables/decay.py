@@ -379,16 +379,38 @@ def begun(
     envelope: Complex[Array, " value"],
     noise_std: Float[Array, ""],
     data: Decays,
+    law_std: float | Float[Array, ""] = 0.0,
 ) -> Beginning:
-    """Where the beginning of a record lies on a decay, by its noise and the scatter of shifts."""
+    r"""Return where the beginning of a record lies on a decay, with the record's own shift.
+
+    A beginning shows the shift s of the record's natural frequency together with the error d of the
+    law's frequency at that amplitude, $s \sim N(0, S^2)$ and $d \sim N(0, \tau^2)$. Of their sum
+    only the share $S^2 / (S^2 + \tau^2)$ goes on after the beginning, where the phase is kept.
+
+    Args:
+        decay: Logarithm of the joint's decay, by steps.
+        envelope: The beginning of the record.
+        noise_std: Noise of the real, and of the imaginary part.
+        data: The decays, with the scatter S of shifts.
+        law_std: tau [rad/s].
+    """
     best_match = match(decay, envelope, data.step_s)
     # A short beginning says little of its own noise; that of the fitted records stands for it.
     precision = best_match.precision * data.fraction / noise_std**2
     # The shift's own prior holds it where a short beginning would not.
-    both = jnp.linalg.inv(precision.at[2, 2].add(1 / data.shift_std**2))
-    centre = -both[:, 2] * best_match.entry.shift / data.shift_std**2
+    variance = data.shift_std**2 + law_std**2
+    both = jnp.linalg.inv(precision.at[2, 2].add(1 / variance))
+    total = best_match.entry.shift * (1 - both[2, 2] / variance)
+    centre = -both[:, 2] * best_match.entry.shift / variance
+    share, length_s = data.shift_std**2 / variance, data.step_s * len(envelope)
+    kept = jnp.array([[1.0, 0.0, 0.0], [0.0, 1.0, (1 - share) * length_s], [0.0, 0.0, share]])
+    own = jnp.array([0.0, -length_s, 1.0])
+    covariance = kept @ both @ kept.T + data.shift_std**2 * (1 - share) * jnp.outer(own, own)
+    change = centre - (1 - share) * total * own
     return Beginning(
-        Beginning(best_match.entry, both, best_match.rate).moved(centre), both, best_match.rate
+        Beginning(best_match.entry, covariance, best_match.rate).moved(change),
+        covariance,
+        best_match.rate,
     )
 
 

@@ -268,10 +268,18 @@ def fit_sentence(summary: Summary) -> str:
 
 
 def _errors(tests: Sequence[Summary]) -> str:
-    """Errors over the rms of the record, of the joint and of the best linear oscillator."""
-    linear = [error for row in tests if (error := row.get("nrmse_linear")) is not None]
+    """Errors over the rms of the record, of the joint and of the best linear oscillator.
+
+    Of held-out free decays also with each record's own natural frequency.
+    """
+    keys = "nrmse_linear", "nrmse_own_frequency"
+    unseen = [[row for row in tests if key == keys[0] or not row.get("fitted")] for key in keys]
+    compared = [
+        [error for row in rows if (error := row.get(key)) is not None]
+        for key, rows in zip(keys, unseen, strict=True)
+    ]
     errors = _span([row["nrmse"] for row in tests])
-    return messages.relative_error(errors, _span(linear) if linear else "")
+    return messages.relative_error(errors, *(_span(known) if known else "" for known in compared))
 
 
 def _span(ratios: Sequence[float], digits: int = 2) -> str:

@@ -172,6 +172,7 @@ def table_of_tests(summary: Summary, tree: xr.DataTree | None = None) -> Table:
         ),
         Column("remark", _fitted, align="left"),
         shares(notes.ERROR, "nrmse", ""),
+        shares(notes.OWN_FREQUENCY, "nrmse_own_frequency", ""),
         shares("the same, best\nlinear oscillator", "nrmse_linear", ""),
         shares("the same, best\ncubic oscillator", "nrmse_cubic", ""),
         Column("inside the\n99 % band", inside),

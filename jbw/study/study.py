@@ -126,7 +126,8 @@ class Study:
         """Return how each test is predicted, as a data frame.
 
         Columns: `kind`, `level`, `level_unit`, `fitted` (False: held out), `nrmse` (error over the
-        rms of the record), `coverage` and `half_width` of the 99 % band, `nrmse_linear` and
+        rms of the record), `nrmse_own_frequency` (each free decay with a natural frequency of its
+        own), `coverage` and `half_width` of the 99 % band, `nrmse_linear` and
         `nrmse_cubic` (the best oscillator without a joint), and `extrapolation`; those that a
         test has.
 

@@ -37,7 +37,8 @@ from jbw.study.study import input_hashes
 
 VERSIONED = ("jbw", "jax", "numpyro", "diffrax", "optimistix", "arviz", "numpy", "scipy")
 ERRORS = (
-    "coverage", "num_values", "nrmse", "half_width", "nrmse_linear", "nrmse_cubic", "extrapolation",
+    "coverage", "num_values", "nrmse", "nrmse_own_frequency", "half_width", "nrmse_linear",
+    "nrmse_cubic", "extrapolation",
 )  # fmt: skip
 
 # Steps whose prior has the densities that a campaign states.

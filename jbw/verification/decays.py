@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Complex, Float, Key
 
+from jbw.identification.discrepancy import NOTHING
 from jbw.inference.generator import generator
 from jbw.measurement.envelopes import envelopes, filter_of
 from jbw.measurement.records import Test
@@ -37,6 +38,7 @@ from jbw.verification.predicted import (
 
 NO_SHIFT = 1e-6  # of omega_n: scatter of the records' frequencies where no decay was fitted
 MISSED_KEY = 1  # of the noise's: what draws the model discrepancy
+OWN_STEPS = 8  # of a record's own frequency: each leaves a tenth of the phase error, or less
 SILENT = 1e-6  # of a record: a noise that leaves its initial state sharp
 
 
@@ -69,8 +71,11 @@ def predict_decay(source: Source, test: Test) -> Predicted:
     far = xr.DataArray(
         [comparison.attrs["nrmse"] for comparison in compared], dims="record", attrs={"units": "1"}
     )
+    own = np.array([comparison.attrs["nrmse_own_frequency"] for comparison in compared])
+    squares = np.array([np.sum(comparison["measured"].values ** 2) for comparison in late])
     joined = xr.concat(compared, "record", join="outer", combine_attrs="drop_conflicts")
-    dataset = joined.assign(nrmse_of_record=far).assign_coords(record=repeats_named(test.records))
+    of_records = {"nrmse_of_record": far, "nrmse_own_of_record": far.copy(data=own)}
+    dataset = joined.assign(of_records).assign_coords(record=repeats_named(test.records))
     dataset = dataset.assign_attrs(
         level=strongest,
         level_unit=UNIT_OF[data.response],
@@ -79,6 +84,7 @@ def predict_decay(source: Source, test: Test) -> Predicted:
         ),
         num_values=sum(counts),
         nrmse=error(measured, median),
+        nrmse_own_frequency=float(np.sqrt(own**2 @ squares / squares.sum())),
         half_width=half_width(edges, measured),
     )
     return Predicted(dataset, peak, noise, begins)
@@ -119,6 +125,7 @@ def _compared(
     chosen, key, comparisons = filter_of(test), jax.random.key(source.seed), []
     several = bool(data.several)
     entered, stride = (followed(source), chosen.stride) if several else (_along(source, data), 1)
+    omega_n = float(np.mean(source.draws["omega_n"]))
     unit, dims = {"units": UNIT_OF[data.response]}, ("quantile", "time")
     for i, (sampled, noise) in enumerate(zip(envelopes(test), noise_std, strict=True)):
         measured_envelope = sampled[::stride]
@@ -131,13 +138,15 @@ def _compared(
         time = np.arange(len(measured_envelope)) * stride / chosen.fs
         key_entry, key_noise = jax.random.split(jax.random.fold_in(key, i))
         carrier = np.exp(2j * np.pi * chosen.centre_hz * time)
-        envelope, others = entered(key_entry, seen, time)
+        missed = source.basis.discrepancy if held_out else None
+        begin = float(np.abs(measured_envelope[0])) / omega_n ** derivative_order(data.response)
+        at = NOTHING if missed is None else missed.at(begin, of_decay=True)
+        rates = omega_n * np.array([at.damping, at.frequency])
+        envelope, others = entered(key_entry, seen, time, float(rates[1]))
+        own = at_own_frequency(measured_envelope, envelope, time - 0.5 * seen_s)
+        own_error = error(*(np.real(x * carrier)[time >= seen_s] for x in (measured_envelope, own)))
         model, scatter = np.real(envelope * carrier), noise
-        if held_out and (missed := source.basis.discrepancy) is not None and not missed.is_nothing:
-            omega_n = float(np.mean(source.draws["omega_n"]))
-            begin = float(np.abs(measured_envelope[0])) / omega_n ** derivative_order(data.response)
-            at = missed.at(begin, of_decay=True)
-            rates = omega_n * np.array([at.damping, at.frequency])
+        if missed is not None and not missed.is_nothing:
             key_missed, since = jax.random.fold_in(key_noise, MISSED_KEY), time - 0.5 * seen_s
             model, size = _with_discrepancy(key_missed, envelope, since, rates, carrier)
             scatter = np.hypot(noise, missed.share_of(test.kind, at) * size)
@@ -162,12 +171,35 @@ def _compared(
             "coverage": float(inside.mean()),
             "num_values": inside.size,
             "nrmse": error(measured[later], model_band[1][later]),
+            "nrmse_own_frequency": own_error,
             "half_width": half_width(edges, measured[later]),
         }
         for name, other in others.items():
             attrs[f"nrmse_{name}"] = error(measured[later], np.real(other * carrier)[later])
         comparisons.append(xr.Dataset(variables, coords, attrs))
     return comparisons
+
+
+def at_own_frequency(
+    measured: Complex[np.ndarray, " time"],
+    envelope: Complex[np.ndarray, "draw time"],
+    time: Float[np.ndarray, " time"],
+) -> Complex[np.ndarray, " time"]:
+    r"""Return the median envelope of draws, turned by the record's own frequency offset.
+
+    $$\hat e(t)\,e^{j \delta t}, \qquad
+      \delta = \arg\min \sum_t |m(t) - \hat e(t)\,e^{j \delta t}|^2$$
+
+    Iterates the phase error, weighted with both amplitudes. Time counts from the middle of what
+    gave the initial state.
+    """
+    middle = np.median(np.real(envelope), axis=0) + 1j * np.median(np.imag(envelope), axis=0)
+    for _ in range(OWN_STEPS):
+        product = measured * np.conj(middle)
+        weight = np.abs(product)
+        offset = np.sum(weight * time * np.angle(product)) / np.sum(weight * time**2)
+        middle = middle * np.exp(1j * offset * time)
+    return middle
 
 
 def _with_discrepancy(
@@ -203,12 +235,15 @@ def _along(source: Source, data: Decays) -> Entered:
     """Records of one mode, all on the decays of the draws and of what they are compared with."""
     decays, others = source.observed(data, decay_of)
 
-    def entered(key: Key[Array, ""], seen: Decays, time: np.ndarray) -> tuple[Envelope, Envelopes]:
+    def entered(
+        key: Key[Array, ""], seen: Decays, time: np.ndarray, law_std: float
+    ) -> tuple[Envelope, Envelopes]:
         seen, steps = alone(seen), jnp.asarray(time / seen.step_s)
         of_others = {
             n: np.asarray(_entered(key, x[None], seen, steps))[0] for n, x in others.items()
         }
-        return np.asarray(_entered(key, decays, seen, steps)), of_others
+        error = jnp.asarray(law_std)
+        return np.asarray(_entered(key, decays, seen, steps, error)), of_others
 
     return entered
 
@@ -219,12 +254,13 @@ def _entered(
     decays: Complex[Array, "draw step"],
     seen: Decays,
     steps: Float[Array, " time"],
+    law_std: float | Float[Array, ""] = 0.0,
 ) -> Complex[Array, "draw time"]:
     """Envelope of one record for every draw, from one draw of its initial state and shift."""
 
     def entered_by(pair: tuple[Array, Array]) -> Array:
         key, decay = pair
-        initial = begun(decay, seen.envelope[0], seen.noise_std[0], seen)
+        initial = begun(decay, seen.envelope[0], seen.noise_std[0], seen, law_std)
         change = jnp.linalg.cholesky(initial.covariance) @ jax.random.normal(key, (3,))
         return follow(decay, initial.moved(change), steps, seen.step_s)[0]
 

@@ -20,7 +20,10 @@ from jbw.verification.predictive_basis import Draws, Laws, count_of, natural_hz
 Envelope = Complex[np.ndarray, "*draw time"]
 Envelopes = dict[str, Envelope]
 # By a key, a record as far as it is seen, and times: of every draw, and of what it stands beside.
-Entered = Callable[[Key[Array, ""], Decays, Float[np.ndarray, " time"]], tuple[Envelope, Envelopes]]
+# Of a key, a record, its times [s] and the error of the law's frequency at its beginning [rad/s].
+Entered = Callable[
+    [Key[Array, ""], Decays, Float[np.ndarray, " time"], float], tuple[Envelope, Envelopes]
+]
 OWN = "own_{}"  # of a draw: what its start lies off the best one by, standard normal
 
 
@@ -39,7 +42,7 @@ def followed(source: Source) -> Entered:
     """Records of several modes, each from a draw of its start for every draw of the parameters."""
 
     def entered(
-        key: Key[Array, ""], seen: Decays, time: Float[np.ndarray, " time"]
+        key: Key[Array, ""], seen: Decays, time: Float[np.ndarray, " time"], law_std: float
     ) -> tuple[Envelope, Envelopes]:
         def along(draws: Draws, laws: Laws) -> Envelope:
             size = (count_of(draws), seen.num_own)

@@ -32,7 +32,7 @@ HARDLY = 0.01  # of an input's power near the mode: less hardly touches it
 MOST_SAMPLES = 8_000_000  # of all draws of a record together
 FEWEST = 20  # draws through however long a record
 ERROR_ALONE = messages.ERROR_ALONE
-ERRORS = (*OF_BAND, "nrmse")
+ERRORS = (*OF_BAND, "nrmse", "nrmse_own_frequency")
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,8 @@ def predict(basis: Basis, test: Test, request: Request | None = None) -> xr.Data
         with the noise where that is asked for and known; over time, frequency or both, repeats and
         records by name. `peak_displacement`, `nrmse_of_repeat` or `nrmse_of_record` where known.
         No `predictive_*` where the model discrepancy cannot be stated: `noise` says so then.
-        Attributes: `coverage` of the 99 % band and its `num_values`, `nrmse`, `noise` in words,
+        Attributes: `coverage` of the 99 % band and its `num_values`, `nrmse`, of free decays also
+        `nrmse_own_frequency` (each record with its own frequency offset), `noise` in words,
         `y_peak` the 99 % band of the peak displacement [m], `extrapolation` its upper edge over
         the largest displacement among what was fitted, `kind`, `level` and `num_draws`.
 

@@ -25,7 +25,7 @@ from jbw.errors import DataError
 from jbw.measurement.demodulation import band_filter, demodulate, read_decay
 from jbw.measurement.records import Record, Test
 from jbw.observables.dataset import Dataset, log_likelihood
-from jbw.observables.decay import Decays, decay_of, matched
+from jbw.observables.decay import Decays, begun, decay_of, matched
 from jbw.observables.decay_envelopes import along, match
 
 THETA = {name: jnp.asarray(value) for name, value in TRUTH.items()}
@@ -204,3 +204,43 @@ def test_noise_is_drawn_from_its_exact_posterior():
         assert noise[label].shape == (4, 1000)
         p = kstest((square / noise[label] ** 2).ravel(), chi2(num_values - 3).cdf).pvalue
         assert p > 1e-3
+
+
+def test_of_a_shift_at_the_beginning_only_the_records_own_part_goes_on():
+    """Own shifts and errors of the law drawn by their priors: what is left of both is as stated."""
+    own_std, law_std, step_s, size = 0.02, 0.05, 0.05, 60
+    steps = np.arange(400.0)
+    log = jnp.asarray(-3e-3 * steps - 0.5 * np.log1p(0.01 * steps) + 0.02j * np.sqrt(1 + steps))
+    inside = 41.3 + np.arange(float(size))
+    motion = -3e-3 * inside - 0.5 * np.log1p(0.01 * inside) + 0.02j * np.sqrt(1 + inside)
+    data = replace(
+        Decays.of(decay_test()), shift_std=jnp.asarray(own_std), step_s=step_s,
+        fraction=jnp.asarray(1.0),
+    )  # fmt: skip
+    rng, noise, errors, phases = np.random.default_rng(5), 1e-3, [], []
+    enter = jax.jit(lambda record: begun(log, record, jnp.asarray(noise), data, law_std))
+    for own, of_law in rng.standard_normal((300, 2)) * [own_std, law_std]:
+        total = own + of_law
+        record = np.exp(motion + 1j * (2.1 + total * step_s * np.arange(size)))
+        record = record + noise * (rng.standard_normal(size) + 1j * rng.standard_normal(size))
+        found = enter(jnp.asarray(record))
+        errors.append((float(found.entry.shift) - own) / float(jnp.sqrt(found.covariance[2, 2])))
+        end = step_s * size
+        turn = found.entry.phase + found.entry.shift * end - (2.1 + total * end)
+        phases.append(float(np.angle(np.exp(1j * turn))))
+    # Standard normal, of 300: the standard deviation is within 4 %, one standard deviation.
+    assert np.mean(errors) == pytest.approx(0.0, abs=0.25)
+    assert np.std(errors) == pytest.approx(1.0, abs=0.17)
+    # The phase at the end of the beginning is measured, whatever the shift consists of.
+    assert np.std(phases) < 5e-3
+
+
+def test_without_an_error_of_the_law_the_whole_shift_goes_on():
+    log = jnp.asarray((-3e-3 + 0.02j) * np.arange(400.0))
+    record = jnp.exp(log[:60] + 0.05j * 0.05 * jnp.arange(60.0))
+    data = replace(Decays.of(decay_test()), shift_std=jnp.asarray(10.0), step_s=0.05)
+    sharp = begun(log, record, jnp.asarray(1e-6), data)
+    assert float(sharp.entry.shift) == pytest.approx(0.05, rel=1e-6)
+    precision = match(log, record, 0.05).precision * data.fraction / 1e-12
+    expected = np.linalg.inv(np.asarray(precision.at[2, 2].add(1e-2)))
+    np.testing.assert_allclose(sharp.covariance, expected, rtol=1e-9)

@@ -306,6 +306,7 @@ OF_TOPICS = {
         opening.NO_GRADES, opening.FITTED_NOW, opening.TORSION, opening.NONE_HELD_OUT,
         opening.fitted_errors(2, opening.relative_error(opening.span("1.2", "3.4"), "20 to 30 %")),
         opening.held_out_errors(1, opening.relative_error("2.1 %", ""), "98.5 %", "4 %"),
+        opening.held_out_errors(2, opening.relative_error("2.1 %", "22 %", "1.1 %"), "98.5 %", ""),
         opening.held_out_errors(3, opening.relative_error("2.1 %", ""), "98.5 %", "4 %", 1),
         opening.fit_errors(1, opening.span("1.2", "1.2")),
         opening.not_identified(["alpha", "delta"], "60", ["alpha_delta"], "2"),

@@ -35,9 +35,9 @@ def answered(tmp_path_factory):
         asked.append(arguments)
         return ask(*arguments)
 
-    def counted_entry(key, motion, seen, steps):
+    def counted_entry(key, motion, seen, steps, *law_std):
         entered.append((motion.shape, seen.names, seen.envelope.shape, steps.shape))
-        return enter(key, motion, seen, steps)
+        return enter(key, motion, seen, steps, *law_std)
 
     with pytest.MonkeyPatch.context() as patch:
         for function in (log_likelihood, stacked):

@@ -175,9 +175,17 @@ def fit_errors(count: int, errors: str, noun: str = "test") -> str:
     return f"RMS error of {fitted}: {errors}; no other test is predicted yet."
 
 
-def relative_error(error: str, linear: str) -> str:
-    """An error over the rms of the record, with that of the best linear oscillator."""
-    comparison = f" (best linear oscillator: {linear})" if linear else ""
+def relative_error(error: str, linear: str, own: str = "") -> str:
+    """Return an error over the rms of the record, with those that it is compared with.
+
+    Args:
+        error: As it stands.
+        linear: Of the best linear oscillator; empty where not known.
+        own: With the natural frequency of each record as measured; empty where not known.
+    """
+    compared = [f"best linear oscillator: {linear}"] if linear else []
+    compared += [f"with each record's own frequency: {own}"] if own else []
+    comparison = f" ({'; '.join(compared)})" if compared else ""
     return f"{error} of the record's rms{comparison}"
 
 

@@ -18,6 +18,7 @@ MATRIX_B = "Matrix B of the swept modes, rows over their largest"
 
 # Headings of columns, in two lines.
 ERROR = "RMS error /\nrms of the record"
+OWN_FREQUENCY = "the same, with the\nrecord's own frequency"
 HALF_WIDTH = "half width of the band /\nrms of the record"
 CUT_LESS_JOINT = "cut less joint,\nover the joint's sd"
 MODEL_AREA = "model [mJ/kg]\n99 % parameter band"
