@@ -31,6 +31,7 @@ from jbw.identification.prepare import Fitted, refined, refit, reweight
 from jbw.identification.residual_terms import terms_of, with_terms
 from jbw.identification.step import attrs
 from jbw.identification.uncertain_shapes import with_shape_priors, with_stated_priors
+from jbw.identification.widening import widened_by_fit
 from jbw.inference.compiled import forget_when_many
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.fit.valley import about_valley
@@ -106,8 +107,9 @@ def candidates(
     """Fit every law, then all again to the data as the best of them weighs these.
 
     Their priors are fixed before any is fitted, by omega_n, zeta and the largest displacement
-    alone. Of several modes the campaign's own laws are tried in one joint, in each mode by
-    itself, and in the first mode alone. What cannot be fitted is returned by name with the reason.
+    alone; a default bound that a law's first fit reaches is moved away once. Of several modes the
+    campaign's own laws are tried in one joint, in each mode by itself, and in the first mode alone.
+    What cannot be fitted is returned by name with the reason.
     `parts` keeps the first fit of every law.
     """
     data, settings = assemble(seen), alike(seen.settings)
@@ -124,7 +126,9 @@ def candidates(
         except JbwError as error:
             refused[name_of(laws, meet)] = str(error)
         else:
-            fits.append(Candidate(laws, Fitted(first, prior, weighed_data), meet))
+            fitted = Fitted(first, prior, weighed_data)
+            fitted = widened_by_fit(fitted, own_settings.prior) or fitted
+            fits.append(Candidate(laws, fitted, meet))
     if not fits:
         raise ConfigError(f"None of the laws can be fitted: {next(iter(refused.values()))}")
     weighing: Candidate | None = None

@@ -36,7 +36,7 @@ from jbw.identification.one_mode_readings import joint_readings, with_readings
 from jbw.identification.prepare import Fitted, prepare
 from jbw.identification.procedure import Posteriors
 from jbw.identification.step import attrs
-from jbw.identification.widening import ending
+from jbw.identification.widening import ending, widened_by_fit
 from jbw.inference.fit.costly_fit import evaluator, from_search, to_search
 from jbw.inference.generator import generator, parts_of
 from jbw.inference.posterior.finding import Finding
@@ -71,6 +71,7 @@ def fit_alone(seen: Measured, *, seed: int, report: Report) -> Posteriors:
     readings = joint_readings(key, seen)
     ready = prepare(parts_of(key, 2), data, seen.settings, readings.known, quick=True)
     ready = with_readings(ready, readings)
+    ready = widened_by_fit(ready, seen.settings.prior) or ready
     return about_fit(key, seen, replace(ready, wall_s=perf_counter() - started))
 
 

@@ -1,6 +1,6 @@
-"""Boxes that nobody stated and that the posterior leans on: widened, once."""
+"""Default prior boxes that a fit or a posterior reaches: they are widened once."""
 
-from collections.abc import Container
+from collections.abc import Callable, Container, Iterable, Sequence
 from dataclasses import replace
 
 import xarray as xr
@@ -10,9 +10,12 @@ from jbw.inference.posterior.remedies import wider
 from jbw.inference.posterior.summary import scalars
 from jbw.inference.posterior.verdict import leaning
 from jbw.inference.space.box import Box, bounds_by_name, box
+from jbw.observables import dataset
 from jbw.observables.residual_terms import MODES
+from jbw.oscillator.law import Bounds, Scales
 from jbw.oscillator.laws import quantities_of, vocabulary
 from jbw.oscillator.modes.parameters import own_quantities
+from jbw.oscillator.oscillator import prior_of
 from jbw.quantities import LINEAR, MODAL, RESIDUAL_TERMS, Quantity
 from jbw.quantities import MODES as BESIDE
 from jbw.report.messages import posterior as messages
@@ -41,28 +44,73 @@ def _known(laws: Laws) -> dict[str, Quantity]:
 
 
 def widened(tree: xr.DataTree, ready: Fitted, stated: Container[str]) -> Fitted | None:
-    """What to sample again: the fit in a box twice as wide where draws lean on it; or None.
+    """Return the fit in a wider box where draws lean on one, to be sampled again; or None.
 
     Bounds that the campaign states are kept.
     """
+    leant_on = ((name, side) for name, side, _ in leaning(scalars(tree), ready.box))
+    return _refitted(ready, leant_on, stated, messages.widened)
+
+
+def widened_by_fit(ready: Fitted, stated: Container[str]) -> Fitted | None:
+    """Return the fit in a wider box where it ends at a bound; None where it ends at none.
+
+    Bounds that the campaign states are kept, and lower bounds of zero, where a quantity ends.
+    """
+    bounds = bounds_by_name(ready.box)
+    reached = (
+        (name, side)
+        for name, side in ready.fit.at_bound.items()
+        if side == "upper" or bounds[name][0] != 0.0
+    )
+    return _refitted(ready, reached, stated, messages.widened_fit)
+
+
+def _refitted(
+    ready: Fitted,
+    reached: Iterable[tuple[str, str]],
+    stated: Container[str],
+    said: Callable[[Sequence[str]], str],
+) -> Fitted | None:
+    """Return the fit with bounds moved away to the reached sides; None where all of them stay.
+
+    They move away by the width of the box, or to where the weakest record alone would put them, if
+    that is farther: a stronger record then does not choose the box.
+    """
     bounds, sides = bounds_by_name(ready.box), {}
     by_name, ends = _known(ready.data.laws), ending(ready.box, ready.data.laws)
-    for name, side, _ in leaning(scalars(tree), ready.box):
+    for name, side in reached:
         stays = name in stated or name in KEPT or (side == "upper" and name in ends)
         if not stays:
             sides.setdefault(name, []).append(side)
+    if not sides:
+        return None
+    of_weakest = _bounds_of_weakest(ready)
     for name, leant_on in sides.items():
-        bounds[name] = wider(
-            bounds[name], leant_on, by_name[name].least if name in by_name else None
+        least = by_name[name].least if name in by_name else None
+        low, high = wider(bounds[name], leant_on, least)
+        weakest = of_weakest.get(name, (low, high))
+        bounds[name] = (
+            min(low, weakest[0]) if "lower" in leant_on else low,
+            max(high, weakest[1]) if "upper" in leant_on else high,
         )
     moved = [f"{name} to [{bounds[name][0]:.3g}, {bounds[name][1]:.3g}]" for name in sides]
-    if not moved:
-        return None
     wide = box(bounds)
-    statement = messages.widened(moved)
     return replace(
         ready,
         box=wide,
         fit=refit(ready.fit, wide, ready.data),
-        statements=(*ready.statements, statement),
+        statements=(*ready.statements, said(moved)),
     )
+
+
+def _bounds_of_weakest(ready: Fitted) -> Bounds:
+    """Return default bounds of the laws' parameters by the weakest record's displacement alone."""
+    data = ready.data
+    theta = {**data.held, **ready.fit.theta}
+    if data.modes is not None or not {"omega_n", "zeta"} <= theta.keys():
+        return {}
+    omega_n, zeta = float(theta["omega_n"]), float(theta["zeta"])
+    peak = dataset.smallest_displacement(data, omega_n)
+    forced = all("zeta" not in part.informs for part in data.parts)
+    return prior_of(data.laws, Scales(omega_n, zeta, peak, forced)) if peak > 0 else {}

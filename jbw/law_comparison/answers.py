@@ -228,6 +228,7 @@ def _of_parameters(rows: Mapping[str, Row]) -> Iterator[str]:
     for name, row in rows.items():
         if row["answer"] == "worse":
             continue
+        yield from (laws.of_law(name, sentence) for sentence in row.get("widened", ()))
         if row["at_bound"]:
             yield laws.at_bound(name, row["at_bound"])
         several = len(row["laws"]) > 1

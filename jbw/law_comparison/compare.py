@@ -447,6 +447,7 @@ def row_of(weighed: Weighed) -> dict[str, Any]:
         "log_evidence_wide": weighed.wide,
         "khat_evidence": tree.attrs.get("khat"),
         "at_bound": list(candidate.at_bound),
+        "widened": list(candidate.fitted.statements),
         "reached": threshold_sentences(every, candidate.fitted.y_peak, candidate.laws),
         "parameters": {
             str(name): {"mean": float(posterior[name].mean()), "sd": float(posterior[name].std())}

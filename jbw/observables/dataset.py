@@ -306,6 +306,19 @@ def largest_displacement(data: Dataset, omega_n: float) -> float:
     return max((part.y_peak(omega_n) for part in data.parts), default=0.0)
 
 
+def smallest_displacement(data: Dataset, omega_n: float) -> float:
+    """Return the largest displacement of the weakest group of its kind [m]; 0 where not known.
+
+    By the size of the responses: that of the strongest group has the largest displacement.
+    """
+    peaks = []
+    for part in data.parts:
+        sizes = [size for size in part.sizes().values() if size > 0]
+        if sizes and (peak := part.y_peak(omega_n)) > 0:
+            peaks.append(peak * min(sizes) / max(sizes))
+    return float(min(peaks, default=0.0))
+
+
 def best_offsets(theta: Mapping[str, float], data: Dataset) -> dict[str, np.ndarray]:
     """Best offsets of omega_n and zeta of each run that has them, at one point."""
     point = {name: np.array([float(value)]) for name, value in theta.items()}

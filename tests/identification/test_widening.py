@@ -19,6 +19,15 @@ SHARES = {"alpha", "nu_stiffness", "iwan_stiffness", "exponential_alpha"} | {
 }
 
 
+def data_of(law, *peaks):
+    """Data of records of displacements [m], as far as a box is concerned."""
+    part = SimpleNamespace(
+        sizes=lambda: {str(i): peak for i, peak in enumerate(peaks)}, informs={"zeta"},
+        y_peak=lambda omega_n: max(peaks, default=0.0),
+    )  # fmt: skip
+    return SimpleNamespace(laws=(law,), held={}, modes=None, parts=(part,))
+
+
 def leant(law, name, side, monkeypatch, stated=()):
     """Bounds after a posterior of which half of the draws of one parameter lie at a bound."""
     bounds = law_named(law).prior(Scales(OMEGA_N, 0.004, 1e-3))
@@ -30,7 +39,7 @@ def leant(law, name, side, monkeypatch, stated=()):
         draws[each] = (("chain", "draw"), low + unit * (high - low))
     tree = xr.DataTree.from_dict({"posterior": xr.Dataset(draws)})
     monkeypatch.setattr(widening, "refit", lambda fit, *of: fit)
-    ready = Fitted(None, box(bounds), SimpleNamespace(laws=(law,)))
+    ready = Fitted(SimpleNamespace(theta={}), box(bounds), data_of(law))
     found = widening.widened(tree, ready, stated)
     return bounds[name], None if found is None else bounds_by_name(found.box)[name]
 
@@ -89,3 +98,35 @@ def test_only_a_part_of_the_stiffness_must_stay_below_the_whole(law, name, is_pa
     told = law_errors((law,), {"omega_n": (100.0, 130.0), name: (1.0, 2e4)})
     assert bool(told) == is_part
     assert not is_part or f"{name} < omega_n^2 must hold everywhere" in told[0]
+
+
+def reached(law, name, side, peaks, monkeypatch, stated=()):
+    """Bounds of a parameter before and after a fit that ends at one of them."""
+    bounds = law_named(law).prior(Scales(OMEGA_N, 0.004, max(peaks)))
+    theta = {n: low + 0.5 * (high - low) for n, (low, high) in bounds.items()}
+    fit = SimpleNamespace(
+        theta=theta | {"omega_n": OMEGA_N, "zeta": 0.004}, at_bound={name: side}
+    )  # fmt: skip
+    monkeypatch.setattr(widening, "refit", lambda fit, *of: fit)
+    ready = Fitted(fit, box(bounds), data_of(law, *peaks))
+    found = widening.widened_by_fit(ready, stated)
+    return bounds[name], None if found is None else (bounds_by_name(found.box)[name], found)
+
+
+def test_a_bound_that_a_fit_reaches_moves_away_and_is_reported(monkeypatch):
+    (low, high), (wide, found) = reached("bouc_wen", "delta", "upper", [1e-3], monkeypatch)
+    assert wide == pytest.approx((low, high + (high - low)))
+    assert f"delta to [{wide[0]:.3g}, {wide[1]:.3g}]" in found.statements[0]
+    assert reached("bouc_wen", "delta", "upper", [1e-3], monkeypatch, {"delta"})[1] is None
+
+
+def test_a_stronger_record_does_not_choose_the_widened_box(monkeypatch):
+    """The weakest record alone allows a delta of 20 / 1 mm, whatever stronger ones allow."""
+    alone, _ = reached("bouc_wen", "delta", "upper", [1e-3], monkeypatch)
+    first, (wide, _) = reached("bouc_wen", "delta", "upper", [1e-3, 1e-2], monkeypatch)
+    assert first[1] < alone[1]  # the default box shrinks
+    assert wide[1] >= alone[1]
+
+
+def test_a_lower_bound_of_zero_is_no_bound_that_a_fit_reaches(monkeypatch):
+    assert reached("bouc_wen", "gamma", "lower", [1e-3], monkeypatch)[1] is None

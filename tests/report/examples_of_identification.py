@@ -190,6 +190,7 @@ EXAMPLES = {
         ),
         posterior.test_left_out("sweep", "It has no input."),
         posterior.widened(["gamma to [0, 4]"]),
+        posterior.widened_fit(["gamma to [0, 4]"]),
         posterior.by_fit("only the product alpha*delta is determined"),
         posterior.check_of(posterior.REPEATS),
     ],

@@ -230,6 +230,7 @@ OF_TOPICS = {
         laws.against_repeats("bouc_wen", 0.1, 0.09, near=True),
         laws.linear_by_session(0.035, 0.03, 0.04),
         laws.at_bound("iwan4", ["chi"]),
+        laws.of_law("iwan4", "The fit reached default prior bounds."),
         laws.unreliable_scores(["iwan4"], 0.7),
         laws.unreliable_evidence(["iwan4"], 0.7),
         laws.best_within("bouc_wen", 0.023),

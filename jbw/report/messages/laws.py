@@ -119,6 +119,11 @@ def linear_by_session(error: float, least: float, most: float) -> str:
     )
 
 
+def of_law(law: str, sentence: str) -> str:
+    """Return a sentence about the fit of one law."""
+    return f"{law}: {sentence}"
+
+
 def at_bound(law: str, parameters: Sequence[str]) -> str:
     """Parameters of a law that a prior bound truncates."""
     return f"{law}: a prior bound truncates {', '.join(parameters)}."

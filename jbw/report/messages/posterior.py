@@ -91,6 +91,14 @@ def test_left_out(name: str, why: str) -> str:
     return f"Test {name} is left out: {why}"
 
 
+def widened_fit(bounds: Sequence[str]) -> str:
+    """Return which bounds a fit reached, and where they were moved before it was made again."""
+    return (
+        "The fit reached default prior bounds and was made again in wider ones: "
+        f"{', '.join(bounds)}."
+    )
+
+
 def widened(bounds: Sequence[str]) -> str:
     """Bounds that were moved before the posterior was sampled again."""
     return (
