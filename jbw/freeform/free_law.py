@@ -119,7 +119,7 @@ def free_law(
         tables: Readings, one table a record.
         named: Whether the evidence of named laws by the same readings is found too.
         seed: Of the random numbers.
-        num_particles: Of every law; four times as many draws are kept.
+        num_particles: Of every law; eight times as many draws are kept.
 
     Raises:
         DataError: Fewer than four amplitudes, or a reading that is not finite and positive.

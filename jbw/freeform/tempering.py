@@ -23,7 +23,7 @@ from jbw.freeform.prior import Particles
 from jbw.freeform.sliders import Reals
 
 PARTICLES = 500
-KEPT = 4  # moves on the posterior of which every particle is kept
+KEPT = 8  # moves on the posterior of which every particle is kept
 TARGET_ESS = 0.5  # share of particles that a step of the temperature leaves effective
 MOVES = 2  # trajectories at every temperature
 STEPS = 8  # of a trajectory
@@ -83,7 +83,7 @@ def temper(
         mean: Of the prior.
         sd: Standard deviations of the prior.
         rng: Source of random numbers.
-        num_particles: Particles that are carried; four times as many draws are returned.
+        num_particles: Particles that are carried; eight times as many draws are returned.
     """
 
     def density(z: Particles) -> _Swarm:

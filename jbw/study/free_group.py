@@ -20,7 +20,7 @@ from jbw.study.look import Look
 if TYPE_CHECKING:
     import xarray as xr
 
-PARTICLES = 300  # beside an identification: evidence is then known to one nat
+PARTICLES = 400  # beside an identification: evidence is then known to one nat
 NUM_AMPLITUDES = 48
 REACH = 3.0  # times the largest amplitude, and part of the smallest: how far bands go
 BEYOND = 1.25  # times the largest amplitude: where a sentence states the bands

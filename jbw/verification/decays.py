@@ -139,10 +139,16 @@ def _compared(
         key_entry, key_noise = jax.random.split(jax.random.fold_in(key, i))
         carrier = np.exp(2j * np.pi * chosen.centre_hz * time)
         missed = source.basis.discrepancy if held_out else None
-        begin = float(np.abs(measured_envelope[0])) / omega_n ** derivative_order(data.response)
-        at = NOTHING if missed is None else missed.at(begin, of_decay=True)
+        begin, end = (
+            float(np.abs(measured_envelope[k])) / omega_n ** derivative_order(data.response)
+            for k in (0, np.searchsorted(time[:-1], seen_s))
+        )
+        # The law's error at the beginning is not the record's own; after it, smaller motion counts.
+        at_begin, at = (
+            NOTHING if missed is None else missed.at(y, of_decay=True) for y in (begin, end)
+        )
         rates = omega_n * np.array([at.damping, at.frequency])
-        envelope, others = entered(key_entry, seen, time, float(rates[1]))
+        envelope, others = entered(key_entry, seen, time, omega_n * at_begin.frequency)
         own = at_own_frequency(measured_envelope, envelope, time - 0.5 * seen_s)
         own_error = error(*(np.real(x * carrier)[time >= seen_s] for x in (measured_envelope, own)))
         model, scatter = np.real(envelope * carrier), noise
