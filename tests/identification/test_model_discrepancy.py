@@ -373,7 +373,9 @@ def test_bands_of_stronger_decays_hold_what_a_wrong_law_misses():
     before, after = (predict(one, unseen, Request(num_draws=100)).attrs for one in (bare, basis))
     assert before["coverage"] < 0.8
     assert after["coverage"] >= 0.95
-    assert after["nrmse"] == before["nrmse"]  # the error is the law's own
+    # Without the discrepancy the error of the law at the beginning is taken for the own frequency
+    # of the record, and goes on after it.
+    assert after["nrmse"] < before["nrmse"]
     # Not wider than three times what is missed.
     assert after["half_width"] / 2.576 <= 3 * after["nrmse"]
 
