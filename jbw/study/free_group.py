@@ -28,14 +28,19 @@ SCATTERED = 2.0  # of the inflation: readings that scatter 1.4 times as much as 
 
 
 def fitted_tables(looked: Look, seen: Measured) -> list[Table]:
-    """Return the tables of readings of all that was fitted."""
+    """Return the tables of readings of all that was fitted.
+
+    Of a test with repeats that cannot be read, and so with fewer tables than repeats, all tables.
+    """
     fitted, repeats = entered(seen), fitted_repeats(seen)
-    chosen = (
-        tables[: repeats.get(name)]
-        for name, tables in looked.tables.items()
-        if fitted.get(name, True)
-    )
-    return [table for tables in chosen for table in tables]
+    counts = {test.name: len(test.records) for test in seen.tests}
+    chosen: list[Table] = []
+    for name, tables in looked.tables.items():
+        if fitted.get(name, True):
+            is_whole = counts.get(name) == len(tables)
+            places = [i - 1 for i in repeats[name]] if is_whole else range(len(tables))
+            chosen += [tables[i] for i in places]
+    return chosen
 
 
 def free_law_of(
