@@ -19,7 +19,7 @@ import xarray as xr
 from jaxtyping import Array, Key
 
 from jbw.campaign.load import Campaign
-from jbw.errors import DataError, JbwError
+from jbw.errors import Attempts, DataError, JbwError
 from jbw.identification import evidence
 from jbw.identification.across_kinds import across_kinds
 from jbw.identification.assemble import Measured, Report, entered, measured_in
@@ -172,7 +172,11 @@ def compare_laws(
     readings = readings_of(first.data.parts)
     diagnosis = None if readings is None else diagnose(readings)
     looked = look_quietly(campaign)
-    without_form = free_law_of(looked, seen, seed, named=True, particles=FREE_PARTICLES)
+    without_form = Attempts(report).make(
+        stages.WITHOUT_FORM,
+        lambda: free_law_of(looked, seen, seed, named=True, particles=FREE_PARTICLES),
+        None,
+    )
     lines = own_lines(first.data, {**_held(first.data), **first.fit.theta})
     record: dict[str, Any] = {
         "campaign": campaign.name,

@@ -16,6 +16,7 @@ import numpy as np
 import xarray as xr
 
 from jbw.errors import Attempts
+from jbw.freeform.free_law import FreeLaw
 from jbw.identification.assemble import Report
 from jbw.identification.gain_units import source_units
 from jbw.identification.paper.sequential_vs_joint import compare_routes
@@ -27,6 +28,7 @@ from jbw.report.messages import stages
 from jbw.report.messages import study as messages
 from jbw.report.text import interval
 from jbw.study.collect import collect
+from jbw.study.free_group import free_law_of
 from jbw.study.identifiability import Identifiability, look_again
 from jbw.study.order import Order
 from jbw.study.prepared import PreparedTests
@@ -38,6 +40,7 @@ class Comparisons(NamedTuple):
     Attributes:
         tree: The posteriors with verification and validation: every test predicted.
         identifiability: Which parameters the data know; None where it could not be made.
+        without_form: The law of the readings alone; None of several modes or too few readings.
         routes: The paper's route beside the joint posterior; empty without one.
         statements: What the modes outside the band come to, and what could not be made.
     """
@@ -45,6 +48,7 @@ class Comparisons(NamedTuple):
     tree: xr.DataTree
     identifiability: Identifiability | None
     routes: Mapping[str, Any] = {}
+    without_form: FreeLaw | None = None
     statements: tuple[str, ...] = ()
 
 
@@ -68,8 +72,13 @@ def compare(
         None,
     )
     routes = attempts.make(stages.ROUTES, lambda: compare_routes(measured.linear, posteriors), {})
+    without_form = attempts.make(
+        stages.WITHOUT_FORM,
+        lambda: free_law_of(prepared.look, measured, order.seed, named=False),
+        None,
+    )
     statements = (*([outside] if outside else []), *attempts.said)
-    return Comparisons(tree, identifiability, routes, statements)
+    return Comparisons(tree, identifiability, routes, without_form, statements)
 
 
 def constants_sentence(posterior: xr.Dataset, held: Mapping[str, float], source: str) -> str | None:

@@ -24,7 +24,7 @@ from jbw.report.opening import opening
 from jbw.study.assembly_group import GROUP as ASSEMBLY
 from jbw.study.assembly_group import assembly_group
 from jbw.study.comparisons import Comparisons
-from jbw.study.free_group import free_law_groups, free_law_of
+from jbw.study.free_group import free_law_groups
 from jbw.study.identifiability import as_group
 from jbw.study.look import look_groups
 from jbw.study.order import Order
@@ -53,6 +53,7 @@ def finished_study(
     sensors = sensors_of(measured.chosen)
     wide = widened_by_instruments(order.campaign, sensors, identification, order.seed)
     groups = measured_groups(order, prepared, comparisons.tree, wide)
+    groups |= free_law_groups(comparisons.without_form)
     tree = xr.DataTree.from_dict(groups)
     facts = record_of(order, measured, identification, tree, compared=comparisons.routes, wide=wide)
     facts |= {"look": prepared.look.record, **(notes or {})}
@@ -76,8 +77,6 @@ def measured_groups(
     if wide is not None:
         groups |= _with_instruments(tree["posterior"].to_dataset(), wide)
     groups |= look_groups(prepared.look, entered(prepared.measured))
-    law = free_law_of(prepared.look, prepared.measured, order.seed, named=False)
-    groups |= free_law_groups(law)
     if order.campaign.joints is not None:
         modes = tree["joints"].to_dataset()["frequency_hz"].values if "joints" in tree else ()
         groups[f"/{ASSEMBLY}"] = assembly_group(order.campaign.joints.model, tuple(modes))

@@ -10,6 +10,7 @@ SAVED = "Saved; the same command again continues."
 # Parts of a result, as the subject of a sentence that says why one is missing.
 ANSWER_OF_FIT = "The answer of the fit"
 IDENTIFIABILITY = "The study of identifiability"
+WITHOUT_FORM = "The law without a form"
 OUTSIDE_BAND = "The constant of the modes outside the band"
 ROUTES = "The comparison of the routes"
 TIED = "The evidence of one law for several joints"
