@@ -212,7 +212,9 @@ def _shared_bands(bands: Mapping[int, Reach], records: Mapping[int, Record]) -> 
             return {}
         about = [band_about_peak(record, within=shared) for record in records.values()]
     one = max(low for low, _ in about), min(high for _, high in about)
-    return {i: one for i, band in bands.items() if band != one} if one[0] < one[1] else {}
+    if not one[0] < one[1] or all(band == one for band in bands.values()):
+        return {}
+    return dict.fromkeys(bands, one)
 
 
 def _name_of(path: Path, number: int, count: int) -> str:
@@ -436,20 +438,21 @@ def _levels(
     source = next((role for role in INPUTS if role in roles), "")
     if not source or len(files) > MOST_LEVELLED:
         return []
-    sizes: dict[Path, float] = {}
+    peaks: dict[Path, float] = {}
+    spread: dict[Path, float] = {}  # of a source that stands still none: it has no level
     with suppress(JbwError, ValueError, IndexError):
         for path in files:
             u = _first_record(path, roles, lines).channels[source]
-            sizes[path] = float(np.nanmax(np.abs(u)))
-    if len(sizes) < len(files) or not min(sizes.values()) > 0:
+            u = u[np.isfinite(u)]
+            peaks[path], spread[path] = float(np.abs(u).max()), float(np.std(u))
+    if len(peaks) < len(files) or not min(spread.values()) > 0:
         return []
-    rising = sorted(files, key=lambda path: sizes[path])
     parts: list[list[Path]] = []
-    for path in rising:
-        if not parts or sizes[path] > ANOTHER_LEVEL * sizes[parts[-1][-1]]:
+    for path in sorted(files, key=lambda path: spread[path]):
+        if not parts or spread[path] > ANOTHER_LEVEL * spread[parts[-1][-1]]:
             parts.append([])
         parts[-1].append(path)
-    found = [(sorted(part), f"{sizes[part[0]]:.2g}") for part in parts]
+    found = [(sorted(part), f"{peaks[part[0]]:.2g}") for part in parts]
     return [(part, [messages.level(toml(float(peak)), source)]) for part, peak in found]
 
 

@@ -80,12 +80,13 @@ class Level(NamedTuple):
 def level_of(record: Record, test: TestSpec) -> list[Level]:
     """The level of a driven test, where it states one."""
     driven = any(role in record.channels for role in INPUTS)
-    if not (test.level > 0 and driven) or not record.num_samples:
+    if not (test.level > 0 and driven):
         return []
-    source, response = (
-        float(np.sqrt(np.nanmean(np.square(record.channels[role]))))
-        for role in (record.source, record.response)
-    )
+    samples = [record.channels[role] for role in (record.source, record.response)]
+    finite = [x[np.isfinite(x)] for x in samples]
+    if not all(x.size for x in finite):
+        return []
+    source, response = (float(np.sqrt(np.mean(x**2))) for x in finite)
     setup = (test.kind, record.source, record.response, test.driven_by, test.point)
     return [Level(test.name, setup, record.source, test.level, source, response)]
 

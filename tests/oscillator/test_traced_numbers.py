@@ -103,6 +103,8 @@ CASES = {
 # What has no number to trace: data, files, studies, or a class that is used above; and `shooting`,
 # whose steps adapt to rounding and which has derivatives in forward mode alone.
 ELSEWHERE = {
+    # Loads of a study, read and made by NumPy.
+    "Pulse", "RandomProfile", "forced", "profile_of", "read_profile", "shock_spectrum",
     # Models in matrices are reduced once, by NumPy and SciPy.
     "Joint", "MatrixModel", "ReducedModel", "energy_shares", "joint_separability", "joint_starts",
     "matrix_model", "read_matrices", "reduce",

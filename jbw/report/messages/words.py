@@ -236,6 +236,14 @@ WORDS: dict[tuple[str, ...], str] = {
         "other kinds predict worst; of tests held out; of those beyond the motion fitted; and of "
         "the best linear oscillator of each run by itself, which no law can beat by much."
     ),
+    ("load", "median [99 %]"): (
+        "Columns of `jbw predict` under other loads: a sine of one level, a random profile or a "
+        "shock; and the median of a quantity over the draws with its 99 % interval."
+    ),
+    ("the same, own frequency", "the same, with the record's own frequency"): (
+        "The error of a free decay where each record may have a frequency of its own, as a "
+        "temperature shifts it: what the law misses beside that."
+    ),
     ("answer",): ("Whether the data tell a law from the best one: same, worse or not told apart."),
     ("test", "kind", "level", "record", "role", "run", "name", "test and repeats"): (
         "A test is one excitation of one kind at one level (amplitude of the source, in its "
