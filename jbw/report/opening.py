@@ -264,7 +264,8 @@ def fit_sentence(summary: Summary) -> str:
     errors = list((summary.get("quick") or {}).values())
     if not errors:
         return messages.NO_FIT_ERROR
-    return messages.fit_errors(len(errors), _span(errors), _noun(summary.get("tests") or ()))
+    fitted = [row for row in summary.get("tests") or () if row.get("fitted", True)]
+    return messages.fit_errors(len(errors), _span(errors), _noun(fitted))
 
 
 def _errors(tests: Sequence[Summary]) -> str:
