@@ -24,7 +24,7 @@ from timing import options, show
 
 from jbw.freeform.free_law import free_law
 from jbw.freeform.sliders import loss_share, stiffness_share
-from jbw.measurement.readings.statement import Table
+from jbw.measurement.readings.statement import RecordTable
 
 HZ = 100.0
 OMEGA_SQ = (2 * np.pi * HZ) ** 2
@@ -138,7 +138,7 @@ KINDS = {
 }  # fmt: skip
 
 
-def drawn_tables(curve: Curve, rng: np.random.Generator, own: float) -> list[Table]:
+def drawn_tables(curve: Curve, rng: np.random.Generator, own: float) -> list[RecordTable]:
     """Draw five records' readings with their covariances."""
     tables = []
     for top in rng.uniform(0.5, 1.0, 5):
@@ -151,7 +151,7 @@ def drawn_tables(curve: Curve, rng: np.random.Generator, own: float) -> list[Tab
         covariances = [f @ f.T + np.diag(x**2) for f, x in zip(factors, floors, strict=True)]
         noise = [rng.multivariate_normal(np.zeros(POINTS), c) for c in covariances]
         hz = (hz + noise[0]) * (1 + own * rng.standard_normal())
-        tables.append(Table(y, hz, zeta + noise[1], covariances[0], covariances[1]))
+        tables.append(RecordTable(y, hz, zeta + noise[1], covariances[0], covariances[1]))
     return tables
 
 

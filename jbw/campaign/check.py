@@ -39,7 +39,7 @@ from jbw.measurement.hypotheses.lag_of_noise import untimely
 from jbw.measurement.hypotheses.unlike_gains import unlike_gains
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
-from jbw.measurement.readings.table import RecordReading
+from jbw.measurement.readings.table import ModeReading
 from jbw.measurement.records import INPUTS, RESPONSES, Record, is_sampled, share_clock
 from jbw.measurement.spans import toml_list
 from jbw.measurement.spectra import strongest_line
@@ -397,7 +397,7 @@ def _examined(record: Record, test: TestSpec) -> Examined | None:
     return None
 
 
-def _reading(record: Record, test: TestSpec) -> RecordReading | None:
+def _reading(record: Record, test: TestSpec) -> ModeReading | None:
     examined = _examined(record, test)
     return None if examined is None else examined.reading
 

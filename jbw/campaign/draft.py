@@ -456,7 +456,7 @@ def _levels(
     return [(part, [messages.level(toml(float(peak)), source)]) for part, peak in found]
 
 
-class Clock(NamedTuple):
+class DraftedClock(NamedTuple):
     """What a draft says of the sampling of a test."""
 
     is_known: bool  # the rate needs no word
@@ -466,10 +466,10 @@ class Clock(NamedTuple):
     assumed: tuple[str, ...] = ()
 
 
-def _clock(channels: Mapping[str, Channel], looked: Looked, traits: Kind) -> Clock:
+def _clock(channels: Mapping[str, Channel], looked: Looked, traits: Kind) -> DraftedClock:
     """How the channels of a test are sampled: together, at two rates, unevenly, from two starts."""
     if traits.is_curve:
-        return Clock(True)
+        return DraftedClock(True)
     leaves = {role: looked.series[c.path] for role, c in channels.items() if role != "time"}
     rates = [leaf.fs for leaf in leaves.values() if leaf.fs]
     lines: list[str] = []
@@ -480,26 +480,26 @@ def _clock(channels: Mapping[str, Channel], looked: Looked, traits: Kind) -> Clo
         if min(rates) < (1 - 2e-5) * max(rates):
             lines.append(messages.slowest(toml(_round(min(rates)))))
         times = tuple(p for p, leaf in looked.series.items() if is_time(leaf.label or p))
-        return Clock(True, ("time",), times, tuple(lines), ())
+        return DraftedClock(True, ("time",), times, tuple(lines), ())
     if "time" in channels:
         channel = channels["time"]
         clock = looked.series[channel.path]
         unit, fs = _of_times(channel, looked)
         if traits.is_prescribed and np.any(np.diff(np.ravel(load(clock))) <= 0):
-            return Clock(True, ("time",), (), tuple(lines), ())  # a loop needs no clock
+            return DraftedClock(True, ("time",), (), tuple(lines), ())  # a loop needs no clock
         if not unit:  # it counts samples
-            return Clock(looked.fs is not None, ("time",), (channel.path,), tuple(lines), ())
+            return DraftedClock(looked.fs is not None, ("time",), (channel.path,), tuple(lines), ())
         if fs and not rates:
             lines.append(messages.mean_rate(toml(fs)))
             assumed.append(messages.coarse_times(channel.path, fs))
-            return Clock(True, ("time",), (channel.path,), tuple(lines), tuple(assumed))
+            return DraftedClock(True, ("time",), (channel.path,), tuple(lines), tuple(assumed))
         if rates:  # beside channels of the table's own times, slower ones
             lines.append(messages.slowest(toml(_round(min(rates)))))
         elif proposal := _uneven(clock, unit):
             lines.append(messages.resampled(toml(proposal)))
             assumed.append(messages.resampled_at(proposal))
-        return Clock(True, (), (), tuple(lines), tuple(assumed))
-    return Clock(bool(rates) or looked.fs is not None, (), (), tuple(lines), ())
+        return DraftedClock(True, (), (), tuple(lines), tuple(assumed))
+    return DraftedClock(bool(rates) or looked.fs is not None, (), (), tuple(lines), ())
 
 
 def _of_times(channel: Channel, looked: Looked) -> tuple[str, float | None]:

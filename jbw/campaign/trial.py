@@ -18,7 +18,7 @@ from jbw.campaign.tables import TestSpec
 from jbw.errors import JbwError
 from jbw.measurement.checks.faults import NUMBER, Fault
 from jbw.measurement.files.assemble import unwindowed
-from jbw.measurement.readings.table import RecordReading
+from jbw.measurement.readings.table import ModeReading
 from jbw.measurement.records import RESPONSES, Record
 from jbw.measurement.resampled import on_one_clock
 from jbw.measurement.spans import start_of
@@ -33,7 +33,7 @@ OR = ", or "  # between the parts of a remedy
 ALIKE = 0.15
 
 Look = Callable[[Record, TestSpec], Sequence[Fault]]
-Read = Callable[[Record, TestSpec], RecordReading | None]
+Read = Callable[[Record, TestSpec], ModeReading | None]
 Change = Callable[[Record, Any], Record]
 
 
@@ -112,7 +112,7 @@ def _cures(
     )
 
 
-def _leaves(reading: RecordReading | None, key: str, mode: tuple[float, float]) -> bool:
+def _leaves(reading: ModeReading | None, key: str, mode: tuple[float, float]) -> bool:
     """Whether a record under a line is read as the mode [Hz, -] that was fitted with the cause.
 
     A part of it is of other amplitudes, at which a joint has another mode.

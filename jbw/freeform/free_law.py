@@ -25,7 +25,7 @@ from jbw.freeform.posterior import StrengthPosterior, posterior_of
 from jbw.freeform.rows import ReadingRows, rows_of
 from jbw.freeform.sliders import Reals
 from jbw.freeform.tempering import PARTICLES, Tempered, temper
-from jbw.measurement.readings.statement import Table
+from jbw.measurement.readings.statement import RecordTable
 
 QUANTILES = 0.005, 0.5, 0.995
 CALLED = 5.0  # nats from which Masing's rule is said to hold or to be broken
@@ -107,7 +107,7 @@ class FreeLaw:
 
 
 def free_law(
-    tables: Sequence[Table],
+    tables: Sequence[RecordTable],
     *,
     named: bool = True,
     seed: int = 0,

@@ -18,7 +18,7 @@ from scipy.optimize import nnls
 
 from jbw.errors import DataError
 from jbw.freeform.sliders import Reals, SliderGrid, grid_for
-from jbw.measurement.readings.statement import Table
+from jbw.measurement.readings.statement import RecordTable
 
 ROWS = 4  # of a record: its table is that smooth
 FEWEST = 4  # amplitudes: two coefficients of frequency and two of damping
@@ -70,7 +70,7 @@ class ReadingRows(NamedTuple):
         return grid_for(float(self.y.min()), float(self.y.max()))
 
 
-def rows_of(tables: Sequence[Table]) -> ReadingRows:
+def rows_of(tables: Sequence[RecordTable]) -> ReadingRows:
     """Return the rows of tables of readings, with the scatter between records in their covariance.
 
     Raises:
@@ -101,17 +101,17 @@ def rows_of(tables: Sequence[Table]) -> ReadingRows:
     return rows._replace(covariance=inflation * rows.covariance, inflation=inflation)
 
 
-def _is_whole(table: Table) -> bool:
+def _is_whole(table: RecordTable) -> bool:
     columns = table.y, table.hz, table.zeta
     positive = bool(np.all(table.y > 0) and np.all(table.hz > 0))
     return positive and all(bool(np.all(np.isfinite(column))) for column in columns)
 
 
-def _picked(table: Table) -> np.ndarray:
+def _picked(table: RecordTable) -> np.ndarray:
     return np.unique(np.linspace(0, len(table.y) - 1, ROWS).astype(int))
 
 
-def _rows(tables: Sequence[Table]) -> ReadingRows:
+def _rows(tables: Sequence[RecordTable]) -> ReadingRows:
     columns: list[tuple[Reals, ...]] = []
     of_hz, of_zeta = [], []
     for table in tables:

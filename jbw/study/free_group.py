@@ -11,7 +11,7 @@ from jbw.freeform.free_law import CALLED, QUANTILES, FreeLaw, free_law
 from jbw.freeform.loops import gap_sliders
 from jbw.identification.assemble import Measured, entered, fitted_repeats
 from jbw.measurement.curves import forced_loop
-from jbw.measurement.readings.statement import Table
+from jbw.measurement.readings.statement import RecordTable
 from jbw.measurement.records import Test
 from jbw.report.messages import free_law as messages
 from jbw.report.result import FREE_LAW
@@ -27,14 +27,14 @@ BEYOND = 1.25  # times the largest amplitude: where a sentence states the bands
 SCATTERED = 2.0  # of the inflation: readings that scatter 1.4 times as much as their errors
 
 
-def fitted_tables(looked: Look, seen: Measured) -> list[Table]:
+def fitted_tables(looked: Look, seen: Measured) -> list[RecordTable]:
     """Return the tables of readings of all that was fitted.
 
     Of a test with repeats that cannot be read, and so with fewer tables than repeats, all tables.
     """
     fitted, repeats = entered(seen), fitted_repeats(seen)
     counts = {test.name: len(test.records) for test in seen.tests}
-    chosen: list[Table] = []
+    chosen: list[RecordTable] = []
     for name, tables in looked.tables.items():
         if fitted.get(name, True):
             is_whole = counts.get(name) == len(tables)

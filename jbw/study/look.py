@@ -27,8 +27,15 @@ from jbw.measurement.envelopes import bands_of
 from jbw.measurement.hypotheses.examine import examined_decay, examined_sweep
 from jbw.measurement.loops import readings_of_cycles
 from jbw.measurement.nonlinearity import coherence_at_resonance, seen_in
-from jbw.measurement.readings.statement import LEAST_RANGE, RECORDS, Table, Trend, laws_with, trend
-from jbw.measurement.readings.table import RecordReading
+from jbw.measurement.readings.statement import (
+    LEAST_RANGE,
+    RECORDS,
+    AmplitudeTrend,
+    RecordTable,
+    laws_with,
+    trend,
+)
+from jbw.measurement.readings.table import ModeReading
 from jbw.measurement.records import INPUTS, Record, Test, drive_of
 from jbw.measurement.resonances import (
     MISSED,
@@ -82,7 +89,7 @@ class Look:
 
     record: dict[str, Any]
     readings: dict[str, list[Reading]]
-    tables: dict[str, list[Table]]
+    tables: dict[str, list[RecordTable]]
     responses: dict[str, ShownResponse]
 
 
@@ -94,7 +101,7 @@ def look(campaign: Campaign, report: Callable[[str], Any] = logger.info) -> Look
         report: Called with one sentence a test.
     """
     readings_of: dict[str, list[Reading]] = {}
-    tables_of: dict[str, list[Table]] = {}
+    tables_of: dict[str, list[RecordTable]] = {}
     responses: dict[str, ShownResponse] = {}
     rows, unread, per_unit = [], {}, force_per_unit(campaign)
     campaign = replace(campaign, tests=tuple(_of_first_mode(campaign)))
@@ -211,7 +218,7 @@ class RecordRead(NamedTuple):
     """One record: its rows, and the same as a table with covariances."""
 
     rows: tuple[Reading, ...]
-    table: Table
+    table: RecordTable
 
 
 def _read(
@@ -246,12 +253,12 @@ def _of_rows(rows: Sequence[Reading]) -> RecordRead:
         for name in ("y", "frequency_hz", "damping", "frequency_sd", "damping_sd")
     )
     of_hz, of_zeta = (np.diag(np.nan_to_num(sd) ** 2) for sd in (hz_sd, zeta_sd))
-    return RecordRead(tuple(rows), Table(y, hz, zeta, of_hz, of_zeta))
+    return RecordRead(tuple(rows), RecordTable(y, hz, zeta, of_hz, of_zeta))
 
 
-def _of_reading(read: RecordReading) -> RecordRead:
+def _of_reading(read: ModeReading) -> RecordRead:
     """The table of a decay or a sweep, from the smallest amplitude on."""
-    table = Table(
+    table = RecordTable(
         read.y[::-1], read.hz[::-1], read.zeta[::-1], read.hz_covariance[::-1, ::-1],
         read.zeta_covariance[::-1, ::-1], read.chance,
     )  # fmt: skip
@@ -445,7 +452,9 @@ class Statements(NamedTuple):
 
 
 def statements(
-    record: Mapping[str, Any], by_test: Mapping[str, list[Table]], modes_hz: Sequence[float] = ()
+    record: Mapping[str, Any],
+    by_test: Mapping[str, list[RecordTable]],
+    modes_hz: Sequence[float] = (),
 ) -> Statements:
     """Say whether records differ, whether frequency and damping change with amplitude, and how.
 
@@ -484,10 +493,10 @@ def statements(
 
 
 def _by_mode(
-    by_test: Mapping[str, list[Table]], modes_hz: Sequence[float]
-) -> dict[float | None, list[tuple[str, Table]]]:
+    by_test: Mapping[str, list[RecordTable]], modes_hz: Sequence[float]
+) -> dict[float | None, list[tuple[str, RecordTable]]]:
     """Tables with their tests, by the frequency of the mode that they are nearest to."""
-    groups: dict[float | None, list[tuple[str, Table]]] = {
+    groups: dict[float | None, list[tuple[str, RecordTable]]] = {
         _nearest(mode_hz, modes_hz): [] for mode_hz in modes_hz or (1.0,)
     }
     for name, tables in by_test.items():
@@ -523,7 +532,7 @@ def _worn(loop: Mapping[str, Any]) -> str | None:
     return messages.worn(loop["test"], loop["cycles"].index(last) + 1, change)
 
 
-def nonlinear(tables: Sequence[Table], labels: Sequence[str] = ()) -> Nonlinear:
+def nonlinear(tables: Sequence[RecordTable], labels: Sequence[str] = ()) -> Nonlinear:
     """Return whether frequency and damping change with amplitude, by one table a record.
 
     Args:
@@ -552,7 +561,7 @@ def nonlinear(tables: Sequence[Table], labels: Sequence[str] = ()) -> Nonlinear:
     return Nonlinear(is_seen, sentences, laws)
 
 
-def _change(what: str, seen: Trend) -> str:
+def _change(what: str, seen: AmplitudeTrend) -> str:
     """How one quantity changes, as a part of a sentence."""
     unit = "" if what == "frequency" else " of critical damping"
     if not seen.is_seen:
@@ -562,7 +571,7 @@ def _change(what: str, seen: Trend) -> str:
     return messages.change(what, seen.change, seen.change_sd, seen.exponent, unit)
 
 
-def _differing(hz: Trend, zeta: Trend, labels: Sequence[str]) -> list[str]:
+def _differing(hz: AmplitudeTrend, zeta: AmplitudeTrend, labels: Sequence[str]) -> list[str]:
     """What is said of records that differ at equal amplitude, and what they go with."""
     seen = [
         (name, one.scatter)
@@ -595,7 +604,7 @@ def _goes_with(offsets: np.ndarray, labels: Sequence[str]) -> str:
     return ""
 
 
-def _between_ends(tables: Sequence[Table], differ: list[str]) -> Nonlinear:
+def _between_ends(tables: Sequence[RecordTable], differ: list[str]) -> Nonlinear:
     """The same of one reading a record, too few for a test: the last against the first."""
     y, frequency, damping = (
         [float(getattr(table, name)[0]) for table in tables] for name in ("y", "hz", "zeta")

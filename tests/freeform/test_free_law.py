@@ -9,7 +9,7 @@ from jbw.freeform.posterior import posterior_of
 from jbw.freeform.rows import rows_of
 from jbw.freeform.sliders import loss_share, stiffness_share
 from jbw.freeform.tempering import temper
-from jbw.measurement.readings.statement import Table
+from jbw.measurement.readings.statement import RecordTable
 
 HZ, ZETA, OWN = 100.0, 2e-3, 3e-5
 HALF_WIDTHS = np.geomspace(1e-3, 3.0, 400)
@@ -34,7 +34,7 @@ def tables(seed=0, rule=1.0, own=OWN, count=5):
         covariances = np.diag((3e-3 * zeta * hz) ** 2), np.diag((0.01 * zeta) ** 2)
         noise = [rng.multivariate_normal(np.zeros(12), c) for c in covariances]
         shifted = (hz + noise[0]) * (1 + own * rng.standard_normal())
-        made.append(Table(y, shifted, zeta + noise[1], *covariances))
+        made.append(RecordTable(y, shifted, zeta + noise[1], *covariances))
     return made
 
 

@@ -5,7 +5,7 @@ import pytest
 import xarray as xr
 
 from jbw.freeform.free_law import free_law
-from jbw.measurement.readings.statement import Table
+from jbw.measurement.readings.statement import RecordTable
 from jbw.report.law_table import free_law_table
 from jbw.study.free_group import (
     free_law_groups,
@@ -23,7 +23,7 @@ def law():
     y = TOP * np.geomspace(0.05, 1.0, 12)
     covariances = np.diag(np.full(12, 1e-3) ** 2), np.diag(np.full(12, 5e-5) ** 2)
     tables = [
-        Table(y[start:], np.full(12 - start, HZ), np.full(12 - start, ZETA),
+        RecordTable(y[start:], np.full(12 - start, HZ), np.full(12 - start, ZETA),
               *(c[start:, start:] for c in covariances))
         for start in (0, 2, 4)
     ]  # fmt: skip

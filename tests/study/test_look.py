@@ -13,7 +13,7 @@ from jbw.cli import run
 from jbw.errors import DataError
 from jbw.identification.usable import UsableTests
 from jbw.measurement.files.hdf5 import write_hdf5
-from jbw.measurement.readings.statement import Table, laws_with, trend
+from jbw.measurement.readings.statement import RecordTable, laws_with, trend
 from jbw.measurement.records import Record, Test
 from jbw.measurement.resonances import Reading, driven_lines, read_curve, read_lines
 from jbw.report.looking import look_figure
@@ -154,7 +154,7 @@ def a_table(y, hz, zeta, hz_sd=1e-4, zeta_sd=1e-6):
     """Readings of one record that know nothing of each other."""
     y = np.atleast_1d(np.asarray(y, float))
     hz, zeta = np.broadcast_to(hz, y.shape).astype(float), np.broadcast_to(zeta, y.shape) * 1.0
-    return Table(y, hz, zeta, np.eye(len(y)) * hz_sd**2, np.eye(len(y)) * zeta_sd**2)
+    return RecordTable(y, hz, zeta, np.eye(len(y)) * hz_sd**2, np.eye(len(y)) * zeta_sd**2)
 
 
 def test_a_frequency_that_rises_is_said_to_rise_and_few_readings_say_nothing():

@@ -19,7 +19,7 @@ TIMES_FLAT = 12.0  # of that change over the held one; at the top of a beat it i
 FEWEST_VALUES = 16  # of an envelope, before anything is said of it
 
 
-class _Course(NamedTuple):
+class _Beginning(NamedTuple):
     """The envelope of a record in its band: log |X|, and its times [s].
 
     A sudden change is spread over `across` values; the filter reaches `half_s` to either side.
@@ -40,7 +40,7 @@ def begins_late(record: Record, band_hz: tuple[float, float], settle_s: float) -
         yield from found
 
 
-def _course(record: Record, band_hz: tuple[float, float], settle_s: float) -> _Course | None:
+def _course(record: Record, band_hz: tuple[float, float], settle_s: float) -> _Beginning | None:
     x = record.channels[record.response][round(settle_s * record.fs) :]
     try:
         chosen = band_filter(band_hz, record.fs)
@@ -52,10 +52,10 @@ def _course(record: Record, band_hz: tuple[float, float], settle_s: float) -> _C
         return None
     across = -(-chosen.half // chosen.step)
     half_s = chosen.half / record.fs
-    return _Course(np.log(size), settle_s + time, half_s, across, chosen.centre_hz)
+    return _Beginning(np.log(size), settle_s + time, half_s, across, chosen.centre_hz)
 
 
-def late_blow(record: Record, course: _Course) -> Iterator[Fault]:
+def late_blow(record: Record, course: _Beginning) -> Iterator[Fault]:
     """Yield the refusal of a record that begins before its blow."""
     begins = course.time[0] - course.half_s
     onset = _onset(record.channels[record.response], record.fs, begins, course.centre_hz)
@@ -84,7 +84,7 @@ def _onset(x: Reals, fs: float, begins: float, centre_hz: float) -> float | None
     return begins + blow / fs
 
 
-def still_driven(record: Record, course: _Course) -> Iterator[Fault]:
+def still_driven(record: Record, course: _Beginning) -> Iterator[Fault]:
     """Yield the refusal of a record that begins with steady motion and decays later."""
     size = course.size
     best = None

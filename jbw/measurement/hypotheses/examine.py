@@ -22,7 +22,7 @@ from jbw.measurement.hypotheses.faults import explained
 from jbw.measurement.hypotheses.hypothesis import Facts, Fits
 from jbw.measurement.hypotheses.window import window_constant
 from jbw.measurement.readings.read import decay_fits, sweep_fits
-from jbw.measurement.readings.table import Change, RecordReading, read_fits
+from jbw.measurement.readings.table import MeasuredChange, ModeReading, read_fits
 from jbw.measurement.records import Record
 from jbw.measurement.spans import start_of
 from jbw.report.messages import decay_faults as messages
@@ -45,7 +45,7 @@ class Examined:
         band_hz: Band that was read [Hz].
     """
 
-    reading: RecordReading | None
+    reading: ModeReading | None
     faults: tuple[Fault, ...]
     band_hz: Band
 
@@ -120,7 +120,7 @@ def _sweep(record: Record, band_hz: Band | None, delay_s: float) -> Examined:
     return Examined(_read_fits(fits), faults, band)
 
 
-def _read_fits(fits: Fits) -> RecordReading | None:
+def _read_fits(fits: Fits) -> ModeReading | None:
     """The table of a record; None where its errors cannot be told."""
     try:
         return read_fits(fits)
@@ -184,12 +184,14 @@ def _forget(folder: Path) -> None:
 def _from_json(kept: Mapping[str, Any]) -> Examined:
     reading: Any = kept["reading"]
     if reading is not None:
-        types = {field.name: field.type for field in fields(RecordReading)}
+        types = {field.name: field.type for field in fields(ModeReading)}
         values: dict[str, Any] = {
-            name: Change(*value) if types[name] in (Change, "Change") else _array(value)
+            name: MeasuredChange(*value)
+            if types[name] in (MeasuredChange, "MeasuredChange")
+            else _array(value)
             for name, value in reading.items()
         }
-        reading = RecordReading(**values)
+        reading = ModeReading(**values)
     faults = tuple(
         Fault(**fault | {"leaves": fault["leaves"] and tuple(fault["leaves"])})
         for fault in kept["faults"]

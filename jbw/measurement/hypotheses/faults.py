@@ -14,17 +14,17 @@ from jbw.measurement.hypotheses.hypothesis import (
     named_cause,
     remainder,
 )
-from jbw.measurement.hypotheses.lag import Clock, Delay, LostBlock
+from jbw.measurement.hypotheses.lag import ClocksApart, Delay, LostBlock
 from jbw.measurement.hypotheses.second_blow import SecondBlow
 from jbw.measurement.hypotheses.second_mode import SecondMode
-from jbw.measurement.hypotheses.steady_line import SteadyLine
+from jbw.measurement.hypotheses.steady_line import UndecayingLine
 from jbw.measurement.readings.sweep import SweepFits
 from jbw.report.messages import clock_faults as clocks
 from jbw.report.messages import decay_faults as messages
 
 # In the order of their parameters.
 HYPOTHESES: tuple[Hypothesis, ...] = (
-    Delay(), Clock(), SteadyLine(), SecondBlow(), LostBlock(), SecondMode(),
+    Delay(), ClocksApart(), UndecayingLine(), SecondBlow(), LostBlock(), SecondMode(),
 )  # fmt: skip
 
 
@@ -37,7 +37,7 @@ def explained(fits: Fits, facts: Facts) -> Iterator[tuple[str, Fault]]:
     left = remainder(fits)
     if left.is_noise and not left.has_line:
         return
-    named = named_cause(fits, (SteadyLine(),) if left.is_noise else HYPOTHESES)
+    named = named_cause(fits, (UndecayingLine(),) if left.is_noise else HYPOTHESES)
     if named is not None:
         fault = named.hypothesis.fault(named.values, fits, facts)
         yield named.hypothesis.name, replace(fault, leaves=named.mode)

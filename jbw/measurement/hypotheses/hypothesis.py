@@ -22,11 +22,9 @@ from scipy.ndimage import median_filter
 
 from jbw.measurement.channels import Reals
 from jbw.measurement.checks.faults import Fault
-from jbw.measurement.readings.decay import Cause as DecayCause
-from jbw.measurement.readings.decay import DecayFits, fit_decay
-from jbw.measurement.readings.slow_flow import Fitted, filtered_share, independent_share
-from jbw.measurement.readings.sweep import Cause as SweepCause
-from jbw.measurement.readings.sweep import SweepFits, fit_sweep
+from jbw.measurement.readings.decay import DecayCause, DecayFits, fit_decay
+from jbw.measurement.readings.slow_flow import ModeFit, filtered_share, independent_share
+from jbw.measurement.readings.sweep import SweepCause, SweepFits, fit_sweep
 from jbw.measurement.records import Record
 
 LEFT, LINE, LINE_SIZE, LEFT_SHARE = 1.2, 30.0, 5e-4, 0.06  # of condition 1
@@ -94,7 +92,7 @@ class Facts(NamedTuple):
     band_hz: tuple[float, float]
 
 
-class Remainder(NamedTuple):
+class LeftOver(NamedTuple):
     """What a mode leaves of a record.
 
     Attributes:
@@ -120,12 +118,12 @@ class Remainder(NamedTuple):
         return self.rms < LEFT and self.share < LEFT_SHARE
 
 
-def best_of(fits: Fits) -> Fitted:
+def best_of(fits: Fits) -> ModeFit:
     """Return the fit of the basis that leaves least."""
     return min(fits.fits.values(), key=lambda fit: fit.squares)
 
 
-def remainder(fits: Fits) -> Remainder:
+def remainder(fits: Fits) -> LeftOver:
     """Return what the best basis leaves of a record."""
     best, signal = best_of(fits), fits.signal
     turned = best.residual
@@ -139,7 +137,7 @@ def remainder(fits: Fits) -> Remainder:
     size = abs(np.fft.fft(turned)[at]) / len(turned) / np.abs(signal.z).max()
     share = float(np.linalg.norm(best.residual) / np.linalg.norm(signal.z))
     rms = float(np.sqrt(best.squares / len(signal.z)))
-    return Remainder(rms, float(over[at]), float(size), share)
+    return LeftOver(rms, float(over[at]), float(size), share)
 
 
 def named_cause(fits: Fits, hypotheses: Sequence[Hypothesis]) -> Named | None:
@@ -166,7 +164,7 @@ def named_cause(fits: Fits, hypotheses: Sequence[Hypothesis]) -> Named | None:
     share = min(independent_share(closest.residual * fits.weight), of_filter)
     count = 2 * len(signal.z) * share
 
-    def score(fitted: Fitted) -> float:
+    def score(fitted: ModeFit) -> float:
         return count * np.log(max(fitted.squares, 1e-300)) + len(fitted.theta) * np.log(count)
 
     zero = min(score(fitted) for fitted in fits.fits.values())
@@ -179,14 +177,14 @@ def named_cause(fits: Fits, hypotheses: Sequence[Hypothesis]) -> Named | None:
     return None
 
 
-def _mode(fits: Fits, linear: Fitted) -> tuple[float, float]:
+def _mode(fits: Fits, linear: ModeFit) -> tuple[float, float]:
     """Frequency [Hz] and damping ratio of a linear mode."""
     sigma, turn = linear.theta[fits.FIRST : fits.FIRST + 2] * fits.scale
     pole = complex(-sigma, turn + 2 * np.pi * fits.signal.centre_hz)
     return abs(pole) / (2 * np.pi), -pole.real / abs(pole)
 
 
-def _joint_fits(fits: Fits, hypothesis: Hypothesis) -> Iterator[tuple[Reals, Fitted]]:
+def _joint_fits(fits: Fits, hypothesis: Hypothesis) -> Iterator[tuple[Reals, ModeFit]]:
     """Joint fits of a hypothesis, with a linear mode and with a power of the amplitude.
 
     With a power it begins from where the linear mode ended as well.
@@ -207,7 +205,7 @@ def _joint_fits(fits: Fits, hypothesis: Hypothesis) -> Iterator[tuple[Reals, Fit
             yield fitted.theta[count:], fitted
 
 
-def joint_fit(fits: Fits, basis: str, cause: DecayCause | SweepCause) -> Fitted | None:
+def joint_fit(fits: Fits, basis: str, cause: DecayCause | SweepCause) -> ModeFit | None:
     """Return the fit of a mode with a cause; None where its numbers fail."""
     fit: Any = fit_decay if isinstance(fits, DecayFits) else fit_sweep
     try:

@@ -15,7 +15,7 @@ from scipy.optimize import minimize_scalar
 from jbw.measurement.channels import Complexes, Reals
 from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.hypotheses.hypothesis import Facts, joint_fit
-from jbw.measurement.readings.sweep import Cause, SweepFits, SweepSignal, late
+from jbw.measurement.readings.sweep import SweepCause, SweepFits, SweepSignal, late
 from jbw.measurement.spans import kept_before
 from jbw.report.messages import clock_faults as messages
 
@@ -43,7 +43,7 @@ class _Lag:
         """Return the lag at every time, in mean periods."""
         raise NotImplementedError
 
-    def causes(self, fits: Any, basis: str) -> Iterator[Cause]:
+    def causes(self, fits: Any, basis: str) -> Iterator[SweepCause]:
         """Yield the lag from several starts."""
         if not isinstance(fits, SweepFits) or basis != "linear":
             return
@@ -52,7 +52,7 @@ class _Lag:
         def delayed(signal: SweepSignal, columns: Complexes, values: Reals) -> Complexes:
             return late(columns, signal.rate, self.course(signal, values) * period)
 
-        yield from (Cause(np.array(start), delayed) for start in self.starts)
+        yield from (SweepCause(np.array(start), delayed) for start in self.starts)
 
 
 class Delay(_Lag):
@@ -79,7 +79,7 @@ class Delay(_Lag):
         )
 
 
-class Clock(_Lag):
+class ClocksApart(_Lag):
     """A lag that grows: in the middle of the record, and its change along it, in mean periods."""
 
     name = "clocks apart"
@@ -109,7 +109,7 @@ class LostBlock(_Lag):
 
     name = "lost block"
 
-    def causes(self, fits: Any, basis: str) -> Iterator[Cause]:
+    def causes(self, fits: Any, basis: str) -> Iterator[SweepCause]:
         """Yield the best step: at one of several places, then between its neighbours."""
         if not isinstance(fits, SweepFits) or basis != "linear":
             return
@@ -119,7 +119,7 @@ class LostBlock(_Lag):
 
         def fitted(at: float, step: float) -> tuple[float, float, float]:
             """Squares, place and step of the best fit from a step at a place."""
-            found = joint_fit(fits, "linear", Cause(np.array([step]), _stepped(float(at))))
+            found = joint_fit(fits, "linear", SweepCause(np.array([step]), _stepped(float(at))))
             return (found.squares, at, float(found.theta[count])) if found else (np.inf, at, step)
 
         _, at, step = min(fitted(at, step) for at in times for step in (-0.25, 0.25))
@@ -131,7 +131,7 @@ class LostBlock(_Lag):
             lambda x: fitted(x, step)[0], bounds=(low, high), options={"maxiter": SCANNED}
         )
         _, at, step = min(fitted(float(found.x), step), fitted(at, step))
-        yield Cause(np.array([step, at / float(np.ptp(signal.time))]), _stepped(None))
+        yield SweepCause(np.array([step, at / float(np.ptp(signal.time))]), _stepped(None))
 
     def matters(self, values: Reals, fits: Any) -> bool:
         """Return whether it is 1.6 samples and 5 % of a period."""

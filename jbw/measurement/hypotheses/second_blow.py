@@ -8,7 +8,7 @@ import numpy as np
 from jbw.measurement.channels import Reals
 from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.hypotheses.hypothesis import Facts
-from jbw.measurement.readings.decay import Cause, DecayFits
+from jbw.measurement.readings.decay import DecayCause, DecayFits
 from jbw.measurement.spans import left_out_from
 from jbw.report.messages import decay_faults as messages
 
@@ -27,10 +27,10 @@ class SecondBlow:
 
     name = "second blow"
 
-    def causes(self, fits: Any, basis: str) -> Iterator[Cause]:
+    def causes(self, fits: Any, basis: str) -> Iterator[DecayCause]:
         """Yield jumps at the two places where the logarithm of the envelope steps most."""
         if isinstance(fits, DecayFits):
-            yield from map(Cause, _places(fits))
+            yield from map(DecayCause, _places(fits))
 
     def matters(self, values: Reals, fits: Any) -> bool:
         """Return whether it lies within the record and moves size or phase by 5 %."""

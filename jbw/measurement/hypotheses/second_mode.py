@@ -7,11 +7,15 @@ import numpy as np
 from jbw.measurement.channels import Complexes, Reals
 from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.hypotheses.hypothesis import Facts, Fits
-from jbw.measurement.readings.decay import Cause as DecayCause
-from jbw.measurement.readings.decay import DecayFits, DecaySignal
+from jbw.measurement.readings.decay import DecayCause, DecayFits, DecaySignal
 from jbw.measurement.readings.slow_flow import strongest_line
-from jbw.measurement.readings.sweep import Cause as SweepCause
-from jbw.measurement.readings.sweep import SweepFits, SweepSignal, mirror_of, sweep_columns
+from jbw.measurement.readings.sweep import (
+    SweepCause,
+    SweepFits,
+    SweepSignal,
+    mirror_of,
+    sweep_columns,
+)
 from jbw.report.messages import decay_faults as messages
 
 LEAST = 0.02  # of the amplitude at the start

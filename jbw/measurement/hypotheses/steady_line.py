@@ -11,11 +11,9 @@ from jbw.measurement.hypotheses.hypothesis import (
     Fits,
     remainder,
 )
-from jbw.measurement.readings.decay import Cause as DecayCause
-from jbw.measurement.readings.decay import DecayFits, DecaySignal
+from jbw.measurement.readings.decay import DecayCause, DecayFits, DecaySignal
 from jbw.measurement.readings.slow_flow import strongest_line
-from jbw.measurement.readings.sweep import Cause as SweepCause
-from jbw.measurement.readings.sweep import SweepFits, SweepSignal
+from jbw.measurement.readings.sweep import SweepCause, SweepFits, SweepSignal
 from jbw.report.messages import decay_faults as messages
 
 LEAST = 2e-3  # of the amplitude at the start: a weaker line matters to no reading
@@ -23,7 +21,7 @@ SPOILS = 0.01  # of that amplitude: readings a decade below it are off by 10 %
 STANDS_OUT = 60.0  # times the local median of a sweep's residual
 
 
-class SteadyLine:
+class UndecayingLine:
     """A steady line: amplitude, phase and frequency."""
 
     name = "steady line"

@@ -23,8 +23,8 @@ from jbw.measurement.readings.slow_flow import (
     FULLY,
     LEAST_RATIO,
     NEAR_BEST,
-    Basis,
-    Fitted,
+    AmplitudeBasis,
+    ModeFit,
     converter_step,
     filtered_step,
     slopes_of_cause,
@@ -57,7 +57,7 @@ class Jump(NamedTuple):
     turn: float
 
 
-class Cause(NamedTuple):
+class DecayCause(NamedTuple):
     """A further cause of what a record shows, fitted together with the mode.
 
     Attributes:
@@ -214,7 +214,7 @@ def _log_response(signal: DecaySignal, pole: Complexes) -> tuple[Complexes, Comp
 
 
 def decay_model(
-    signal: DecaySignal, theta: Reals, basis: Basis, scale: float, jump: Jump | None = None
+    signal: DecaySignal, theta: Reals, basis: AmplitudeBasis, scale: float, jump: Jump | None = None
 ) -> Complexes:
     """Return the filtered decay of a slow flow at the signal's times.
 
@@ -254,7 +254,7 @@ def decay_model(
 
 
 def decay_slopes(
-    signal: DecaySignal, theta: Reals, basis: Basis, scale: float, model: Complexes
+    signal: DecaySignal, theta: Reals, basis: AmplitudeBasis, scale: float, model: Complexes
 ) -> Complex[np.ndarray, "value parameter"]:
     r"""Return the derivatives of a filtered decay by `theta`; zero of a model that does not exist.
 
@@ -333,7 +333,7 @@ class _Flow(NamedTuple):
 
 
 def _flow(
-    signal: DecaySignal, theta: Reals, basis: Basis, scale: float, above: float = 0.0
+    signal: DecaySignal, theta: Reals, basis: AmplitudeBasis, scale: float, above: float = 0.0
 ) -> _Flow | None:
     """The flow of a basis from its start, or so much `above` in ln a; None where it is none."""
     terms = basis.terms
@@ -408,8 +408,8 @@ def fit_decay(
     start: Reals,
     scale: float,
     weight: Reals,
-    cause: Cause | None = None,
-) -> Fitted:
+    cause: DecayCause | None = None,
+) -> ModeFit:
     """Fit a basis to a decay, with a further cause where one is given.
 
     Args:
@@ -470,7 +470,7 @@ def fit_decay(
     size = len(signal.z)
     jacobian = -(found.jac[:size] + 1j * found.jac[size:]) / weight[:, None]
     left = signal.z - model(found.x)
-    return Fitted(found.x, left, jacobian, float(np.sum(np.abs(left * weight) ** 2)))
+    return ModeFit(found.x, left, jacobian, float(np.sum(np.abs(left * weight) ** 2)))
 
 
 class DecayFits(NamedTuple):
@@ -490,7 +490,7 @@ class DecayFits(NamedTuple):
     """
 
     signal: DecaySignal
-    fits: dict[str, Fitted]
+    fits: dict[str, ModeFit]
     scale: float
     weight: Reals
     noise: float
@@ -542,11 +542,13 @@ def fit_bases(signal: DecaySignal) -> DecayFits:
     return DecayFits(signal, fits, scale, weight, noise, half_step)
 
 
-def _powers(signal: DecaySignal, linear: Fitted, scale: float, weight: Reals) -> dict[str, Fitted]:
+def _powers(
+    signal: DecaySignal, linear: ModeFit, scale: float, weight: Reals
+) -> dict[str, ModeFit]:
     """Bases with powers of the amplitude, as long as the next one leaves less."""
     level, phase, sigma, turn = linear.theta
 
-    def fitted(name: str, start: list[float]) -> Fitted:
+    def fitted(name: str, start: list[float]) -> ModeFit:
         return fit_decay(signal, name, np.array(start), scale, weight)
 
     begin = [level, phase, sigma, 0.0, turn, 0.0]

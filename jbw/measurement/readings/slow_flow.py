@@ -28,7 +28,7 @@ SMOOTHED = 12  # lines of a residual's spectrum that are averaged
 FEWEST_INDEPENDENT = 0.02  # of a residual's values, however coloured it is
 
 
-class Basis(NamedTuple):
+class AmplitudeBasis(NamedTuple):
     """Powers of the amplitude: how many, and whether their common exponent is a parameter."""
 
     terms: int
@@ -44,16 +44,16 @@ class Basis(NamedTuple):
 
 
 BASES = {
-    "linear": Basis(1),
-    "quadratic": Basis(3),  # for the test of whether anything changes with amplitude
-    "power": Basis(2, is_free=True),
-    "power2": Basis(3, is_free=True),
-    "power3": Basis(4, is_free=True),
+    "linear": AmplitudeBasis(1),
+    "quadratic": AmplitudeBasis(3),  # for the test of whether anything changes with amplitude
+    "power": AmplitudeBasis(2, is_free=True),
+    "power2": AmplitudeBasis(3, is_free=True),
+    "power3": AmplitudeBasis(4, is_free=True),
 }
 NESTED = ("linear", "power", "power2", "power3")  # each holds the one before it
 
 
-class Fitted(NamedTuple):
+class ModeFit(NamedTuple):
     """Parameters of a basis fitted to a signal: exponents and coefficients, what is left, squares.
 
     Attributes:
@@ -95,7 +95,7 @@ def filtered_share(taps: Reals, step: int) -> float:
     return float(1 / (2 * np.sum(correlation**2) - 1))
 
 
-def covariance(fitted: Fitted, weight: Reals) -> Float[np.ndarray, "parameter parameter"]:
+def covariance(fitted: ModeFit, weight: Reals) -> Float[np.ndarray, "parameter parameter"]:
     r"""Return the sandwich covariance of parameters under coloured noise.
 
     $$A^{-1} B A^{-1}, \quad A = \mathrm{Re}\,J^H J, \quad

@@ -41,7 +41,7 @@ SATURATES = 0.25
 SLIDERS = ("masing_power", "iwan4")
 
 
-class Table(NamedTuple):
+class RecordTable(NamedTuple):
     """Readings of one record: amplitude of the motion, frequency and damping with covariances.
 
     `chance` is the probability that a linear mode would make such a record, where it was tested.
@@ -55,7 +55,7 @@ class Table(NamedTuple):
     chance: float = 0.0
 
 
-class Trend(NamedTuple):
+class AmplitudeTrend(NamedTuple):
     """What readings say of one quantity.
 
     Attributes:
@@ -86,7 +86,7 @@ class Trend(NamedTuple):
     onset: float | None
 
 
-class _Rows(NamedTuple):
+class _RowsOfRecords(NamedTuple):
     """Rows of all records, in units of a mean value: relative amplitude, value, covariance."""
 
     r: Reals
@@ -105,7 +105,7 @@ class _Estimate(NamedTuple):
     penalty: float  # -2 ln of the restricted likelihood
 
 
-def trend(tables: Sequence[Table], quantity: str) -> Trend:
+def trend(tables: Sequence[RecordTable], quantity: str) -> AmplitudeTrend:
     """Return what a set of readings says of `hz` or of `zeta`.
 
     Args:
@@ -125,7 +125,7 @@ def trend(tables: Sequence[Table], quantity: str) -> Trend:
     inflated = found.covariance * max(found.squares / degrees, 1.0)
     offsets = _offsets(rows, design, found, tau)
     at_rest, sd_scale = float(found.values[0]) * unit, 1.0 if quantity == "hz" else unit
-    none = Trend(
+    none = AmplitudeTrend(
         at_rest, 0.0, float(np.sqrt(inflated[0, 0])) * sd_scale, 1.0, False, None, None, tau,
         records_chance, offsets, None,
     )  # fmt: skip
@@ -150,7 +150,7 @@ def trend(tables: Sequence[Table], quantity: str) -> Trend:
         return none._replace(
             change=change * sd_scale, change_sd=change_sd * sd_scale, chance=chance
         )
-    return Trend(
+    return AmplitudeTrend(
         at_rest=at_rest, change=change * sd_scale, change_sd=change_sd * sd_scale, chance=chance,
         is_seen=True, exponent=None if turn else _exponent(rows, tau, found.squares / degrees),
         turn=None if turn is None else (turn * top, (_at(found.values, turn)) * unit),
@@ -159,7 +159,7 @@ def trend(tables: Sequence[Table], quantity: str) -> Trend:
     )  # fmt: skip
 
 
-def _rows(tables: Sequence[Table], quantity: str, unit: float, top: float) -> _Rows:
+def _rows(tables: Sequence[RecordTable], quantity: str, unit: float, top: float) -> _RowsOfRecords:
     values, r, blocks = [], [], []
     for table in tables:
         pick = np.unique(np.linspace(0, len(table.y) - 1, ROWS).astype(int))
@@ -167,10 +167,12 @@ def _rows(tables: Sequence[Table], quantity: str, unit: float, top: float) -> _R
         r.append(table.y[pick] / top)
         covariance = getattr(table, f"{quantity}_covariance")[np.ix_(pick, pick)] / unit**2
         blocks.append(covariance + 1e-14 * np.eye(len(pick)))
-    return _Rows(np.concatenate(r), np.concatenate(values), tuple(blocks))
+    return _RowsOfRecords(np.concatenate(r), np.concatenate(values), tuple(blocks))
 
 
-def _estimated(rows: _Rows, design: Float[np.ndarray, "row unknown"], tau: float) -> _Estimate:
+def _estimated(
+    rows: _RowsOfRecords, design: Float[np.ndarray, "row unknown"], tau: float
+) -> _Estimate:
     """Generalised least squares, records differing by tau."""
     num = design.shape[1]
     normal, right, squares, log_det = np.zeros((num, num)), np.zeros(num), 0.0, 0.0
@@ -190,7 +192,9 @@ def _estimated(rows: _Rows, design: Float[np.ndarray, "row unknown"], tau: float
     return _Estimate(values, spread, left, left + log_det + float(np.linalg.slogdet(normal)[1]))
 
 
-def _between_records(rows: _Rows, design: Float[np.ndarray, "row unknown"]) -> tuple[float, float]:
+def _between_records(
+    rows: _RowsOfRecords, design: Float[np.ndarray, "row unknown"]
+) -> tuple[float, float]:
     """Standard deviation between records, and the probability of its likelihood by chance."""
     if len(rows.blocks) < 2 or len(rows.value) - design.shape[1] < 1:
         return 0.0, 1.0
@@ -204,7 +208,7 @@ def _between_records(rows: _Rows, design: Float[np.ndarray, "row unknown"]) -> t
 
 
 def _offsets(
-    rows: _Rows, design: Float[np.ndarray, "row unknown"], found: _Estimate, tau: float
+    rows: _RowsOfRecords, design: Float[np.ndarray, "row unknown"], found: _Estimate, tau: float
 ) -> tuple[tuple[float, float], ...]:
     """Mean residual of every record and its standard deviation."""
     left = rows.split(rows.value - design @ found.values)
@@ -241,7 +245,9 @@ def _onset(b: Reals, covariance: Reals, low: float, top: float) -> float | None:
     return None
 
 
-def _exponent(rows: _Rows, tau: float, inflation: float) -> tuple[float, float, float] | None:
+def _exponent(
+    rows: _RowsOfRecords, tau: float, inflation: float
+) -> tuple[float, float, float] | None:
     """Power of the amplitude and its 99 % interval, by the profile of the likelihood."""
     if len(rows.value) < 4:
         return None
@@ -254,7 +260,7 @@ def _exponent(rows: _Rows, tau: float, inflation: float) -> tuple[float, float, 
     return float(EXPONENTS[best]), float(inside.min()), float(inside.max())
 
 
-def laws_with(hz: Trend, zeta: Trend) -> tuple[str, ...]:
+def laws_with(hz: AmplitudeTrend, zeta: AmplitudeTrend) -> tuple[str, ...]:
     """Return names of laws whose frequency and damping change by such powers of the amplitude.
 
     To first order in the amplitude; of several laws the simplest first. A law of sliders has any

@@ -26,7 +26,7 @@ from jbw.measurement.readings.slow_flow import (
     FULLY,
     LEAST_RATIO,
     NEAR_BEST,
-    Fitted,
+    ModeFit,
     converter_step,
     filtered_step,
     slopes_of_cause,
@@ -44,7 +44,7 @@ Columns = Complex[np.ndarray, "value column"]
 Slopes = Complex[np.ndarray, "value slope"]
 
 
-class Cause(NamedTuple):
+class SweepCause(NamedTuple):
     """A further cause of what a sweep shows, fitted together with the mode.
 
     Attributes:
@@ -292,8 +292,8 @@ def fit_sweep(
     start: Reals,
     scale: float,
     weight: Reals,
-    cause: Cause | None = None,
-) -> Fitted:
+    cause: SweepCause | None = None,
+) -> ModeFit:
     """Fit a basis to a sweep, gains projected out, with a further cause where one is given.
 
     Gains are real where the drive is a force, but for that of the initial state.
@@ -339,7 +339,7 @@ def fit_sweep(
         ftol=near, xtol=near,
     )  # fmt: skip
     ended = projected(found.x)
-    return Fitted(
+    return ModeFit(
         found.x, ended.left / weight, -ended.slopes() / weight[:, None],
         float(np.sum(np.abs(ended.left) ** 2)), ended.gains,
     )  # fmt: skip
@@ -359,7 +359,7 @@ def _project(
     slopes: Slopes,
     values: Reals,
     weight: Reals,
-    cause: Cause | None,
+    cause: SweepCause | None,
 ) -> _Projected:
     r"""Project out the gains c of columns, of which some are real.
 
@@ -456,7 +456,7 @@ class SweepFits(NamedTuple):
     """
 
     signal: SweepSignal
-    fits: dict[str, Fitted]
+    fits: dict[str, ModeFit]
     scale: float
     weight: Reals
     noise: float
@@ -474,7 +474,7 @@ def fit_bases(signal: SweepSignal) -> SweepFits:
     motion = (signal.rate[top] / signal.rate) ** order
     size = np.abs(signal.z)
     linear, scale = _linear_start(signal, top)
-    fits: dict[str, Fitted] = {}
+    fits: dict[str, ModeFit] = {}
     weight = np.ones(len(size)) / signal.a0
     noise = 0.0
     rounds = 3 if order else 2
@@ -501,7 +501,7 @@ def fit_bases(signal: SweepSignal) -> SweepFits:
     return SweepFits(signal, fits, scale, weight, noise, 2 * signal.quantum)
 
 
-def _linear_start(signal: SweepSignal, top: int) -> tuple[Fitted, float]:
+def _linear_start(signal: SweepSignal, top: int) -> tuple[ModeFit, float]:
     """A linear mode near the largest motion, the best of several starts, and its rate [1/s]."""
     above = signal.amplitude > signal.amplitude[top] / np.sqrt(2)
     width = max(abs(float(np.ptp(signal.rate[above]))), 1e-6 * float(signal.rate[top]))
@@ -520,14 +520,14 @@ def _linear_start(signal: SweepSignal, top: int) -> tuple[Fitted, float]:
 
 def _bases(
     signal: SweepSignal,
-    linear: Fitted,
-    before: Mapping[str, Fitted],
+    linear: ModeFit,
+    before: Mapping[str, ModeFit],
     scale: float,
     weight: Reals,
-) -> dict[str, Fitted]:
+) -> dict[str, ModeFit]:
     """Bases with powers of the amplitude, from the last round's on, while the next leaves less."""
 
-    def fitted(name: str, *starts: list[float]) -> Fitted:
+    def fitted(name: str, *starts: list[float]) -> ModeFit:
         begun = [before[name].theta.tolist()] if name in before else starts
         ends = [fit_sweep(signal, name, np.array(start), scale, weight) for start in begun]
         return min(ends, key=lambda fit: fit.squares)
@@ -544,7 +544,7 @@ def _bases(
     return fits
 
 
-def _quadratic(signal: SweepSignal, linear: Fitted, scale: float, weight: Reals) -> Fitted:
+def _quadratic(signal: SweepSignal, linear: ModeFit, scale: float, weight: Reals) -> ModeFit:
     sigma, turn = linear.theta.tolist()
     start = np.array([sigma, 0.0, 0.0, turn, 0.0, 0.0])
     return fit_sweep(signal, "quadratic", start, scale, weight)

@@ -26,7 +26,7 @@ from jbw.measurement.readings.decay import DecayFits, decay_model
 from jbw.measurement.readings.slow_flow import (
     BASES,
     NESTED,
-    Fitted,
+    ModeFit,
     covariance,
     independent_share,
 )
@@ -44,7 +44,7 @@ SURE = 3.0  # standard deviations of a change
 Square = Float[np.ndarray, "row row"]
 
 
-class Change(NamedTuple):
+class MeasuredChange(NamedTuple):
     """A change from the smallest to the largest amplitude, and its standard deviation."""
 
     value: float
@@ -52,7 +52,7 @@ class Change(NamedTuple):
 
 
 @dataclass(frozen=True)
-class RecordReading:
+class ModeReading:
     """Frequency and damping of one mode by one record, against amplitude.
 
     Attributes:
@@ -68,7 +68,7 @@ class RecordReading:
         basis: Name of the basis that the data ask for.
         chance: Probability that a linear mode shows such a change with amplitude.
         hz_change: Relative change of the frequency.
-        zeta_change: Change of the damping ratio.
+        zeta_change: MeasuredChange of the damping ratio.
         exponent: Power of the amplitude and its standard deviation; NaN of a linear record.
         residual: Root mean square of what is left, over that of the response.
         linear_residual: The same of a linear mode.
@@ -83,13 +83,13 @@ class RecordReading:
     zeta: Reals
     hz_covariance: Square
     zeta_covariance: Square
-    linear_hz: Change
-    linear_zeta: Change
+    linear_hz: MeasuredChange
+    linear_zeta: MeasuredChange
     basis: str
     chance: float
-    hz_change: Change
-    zeta_change: Change
-    exponent: Change
+    hz_change: MeasuredChange
+    zeta_change: MeasuredChange
+    exponent: MeasuredChange
     residual: float
     linear_residual: float
     noise: float
@@ -116,7 +116,7 @@ class RecordReading:
         return self.chance < ODDS
 
 
-def read_fits(fits: DecayFits | SweepFits) -> RecordReading:
+def read_fits(fits: DecayFits | SweepFits) -> ModeReading:
     """Choose the basis of a record and read frequency and damping from it, with errors."""
     best = min(fits.fits.values(), key=lambda fit: fit.squares)
     count = 2 * len(fits.signal.z) * independent_share(best.residual * fits.weight)
@@ -142,15 +142,17 @@ def read_fits(fits: DecayFits | SweepFits) -> RecordReading:
     hz_change = _change(rows.hz, rows.hz_covariance, floor_hz[0], 1 / rows.hz[0])
     zeta_change = _change(rows.zeta, rows.zeta_covariance, floor_zeta[0])
     linear = _Rows(fits, "linear", grid[:1])
-    linear_zeta = Change(float(linear.zeta[0]), float(np.sqrt(linear.zeta_covariance[0, 0])))
+    linear_zeta = MeasuredChange(
+        float(linear.zeta[0]), float(np.sqrt(linear.zeta_covariance[0, 0]))
+    )
     chance = _chance_of_linear(fits, count)
     if not _matters(hz_change, zeta_change, linear_zeta.value):
         chance = max(chance, 0.5)
-    exponent = Change(np.nan, np.nan)
+    exponent = MeasuredChange(np.nan, np.nan)
     if "power" in fits.fits and chance < ODDS:
         power = fits.fits["power"]
         sd = float(np.sqrt(max(covariance(power, fits.weight)[-1, -1], 0.0)))
-        exponent = Change(float(power.theta[-1]), sd)
+        exponent = MeasuredChange(float(power.theta[-1]), sd)
     amplitude, gain = grid, np.nan
     if isinstance(fits, SweepFits):
         # From the motion at resonance to the response at its own frequency.
@@ -164,18 +166,18 @@ def read_fits(fits: DecayFits | SweepFits) -> RecordReading:
         float(np.linalg.norm(fits.fits[name].residual)) / size for name in (chosen, "linear")
     )
     unit = fits.signal.unit
-    return RecordReading(
+    return ModeReading(
         kind=fits.KIND, order=fits.signal.order,
         amplitude=amplitude * unit, hz=rows.hz, zeta=rows.zeta,
         hz_covariance=hz_covariance, zeta_covariance=zeta_covariance,
-        linear_hz=Change(float(linear.hz[0]), float(np.sqrt(linear.hz_covariance[0, 0]))),
+        linear_hz=MeasuredChange(float(linear.hz[0]), float(np.sqrt(linear.hz_covariance[0, 0]))),
         linear_zeta=linear_zeta, basis=chosen, chance=chance, hz_change=hz_change,
         zeta_change=zeta_change, exponent=exponent,
         residual=residual, linear_residual=linear_residual, noise=fits.noise * unit, gain=gain,
     )  # fmt: skip
 
 
-def _chosen(fits: dict[str, Fitted], count: float) -> str:
+def _chosen(fits: dict[str, ModeFit], count: float) -> str:
     """Basis of the least concentrated likelihood, with a penalty a parameter (BIC)."""
     scores = {
         name: count * np.log(max(fit.squares, 1e-300)) + len(fit.theta) * np.log(count)
@@ -227,7 +229,7 @@ class _Rows:
         self.zeta_covariance = by_zeta @ spread @ by_zeta.T
 
 
-def _floors(fits: DecayFits | SweepFits, best: Fitted, rows: _Rows) -> tuple[Reals, Reals]:
+def _floors(fits: DecayFits | SweepFits, best: ModeFit, rows: _Rows) -> tuple[Reals, Reals]:
     """What a residual at high amplitude beyond the noise leaves open, and the stated floor."""
     size = np.abs(fits.signal.z)
     loud = size > 0.4 * size.max()
@@ -249,14 +251,14 @@ def _second_order(fits: DecayFits | SweepFits, rows: _Rows) -> tuple[Reals, Real
     return of_hz, share * growth + change / hz * zeta
 
 
-def _change(values: Reals, spread: Square, floor: float, factor: float = 1.0) -> Change:
+def _change(values: Reals, spread: Square, floor: float, factor: float = 1.0) -> MeasuredChange:
     """Difference of the first and the last value of a table."""
     variance = spread[0, 0] + spread[-1, -1] - 2 * spread[0, -1]
     sd = np.hypot(np.sqrt(max(float(variance), 0.0)), floor)
-    return Change(float((values[0] - values[-1]) * factor), float(sd * factor))
+    return MeasuredChange(float((values[0] - values[-1]) * factor), float(sd * factor))
 
 
-def _matters(hz: Change, zeta: Change, damping: float) -> bool:
+def _matters(hz: MeasuredChange, zeta: MeasuredChange, damping: float) -> bool:
     """Whether a change is larger than averaging tells, and sure."""
     is_large = max(abs(hz.value), abs(zeta.value)) >= LEAST_CHANGE * abs(damping)
     return is_large and any(abs(change.value) >= SURE * change.sd for change in (hz, zeta))
