@@ -113,7 +113,7 @@ def free_law_groups(law: FreeLaw | None) -> "dict[str, xr.Dataset]":
         },
         {
             "amplitude": ("amplitude", amplitude, {"units": "m"}),
-            "quantile": ("quantile", list(QUANTILES)),
+            "quantile": ("quantile", list(QUANTILES), {"units": "1"}),
         },
         {
             "y_low": low, "y_high": high, "against_masing": law.masing,

@@ -22,7 +22,7 @@ UNITS = {
     # cycles of a loop
     "amplitude": "m", "work": "N m", **dict.fromkeys(("retained", "repeated"), PURE),
     # check
-    "fs": "Hz", "repeats": PURE, "fitted": PURE,
+    "fs": "Hz", "repeats": PURE, "fitted": PURE, "fitted_repeats": PURE,
     # a row of a parameter, which has its unit beside it: the sd is how well the others are known
     **dict.fromkeys(("mean", "map", "q005", "q500", "q995", "value", "truth"), (OF_ROW, "sd")),
     "sd": OF_ROW, "z": (PURE, ONE),
@@ -32,7 +32,7 @@ UNITS = {
     **dict.fromkeys(("loadings", "information", "costs", "reached", "chi_square"), (PURE, ONE)),
     # predictions
     **dict.fromkeys(("coverage", "num_values", "nrmse", "half_width", "nrmse_linear"), PURE),
-    **dict.fromkeys(("nrmse_cubic", "extrapolation", "num_draws"), PURE),
+    **dict.fromkeys(("nrmse_cubic", "nrmse_own_frequency", "extrapolation", "num_draws"), PURE),
     "y_peak": "m", "y_peak_fitted": "m",
     # the verdict's, each of which is a part of something or a count
     "number": (PURE, ONE),
