@@ -25,7 +25,9 @@ from jbw.campaign.roles import (
 )
 from jbw.campaign.settings import Identify
 from jbw.campaign.tables import Head, TestSpec
+from jbw.campaign.written import NAMED
 from jbw.errors import ConfigError, DataError, JbwError, RunError
+from jbw.measurement.channels import strength_ranks
 from jbw.measurement.checks.responses import band_about_peak, height_within
 from jbw.measurement.files.assemble import Wanted
 from jbw.measurement.files.clocks import SECONDS, coarse_rate, sampling_frequency, time_unit
@@ -41,7 +43,6 @@ from jbw.report.messages import draft as messages
 from jbw.report.messages.reading import EXPORTS
 from jbw.units import decibels, plain
 
-NAMED = "campaign.toml"
 LISTED = 12  # channels named in a comment
 MOST_GROUPS = 500  # names of files that are not repeats of one another
 BEGINNING = 1 << 14  # bytes of a file by which it is told whether it may hold a curve
@@ -55,7 +56,6 @@ SAME_LINE = 1.25  # largest over smallest centre of bands about one line
 LEAST_HEIGHT = 0.02  # of a decay's strongest line, for another to be shown by it
 FOLLOWING = 0.7  # correlation of force and displacement from which they are drafted as a loop
 MOST_LEVELLED = 100  # files of one name whose level is looked at
-ANOTHER_LEVEL = 1.2  # times the level of a repeat
 FILES = "# files"  # a line that is written when the levels are known
 MOST_BLOCKS = 40  # tests drafted from one file
 # Keys of a test that are offered in a comment.
@@ -447,13 +447,14 @@ def _levels(
             peaks[path], spread[path] = float(np.abs(u).max()), float(np.std(u))
     if len(peaks) < len(files) or not min(spread.values()) > 0:
         return []
-    parts: list[list[Path]] = []
-    for path in sorted(files, key=lambda path: spread[path]):
-        if not parts or spread[path] > ANOTHER_LEVEL * spread[parts[-1][-1]]:
-            parts.append([])
-        parts[-1].append(path)
-    found = [(sorted(part), f"{peaks[part[0]]:.2g}") for part in parts]
-    return [(part, [messages.level(toml(float(peak)), source)]) for part, peak in found]
+    ranks = strength_ranks([spread[path] for path in files])
+    parts = [sorted(np.array(files)[ranks == rank].tolist()) for rank in np.unique(ranks)[::-1]]
+    weakest = [min(part, key=lambda path: spread[path]) for part in parts]
+    levels = [float(f"{peaks[path]:.2g}") for path in weakest]
+    return [
+        (part, [messages.level(toml(level), source)])
+        for part, level in zip(parts, levels, strict=True)
+    ]
 
 
 class DraftedClock(NamedTuple):

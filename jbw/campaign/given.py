@@ -5,14 +5,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from jbw.campaign.draft import (
-    NAMED,
     Draft,
     measurement_files,
     shared_name,
     start_campaign,
     write_campaign,
 )
-from jbw.campaign.written import CAMPAIGN, campaign_in, is_campaign, require_file
+from jbw.campaign.written import CAMPAIGN, NAMED, campaign_in, is_campaign, require_file
 from jbw.errors import ConfigError
 from jbw.report.messages import draft as messages
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from jbw.errors import ConfigError
 
+NAMED = "campaign.toml"
 CAMPAIGN = "Campaign file", "Write one with: jbw init FOLDER"
 
 
@@ -16,7 +17,7 @@ def is_campaign(path: Path) -> bool:
 def campaign_in(folder: Path) -> Path | None:
     """Return the campaign file of a folder: `campaign.toml`, or the only file of that kind."""
     inside = sorted(folder.glob("*.toml"))
-    usual = [path for path in inside if path.name == "campaign.toml"] or inside
+    usual = [path for path in inside if path.name == NAMED] or inside
     return usual[0] if len(usual) == 1 else None
 
 

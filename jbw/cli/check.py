@@ -53,7 +53,8 @@ def init(folder: Path, print_: bool, ask: bool, json_: bool) -> None:
 
 def require_unwritten(folder: Path, print_: bool) -> None:
     """Refuse before the first question what would be refused after the last."""
-    from jbw.campaign.draft import NAMED, already_written
+    from jbw.campaign.draft import already_written
+    from jbw.campaign.written import NAMED
 
     if not print_ and (folder / NAMED).exists():
         raise already_written(folder / NAMED)

@@ -9,10 +9,10 @@ import numpy as np
 from jbw.campaign.settings import Identify
 from jbw.campaign.values import ALL
 from jbw.errors import ConfigError
+from jbw.measurement.channels import strength_ranks
 from jbw.measurement.records import Test, drive_of, share_clock
 
 THIRD = (0.2, 0.45)  # of the natural frequency: where a tone probes the third-order kernel
-ALIKE = 1.2  # ratio of the rms of two repeats below which they are as strong as one another
 LEVEL = attrgetter("level")  # to sort tests by
 
 
@@ -148,15 +148,12 @@ def _fitted_places(test: Test, settings: Identify) -> tuple[int, ...]:
     beyond what it was fitted to, whatever the order in which a structure was hit.
     """
     count = _fitted_repeats(test, settings)
-    sizes = np.array([np.nanstd(record.channels[record.response]) for record in test.records])
-    falling = np.argsort(-sizes, kind="stable")
-    is_weaker = sizes[falling][1:] < sizes[falling][:-1] / ALIKE
-    strength = np.empty(len(sizes), int)
-    strength[falling] = np.concatenate([[0], np.cumsum(is_weaker)])
+    sizes = [float(np.nanstd(record.channels[record.response])) for record in test.records]
+    ranks = strength_ranks(sizes)
     left, places = list(range(len(sizes))), []
     for step in np.linspace(0, len(sizes) - 1, count).round().astype(int):
-        wanted = strength[falling[step]]
-        places.append(next(i for i in left if strength[i] == wanted))
+        wanted = np.sort(ranks)[step]
+        places.append(next(i for i in left if ranks[i] == wanted))
         left.remove(places[-1])
     return tuple(sorted(places))
 

@@ -11,6 +11,7 @@ Reals = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 # Relative: a line on the edge of a band, or a whole number of samples, is so in every unit of time.
 ROUNDING = 1e-9
+ALIKE = 1.2  # ratio of neighbouring sizes below which records are as strong as one another
 
 
 def channel(x: ArrayLike, name: str) -> Reals:
@@ -92,3 +93,13 @@ def rms(values: ArrayLike) -> float:
     """Root mean square; NaN of none."""
     squares = np.square(values)
     return float(np.sqrt(np.mean(squares))) if squares.size else float("nan")
+
+
+def strength_ranks(sizes: Sequence[float]) -> NDArray[np.int64]:
+    """Return the rank of each size from 0 of the largest; neighbours that are alike share one."""
+    values = np.asarray(sizes, float)
+    falling = np.argsort(-values, kind="stable")
+    is_weaker = values[falling][1:] < values[falling][:-1] / ALIKE
+    ranks = np.empty(len(values), np.int64)
+    ranks[falling] = np.concatenate([[0], np.cumsum(is_weaker)])
+    return ranks

@@ -104,7 +104,7 @@ def shock_of(basis: Basis, pulse: Pulse, load: Load) -> xr.Dataset:
             f"The shock must be in {seen.source}, but is in {pulse.unit}.",
             remedy='Give a force, or `drive="base"` for an acceleration of the base.',
         )
-    signed = replace(load, harmonics=1)
+    single = replace(load, harmonics=1)  # a shock is followed in time
 
     def moved(member: Member) -> ShockResponse:
         share = -member.share if load.is_base else member.share
@@ -113,7 +113,7 @@ def shock_of(basis: Basis, pulse: Pulse, load: Load) -> xr.Dataset:
     def largest(member: Member) -> Values:
         return np.max(np.abs(moved(member).y), -1)
 
-    ready = prepared(basis, signed, largest, messages.shock(seen.source, pulse))
+    ready = prepared(basis, single, largest, messages.shock(seen.source, pulse))
     motions = [moved(member) for member in ready.members]
     lowest = float(np.min(ready.members[0].motion.omega_n)) / TAU
     return _shock(motions, ready, seen, lowest)

@@ -1,6 +1,6 @@
 """Bands under a sine: response curves, their resonance, and the level that a limit allows."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 
 import numpy as np
 import xarray as xr
@@ -149,8 +149,11 @@ def notch_of(
         return y, y * np.abs(ratio)
 
     middle = np.argmin(np.abs(freq_hz - 0.5 * sum(band_hz)))
-    amplitude: Callable[[Member], Values] = lambda member: displacement(member)[0][:, middle]  # noqa: E731
-    ready = prepared(basis, load, amplitude, messages.limit(limit, seen.unit))
+
+    def in_the_middle(member: Member) -> Values:
+        return displacement(member)[0][:, middle]
+
+    ready = prepared(basis, load, in_the_middle, messages.limit(limit, seen.unit))
     allowed = [displacement(member)[1] / np.abs(member.share) for member in ready.members]
     unit = {"units": seen.source}
     variables = {

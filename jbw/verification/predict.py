@@ -230,10 +230,8 @@ def _gain_for(basis: Basis, test: Test, request: Request) -> float | None:
 
 def warnings_of(dataset: xr.Dataset) -> list[str]:
     """Return what must be known before a prediction is trusted, one sentence each."""
-    attrs, sentences = (
-        dataset.attrs,
-        list(filter(None, str(dataset.attrs.get("warnings", "")).split("\n"))),
-    )
+    attrs = dataset.attrs
+    sentences = str(attrs.get("warnings", "")).splitlines()
     if attrs.get("extrapolation", 0.0) > BEYOND:
         sentences.append(
             messages.extrapolated(
