@@ -83,9 +83,7 @@ class FreeLaw:
         best = max(self.posteriors.values(), key=lambda found: found[1].log_evidence)
         return float(np.exp(np.median(best[1].theta[:, -1])))
 
-    def bands(
-        self, amplitude: ArrayLike, seed: int = 0, quantiles: Sequence[float] = QUANTILES
-    ) -> tuple[Bands, Bands]:
+    def bands(self, amplitude: ArrayLike, seed: int = 0) -> tuple[Bands, Bands]:
         """Return the bands of frequency [Hz] and damping ratio at amplitudes [m]."""
         rng = np.random.default_rng(seed)
         logs = np.array([drawn.log_evidence for _, drawn in self.posteriors.values()])
@@ -97,12 +95,12 @@ class FreeLaw:
                 chosen = rng.choice(len(drawn.theta), count, replace=False)
                 curves.append(posterior.curves(drawn.theta[chosen], amplitude, rng))
         hz, zeta = (np.concatenate(values) for values in zip(*curves, strict=True))
-        return np.quantile(hz, quantiles, axis=0), np.quantile(zeta, quantiles, axis=0)
+        return np.quantile(hz, QUANTILES, axis=0), np.quantile(zeta, QUANTILES, axis=0)
 
     def least_damping(self, amplitude: ArrayLike) -> Reals:
         """Return the least damping ratio under every law of Masing's kind at amplitudes [m]."""
-        hz = self.bands(amplitude, quantiles=(QUANTILES[-1],))[0][0]
-        omega_sq = (2 * np.pi * hz) ** 2 / self.rows.unit
+        _, _, hz_high = self.bands(amplitude)[0]
+        omega_sq = (2 * np.pi * hz_high) ** 2 / self.rows.unit
         return least_loss(self.rows, amplitude, omega_sq) / (2 * omega_sq)
 
 
