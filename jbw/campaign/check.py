@@ -36,6 +36,7 @@ from jbw.measurement.curves import forced_loop, response_curve
 from jbw.measurement.hypotheses.begins_late import begins_late
 from jbw.measurement.hypotheses.examine import Examined, examined_decay, examined_sweep
 from jbw.measurement.hypotheses.lag_of_noise import untimely
+from jbw.measurement.hypotheses.loop_causes import loop_causes
 from jbw.measurement.hypotheses.unlike_gains import unlike_gains
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
@@ -475,8 +476,8 @@ def _stated(record: Record, test: TestSpec, spec: CampaignSpec) -> Iterator[Faul
     if driven and test.band is None and spec.structure is None and spec.assembled is None:
         yield from responses.several_resonances(record)
     if test.traits.is_prescribed:
-        yield from travels_freely(forced_loop(record), spec.laws)
-        yield from off_centre(forced_loop(record), test.load_cell)
+        yield from travels_freely(forced_loop(record, test.delay), spec.laws)
+        yield from off_centre(forced_loop(record, test.delay), test.load_cell)
     if not (test.traits.is_free or test.traits.is_controlled):
         yield from responses.level_unlike(record, test.level)
 
@@ -513,5 +514,7 @@ def _believable(
         else:
             yield from responses.impassive(response_curve(record))
     elif traits.is_prescribed:
-        yield from responses.gives_energy(forced_loop(record))
-        yield from degrading(forced_loop(record), laws)
+        loop = forced_loop(record, test.delay)
+        turned = list(responses.gives_energy(loop))
+        yield from turned or loop_causes(record, test.delay)
+        yield from degrading(loop, laws)

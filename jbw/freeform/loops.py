@@ -19,12 +19,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import ArrayLike, Float
+from jaxtyping import ArrayLike
 from scipy.optimize import nnls
 
 from jbw.errors import DataError
 from jbw.freeform.sliders import Reals
 from jbw.measurement.curves import ForcedLoop
+from jbw.measurement.readings.loop import slider_columns
 
 YIELDS, GAPS = 16, 12  # half widths and gaps of the grid; one more gap is none
 SMALLEST = 1e-3  # of the largest motion: half width
@@ -32,8 +33,6 @@ LARGEST = 1.0  # of the largest motion: half width, and gap
 SMALLEST_GAP = 1e-2  # of the largest motion
 MOST_SAMPLES = 2000  # of all loops together: a loop is as smooth as its motion
 FEWEST = 8  # samples of a loop
-
-Columns = Float[np.ndarray, "sample column"]
 
 
 @dataclass(frozen=True)
@@ -60,7 +59,7 @@ class GapSliders:
         """Return the force along a motion [m] from rest in the middle of the gaps [N]."""
         motion = np.asarray(y, float)
         used = self.strengths > 0
-        columns = gap_columns(motion, self.half_widths[used], self.gaps[used])
+        columns = slider_columns(motion, self.half_widths[used], self.gaps[used])
         return self.offset + self.stiffness * motion + columns @ self.strengths[used]
 
     def errors(self, loop: ForcedLoop) -> tuple[float, float]:
@@ -78,17 +77,6 @@ class GapSliders:
         """Mean of the gaps, weighted with the sliders' largest forces [m]."""
         weights = self.strengths * self.half_widths
         return float(weights @ self.gaps / weights.sum()) if weights.sum() > 0 else 0.0
-
-
-def gap_columns(y: Reals, half_widths: Reals, gaps: Reals) -> Columns:
-    """Return the force of sliders of unit strength along a motion, one column each."""
-    reach = gaps + half_widths
-    play, columns = np.zeros_like(reach), np.empty((len(y), len(reach)))
-    for k, position in enumerate(y):
-        play = np.clip(play, position - reach, position + reach)
-        apart = position - play
-        columns[k] = np.sign(apart) * np.maximum(np.abs(apart) - gaps, 0.0)
-    return columns
 
 
 def gap_sliders(loops: Sequence[ForcedLoop]) -> GapSliders:
@@ -110,7 +98,7 @@ def gap_sliders(loops: Sequence[ForcedLoop]) -> GapSliders:
     gap, width = (grid.ravel() for grid in np.meshgrid(gaps, widths, indexing="ij"))
     every = max(1, sum(len(loop.displacement) for loop in loops) // MOST_SAMPLES)
     columns = [
-        gap_columns(np.asarray(loop.displacement, float), width, gap)[::every] for loop in loops
+        slider_columns(np.asarray(loop.displacement, float), width, gap)[::every] for loop in loops
     ]
     motions = [np.asarray(loop.displacement, float)[::every] for loop in loops]
     forces = [np.asarray(loop.force, float)[::every] for loop in loops]

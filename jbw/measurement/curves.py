@@ -92,13 +92,23 @@ def displacement_of(curve: MeasuredCurve) -> Complexes:
     return curve.response / (1j * omega) ** derivative_order(curve.response_kind)
 
 
-def forced_loop(record: Record) -> ForcedLoop:
-    """The prescribed displacement and the force that a record of kind `loop` holds."""
+def forced_loop(record: Record, delay: float = 0.0) -> ForcedLoop:
+    """The prescribed displacement and the force that a record of kind `loop` holds.
+
+    A force that is late by a `delay` [s] is read as much later, by straight lines between samples;
+    samples of which the force is then not known are left out.
+    """
     forces = ("restoring_force", "force")
     _must_have(record, (("displacement",), forces), "a forced loop")
-    force = next(role for role in forces if role in record.channels)
-    samples = record.channels["displacement"], record.channels[force]
-    return ForcedLoop(record.fs, *samples, start_of(record))
+    role = next(role for role in forces if role in record.channels)
+    y, force = record.channels["displacement"], record.channels[role]
+    if delay == 0.0:
+        return ForcedLoop(record.fs, y, force, start_of(record))
+    late = delay * record.fs
+    at = np.arange(len(y)) + late
+    known = (at >= 0) & (at <= len(y) - 1)
+    begins = start_of(record) + float(np.argmax(known)) / record.fs
+    return ForcedLoop(record.fs, y[known], np.interp(at[known], np.arange(len(y)), force), begins)
 
 
 def _must_have(record: Record, alternatives: tuple[tuple[str, ...], ...], what: str) -> None:

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import signal
 
 from jbw.errors import ConfigError, DataError
-from jbw.measurement.channels import Reals, channel, passband, same_length, sampling
+from jbw.measurement.channels import Reals, channel, noise_of, passband, same_length, sampling
 from jbw.measurement.curves import ForcedLoop
 from jbw.measurement.harmonics import Tones, check_tones, sine_fit
 
@@ -31,6 +31,7 @@ ALIKE = 0.02  # of their stroke: cycles of one amplitude
 FEWEST = 3  # cycles of one amplitude, of which the first still remembers what was before
 AT_REST = 0.02  # of the whole stroke: a loop that begins closer to y = 0 begins there
 STEADY = 0.5  # of what a centre moves in a cycle of the first half of its course, later on
+SURE = 3.0  # standard deviations that a statement on noisy samples is beyond chance
 TINY = 1e-300
 
 
@@ -153,8 +154,19 @@ def _burg(x: Reals, order: int) -> Reals:
     return a
 
 
+class WithError(NamedTuple):
+    """A number read off a loop, and its standard deviation by the noise of single samples."""
+
+    value: float
+    sd: float
+
+    def exceeds(self, least: float) -> bool:
+        """Whether it is surely farther from zero."""
+        return abs(self.value) > least + SURE * self.sd
+
+
 class Cycle(NamedTuple):
-    """Samples from one largest displacement to the next, its stroke and peak-to-peak force."""
+    """Samples from one largest displacement to the next, its stroke and the rms of its force."""
 
     samples: slice
     stroke: float
@@ -204,8 +216,8 @@ def _between_passages(loop: ForcedLoop) -> list[Cycle]:
 def _cycle(loop: ForcedLoop, first: int, last: int) -> Cycle:
     """The cycle between two samples, which are both of it."""
     samples = slice(first, last + 1)
-    stroke, force = (float(np.ptp(x[samples])) for x in (loop.displacement, loop.force))
-    return Cycle(samples, stroke, force)
+    stroke, force = np.ptp(loop.displacement[samples]), np.std(loop.force[samples])
+    return Cycle(samples, float(stroke), float(force))
 
 
 def passages(y: Reals) -> list[int]:
@@ -262,7 +274,7 @@ def _amplitudes(cycles: Sequence[Cycle]) -> list[int]:
     return numbers
 
 
-def start_of(loop: ForcedLoop) -> float | None:
+def start_of(loop: ForcedLoop) -> WithError | None:
     """Force at the start of a loop that begins at y = 0, over its half range; None of others.
 
     A joint that nothing has loaded exerts none there, whatever its law.
@@ -273,27 +285,32 @@ def start_of(loop: ForcedLoop) -> float | None:
         return None
     away = np.abs(y - y[0]) > AT_REST * reach
     first = y[: max(int(np.argmax(away)), 2)]  # until it has left its start
-    slope = 0.0 if np.ptp(first) == 0 else np.polyfit(first, force[: len(first)], 1)[0]
-    return float(np.mean(force[: len(first)] - slope * first)) / (0.5 * float(np.ptp(force)))
+    slope = 0.0 if np.ptp(first) == 0 else float(np.polyfit(first, force[: len(first)], 1)[0])
+    half = 0.5 * float(np.ptp(force))
+    # Of a straight line at the end of its samples, twice that of their mean.
+    noise = 2 * np.hypot(noise_of(force), slope * noise_of(y)) / np.sqrt(len(first))
+    return WithError(float(np.mean(force[: len(first)] - slope * first)) / half, noise / half)
 
 
-def drift_of(loop: ForcedLoop) -> float:
-    """How far the centres of equal cycles move in their course, over their half range.
+def drift_of(loop: ForcedLoop) -> WithError:
+    """How far the mean forces of equal cycles move in their course, over their half range.
 
     Zero where that is no steady course: a joint that forgets its start slows down.
     """
-    most = 0.0
+    most, noise = WithError(0.0, 0.0), noise_of(loop.force)
     for equal_cycles in of_one_amplitude(cycles_of(loop)):
-        centres, halves = np.transpose([_centre(loop, cycle) for cycle in equal_cycles[1:]])
+        centres = np.array([np.mean(loop.force[cycle.samples]) for cycle in equal_cycles[1:]])
         middle = len(centres) // 2
         if not 0 < middle < len(centres) - 1:
             continue
         before = (centres[middle] - centres[0]) / middle
         after = (centres[-1] - centres[middle]) / (len(centres) - 1 - middle)
         is_steady = before * after > 0 and abs(after) > STEADY * abs(before)
-        change = float((centres[-1] - centres[0]) / max(np.max(halves), TINY))
-        if is_steady and abs(change) > abs(most):
-            most = change
+        half = max(0.5 * float(np.ptp(loop.force[equal_cycles[-1].samples])), TINY)
+        size = equal_cycles[-1].samples.stop - equal_cycles[-1].samples.start
+        change = float(centres[-1] - centres[0]) / half
+        if is_steady and abs(change) > abs(most.value):
+            most = WithError(change, noise * np.sqrt(2 / size) / half)
     return most
 
 
@@ -303,8 +320,9 @@ def lopsided(loop: ForcedLoop) -> float:
     if not len(centres):
         return 0.0
     centre, half = centres.T
-    start = start_of(loop) or 0.0
-    return float(np.median((centre - start * np.max(half)) / np.maximum(half, TINY)))
+    start = start_of(loop)
+    offset = start.value * np.max(half) if start else 0.0
+    return float(np.median((centre - offset) / np.maximum(half, TINY)))
 
 
 def of_one_amplitude(cycles: Sequence[Cycle]) -> list[list[Cycle]]:

@@ -52,7 +52,9 @@ class Loops(Repeated):
         Moves of the hysteresis are exact and take no steps, so that samples much closer together
         than the loop bends are averaged to one.
         """
-        loops_by_test = [[forced_loop(record) for record in test.records] for test in tests]
+        loops_by_test = [
+            [forced_loop(record, test.delay) for record in test.records] for test in tests
+        ]
         for test, test_loops in zip(tests, loops_by_test, strict=True):
             if len({len(loop.force) for loop in test_loops}) > 1:
                 raise DataError(

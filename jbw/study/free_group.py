@@ -66,7 +66,7 @@ def gap_record(tests: Sequence[Test], seen: Measured) -> dict[str, Any] | None:
     """
     fitted = entered(seen)
     named = [
-        (test.name, forced_loop(record))
+        (test.name, forced_loop(record, test.delay))
         for test in tests
         if test.traits.is_prescribed
         for record in test.records

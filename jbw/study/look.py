@@ -389,7 +389,7 @@ def _loop_row(test: Test) -> dict[str, Any]:
 
     Cycle by cycle of the stiffest repeat; `unit` is that of the motion, m or rad.
     """
-    loops = [forced_loop(record) for record in test.records]
+    loops = [forced_loop(record, test.delay) for record in test.records]
     secants = np.array([_secant(test, loop) for loop in loops])
     y, stiffness = np.mean(secants, axis=0)
     cycles = readings_of_cycles(loops[int(np.argmax(secants[:, 1]))])

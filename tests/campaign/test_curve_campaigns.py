@@ -193,7 +193,7 @@ def test_a_loop_takes_energy_in(tmp_path, sign, recwarn):
     channels = {"displacement": "y", "restoring_force": "F"}
     units = {"displacement": "mm", "restoring_force": "N"}
     load_campaign(campaign(tmp_path, loop, channels, units, kind="loop", fs=1000.0))
-    assert ["gives out" in str(told.message) for told in recwarn.list] == [True] * (sign < 0)
+    assert ["force falls" in str(told.message) for told in recwarn.list] == [True] * (sign < 0)
 
 
 @pytest.mark.parametrize("rate", [1.0, -1.0])

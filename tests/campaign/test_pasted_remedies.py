@@ -731,7 +731,7 @@ def hardening(y):
 @pytest.mark.parametrize(
     ("made", "key", "said"),
     [
-        (turned, "scale", "gives out"),
+        (turned, "scale", "falls where the displacement rises"),
         # exp(-8 s * 8 / 400 s): from the second cycle to the ninth, of ten.
         (degrading, "span", "from the second to number 9 the force falls by 13 %"),
         # 2 mm, on a grid of gaps 0.06 mm apart, and what slips behind the contact.

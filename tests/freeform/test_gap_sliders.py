@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from jbw.errors import DataError
-from jbw.freeform.loops import gap_columns, gap_sliders
+from jbw.freeform.loops import gap_sliders
 from jbw.measurement.curves import ForcedLoop
+from jbw.measurement.readings.loop import slider_columns
 
 GAP, HALF_WIDTH, STRENGTH = 1e-3, 2e-3, 5e5
 
@@ -35,7 +36,7 @@ def loops(offsets=(0.0, 0.0)):
 
 def test_a_column_is_the_force_of_one_slider_behind_a_gap():
     y = motion(5e-3)
-    column = gap_columns(y, np.array([HALF_WIDTH]), np.array([GAP]))[:, 0]
+    column = slider_columns(y, np.array([HALF_WIDTH]), np.array([GAP]))[:, 0]
     np.testing.assert_allclose(STRENGTH * column, backlash(y), atol=1e-9 * STRENGTH * HALF_WIDTH)
 
 

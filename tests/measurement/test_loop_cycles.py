@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from jbw.measurement.channels import noise_of
 from jbw.measurement.curves import ForcedLoop
 from jbw.measurement.loops import (
     drift_of,
@@ -72,14 +73,25 @@ def test_the_zero_of_the_load_cell_and_the_sides_are_read():
     y = triangle((1e-3, *(2e-3,) * 6))
     force, time = slider(y), np.linspace(0.0, 1.0, len(y))
     half = 0.5 * np.ptp(force)
-    assert start_of(ForcedLoop(1.0, y, force)) == pytest.approx(0.0, abs=1e-9)
-    assert start_of(ForcedLoop(1.0, y, force + 0.08 * half)) == pytest.approx(0.08, rel=1e-6)
+    assert start_of(ForcedLoop(1.0, y, force)).value == pytest.approx(0.0, abs=1e-9)
+    assert start_of(ForcedLoop(1.0, y, force + 0.08 * half)).value == pytest.approx(0.08, rel=1e-6)
     assert start_of(ForcedLoop(1.0, y[90:], force[90:])) is None
-    # From the second of six equal cycles, whose turning points are read, to the fifth.
-    drifting = drift_of(ForcedLoop(1.0, y, force + 0.2 * half * time))
+    # From the second of six equal cycles to the fifth.
+    drifting = drift_of(ForcedLoop(1.0, y, force + 0.2 * half * time)).value
     assert drifting == pytest.approx(0.2 * 3 / 7, rel=0.02)
-    assert drift_of(ForcedLoop(1.0, y, force)) == 0.0
+    assert drift_of(ForcedLoop(1.0, y, force)).value == pytest.approx(0.0, abs=1e-9)
     assert lopsided(ForcedLoop(1.0, y, np.where(force < 0, 3 * force, force))) == pytest.approx(
         -0.5
     )
     assert abs(lopsided(ForcedLoop(1.0, y, force))) < 1e-9
+
+
+def test_the_errors_of_a_loop_are_those_of_its_noise():
+    # Scatter of 200 loops with white noise of the force beside the deviations that are stated.
+    y = triangle((1e-3, *(2e-3,) * 6))
+    force, rng = slider(y), np.random.default_rng(4)
+    noise = 0.01 * np.ptp(force)
+    noisy = [force + noise * rng.standard_normal(len(y)) for _ in range(200)]
+    values, sds = np.transpose([start_of(ForcedLoop(1.0, y, one)) for one in noisy])
+    assert np.mean(sds) == pytest.approx(np.std(values), rel=0.2)  # of 200: 5 %, of the noise 5 %
+    assert noise_of(noise * rng.standard_normal(5000)) == pytest.approx(noise, rel=0.1)

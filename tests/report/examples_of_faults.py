@@ -107,6 +107,9 @@ EXAMPLES = {
         loop_faults.begins_away(0.1),
         loop_faults.drifts(0.1),
         loop_faults.off_centre(loop_faults.begins_away(0.1), ""),
+        loop_faults.late(0.02, 0.03),
+        loop_faults.high_passed(8.0),
+        loop_faults.slipped(1e-4, 12.5, KEEP),
         loop_faults.free_travel(0.0001, 0.001, '"iwan4", "gap"'),
     ],
     "record_faults": [
@@ -141,7 +144,7 @@ EXAMPLES = {
         response_faults.locked_phase(-90.0),
         response_faults.active(["its phase rises with frequency"], ["`conjugate = true`"]),
         response_faults.in_degrees(89.0),
-        response_faults.loop_gives_energy(0.2),
+        response_faults.loop_turned(-0.9, -0.2),
         response_faults.undecaying(1.2),
         response_faults.offset(1.3),
         response_faults.already_moving(0.4),

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from jbw.measurement.channels import Reals
+from jbw.measurement.channels import Reals, noise_of
 from jbw.measurement.checks.faults import Fault, doubt, refusal
 from jbw.measurement.checks.samples import drop_outs, held_for
 from jbw.measurement.records import RESPONSES, Record
@@ -15,6 +15,9 @@ from jbw.report.messages import record_faults as messages
 LARGEST = 1e12  # beyond any SI value of a vibration test: what a flipped bit in a float makes
 FOLDS = 4  # turns of the frequency along a curve: more are lines out of order
 CLIP_RUN = 3  # equal samples at the extreme, in a row
+BEYOND_NOISE = 4.0  # standard deviations of the noise, that no flat peak falls by chance
+FLATTENED = 2.0  # standard deviations of the noise, by which a crest of equal samples is higher
+NO_CHANCE = 6  # samples of a flat peak, that noise does not make
 NEAR_TOP = 8.0  # converter steps below an extreme, in which unclipped peaks would lie too
 SAME = 1e-9  # of the range: values that round-off alone tells apart
 MORE_OFTEN = 2.0  # samples at both extremes over those at any two levels
@@ -107,7 +110,7 @@ def _signal(record: Record, role: str) -> Iterator[Fault]:
         return
     if role in RESPONSES and (lost := drop_outs(x)):
         yield doubt(role, *messages.dropped_out(len(lost), lost[0] / record.fs))
-    if role in RESPONSES:
+    if is_measured:
         yield from _filled(record, role, float(np.diff(levels).min()))
     if role in RESPONSES or len(levels) > FEW_SOURCE_LEVELS:
         yield from _clipped(record, role, levels)
@@ -137,17 +140,13 @@ def _lost(record: Record, role: str) -> Iterator[Fault]:
 def _clipped(record: Record, role: str, levels: Reals) -> Iterator[Fault]:
     """Stretches of three or more samples cut off flat at an extreme, or peaks that pile up."""
     x, fs = record.channels[role], record.fs
-    # A smooth peak of few bits is flat too, but falls off it by about one step of the converter;
-    # a clipped one falls faster.
-    step, runs = float(np.diff(levels).min()), []
+    step, noise, runs = float(np.diff(levels).min()), noise_of(x), []
     shortest = 1 if role in RESPONSES and _piles_up(x, step) else CLIP_RUN
     for extreme in (x.max(), x.min()):
         at = np.flatnonzero(x == extreme)
         for run in np.split(at, np.flatnonzero(np.diff(at) > 1) + 1):
             start, stop = int(run[0]), int(run[-1]) + 1
-            outside = [x[i] for i in (start - 1, stop) if 0 <= i < len(x)]
-            fall = max((abs(value - extreme) for value in outside), default=0.0)
-            if stop - start >= shortest and fall > 2 * step:
+            if stop - start >= shortest and _is_no_crest(x, start, stop, step, noise):
                 runs.append((start, stop))
     if not runs:
         return
@@ -162,6 +161,26 @@ def _clipped(record: Record, role: str, levels: Reals) -> Iterator[Fault]:
         role,
         *messages.clipped(share, listed, more, kept_part(record, clipped)),
     )
+
+
+def _is_no_crest(x: Reals, start: int, stop: int, step: float, noise: float) -> bool:
+    r"""Whether a flat peak is none that a smooth signal has by rounding or by noise.
+
+    A parabola that is within one step of a converter for n samples is, n samples farther, lower by
+    $((3n - 1) / (n - 1))^2$ steps at most, and rounding adds one; noise flattens a sharper one.
+    Noise of more than a step makes no six samples equal. Of less than three samples, which pile up,
+    all count.
+    """
+    size = stop - start
+    by = size if size >= CLIP_RUN else 1
+    outside = [x[i] for i in (start - by, stop - 1 + by) if 0 <= i < len(x)]
+    fall = max((float(abs(value - x[start])) for value in outside), default=0.0)
+    if size < CLIP_RUN:
+        return fall > 2 * step
+    if size >= NO_CHANCE and noise > step:
+        return True
+    of_parabola = ((3 * size - 1) / (size - 1)) ** 2
+    return fall > (1 + of_parabola) * (step + FLATTENED * noise) + BEYOND_NOISE * noise
 
 
 def _piles_up(x: Reals, step: float) -> bool:
@@ -184,7 +203,10 @@ def _piles_up(x: Reals, step: float) -> bool:
 
 
 def _filled(record: Record, role: str, step: float) -> Iterator[Fault]:
-    """Stretches of equal samples amid a response that moves: blocks that a recorder lost."""
+    """Stretches of equal samples amid a response that moves: blocks that a recorder lost.
+
+    A force that stays where it is, as that of a slider, is no lost block.
+    """
     x, fs = record.channels[role], record.fs
     changes = np.flatnonzero(np.diff(x)) + 1  # first samples of runs, but for the record's own
     starts, stops = changes, np.append(changes[1:], len(x))
@@ -201,7 +223,10 @@ def _filled(record: Record, role: str, step: float) -> Iterator[Fault]:
         around = x[max(0, start - max(stop - start, 2 * HELD_RUN)) : start]
         # A block of zeros falls out on both sides; one that holds the last value on one.
         if min(before, after) > FALL * step or (
-            stop < len(x) and after > FALL * step and np.std(around) > FALL * step
+            role in RESPONSES
+            and stop < len(x)
+            and after > FALL * step
+            and np.std(around) > FALL * step
         ):
             gaps.append((start, stop))
     if gaps and gaps[-1][1] == len(x):

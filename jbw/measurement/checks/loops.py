@@ -1,8 +1,9 @@
 r"""What force loops under a prescribed displacement show that a law may not have.
 
-Cycles of one amplitude that differ: compared by their peak-to-peak forces, which no offset or drift
-of a load cell changes. Free travel: each stroke becomes stiffer to its end, where slip alone makes
-it softer, and the mean of both strokes at each displacement has kinks, by the better of
+Cycles of one amplitude that differ: compared by the rms of their forces about the mean, which no
+offset and hardly a drift of a load cell changes. Free travel: each stroke becomes stiffer to its
+end, where slip alone makes it softer, and the mean of both strokes at each displacement has kinks,
+by the better of
 
 $$a + b\,y + c\,y^3, \quad a + b\,y + c\,y^5, \quad
   a + b\,y + c\,\mathrm{sgn}(y)\,(|y| - g)_+$$
@@ -12,11 +13,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from jbw.measurement.channels import Reals
+from jbw.measurement.channels import Reals, noise_of
 from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.curves import ForcedLoop
 from jbw.measurement.loops import (
     FEWEST,
+    Cycle,
+    WithError,
     cycles_of,
     drift_of,
     lopsided,
@@ -28,8 +31,8 @@ from jbw.report.messages import loop_faults as messages
 
 OFF = 0.02  # of the half range: a zero of the load cell that is off by more
 LOPSIDED = 0.25  # difference of the forces of both sides over their sum
-DEGRADES = 0.05  # change of the peak-to-peak force from the second of them to the last
-SEEN = 0.1  # of the largest peak-to-peak force: what is less may be noise
+DEGRADES = 0.05  # change of the rms of the force from the second of them to the last
+SEEN = 0.1  # of the largest rms of a cycle's force: what is less may be noise
 WEARING = ("bwbn", "bwbn_pinching")  # laws under which every cycle changes the joint
 FREE = ("gap_series", "stop")  # laws that have contacts
 POINTS = 40  # of the mean of both strokes
@@ -48,8 +51,8 @@ def degrading(loop: ForcedLoop, laws: Sequence[str] = ()) -> Iterator[Fault]:
     felt = SEEN * max((cycle.force for cycle in cycles), default=0.0)
     for repeats in of_one_amplitude([cycle for cycle in cycles if cycle.force > felt]):
         _, second, *_, last = repeats
-        change = last.force / second.force - 1 if second.force > 0 else 0.0
-        if len(repeats) < FEWEST or abs(change) < DEGRADES:
+        change = _change_of_force(loop, second, last)
+        if len(repeats) < FEWEST or not change.exceeds(DEGRADES):
             continue
         first, end = (repeats[-2].samples.start / loop.fs, last.samples.stop / loop.fs)
         yield doubt(
@@ -57,12 +60,20 @@ def degrading(loop: ForcedLoop, laws: Sequence[str] = ()) -> Iterator[Fault]:
             *messages.degrading(
                 0.5 * last.stroke,
                 len(repeats),
-                abs(change),
+                abs(change.value),
                 span_line(first, end, loop.begins),
-                falls=change < 0,
+                falls=change.value < 0,
             ),
         )
         return
+
+
+def _change_of_force(loop: ForcedLoop, first: Cycle, last: Cycle) -> WithError:
+    """Relative change of the rms of the force from a cycle to another."""
+    if not first.force > 0:
+        return WithError(0.0, 0.0)
+    noise, size = noise_of(loop.force), first.samples.stop - first.samples.start
+    return WithError(last.force / first.force - 1, noise / first.force * np.sqrt(2 / size))
 
 
 def off_centre(loop: ForcedLoop, load_cell: str) -> Iterator[Fault]:
@@ -74,13 +85,12 @@ def off_centre(loop: ForcedLoop, load_cell: str) -> Iterator[Fault]:
             *messages.lopsided((1 + abs(side)) / (1 - abs(side)), positive=side > 0),
         )
         return
-    start, drift = start_of(loop) or 0.0, drift_of(loop)
-    if max(abs(start), abs(drift)) < OFF or load_cell == "drift":
+    start, drift = start_of(loop), drift_of(loop)
+    is_off, is_moving = start is not None and start.exceeds(OFF), drift.exceeds(OFF)
+    if load_cell == "drift" or not (is_moving or (is_off and load_cell != "offset")):
         return
-    if abs(drift) < OFF and load_cell == "offset":
-        return
-    offset = messages.begins_away(start) if abs(start) >= OFF else ""
-    moves = messages.drifts(drift) if abs(drift) >= OFF else ""
+    offset = messages.begins_away(start.value) if start and is_off else ""
+    moves = messages.drifts(drift.value) if is_moving else ""
     yield doubt("restoring_force", *messages.off_centre(offset, moves))
 
 

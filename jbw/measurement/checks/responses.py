@@ -20,6 +20,7 @@ from jbw.report.messages import response_faults as messages
 
 THIRD = 3  # the highest order looked at
 LISTED = 6  # tones named in a message
+ALONG = 0.3  # correlation of force and displacement: of less, friction may be all
 DEGREES = 20.0  # [rad]; a phase beyond three turns was written in degrees
 FEWEST_LINES = 4
 MOVING = 0.3  # of its usual amplitude: a record from rest does not begin so
@@ -116,11 +117,18 @@ def phase_in_degrees(phase: Reals) -> Iterator[Fault]:
 
 
 def gives_energy(loop: ForcedLoop) -> Iterator[Fault]:
-    """The doubt that a loop is traversed the wrong way: W = int F dy over it is negative."""
-    work = float(np.trapezoid(loop.force, loop.displacement))
-    stored = float(np.ptp(loop.force) * np.ptp(loop.displacement)) / 8  # of a spring, at its most
-    if work <= -stored:
-        yield doubt("displacement", *messages.loop_gives_energy(-work))
+    """The doubt that a sign is turned: the force falls with the displacement, or gives out energy.
+
+    A force that rises with the displacement and gives out energy is late.
+    """
+    y, force = loop.displacement, loop.force
+    if not np.ptp(y) or not np.ptp(force):
+        return
+    rises = float(np.corrcoef(y, force)[0, 1])
+    work = float(np.trapezoid(force, y))
+    stored = float(np.ptp(force) * np.ptp(y)) / 8  # of a spring, at its most
+    if rises < -ALONG or (rises < ALONG and work <= -stored):
+        yield doubt("displacement", *messages.loop_turned(rises, work))
 
 
 def undecaying(record: Record, settle: float) -> Iterator[Fault]:

@@ -6,7 +6,7 @@ of drop-outs that exceed the noise nine of ten are seen.
 
 import numpy as np
 
-from jbw.measurement.channels import Reals
+from jbw.measurement.channels import OF_NORMAL, Reals
 
 CHANGES = 24  # of the value, from which all at multiples of samples are no chance: 2^-24
 ORDER = 8  # samples that predict the next one
@@ -66,4 +66,6 @@ def drop_outs(x: Reals) -> list[int]:
 def _scales(error: Reals) -> Reals:
     """Robust standard deviation of errors in the stretch of each."""
     parts = np.array_split(np.abs(error), min(STRETCHES, max(len(error) // 64, 1)))
-    return np.concatenate([np.full(len(part), np.median(part) / 0.6745 + 1e-300) for part in parts])
+    return np.concatenate(
+        [np.full(len(part), np.median(part) / OF_NORMAL + 1e-300) for part in parts]
+    )

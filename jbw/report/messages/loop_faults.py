@@ -44,6 +44,35 @@ def off_centre(offset: str, moves: str) -> FaultText:
     )
 
 
+def late(lag: float, delay: float) -> FaultText:
+    """By how much a force is later than the displacement, and its whole delay [s]."""
+    return FaultText(
+        f"The force is {lag:.3g} s late against the displacement.",
+        "A lag makes a loop narrower, by an energy that no law of a joint has.",
+        f"Put under [[test]]: `delay = {delay:.4g}`, or give both channels the same filter.",
+    )
+
+
+def high_passed(time_constant: float) -> FaultText:
+    """The time constant of a charge amplifier before a force [s]."""
+    return FaultText(
+        f"The force falls back to zero with a time constant of {time_constant:.3g} s, as behind "
+        "the high-pass of a charge amplifier.",
+        "It leads the displacement, which makes a loop wider.",
+        "Measure the force with a strain gauge load cell, or with the amplifier's long time "
+        "constant.",
+    )
+
+
+def slipped(size: float, at_s: float, keep: str) -> FaultText:
+    """By how much a displacement jumps [m], when [s], and how to keep what is sound."""
+    return FaultText(
+        f"The displacement jumps by {size:.3g} m at {at_s:.5g} s while the force does not.",
+        "The gauge slipped; the joint did not move.",
+        keep,
+    )
+
+
 def free_travel(gap: float, amplitude: float, laws: str) -> FaultText:
     """Free travel and amplitude of a joint with a gap [m], and laws that have one."""
     return FaultText(

@@ -74,11 +74,12 @@ def in_degrees(phase: float) -> FaultText:
     )
 
 
-def loop_gives_energy(work: float) -> FaultText:
-    """The work of a loop that is traversed the wrong way [J]."""
+def loop_turned(rises: float, work: float) -> FaultText:
+    """A loop of a turned sign: correlation of force and displacement, and work [J]."""
     return FaultText(
-        f"The joint gives out {work:.3g} J over the record.",
-        "Force or displacement has its sign turned: a joint takes energy in.",
+        f"The force falls where the displacement rises (correlation {rises:.2g}), with a work of "
+        f"{work:.3g} J over the record.",
+        "Force or displacement has its sign turned: a joint is stiff, and takes energy in.",
         "Put under [[test]]: `scale = { displacement = -1.0 }`.",
     )
 

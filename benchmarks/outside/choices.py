@@ -1,0 +1,151 @@
+"""Which law does jbw choose where a campaign states none, and does it predict like the right law?
+
+    python -m benchmarks.outside.choices [--campaigns 20] [--seed N] [--law LAW ...] [--out FILE]
+
+Campaigns of strong laws are drawn, and identified by `--quick` without a law. The strongest fitted
+test of each kind has one more record, of fresh noise, that no fit sees. The error of a choice is
+the rms over these records of the error over the rms of each; where another law was chosen, it
+stands beside that of the right law.
+"""
+
+import argparse
+import json
+import secrets
+import tempfile
+import traceback
+import warnings
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from .campaigns import CAMPAIGNS, Campaign
+from .files import TIMES, write_campaign
+from .plants import COMMON, Rng
+from .records import Choice, recorded
+
+NAMES = ("decays", "sweeps", "mixed")
+NUM_DRAWS = 50
+DAMPING = (4e-3, 0.05)  # lighter ones take long records, and minutes
+NOISE = (1e-4, 0.02)  # of louder ones any law predicts as well
+AS_GOOD = 1.1  # times the right law's error: a choice that nobody would regret
+
+
+def drawn(rng: Rng, law: str, name: str) -> tuple[Campaign, Campaign]:
+    """Draw a sound campaign, and one more record of each of its tests."""
+    while True:
+        try:
+            made = CAMPAIGNS[name](rng, Choice(law=law, strong=True, zeta=DAMPING, noise=NOISE))
+            seen = [replace(one, drawn=recorded(rng, one.drawn)) for one in made.members]
+            names = list(dict.fromkeys(one.test for one in made.members))  # the strongest first
+            first = [next(one for one in made.members if one.test == name) for name in names]
+            kept = [replace(one, drawn=recorded(rng, one.drawn)) for one in first]
+        except FloatingPointError:
+            continue
+        return replace(made, members=tuple(seen)), replace(made, members=tuple(kept))
+
+
+def judged(rng: Rng, law: str, name: str, folder: Path) -> dict[str, Any]:
+    """Identify a campaign without a law and, where another was chosen, with the right one."""
+    made, kept = drawn(rng, law, name)
+    layout = int(rng.integers(2**32))  # of both: how the recorder writes
+    path = write_campaign(folder / "seen", made, np.random.default_rng(layout), TIMES)
+    unseen = write_campaign(folder / "kept", kept, np.random.default_rng(layout), TIMES)
+    row = {"law": law, "name": name, "zeta": made.specimen.zeta, "noise": made.specimen.noise}
+    chosen = _identified(path, unseen)
+    row |= {"chosen": chosen}
+    if law not in chosen.get("laws", []):
+        path.write_text(f"{path.read_text()}\n[joint]\nlaws = {_laws(law)}\n")
+        row["right"] = _identified(path, unseen)
+    return row
+
+
+def _laws(law: str) -> str:
+    return "[]" if law == "linear" else json.dumps([law])
+
+
+def _identified(path: Path, unseen: Path) -> dict[str, Any]:
+    """Return laws, and errors by kind of test, of a quick answer; or why there is none."""
+    import jbw
+    from jbw.errors import JbwError
+
+    jbw.enable_x64()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            study = jbw.identify(jbw.load_campaign(path), quick=True, report=lambda _: None)
+            fitted = {row["test"] for row in study.record["tests"] if row["fitted"]}
+            laws = json.loads(str(study.tree.attrs["laws"]))
+            errors: dict[str, float] = {}  # by kind, of the strongest test that was fitted
+            for test in jbw.load_campaign(unseen).tests:
+                if test.name in fitted and test.kind not in errors:
+                    errors[test.kind] = float(study.predict(test, NUM_DRAWS).attrs["nrmse"])
+        except JbwError as error:
+            return {"refused": f"{type(error).__name__}: {' '.join(str(error).split())}"}
+    return {"laws": laws, "errors": errors}
+
+
+def error_of(found: dict[str, Any]) -> float:
+    """Return the rms of the errors by kind; infinite of a campaign that was refused."""
+    errors = list(found.get("errors", {}).values())
+    return float(np.sqrt(np.mean(np.square(errors)))) if errors else np.inf
+
+
+def verdict(row: dict[str, Any]) -> str:
+    """Say whether a choice is right, as good, worse, or was refused with either law."""
+    if "right" not in row:
+        return "right"
+    ours, theirs = error_of(row["chosen"]), error_of(row["right"])
+    if np.isinf(ours):
+        return "refused" if np.isinf(theirs) else "refused alone"
+    return "as good" if ours <= AS_GOOD * theirs else "worse"
+
+
+def table(rows: Sequence[dict[str, Any]]) -> str:
+    """Return how often each verdict was given, by law, in Markdown."""
+    words = ("right", "as good", "worse", "refused alone", "refused")
+    lines = [f"| law | campaigns | {' | '.join(words)} |", "|---" * (2 + len(words)) + "|"]
+    for law in dict.fromkeys(row["law"] for row in rows):
+        said = [verdict(row) for row in rows if row["law"] == law]
+        counts = " | ".join(str(said.count(word)) for word in words)
+        lines.append(f"| {law} | {len(said)} | {counts} |")
+    return "\n".join(lines)
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Draw, identify, and print the table."""
+    made = argparse.ArgumentParser(prog="python -m benchmarks.outside.choices")
+    made.add_argument("--campaigns", type=int, default=20, help="of each law")
+    made.add_argument("--law", nargs="+", choices=COMMON, default=COMMON)
+    made.add_argument("--seed", type=int, help="to repeat a run; a fresh one when left out")
+    made.add_argument("--only", type=int, nargs="+", metavar="N", help="numbers of campaigns")
+    made.add_argument("--keep", type=Path, help="folder that keeps the files")
+    made.add_argument("--out", type=Path, help="file of JSON lines that outcomes are appended to")
+    chosen = made.parse_args(arguments)
+    seed = secrets.randbits(48) if chosen.seed is None else chosen.seed
+    print(f"Seed {seed}: add `--seed {seed}` to repeat.\n", flush=True)
+    rows = []
+    for i in range(chosen.campaigns):
+        for law in chosen.law:
+            if chosen.only and i not in chosen.only:
+                continue
+            rng = np.random.default_rng([seed, COMMON.index(law), i])
+            with tempfile.TemporaryDirectory() as temporary:
+                folder = (chosen.keep or Path(temporary)) / f"{seed}-{law}-{i}"
+                row = {"seed": seed, "number": i}
+                try:
+                    row |= judged(rng, law, NAMES[i % len(NAMES)], folder)
+                except Exception:
+                    print(law, i, traceback.format_exc(), flush=True)
+                    continue
+            rows.append(row)
+            if chosen.out:
+                with chosen.out.open("a") as file:
+                    file.write(json.dumps(row) + "\n")
+    print(table(rows))
+
+
+if __name__ == "__main__":
+    main()

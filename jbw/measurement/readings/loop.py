@@ -1,0 +1,92 @@
+r"""A force loop read without a law: sliders of many reaches beside springs, by least squares.
+
+$$F(y, t) = \sum_i w_i f_i(y) + \sum_j c_j s_j(y) + c_0 + c_1 t, \qquad w_i \ge 0$$
+
+A slider of half width d behind a gap g holds the play p of half width g + d, with the force
+$f = \mathrm{sgn}(y - p)\,(|y - p| - g)_+$; here g = 0. Springs s are powers, contacts behind a gap
+on one side and on both. Sound loops of every law of `benchmarks/outside` leave at most 0.6 % of the
+rms of their force beyond noise.
+
+Reference:
+    Visintin (1994), Differential Models of Hysteresis; Lawson and Hanson (1974), Solving Least
+    Squares Problems.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import nnls
+
+from jbw.measurement.channels import Reals
+
+NUM_SLIDERS, SHORTEST = 24, 0.01  # and the least half width over the largest motion
+POWERS = (1, 2, 3, 4, 5)  # of springs
+ONE_SIDED = (0.2, 0.4, 0.6, 0.8)  # gaps of contacts on one side, over the largest motion
+TWO_SIDED = (0.1, 0.3, 0.5, 0.7)
+MOST_SAMPLES = 5000  # that are read; a denser loop is read at fewer
+
+Columns = Float[np.ndarray, "sample column"]
+
+
+class LoopBasis(NamedTuple):
+    """What a motion lets sliders of unit strength, and springs and constants, exert."""
+
+    sliders: Columns
+    springs: Columns
+
+
+class LoopFit(NamedTuple):
+    """What sliders and springs leave of a force, and how much of each column beside them it has."""
+
+    residual: Reals
+    beside: Reals
+
+    @property
+    def square(self) -> float:
+        """Sum of squares of the residual."""
+        return float(self.residual @ self.residual)
+
+
+def slider_columns(y: Reals, half_widths: Reals, gaps: Reals | float = 0.0) -> Columns:
+    """Return the force of sliders of unit strength along a motion from rest, one column each."""
+    reach = gaps + half_widths
+    play, columns = np.zeros_like(reach), np.empty((len(y), len(reach)))
+    for k, position in enumerate(y):
+        play = np.clip(play, position - reach, position + reach)
+        apart = position - play
+        columns[k] = np.sign(apart) * np.maximum(np.abs(apart) - gaps, 0.0)
+    return columns
+
+
+def basis_of(y: Reals) -> LoopBasis:
+    """Return the columns of a motion; those of springs over the largest of their values."""
+    largest = float(np.max(np.abs(y - y[0])))
+    sliders = slider_columns(y - y[0], largest * np.geomspace(SHORTEST, 1.0, NUM_SLIDERS)) / largest
+    u = y / max(float(np.max(np.abs(y))), largest)
+    springs = [
+        *(u**power for power in POWERS),
+        *(np.maximum(side * u - gap, 0.0) for side in (1, -1) for gap in ONE_SIDED),
+        *(np.sign(u) * np.maximum(np.abs(u) - gap, 0.0) for gap in TWO_SIDED),
+        np.ones_like(u), np.linspace(0.0, 1.0, len(u)),
+    ]  # fmt: skip
+    return LoopBasis(sliders, np.stack(springs, axis=1))
+
+
+def fit_loop(basis: LoopBasis, force: Reals, beside: Sequence[Reals] = ()) -> LoopFit:
+    """Return what sliders, springs and further columns leave of a force.
+
+    Springs and what stands beside them are free: they are projected out before the sliders'
+    strengths, none negative, are found.
+    """
+    free = np.column_stack([basis.springs, *beside])
+    orthonormal, upper = np.linalg.qr(free)
+    both = np.column_stack([basis.sliders, force])
+    away = both - orthonormal @ (orthonormal.T @ both)
+    triangle = np.linalg.qr(away, mode="r")  # the same squares in as many rows as columns
+    strengths, _ = nnls(triangle[:, :-1], triangle[:, -1])
+    residual = away[:, -1] - away[:, :-1] @ strengths
+    of_free = force - basis.sliders @ strengths
+    values = np.linalg.lstsq(upper, orthonormal.T @ of_free)[0]
+    return LoopFit(residual, values[basis.springs.shape[1] :])
