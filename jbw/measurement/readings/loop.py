@@ -1,6 +1,6 @@
-r"""A force loop read without a law: sliders of many reaches beside springs, by least squares.
+r"""A force loop read without a law: sliders, a dashpot and springs, by least squares.
 
-$$F(y, t) = \sum_i w_i f_i(y) + \sum_j c_j s_j(y) + c_0 + c_1 t, \qquad w_i \ge 0$$
+$$F(y, t) = \sum_i w_i f_i(y) + w \dot y + \sum_j c_j s_j(y) + c_0 + c_1 t, \qquad w_i, w \ge 0$$
 
 A slider of half width d behind a gap g holds the play p of half width g + d, with the force
 $f = \mathrm{sgn}(y - p)\,(|y - p| - g)_+$; here g = 0. Springs s are powers, contacts behind a gap
@@ -31,9 +31,9 @@ Columns = Float[np.ndarray, "sample column"]
 
 
 class LoopBasis(NamedTuple):
-    """What a motion lets sliders of unit strength, and springs and constants, exert."""
+    """Forces along a motion: of sliders and a dashpot, and of springs with constants."""
 
-    sliders: Columns
+    losses: Columns
     springs: Columns
 
 
@@ -61,7 +61,7 @@ def slider_columns(y: Reals, half_widths: Reals, gaps: Reals | float = 0.0) -> C
 
 
 def basis_of(y: Reals) -> LoopBasis:
-    """Return the columns of a motion; those of springs over the largest of their values."""
+    """Return the columns of a motion, each over the largest of its values or so."""
     largest = float(np.max(np.abs(y - y[0])))
     sliders = slider_columns(y - y[0], largest * np.geomspace(SHORTEST, 1.0, NUM_SLIDERS)) / largest
     u = y / max(float(np.max(np.abs(y))), largest)
@@ -71,22 +71,23 @@ def basis_of(y: Reals) -> LoopBasis:
         *(np.sign(u) * np.maximum(np.abs(u) - gap, 0.0) for gap in TWO_SIDED),
         np.ones_like(u), np.linspace(0.0, 1.0, len(u)),
     ]  # fmt: skip
-    return LoopBasis(sliders, np.stack(springs, axis=1))
+    rate = np.gradient(y) / np.max(np.abs(np.diff(y)))
+    return LoopBasis(np.column_stack([sliders, rate]), np.stack(springs, axis=1))
 
 
 def fit_loop(basis: LoopBasis, force: Reals, beside: Sequence[Reals] = ()) -> LoopFit:
-    """Return what sliders, springs and further columns leave of a force.
+    """Return what losses, springs and further columns leave of a force.
 
-    Springs and what stands beside them are free: they are projected out before the sliders'
-    strengths, none negative, are found.
+    Springs and what stands beside them are free: they are projected out before the strengths of the
+    losses, none negative, are found.
     """
     free = np.column_stack([basis.springs, *beside])
     orthonormal, upper = np.linalg.qr(free)
-    both = np.column_stack([basis.sliders, force])
+    both = np.column_stack([basis.losses, force])
     away = both - orthonormal @ (orthonormal.T @ both)
     triangle = np.linalg.qr(away, mode="r")  # the same squares in as many rows as columns
     strengths, _ = nnls(triangle[:, :-1], triangle[:, -1])
     residual = away[:, -1] - away[:, :-1] @ strengths
-    of_free = force - basis.sliders @ strengths
+    of_free = force - basis.losses @ strengths
     values = np.linalg.lstsq(upper, orthonormal.T @ of_free)[0]
     return LoopFit(residual, values[basis.springs.shape[1] :])
