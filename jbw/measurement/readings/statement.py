@@ -32,8 +32,11 @@ SURE = 3.5  # standard deviations by which a turning frequency falls and rises a
 CERTAIN = 2.576  # standard deviations of a 99 % interval
 EQUAL = 0.05  # of a power: what averaging moves it by
 SPRING = 0.02  # of the relative change of frequency: a spring's damping ratio changes by as little
+# Change of the damping ratio over the relative fall of the frequency, at least, of a joint that
+# slips: of sliders of an Iwan exponent chi 4 (chi + 1) / (pi (chi + 3)), which is 0.1 at -0.8.
+SLIPS = 0.1
 # Laws by the power of the amplitude that frequency, damping, or both go with.
-SPRINGS = {"square": 1.0, "cubic": 2.0, "quintic": 4.0}
+SPRINGS = {"cubic": 2.0, "quintic": 4.0}
 DAMPERS = {"quadratic_damping": 1.0, "cubic_damping": 2.0}
 HYSTERESIS = {"bouc_wen": 1.0}
 # A law that saturates has a smaller power than to first order: 0.8 where delta y reaches 2.
@@ -264,19 +267,22 @@ def laws_with(hz: AmplitudeTrend, zeta: AmplitudeTrend) -> tuple[str, ...]:
     """Return names of laws whose frequency and damping change by such powers of the amplitude.
 
     To first order in the amplitude; of several laws the simplest first. A law of sliders has any
-    power by the distribution of their slips.
+    power by the distribution of their slips. Springs change no damping; that no change of it is
+    seen rules slip out only where it would have been seen.
     """
     if hz.turn is not None:
         return ("bouc_wen", "cubic")
     if not hz.is_seen:
         return _with_power(DAMPERS, zeta.exponent) if zeta.is_seen else ()
-    if not zeta.is_seen or abs(zeta.change) < SPRING * abs(hz.change):
-        return _with_power(SPRINGS, hz.exponent)
-    if hz.exponent is None:
-        return ()
-    low, high = hz.exponent[1:]
-    laws = _with_power(HYSTERESIS, (hz.exponent[0], low - SATURATES, high + SATURATES))
-    return (*laws, *(SLIDERS if low < 1 - EQUAL or high > 1 + EQUAL else ()))
+    slipping: tuple[str, ...] = ()
+    if hz.exponent is not None and hz.change < 0:
+        low, high = hz.exponent[1:]
+        laws = _with_power(HYSTERESIS, (hz.exponent[0], low - SATURATES, high + SATURATES))
+        slipping = (*laws, *(SLIDERS if low < 1 - EQUAL or high > 1 + EQUAL else ()))
+    if zeta.is_seen and abs(zeta.change) >= SPRING * abs(hz.change):
+        return slipping
+    could_slip = zeta.change + CERTAIN * zeta.change_sd > SLIPS * abs(hz.change)
+    return (*_with_power(SPRINGS, hz.exponent), *(slipping if could_slip else ()))
 
 
 def _with_power(
