@@ -18,22 +18,22 @@ Values = Float[np.ndarray, " reading"]
 
 
 class MeasuredPoints(NamedTuple):
-    """Readings of one test: its records' mean with their scatter, or every piece of a decay."""
+    """Readings of one test, with errors: its records' mean, or along decays and sweeps."""
 
     kind: str
     is_fitted: bool
     y: Values  # amplitude of the displacement [m]
     values: dict[str, Values]  # frequency [Hz] and damping [-]
-    std: dict[str, Values]  # nan where there is one reading alone
+    std: dict[str, Values]  # by the scatter of repeats, or of the reading; nan where neither tells
 
 
 def measured_points(tree: xr.DataTree, curve: xr.Dataset) -> list[MeasuredPoints]:
     """Readings that a backbone says something of, in the order of the motion; none without any.
 
-    Each is read as a linear oscillator's. Decays are read along their envelopes, from the smallest
-    amplitude of the curve on, below which they scatter. Everything else is read as a whole, at the
-    mean amplitude weighed by its energy, sum A^3 / sum A^2. Not drawn are readings of other modes,
-    of drives with an omega_n of their own, and beyond the curve's largest amplitude.
+    Decays and sweeps are read along the amplitudes that they pass, from the smallest amplitude of
+    the curve on. Everything else is read as a whole, at the mean amplitude weighed by its energy,
+    sum A^3 / sum A^2. Not drawn are readings of other modes, of drives with an omega_n of their
+    own, and beyond the curve's largest amplitude.
     """
     parent = node(tree, "look")
     posterior = node(tree, "posterior")
@@ -49,7 +49,8 @@ def _points(test: xr.Dataset, curve: xr.Dataset) -> MeasuredPoints:
         "frequency": np.asarray(test["frequency_hz"], float),
         "damping": np.asarray(test["damping"], float),
     }
-    std = {name: np.full(len(y), np.nan) for name in values}
+    unknown = xr.DataArray(np.full(len(y), np.nan))
+    std = {name: np.asarray(test.get(f"{name}_sd", unknown), float) for name in values}
     amplitude = np.asarray(curve["amplitude"], float)
     along = len(y) > 1 and np.ptp(y) > ALIKE * y.max()
     if not along:
