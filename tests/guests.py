@@ -11,6 +11,7 @@ from jbw.identification.checks import CheckedPosterior, Outcome
 from jbw.inference.posterior.finding import checked
 from jbw.inference.samplers.chains import Draw, Kernel
 from jbw.measurement.records import run_of
+from jbw.observables.observable import Shown
 from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import RepeatedGroups, repeats
 from jbw.oscillator.law import Law
@@ -100,14 +101,12 @@ class RingDown(Repeated):
     def misfit(self, theta):
         return self.mean - self.predict(theta)
 
-    def first_values(self):
-        return {"omega_n": float(2 * np.pi * np.max(self.mean)), "zeta": 0.01}
+    def shown(self, omega_n=1.0):
+        values = {"omega_n": float(2 * np.pi * np.max(self.mean)), "zeta": 0.01}
+        return Shown(lambda: values, y_peak=float(jnp.max(self.amplitude)))
 
     def coordinate(self, group):
         return "displacement", "m", np.asarray(self.amplitude[group])
-
-    def y_peak(self, omega_n):
-        return float(jnp.max(self.amplitude))
 
 
 def metropolis(problem, propose, ratio):

@@ -288,9 +288,8 @@ def _largest_motion(modes: Modes, data: Dataset, joint: str) -> float:
 def largest_amplitudes(modes: Modes, data: Dataset) -> Float[np.ndarray, " mode"]:
     """Largest amplitude of every driven mode; NaN of those that the first point hardly sees."""
     numbers, shares = dict(modes.numbers), np.abs(gain_shares(modes))
-    peaks = np.max(
-        [peaks_of_part for part in data.parts if (peaks_of_part := part.peaks_of_modes())], axis=0
-    )
+    peaks_of_parts = (part.shown().peaks_of_modes for part in data.parts)
+    peaks = np.max([largest for largest in peaks_of_parts if largest], axis=0)
     sensor_shapes = np.array([numbers[seen_name(i)] for i in range(1, len(shares) + 1)])
     is_seen = shares > HARDLY_SEEN * shares.max()
     return np.where(is_seen, peaks / np.where(is_seen, np.abs(sensor_shapes), 1.0), np.nan)

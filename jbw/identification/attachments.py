@@ -103,7 +103,7 @@ def _is_response(record: Record) -> bool:
 
 def _nearest(reading: ShakerReading, parts: Sequence[Observable]) -> int:
     """Number of the mode that is the joint's own: nearest to where the data have it."""
-    frequencies = (part.first_values().get("omega_n") for part in parts)
+    frequencies = (part.shown().first_values().get("omega_n") for part in parts)
     omega = next(filter(None, frequencies), reading.modes.omega[0])
     return int(np.argmin(np.abs(reading.modes.omega - omega)))
 

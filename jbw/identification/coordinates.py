@@ -37,13 +37,13 @@ def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box
         omega_n = _stiffest(data) ** 0.5
     y_peak = largest_displacement(data, omega_n)
     scales = Scales(omega_n, known.get("zeta", 0.01), y_peak, forced)
-    gain = None if "gain" in data.held else (known["gain"], min(p.gain_std() for p in parts))
+    gain = None if "gain" in data.held else (known["gain"], min(p.shown().gain_std for p in parts))
     linear = any(part.is_linear for part in parts)
     several = data.modes if data.modes is not None and data.modes.meet == ASSEMBLED else None
     of_one_joint = data.laws if several is None else ()
     prior = joint_box(settings, scales, gain, of_one_joint, linear=linear)
     bounds = {name: pair for name, pair in bounds_by_name(prior).items() if name not in data.held}
-    if "gain" in bounds and not any("gain" in part.first_values() for part in parts):
+    if "gain" in bounds and not any("gain" in part.shown().first_values() for part in parts):
         bounds["gain"] = settings.prior.get("gain", weighed_bounds(known["gain"]))
     for drive in attached(data.parts):
         bounds |= _bounds_of(drive, settings, data, known)
@@ -61,7 +61,7 @@ def box_of(settings: Identify, data: Dataset, known: Mapping[str, float]) -> Box
 
 def _stiffest(data: Dataset) -> float:
     """Force over displacement of the stiffest loop, peak to peak, per unit mass [1/s^2]."""
-    stiffnesses = (part.stiffness(float(data.held.get("gain", 1.0))) for part in data.parts)
+    stiffnesses = (part.shown().stiffness() for part in data.parts)
     measured = [value for value in stiffnesses if value is not None]
     if not measured:
         raise DataError(
@@ -69,7 +69,7 @@ def _stiffest(data: Dataset) -> float:
             f"steady motion is all that is fitted ({', '.join(data.labels)}).",
             remedy="Add a free decay, noise, a sweep, or tones at other frequencies.",
         )
-    return max(measured)
+    return float(data.held.get("gain", 1.0)) * max(measured)
 
 
 def _bounds_of(
@@ -79,7 +79,7 @@ def _bounds_of(
     parts = parts_of(drive, data.parts)
     omega_n, zeta = estimates[named("omega_n", drive)], estimates.get(named("zeta", drive), 0.01)
     gain = estimates.get(named("gain", drive))
-    std = None if gain is None else (gain, min(part.gain_std() for part in parts))
+    std = None if gain is None else (gain, min(part.shown().gain_std for part in parts))
     linear = any(part.is_linear for part in parts)
     wide = linear_bounds(Scales(omega_n, zeta, 0.0), std, linear=linear)
     bounds = {named(name, drive): pair for name, pair in wide.items()}
@@ -98,7 +98,7 @@ def _bounds_beside(settings: Identify, data: Dataset, estimates: Mapping[str, fl
 
 def _bounds_of_own_laws(modes: Modes, data: Dataset, estimates: Mapping[str, float]) -> Bounds:
     """Bounds of the laws of every mode but the first, as those of an oscillator of its own."""
-    peaks = np.max([largest for p in data.parts if (largest := p.peaks_of_modes())], axis=0)
+    peaks = np.max([largest for p in data.parts if (largest := p.shown().peaks_of_modes)], axis=0)
     bounds: Bounds = {}
     for mode, (names, peak) in enumerate(zip(modes.names, peaks[1:], strict=True), 2):
         scales = Scales(estimates[names.omega], estimates[names.zeta], float(peak))

@@ -90,7 +90,7 @@ def from_amplitude_curve(
 
     with K and C of the steady loops: no solve in time, so that many starts cost nothing.
     """
-    curves = ((part, part.amplitude_curve()) for part in data.parts)
+    curves = ((part, part.shown().amplitude_curve()) for part in data.parts)
     part, curve = next(((p, c) for p, c in curves if c is not None), (None, None))
     of_model = is_assembled(data.held)  # several joints, of which one mode tells the sum alone
     if part is None or curve is None or "zeta" not in prior.names or of_model:

@@ -103,7 +103,7 @@ def fits_without_each_run(best: Fit, prior: Box, data: Dataset) -> FitsWithout:
 
 def _thirds(data: Dataset) -> list[tuple[str, ...]]:
     """Names of the records of free decays, from the weakest third to the strongest."""
-    sizes = {run: y for part in data.parts for run, y in part.begins_at(1.0).items()}
+    sizes = {run: y for part in data.parts for run, y in part.shown().begins.items()}
     order = sorted(sizes, key=lambda run: sizes[run])
     parts = np.array_split(np.arange(len(order)), min(len(order), 3))
     return [tuple(order[i] for i in part) for part in parts]
@@ -365,7 +365,7 @@ def _mode_sentence(key: Key[Array, ""], best: Fit, part: Any, data: Dataset) -> 
 
 def error_alone(key: Key[Array, ""], decays: Decays) -> float:
     """What a joint of its own leaves of one mode's decays, over their size."""
-    data, estimates = Dataset.of([decays], {"gain": 1.0}), decays.first_values()
+    data, estimates = Dataset.of([decays], {"gain": 1.0}), decays.shown().first_values()
     prior = box_of(Identify(), data, estimates)
     estimates = {**estimates, **from_amplitude_curve(key, data, prior, {})}
     best = rough(middle_but(estimates, prior), prior, data)

@@ -550,13 +550,13 @@ def amplitudes_of_runs(data: Dataset, omega_n: float) -> dict[str, float]:
     amplitudes: dict[str, float] = {}
     for part in data.parts:
         sizes = {} if part.own_shifts else sizes_of_runs(part)
-        largest, y_of_part = max(sizes.values(), default=0.0), part.y_peak(omega_n)
+        largest, y_of_part = max(sizes.values(), default=0.0), part.shown(omega_n).y_peak
         if y_of_part > 0:
             of_runs = {run: y_of_part * size / largest for run, size in sizes.items()}
             amplitudes |= {run: max(y, amplitudes.get(run, 0.0)) for run, y in of_runs.items()}
     if amplitudes:
         return amplitudes
-    return {run: y for part in data.parts for run, y in part.begins_at(omega_n).items()}
+    return {run: y for part in data.parts for run, y in part.shown(omega_n).begins.items()}
 
 
 def _decays(data: Dataset) -> set[str]:

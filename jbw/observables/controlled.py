@@ -22,14 +22,14 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int
+from jaxtyping import Array, Float, Int
 from scipy.optimize import minimize_scalar
 
 from jbw.errors import DataError
 from jbw.measurement.curves import ControlledCurve, controlled_curve
 from jbw.measurement.records import Record, Test, run_of
 from jbw.observables.line_fit import LEAST_LINES, oscillator_through
-from jbw.observables.observable import Laws, Rows, SteadyLines, Theta, alone
+from jbw.observables.observable import Laws, Rows, Shown, SteadyLines, Theta, alone
 from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import RepeatedGroups, filled, repeats
 from jbw.observables.residual_terms import receptance, taken
@@ -383,35 +383,42 @@ class ControlledPoints(Repeated):
                 size[i] = np.mean(gain * load / (4 * np.pi * omega * y))
         return jnp.asarray(size)
 
-    def first_values(self) -> dict[str, float]:
-        """Natural frequency: of the points of least motion, or through them."""
-        omega, y = (np.asarray(x)[self._points] for x in (self.omega, self.amplitude))
-        load, phase = (np.asarray(x)[self._points] for x in (self.load, self.phase))
-        least = np.argsort(y)[: max(LEAST_LINES, int(FEW * len(y)))]
-        several = len(np.unique(omega[least])) >= LEAST_LINES
-        if self.is_locked or not several or np.isnan(load * phase).any():
-            return {"omega_n": float(np.median(omega[least]))}
-        moved = y[least] * np.exp(1j * phase[least])
-        through = oscillator_through(omega[least], load[least] + 0j, moved)
-        return {"omega_n": through["omega_n"]}
+    def shown(self, omega_n: float = 1.0) -> Shown:
+        """Return the frequency of the points of least motion, the points of measured force."""
+        lines = partial(_steady_lines, self) if self.unit_of_source else _no_lines
+        y_peak = float(jnp.max(self.amplitude))
+        return Shown(partial(_first_values, self), lines, y_peak=y_peak)
 
-    def steady_lines(self) -> SteadyLines | None:
-        """Every point of a measured force; an unknown phase is that beside the resonance."""
-        if not self.unit_of_source:
-            return None
-        points = (self.omega, self.load, self.amplitude, self.phase)
-        omega, load, y, phase = (np.asarray(x)[self._points] for x in points)
-        limit_phase = np.where(omega < self.first_values()["omega_n"], 0.0, -np.pi)
-        phase_or_limit = np.where(np.isfinite(phase), phase, limit_phase)
-        return SteadyLines(omega, load + 0j, y * np.exp(1j * phase_or_limit))
 
-    @property
-    def _points(self) -> Bool[np.ndarray, "test point"]:
-        return np.asarray(self.counted) > 0
+def _no_lines() -> None:
+    """Return None: no force was measured."""
 
-    def y_peak(self, omega_n: float) -> float:
-        """Largest displacement [m]."""
-        return float(jnp.max(self.amplitude))
+
+def _first_values(data: ControlledPoints) -> dict[str, float]:
+    """Return the natural frequency: of the points of least motion, or through them."""
+    omega, y, load, phase = _points(data)
+    least = np.argsort(y)[: max(LEAST_LINES, int(FEW * len(y)))]
+    several = len(np.unique(omega[least])) >= LEAST_LINES
+    if data.is_locked or not several or np.isnan(load * phase).any():
+        return {"omega_n": float(np.median(omega[least]))}
+    moved = y[least] * np.exp(1j * phase[least])
+    through = oscillator_through(omega[least], load[least] + 0j, moved)
+    return {"omega_n": through["omega_n"]}
+
+
+def _steady_lines(data: ControlledPoints) -> SteadyLines:
+    """Return every point; a phase that was not measured is that far from the resonance."""
+    omega, y, load, phase = _points(data)
+    limit_phase = np.where(omega < _first_values(data)["omega_n"], 0.0, -np.pi)
+    phase_or_limit = np.where(np.isfinite(phase), phase, limit_phase)
+    return SteadyLines(omega, load + 0j, y * np.exp(1j * phase_or_limit))
+
+
+def _points(data: ControlledPoints) -> list[Float[np.ndarray, " point"]]:
+    """Return frequency [rad/s], amplitude [m], load and phase [rad] of the points of all tests."""
+    counted = np.asarray(data.counted) > 0
+    columns = data.omega, data.amplitude, data.load, data.phase
+    return [np.asarray(column)[counted] for column in columns]
 
 
 @eqx.filter_jit

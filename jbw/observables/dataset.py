@@ -303,7 +303,7 @@ def remembering(theta: Mapping[str, float], data: Dataset) -> Dataset:
 
 def largest_displacement(data: Dataset, omega_n: float) -> float:
     """Largest displacement that was measured [m]."""
-    return max((part.y_peak(omega_n) for part in data.parts), default=0.0)
+    return max((part.shown(omega_n).y_peak for part in data.parts), default=0.0)
 
 
 def smallest_displacement(data: Dataset, omega_n: float) -> float:
@@ -314,7 +314,7 @@ def smallest_displacement(data: Dataset, omega_n: float) -> float:
     peaks = []
     for part in data.parts:
         sizes = [size for size in part.sizes().values() if size > 0]
-        if sizes and (peak := part.y_peak(omega_n)) > 0:
+        if sizes and (peak := part.shown(omega_n).y_peak) > 0:
             peaks.append(peak * min(sizes) / max(sizes))
     return float(min(peaks, default=0.0))
 

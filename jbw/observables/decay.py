@@ -6,6 +6,7 @@ natural frequency: structures are never twice the same to the last digit. Shifts
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any, ClassVar, NamedTuple, Self
 
 import equinox as eqx
@@ -36,6 +37,7 @@ from jbw.observables.observable import (
     Numbers,
     Row,
     Rows,
+    Shown,
     Theta,
     Weighted,
     alone,
@@ -216,33 +218,18 @@ class Decays(Envelopes):
         noise = np.sqrt(np.asarray(self.fraction) * misfit / chi_square)
         return {name: noise[..., i] for i, name in enumerate(self.names)}
 
-    def first_values(self) -> dict[str, float]:
-        """Straight lines through frequency and damping against amplitude, at none."""
-        return dict(zip(("omega_n", "zeta"), at_rest(self.amplitude_curve()), strict=True))
-
-    def amplitude_curve(self) -> AmplitudeCurve:
-        """Frequency and damping along every record."""
-        rows = np.asarray(self.envelope)
-        read = [read_decay(row, self.step_s, self.centre_hz) for row in rows]
-        readings = [reading for reading in read if len(reading.amplitude)]
-        if not readings:
-            what, why, remedy = none_decays(", ".join(self.names))
-            raise DataError(what, why=why, remedy=remedy)
-        omega = 2 * np.pi * np.concatenate([reading.frequency_hz for reading in readings])
-        size = np.concatenate([reading.amplitude for reading in readings])
-        y = size / omega ** derivative_order(self.response)
-        return AmplitudeCurve(y, omega, np.concatenate([reading.damping for reading in readings]))
-
-    def y_peak(self, omega_n: float) -> float:
-        """Displacement that the simulated decay begins from [m]."""
-        return float(self.y_start)
-
-    def begins_at(self, omega_n: float) -> dict[str, float]:
-        """What every envelope begins with, at the natural frequency."""
-        begins = np.abs(np.asarray(self.envelope)[:, 0]) / omega_n ** derivative_order(
-            self.response
+    def shown(self, omega_n: float = 1.0) -> Shown:
+        """Return frequency and damping along every record, and where records begin."""
+        over = omega_n ** derivative_order(self.response)
+        begins = (np.abs(np.asarray(self.envelope)[:, 0]) / over).tolist()
+        curve = partial(amplitude_curve, self)
+        return Shown(
+            partial(first_values, self),
+            amplitude_curve=curve,
+            amplitude_readings=curve,
+            y_peak=float(self.y_start),
+            begins=dict(zip(self.names, begins, strict=True)),
         )
-        return dict(zip(self.names, begins.tolist(), strict=True))
 
     def drift(self, theta: Theta, run: str) -> LeftOutDecay | None:
         """How a record drifts from its prediction by its beginning.
@@ -290,6 +277,25 @@ class Decays(Envelopes):
             messages.frequencies_scatter(len(self.names), scatter),
             messages.correlated(float(self.fraction), self.envelope.shape[1]),
         ]
+
+
+def first_values(data: Decays) -> dict[str, float]:
+    """Return omega_n and zeta at no amplitude, by straight lines through the records."""
+    return dict(zip(("omega_n", "zeta"), at_rest(amplitude_curve(data)), strict=True))
+
+
+def amplitude_curve(data: Decays) -> AmplitudeCurve:
+    """Return frequency and damping along every record."""
+    rows = np.asarray(data.envelope)
+    read = [read_decay(row, data.step_s, data.centre_hz) for row in rows]
+    readings = [reading for reading in read if len(reading.amplitude)]
+    if not readings:
+        what, why, remedy = none_decays(", ".join(data.names))
+        raise DataError(what, why=why, remedy=remedy)
+    omega = 2 * np.pi * np.concatenate([reading.frequency_hz for reading in readings])
+    size = np.concatenate([reading.amplitude for reading in readings])
+    y = size / omega ** derivative_order(data.response)
+    return AmplitudeCurve(y, omega, np.concatenate([reading.damping for reading in readings]))
 
 
 def at_rest(curve: AmplitudeCurve) -> tuple[float, float]:

@@ -63,7 +63,8 @@ def parts_of(drive: str, parts: Sequence[Observable]) -> list[Observable]:
 def readings_of(parts: Sequence[Observable]) -> AmplitudeCurve | None:
     """All readings of frequency and damping against amplitude, of decays and of held responses."""
     of_one = parts_of("", parts)  # another drive's begin at another damping
-    curves = [readings for part in of_one if (readings := part.amplitude_readings()) is not None]
+    of_parts = (part.shown().amplitude_readings() for part in of_one)
+    curves = [readings for readings in of_parts if readings is not None]
     if not curves:
         return None
     curve = AmplitudeCurve(*map(np.concatenate, zip(*curves, strict=True)))
@@ -102,8 +103,8 @@ def by_secant(parts: Sequence[Observable]) -> frozenset[str]:
     """
     if not any(part.is_prescribed for part in parts):
         return frozenset()
-    by_loops = frozenset[str]().union(*(part.first_values() for part in parts_of("", parts)))
-    return frozenset(NAMES) - by_loops
+    by_part = (part.shown().first_values() for part in parts_of("", parts))
+    return frozenset(NAMES) - frozenset[str]().union(*by_part)
 
 
 def told_by(parts: Sequence[Observable], held: Mapping[str, Any] | None = None) -> dict[str, float]:
@@ -137,9 +138,9 @@ def _first(parts: Sequence[Observable], gain: float | None) -> dict[str, float]:
     values: dict[str, float] = {}
     if any(part.modes for part in parts):
         for part in parts:  # of several modes each part may tell its own
-            values = part.first_values() | values
+            values = part.shown().first_values() | values
         return with_ratios(values)
-    values = next((values for part in parts if (values := part.first_values())), {})
+    values = next((values for part in parts if (values := part.shown().first_values())), {})
     if "gain" in values:
         return values
     if "omega_n" in values and "zeta" not in values:
@@ -150,7 +151,7 @@ def _first(parts: Sequence[Observable], gain: float | None) -> dict[str, float]:
 def lines_of(parts: Sequence[Observable]) -> SteadyLines | None:
     """Lines of steady motion of all parts, by a motion of 1 m; None without any."""
     lines_by_part = [
-        part_lines for part in parts if (part_lines := part.steady_lines()) is not None
+        part_lines for part in parts if (part_lines := part.shown().steady_lines()) is not None
     ]
     if not lines_by_part:
         return None

@@ -26,6 +26,7 @@ from jbw.observables.observable import (
     Laws,
     Numbers,
     Observable,
+    Shown,
     Theta,
     Weighted,
     slope_by_offsets,
@@ -162,17 +163,11 @@ class LineReading(Observable):
         wide = EXCLUDED**2 * np.asarray(self.covariance)
         return replace(self, covariance=jax.device_put(wide))
 
-    def first_values(self) -> dict[str, float]:
-        """What was read."""
-        return {name: float(value) for name, value in zip(READ, np.asarray(self.mean), strict=True)}
-
-    def gain_std(self) -> float:
-        """Standard deviation of the gain."""
-        return float(np.sqrt(np.asarray(self.covariance)[2, 2]))
-
-    def y_peak(self, omega_n: float) -> float:
-        """Displacement of the random motion, rms [m]."""
-        return float(self.y_rms)
+    def shown(self, omega_n: float = 1.0) -> Shown:
+        """Return what was read, and the rms displacement of the random motion [m]."""
+        values = {name: float(x) for name, x in zip(READ, np.asarray(self.mean), strict=True)}
+        gain_std = float(np.sqrt(np.asarray(self.covariance)[2, 2]))
+        return Shown(lambda: values, gain_std=gain_std, y_peak=float(self.y_rms))
 
 
 def _equivalent(

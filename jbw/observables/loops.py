@@ -1,6 +1,7 @@
 """Force loops under a prescribed displacement as an observable."""
 
 from collections.abc import Sequence
+from functools import partial
 from typing import ClassVar, Self
 
 import jax
@@ -12,7 +13,7 @@ from jbw.errors import DataError
 from jbw.measurement.curves import ForcedLoop, forced_loop
 from jbw.measurement.loops import readings_of_cycles
 from jbw.measurement.records import Test, run_of
-from jbw.observables.observable import Laws, SteadyLines, Theta
+from jbw.observables.observable import Laws, Shown, SteadyLines, Theta
 from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import RepeatedGroups, filled, repeats
 from jbw.oscillator.oscillator import oscillator_of
@@ -124,29 +125,31 @@ class Loops(Repeated):
         """Samples after the joint has forgotten its start."""
         return np.asarray(self.counted[group]) > 0
 
-    def y_peak(self, omega_n: float) -> float:
-        """Largest displacement [m]."""
-        return float(jnp.max(jnp.abs(self.displacement)))
+    def shown(self, omega_n: float = 1.0) -> Shown:
+        """Return the largest displacement, and the stiffest loop as a line at no frequency."""
 
-    def steady_lines(self) -> SteadyLines:
-        """Half of force and displacement of the stiffest loop, peak to peak."""
-        return SteadyLines(np.zeros(1), np.array([self.stiffness(1.0) + 0j]), np.ones(1, complex))
+        def lines() -> SteadyLines:
+            return SteadyLines(np.zeros(1), np.array([secant(self) + 0j]), np.ones(1, complex))
 
-    def stiffness(self, gain: float) -> float:
-        """Force over displacement of the stiffest loop, peak to peak, per unit mass [1/s^2].
+        y_peak = float(jnp.max(jnp.abs(self.displacement)))
+        return Shown(steady_lines=lines, stiffness=partial(secant, self), y_peak=y_peak)
 
-        Of its stiffest cycle instead where that is more than twice as stiff: a joint that wears or
-        yields far is soft in its largest cycles.
-        """
-        displacement, mean = np.asarray(self.displacement), np.asarray(self.mean)
-        peak_to_peak = float(np.max(np.ptp(mean, axis=1) / np.ptp(displacement, axis=1)))
-        cycles = [
-            secant
-            for i, (y, force) in enumerate(zip(displacement, mean, strict=True))
-            for secant in _secants(y[self.compared(i)], force[self.compared(i)])
-        ]
-        stiffest = max(cycles, default=peak_to_peak)
-        return gain * (stiffest if stiffest > SOFTER * peak_to_peak else peak_to_peak)
+
+def secant(data: Loops) -> float:
+    """Return force over displacement of the stiffest loop, peak to peak [N/m].
+
+    Of its stiffest cycle instead where that is more than twice as stiff: a joint that wears or
+    yields far is soft in its largest cycles.
+    """
+    displacement, mean = np.asarray(data.displacement), np.asarray(data.mean)
+    peak_to_peak = float(np.max(np.ptp(mean, axis=1) / np.ptp(displacement, axis=1)))
+    cycles = [
+        of_cycle
+        for i, (y, force) in enumerate(zip(displacement, mean, strict=True))
+        for of_cycle in _secants(y[data.compared(i)], force[data.compared(i)])
+    ]
+    stiffest = max(cycles, default=peak_to_peak)
+    return stiffest if stiffest > SOFTER * peak_to_peak else peak_to_peak
 
 
 def _secants(y: Float[np.ndarray, " time"], force: Float[np.ndarray, " time"]) -> list[float]:

@@ -18,6 +18,7 @@ change of Q itself is left out.
 
 from collections.abc import Sequence
 from dataclasses import fields, replace
+from functools import partial
 from typing import Any, ClassVar, NamedTuple, Self
 
 import equinox as eqx
@@ -30,10 +31,10 @@ from jbw.errors import ConfigError
 from jbw.measurement.channels import lines_within, whole_up
 from jbw.measurement.envelopes import bands_of
 from jbw.measurement.records import Test
-from jbw.observables.decay import Decays, matched
+from jbw.observables.decay import Decays, amplitude_curve, first_values, matched
 from jbw.observables.modal_starts import starts_of
 from jbw.observables.modes import Modes
-from jbw.observables.observable import AmplitudeCurve, Laws, Numbers, Rows, Theta
+from jbw.observables.observable import Laws, Numbers, Rows, Shown, Theta
 from jbw.oscillator.law import Memory
 from jbw.oscillator.modes.parameters import structure_of
 from jbw.oscillator.modes.structure import Memories, Structure, by_joint
@@ -168,21 +169,21 @@ class ModalDecays(Decays):
         begun = jnp.concatenate([start.state, start.shift[:, None]], axis=1)
         return replace(super().with_fitted_noise(theta, residuals), begun=begun)
 
-    def peaks_of_modes(self) -> tuple[float, ...]:
-        """Of every mode where the records begin."""
-        return tuple(np.max(np.asarray(self.amplitude), axis=0).tolist())
-
-    def first_values(self) -> dict[str, float]:
-        """Straight lines through frequency and damping of every mode against amplitude, at none."""
-        values: dict[str, float] = {}
-        others = self.modes.names if self.modes is not None else ()
-        for mode_decays, (omega, zeta, *_) in zip(self.alone, (FIRST, *others), strict=True):
-            values |= dict(zip((omega, zeta), mode_decays.first_values().values(), strict=True))
-        return values
-
-    def amplitude_curve(self) -> AmplitudeCurve:
-        """Frequency and damping of the first mode along every record."""
-        return self.alone[0].amplitude_curve()
+    def shown(self, omega_n: float = 1.0) -> Shown:
+        """Return what the decays of each mode show as those of one; the curve of the first."""
+        curve = partial(amplitude_curve, self.alone[0])
+        peaks = tuple(np.max(np.asarray(self.amplitude), axis=0).tolist())
+        values = partial(_first_values, self)
+        return (
+            super()
+            .shown(omega_n)
+            ._replace(
+                first_values=values,
+                amplitude_curve=curve,
+                amplitude_readings=curve,
+                peaks_of_modes=peaks,
+            )
+        )
 
     def statements(self, theta: Theta) -> list[str]:
         """What is left of the motion about every mode, and what one mode's decays say."""
@@ -195,6 +196,15 @@ class ModalDecays(Decays):
             messages.left_of_motion(errors),
             *super().statements(theta),
         ]
+
+
+def _first_values(data: ModalDecays) -> dict[str, float]:
+    """Return omega_n and zeta of every mode at no amplitude."""
+    values: dict[str, float] = {}
+    others = data.modes.names if data.modes is not None else ()
+    for decays, (omega, zeta, *_) in zip(data.alone, (FIRST, *others), strict=True):
+        values |= dict(zip((omega, zeta), first_values(decays).values(), strict=True))
+    return values
 
 
 class MatchedEnvelopes(NamedTuple):

@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
 from jbw.inference.groups.offsets import Estimate, known_estimate
-from jbw.observables.observable import OFFSETS, Laws, Numbers, Observable, Theta, Weighted
+from jbw.observables.observable import OFFSETS, Laws, Numbers, Observable, Shown, Theta, Weighted
 from jbw.oscillator.modes.assembled import OMEGA, PUSH, ZETA, numbered, seen_name
 from jbw.oscillator.modes.parameters import NAMES, SEEN, Names, structure_of
 from jbw.quantities import DEFAULT_LAWS, OSCILLATOR
@@ -255,9 +255,9 @@ class ModesAtJoint(Observable):
         """With directions of the offsets, which are zero."""
         return replace(self, directions=jnp.zeros((len(OFFSETS), self.width)))
 
-    def first_values(self) -> dict[str, float]:
-        """Every mode as strong at the joint as the first."""
-        return dict.fromkeys(self.modes.free, 1.0) if self.modes else {}
+    def shown(self, omega_n: float = 1.0) -> Shown:
+        """Return starting values: every mode as strong at the joint as the first."""
+        return Shown(lambda: dict.fromkeys(self.modes.free, 1.0) if self.modes else {})
 
     def statements(self, theta: Theta) -> list[str]:
         """Every further mode at the optimum, and what tells the sign of its motion of the joint."""

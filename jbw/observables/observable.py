@@ -43,6 +43,38 @@ class SteadyLines(NamedTuple):
     motion: Complex[np.ndarray, " line"]
 
 
+def _nothing() -> None:
+    """Return None: the data do not show it."""
+
+
+class Shown(NamedTuple):
+    """What data show without a model: starting values of fits, scales of priors, axes of figures.
+
+    What costs, or may fail, is a function without arguments.
+
+    Attributes:
+        first_values: Starting values of omega_n [rad/s], zeta [-] and gain; those that are known.
+        steady_lines: Steady motion whose load was measured; one line is too little for a start.
+        amplitude_curve: Frequency and damping against amplitude.
+        amplitude_readings: Frequency and damping, too coarse to start a fit from: a point a level.
+        stiffness: Force over prescribed displacement [N/m]; None where it was not prescribed.
+        gain_std: Standard deviation of the starting value of the gain; infinite if not known.
+        y_peak: Largest displacement [m], of noise its rms; 0 where it was not measured.
+        begins: Displacement that each free decay begins with [m], by run.
+        peaks_of_modes: Largest displacement [m] about each of several modes, where measured.
+    """
+
+    first_values: Callable[[], dict[str, float]] = dict
+    steady_lines: Callable[[], SteadyLines | None] = _nothing
+    amplitude_curve: Callable[[], AmplitudeCurve | None] = _nothing
+    amplitude_readings: Callable[[], AmplitudeCurve | None] = _nothing
+    stiffness: Callable[[], float | None] = _nothing
+    gain_std: float = float("inf")
+    y_peak: float = 0.0
+    begins: Mapping[str, float] = {}
+    peaks_of_modes: tuple[float, ...] = ()
+
+
 class Numbers(NamedTuple):
     """Numbers that stand for the names of groups and of runs: equal ones for equal names."""
 
@@ -263,44 +295,12 @@ class Observable(eqx.Module):
         """One draw of each group's noise for every draw of theta and its likelihood's terms."""
         return {}
 
-    def first_values(self) -> dict[str, float]:
-        """First values of omega_n [rad/s], zeta [-] and gain, no model run; nothing if unknown."""
-        return {}
-
-    def steady_lines(self) -> SteadyLines | None:
-        """Steady motion whose load was measured; alone it may be too little for first values."""
-        return None
-
-    def amplitude_curve(self) -> AmplitudeCurve | None:
-        """Frequency and damping against amplitude where data show them without a model."""
-        return None
-
-    def amplitude_readings(self) -> AmplitudeCurve | None:
-        """The same, too coarse to start a fit from: a point a level that was held."""
-        return self.amplitude_curve()
-
-    def gain_std(self) -> float:
-        """Standard deviation of the first value of the gain; infinite where it is not known."""
-        return float("inf")
-
-    def y_peak(self, omega_n: float) -> float:
-        """Largest displacement [m], of noise its rms, by omega_n [rad/s] where not measured."""
-        return 0.0
-
-    def begins_at(self, omega_n: float) -> dict[str, float]:
-        """Displacement that each free decay begins with [m], by run; nothing of other kinds."""
-        return {}
+    def shown(self, omega_n: float = 1.0) -> Shown:
+        """Return what the data show without a model, by omega_n [rad/s] where that is asked for."""
+        return Shown()
 
     def drift(self, theta: Theta, run: str) -> LeftOutDecay | None:
         """How a free decay drifts from its prediction by its beginning; None of other kinds."""
-        return None
-
-    def peaks_of_modes(self) -> tuple[float, ...]:
-        """Largest displacement [m] about each of several modes; nothing where not measured."""
-        return ()
-
-    def stiffness(self, gain: float) -> float | None:
-        """Force over displacement, per unit mass [1/s^2], where a displacement was prescribed."""
         return None
 
     def evenly(self) -> "Observable | None":

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from threading import Thread
 from typing import Any, ClassVar, Self
 
@@ -20,7 +21,7 @@ from jbw.observables.forms import by_form, common_form, first_alike
 from jbw.observables.line_fit import oscillator_through
 from jbw.observables.modal_readings import band_peak, lines_of_motions, read_modes
 from jbw.observables.modes import by_model
-from jbw.observables.observable import OFFSETS, Laws, Numbers, Rows, Theta, alone
+from jbw.observables.observable import OFFSETS, Laws, Numbers, Rows, Shown, Theta, alone
 from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import RepeatedGroups, repeats
 from jbw.observables.residual_terms import own_columns, taken
@@ -508,45 +509,24 @@ class Records(Repeated):
             )  # fmt: skip
         return spectra
 
-    def first_values(self) -> dict[str, float]:
-        """Linear least squares over the lines near the peak of the lowest level's spectrum."""
-        mean, source = np.asarray(self.mean), np.asarray(self.source[:, self.skipped :])
-        if self.modes is not None:
-            motions = zip(self.moved, self.points, source, mean, strict=True)
-            order = derivative_order(self.response)
-            readings = read_modes(self.modes, lines_of_motions(motions, self.fs, order))
-            is_assembled = self.modes.meet == "assembled"
-            return by_model(self.modes, readings) if is_assembled else readings
-        level = int(np.argmin(np.mean(mean**2, axis=1)))
-        omega = 2 * np.pi * np.fft.rfftfreq(mean.shape[1], 1 / self.fs)[1:]
-        x, u = (np.fft.rfft(row[level])[1:] for row in (mean, source))
-        y = x / (1j * omega) ** derivative_order(self.response)
-        driven = np.abs(u) > 0.1 * np.abs(u).max()
-        near = driven & (np.abs(x) > NEAR_PEAK * np.abs(x[driven]).max())
-        return oscillator_through(omega[near], u[near], y[near])
+    def shown(self, omega_n: float = 1.0) -> Shown:
+        """Return an oscillator through a spectrum's peak, and the largest displacement."""
+        order = derivative_order(self.response)
+        first_values = partial(_first_values, self)
+        if self.modes is None:
+            return Shown(first_values, y_peak=float(np.max(np.abs(self.mean))) / omega_n**order)
+        at_first_point = np.asarray(self.mean)[[not point for point in self.points]]
+        if not len(at_first_point):
+            return Shown(first_values)
+        above = 0.5 * min(self.modes.hz), np.inf
+        is_assembled = self.modes.meet == "assembled"
+        bands = self.modes.regions_hz if is_assembled else self.modes.windows_hz
+        peak, *peaks = (band_peak(at_first_point, self.fs, order, x) for x in (above, *bands))
+        return Shown(first_values, y_peak=peak, peaks_of_modes=tuple(peaks))
 
     def evenly(self) -> Self:
         """Levels that count by their relative errors, predicted at one joint for all of them."""
         return replace(super().evenly(), origin=jax.device_put(np.asarray(self.origin)[:, :0]))
-
-    def y_peak(self, omega_n: float) -> float:
-        """Largest displacement [m]."""
-        power = derivative_order(self.response)
-        if self.modes is not None:
-            at_first_point = np.asarray(self.mean)[[not point for point in self.points]]
-            above = 0.5 * min(self.modes.hz), np.inf
-            return band_peak(at_first_point, self.fs, power, above) if len(at_first_point) else 0.0
-        return float(np.max(np.abs(self.mean))) / omega_n**power
-
-    def peaks_of_modes(self) -> tuple[float, ...]:
-        """Of responses at the first point, in each mode's window."""
-        at_first_point = np.asarray(self.mean)[[not point for point in self.points]]
-        if self.modes is None or not len(at_first_point):
-            return ()
-        order = derivative_order(self.response)
-        is_assembled = self.modes.meet == "assembled"
-        bands = self.modes.regions_hz if is_assembled else self.modes.windows_hz
-        return tuple(band_peak(at_first_point, self.fs, order, edges) for edges in bands)
 
     def halved(self) -> Self | None:
         """The records with twice as many steps of the solver; None without a law, exact by any."""
@@ -566,6 +546,24 @@ class Records(Repeated):
 
     def _stacks(self, theta: Theta) -> bool:
         return any(law.depth for law in oscillator_of(theta, self.laws).laws)
+
+
+def _first_values(data: Records) -> dict[str, float]:
+    """Return linear least squares over the lines near the peak of the lowest level's spectrum."""
+    mean, source = np.asarray(data.mean), np.asarray(data.source[:, data.skipped :])
+    if data.modes is not None:
+        motions = zip(data.moved, data.points, source, mean, strict=True)
+        order = derivative_order(data.response)
+        readings = read_modes(data.modes, lines_of_motions(motions, data.fs, order))
+        is_assembled = data.modes.meet == "assembled"
+        return by_model(data.modes, readings) if is_assembled else readings
+    level = int(np.argmin(np.mean(mean**2, axis=1)))
+    omega = 2 * np.pi * np.fft.rfftfreq(mean.shape[1], 1 / data.fs)[1:]
+    x, u = (np.fft.rfft(row[level])[1:] for row in (mean, source))
+    y = x / (1j * omega) ** derivative_order(data.response)
+    driven = np.abs(u) > 0.1 * np.abs(u).max()
+    near = driven & (np.abs(x) > NEAR_PEAK * np.abs(x[driven]).max())
+    return oscillator_through(omega[near], u[near], y[near])
 
 
 def compile_beside(tests: Sequence[Test], laws: Laws) -> Thread | None:

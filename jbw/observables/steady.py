@@ -5,6 +5,7 @@ lost where it bends over, and a point costs two steps of Newton's iteration and 
 """
 
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import ClassVar, Self
 
 import equinox as eqx
@@ -23,7 +24,7 @@ from jbw.observables.harmonic_groups import (
     harmonic_label,
 )
 from jbw.observables.line_fit import LEAST_LINES, at_quadrature, oscillator_through
-from jbw.observables.observable import AmplitudeCurve, Laws, Rows, SteadyLines, Theta
+from jbw.observables.observable import AmplitudeCurve, Laws, Rows, Shown, SteadyLines, Theta
 from jbw.observables.repeated import Repeated
 from jbw.observables.repeats import RepeatedGroups, filled, repeats
 from jbw.observables.residual_terms import receptance, taken
@@ -197,47 +198,54 @@ class Points(Repeated):
             spectra[label] = of_lines(values, residuals[label], order * omega, driven, factor)
         return spectra
 
-    def first_values(self) -> dict[str, float]:
-        """Linear least squares over the first harmonics of the smallest motion at its peak."""
-        motion, load, omega = (np.asarray(x) for x in (self.motion, self.load, self.omega))
-        first = [points for points in self._first_points() if len(points) >= LEAST_LINES]
-        first = [points for points in first if len(points) > LEAST_LINES] or first
-        if not first:
-            return {}
-        chosen = min(first, key=lambda points: np.abs(motion[points, 0]).max())
-        return oscillator_through(omega[chosen], load[chosen, 0], motion[chosen, 0])
+    def shown(self, omega_n: float = 1.0) -> Shown:
+        """Return what first harmonics show: an oscillator, lines, a reading of every curve."""
+        return Shown(
+            partial(_first_values, self),
+            partial(_steady_lines, self),
+            amplitude_readings=partial(_amplitude_readings, self),
+            y_peak=float(jnp.max(jnp.abs(self.motion))),
+        )
 
-    def steady_lines(self) -> SteadyLines:
-        """Every point of a first harmonic."""
-        every = np.unique(np.concatenate(self._first_points()))
-        columns = self.omega[every], self.load[every, 0], self.motion[every, 0]
-        return SteadyLines(*(np.asarray(x) for x in columns))
 
-    def _first_points(self) -> list[Int[np.ndarray, " point"]]:
-        """Points of every group of first harmonics."""
-        points = [row[self.compared(i)] for i, row in enumerate(np.asarray(self.point))]
-        return [points[i] for i in np.flatnonzero(np.asarray(self.position) == 0)]
+def _first_values(data: Points) -> dict[str, float]:
+    """Return least squares over the first harmonics of the smallest motion at its peak."""
+    motion, load, omega = (np.asarray(x) for x in (data.motion, data.load, data.omega))
+    first = [points for points in _first_points(data).values() if len(points) >= LEAST_LINES]
+    first = [points for points in first if len(points) > LEAST_LINES] or first
+    if not first:
+        return {}
+    chosen = min(first, key=lambda points: np.abs(motion[points, 0]).max())
+    return oscillator_through(omega[chosen], load[chosen, 0], motion[chosen, 0])
 
-    def amplitude_readings(self) -> AmplitudeCurve | None:
-        """A point of every curve: where the response was held, or lags by a quarter turn."""
-        gain, readings = self.first_values()["gain"], []
-        for i, row in enumerate(np.asarray(self.point)):
-            points = row[self.compared(i)]
-            if self.position[i] != 0 or len(points) < LEAST_POINTS:
-                continue
-            omega, load, motion = (
-                np.asarray(x)[points] for x in (self.omega, self.load[:, 0], self.motion[:, 0])
-            )
-            if self.of_force[i]:
-                readings.append(_held(omega, load, motion))
-            else:
-                readings.append(at_quadrature(omega, load, motion, gain))
-        rows = [reading for reading in readings if reading is not None]
-        return AmplitudeCurve(*np.array(rows).T) if rows else None
 
-    def y_peak(self, omega_n: float) -> float:
-        """Largest displacement [m]."""
-        return float(jnp.max(jnp.abs(self.motion)))
+def _steady_lines(data: Points) -> SteadyLines:
+    """Return every point of a first harmonic."""
+    every = np.unique(np.concatenate(list(_first_points(data).values())))
+    columns = data.omega[every], data.load[every, 0], data.motion[every, 0]
+    return SteadyLines(*(np.asarray(x) for x in columns))
+
+
+def _first_points(data: Points) -> dict[int, Int[np.ndarray, " point"]]:
+    """Return the points of every group of first harmonics, by its number."""
+    rows, first = np.asarray(data.point), np.flatnonzero(np.asarray(data.position) == 0)
+    return {i: rows[i][data.compared(i)] for i in first.tolist()}
+
+
+def _amplitude_readings(data: Points) -> AmplitudeCurve | None:
+    """Return a point of every curve: where the response was held, or lags by a quarter turn."""
+    gain, readings = _first_values(data)["gain"], []
+    columns = data.omega, data.load[:, 0], data.motion[:, 0]
+    for i, points in _first_points(data).items():
+        if len(points) < LEAST_POINTS:
+            continue
+        omega, load, motion = (np.asarray(x)[points] for x in columns)
+        if data.of_force[i]:
+            readings.append(_held(omega, load, motion))
+        else:
+            readings.append(at_quadrature(omega, load, motion, gain))
+    rows = [reading for reading in readings if reading is not None]
+    return AmplitudeCurve(*np.array(rows).T) if rows else None
 
 
 def _held(

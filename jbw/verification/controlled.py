@@ -41,7 +41,7 @@ def predict_apart(source: Source, test: Test) -> Iterator[tuple[str, Predicted]]
     """
     basis = source.basis
     for part in ControlledPoints.reduce([test], laws=basis.laws, substeps=basis.substeps):
-        peaks = np.full(count_of(source.draws), part.y_peak(0.0))
+        peaks = np.full(count_of(source.draws), part.shown().y_peak)
         groups = zip(part.labels, groups_of(source, test, part), strict=True)
         for number, (label, group) in enumerate(groups):
             dataset = _dataset(test, part, number, group)

@@ -75,7 +75,8 @@ def predict_groups(source: Source, test: Test) -> Predicted:
     if np.isfinite(test.level):
         attrs |= {"level": test.level, "level_unit": seen_of(test).source}
     attrs |= errors(measured, model, others, noise_std)
-    peak = max(part.y_peak(float(np.mean(source.draws["omega_n"]))) for part in parts)
+    omega_n = float(np.mean(source.draws["omega_n"]))
+    peak = max(part.shown(omega_n).y_peak for part in parts)
     peaks = np.full(count_of(source.draws), peak) if peak > 0 else None
     return Predicted(xr.Dataset(variables, coords, attrs), peaks, groups[0].noise)
 

@@ -98,7 +98,7 @@ def test_linear_modes_decay_in_closed_form():
     expected = [*a.real, *(np.real(a * s) / (2 * np.pi * np.array(HZ)))]
     np.testing.assert_allclose(np.asarray(found.entry.state)[0], expected, rtol=1e-7, atol=1e-10)
     # First values are of the modes' own envelopes, straight lines through them.
-    told = data.first_values()
+    told = data.shown().first_values()
     assert told["omega_n"] == pytest.approx(OMEGA[0], rel=1e-4)
     assert told["omega_2"] == pytest.approx(OMEGA[1], rel=1e-4)
     assert told["zeta"] == pytest.approx(ZETA[0], rel=0.03)
