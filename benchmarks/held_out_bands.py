@@ -132,13 +132,12 @@ def noise_of(data: Dataset, sizes: Mapping[str, int]) -> dict[str, Any]:
     known, shape = {}, (sizes["chain"], sizes["draw"])
     for i, part in enumerate(data.parts):
         if part.dimension:
-            repeats = getattr(part, "repeats", part)
-            std, dim = np.asarray(repeats.noise_std), f"{part.dimension}_{i}"
+            std, dim = np.asarray(part.groups.noise_std), f"{part.dimension}_{i}"
             dim = "record" if part.own_shifts else dim
             name = "noise_std" if part.own_shifts else f"noise_std_{i}"
             values = np.broadcast_to(std, (*shape, len(std)))
-            known[name] = (("chain", "draw", dim), values, {"units": part.unit})
-            known[dim] = (dim, list(part.labels))
+            known[name] = (("chain", "draw", dim), values, {"units": part.groups.unit})
+            known[dim] = (dim, list(part.groups.labels))
     return known
 
 

@@ -2,7 +2,6 @@
 
 from typing import ClassVar, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,9 +10,8 @@ from jbw.identification.checks import CheckedPosterior, Outcome
 from jbw.inference.posterior.finding import checked
 from jbw.inference.samplers.chains import Draw, Kernel
 from jbw.measurement.records import run_of
-from jbw.observables.observable import Shown
-from jbw.observables.repeated import Repeated
-from jbw.observables.repeats import RepeatedGroups, repeats
+from jbw.observables.groups import repeated
+from jbw.observables.observable import Observable, Shown
 from jbw.oscillator.law import Law
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.parameters import Conversion, Material
@@ -57,7 +55,7 @@ class Bilinear(Law):
         return {"ElasticPP, OpenSees": Conversion(values, {"E": "N/m", "epsyP": "m"}, own)}
 
 
-class RingDown(Repeated):
+class RingDown(Observable):
     """Frequencies read at some amplitudes of a ring-down: a kind of test that jbw does not know."""
 
     kinds: ClassVar[tuple[str, ...]] = ("ring_down",)
@@ -66,8 +64,6 @@ class RingDown(Repeated):
     informs: ClassVar[frozenset[str]] = frozenset({"omega_n"})
 
     amplitude: jax.Array
-    mean: jax.Array
-    repeats: RepeatedGroups = eqx.field()
 
     @classmethod
     def reduce(cls, tests, *, laws=("bouc_wen",), substeps=None):
@@ -76,37 +72,30 @@ class RingDown(Repeated):
         within = [np.sum((row - m) ** 2) for row, m in zip(rows, mean, strict=True)]
         size = mean.shape[1]
         amplitude = [t.records[0].channels["displacement"] for t in tests]
-        of_groups = repeats(
+        of_groups = repeated(
             within=np.array(within), num_repeats=np.array([len(row) for row in rows]),
             sizes=np.full(len(tests), size),
             labels=tuple(t.name for t in tests), runs=tuple(run_of(t) for t in tests),
-            scale=np.abs(mean).max(axis=1),
+            scale=np.abs(mean).max(axis=1), units="Hz",
         )  # fmt: skip
         return (
             cls(
                 laws=laws, amplitude=jnp.asarray(np.stack(amplitude)), mean=jnp.asarray(mean),
-                repeats=of_groups,
+                groups=of_groups,
             ),
         )  # fmt: skip
-
-    @property
-    def unit(self):
-        return "Hz"
 
     def predict(self, theta):
         joint = oscillator_of(theta, self.laws)
         stiffness = jax.vmap(jax.vmap(joint.loop))(self.amplitude).stiffness
         return jnp.sqrt(joint.k + stiffness) / (2 * jnp.pi)
 
-    def misfit(self, theta):
-        return self.mean - self.predict(theta)
-
     def shown(self, omega_n=1.0):
         values = {"omega_n": float(2 * np.pi * np.max(self.mean)), "zeta": 0.01}
-        return Shown(lambda: values, y_peak=float(jnp.max(self.amplitude)))
-
-    def coordinate(self, group):
-        return "displacement", "m", np.asarray(self.amplitude[group])
+        return Shown(
+            lambda: values, y_peak=float(jnp.max(self.amplitude)),
+            axis=("displacement", "m"), places=np.asarray(self.amplitude),
+        )  # fmt: skip
 
 
 def metropolis(problem, propose, ratio):

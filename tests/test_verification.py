@@ -120,9 +120,9 @@ def test_every_group_of_steady_motion_has_the_unit_of_its_values():
     held, driven = steady.curve_group(held_curve(1.0)), steady.curve_group(driven_curve())
     ratio = steady.curve_group(driven_curve(ratio="response per N of force"))
     assert [one.unit for one in (held, driven, ratio)] == ["N", "m/s^2", "m/s^2/N"]
-    assert Points.of([driven, driven]).unit == "m/s^2"
+    assert Points.of([driven, driven]).groups.unit == "m/s^2"
     both = Points.of([held, driven])
-    assert (both.unit, both.units) == ("", ("N", "m/s^2"))
+    assert (both.groups.unit, both.groups.units) == ("", ("N", "m/s^2"))
     terms = np.zeros((1, 3, 2))
     draws = {name: np.full((1, 3), value) for name, value in LINEAR.items()}
     found = draw_noise_std(jax.random.key(0), draws, terms, Dataset.of([both]))

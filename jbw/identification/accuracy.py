@@ -16,6 +16,7 @@ from jbw.inference.posterior.summary import evenly_spaced
 from jbw.measurement.channels import rms
 from jbw.observables.dataset import Dataset, by_label, halved, log_likelihood
 from jbw.observables.effective_values import LEAST_VALUES, coloured_from, correlation_at_one
+from jbw.observables.noise import num_known, repeatability
 from jbw.report.messages import residuals as messages
 from jbw.report.messages.remedies import OTHER_LAWS, beside_other_laws
 
@@ -43,7 +44,7 @@ def solver_finding(posterior: xr.Dataset, data: Dataset) -> Finding | None:
 
 def substeps_of(data: Dataset) -> int:
     """Most steps of the solver between two samples."""
-    return max((getattr(part, "substeps", 1) for part in data.parts), default=1)
+    return max((part.substeps or 1 for part in data.parts), default=1)
 
 
 def another_law(laws: Sequence[str]) -> str:
@@ -107,7 +108,7 @@ def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
         label: part.most_misfit
         for part in data.parts
         if part.most_misfit is not None
-        for label in part.labels
+        for label in part.groups.labels
     }
     if not bounded:
         return None
@@ -119,7 +120,7 @@ def shape_finding(error: Mapping[str, float], data: Dataset) -> Finding | None:
 
 def explained(first: Fit, data: Dataset) -> tuple[float, int] | None:
     """Chi-square of a fit over the groups whose noise repeats tell, and its degrees of freedom."""
-    sizes = {label: size for part in data.parts for label, size in part.noise_known().items()}
+    sizes = num_known(data)
     if sum(sizes.values()) <= len(first.x):  # as many parameters explain any data
         return None
     rows = by_label(first.residual, data)
@@ -172,7 +173,7 @@ def repeatability_finding(error: Mapping[str, float], data: Dataset) -> Finding 
 
     A law that leaves more than they scatter predicts a record worse than its neighbour does.
     """
-    scatter = {label: x for part in data.parts for label, x in part.repeatability().items()}
+    scatter = repeatability(data)
     ratio = {label: error[label] / max(x, TINY) for label, x in scatter.items()}
     if not ratio:
         return None

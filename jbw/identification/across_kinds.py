@@ -23,7 +23,8 @@ from jbw.identification.run_effects import errors_with_own_frequency
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.space.box import Box
 from jbw.measurement.channels import rms
-from jbw.observables.dataset import Dataset
+from jbw.observables.dataset import Dataset, measured_parts
+from jbw.observables.groups import silenced
 from jbw.observables.observable import Observable
 from jbw.report.messages import residuals as messages
 from jbw.report.messages import stages
@@ -38,9 +39,8 @@ WORDS = {
 def kinds_of(data: Dataset) -> dict[str, tuple[str, ...]]:
     """Labels of the groups of each kind of test of which a fit leaves a residual."""
     labels: dict[str, list[str]] = {}
-    for part in data.parts:
-        if part.sizes():
-            labels.setdefault(_kind_of(part), []).extend(part.labels)
+    for part in measured_parts(data):
+        labels.setdefault(_kind_of(part), []).extend(part.groups.labels)
     return {kind: tuple(of_kind) for kind, of_kind in labels.items()}
 
 
@@ -50,18 +50,14 @@ def _kind_of(part: Observable) -> str:
 
 def without_kind(kind: str, data: Dataset) -> Dataset:
     """The dataset in which the tests of one kind count for nothing, of the same shapes."""
-    return replace(
-        data,
-        parts=tuple(
-            _silenced(part) if part.sizes() and _kind_of(part) == kind else part
-            for part in data.parts
-        ),
-    )
 
+    def silent(part: Observable) -> Observable:
+        if part.groups.is_prior or _kind_of(part) != kind:
+            return part
+        groups = reduce(lambda rest, run: silenced(run, rest), part.groups.runs, part.groups)
+        return replace(part, groups=groups)
 
-def _silenced(part: Observable) -> Observable:
-    """A part in which every run counts for nothing."""
-    return reduce(lambda silent, run: silent.silenced(run), dict.fromkeys(part.runs), part)
+    return replace(data, parts=tuple(map(silent, data.parts)))
 
 
 def across_kinds(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:

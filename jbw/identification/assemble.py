@@ -159,7 +159,7 @@ def assemble(seen: Measured) -> Dataset:
             held |= dict.fromkeys(seen.modes.ratios, 1.0)
         held |= seen.modes.held
         if seen.modes.free:
-            stated, run = tuple(seen.settings.prior), parts[0].runs[0]
+            stated, run = tuple(seen.settings.prior), parts[0].groups.runs[0]
             parts.append(ModesAtJoint.of(seen.modes, stated, run, laws=seen.laws))
     stated = {name: prior for name, prior in seen.settings.prior.items() if name not in held}
     return Dataset.of([*parts, *foretold(seen.tests, parts)], held, StatedDensities.of(stated))
@@ -189,8 +189,8 @@ def _held(parts: Sequence[Observable], gain: Gain, tests: Sequence[Test]) -> dic
 
 def _require_labels(parts: Sequence[Observable]) -> None:
     """Refuse groups of one name: tones of one level, but of two drives."""
-    labels = [label for part in parts for label in part.labels]
-    twice = [label for part in parts for label in part.labels if labels.count(label) > 1]
+    labels = [label for part in parts for label in part.groups.labels]
+    twice = [label for part in parts for label in part.groups.labels if labels.count(label) > 1]
     if twice and attached(parts):
         raise DataError(
             f"Groups of data must have names of their own, but {len(twice)} are `{twice[0]}`.",

@@ -67,7 +67,7 @@ def foretold(tests: Sequence[Test], parts: Sequence[Observable]) -> list[Observa
         if (reading := _read(test)) is None:
             continue
         share = SHARE_OF_RESPONSE if _is_response(test.records[0]) else SHARE
-        runs = [run for part in parts for run in part.runs]
+        runs = [run for part in parts for run in part.groups.runs]
         run = run_of(test) if run_of(test) in runs else runs[0]
         mode = _nearest(reading, parts)
         mean, std = _change(reading, mode, share)

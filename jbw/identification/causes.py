@@ -23,6 +23,7 @@ from jbw.observables.dataset import Dataset, by_label, residual_by_label
 from jbw.observables.drives import plain
 from jbw.observables.effective_values import LEAST_VALUES, is_coloured
 from jbw.observables.line_fit import oscillator_through
+from jbw.observables.noise import repeatability
 from jbw.observables.observable import OFFSETS
 from jbw.observables.records import NEAR_PEAK
 from jbw.observables.spectra import Row, Spectrum, real_rows
@@ -305,7 +306,7 @@ def _spectra(best: Fit, data: Dataset) -> dict[str, Spectrum]:
     return {
         label: spectrum._replace(source_role="force" if part.drive == "force" else "input")
         for part in data.parts
-        for label, spectrum in part.spectra(residuals).items()
+        for label, spectrum in part.shown().spectra(residuals).items()
     }
 
 
@@ -325,7 +326,7 @@ def causes_sentence(found: Sequence[Cause]) -> str:
 
 def _missed(spectra: Spectra, data: Dataset) -> list[str]:
     """Groups of which more is left than noise: a coloured residual, of few values a large one."""
-    scatter = {label: x for part in data.parts for label, x in part.repeatability().items()}
+    scatter = repeatability(data)
     labels = []
     for label, spectrum in spectra.items():
         error = np.linalg.norm(spectrum.residual) / np.linalg.norm(spectrum.values)

@@ -77,7 +77,7 @@ from jbw.inference.generator import parts_of
 from jbw.inference.posterior.finding import Amendment, Finding, Verdict, judge
 from jbw.inference.posterior.verdict import verdict
 from jbw.inference.samplers.chunked_run import Keep, no_checkpoint
-from jbw.observables import dataset
+from jbw.observables import dataset, noise
 from jbw.observables.dataset import Dataset
 from jbw.observables.drives import of_part
 from jbw.report.messages import posterior as messages
@@ -240,7 +240,7 @@ def posterior_checks(checked: CheckedPosterior) -> list[Outcome]:
 
 def residual_of_fit(checked: CheckedPosterior) -> Outcome:
     """Whether the residuals are white."""
-    counted, data = dataset.fractions_counted(checked.data), checked.data
+    counted, data = noise.fractions_counted(checked.data), checked.data
     return Outcome(accuracy.residual_finding(checked.residuals, counted, checked.error, data.laws))
 
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.space.box import bounds_about, box
 from jbw.measurement.channels import rms
-from jbw.observables import dataset
+from jbw.observables import dataset, noise
 from jbw.observables.dataset import Dataset
 from jbw.observables.drives import plain, used_by
 from jbw.oscillator.modes.assembled import is_assembled
@@ -28,7 +28,7 @@ def scatter_of_means(data: Dataset) -> float | None:
 
     The root mean square over the groups. What a fit leaves is of that mean.
     """
-    scatters = [x for part in data.parts for x in part.mean_repeatability().values()]
+    scatters = list(noise.repeatability(data, of_mean=True).values())
     return rms(scatters) if scatters else None
 
 
@@ -37,7 +37,7 @@ def own_lines(data: Dataset, known: Mapping[str, float]) -> dict[str, float]:
 
     `known` are omega_n, zeta and the gain of a joint, of every drive, from which the fits start.
     """
-    even = [part.evenly() for part in data.parts]
+    even = [noise.evenly(part) for part in data.parts]
     parts = [replace(part, laws=()) for part in even if part is not None]
     within = {n: bounds_about(known[n], *REACH[n]) for n in REACH if n in known}
     within = {name: pair for name, pair in within.items() if name not in data.held}
@@ -57,11 +57,11 @@ def _own_line(
     bounds: Mapping[str, tuple[float, float]],
     estimates: Mapping[str, float],
 ) -> float:
-    used = used_by([part for part in data.parts if run in part.runs], bounds)
+    used = used_by([part for part in data.parts if run in part.groups.runs], bounds)
     within = box({name: bounds[name] for name in bounds if name in used})
     single = data
     for other in runs:
-        single = single if other == run else dataset.without(other, single)
+        single = single if other == run else noise.without(other, single)
     start = {name: estimates[name] for name in within.names}
     best = costly_fit(dataset.stacked, within, single, starts=start, **CLOSE)
     residuals = dataset.residual_by_label(best.residual, single)

@@ -46,7 +46,8 @@ from jbw.measurement.records import Test
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
 from jbw.observables.drives import NAMES, attached, named, of_part
-from jbw.observables.observable import Drawn, Observable
+from jbw.observables.noise import Drawn, draw_noise
+from jbw.observables.observable import Observable
 from jbw.oscillator.laws import laws_named
 from jbw.quantities import BY_NAME
 from jbw.report.messages import posterior as messages
@@ -292,26 +293,26 @@ def draw_noise_std(
         if not part.dimension:
             continue
         key, part_key = parts_of(key, 2)
-        noise = part.draw_noise(part_key, of_part(theta, part), labelled, data.num_offsets)
+        noise = draw_noise(part_key, of_part(theta, part), labelled, part, data.num_offsets)
         name, dim, number = f"noise_std{part.suffix}", part.dimension, 2
         while name in derived:
             name, dim = f"noise_std{part.suffix}_{number}", f"{part.dimension}_{number}"
             number += 1
-        stacked = np.stack([noise[label] for label in part.labels], axis=-1)
+        stacked = np.stack([noise[label] for label in part.groups.labels], axis=-1)
         derived[name] = (("chain", "draw", dim), stacked, _attrs(part, name))
-        derived[dim] = (dim, list(part.labels))
+        derived[dim] = (dim, list(part.groups.labels))
     return derived
 
 
 def _attrs(part: Observable, name: str) -> dict[str, Any]:
     attrs = BY_NAME["noise_std"].attrs
     attrs["symbol"] += name.removeprefix("noise_std").replace("_", ", ", 1)
-    if not part.unit:  # a group is in volts, newtons or metres: no unit holds for all
+    if not part.groups.unit:  # a group is in volts, newtons or metres: no unit holds for all
         del attrs["units"]
-        group_units = {"group_units": list(part.units)} if all(part.units) else {}
+        group_units = {"group_units": list(part.groups.units)} if all(part.groups.units) else {}
         return {
             **attrs,
             **group_units,
             "long_name": messages.in_group_unit(attrs["long_name"]),
         }
-    return {**attrs, "units": part.unit}
+    return {**attrs, "units": part.groups.unit}

@@ -45,7 +45,7 @@ from jbw.inference.posterior.verdict import bounds_findings
 from jbw.inference.samplers.truncated_gaussian import mixture_within
 from jbw.inference.space.box import bounds_by_name
 from jbw.inference.space.reparametrisation import in_logarithms, never_zero
-from jbw.observables import dataset
+from jbw.observables import dataset, noise
 from jbw.observables.dataset import Dataset, by_label
 from jbw.observables.drives import plain
 from jbw.observables.observable import OFFSETS
@@ -138,7 +138,7 @@ def doubts_of_fit(drawn: xr.Dataset, ready: Fitted) -> list[Finding]:
     if (added := effects(drawn, data.held, ready.y_peak, data.laws)) is not None:
         residuals = dataset.residual_by_label(ready.fit.residual, data)
         error = dataset.error_by_label(residuals, data)
-        shown = residual_finding(residuals, dataset.fractions_counted(data), error, data.laws)
+        shown = residual_finding(residuals, noise.fractions_counted(data), error, data.laws)
         misses = shown is not None and shown.status != "ok"
         findings.append(seen_hysteresis(added, ready, misses=misses))
     draws = {name: drawn[name].values for name in ready.box.names}
@@ -223,7 +223,7 @@ def gaussians_about(ready: Fitted) -> list[Gaussian]:
     groups = [
         (label, data.shared_runs.index(run) if not observable.own_shifts else -1)
         for observable in data.parts
-        for label, run in zip(observable.labels, observable.runs, strict=True)
+        for label, run in zip(observable.groups.labels, observable.groups.runs, strict=True)
     ]
     size, num_offsets = len(prior.names), len(OFFSETS)
     num_runs = len(data.shared_runs)

@@ -34,7 +34,7 @@ from jbw.inference.space.box import Box, bounds_by_name, box
 from jbw.inference.space.problem import Target, problem_of
 from jbw.inference.space.reparametrisation import Reparametrisation
 from jbw.measurement.channels import rms
-from jbw.observables import dataset
+from jbw.observables import dataset, noise
 from jbw.observables.dataset import Dataset
 from jbw.oscillator.laws import quantities_of
 
@@ -61,7 +61,7 @@ class LeftOut:
 
 def runs_of(data: Dataset) -> tuple[str, ...]:
     """Runs that can be left out: those whose values count, each once."""
-    counted = dataset.fractions_counted(data)
+    counted = noise.fractions_counted(data)
     pairs = zip(data.labels, data.runs, strict=True)
     return tuple(dict.fromkeys(run for label, run in pairs if label in counted))
 
@@ -77,7 +77,7 @@ def left_out(
     prior, data = one.fitted.box, one.fitted.data
     elpd, error, worst, doubt = {}, {}, -np.inf, 0.0
     for i, run in enumerate(runs_of(data)):
-        rest = dataset.silenced(run, data)
+        rest = noise.silenced(run, data)
         best = refit(one.fitted.fit, prior, rest)
         score = _by_draws(draws, prior.names, data, rest)
         if score is None:
@@ -98,7 +98,7 @@ def left_out_of_fits(one: Candidate) -> LeftOut:
     prior, data = one.fitted.box, one.fitted.data
     elpd, error = {}, {}
     for run in runs_of(data):
-        rest = dataset.silenced(run, data)
+        rest = noise.silenced(run, data)
         best = refit(one.fitted.fit, prior, rest)
         elpd[run] = _score_of_fit(best, data, rest)
         error[run] = _error_of(run, best, one)
@@ -118,7 +118,7 @@ def _told_by_terms(data: Dataset, rest: Dataset) -> Float[np.ndarray, " term"] |
     """
     if data.has_offsets or any(part.own_shifts for part in data.parts):
         return None
-    counted, silent = dataset.fractions_counted(data), dataset.fractions_counted(rest)
+    counted, silent = noise.fractions_counted(data), noise.fractions_counted(rest)
     return np.array([counted[x] / silent[x] if x in counted else 1.0 for x in data.labels])
 
 

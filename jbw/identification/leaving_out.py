@@ -27,7 +27,6 @@ joint of its own follows clearly better, alone and with the others filtered out,
 
 import logging
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from functools import reduce
 from typing import Any
 
@@ -51,17 +50,17 @@ from jbw.inference.space.box import Box
 from jbw.observables.dataset import (
     Dataset,
     as_arrays,
-    fractions_counted,
+    measured_parts,
     residual_by_label,
-    silenced,
     size_by_label,
     stacked,
-    without,
 )
-from jbw.observables.decay import NUM_OWN, Decays, matched
+from jbw.observables.decay import Decays, matched
+from jbw.observables.decay_envelopes import NUM_OWN
 from jbw.observables.drives import of_part
 from jbw.observables.effective_values import correlated_fraction
 from jbw.observables.modal_decays import errors_by_mode
+from jbw.observables.noise import fractions_counted, silenced, without
 from jbw.oscillator.laws import laws_named
 from jbw.quantities import are_at_joints
 from jbw.report.messages import modes, stages
@@ -87,8 +86,8 @@ def fits_without_each_run(best: Fit, prior: Box, data: Dataset) -> FitsWithout:
     weakest, and those between: a record beside one like it says nothing of other amplitudes.
     """
     decays_alone = all(part.own_shifts for part in data.parts)
-    parts = [part for part in data.parts if part.sizes() and (decays_alone or not part.own_shifts)]
-    runs = tuple(dict.fromkeys(run for part in parts for run in part.runs))
+    parts = [p for p in measured_parts(data) if decays_alone or not p.own_shifts]
+    runs = tuple(dict.fromkeys(run for part in parts for run in part.groups.runs))
     groups = _thirds(data) if decays_alone else [(run,) for run in runs]
     if len(groups) < 2:
         return {}
@@ -260,7 +259,8 @@ def _own_errors(fits: Mapping[str, Fit], data: Dataset) -> NDArray[np.float64]:
     }
     fraction = correlated_fraction(np.stack(list(residuals.values())))
     fraction_of_all = fractions_counted(data)
-    noise = dict(zip(data.labels, np.concatenate([_noise(p) for p in data.parts]), strict=True))
+    noise_stds = np.concatenate([np.asarray(part.groups.noise_std) for part in data.parts])
+    noise = dict(zip(data.labels, noise_stds, strict=True))
     ratios = []
     for record, fitted in fits.items():
         values = residuals[record]
@@ -270,16 +270,11 @@ def _own_errors(fits: Mapping[str, Fit], data: Dataset) -> NDArray[np.float64]:
     return np.sqrt(ratios)
 
 
-def _noise(part: Any) -> NDArray[np.float64]:
-    """Noise of every record, in the weights of all."""
-    return np.asarray(part.noise_std)
-
-
 def _only(record: str, data: Dataset) -> Dataset:
     """The dataset in which one record counts alone, of the same shapes."""
     for other in data.runs:
         if other != record:
-            data = replace(data, parts=tuple(part.silenced(other) for part in data.parts))
+            data = silenced(other, data)
     return data
 
 
@@ -370,4 +365,4 @@ def error_alone(key: Key[Array, ""], decays: Decays) -> float:
     estimates = {**estimates, **from_amplitude_curve(key, data, prior, {})}
     best = rough(middle_but(estimates, prior), prior, data)
     residual = np.asarray(matched(as_arrays(best.theta, data), decays).residual)
-    return float(np.linalg.norm(residual) / np.linalg.norm(np.asarray(decays.envelope)))
+    return float(np.linalg.norm(residual) / np.linalg.norm(np.asarray(decays.mean)))

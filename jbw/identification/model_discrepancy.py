@@ -47,7 +47,7 @@ Reference:
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -75,15 +75,17 @@ from jbw.observables.dataset import (
     Dataset,
     as_arrays,
     by_label,
-    fractions_counted,
     residual_by_label,
     size_by_label,
     stacked,
 )
+from jbw.observables.decay import drift_from_beginning
 from jbw.observables.decay_drift import LeftOutDecay
 from jbw.observables.drives import plain
 from jbw.observables.effective_values import is_coloured, white_square
-from jbw.observables.observable import OFFSETS, Row
+from jbw.observables.groups import Row
+from jbw.observables.noise import fractions_counted, num_known, repeatability
+from jbw.observables.observable import OFFSETS
 from jbw.observables.spectra import real_rows
 from jbw.report.messages import discrepancy as messages
 
@@ -561,13 +563,15 @@ def amplitudes_of_runs(data: Dataset, omega_n: float) -> dict[str, float]:
 
 def _decays(data: Dataset) -> set[str]:
     """Names of free decays."""
-    return {run for part in data.parts if part.own_shifts for run in part.runs}
+    return {run for part in data.parts if part.own_shifts for run in part.groups.runs}
 
 
 def _drift(run: str, fit: Fit, data: Dataset) -> LeftOutDecay | None:
     """Drift of a run that is a free decay of one mode."""
-    part = next(part for part in data.parts if run in part.runs)
-    return part.drift(as_arrays(fit.theta, data), run)
+    part: Any = next(part for part in data.parts if run in part.groups.runs)
+    if not part.own_shifts or part.several:
+        return None
+    return drift_from_beginning(as_arrays(fit.theta, data), part, run)
 
 
 def _labels_of(run: str, data: Dataset) -> list[str]:
@@ -584,14 +588,14 @@ def _end_to_end(
 
 def _kinds(data: Dataset) -> dict[str, tuple[str, ...]]:
     """Kinds of test that the part of every group takes, by label."""
-    return {label: part.kinds for part in data.parts for label in part.labels}
+    return {label: part.kinds for part in data.parts for label in part.groups.labels}
 
 
 def _noise_of_repeats(data: Dataset) -> dict[str, NoiseSquares]:
     """What noise leaves of the mean of each group that was repeated."""
     sizes = size_by_label(data)
-    known_by = {label: x for part in data.parts for label, x in part.noise_known().items()}
-    scatter = {label: x for part in data.parts for label, x in part.mean_repeatability().items()}
+    known_by = num_known(data)
+    scatter = repeatability(data, of_mean=True)
     return {
         label: NoiseSquares((x * sizes[label]) ** 2, known_by[label])
         for label, x in scatter.items()

@@ -40,7 +40,7 @@ from jbw.inference.generator import parts_of
 from jbw.inference.lanes import at_points, forget
 from jbw.inference.posterior.finding import Finding
 from jbw.inference.space.box import Box
-from jbw.observables import dataset
+from jbw.observables import dataset, noise
 from jbw.observables.dataset import Dataset
 from jbw.report.messages import stages as messages
 
@@ -198,13 +198,13 @@ def with_weights(best: Fit, data: Dataset, settings: Identify) -> Dataset:
     """The dataset with the noise and misfit that a fit leaves, and as many independent values."""
     residuals = dataset.residual_by_label(best.residual, data)
     if settings.model_error == "none":
-        return dataset.with_fitted_noise(best.theta, residuals, data)
-    expected = dataset.with_discrepancy(residuals, data)
-    fractions = dataset.effective_fractions(
+        return noise.with_fitted_noise(best.theta, residuals, data)
+    expected = noise.with_discrepancy(residuals, data)
+    fractions = noise.effective_fractions(
         best.residual, best.jacobian, best.covariance, data, expected
     )
-    noisy = dataset.with_fitted_noise(best.theta, residuals, expected)
-    return dataset.with_effective_values(fractions, noisy)
+    noisy = noise.with_fitted_noise(best.theta, residuals, expected)
+    return noise.with_effective_values(fractions, noisy)
 
 
 def refit(

@@ -154,7 +154,9 @@ def _falls(before: Fit, after: Fit, growth: float = GROWTH) -> bool:
 def _misses(best: Fit, data: Dataset, takers: tuple[str, ...]) -> bool:
     """Whether a fit leaves more than noise of data that may take terms."""
     residuals = residual_by_label(best.residual, data)
-    labels = (label for part in data.parts if part.residuals in takers for label in part.labels)
+    labels = (
+        label for part in data.parts if part.residuals in takers for label in part.groups.labels
+    )
     return any(label in residuals and is_coloured(residuals[label]) for label in labels)
 
 

@@ -46,6 +46,7 @@ from jbw.observables.dataset import (
     stacked,
     with_directions,
 )
+from jbw.observables.dataset import sizes_of as sizes_of_groups
 from jbw.observables.drives import plain
 from jbw.observables.observable import OFFSETS, Observable, assemblies_of
 from jbw.quantities import BY_NAME
@@ -92,7 +93,7 @@ def shifts_of(best: Fit, names: tuple[str, ...], data: Dataset) -> Shifts | None
     labels, size = data.shared_runs, len(OFFSETS)
     precision, pull = np.zeros((len(labels), size, size)), np.zeros((len(labels), size))
     for part in data.parts:
-        for label, run in zip(part.labels, part.runs, strict=True):
+        for label, run in zip(part.groups.labels, part.groups.runs, strict=True):
             if not part.own_shifts:
                 slope, number = slopes[label], labels.index(run)
                 precision[number] += slope.T @ slope
@@ -129,7 +130,11 @@ def wanted(shifts: Shifts, settings: Identify) -> bool:
 
 def are_levels(data: Dataset) -> bool:
     """Whether every run is a test of its own, in one assembly: no run or assembly was stated."""
-    pairs = ((x, run) for part in data.parts for x, run in zip(part.labels, part.runs, strict=True))
+    pairs = (
+        (x, run)
+        for part in data.parts
+        for x, run in zip(part.groups.labels, part.groups.runs, strict=True)
+    )
     return all(belongs_to(label, run) for label, run in pairs)
 
 
@@ -190,9 +195,9 @@ def sizes_of(data: Dataset) -> dict[str, float]:
 
 def sizes_of_runs(part: Observable) -> dict[str, float]:
     """Root of the sum of squares of the response, the mean of every run's groups of one part."""
-    runs = dict(zip(part.labels, part.runs, strict=True))
+    runs = dict(zip(part.groups.labels, part.groups.runs, strict=True))
     sizes: dict[str, list[float]] = {}
-    for label, size in part.sizes().items():
+    for label, size in sizes_of_groups(part).items():
         sizes.setdefault(runs[label], []).append(size)
     return {run: float(np.mean(run_sizes)) for run, run_sizes in sizes.items()}
 

@@ -5,6 +5,7 @@ points and a ridge of alpha and delta a hundredth as thick as it is long.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import jax
@@ -25,6 +26,7 @@ from jbw.inference.space.box import Box, box
 from jbw.measurement.records import Record, Test, drive_of
 from jbw.measurement.spectra import FRF
 from jbw.observables.dataset import Dataset
+from jbw.observables.groups import changed
 from jbw.observables.records import Records
 from jbw.oscillator.excitation import sampled, sweep
 from jbw.oscillator.oscillator import as_oscillator
@@ -77,7 +79,9 @@ def _sweeping(noise_std: float) -> Records:
         channels = {"input": u, "velocity": np.zeros(LENGTH)}
         record = Record(FS, channels, {"input": "V", "velocity": "m/s"})
         tests.append(Test("sweep", (record,) * 4, f"sweep_{level:.2f}V", level=level))
-    return Records.of(tests).with_repeats(noise_std=jnp.full(len(LEVELS), noise_std))
+    records = Records.of(tests)
+    groups = changed(records.groups, noise_std=np.full(len(LEVELS), noise_std))
+    return replace(records, groups=groups)
 
 
 def opening() -> Design[Records]:
@@ -180,8 +184,8 @@ def _timed(records: Records) -> Records:
     wrong = {
         "a band": records.lines is not None,
         "whole periods": records.periodic,
-        "one repeat": bool(np.any(np.asarray(records.repeats.num_repeats) < 2)),
-        "runs with offsets": records.origin.shape[1] > 0,
+        "one repeat": bool(np.any(np.asarray(records.groups.num_repeats) < 2)),
+        "runs with offsets": records.groups.origin.shape[1] > 0,
         "accelerations": records.response == "acceleration",
     }
     named = [name for name, is_wrong in wrong.items() if is_wrong]

@@ -35,6 +35,7 @@ from jbw.inference.space.problem import Theta
 from jbw.lab.designs import Design
 from jbw.measurement.spectra import FRF
 from jbw.observables.dataset import Dataset, log_likelihood, stacked
+from jbw.observables.groups import changed
 from jbw.observables.records import Records
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.parts import Parts, unkept
@@ -185,8 +186,8 @@ def _line_log_likelihood(theta: Float[np.ndarray, "... 3"], measured: FRF) -> ND
 def measured_records(key: Key[Array, ""], theta: Theta, design: Records) -> Records:
     """Repeats with noise: v + sigma eta / sqrt(K), and their scatter, sigma^2 chi^2_(N (K - 1))."""
     key_mean, key_within = jax.random.split(key)
-    count, size = design.repeats.num_repeats, design.source.shape[-1]
-    noise_std = design.repeats.noise_std
+    count, size = design.groups.num_repeats, design.source.shape[-1]
+    noise_std = design.groups.noise_std
     column = ("displacement", "velocity").index(design.response)
     force = theta["gain"] * design.source
     clean = jax.vmap(lambda u: motion(theta, u, design.fs, design.laws)[:, column])(force)
@@ -194,7 +195,8 @@ def measured_records(key: Key[Array, ""], theta: Theta, design: Records) -> Reco
     mean = clean + (noise_std / jnp.sqrt(count))[:, None] * error
     within = noise_std**2 * 2 * jax.random.gamma(key_within, size * (count - 1) / 2)
     scatter = jnp.sqrt(within / (size * (count - 1)))
-    return replace(design, mean=mean).with_repeats(within=within, noise_std=scatter)
+    groups = changed(design.groups, within=within, noise_std=scatter)
+    return replace(design, mean=mean, groups=groups)
 
 
 def motion(

@@ -28,10 +28,17 @@ from scipy.optimize import minimize_scalar
 from jbw.errors import DataError
 from jbw.measurement.curves import ControlledCurve, controlled_curve
 from jbw.measurement.records import Record, Test, run_of
+from jbw.observables.groups import (
+    Groups,
+    Rows,
+    changed,
+    compared,
+    filled,
+    repeated,
+    with_fitted_noise,
+)
 from jbw.observables.line_fit import LEAST_LINES, oscillator_through
-from jbw.observables.observable import Laws, Rows, Shown, SteadyLines, Theta, alone
-from jbw.observables.repeated import Repeated
-from jbw.observables.repeats import RepeatedGroups, filled, repeats
+from jbw.observables.observable import Laws, Observable, Shown, SteadyLines, Theta, alone
 from jbw.observables.residual_terms import receptance, taken
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.backbone import force_at, tone_at_phase
@@ -51,7 +58,7 @@ class ControlledGroup(NamedTuple):
     quantity: str  # frequency, phase or force
 
 
-class ControlledPoints(Repeated):
+class ControlledPoints(Observable):
     """Points of controlled tests, a group for frequency or phase and one for the force of each.
 
     Attributes:
@@ -60,14 +67,13 @@ class ControlledPoints(Repeated):
         phase: Measured, or held, phase of the displacement to the force [rad]; NaN where neither.
         load: Measured amplitude of the source [N, V or N/kg]; NaN where not measured.
         counted: 1 for a point, 0 behind a test's last.
-        mean: What is compared, in its unit; zero behind a group's last.
+        mean: What is compared, in its unit; zero behind a group's last. Its errors are relative to
+            the mean force, the half width of the resonance [Hz], one radian.
         scale: Noise of every value over its geometric mean, a number about 1.
         mixed: By how much a group goes with the misfit of the force, both by the amplitude's noise.
         moments: Scatter of the repeats of every point, products of deviations summed over repeats:
             of what is compared beside the force, the force, log amplitude and phase.
         amplitude_std: Relative standard deviation of each test's amplitudes, as stated.
-        size: Of each group, by which its errors are relative: mean force, half width of the
-            resonance [Hz], one radian.
         rows: What each group is; static.
         is_locked: Whether the phase is held, so that the frequency is predicted; static.
         unit_of_source: Unit of the forces; static.
@@ -83,13 +89,10 @@ class ControlledPoints(Repeated):
     phase: Float[Array, "test point"]
     load: Float[Array, "test point"]
     counted: Float[Array, "test point"]
-    mean: Float[Array, "group point"]
     scale: Float[Array, "group point"]
     mixed: Float[Array, "group point"]
     moments: Float[Array, "test point variable variable"]
     amplitude_std: Float[Array, " test"]
-    size: Float[Array, " group"]
-    repeats: RepeatedGroups
     rows: tuple[ControlledGroup, ...] = eqx.field(static=True)
     is_locked: bool = eqx.field(static=True)
     unit_of_source: str = eqx.field(static=True)
@@ -145,6 +148,7 @@ class ControlledPoints(Repeated):
         moments = [_moments(curves, is_locked=is_locked) for _, curves in family]
         longest = max(map(len, means))
         source = family[0][0].records[0]
+        unit = "" if np.isnan(forces[0]).all() else source.units[source.source]
         return cls(
             omega=filled(omega, "edge"),
             amplitude=filled(amplitude, "edge"),
@@ -158,11 +162,10 @@ class ControlledPoints(Repeated):
                 np.stack([np.pad(m, ((0, longest - len(m)), (0, 0), (0, 0))) for m in moments])
             ),
             amplitude_std=jnp.asarray([test.amplitude_std for test, _ in family]),
-            size=jnp.asarray([_size(row, mean) for row, mean in zip(rows, means, strict=True)]),
-            repeats=_repeats_of([family[row.test][0] for row in rows], rows, values, scales),
+            groups=_groups_of([family[row.test][0] for row in rows], rows, values, scales, unit),
             rows=rows,
             is_locked=is_locked,
-            unit_of_source="" if np.isnan(forces[0]).all() else source.units[source.source],
+            unit_of_source=unit,
             laws=laws,
             residuals=residuals,
         )
@@ -195,15 +198,9 @@ class ControlledPoints(Repeated):
         part = noise_std * np.sqrt(2 / num_samples)
         part = part / ((2 * np.pi * hz) ** derivative_order(response) * amplitude)
         scale = np.abs([zeta * hz * part, force * part])
-        return replace(
-            planned, mean=jnp.asarray([hz, force]), scale=jnp.asarray(scale)
-        ).with_repeats(noise_std=np.ones(2))
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Hertz, radian, or the source's."""
-        unit_by_quantity = {"frequency": "Hz", "phase": "rad", "force": self.unit_of_source}
-        return tuple(unit_by_quantity[row.quantity] for row in self.rows)
+        groups = changed(planned.groups, noise_std=np.ones(2))
+        mean = jnp.asarray([hz, force])
+        return replace(planned, mean=mean, scale=jnp.asarray(scale), groups=groups)
 
     def predict(self, theta: Theta) -> Float[Array, "group point"]:
         """Frequency [Hz] or phase [rad], and force in the source's unit, of every group."""
@@ -244,20 +241,16 @@ class ControlledPoints(Repeated):
         joint_motion = moved - receptance(terms, self.omega) * theta["gain"] * self.load
         return jnp.abs(joint_motion), motion_phase + jnp.angle(joint_motion / moved)
 
-    def misfit(self, theta: Theta) -> Float[Array, "group point"]:
-        """Measured less predicted over the noise's course, without what goes with the force's."""
-        return self._together(self._left_over(theta))
+    def compared(self, values: Any) -> Float[Array, "group point"]:
+        """Return values over the noise's course, without what goes with the force's."""
+        rows = self._counted * values
+        return (rows - self.mixed * rows[self._force_of_test]) / self.scale
 
-    def _left_over(self, theta: Theta) -> Float[Array, "group point"]:
-        """Measured less predicted, in the units of the groups; phases the short way round."""
+    def misfit(self, theta: Theta) -> Float[Array, "group point"]:
+        """Return measured less predicted as they are compared, phases the short way round."""
         residual = self.mean - self.predict(theta)
         turned = jnp.array([row.quantity == "phase" for row in self.rows])[:, None]
-        residual = jnp.where(turned, jnp.angle(jnp.exp(1j * residual)), residual)
-        return self._counted * residual
-
-    def _together(self, rows: Float[Any, "group point"]) -> Float[Array, "group point"]:
-        """Rows of groups as the misfit has them."""
-        return (rows - self.mixed * rows[self._force_of_test]) / self.scale
+        return self.compared(jnp.where(turned, jnp.angle(jnp.exp(1j * residual)), residual))
 
     @property
     def _counted(self) -> Float[Array, "group point"]:
@@ -269,45 +262,32 @@ class ControlledPoints(Repeated):
         forces = {row.test: i for i, row in enumerate(self.rows) if row.quantity == "force"}
         return np.array([forces.get(row.test, i) for i, row in enumerate(self.rows)])
 
-    def measured_rows(self) -> Float[Array, "group point"]:
-        """Means as the misfit has them."""
-        return self._together(self.mean)
-
-    def sizes(self) -> dict[str, float]:
-        """What every group's errors are relative to, over the root of the number of its values."""
-        size = np.asarray(self.size) * np.sqrt(np.asarray(self.repeats.size))
-        return dict(zip(self.labels, size.tolist(), strict=True))
-
     def spread(self, group: int) -> Float[np.ndarray, " value"]:
         """Noise of every value by itself, over the noise of its group."""
-        compared, force = self.compared(group), self._force_of_test[group]
-        scale, mixed = (np.asarray(x)[group][compared] for x in (self.scale, self.mixed))
-        noise = np.asarray(self.repeats.noise_std)
-        force_noise = mixed * np.asarray(self.scale)[force][compared] * noise[force] / noise[group]
+        where, force = compared(self.groups, group), self._force_of_test[group]
+        scale, mixed = (np.asarray(x)[group][where] for x in (self.scale, self.mixed))
+        noise = np.asarray(self.groups.noise_std)
+        force_noise = mixed * np.asarray(self.scale)[force][where] * noise[force] / noise[group]
         return np.hypot(scale, force_noise)
 
     def relative_to(self, group: int) -> Float[np.ndarray, " value"]:
         """What the errors of every value are relative to, in its unit: of a force the force."""
-        mean = np.asarray(self.mean)[group][self.compared(group)]
-        is_force = self.rows[group].quantity == "force"
-        return mean if is_force else np.full(len(mean), float(self.size[group]))
-
-    def coordinate(self, group: int) -> tuple[str, str, Float[np.ndarray, " value"]]:
-        """Amplitudes of the displacement."""
-        values = np.asarray(self.amplitude)[self.rows[group].test]
-        return "displacement", "m", values[self.compared(group)]
+        mean = np.asarray(self.mean)[group][compared(self.groups, group)]
+        if self.rows[group].quantity == "force":
+            return mean
+        return np.full(len(mean), np.asarray(self.groups.reference)[group])
 
     def with_fitted_noise(self, theta: Theta, residuals: Rows) -> Self:
         """The data with the noise that a fit leaves, and what of it the amplitude's noise is."""
         rows = np.zeros(self.mean.shape)
-        for i, label in enumerate(self.labels):
+        for i, label in enumerate(self.groups.labels):
             rows[i, : len(residuals[label])] = np.real(residuals[label])
         raw = rows * np.asarray(self.scale)
         raw += np.asarray(self.mixed) * raw[self._force_of_test]
         carried = self._carrying(theta, raw)
-        together = np.asarray(carried._together(raw))
-        residuals = {label: together[i][self.compared(i)] for i, label in enumerate(self.labels)}
-        return super(ControlledPoints, carried).with_fitted_noise(theta, residuals)
+        together, groups = np.asarray(carried.compared(raw)), carried.groups
+        residuals = {x: together[i][compared(groups, i)] for i, x in enumerate(groups.labels)}
+        return replace(carried, groups=with_fitted_noise(residuals, groups))
 
     def _carrying(self, theta: Theta, residual: Float[np.ndarray, "group point"]) -> Self:
         r"""The data with the noise of amplitude and phase carried through the model at a point.
@@ -319,34 +299,33 @@ class ControlledPoints(Repeated):
         \mathrm{var}(r_F)$, which is taken out of them. A repeat's deviation counts without what its
         own amplitude and phase explain.
         """
-        slopes = [np.asarray(x) for x in slopes_by_inputs(theta, replace(self, repeats=None))]
+        slopes = [np.asarray(x) for x in slopes_by_inputs(theta, replace(self, groups=None))]
         deviations = [self._deviation(i, [x[i] for x in slopes]) for i in range(len(self.rows))]
         scale, mixed = np.array(self.scale), np.zeros(self.mean.shape)
-        within, force = np.asarray(self.repeats.within).copy(), self._force_of_test
+        within, force = np.asarray(self.groups.within).copy(), self._force_of_test
         variances, noisy = np.ones(scale.shape), np.asarray(self.amplitude_std)
         for i in sorted(range(len(self.rows)), key=lambda i: i != force[i]):  # forces first
-            compared, test = self.compared(i), self.rows[i].test
-            by_amplitude = (noisy[test] * slopes[0][i][compared]) ** 2
-            count = float(self.repeats.num_repeats[i])
-            square = count * residual[i][compared] ** 2
-            course = _course(self.rows[i], (np.asarray(self.mean)[i] - residual[i])[compared])
+            where, test = compared(self.groups, i), self.rows[i].test
+            by_amplitude = (noisy[test] * slopes[0][i][where]) ** 2
+            count = float(self.groups.num_repeats[i])
+            square = count * residual[i][where] ** 2
+            course = _course(self.rows[i], (np.asarray(self.mean)[i] - residual[i])[where])
             noise = beside_known(square, course, by_amplitude)
-            variances[i][compared] = noise * course**2 + by_amplitude
-            remaining_variance = variances[i][compared]
+            variances[i][where] = noise * course**2 + by_amplitude
+            remaining_variance = variances[i][where]
             if force[i] != i and noisy[test] > 0:
-                other = slopes[0][force[i]][compared]
-                common = noisy[test] ** 2 * slopes[0][i][compared] * other
-                mixed[i][compared] = common / variances[force[i]][compared]
-                remaining_variance = remaining_variance - mixed[i][compared] * common
-            scale[i][compared] = np.sqrt(
+                other = slopes[0][force[i]][where]
+                common = noisy[test] ** 2 * slopes[0][i][where] * other
+                mixed[i][where] = common / variances[force[i]][where]
+                remaining_variance = remaining_variance - mixed[i][where] * common
+            scale[i][where] = np.sqrt(
                 remaining_variance / np.exp(np.mean(np.log(remaining_variance)))
             )
             together = deviations[i] - mixed[i][:, None] * deviations[force[i]]
             within[i] = self._scatter(i, together, scale[i])
-        changed = replace(
-            self, scale=jax.device_put(scale), mixed=jax.device_put(mixed), size=self._sizes(theta)
-        )
-        return changed.with_repeats(within=within)
+        groups = changed(self.groups, within=within, reference=self._sizes(theta))
+        arrays = jax.device_put({"scale": scale, "mixed": mixed})
+        return replace(self, **arrays, groups=groups)
 
     def _deviation(
         self, group: int, slopes: Sequence[Float[np.ndarray, " point"]]
@@ -368,26 +347,28 @@ class ControlledPoints(Repeated):
         """Squares of a group's repeats about their mean, as the misfit has them."""
         products = np.asarray(self.moments)[self.rows[group].test]
         squares = np.einsum("pi,pij,pj->p", weights, products, weights)
-        return float(np.sum((squares / scale**2)[self.compared(group)]))
+        return float(np.sum((squares / scale**2)[compared(self.groups, group)]))
 
-    def _sizes(self, theta: Theta) -> Float[Array, " group"]:
+    def _sizes(self, theta: Theta) -> Float[np.ndarray, " group"]:
         r"""Sizes with the half width of the resonance, $\zeta_{eq} f = g F / (2 \omega^2 Y) f$."""
-        size, gain = np.asarray(self.size).copy(), abs(float(theta["gain"]))
+        size, gain = np.array(self.groups.reference), abs(float(theta["gain"]))
         for i, row in enumerate(self.rows):
             if row.quantity == "frequency" and self.unit_of_source:
-                compared = self.compared(i)
+                where = compared(self.groups, i)
                 omega, y, load = (
-                    np.asarray(x)[row.test][compared]
-                    for x in (self.omega, self.amplitude, self.load)
+                    np.asarray(x)[row.test][where] for x in (self.omega, self.amplitude, self.load)
                 )
                 size[i] = np.mean(gain * load / (4 * np.pi * omega * y))
-        return jnp.asarray(size)
+        return size
 
     def shown(self, omega_n: float = 1.0) -> Shown:
         """Return the frequency of the points of least motion, the points of measured force."""
         lines = partial(_steady_lines, self) if self.unit_of_source else _no_lines
         y_peak = float(jnp.max(self.amplitude))
-        return Shown(partial(_first_values, self), lines, y_peak=y_peak)
+        amplitudes = np.asarray(self.amplitude)[[row.test for row in self.rows]]
+        places = [y[compared(self.groups, i)] for i, y in enumerate(amplitudes)]
+        axis = "displacement", "m"
+        return Shown(partial(_first_values, self), lines, y_peak=y_peak, axis=axis, places=places)
 
 
 def _no_lines() -> None:
@@ -501,25 +482,30 @@ def _near(phase: Any, first: Any) -> Float[np.ndarray, " point"]:
     return first + np.angle(np.exp(1j * (phase - first)))
 
 
-def _repeats_of(
+def _groups_of(
     tests: Sequence[Test],
     rows: Sequence[ControlledGroup],
     values: Sequence[np.ndarray],
     scales: Sequence[np.ndarray],
-) -> RepeatedGroups:
+    unit_of_source: str,
+) -> Groups:
     """The repeats (repeat, point) of every group, whose scatter is over the scale of each point."""
     means = [of_repeats.mean(axis=0) for of_repeats in values]
     within = [
         np.sum(((of_repeats - mean) / scale) ** 2)
         for of_repeats, mean, scale in zip(values, means, scales, strict=True)
     ]
-    return repeats(
+    size = np.array([_size(row, mean) for row, mean in zip(rows, means, strict=True)])
+    unit_by_quantity = {"frequency": "Hz", "phase": "rad", "force": unit_of_source}
+    return repeated(
         within=np.array(within),
         num_repeats=np.array([len(of_repeats) for of_repeats in values]),
         sizes=np.array([len(mean) for mean in means], float),
         labels=[f"{test.name} {row.quantity}" for test, row in zip(tests, rows, strict=True)],
         runs=[run_of(test) for test in tests],
-        scale=np.array([_size(row, mean) for row, mean in zip(rows, means, strict=True)]),
+        scale=size,
+        units=[unit_by_quantity[row.quantity] for row in rows],
+        reference=jax.device_put(size),
     )
 
 

@@ -19,16 +19,14 @@ from jbw.inference.groups.offsets import Estimate, run_numbers, shrunk
 from jbw.inference.groups.scatter import Levels, log_density_of_offsets
 from jbw.inference.lanes import LANES, Solved, at_points, seeing, solved_first
 from jbw.inference.space.stated import StatedDensities, log_over_uniform, standard_scores
+from jbw.observables import remembered
 from jbw.observables.drives import of_part
+from jbw.observables.groups import Row, in_units, sizes
 from jbw.observables.modes import Modes
-from jbw.observables.observable import (
-    OFFSETS,
-    Observable,
-    Row,
-    Theta,
-    assemblies_of,
-    numbers_of,
-)
+from jbw.observables.observable import OFFSETS, Observable, Theta, assemblies_of, numbers_of
+from jbw.observables.observable import unnamed as nameless
+
+SCATTERS = np.geomspace(1e-8, 1e-2, 25)  # of omega_n: a log-uniform prior of own shifts' scatter
 
 Block = tuple[Float[Array, "_group _value"], Float[Array, "_group own _value"]]
 Residual = dict[str, Float[Array, " value"]]
@@ -77,12 +75,12 @@ class Dataset(eqx.Module):
     @property
     def labels(self) -> tuple[str, ...]:
         """Name of each group, in the order of the terms of the likelihood."""
-        return tuple(label for part in self.parts for label in part.labels)
+        return tuple(label for part in self.parts for label in part.groups.labels)
 
     @property
     def runs(self) -> tuple[str, ...]:
         """Name of the run of each group."""
-        return tuple(run for part in self.parts for run in part.runs)
+        return tuple(run for part in self.parts for run in part.groups.runs)
 
     @property
     def has_offsets(self) -> bool:
@@ -110,13 +108,13 @@ class Dataset(eqx.Module):
     @property
     def shared_runs(self) -> tuple[str, ...]:
         """Names of the runs whose offsets least squares knows, each once."""
-        shared = (part.runs for part in self.parts if not part.own_shifts)
+        shared = (part.groups.runs for part in self.parts if not part.own_shifts)
         return tuple(dict.fromkeys(run for runs in shared for run in runs))
 
     @property
     def layout(self) -> dict[str, int]:
         """Length of every row of the residual, by its key, in the order of `stacked`."""
-        rows = {label: part.width for part in self.parts for label in part.labels}
+        rows = {label: part.groups.width for part in self.parts for label in part.groups.labels}
         stated = {_prior_key(name): 1 for name in self.stated.names}
         if not self.has_offsets:
             return rows | stated
@@ -138,7 +136,7 @@ def unnamed(data: Dataset) -> Dataset:
     """
     numbers = numbers_of(data.labels, data.runs)
     stated = replace(data.stated, texts=())
-    return replace(data, parts=tuple(part.unnamed(numbers) for part in data.parts), stated=stated)
+    return replace(data, parts=tuple(nameless(x, numbers) for x in data.parts), stated=stated)
 
 
 def solved(
@@ -189,12 +187,20 @@ def log_likelihood(theta: Theta, data: Dataset) -> Float[Array, " term"]:
         offset_estimates = estimates(everything, data)
         offsets = log_density_of_offsets(offset_estimates, data.levels, data.scatters)
         return jnp.concatenate([offset_estimates.log_density, jnp.atleast_1d(offsets), stated])
-    points = [(part, of_part(everything, part)) for part in data.parts]
-    part_estimates = [(part, theta, part.estimate(theta, 0)) for part, theta in points]
-    scatter = [part.scatter_terms(theta, estimate) for part, theta, estimate in part_estimates]
-    return jnp.concatenate(
-        [*(estimate.log_density for *_, estimate in part_estimates), *scatter, stated]
-    )
+    of_parts = [part.estimate(of_part(everything, part), 0) for part in data.parts]
+    pairs = zip(data.parts, of_parts, strict=True)
+    shifts = [_density_of_shifts(everything, found) for part, found in pairs if part.own_shifts]
+    return jnp.concatenate([*(found.log_density for found in of_parts), *shifts, stated])
+
+
+def _density_of_shifts(theta: Theta, found: Estimate) -> Float[Array, "1"]:
+    r"""Return the density of shifts, $\log \int p(s) \prod_i N(\hat\delta_i; 0, s^2 + e_i^2)\,ds$.
+
+    Up to what the estimates hold already.
+    """
+    each_its_own = tuple(range(len(found.log_density)))
+    scatters = SCATTERS[:, None] * theta["omega_n"]
+    return log_density_of_offsets(found, (each_its_own,), scatters)[None]
 
 
 def estimates(theta: Theta, data: Dataset) -> Estimate:
@@ -227,7 +233,7 @@ def residual(theta: Theta, data: Dataset) -> Residual:
     labelled = {
         label: row
         for part, block in zip(data.parts, rows, strict=True)
-        for label, row in zip(part.labels, block, strict=True)
+        for label, row in zip(part.groups.labels, block, strict=True)
     }
     scores = standard_scores(everything, data.stated)
     return (
@@ -249,7 +255,7 @@ def _offsets_taken_out(
     shared = [i for i, part in enumerate(data.parts) if not part.own_shifts]
     if not (data.has_offsets and shared):
         return rows, {}
-    numbers = run_numbers(tuple(run for i in shared for run in data.parts[i].runs))
+    numbers = run_numbers(tuple(run for i in shared for run in data.parts[i].groups.runs))
     shrunk_rows, offsets = shrunk(
         [rows[i] for i in shared], [blocks[i][1] for i in shared], numbers, data.scatter
     )
@@ -274,29 +280,19 @@ def by_label(
     return dict(zip(data.layout, np.split(np.asarray(rows), ends), strict=True))
 
 
-def without(run: str, data: Dataset) -> Dataset:
-    """The dataset with one run's groups excluded, of the same shapes."""
-    return replace(data, parts=tuple(part.without(run) for part in data.parts))
-
-
-def silenced(run: str, data: Dataset) -> Dataset:
-    """The dataset in which one run counts for nothing, in the likelihood too."""
-    return replace(data, parts=tuple(part.silenced(run) for part in data.parts))
-
-
 def halved(data: Dataset) -> Dataset | None:
     """The dataset with twice as many steps of the solver; None where nothing is stepped."""
-    finer = [part.halved() for part in data.parts]
-    if all(part is None for part in finer):
+    finer = [part.laws and part.substeps for part in data.parts]  # without a law exact by any
+    if not any(finer):
         return None
     pairs = zip(data.parts, finer, strict=True)
-    return replace(data, parts=tuple(part if fine is None else fine for part, fine in pairs))
+    return replace(data, parts=tuple(replace(x, substeps=2 * n) if n else x for x, n in pairs))
 
 
 def remembering(theta: Mapping[str, float], data: Dataset) -> Dataset:
     """The dataset with as much memory of the laws as the motion at a point asks for."""
     everything = as_arrays(theta, data)
-    parts = tuple(part.remembering(everything) for part in data.parts)
+    parts = tuple(remembered.remembering(everything, part) for part in data.parts)
     same = all(new is old for new, old in zip(parts, data.parts, strict=True))
     return data if same else replace(data, parts=parts)
 
@@ -313,7 +309,9 @@ def smallest_displacement(data: Dataset, omega_n: float) -> float:
     """
     peaks = []
     for part in data.parts:
-        sizes = [size for size in part.sizes().values() if size > 0]
+        if part.groups.is_prior:
+            continue
+        sizes = [size for size in sizes_of(part).values() if size > 0]
         if sizes and (peak := part.shown(omega_n).y_peak) > 0:
             peaks.append(peak * min(sizes) / max(sizes))
     return float(min(peaks, default=0.0))
@@ -352,63 +350,26 @@ def as_arrays(theta: Mapping[str, float], data: Dataset) -> dict[str, Array]:
 def residual_by_label(rows: Float[np.ndarray, " values"], data: Dataset) -> dict[str, Row]:
     """What a fit's `stacked`, or a column of its Jacobian, leaves of each group, in its unit."""
     labelled = by_label(rows, data)
-    rows_by_part = [part.in_units(labelled) for part in data.parts]
+    rows_by_part = [in_units(labelled, part.groups) for part in measured_parts(data)]
     return {label: row for part_rows in rows_by_part for label, row in part_rows.items()}
+
+
+def measured_parts(data: Dataset) -> list[Observable]:
+    """Return the parts that were measured: those by which a fit is judged."""
+    return [part for part in data.parts if not part.groups.is_prior]
+
+
+def sizes_of(part: Observable) -> dict[str, float]:
+    """Return the root of the sum of squares of each group's mean, by label."""
+    return dict(zip(part.groups.labels, sizes(part.mean, part.groups).tolist(), strict=True))
 
 
 def size_by_label(data: Dataset) -> dict[str, float]:
     """Root of the sum of squares of the mean of each group of `residual_by_label`."""
-    return {label: size for part in data.parts for label, size in part.sizes().items()}
+    return {x: size for part in measured_parts(data) for x, size in sizes_of(part).items()}
 
 
 def error_by_label(residuals: Mapping[str, Row], data: Dataset) -> dict[str, float]:
     """Size of what a fit leaves of the mean of each group, over that of the mean."""
     sizes = size_by_label(data)
     return {label: float(np.linalg.norm(residuals[label])) / size for label, size in sizes.items()}
-
-
-def with_discrepancy(residuals: Mapping[str, Row], data: Dataset) -> Dataset:
-    """The dataset with what the law is expected to leave, one share of the response a part."""
-    return replace(data, parts=tuple(part.with_discrepancy(residuals) for part in data.parts))
-
-
-def with_fitted_noise(
-    theta: Mapping[str, float], residuals: Mapping[str, Row], data: Dataset
-) -> Dataset:
-    """The dataset with the noise that a fit leaves in every group."""
-    everything = as_arrays(theta, data)
-    parts = tuple(p.with_fitted_noise(of_part(everything, p), residuals) for p in data.parts)
-    return replace(data, parts=parts)
-
-
-def effective_fractions(
-    rows: Float[np.ndarray, " values"],
-    jacobian: Float[np.ndarray, "values parameter"],
-    covariance: Float[np.ndarray, "parameter parameter"],
-    data: Dataset,
-    expected: Dataset | None = None,
-) -> dict[str, float]:
-    """Fraction of independent values of each group that is coloured, or always misfitted.
-
-    `rows` and the others are of a fit to `data`, `expected` has the misfit that is expected of it.
-    """
-    residuals = residual_by_label(rows, data)
-    columns = [residual_by_label(column, data) for column in np.asarray(jacobian).T]
-    parts = (expected or data).parts
-    fractions_by_part = [part.effective_fractions(residuals, columns, covariance) for part in parts]
-    return {
-        label: fraction
-        for part_fractions in fractions_by_part
-        for label, fraction in part_fractions.items()
-    }
-
-
-def with_effective_values(fractions: Mapping[str, float], data: Dataset) -> Dataset:
-    """The dataset with as many independent values as the residuals have, all where not named."""
-    parts = tuple(part.with_effective_values(fractions) for part in data.parts)
-    return replace(data, parts=parts)
-
-
-def fractions_counted(data: Dataset) -> dict[str, float]:
-    """Fraction of the values of each group that the likelihood counts."""
-    return {label: f for part in data.parts for label, f in part.fractions_counted().items()}

@@ -4,7 +4,7 @@ These are an initial state (log amplitude and phase, flat priors), a noise, and 
 natural frequency: structures are never twice the same to the last digit. Shifts share one scatter.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
 from typing import Any, ClassVar, NamedTuple, Self
@@ -13,13 +13,12 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float, Key
+from jaxtyping import Array, Bool, Complex, Float
 
 from jbw.errors import DataError
-from jbw.inference.generator import generator
 from jbw.inference.groups.offsets import Estimate
-from jbw.inference.groups.scatter import log_density_of_offsets
 from jbw.measurement.demodulation import read_decay
+from jbw.measurement.resonances import AmplitudeCurve
 from jbw.observables.decay_drift import LeftOutDecay, left_out_decay
 from jbw.observables.decay_envelopes import (
     Entry,
@@ -28,30 +27,17 @@ from jbw.observables.decay_envelopes import (
     follow,
     match,
 )
-from jbw.observables.effective_values import correlated_fraction, white_square
-from jbw.observables.observable import (
-    AmplitudeCurve,
-    Covariance,
-    Drawn,
-    Draws,
-    Numbers,
-    Row,
-    Rows,
-    Shown,
-    Theta,
-    Weighted,
-    alone,
-)
+from jbw.observables.effective_values import white_square
+from jbw.observables.groups import Rows, changed, weights, with_effective_values
+from jbw.observables.observable import Shown, Theta, Weighted, alone
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.oscillator.response import simulate
-from jbw.quantities import LETTER_OF, UNIT_OF, derivative_order
+from jbw.quantities import LETTER_OF, derivative_order
 from jbw.report.messages import observed as messages
 from jbw.report.messages.reading import none_decays
 
 BEGINNING = 0.3  # 1 / (zeta omega_n): of a record, from which its initial state is read
 LEAST_BEGUN = 8  # values of the envelope for that
-NUM_OWN = 3  # unknowns of a record besides its noise: amplitude, phase, shift
-SCATTERS = np.geomspace(1e-8, 1e-2, 25)  # of omega_n: a log-uniform prior of the shifts' scatter
 
 
 class Decays(Envelopes):
@@ -61,70 +47,53 @@ class Decays(Envelopes):
     informs: ClassVar[frozenset[str]] = frozenset({"omega_n", "zeta"})
     stepped: ClassVar[bool] = True
     own_shifts: ClassVar[bool] = True
+    moved_by_runs: ClassVar[bool] = False
     most_misfit: ClassVar[float | None] = 0.05  # more is another motion than the model's
     several: ClassVar[bool | None] = False
+    unread: ClassVar[Mapping[str, Any]] = {"centre_hz": 0.0}
 
     @property
-    def labels(self) -> tuple[str, ...]:
-        """Name of each record."""
-        return self.names
-
-    @property
-    def runs(self) -> tuple[str, ...]:
-        """A run each."""
-        return self.names
-
-    def unnamed(self, numbers: Numbers) -> Self:
-        """The data as programs see them: its records have numbers for names."""
-        names = tuple(numbers.labels[name] for name in self.names)
-        return replace(super().unnamed(numbers), names=names, centre_hz=0.0)
-
-    @property
-    def num_own(self) -> int:
-        """Unknowns of a record besides its noise, the last of them its shift."""
-        return NUM_OWN
-
-    @property
-    def width(self) -> int:
-        """Real and imaginary parts of an envelope, and its shift."""
-        return 2 * self.envelope.shape[1] + 1
-
-    @property
-    def unit(self) -> str:
-        """Unit of the envelope."""
-        return UNIT_OF[self.response]
+    def fraction(self) -> Float[Array, ""]:
+        """Of the values of every record that counts, those that count as independent."""
+        return jnp.max(jnp.asarray(self.groups.num_values / self.groups.num_counted))
 
     def matches(self, theta: Theta) -> Match:
         """Every record matched to the decay of the joint, fields with a leading axis of records."""
         decay = decay_of(theta, self)
-        return jax.vmap(lambda envelope: match(decay, envelope, self.step_s))(self.envelope)
+        return jax.vmap(lambda envelope: match(decay, envelope, self.step_s))(self.mean)
 
     def predict(self, theta: Theta) -> Complex[Array, "record step"]:
         """Envelope of every record, at its best initial state and shift."""
-        return self.envelope - self.matches(theta).residual
+        return self.mean - self.matches(theta).residual
+
+    def compared(self, values: Any) -> Float[Array, "record value"]:
+        """Return real parts, then imaginary parts, and 0 where a row has the record's shift."""
+        return jnp.pad(super().compared(values), ((0, 0), (0, 1)))
+
+    def misfit(self, theta: Theta) -> Float[Array, "record value"]:
+        """Return what the best initial state and shift leave of every envelope."""
+        return self.compared(self.matches(theta).residual)
 
     def weighted(self, theta: Theta) -> Weighted:
-        """Residuals in standard deviations of the noise, and the shift in that of its scatter."""
+        """Return residuals in standard deviations, and the shift in that of its scatter."""
         matches = self.matches(theta)
-        weight = jnp.sqrt(self.fraction) / self.noise_std
-        residual: Complex[Array, "record step"] = matches.residual * weight[:, None]
+        residual = self.compared(matches.residual) * weights(self.groups)[:, None]
         shift = matches.entry.shift[:, None] / self.shift_std
-        rows = (
-            jnp.concatenate([residual.real, residual.imag, shift], axis=1) * self.counted[:, None]
-        )
-        return rows, jnp.zeros((len(rows), 0, rows.shape[1]))
+        rows = jnp.concatenate([residual[:, :-1], shift], axis=1)
+        return jnp.where(self._says[:, None], rows, 0.0), self.groups.directions
 
-    def residual(self, theta: Theta) -> Weighted:
-        """What the best initial state and shift leave of every envelope: its parts side by side."""
-        rows = _parts(self.matches(theta).residual)
-        return rows, jnp.zeros((len(rows), 0, rows.shape[1]))
+    @property
+    def _says(self) -> Bool[Array, " record"]:
+        """Return whether a record counts for more values than it has unknowns of its own."""
+        return self.groups.num_values > self.groups.num_own
 
-    def measured_rows(self) -> Float[Array, "record value"]:
-        """Real parts of every envelope, then imaginary parts."""
-        return _parts(self.envelope)
+    @property
+    def _degrees(self) -> Float[Array, " record"]:
+        """Return independent values of a record less its own unknowns; 1 where it says nothing."""
+        return jnp.where(self._says, self.groups.num_values - self.groups.num_own, 1.0)
 
     def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
-        r"""What every record says of the shift of its natural frequency, of offsets the first.
+        r"""Return what every record says of its natural frequency's shift, of offsets the first.
 
         $$\log p_i = -\frac{n - 3}{2} \log Q_i - \frac12 \log |A_i| - \log e_i$$
 
@@ -136,146 +105,65 @@ class Decays(Envelopes):
         matches = self.matches(theta)
         _, log_det = jnp.linalg.slogdet(matches.precision)
         error = self.shift_errors(matches)
-        degrees = self._num_values - self.num_own
-        log_density = -degrees / 2 * jnp.log(matches.misfit) - 0.5 * log_det - jnp.log(error)
+        log_density = -self._degrees / 2 * jnp.log(matches.misfit) - 0.5 * log_det - jnp.log(error)
         first = jnp.eye(max(num_offsets, 1))[0]
-        precision = jnp.outer(first, first) * (self.counted / error**2)[:, None, None]
-        return Estimate(self.counted * log_density, matches.entry.shift[:, None] * first, precision)
-
-    def scatter_terms(self, theta: Theta, found: Estimate) -> Float[Array, " term"]:
-        r"""The scatter, $\log \int p(s) \prod_i e_i N(\hat\delta_i; 0, s^2 + e_i^2)\,ds$."""
-        scatters = SCATTERS[:, None] * theta["omega_n"]
-        each_its_own = tuple(range(len(self.names)))
-        return log_density_of_offsets(found, (each_its_own,), scatters)[None]
-
-    @property
-    def _num_values(self) -> Float[Array, ""]:
-        return 2 * self.envelope.shape[1] * self.fraction
+        counted = jnp.where(self._says, 1.0, 0.0)
+        precision = jnp.outer(first, first) * (counted / error**2)[:, None, None]
+        return Estimate(counted * log_density, matches.entry.shift[:, None] * first, precision)
 
     def shift_errors(self, found: Match) -> Float[Array, " record"]:
         """Standard error of every record's shift of natural frequency [rad/s]."""
-        variance = found.misfit / (self._num_values - self.num_own)
+        variance = found.misfit / self._degrees
         return jnp.sqrt(variance * jnp.linalg.inv(found.precision)[:, -1, -1])
-
-    def in_units(self, rows: Mapping[str, Float[np.ndarray, " value"]]) -> dict[str, Row]:
-        """What is left of every envelope."""
-        weight = np.sqrt(np.asarray(self.fraction)) / np.asarray(self.noise_std)
-        residuals = {}
-        for i, label in enumerate(self.names):
-            real, imaginary = np.split(np.asarray(rows[label])[:-1] / weight[i], 2)
-            residuals[label] = real + 1j * imaginary
-        return residuals
-
-    def sizes(self) -> dict[str, float]:
-        """Root of the sum of squares of every envelope."""
-        norms = np.linalg.norm(np.asarray(self.envelope), axis=1)
-        return dict(zip(self.names, norms.tolist(), strict=True))
 
     def with_fitted_noise(self, theta: Theta, residuals: Rows) -> Self:
         """The decays with the noise of every record, and the scatter of their frequencies."""
         matches = matched(theta, self)
-        noise = jnp.sqrt(matches.misfit / (2 * self.envelope.shape[1] - self.num_own))
+        noise = jnp.sqrt(matches.misfit / (self.groups.size - self.groups.num_own))
         errors = float(jnp.sqrt(jnp.mean(self.shift_errors(matches) ** 2)))
         scatter = max(float(jnp.sqrt(jnp.mean(matches.entry.shift**2))), errors)
-        return replace(self, noise_std=noise, shift_std=jnp.asarray(scatter))
-
-    def effective_fractions(
-        self, residuals: Rows, columns: Sequence[Rows], covariance: Covariance
-    ) -> dict[str, float]:
-        """One fraction of all records, by the correlation of what is left of them together."""
-        fraction = correlated_fraction(np.stack([residuals[name] for name in self.names]))
-        return dict.fromkeys(self.names, fraction)
-
-    def with_effective_values(self, fractions: Mapping[str, float]) -> Self:
-        """The decays that count for as many values as are independent."""
-        return replace(self, fraction=jnp.asarray(fractions.get(self.names[0], 1.0)))
-
-    def fractions_counted(self) -> dict[str, float]:
-        """Fraction of the values of each record that the likelihood counts."""
-        fractions = np.asarray(self.fraction * self.counted)
-        return dict(zip(self.names, fractions.tolist(), strict=True))
-
-    def silenced(self, run: str) -> Self:
-        """The decays of which one does not count, of the same shapes."""
-        others = np.array([name != run for name in self.names], float)
-        return replace(self, counted=self.counted * others)
-
-    def draw_noise(
-        self, key: Key[Array, ""], theta: Drawn, terms: Mapping[str, Draws], num_offsets: int
-    ) -> dict[str, Draws]:
-        r"""Exact draws of the noise, $\sigma^2 \mid \theta \sim w Q(\theta) / \chi^2_{n - 3}$.
-
-        Of the real, and of the imaginary, part; w is the fraction counted.
-        """
-        shape = np.broadcast_shapes(*(np.shape(values) for values in theta.values()))
-        flat = {
-            name: jax.device_put(np.ravel(np.broadcast_to(values, shape)))
-            for name, values in theta.items()
-        }
-        misfit = np.asarray(_misfits(flat, alone(self))).reshape(*shape, -1)
-        num_free = np.asarray(self._num_values - self.num_own)
-        chi_square = generator(key).chisquare(num_free, misfit.shape)
-        noise = np.sqrt(np.asarray(self.fraction) * misfit / chi_square)
-        return {name: noise[..., i] for i, name in enumerate(self.names)}
+        groups = changed(self.groups, noise_std=noise)
+        return replace(self, groups=groups, shift_std=jnp.asarray(scatter))
 
     def shown(self, omega_n: float = 1.0) -> Shown:
         """Return frequency and damping along every record, and where records begin."""
         over = omega_n ** derivative_order(self.response)
-        begins = (np.abs(np.asarray(self.envelope)[:, 0]) / over).tolist()
+        begins = (np.abs(np.asarray(self.mean)[:, 0]) / over).tolist()
         curve = partial(amplitude_curve, self)
         return Shown(
             partial(first_values, self),
             amplitude_curve=curve,
             amplitude_readings=curve,
             y_peak=float(self.y_start),
-            begins=dict(zip(self.names, begins, strict=True)),
-        )
-
-    def drift(self, theta: Theta, run: str) -> LeftOutDecay | None:
-        """How a record drifts from its prediction by its beginning.
-
-        Its noise is that of the others, as of a record that no fit has seen, or what is white of
-        its own residual where that is more.
-        """
-        record, size = self.names.index(run), num_begun(theta, self)
-        own = np.asarray(matched(theta, self).residual)[record]
-        others = np.delete(np.asarray(self.noise_std), record)
-        usual = float(np.median(others)) if len(others) else float(self.noise_std[record])
-        noise_std = max(usual, np.sqrt(white_square(own) / 2))
-        seen = replace(self, noise_std=jax.device_put(np.full(len(self.names), noise_std)))
-        predicted, errors = predicted_from_beginnings(theta, alone(seen), size)
-        time = self.step_s * (np.arange(self.envelope.shape[1]) - 0.5 * size)
-        measured, expected = (np.asarray(row[record])[size:] for row in (self.envelope, predicted))
-        at_start = float(errors[0][record]), float(errors[1][record])
-        return left_out_decay(
-            measured, expected, time[size:], at_start, noise_std, float(self.fraction)
+            begins=dict(zip(self.groups.labels, begins, strict=True)),
         )
 
     def only(self, record: int, size: int) -> Self:
-        """One record, the first values of it alone, with its own noise."""
+        """Return one record, the first values of it alone, with its own noise."""
         return replace(self, **self.values_of(record, size))
 
     def values_of(self, record: int, size: int) -> dict[str, Any]:
-        """What belongs to one record, the first values of it alone."""
-        record_slice = slice(record, record + 1)
-        return {
-            "envelope": self.envelope[record_slice, :size],
-            "noise_std": self.noise_std[record_slice],
-            "counted": self.counted[record_slice],
-            "names": self.names[record_slice],
-        }
-
-    def halved(self) -> Self | None:
-        """The decays with twice as many steps of the solver; None without a law, exact by any."""
-        return replace(self, substeps=2 * self.substeps) if self.laws else None
+        """Return what belongs to one record, the first values of it alone."""
+        at, values = slice(record, record + 1), 2.0 * size
+        groups = jax.tree.map(lambda column: column[at], self.groups)
+        names = {"labels": groups.labels[at], "runs": groups.runs[at], "units": groups.units[at]}
+        groups = replace(
+            groups,
+            **names,
+            size=jnp.full(1, values),
+            num_values=groups.num_values / groups.size * values,
+            directions=groups.directions[..., : 2 * size + 1],
+            spanned=groups.spanned[..., : 2 * size + 1],
+        )
+        return {"mean": self.mean[at, :size], "groups": groups}
 
     def statements(self, theta: Theta) -> list[str]:
         """How far the records' frequencies scatter, and how many values were counted."""
         shift = np.asarray(matched(theta, self).entry.shift)
         scatter = float(np.sqrt(np.mean(shift**2))) / (2 * np.pi)
         return [
-            messages.frequencies_scatter(len(self.names), scatter),
-            messages.correlated(float(self.fraction), self.envelope.shape[1]),
+            messages.frequencies_scatter(len(self.groups.labels), scatter),
+            messages.correlated(float(self.fraction), self.mean.shape[1]),
         ]
 
 
@@ -286,16 +174,22 @@ def first_values(data: Decays) -> dict[str, float]:
 
 def amplitude_curve(data: Decays) -> AmplitudeCurve:
     """Return frequency and damping along every record."""
-    rows = np.asarray(data.envelope)
+    rows = np.asarray(data.mean)
     read = [read_decay(row, data.step_s, data.centre_hz) for row in rows]
     readings = [reading for reading in read if len(reading.amplitude)]
     if not readings:
-        what, why, remedy = none_decays(", ".join(data.names))
+        what, why, remedy = none_decays(", ".join(data.groups.labels))
         raise DataError(what, why=why, remedy=remedy)
     omega = 2 * np.pi * np.concatenate([reading.frequency_hz for reading in readings])
     size = np.concatenate([reading.amplitude for reading in readings])
     y = size / omega ** derivative_order(data.response)
     return AmplitudeCurve(y, omega, np.concatenate([reading.damping for reading in readings]))
+
+
+def counting[Data: Decays](data: Data, fraction: float) -> Data:
+    """Return decays of which so large a fraction of the values counts as independent."""
+    fractions = dict.fromkeys(data.groups.labels, fraction)
+    return replace(data, groups=with_effective_values(fractions, data.groups))
 
 
 def at_rest(curve: AmplitudeCurve) -> tuple[float, float]:
@@ -304,10 +198,6 @@ def at_rest(curve: AmplitudeCurve) -> tuple[float, float]:
     most = float(np.abs(zeta.max()))
     least = np.clip(np.polyfit(y, zeta, 1)[1], 0.1 * most, most)
     return float(np.polyfit(y, omega, 1)[1]), float(least)
-
-
-def _parts(values: Complex[Array, "record step"]) -> Float[Array, "record value"]:
-    return jnp.concatenate([values.real, values.imag], axis=1)
 
 
 def decay_of(theta: Theta, data: Envelopes) -> Complex[Array, " step"]:
@@ -423,7 +313,7 @@ def begun(
 def num_begun(theta: Mapping[str, Any], data: Decays) -> int:
     r"""Values of an envelope that tell its start: $0.3 / (\zeta \omega_n)$, half at most."""
     rate = float(np.mean(theta["zeta"] * theta["omega_n"]))
-    half = data.envelope.shape[1] // 2
+    half = data.mean.shape[1] // 2
     num_values = BEGINNING / (rate * data.step_s) if rate > 0 else half
     return int(min(max(num_values, LEAST_BEGUN), half))
 
@@ -433,17 +323,33 @@ def predicted_from_beginnings(
     theta: Theta, data: Decays, size: int
 ) -> tuple[Complex[Array, "record step"], tuple[Float[Array, " record"], Float[Array, " record"]]]:
     """Every envelope from its first values on; errors of its log amplitude and shift [rad/s]."""
-    decay, steps = decay_of(theta, data), jnp.arange(data.envelope.shape[1], dtype=float)
+    decay, steps = decay_of(theta, data), jnp.arange(data.mean.shape[1], dtype=float)
 
     def one(pair: tuple[Array, Array]) -> tuple[Array, tuple[Array, Array]]:
         beginning = begun(decay, pair[0][:size], pair[1], data)
         errors = jnp.sqrt(jnp.diag(beginning.covariance))
         return follow(decay, beginning.entry, steps, data.step_s)[0], (errors[0], errors[2])
 
-    return jax.lax.map(one, (data.envelope, data.noise_std))
+    return jax.lax.map(one, (data.mean, data.groups.noise_std))
 
 
-@eqx.filter_jit
-def _misfits(theta: Theta, data: Decays) -> Float[Array, "draw record"]:
-    """Squares of the residual of every record at draws of the parameters."""
-    return jax.lax.map(lambda drawn: data.matches(drawn).misfit, dict(theta), batch_size=8)
+def drift_from_beginning(theta: Theta, data: Decays, run: str) -> LeftOutDecay:
+    """Return how a record drifts from its prediction by its beginning.
+
+    Its noise is that of the others, as of a record that no fit has seen, or what is white of
+    its own residual where that is more.
+    """
+    record, size = data.groups.labels.index(run), num_begun(theta, data)
+    noise = np.asarray(data.groups.noise_std)
+    own = np.asarray(matched(theta, data).residual)[record]
+    others = np.delete(noise, record)
+    usual = float(np.median(others)) if len(others) else float(noise[record])
+    noise_std = max(usual, np.sqrt(white_square(own) / 2))
+    seen = replace(data, groups=changed(data.groups, noise_std=np.full(len(noise), noise_std)))
+    predicted, errors = predicted_from_beginnings(theta, alone(seen), size)
+    time = data.step_s * (np.arange(data.mean.shape[1]) - 0.5 * size)
+    measured, expected = (np.asarray(row[record])[size:] for row in (data.mean, predicted))
+    at_start = float(errors[0][record]), float(errors[1][record])
+    return left_out_decay(
+        measured, expected, time[size:], at_start, noise_std, float(data.fraction)
+    )

@@ -18,10 +18,12 @@ from jbw.errors import DataError
 from jbw.measurement.demodulation import BandFilter
 from jbw.measurement.envelopes import envelopes, filter_of
 from jbw.measurement.records import Test
+from jbw.observables.groups import Groups, repeated
 from jbw.observables.observable import Laws, Observable
 from jbw.observables.samples import substeps_for
-from jbw.quantities import DEFAULT_LAWS, derivative_order
+from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
 
+NUM_OWN = 3  # unknowns of a record besides its noise: amplitude, phase, shift
 LEAST_VALUES = 16  # of an envelope: a decay of five parameters and three of its own
 HEADROOM = 1.02  # of the strongest record, where the simulated decay begins
 SPARE = 1.3  # times the duration that the measured rates ask for
@@ -36,26 +38,20 @@ class Envelopes(Observable):
     """Envelopes of several decays of one mode, and how the model is brought to the same form.
 
     Attributes:
-        envelope: Of each record about the band's centre [m/s for velocities], peak.
-        noise_std: Noise of each record, of the real and of the imaginary part, for fits.
+        mean: Envelope of each record about the band's centre [m/s for velocities], peak; its noise
+            is that of the real, and of the imaginary part.
         shift_std: Scatter of the records' natural frequencies [rad/s], for fits.
-        fraction: Of the envelopes' values, those that count as independent.
-        counted: 1 for each record, 0 where it counts for nothing.
         y_start: Displacement that the simulated decay begins from [m].
         taps: The band's filter as the model's samples meet it.
         rotation: Turn of the carrier between two values of the envelope, `step_s` [s] apart.
-        stride: Samples of the model between two values; `substeps` of the solver between samples.
+        stride: Samples of the model between two values.
         fs: Sampling frequency of the model [Hz], for `num_samples`.
         response: displacement, velocity or acceleration.
     """
 
     kinds: ClassVar[tuple[str, ...]] = ("decay",)
 
-    envelope: Complex[Array, "record step"]
-    noise_std: Float[Array, " record"]
     shift_std: Float[Array, ""]
-    fraction: Float[Array, ""]
-    counted: Float[Array, " record"]
     y_start: Float[Array, ""]
     taps: Complex[Array, " tap"]
     rotation: Complex[Array, ""]
@@ -64,9 +60,7 @@ class Envelopes(Observable):
     fs: float = eqx.field(static=True)
     num_samples: int = eqx.field(static=True)
     response: str = eqx.field(static=True)
-    substeps: int = eqx.field(static=True)
     centre_hz: float = eqx.field(static=True)
-    names: tuple[str, ...] = eqx.field(static=True)
 
     @classmethod
     def reduce(
@@ -95,11 +89,9 @@ class Envelopes(Observable):
         n = np.arange(len(taps)) * chosen.stride
         return cls(
             laws=laws,
-            envelope=jax.device_put(envelope),
-            noise_std=jax.device_put(0.01 * np.sqrt(np.mean(np.abs(envelope) ** 2, axis=1))),
+            mean=jax.device_put(envelope),
+            groups=_groups_of(test, envelope),
             shift_std=jax.device_put(1e-4 * 2 * np.pi * chosen.centre_hz),
-            fraction=jax.device_put(1.0),
-            counted=jax.device_put(np.ones(len(thinned))),
             y_start=jax.device_put(y_start),
             taps=jax.device_put(2 * taps / taps.sum() * np.exp(-1j * turn * n)),
             rotation=jax.device_put(np.exp(-1j * turn * chosen.step)),
@@ -110,8 +102,25 @@ class Envelopes(Observable):
             response=test.records[0].response,
             substeps=substeps or substeps_for(chosen.centre_hz, chosen.fs / chosen.stride, 1),
             centre_hz=chosen.centre_hz,
-            names=tuple(f"{test.name} {i + 1}" for i in range(len(test.records))),
         )
+
+
+def _groups_of(test: Test, envelope: Complex[np.ndarray, "record step"]) -> Groups:
+    """Return every record as a group and a run; behind its values stands its shift."""
+    count, length = envelope.shape
+    one, names = np.ones(count), [f"{test.name} {i + 1}" for i in range(count)]
+    return repeated(
+        0.0 * one,
+        one,
+        2.0 * length * one,
+        names,
+        names,
+        np.sqrt(np.mean(np.abs(envelope) ** 2, axis=1)),
+        units=UNIT_OF[test.records[0].response],
+        longest=2 * length + 1,
+        is_complex=True,
+        num_own=NUM_OWN,
+    )
 
 
 def _course(name: str, envelope: np.ndarray, chosen: BandFilter, order: int) -> tuple[float, float]:

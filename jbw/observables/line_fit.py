@@ -20,17 +20,8 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
-from jbw.inference.groups.offsets import Estimate, known_estimate
-from jbw.observables.observable import (
-    EXCLUDED,
-    Laws,
-    Numbers,
-    Observable,
-    Shown,
-    Theta,
-    Weighted,
-    slope_by_offsets,
-)
+from jbw.observables.groups import read_before
+from jbw.observables.observable import Laws, Reading, Shown, Theta
 from jbw.observables.samples import joints_at
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.quantities import DEFAULT_LAWS
@@ -43,22 +34,18 @@ LEAST_LINES = 2  # of an oscillator: three unknowns, two numbers a line
 JUMP = 0.5  # of the response, from one point of a curve to the next: another branch
 
 
-class LineReading(Observable):
+class LineReading(Reading):
     """What a line fit reads in random motion of `y_rms` [m]: omega_n [rad/s], zeta [-], gain.
 
-    The covariance is theirs, the gain in N/kg per unit of the input; directions are the reading's
-    changes by each offset of the run. The solution is what is read, worked out before at the point
-    that is asked for; None for nothing.
+    The covariance is theirs, the gain in N/kg per unit of the input. The solution is what is read,
+    worked out before at the point that is asked for; None for nothing.
     """
 
     is_linear: ClassVar[bool] = True
 
-    mean: Float[Array, " read"]
     covariance: Float[Array, "read read"]
     y_rms: Float[Array, ""]
-    directions: Float[Array, "own read"]
-    run: str = eqx.field(static=True)
-    solution: Float[Array, "*point read"] | None = None
+    solution: Float[Array, "*point 1 read"] | None = None
 
     @classmethod
     def of(
@@ -71,37 +58,18 @@ class LineReading(Observable):
         laws: Laws = DEFAULT_LAWS,
     ) -> Self:
         """A line fit's omega_n, zeta and gain as data, of motion of displacement `y_rms` [m]."""
-        arrays = np.asarray(mean), np.asarray(covariance), float(y_rms), np.zeros((0, len(READ)))
-        return cls(
-            *jax.device_put(arrays),
-            run=run,
-            laws=laws,
-        )
+        arrays = np.asarray(mean)[None], np.asarray(covariance), float(y_rms)
+        read, spread, rms = jax.device_put(arrays)
+        # Of known noise, as of what was repeated.
+        groups = read_before(f"line fit of {run}", run, len(READ), num_repeats=2)
+        return cls(spread, rms, mean=read, groups=groups, laws=laws)
 
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """One group."""
-        return (f"line fit of {self.run}",)
-
-    @property
-    def runs(self) -> tuple[str, ...]:
-        """Its run."""
-        return (self.run,)
-
-    def unnamed(self, numbers: Numbers) -> Self:
-        """The data as programs see them: its run has a number for a name."""
-        return replace(super().unnamed(numbers), run=numbers.runs[self.run])
-
-    @property
-    def width(self) -> int:
-        """The three numbers read."""
-        return len(READ)
-
-    def predict(self, theta: Theta) -> Float[Array, " read"]:
-        """Equivalent omega_n [rad/s], zeta and gain: (23), (39) over Rayleigh's amplitudes."""
+    def predict(self, theta: Theta) -> Float[Array, "1 read"]:
+        """Return omega_n [rad/s] and zeta of (23), (39) over Rayleigh's amplitudes, and gain."""
         if self.solution is not None:
             return self.solution
-        return jnp.stack([*_equivalent(oscillator_of(theta, self.laws), self.y_rms), theta["gain"]])
+        equivalent = _equivalent(oscillator_of(theta, self.laws), self.y_rms)
+        return jnp.stack([*equivalent, theta["gain"]])[None]
 
     def solved(
         self,
@@ -120,52 +88,26 @@ class LineReading(Observable):
         equivalent = [
             np.asarray(row)[: len(theta["gain"])] for row in _equivalents(joints, self.y_rms)
         ]
-        read = np.stack([*equivalent, np.asarray(theta["gain"])], axis=-1)
+        read = np.stack([*equivalent, np.asarray(theta["gain"])], axis=-1)[:, None]
         return replace(self, laws=(), solution=jax.device_put(read))
 
-    def _whitened(
+    def whitened(
         self, theta: Theta
     ) -> tuple[Float[Array, "1 read"], Float[Array, "1 own read"], Float[Array, ""]]:
-        """Residual and directions in standard deviations, and the log of these' product."""
+        """Return residual and directions in standard deviations, less the log of their product."""
         predicted = self.predict(theta)
         linear = jnp.stack([theta[name] for name in READ])
         # Beside the line fit's covariance, that of what the average over amplitudes leaves out.
-        margin = jnp.diag((MARGIN * (predicted - linear)) ** 2)
-        root = jnp.linalg.cholesky(self.covariance + margin)
-        columns = jnp.column_stack([self.mean - predicted, self.directions.T])
+        margin = jnp.diag((MARGIN * (predicted[0] - linear)) ** 2)
+        excluded = self.groups.noise_std[0] ** 2
+        root = jnp.linalg.cholesky(excluded * self.covariance + margin)
+        columns = jnp.column_stack([(self.mean - predicted).T, self.groups.directions[0].T])
         whitened = jax.scipy.linalg.solve_triangular(root, columns, lower=True)
-        return whitened[None, :, 0], whitened[:, 1:].T[None], jnp.sum(jnp.log(jnp.diag(root)))
-
-    def weighted(self, theta: Theta) -> Weighted:
-        """Read less predicted, and the offsets' directions, in standard deviations."""
-        return self._whitened(theta)[:2]
-
-    def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
-        """What the reading says, its covariance known."""
-        residual, directions, log_std = self._whitened(theta)
-        estimate = known_estimate(residual, directions)
-        return estimate._replace(log_density=estimate.log_density - log_std)
-
-    def noise_known(self) -> dict[str, float]:
-        """Three values whose covariance is known."""
-        return {self.labels[0]: float(len(READ))}
-
-    def linearised(self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]) -> Self:
-        """The reading with its change by the offsets."""
-        bare = replace(self, directions=jax.device_put(np.zeros((0, len(READ)))))  # one program
-        slope = np.asarray(slope_by_offsets(bare.predict, theta))
-        return replace(self, directions=jax.device_put(slope.T))
-
-    def without(self, run: str) -> Self:
-        """The reading excluded where it is of this run."""
-        if run != self.run:
-            return self
-        wide = EXCLUDED**2 * np.asarray(self.covariance)
-        return replace(self, covariance=jax.device_put(wide))
+        return whitened[None, :, 0], whitened[:, 1:].T[None], -jnp.sum(jnp.log(jnp.diag(root)))
 
     def shown(self, omega_n: float = 1.0) -> Shown:
         """Return what was read, and the rms displacement of the random motion [m]."""
-        values = {name: float(x) for name, x in zip(READ, np.asarray(self.mean), strict=True)}
+        values = {name: float(x) for name, x in zip(READ, np.asarray(self.mean)[0], strict=True)}
         gain_std = float(np.sqrt(np.asarray(self.covariance)[2, 2]))
         return Shown(lambda: values, gain_std=gain_std, y_peak=float(self.y_rms))
 

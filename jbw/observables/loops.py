@@ -7,15 +7,14 @@ from typing import ClassVar, Self
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float
+from jaxtyping import Array, Float
 
 from jbw.errors import DataError
 from jbw.measurement.curves import ForcedLoop, forced_loop
 from jbw.measurement.loops import readings_of_cycles
 from jbw.measurement.records import Test, run_of
-from jbw.observables.observable import Laws, Shown, SteadyLines, Theta
-from jbw.observables.repeated import Repeated
-from jbw.observables.repeats import RepeatedGroups, filled, repeats
+from jbw.observables.groups import compared, filled, repeated
+from jbw.observables.observable import Laws, Observable, Shown, SteadyLines, Theta
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.quantities import DEFAULT_LAWS
 
@@ -25,10 +24,10 @@ SEEN = 0.1  # of the largest force: cycles of less may be noise
 FINEST = 6e-3  # of the largest displacement: some thousand values a cycle
 
 
-class Loops(Repeated):
+class Loops(Observable):
     """Prescribed displacement [m] and mean restoring force [N] of several tests.
 
-    A sample `counted` 0 is while the joint forgets its start, or behind the last.
+    A sample is not counted while the joint forgets its start, or behind the last.
     """
 
     kinds: ClassVar[tuple[str, ...]] = ("loop",)
@@ -40,9 +39,6 @@ class Loops(Repeated):
     is_prescribed: ClassVar[bool] = True
 
     displacement: Float[Array, "test time"]
-    counted: Float[Array, "test time"]
-    mean: Float[Array, "test time"]
-    repeats: RepeatedGroups
 
     @classmethod
     def reduce(
@@ -87,9 +83,8 @@ class Loops(Repeated):
         data = cls(
             laws=laws,
             displacement=filled(displacement, "edge"),
-            counted=filled(counted),
             mean=filled(mean),
-            repeats=repeats(
+            groups=repeated(
                 within=np.array(within),
                 num_repeats=np.array([len(test_loops) for test_loops in loops_by_test]),
                 sizes=np.array([keep.sum() for keep in counted]),
@@ -97,15 +92,12 @@ class Loops(Repeated):
                 labels=[test.name for test in tests],
                 runs=[run_of(test) for test in tests],
                 scale=np.array([np.sqrt(np.mean(m**2)) for m in mean]),
+                units="N",
+                counted=filled(counted),
                 spanned=zeros_of_load_cells([test.load_cell for test in tests], counted),
             ),
         )
         return (data,)
-
-    @property
-    def unit(self) -> str:
-        """Newton."""
-        return "N"
 
     def predict(self, theta: Theta) -> Float[Array, "test time"]:
         r"""Restoring force [N] along the displacement, unloaded at the start: eqs. (1), (2).
@@ -116,14 +108,6 @@ class Loops(Repeated):
         """
         joint = oscillator_of(theta, self.laws)
         return jax.vmap(joint.force_along)(self.displacement) / theta["gain"]
-
-    def misfit(self, theta: Theta) -> Float[Array, "test time"]:
-        """Mean measured force of every test less its prediction."""
-        return self.mean - self.counted * self.predict(theta)
-
-    def compared(self, group: int) -> Bool[np.ndarray, " time"]:
-        """Samples after the joint has forgotten its start."""
-        return np.asarray(self.counted[group]) > 0
 
     def shown(self, omega_n: float = 1.0) -> Shown:
         """Return the largest displacement, and the stiffest loop as a line at no frequency."""
@@ -146,7 +130,7 @@ def secant(data: Loops) -> float:
     cycles = [
         of_cycle
         for i, (y, force) in enumerate(zip(displacement, mean, strict=True))
-        for of_cycle in _secants(y[data.compared(i)], force[data.compared(i)])
+        for of_cycle in _secants(y[compared(data.groups, i)], force[compared(data.groups, i)])
     ]
     stiffest = max(cycles, default=peak_to_peak)
     return stiffest if stiffest > SOFTER * peak_to_peak else peak_to_peak

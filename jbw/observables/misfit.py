@@ -18,8 +18,7 @@ from jbw.observables.effective_values import (
     effective_fraction,
     is_coloured,
 )
-from jbw.observables.observable import Covariance, Rows
-from jbw.observables.repeats import RepeatedGroups
+from jbw.observables.groups import Covariance, Groups, Rows
 
 
 class GroupResidual(NamedTuple):
@@ -30,7 +29,7 @@ class GroupResidual(NamedTuple):
     is_misfit: bool
 
 
-def group_residuals(groups: RepeatedGroups, residuals: Rows) -> list[GroupResidual]:
+def group_residuals(groups: Groups, residuals: Rows) -> list[GroupResidual]:
     """Noise and misfit of every group; the noise by the scatter of repeats where there are any."""
     misfits, arrays = [], (groups.num_repeats, groups.size, groups.within)
     numbers = zip(groups.labels, *(np.asarray(x, float).tolist() for x in arrays), strict=True)
@@ -47,7 +46,7 @@ def group_residuals(groups: RepeatedGroups, residuals: Rows) -> list[GroupResidu
 
 
 def shared_misfit(
-    groups: RepeatedGroups, sizes: Float[np.ndarray, " group"], residuals: Rows
+    groups: Groups, sizes: Float[np.ndarray, " group"], residuals: Rows
 ) -> Float[np.ndarray, " group"]:
     r"""Mean square that the law is expected to leave of every value of a group.
 
@@ -65,7 +64,7 @@ def shared_misfit(
 
 
 def independent_fractions(
-    groups: RepeatedGroups, residuals: Rows, columns: Sequence[Rows], covariance: Covariance
+    groups: Groups, residuals: Rows, columns: Sequence[Rows], covariance: Covariance
 ) -> dict[str, float]:
     r"""Fraction of values that count as independent, of groups that the law does not follow.
 

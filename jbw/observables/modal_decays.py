@@ -16,7 +16,7 @@ which at the best s is the residual of least squares with the right derivative o
 change of Q itself is left out.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from functools import partial
 from typing import Any, ClassVar, NamedTuple, Self
@@ -32,9 +32,10 @@ from jbw.measurement.channels import lines_within, whole_up
 from jbw.measurement.envelopes import bands_of
 from jbw.measurement.records import Test
 from jbw.observables.decay import Decays, amplitude_curve, first_values, matched
+from jbw.observables.groups import Rows, changed
 from jbw.observables.modal_starts import starts_of
 from jbw.observables.modes import Modes
-from jbw.observables.observable import Laws, Numbers, Rows, Shown, Theta
+from jbw.observables.observable import Laws, Shown, Theta
 from jbw.oscillator.law import Memory
 from jbw.oscillator.modes.parameters import structure_of
 from jbw.oscillator.modes.structure import Memories, Structure, by_joint
@@ -80,6 +81,7 @@ class ModalDecays(Decays):
     """
 
     several: ClassVar[bool | None] = True
+    unread: ClassVar[Mapping[str, Any]] = {"centre_hz": 0.0, "alone": (), "bands_hz": ()}
 
     begun: Float[Array, "record own"]
     amplitude: Float[Array, "record mode"]
@@ -97,10 +99,6 @@ class ModalDecays(Decays):
     ) -> tuple[Self, ...]:
         """Envelopes of the decays of each test, in a band with all modes of the structure."""
         return tuple(cls.of(test, laws=laws, substeps=substeps, modes=modes) for test in tests)
-
-    def drift(self, theta: Theta, run: str) -> None:
-        """None: a drift is read off one mode alone."""
-        return None
 
     @classmethod
     def of(
@@ -124,9 +122,10 @@ class ModalDecays(Decays):
         highest = max(modes.hz)
         attributes |= {
             "y_start": jnp.asarray(np.abs(starts).sum(axis=1).max()),
-            "num_samples": (decays.envelope.shape[1] - 1) * decays.stride + len(decays.taps),
+            "num_samples": (decays.mean.shape[1] - 1) * decays.stride + len(decays.taps),
             "substeps": substeps or whole_up(STEPS_A_PERIOD * highest / decays.fs),
             "modes": modes,
+            "groups": changed(decays.groups, num_own=state.shape[1]),
         }
         return cls(
             **attributes,
@@ -136,25 +135,16 @@ class ModalDecays(Decays):
             bands_hz=tuple(bands_of(modes.hz, test)),
         )
 
-    def unnamed(self, numbers: Numbers) -> Self:
-        """The data as programs see them, which know nothing of decays of single modes."""
-        return replace(super().unnamed(numbers), alone=(), bands_hz=())
-
-    @property
-    def num_own(self) -> int:
-        """Unknowns of a record besides its noise: two a mode, and the shift."""
-        return self.begun.shape[1]
-
     def matches(self, theta: Theta) -> Any:
         """Every record at its best start, one after another; a leading axis of records."""
         structure = structure_of(theta, self.laws)
-        records = MatchedEnvelopes(self.envelope, self.begun, self.amplitude)
+        records = MatchedEnvelopes(self.mean, self.begun, self.amplitude)
         return jax.lax.map(lambda seen: match(structure, seen, self), records)
 
     def only(self, record: int, size: int) -> Self:
         """One record, the first values of it alone, and no longer a simulation than these take."""
         values = self.values_of(record, size)
-        num_samples = (values["envelope"].shape[1] - 1) * self.stride + len(self.taps)
+        num_samples = (values["mean"].shape[1] - 1) * self.stride + len(self.taps)
         return replace(self, **values, num_samples=num_samples)
 
     def values_of(self, record: int, size: int) -> dict[str, Any]:
@@ -347,7 +337,7 @@ def _square(residual: Complex[Array, " step"]) -> Float[Array, ""]:
 def errors_by_mode(residual: Complex[np.ndarray, "record step"], data: ModalDecays) -> list[float]:
     """What is left over what was measured, in the band of each mode, by lines of the envelopes."""
     hz = data.centre_hz + np.fft.fftfreq(residual.shape[1], data.step_s)
-    lines, measured_lines = (np.fft.fft(np.asarray(rows)) for rows in (residual, data.envelope))
+    lines, measured_lines = (np.fft.fft(np.asarray(rows)) for rows in (residual, data.mean))
     mode_lines = [lines_within(hz, band) for band in data.bands_hz]
     return [
         float(np.linalg.norm(lines[:, k]) / np.linalg.norm(measured_lines[:, k]))

@@ -9,8 +9,7 @@ and the sign of h_i, which is held, is that of the better fit.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import NamedTuple, Self
+from typing import ClassVar, NamedTuple, Self
 
 import equinox as eqx
 import jax.numpy as jnp
@@ -18,8 +17,8 @@ import numpy as np
 from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
-from jbw.inference.groups.offsets import Estimate, known_estimate
-from jbw.observables.observable import OFFSETS, Laws, Numbers, Observable, Shown, Theta, Weighted
+from jbw.observables.groups import read_before
+from jbw.observables.observable import Laws, Reading, Shown, Theta
 from jbw.oscillator.modes.assembled import OMEGA, PUSH, ZETA, numbered, seen_name
 from jbw.oscillator.modes.parameters import NAMES, SEEN, Names, structure_of
 from jbw.quantities import DEFAULT_LAWS, OSCILLATOR
@@ -185,22 +184,21 @@ def _std(name: str) -> float:
     return SHAPE_STD if name in {names.shape for names in NAMES} else COUPLING_STD
 
 
-class ModesAtJoint(Observable):
+class ModesAtJoint(Reading):
     """What is known before any test of the sizes of modes at the joint, as an observable.
 
     Attributes:
         growth: Chi-square by which the other sign of each mode fits worse, in the order of `names`;
             NaN where it was not tried.
-        directions: Of a run's offsets: none moves these.
+        mean: Zero: of the logarithms of the sizes.
         names: Of parameters whose logarithms are normal about zero; static.
         modes: As stated; static.
-        run: A run of the data, which it says nothing of.
     """
 
+    moved_by_runs: ClassVar[bool] = False
+
     growth: Float[Array, " mode"]
-    directions: Float[Array, "offset size"]
     names: tuple[str, ...] = eqx.field(static=True)
-    run: str = eqx.field(static=True)
 
     @classmethod
     def of(
@@ -209,51 +207,24 @@ class ModesAtJoint(Observable):
         """Of the modes' sizes that a campaign gives no prior of its own."""
         names = tuple(name for name in modes.free if name not in stated)
         growth = jnp.full(len(modes.names), jnp.nan)
-        return cls(growth, jnp.zeros((0, len(names))), names, run, laws=laws, modes=modes)
+        mean, groups = jnp.zeros((1, len(names))), read_before(LABEL, run, len(names))
+        return cls(growth, names, mean=mean, groups=groups, laws=laws, modes=modes)
 
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """One group."""
-        return (LABEL,)
+    def predict(self, theta: Theta) -> Float[Array, "1 size"]:
+        """Return logarithms of the sizes; zero of a joint without a law."""
+        sizes = [jnp.log(theta.get(name, jnp.ones(()))) for name in self.names]
+        return jnp.stack(sizes)[None]
 
-    @property
-    def runs(self) -> tuple[str, ...]:
-        """Its run."""
-        return (self.run,)
-
-    def unnamed(self, numbers: Numbers) -> Self:
-        """The data as programs see them: its run has a number for a name."""
-        return replace(super().unnamed(numbers), run=numbers.runs[self.run])
-
-    @property
-    def width(self) -> int:
-        """One value a size."""
-        return len(self.names)
-
-    def predict(self, theta: Theta) -> Float[Array, " size"]:
-        """Logarithms of the sizes; zero of a joint without a law."""
-        return jnp.stack([jnp.log(theta.get(name, jnp.ones(()))) for name in self.names])
-
-    def weighted(self, theta: Theta) -> Weighted:
-        """Logarithms in standard deviations."""
-        std = np.array([_std(name) for name in self.names])
-        return (self.predict(theta) / std)[None], self.directions[None]
-
-    def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
-        """The log density of the sizes over that of their box; nothing of offsets."""
-        residual, _ = self.weighted(theta)
-        estimate = known_estimate(residual, jnp.zeros((1, num_offsets, self.width)))
+    def whitened(
+        self, theta: Theta
+    ) -> tuple[Float[Array, "1 size"], Float[Array, "1 offset size"], Float[Array, ""] | float]:
+        """Return logarithms in standard deviations, and their density over that of their box."""
+        logs, std = self.predict(theta), np.array([_std(name) for name in self.names])
+        rows, directions = logs / std, self.groups.directions
         if not set(self.names) <= theta.keys():
-            return estimate
-        ends = np.array([REACH * _std(name) for name in self.names])
-        std = np.array([_std(name) for name in self.names])
-        box = np.sum(np.log(2 * np.sinh(ends)) - np.log(np.sqrt(2 * np.pi) * std))
-        density = estimate.log_density + box - jnp.sum(self.predict(theta))
-        return estimate._replace(log_density=density)
-
-    def linearised(self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]) -> Self:
-        """With directions of the offsets, which are zero."""
-        return replace(self, directions=jnp.zeros((len(OFFSETS), self.width)))
+            return rows, directions, 0.0
+        box = np.sum(np.log(2 * np.sinh(REACH * std)) - np.log(np.sqrt(2 * np.pi) * std))
+        return rows, directions, box - jnp.sum(logs)
 
     def shown(self, omega_n: float = 1.0) -> Shown:
         """Return starting values: every mode as strong at the joint as the first."""

@@ -1,7 +1,8 @@
-"""What a kind of test is to a likelihood: one protocol, one file and one class a kind.
+"""What a kind of test is to a likelihood: one class of few methods on one table of groups.
 
-What all share is in `jbw.observables.dataset`, which knows no kind. A new kind of test that is
-measured repeatedly is `reduce` and `predict` alone, by `jbw.observables.repeated`.
+What all kinds share reads the columns of that table (`jbw.observables.groups`, `noise`), or is in
+`jbw.observables.dataset`, which knows no kind. `reduce` and `predict` are a kind of test that is
+measured repeatedly.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -12,26 +13,27 @@ import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float, Key
+from jaxtyping import Array, Complex, Float
 
-from jbw.inference.groups.offsets import Estimate
+from jbw.inference.groups.offsets import Estimate, estimate, known_estimate
 from jbw.measurement.records import OF, Test
 from jbw.measurement.resonances import AmplitudeCurve
-from jbw.observables.decay_drift import LeftOutDecay
+from jbw.observables.groups import (
+    Groups,
+    Rows,
+    beside_own,
+    changed,
+    weights,
+    with_fitted_noise,
+    with_slope,
+)
 from jbw.observables.spectra import Spectrum
 from jbw.quantities import DEFAULT_LAWS
 
 OFFSETS = ("omega_n", "zeta")  # of a run, where it has its own
-SILENT = 1e-12  # of the values of a group that counts for nothing
-EXCLUDED = 1e6  # times its noise: a group that says nothing any more, and keeps its shape
 
 Theta = Mapping[str, Array]
-Row = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
-Rows = Mapping[str, Row]  # by the groups' labels
 Weighted = tuple[Float[Array, "group value"], Float[Array, "group own value"]]
-Covariance = Float[np.ndarray, "parameter parameter"]
-Draws = Float[np.ndarray, "chain draw"]
-Drawn = Mapping[str, Float[np.ndarray, "..."]]  # parameters by name, and what was held
 Laws = tuple[str, ...]
 
 
@@ -45,6 +47,11 @@ class SteadyLines(NamedTuple):
 
 def _nothing() -> None:
     """Return None: the data do not show it."""
+
+
+def _no_spectra(residuals: Rows) -> dict[str, Spectrum]:
+    """Return no spectrum: the data have none."""
+    return {}
 
 
 class Shown(NamedTuple):
@@ -62,6 +69,9 @@ class Shown(NamedTuple):
         y_peak: Largest displacement [m], of noise its rms; 0 where it was not measured.
         begins: Displacement that each free decay begins with [m], by run.
         peaks_of_modes: Largest displacement [m] about each of several modes, where measured.
+        axis: Name and unit of what values stand over in figures.
+        places: Where the compared values of each group stand on it; None for their numbers.
+        spectra: What residuals by label are tried against usual causes by; a spectrum a label.
     """
 
     first_values: Callable[[], dict[str, float]] = dict
@@ -73,6 +83,9 @@ class Shown(NamedTuple):
     y_peak: float = 0.0
     begins: Mapping[str, float] = {}
     peaks_of_modes: tuple[float, ...] = ()
+    axis: tuple[str, str] = ("number", "1")
+    places: Sequence[Float[np.ndarray, " value"]] | None = None
+    spectra: Callable[[Rows], dict[str, Spectrum]] = _no_spectra
 
 
 class Numbers(NamedTuple):
@@ -85,14 +98,13 @@ class Numbers(NamedTuple):
 class Observable(eqx.Module):
     """Reduced data of one kind of test, with what a likelihood asks of it.
 
-    Groups are what has one label, one run and one noise: a test, one harmonic of it, a record.
-    Every subclass has `reduce`, `labels`, `runs`, `width`, `predict`, `weighted` and `estimate`,
-    and overrides of the rest what it knows.
+    `reduce` and `predict` are required. All else has a body that serves a mean of repeats less its
+    prediction; functions of `groups` and `noise` read the columns of the table `groups`.
 
     Attributes:
         kinds: Kinds of tests that `reduce` takes.
         suffix: Of the variable of its noise in a posterior, `noise_std` and this.
-        dimension: Of that variable.
+        dimension: Of that variable; empty where its noise is no variable.
         informs: What of omega_n, zeta and gain the data can tell.
         stepped: Whether a prediction steps through time, and costs accordingly.
         is_linear: Whether its first values were read where the joint hardly slips.
@@ -100,14 +112,21 @@ class Observable(eqx.Module):
             nothing moves freely.
         own_shifts: Whether its records shift on their own account, integrated out here, so that
             they take no part in the offsets of runs.
+        moved_by_runs: Whether offsets of runs change its prediction.
         several: Whether it takes tests of several modes (True), of one (False) or of either (None).
         most_misfit: What a fit may leave of a group, over the group; None for anything.
-        laws: Names of the laws of the joint; static.
+        unread: Fields that no program reads, with the values that programs see.
+        reads_hz: Whether programs read the stated frequencies of the modes.
+        mean: Mean of the repeats of every group, as `predict` predicts it.
+        groups: The table of groups.
+        laws: Names of the laws of the joint; static as all below.
         residuals: Which residual terms its prediction takes, of those that theta has: none, upper,
-            both, auto or own; static. None where nothing drives the motion.
-        drive: What drives it, one of `DRIVES`; static. Empty where that does not matter.
+            both, auto or own. None where nothing drives the motion.
+        drive: What drives it, one of `DRIVES`. Empty where that does not matter.
         modes: Modes of the structure that meet in the joint, as a campaign states them
-            (`jbw.observables.modes`); static. None of one mode.
+            (`jbw.observables.modes`). None of one mode.
+        substeps: Steps of the solver between samples; None where time is not stepped.
+        depth: Reversals that laws of Masing's kind remember in time; None where they need not.
     """
 
     kinds: ClassVar[tuple[str, ...]] = ()
@@ -118,122 +137,79 @@ class Observable(eqx.Module):
     is_linear: ClassVar[bool] = False
     is_prescribed: ClassVar[bool] = False
     own_shifts: ClassVar[bool] = False
+    moved_by_runs: ClassVar[bool] = True
     several: ClassVar[bool | None] = None
     most_misfit: ClassVar[float | None] = None
+    unread: ClassVar[Mapping[str, Any]] = {}
+    reads_hz: ClassVar[bool] = True
 
+    mean: Array = eqx.field(kw_only=True)
+    groups: Groups = eqx.field(kw_only=True)
     laws: Laws = eqx.field(static=True, kw_only=True, default=DEFAULT_LAWS)
     residuals: str = eqx.field(static=True, kw_only=True, default="none")
     drive: str = eqx.field(static=True, kw_only=True, default="")
     modes: Any = eqx.field(static=True, kw_only=True, default=None)
+    substeps: Any = eqx.field(static=True, kw_only=True, default=None)
+    depth: Any = eqx.field(static=True, kw_only=True, default=None)
 
     @classmethod
     def reduce(
         cls, tests: Sequence[Test], *, laws: Laws = DEFAULT_LAWS, substeps: int | None = None
     ) -> tuple[Self, ...]:
-        """Sufficient statistics of tests of its kinds, in as many parts as their forms ask for.
+        """Return sufficient statistics of tests, in as many parts as their forms ask for.
 
         `substeps` are those of the solver between samples; None for its own.
         """
         raise NotImplementedError
 
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Name of each group, no two alike."""
-        raise NotImplementedError
-
-    @property
-    def runs(self) -> tuple[str, ...]:
-        """Name of the run of each group."""
-        raise NotImplementedError
-
-    @property
-    def width(self) -> int:
-        """Values of a group's row, those that fill it up included."""
-        raise NotImplementedError
-
-    @property
-    def unit(self) -> str:
-        """Unit of the values; empty where groups differ, or where a kind does not say it."""
-        return ""
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Unit of the values of each group."""
-        return (self.unit,) * len(self.labels)
-
-    def unnamed(self, numbers: "Numbers") -> Self:
-        """The data as programs see them: their groups and runs have `numbers` for names.
-
-        Nor has it words, or numbers that no program reads but is compiled for.
-        """
-        modes = self.modes
-        return self if modes is None else replace(self, modes=modes._replace(numbers=()))
-
     def predict(self, theta: Theta) -> Any:
-        """What the parameters predict, a row a group, in the unit of the measured values."""
+        """Return what the parameters predict, a row a group, in the unit of the measured values."""
         raise NotImplementedError
+
+    def compared(self, values: Any) -> Float[Array, "group value"]:
+        """Return values as they are compared: real parts, then imaginary parts; 0 for no value."""
+        if self.groups.counted is not None:
+            values = self.groups.counted * values
+        if not jnp.iscomplexobj(values):
+            return values
+        return jnp.concatenate([values.real, values.imag], axis=1)
+
+    def misfit(self, theta: Theta) -> Float[Array, "group value"]:
+        """Return means less predictions as they are compared."""
+        return self.compared(self.mean - self.predict(theta))
 
     def weighted(self, theta: Theta) -> Weighted:
-        """Residuals of every group, and directions of its run's offsets, in standard errors."""
-        raise NotImplementedError
+        """Return residuals, and directions of the run's offsets, in standard errors of a mean."""
+        weight = weights(self.groups)
+        residual = weight[:, None] * beside_own(self.misfit(theta), self.groups)
+        return residual, weight[:, None, None] * self.groups.directions
 
     def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
-        """What every group says of the offsets of its run, its noise integrated out."""
-        raise NotImplementedError
-
-    def scatter_terms(self, theta: Theta, found: Estimate) -> Float[Array, " term"]:
-        """Terms of the log likelihood besides those of `estimate`, where runs have no offsets."""
-        return jnp.zeros(0)
-
-    def residual(self, theta: Theta) -> Weighted:
-        """Every group's mean less its prediction, and this one's change by the run's offsets."""
-        raise NotImplementedError
+        """Return what each group says of its run's offsets, its noise integrated out."""
+        groups = self.groups
+        scatter = groups.within + groups.size * groups.num_repeats * groups.discrepancy
+        square, along = self.residual_sums(theta)
+        counts = groups.num_repeats, groups.num_values
+        return estimate(square, along, scatter, *counts, groups.directions)
 
     def residual_sums(
         self,
         theta: Theta,
-        rows: Float[Array, "group row value"],
+        rows: Float[Array, "group row value"] | None = None,
         offset: Float[Array, "group own"] | None = None,
     ) -> tuple[Float[Array, " group"], Float[Array, "group row"]]:
-        """Squares of the misfit of every group at the offsets of its run, and its products.
+        """Return squares of the residual of every group, and its products with rows.
 
         Args:
             theta: The parameters.
-            rows: What the misfit of every group is multiplied with.
+            rows: What the residual of every group is multiplied with; None for the directions.
             offset: Offsets of each group's run; None for none.
         """
-        misfit, directions = self.residual(theta)
+        residual, directions = beside_own(self.misfit(theta), self.groups), self.groups.directions
         if offset is not None and directions.shape[1]:
-            misfit = misfit - jnp.einsum("gi,gin->gn", offset, directions)
-        return jnp.sum(misfit**2, axis=-1), jnp.einsum("grn,gn->gr", rows, misfit)
-
-    def measured_rows(self) -> Float[Array, "group value"] | None:
-        """Every group's mean as `residual` takes it; None where it was read off a mean before."""
-        return None
-
-    def in_units(self, rows: Mapping[str, Float[np.ndarray, " value"]]) -> dict[str, Row]:
-        """Rows by label, or derivatives, in the values' unit, of groups that a fit is judged by."""
-        return {}
-
-    def spectra(self, residuals: Rows) -> dict[str, Spectrum]:
-        """Groups of `in_units` whose misfit can be tried against its usual causes, by label."""
-        return {}
-
-    def sizes(self) -> dict[str, float]:
-        """Root of the sum of squares of the mean of each group, of those of `in_units`."""
-        return {}
-
-    def repeatability(self) -> dict[str, float]:
-        """Scatter of single repeats of each group, over the size of their mean; by label."""
-        return {}
-
-    def mean_repeatability(self) -> dict[str, float]:
-        """Scatter of the mean of the repeats of each group, over the size of that; by label."""
-        return {}
-
-    def noise_known(self) -> dict[str, float]:
-        """Number of values of each group whose noise the repeats tell, by label."""
-        return {}
+            residual = residual - jnp.einsum("gi,gin->gn", offset, directions)
+        rows = directions if rows is None else rows
+        return jnp.sum(residual**2, axis=-1), jnp.einsum("grn,gn->gr", rows, residual)
 
     def solved(
         self,
@@ -243,7 +219,7 @@ class Observable(eqx.Module):
         writes: bool,
         rows: Float[np.ndarray, "group row value"] | None = None,
     ) -> Self | None:
-        """The data that hold what costs most of a prediction at points; None where nothing does.
+        """Return data that hold what costs most of a prediction at points; None if nothing does.
 
         Args:
             theta: The parameters at points.
@@ -253,71 +229,49 @@ class Observable(eqx.Module):
         """
         return None
 
-    def linearised(
-        self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]
-    ) -> "Observable":
-        """The data with the change of every prediction by its run's offsets, about those known."""
-        return self
+    def linearised(self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]) -> Self:
+        """Return data with the change of every prediction by its run's offsets, about known."""
+        none = np.zeros((len(self.groups.labels), len(OFFSETS), self.groups.width))
+        if not self.moved_by_runs:
+            return replace(self, groups=changed(self.groups, directions=none))
+        bare = replace(self, groups=changed(self.groups, directions=none[:, :0]))  # one program
+        slope = -slope_by_offsets(alone(bare).misfit, theta)
+        return replace(self, groups=with_slope(self.groups, slope))
 
-    def with_discrepancy(self, residuals: Rows) -> "Observable":
-        """The data with what the law is expected to leave of them, by what a fit leaves."""
-        return self
-
-    def with_fitted_noise(self, theta: Theta, residuals: Rows) -> "Observable":
-        """The data with the noise of every group that a fit leaves, by `in_units`."""
-        return self
-
-    def effective_fractions(
-        self, residuals: Rows, columns: Sequence[Rows], covariance: Covariance
-    ) -> dict[str, float]:
-        """Fraction of independent values where below one, by what a fit leaves; by label."""
-        return {}
-
-    def with_effective_values(self, fractions: Mapping[str, float]) -> "Observable":
-        """The data that count for as many values as are independent, all where not named."""
-        return self
-
-    def fractions_counted(self) -> dict[str, float]:
-        """Fraction of the values of each group that the likelihood counts."""
-        return {}
-
-    def without(self, run: str) -> "Observable":
-        """The data with one run's groups excluded, of the same shapes."""
-        return self
-
-    def silenced(self, run: str) -> "Observable":
-        """The data in which one run counts for nothing, in the likelihood too."""
-        return self
-
-    def draw_noise(
-        self, key: Key[Array, ""], theta: Drawn, terms: Mapping[str, Draws], num_offsets: int
-    ) -> dict[str, Draws]:
-        """One draw of each group's noise for every draw of theta and its likelihood's terms."""
-        return {}
+    def with_fitted_noise(self, theta: Theta, residuals: Rows) -> Self:
+        """Return data with the noise of every group that a fit leaves, by `in_units`."""
+        return replace(self, groups=with_fitted_noise(residuals, self.groups))
 
     def shown(self, omega_n: float = 1.0) -> Shown:
         """Return what the data show without a model, by omega_n [rad/s] where that is asked for."""
         return Shown()
 
-    def drift(self, theta: Theta, run: str) -> LeftOutDecay | None:
-        """How a free decay drifts from its prediction by its beginning; None of other kinds."""
-        return None
-
-    def evenly(self) -> "Observable | None":
-        """The data with every group counted by its relative error; None where meaningless."""
-        return None
-
-    def halved(self) -> "Observable | None":
-        """The data with twice as many steps of the solver; None where nothing is stepped."""
-        return None
-
-    def remembering(self, theta: Theta) -> "Observable":
-        """The data with as much memory of the laws as the motion at a point asks for."""
-        return self
-
     def statements(self, theta: Theta) -> list[str]:
-        """What is to be said of the data at the optimum, a sentence each."""
+        """Return what is to be said of the data at the optimum, a sentence each."""
         return []
+
+
+class Reading(Observable):
+    """Values that were read before, of one group and of known covariance: a prior density."""
+
+    def whitened(
+        self, theta: Theta
+    ) -> tuple[Float[Array, "1 value"], Float[Array, "1 own value"], Any]:
+        """Return residual and directions in standard deviations, and what the density has besides.
+
+        The last is a term of the log density of the values [nats].
+        """
+        raise NotImplementedError
+
+    def weighted(self, theta: Theta) -> Weighted:
+        """Return residual and directions of the offsets, in standard deviations."""
+        return self.whitened(theta)[:2]
+
+    def estimate(self, theta: Theta, num_offsets: int) -> Estimate:
+        """Return what the reading says of its run's offsets, its covariance known."""
+        residual, directions, term = self.whitened(theta)
+        estimate = known_estimate(residual, directions[:, :num_offsets])
+        return estimate._replace(log_density=estimate.log_density + term)
 
 
 def numbers_of(labels: Sequence[str], runs: Sequence[str]) -> Numbers:
@@ -331,9 +285,24 @@ def numbers_of(labels: Sequence[str], runs: Sequence[str]) -> Numbers:
     return Numbers({label: f"#{i}" for i, label in enumerate(dict.fromkeys(labels))}, by_run)
 
 
+def unnamed(data: Any, numbers: Numbers) -> Any:
+    """Return data of one kind as programs see them: groups and runs have numbers for names.
+
+    Nor has it units, words, or numbers that no program reads but is compiled for.
+    """
+    labels = tuple(numbers.labels[label] for label in data.groups.labels)
+    runs = tuple(numbers.runs[run] for run in data.groups.runs)
+    groups = replace(data.groups, labels=labels, runs=runs, units=())
+    modes = data.modes
+    if modes is not None:
+        hz = modes.hz if data.reads_hz else (0.0,) * len(modes.hz)
+        modes = modes._replace(numbers=(), hz=hz)
+    return replace(data, groups=groups, modes=modes, **data.unread)
+
+
 def alone(data: Any) -> Any:
     """Data of one observable as programs see them, of which nothing else has the names."""
-    return data.unnamed(numbers_of(data.labels, data.runs))
+    return unnamed(data, numbers_of(data.groups.labels, data.groups.runs))
 
 
 def prediction(theta: Theta, data: Observable) -> Any:

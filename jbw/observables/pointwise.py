@@ -27,6 +27,7 @@ from jbw.inference.groups.scatter import draw_offsets
 from jbw.inference.lanes import Solved, at_points, num_cores, seeing, solved_first
 from jbw.observables.dataset import Dataset, as_arrays, estimates, solved, unnamed
 from jbw.observables.drives import of_part
+from jbw.observables.groups import beside_own, fractions_counted
 from jbw.observables.observable import Observable, Theta, alone
 
 SEED = "seed of the draw"  # beside the parameters, of which none is called so
@@ -95,7 +96,7 @@ def records_of(
         zip(data.parts, splits, sums["parts"], strict=True)
     ):
         if split is None:
-            densities |= {label: part_sums[:, g] for g, label in enumerate(part.labels)}
+            densities |= {label: part_sums[:, g] for g, label in enumerate(part.groups.labels)}
         else:
             split_parts.append(
                 _of_part(jax.random.fold_in(keys[1], i), part, split, part_sums, noise)
@@ -115,24 +116,22 @@ def splits_of(
 
 
 def _split(part: Any, theta: Theta, repeat_parts: Sequence[Sequence[Any]]) -> Split | None:
-    measured = part.measured_rows()
-    if measured is None:
+    if part.groups.is_prior:
         return None
-    measured = np.asarray(measured)
-    repeats, count = getattr(part, "repeats", None), len(part.labels)
-    if repeats is None:  # every group is one record
-        none = np.zeros(count)
-        same = np.zeros_like(measured)
-        return Split(np.arange(count), none.astype(int), same, none + 1, none, measured)
+    groups, measured = part.groups, np.asarray(part.compared(part.mean))
+    if not np.any(np.asarray(groups.num_repeats) > 1):  # every group is one record
+        group, one = np.arange(len(measured)), np.ones(len(measured))
+        same, within = np.zeros_like(measured), np.asarray(groups.within)
+        return Split(group, 0 * group, same, one, within, measured)
     part = _solved_at(theta, part)
     centre = np.asarray(_left(theta, alone(part)))
     splits_by_group: list[list[tuple[int, NDArray[np.float64], float, float]]] = [
-        [] for _ in range(count)
+        [] for _ in groups.labels
     ]
     for j, parts in enumerate(repeat_parts, start=1):
         mean, singles = np.array(part.mean), {}
-        for g, label in enumerate(part.labels):
-            if (single := _single(label, float(repeats.size[g]), part, parts)) is not None:
+        for g, label in enumerate(groups.labels):
+            if (single := _single(label, float(groups.size[g]), part, parts)) is not None:
                 row, singles[g] = single
                 mean[g] = np.pad(row, (0, mean.shape[1] - len(row)))
         if singles:
@@ -142,11 +141,11 @@ def _split(part: Any, theta: Theta, repeat_parts: Sequence[Sequence[Any]]) -> Sp
                 splits_by_group[g].append((j, moved[g], *numbers))
     rows = []
     for g, group_splits in enumerate(splits_by_group):
-        total = float(repeats.num_repeats[g])
+        total = float(groups.num_repeats[g])
         if len(group_splits) > 1 and sum(record_split[2] for record_split in group_splits) == total:
             rows += [(g, *record_split) for record_split in group_splits]
         else:  # a single record, or one that cannot be split
-            rows.append((g, 0, np.zeros(measured.shape[1]), total, float(repeats.within[g])))
+            rows.append((g, 0, np.zeros(measured.shape[1]), total, float(groups.within[g])))
     group, repeat, deviation, num_repeats, within = (
         np.asarray(column) for column in zip(*rows, strict=True)
     )
@@ -166,7 +165,7 @@ def _solved_at(theta: Theta, part: Any) -> Any:
 
 @eqx.filter_jit
 def _left(theta: Theta, part: Observable) -> Float[Array, "group value"]:
-    return part.residual(theta)[0]
+    return beside_own(part.misfit(theta), part.groups)
 
 
 def _single(
@@ -174,10 +173,11 @@ def _single(
 ) -> tuple[NDArray[Any], tuple[float, float]] | None:
     """Mean, repeats and scatter of a group's record alone; None where it has other values."""
     for candidate in parts:
-        if type(candidate) is type(part) and label in candidate.labels:
-            i, row = candidate.labels.index(label), np.asarray(candidate.mean)
-            if row.shape[1] <= part.mean.shape[1] and float(candidate.repeats.size[i]) == size:
-                numbers = candidate.repeats.num_repeats[i], candidate.repeats.within[i]
+        groups = candidate.groups
+        if type(candidate) is type(part) and label in groups.labels:
+            i, row = groups.labels.index(label), np.asarray(candidate.mean)
+            if row.shape[1] <= part.mean.shape[1] and float(groups.size[i]) == size:
+                numbers = groups.num_repeats[i], groups.within[i]
                 return row[i], (float(numbers[0]), float(numbers[1]))
     return None
 
@@ -245,7 +245,11 @@ def _sums(theta: Theta, task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]]) -
     order = list(dict.fromkeys(data.runs))
     parts = []
     for part, part_rows in zip(data.parts, rows, strict=True):
-        b = None if offset is None else offset[np.array([order.index(run) for run in part.runs])]
+        b = (
+            None
+            if offset is None
+            else offset[np.array([order.index(run) for run in part.groups.runs])]
+        )
         if part_rows is None:
             parts.append(_known(of_part(everything, part), part, b))
             continue
@@ -279,15 +283,11 @@ def _of_part(
     noise: Mapping[str, Float[np.ndarray, " draw"]],
 ) -> OfPart:
     """Records of a part from what it was asked at the draws."""
-    repeats, group = getattr(part, "repeats", None), split.group
-    count = split.num_repeats
-    size = np.full(len(group), float(split.measured.shape[1]))
-    discrepancy = np.zeros(len(group))
-    if repeats is not None:
-        size, discrepancy = np.asarray(repeats.size)[group], np.asarray(repeats.discrepancy)[group]
-    counted = part.fractions_counted()
-    fraction = np.array([counted.get(part.labels[g], 1.0) for g in group])
-    std = np.stack([noise[part.labels[g]] for g in group], axis=-1)
+    groups, group, count = part.groups, split.group, split.num_repeats
+    size, discrepancy = (np.asarray(x)[group] for x in (groups.size, groups.discrepancy))
+    counted = fractions_counted(groups)
+    fraction = np.array([counted[groups.labels[g]] for g in group])
+    std = np.stack([noise[groups.labels[g]] for g in group], axis=-1)
     spread = np.sum(split.deviation**2, axis=1)
     squares = count * (sums["square"] + 2 * sums["cross"] + spread) + split.within
     squares += size * count * discrepancy
@@ -297,11 +297,9 @@ def _of_part(
     norm = np.sum(split.measured**2, axis=1)
     # What no model knows, at the scatter of the repeats: a density has a unit, and a ratio none.
     # Alone, a record has no scatter: its size stands in.
-    within, total = norm[group], np.ones(len(group))
-    if repeats is not None:
-        repeated = np.asarray(repeats.num_repeats)[group] > 1
-        within = np.where(repeated, np.asarray(repeats.within)[group], within)
-        total = np.where(repeated, np.asarray(repeats.num_repeats)[group] - 1, total)
+    num_repeats, within = (np.asarray(x)[group] for x in (groups.num_repeats, groups.within))
+    within = np.where(num_repeats > 1, within, norm[group])
+    total = np.maximum(num_repeats - 1, 1)
     variance = within / (size * total)
     square_sum = count * spread + split.within
     reference = -fraction * (
@@ -315,8 +313,8 @@ def _of_part(
     ahead = np.sqrt(model) + mean_std * rng.standard_normal(model.shape)
     across = rng.chisquare(np.maximum(size - 1, 1), model.shape)
     predicted = np.sqrt((ahead**2 + mean_std**2 * across) / norm[group])
-    labels = [part.labels[g] for g in group]
+    labels = [groups.labels[g] for g in group]
     repeat = split.repeat.tolist()
     names = [label if j == 0 else f"{label}, {j}" for label, j in zip(labels, repeat, strict=True)]
-    runs = [part.runs[g] for g in group]
+    runs = [groups.runs[g] for g in group]
     return OfPart(names, labels, runs, repeat, log_likelihood, reference, observed, predicted)

@@ -18,12 +18,11 @@ from jbw.measurement.delays import on_time
 from jbw.measurement.records import Test, periods, run_of
 from jbw.observables import remembered
 from jbw.observables.forms import by_form, common_form, first_alike
+from jbw.observables.groups import Rows, changed, repeated, with_slope
 from jbw.observables.line_fit import oscillator_through
 from jbw.observables.modal_readings import band_peak, lines_of_motions, read_modes
 from jbw.observables.modes import by_model
-from jbw.observables.observable import OFFSETS, Laws, Numbers, Rows, Shown, Theta, alone
-from jbw.observables.repeated import Repeated
-from jbw.observables.repeats import RepeatedGroups, repeats
+from jbw.observables.observable import OFFSETS, Laws, Observable, Shown, Theta, alone
 from jbw.observables.residual_terms import own_columns, taken
 from jbw.observables.samples import (
     Lines,
@@ -84,23 +83,20 @@ class Solution(eqx.Module):
     products: Float[Array, "*point level row"] | None = None
 
 
-class Records(Repeated):
+class Records(Observable):
     """Repeats of several levels, each reduced to its sufficient statistics.
 
     Attributes:
         held: Mean measured input of each level [V, N or N/kg], with its polynomials between the
             samples; periodic where each record is one period of a steady motion.
         mean: Mean measured response of each level [m, m/s or m/s^2], a group each, from the first
-            sample that is compared.
-        origin: omega_n [rad/s] and zeta of each level's own run, where runs have offsets: where the
-            prediction is made and linearised in them. A record follows the phase for so many
-            periods that no line through the common omega_n reaches another day's.
+            sample that is compared; at the origin of its group where that has one, for a record
+            follows the phase for so many periods that no line through the common omega_n reaches
+            another day's.
         fs: Sampling frequency [Hz], static as all below.
         response: displacement, velocity or acceleration.
-        substeps: Steps of the solver between samples.
         lines: First and end of the spectrum's lines that are compared; None compares the samples.
         skipped: Samples at the start that are followed from rest but not compared, `settle`.
-        depth: Reversals that laws of Masing's kind remember.
         points: Where each level's response is measured: names of further points of `modes`, empty
             of the first one.
         moved: Of each level, the first one of the same input: one motion, seen at several points.
@@ -110,17 +106,13 @@ class Records(Repeated):
     kinds: ClassVar[tuple[str, ...]] = ("sweep", "multisine")
     dimension: ClassVar[str] = "level"
     stepped: ClassVar[bool] = True
+    reads_hz: ClassVar[bool] = False
 
     held: HeldInput
-    mean: Float[Array, "level compared"]
-    repeats: RepeatedGroups
-    origin: Float[Array, "level own"]
     fs: float = eqx.field(static=True)
     response: str = eqx.field(static=True, default="velocity")
-    substeps: int = eqx.field(static=True, default=SUBSTEPS)
     lines: Lines | None = eqx.field(static=True, default=None)
     skipped: int = eqx.field(static=True, default=0)
-    depth: int = eqx.field(static=True, default=SIZE)
     points: tuple[str, ...] = eqx.field(static=True, default=())
     moved: tuple[int, ...] = eqx.field(static=True, default=())
     solution: Solution | None = None
@@ -164,7 +156,7 @@ class Records(Repeated):
             laws=laws,
             held=band_limited(inputs, periodic=periodic),
             mean=jax.device_put(means),
-            repeats=repeats(
+            groups=repeated(
                 within=np.array(within),
                 num_repeats=np.array([len(r) for r in responses]),
                 sizes=np.full(len(tests), size),
@@ -174,8 +166,10 @@ class Records(Repeated):
                 spanned=own_columns(inputs[:, skipped:], fs, response, lines)
                 if has_own_terms
                 else None,
+                units=UNIT_OF[response],
+                is_complex=lines is not None,
             ),
-            origin=jax.device_put(np.zeros((len(tests), 0))),
+            depth=SIZE,
             fs=fs,
             response=response,
             substeps=substeps or substeps_for(loudest_hz(means, fs), fs, SUBSTEPS),
@@ -186,12 +180,6 @@ class Records(Repeated):
             moved=tuple(first_alike(inputs)),
         )
 
-    def unnamed(self, numbers: Numbers) -> Self:
-        """The data as programs see them, which read no frequencies of the stated modes."""
-        modes = self.modes
-        none = None if modes is None else modes._replace(hz=(0.0,) * len(modes.hz))
-        return replace(super().unnamed(numbers), modes=none and none._replace(numbers=()))
-
     @property
     def source(self) -> Float[Array, "level time"]:
         """Mean measured input of each level [V, N or N/kg]."""
@@ -201,16 +189,6 @@ class Records(Repeated):
     def periodic(self) -> bool:
         """Whether each record is one period of a steady motion."""
         return self.held.periodic
-
-    @property
-    def is_complex(self) -> bool:
-        """Whether lines of the spectrum are compared."""
-        return self.lines is not None
-
-    @property
-    def unit(self) -> str:
-        """Unit of the measured response."""
-        return UNIT_OF[self.response]
 
     @property
     def solving(self) -> dict[str, Any]:
@@ -239,42 +217,46 @@ class Records(Repeated):
 
         # One level after another, not batched: alone, the solver skips the work of rare events.
         if not several:
-            return jax.lax.map(one, (self.held, self.origin))
+            return jax.lax.map(one, (self.held, self.groups.origin))
         motions = sorted(set(self.moved))
-        first = jax.tree.map(lambda x: x[np.array(motions)], (self.held, self.origin))
+        first = jax.tree.map(lambda x: x[np.array(motions)], (self.held, self.groups.origin))
         rows = jax.lax.map(one, first)
         points = ("", *self.modes.points)
         where = [motions.index(m) for m in self.moved], [points.index(p) for p in self.points]
         return rows[tuple(map(np.array, where))]
 
+    def compared(self, values: Array) -> Float[Array, "level value"]:
+        """Return samples of responses, or the lines of their spectra in a band."""
+        return values_of(values, self.lines)
+
     def misfit(self, theta: Theta) -> Float[Array, "level value"]:
-        r"""Mean response less its prediction, $d - m(o) - J^T (\theta - o)$ about an origin."""
+        r"""Return mean response less prediction, $d - m(o) - J^T (\theta - o)$ about an origin."""
         predicted = self.predict(theta)
         # Beside a motion that large rounding hides the data, and a band may not see it.
         hidden = self._hidden(jnp.max(jnp.abs(predicted), axis=1))
-        residual = values_of(self.mean - predicted, self.lines)
+        residual = self.compared(self.mean - predicted)
         residual = jnp.where(hidden[:, None], jnp.nan, residual)
-        if not self.origin.shape[1]:
+        if not self.groups.origin.shape[1]:
             return residual
-        away = jnp.stack([theta[name] for name in OFFSETS]) - self.origin
-        return residual - jnp.einsum("lo,lov->lv", away, self.repeats.directions)
-
-    def measured_rows(self) -> Float[Array, "level value"]:
-        """Means, or their spectra in a band."""
-        return values_of(self.mean, self.lines)
+        away = jnp.stack([theta[name] for name in OFFSETS]) - self.groups.origin
+        return residual - jnp.einsum("lo,lov->lv", away, self.groups.directions)
 
     def residual_sums(
         self,
         theta: Theta,
-        rows: Float[Array, "level row value"],
+        rows: Float[Array, "level row value"] | None = None,
         offset: Float[Array, "level own"] | None = None,
     ) -> tuple[Float[Array, " level"], Float[Array, "level row"]]:
-        """The same, where it can be added up in the time loop, of which no response is written."""
-        if self.solution is not None:
-            if (products := self.solution.products) is None:
-                return super().residual_sums(theta, rows, offset)
-            return self._sums_by_products(theta, rows, offset, products)
-        if not self._summed(theta) or rows.shape[1] > MOST_ROWS:
+        """Return the sums, added up in the time loop where no response need be written."""
+        groups, solution = self.groups, self.solution
+        if solution is not None and solution.response is None:
+            if rows is not None and solution.products is not None:
+                return self._sums_by_products(theta, rows, offset, solution.products)
+            if rows is None and offset is None:
+                hidden = self._hidden(solution.peak)
+                return jnp.where(hidden, jnp.nan, solution.square), solution.along
+        rows = groups.directions if rows is None else rows
+        if solution is not None or not self._summed(theta) or rows.shape[1] > MOST_ROWS:
             return super().residual_sums(theta, rows, offset)
         offset_from_origin = self._from_origin(theta, offset)
 
@@ -287,8 +269,8 @@ class Records(Repeated):
             source = source.times(theta["gain"])
             return residual_sums(joint, source, self.fs, self.substeps, compared)
 
-        arrays = self.mean, self.repeats.directions, offset_from_origin, rows
-        sums = jax.lax.map(summed, (self.held, self.origin, arrays))
+        arrays = self.mean, groups.directions, offset_from_origin, rows
+        sums = jax.lax.map(summed, (self.held, groups.origin, arrays))
         # Beside a motion that large rounding hides the data.
         return jnp.where(self._hidden(sums.peak), jnp.nan, sums.square), sums.along
 
@@ -296,9 +278,9 @@ class Records(Repeated):
         self, theta: Theta, offset: Float[Array, "level of_run"] | None
     ) -> Float[Array, "level own"]:
         """How far omega_n and zeta of every level's run are from where it was linearised."""
-        away = jnp.zeros((len(self.origin), self.repeats.directions.shape[1]))
-        if self.origin.shape[1]:
-            away = jnp.stack([theta[name] for name in OFFSETS]) - self.origin
+        away = jnp.zeros((len(self.groups.origin), self.groups.directions.shape[1]))
+        if self.groups.origin.shape[1]:
+            away = jnp.stack([theta[name] for name in OFFSETS]) - self.groups.origin
         return away if offset is None or not away.shape[1] else away + offset
 
     def _sums_by_products(
@@ -314,8 +296,8 @@ class Records(Repeated):
 
         at the offsets b, from Q and s = J r without them, linearised a away.
         """
-        directions = self.repeats.directions
-        square, along = self.own_sums(theta)
+        directions = self.groups.directions
+        square, along = self.residual_sums(theta)
         if offset is not None and directions.shape[1]:
             normal = jnp.einsum("liv,ljv->lij", directions, directions)
             moved = jnp.einsum("lij,lj->li", normal, offset)
@@ -324,13 +306,6 @@ class Records(Repeated):
         per_offset = jnp.einsum("lrv,liv->lri", rows, directions)
         explained = jnp.einsum("lri,li->lr", per_offset, self._from_origin(theta, offset))
         return square, measured - products - explained
-
-    def own_sums(self, theta: Theta) -> tuple[Float[Array, " level"], Float[Array, "level own"]]:
-        """As of all repeated data; where records were solved, what was added up on the way."""
-        if self.solution is None or self.solution.response is not None:
-            return super().own_sums(theta)
-        hidden = self._hidden(self.solution.peak)
-        return jnp.where(hidden, jnp.nan, self.solution.square), self.solution.along
 
     def solved(
         self,
@@ -345,13 +320,13 @@ class Records(Repeated):
         Those of several modes, residual terms or periodic motions are, and laws that our own step
         does not know. The steps of the solver, which are no matter any more, are those of any.
         """
-        if (joints := self._joints_of_levels(theta, range(len(self.labels)))) is None:
+        if (joints := self._joints_of_levels(theta, range(len(self.groups.labels)))) is None:
             return None
         writes = writes or not self._summed(theta)
-        away = np.zeros((len(self.labels), len(theta["gain"]), 0))
-        if self.origin.shape[1]:
+        away = np.zeros((len(self.groups.labels), len(theta["gain"]), 0))
+        if self.groups.origin.shape[1]:
             here = np.stack([theta[name] for name in OFFSETS], axis=-1)
-            away = here - np.asarray(self.origin)[:, None]
+            away = here - np.asarray(self.groups.origin)[:, None]
 
         def level(number: int) -> Motions:
             own = None if rows is None or writes else rows[number]
@@ -360,8 +335,8 @@ class Records(Repeated):
             )
 
         with ThreadPoolExecutor(threads) as pool:
-            motions = list(pool.map(level, range(len(self.labels))))
-        num_directions = self.repeats.directions.shape[1]
+            motions = list(pool.map(level, range(len(self.groups.labels))))
+        num_directions = self.groups.directions.shape[1]
         of_levels = [motion.products for motion in motions if motion.products is not None]
         products = np.stack(of_levels, axis=1) if of_levels else None
         solution = Solution(
@@ -396,7 +371,7 @@ class Records(Repeated):
             raise TypeError("Records that are not `solved` are not marched.")
         measured = None  # of a band nothing is added up sample by sample
         if self.lines is None:
-            measured = MeasuredResponse(self.mean, self.repeats.directions, self.skipped)
+            measured = MeasuredResponse(self.mean, self.groups.directions, self.skipped)
         record = record_of(self.held, number, measured)
         return march(
             joints,
@@ -418,7 +393,7 @@ class Records(Repeated):
         """The same of several levels by one call, the last point again to fill their lanes."""
         if self.periodic or any(self.points):
             return None
-        count, origin = len(numbers), np.asarray(self.origin)[list(numbers)]
+        count, origin = len(numbers), np.asarray(self.groups.origin)[list(numbers)]
         every = {name: np.tile(values, count) for name, values in filled_up(dict(theta)).items()}
         lanes = len(every["gain"]) // count
         every |= {
@@ -438,27 +413,27 @@ class Records(Repeated):
 
     def _summed(self, theta: Mapping[str, Any]) -> bool:
         """Whether the misfit is added up in the time loop: of samples of one mode, from rest."""
-        plain = not (self.periodic or self.is_complex or any(self.points))
+        plain = not (self.periodic or self.groups.is_complex or any(self.points))
         return (
             plain
-            and not self.repeats.spanned.shape[1]
+            and not self.groups.spanned.shape[1]
             and not taken(theta, self.residuals)
             and not has_further_modes(theta)
         )
 
     def squares(self, theta: Theta) -> Float[Array, " level"]:
         r"""Squared residuals of all repeats, $Q = \sum_k |d_k - m|^2 = K\,|\bar d - m|^2 + S$."""
-        square, _ = self.own_sums(theta)
-        return self.repeats.num_repeats * square + self.repeats.within
+        square, _ = self.residual_sums(theta)
+        return self.groups.num_repeats * square + self.groups.within
 
     def linearised(self, theta: Theta, offsets: Mapping[str, Float[np.ndarray, " own"]]) -> Self:
-        """Each level about the omega_n and zeta of its own run, where these are known."""
+        """Return each level about the omega_n and zeta of its own run, where these are known."""
         centre = np.array([float(theta[name]) for name in OFFSETS])
-        origin = np.stack([centre + offsets.get(run, 0.0) for run in self.runs])
-        placed = replace(self, origin=jax.device_put(origin))
+        origin = np.stack([centre + offsets.get(run, 0.0) for run in self.groups.runs])
+        placed = replace(self, groups=changed(self.groups, origin=origin))
         slope = placed.slope_by_differences(theta)
         slope = _slope_at_origin(theta, alone(placed)) if slope is None else slope
-        return placed.with_directions(slope)
+        return replace(placed, groups=with_slope(placed.groups, slope))
 
     def slope_by_differences(self, theta: Theta) -> Float[np.ndarray, "level value own"] | None:
         r"""Derivative of what is compared by each level's own omega_n and zeta.
@@ -473,11 +448,12 @@ class Records(Repeated):
         steps = np.array([DIFFERENCE[name] * middle[name] for name in OFFSETS])
         away = np.kron(np.diag(steps), np.array([[1.0], [-1.0], [2.0], [-2.0]]))
         points = {name: np.full(len(away), value) for name, value in middle.items()}
-        origin = np.asarray(self.origin)[:, None] + away  # of every level and point
+        origin = np.asarray(self.groups.origin)[:, None] + away  # of every level and point
         if self._joints_at(points, 0) is None:
             return None
-        rows, unmoved = [], replace(self, origin=jax.device_put(np.asarray(self.origin)[:, :0]))
-        for number in range(len(self.labels)):
+        rows, none = [], np.asarray(self.groups.origin)[:, :0]
+        unmoved = replace(self, groups=changed(self.groups, origin=none))
+        for number in range(len(self.groups.labels)):
             place = dict(zip(OFFSETS, origin[number].T, strict=True))
             rows.append(unmoved.marched({**points, **place}, number, writes=True).response)
         values = values_of(np.stack(rows)[..., self.skipped :], self.lines)
@@ -486,66 +462,49 @@ class Records(Repeated):
         slope = (8 * (ahead - behind) - (far - beyond)) / (12 * steps[:, None])
         return np.moveaxis(slope, 1, -1)
 
-    def spectra(self, residuals: Rows) -> dict[str, Spectrum]:
-        """Of every level: samples in time, or lines of a band."""
-        order, length, spectra = derivative_order(self.response), self.mean.shape[1], {}
-        omega = 2 * np.pi * np.fft.rfftfreq(length, 1 / self.fs)
-        for i, label in enumerate(self.labels):
-            mean, source = np.asarray(self.mean[i]), np.asarray(self.source[i, self.skipped :])
-            if self.lines is None:
-                spectra[label] = of_samples(
-                    mean, residuals[label], source, self.fs, order, periodic=self.periodic
-                )
-                continue
-            band = slice(*self.lines)
-            # Of a band the samples in time are those measured, noise outside it with them.
-            rate = np.fft.irfft(1j * omega * np.fft.rfft(mean), length)
-            late = None if self.periodic else np.arange(length) / self.fs * rate
-            rows = (mean, source, 0.0 * mean if late is None else late)
-            x, u, turned = (np.sqrt(2 / length) * np.fft.rfft(row)[band] for row in rows)
-            spectra[label] = of_lines(
-                x, residuals[label], omega[band], u, (1j * omega[band]) ** order,
-                None if late is None else turned,
-            )  # fmt: skip
-        return spectra
-
     def shown(self, omega_n: float = 1.0) -> Shown:
         """Return an oscillator through a spectrum's peak, and the largest displacement."""
         order = derivative_order(self.response)
-        first_values = partial(_first_values, self)
+        first_values, spectra = partial(_first_values, self), partial(_spectra, self)
         if self.modes is None:
-            return Shown(first_values, y_peak=float(np.max(np.abs(self.mean))) / omega_n**order)
+            y_peak = float(np.max(np.abs(self.mean))) / omega_n**order
+            return Shown(first_values, y_peak=y_peak, spectra=spectra)
         at_first_point = np.asarray(self.mean)[[not point for point in self.points]]
         if not len(at_first_point):
-            return Shown(first_values)
+            return Shown(first_values, spectra=spectra)
         above = 0.5 * min(self.modes.hz), np.inf
         is_assembled = self.modes.meet == "assembled"
         bands = self.modes.regions_hz if is_assembled else self.modes.windows_hz
         peak, *peaks = (band_peak(at_first_point, self.fs, order, x) for x in (above, *bands))
-        return Shown(first_values, y_peak=peak, peaks_of_modes=tuple(peaks))
-
-    def evenly(self) -> Self:
-        """Levels that count by their relative errors, predicted at one joint for all of them."""
-        return replace(super().evenly(), origin=jax.device_put(np.asarray(self.origin)[:, :0]))
-
-    def halved(self) -> Self | None:
-        """The records with twice as many steps of the solver; None without a law, exact by any."""
-        return replace(self, substeps=2 * self.substeps) if self.laws else None
+        return Shown(first_values, y_peak=peak, peaks_of_modes=tuple(peaks), spectra=spectra)
 
     def statements(self, theta: Theta) -> list[str]:
         """Where the motion comes back to reversals that a law has given up."""
-        return remembered.told(theta, self) if self._stacks(theta) else []
+        return remembered.told(theta, self)
 
-    def remembering(self, theta: Theta) -> Self:
-        """The records with as much memory as their motion at a point asks for."""
-        return self.with_depth(remembered.room(theta, self)) if self._stacks(theta) else self
 
-    def with_depth(self, depth: int) -> Self:
-        """The records of laws that remember so many reversals."""
-        return self if depth == self.depth else replace(self, depth=depth)
-
-    def _stacks(self, theta: Theta) -> bool:
-        return any(law.depth for law in oscillator_of(theta, self.laws).laws)
+def _spectra(data: Records, residuals: Rows) -> dict[str, Spectrum]:
+    """Return samples of every level in time, or lines of a band."""
+    order, length, spectra = derivative_order(data.response), data.mean.shape[1], {}
+    omega = 2 * np.pi * np.fft.rfftfreq(length, 1 / data.fs)
+    for i, label in enumerate(data.groups.labels):
+        mean, source = np.asarray(data.mean[i]), np.asarray(data.source[i, data.skipped :])
+        if data.lines is None:
+            spectra[label] = of_samples(
+                mean, residuals[label], source, data.fs, order, periodic=data.periodic
+            )
+            continue
+        band = slice(*data.lines)
+        # Of a band the samples in time are those measured, noise outside it with them.
+        rate = np.fft.irfft(1j * omega * np.fft.rfft(mean), length)
+        late = None if data.periodic else np.arange(length) / data.fs * rate
+        rows = (mean, source, 0.0 * mean if late is None else late)
+        x, u, turned = (np.sqrt(2 / length) * np.fft.rfft(row)[band] for row in rows)
+        spectra[label] = of_lines(
+            x, residuals[label], omega[band], u, (1j * omega[band]) ** order,
+            None if late is None else turned,
+        )  # fmt: skip
+    return spectra
 
 
 def _first_values(data: Records) -> dict[str, float]:
@@ -602,6 +561,7 @@ def _slope_at_origin(theta: Theta, data: Records) -> Float[Array, "level value o
     """Derivative of what is compared by each level's own omega_n and zeta."""
 
     def moved(offset: Float[Array, " own"]) -> Float[Array, "level value"]:
-        return values_of(replace(data, origin=data.origin + offset).predict(theta), data.lines)
+        groups = replace(data.groups, origin=data.groups.origin + offset)
+        return data.compared(replace(data, groups=groups).predict(theta))
 
     return jax.jacfwd(moved)(jnp.zeros(len(OFFSETS)))

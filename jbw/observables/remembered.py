@@ -1,6 +1,7 @@
 """Loops within loops of records: whether the laws remember enough of them, and more room if not."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import equinox as eqx
@@ -8,17 +9,18 @@ import jax
 import numpy as np
 from jaxtyping import Array, Float
 
-from jbw.observables.observable import alone
+from jbw.observables.observable import Observable, alone
 from jbw.observables.samples import motion_under
 from jbw.oscillator.deepening import MOST
 from jbw.oscillator.hold import HeldInput
 from jbw.oscillator.laws.reversals import SIZE
+from jbw.oscillator.oscillator import oscillator_of
 from jbw.report.messages import observed as messages
 
-Records = Any  # with a source, which calls these functions
+Records = Any  # with held inputs, which calls these functions
 
 
-def guesses(theta: Mapping[str, Array], data: Records) -> Float[Array, " level"]:
+def guesses(theta: Mapping[str, Array], data: Observable) -> Float[Array, " level"]:
     """How often the force of each level may have been a guess."""
     return _guesses(theta, alone(data))
 
@@ -33,19 +35,32 @@ def _guesses(theta: Mapping[str, Array], data: Records) -> Float[Array, " level"
     return jax.lax.map(one, data.held)
 
 
-def room(theta: Mapping[str, Array], data: Records) -> int:
-    """Reversals that the motion at a point asks for, as powers of two of the usual number."""
-    depth = SIZE
-    while depth < MOST and np.any(np.asarray(guesses(theta, data.with_depth(depth))) > 0):
-        depth *= 2
-    return depth
+def remembering[Data: Observable](theta: Mapping[str, Array], data: Data) -> Data:
+    """Return data with room for the reversals that the motion at a point asks for.
+
+    In powers of two of the usual number; data of laws without a stack of them stay as they are.
+    """
+    if not _stacks(theta, data):
+        return data
+    deep = replace(data, depth=SIZE)
+    while deep.depth < MOST and np.any(np.asarray(guesses(theta, deep)) > 0):
+        deep = replace(deep, depth=2 * deep.depth)
+    return data if deep.depth == data.depth else deep
 
 
-def told(theta: Mapping[str, Array], data: Records) -> list[str]:
-    """Where the motion comes back to reversals that a law has given up, in words."""
+def told(theta: Mapping[str, Array], data: Observable) -> list[str]:
+    """Return where the motion comes back to reversals that a law has given up, in words."""
+    if not _stacks(theta, data):
+        return []
     counts = np.asarray(guesses(theta, data))
     return [
         messages.too_deep(label, int(count))
-        for label, count in zip(data.labels, counts, strict=True)
+        for label, count in zip(data.groups.labels, counts, strict=True)
         if count > 0
     ]
+
+
+def _stacks(theta: Mapping[str, Array], data: Observable) -> bool:
+    """Return whether a law stacks reversals of motion in time."""
+    is_deep = data.depth is not None
+    return is_deep and any(law.depth for law in oscillator_of(theta, data.laws).laws)

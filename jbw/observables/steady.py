@@ -5,6 +5,7 @@ lost where it bends over, and a point costs two steps of Newton's iteration and 
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import ClassVar, Self
 
@@ -16,6 +17,8 @@ from jaxtyping import Array, Complex, Float, Inexact, Int
 
 from jbw.errors import DataError
 from jbw.measurement.records import Test
+from jbw.measurement.resonances import AmplitudeCurve
+from jbw.observables.groups import Rows, changed, compared, filled, repeated
 from jbw.observables.harmonic_groups import (
     NUM_HARMONICS,
     ORDERS,
@@ -24,9 +27,7 @@ from jbw.observables.harmonic_groups import (
     harmonic_label,
 )
 from jbw.observables.line_fit import LEAST_LINES, at_quadrature, oscillator_through
-from jbw.observables.observable import AmplitudeCurve, Laws, Rows, Shown, SteadyLines, Theta
-from jbw.observables.repeated import Repeated
-from jbw.observables.repeats import RepeatedGroups, filled, repeats
+from jbw.observables.observable import Laws, Observable, Shown, SteadyLines, Theta
 from jbw.observables.residual_terms import receptance, taken
 from jbw.observables.spectra import Spectrum, of_lines
 from jbw.oscillator.oscillator import Joint, as_oscillator, oscillator_of
@@ -37,7 +38,7 @@ NUM_NODES = 16
 LEAST_POINTS = 6  # of a curve through which an oscillator is laid
 
 
-class Points(Repeated):
+class Points(Observable):
     """Harmonics of the steady motion at many frequencies and levels, group by group.
 
     In a force-controlled test the response is compared, in a response-controlled one the force is.
@@ -46,12 +47,10 @@ class Points(Repeated):
         omega: Frequency of each point [rad/s].
         load: Measured odd harmonics of the source at each point [V, N or N/kg].
         motion: Measured odd harmonics of the displacement [m], zero where not measured.
-        mean: Response in its measured unit, or force in the source's; zero behind a group's last.
         point: Number of the point of each value.
         position: Position of each group's order among the odd ones.
         factor: From displacement or force per unit mass to the value's unit; zero behind the last.
         of_force: Whether a group's values are the force; static.
-        unit_of_group: Unit of each group's values; static.
     """
 
     kinds: ClassVar[tuple[str, ...]] = ("tones", "stepped", "frf")
@@ -61,13 +60,10 @@ class Points(Repeated):
     omega: Float[Array, " point"]
     load: Complex[Array, "point harmonic"]
     motion: Inexact[Array, "point harmonic"]
-    mean: Complex[Array, "group value"]
     point: Int[Array, "group value"]
     position: Int[Array, " group"]
     factor: Complex[Array, "group value"]
-    repeats: RepeatedGroups
     of_force: tuple[bool, ...] = eqx.field(static=True)
-    unit_of_group: tuple[str, ...] = eqx.field(static=True)
 
     @classmethod
     def reduce(
@@ -112,17 +108,18 @@ class Points(Repeated):
             ),
             position=jnp.asarray([group.order // 2 for group in groups]),
             factor=filled([group.factor for group in groups]),
-            repeats=repeats(
+            groups=repeated(
                 within=np.array([group.within for group in groups]),
                 num_repeats=np.array([group.num_repeats for group in groups]),
                 sizes=sizes,
                 labels=[group.label for group in groups],
                 runs=[group.run for group in groups],
                 scale=np.array([np.sqrt(np.mean(np.abs(g.values) ** 2) / 2) for g in groups]),
+                units=[group.unit for group in groups],
+                is_complex=True,
                 spanned=spanned,
             ),
             of_force=tuple(group.of_force for group in groups),
-            unit_of_group=tuple(group.unit for group in groups),
             residuals=residuals,
         )
 
@@ -152,22 +149,8 @@ class Points(Repeated):
                 MeasuredHarmonic(*group_fields, values, factor, 0.0, 1, unit=UNIT_OF[response])
             )
         std = noise_std * np.sqrt(2 / num_samples)
-        return cls.of(groups, laws=laws).with_repeats(noise_std=jnp.full(len(groups), std))
-
-    @property
-    def unit(self) -> str:
-        """Unit of the values where it is the same in all groups."""
-        return self.units[0] if len(set(self.units)) == 1 else ""
-
-    @property
-    def units(self) -> tuple[str, ...]:
-        """Unit of the values of each group."""
-        return self.unit_of_group
-
-    @property
-    def is_complex(self) -> bool:
-        """Harmonics have a phase."""
-        return True
+        data = cls.of(groups, laws=laws)
+        return replace(data, groups=changed(data.groups, noise_std=np.full(len(groups), std)))
 
     def predict(self, theta: Theta) -> Complex[Array, "group value"]:
         """Response in its measured unit, or force in the source's; zero behind a group's last."""
@@ -179,25 +162,6 @@ class Points(Repeated):
             moved = (motion_of(theta, self) + added_motion(theta, self))[self.point, column]
         return self.factor * jnp.where(of_force[:, None], forced, moved)
 
-    def misfit(self, theta: Theta) -> Float[Array, "group part"]:
-        """Measured less predicted values, real parts then imaginary parts."""
-        residual = self.mean - self.predict(theta)
-        return jnp.concatenate([residual.real, residual.imag], axis=1)
-
-    def spectra(self, residuals: Rows) -> dict[str, Spectrum]:
-        """Of every measured response: its harmonic at the frequencies of its points."""
-        spectra = {}
-        for i, label in enumerate(self.labels):
-            if self.of_force[i]:
-                continue
-            compared, order = self.compared(i), ORDERS[int(self.position[i])]
-            point, factor = (np.asarray(x[i])[compared] for x in (self.point, self.factor))
-            omega, source = (np.asarray(x)[point] for x in (self.omega, self.load))
-            values = np.asarray(self.mean[i])[compared]
-            driven = source[:, 0] * (order == 1)  # higher ones are the amplifier's distortion
-            spectra[label] = of_lines(values, residuals[label], order * omega, driven, factor)
-        return spectra
-
     def shown(self, omega_n: float = 1.0) -> Shown:
         """Return what first harmonics show: an oscillator, lines, a reading of every curve."""
         return Shown(
@@ -205,6 +169,7 @@ class Points(Repeated):
             partial(_steady_lines, self),
             amplitude_readings=partial(_amplitude_readings, self),
             y_peak=float(jnp.max(jnp.abs(self.motion))),
+            spectra=partial(_spectra, self),
         )
 
 
@@ -229,7 +194,7 @@ def _steady_lines(data: Points) -> SteadyLines:
 def _first_points(data: Points) -> dict[int, Int[np.ndarray, " point"]]:
     """Return the points of every group of first harmonics, by its number."""
     rows, first = np.asarray(data.point), np.flatnonzero(np.asarray(data.position) == 0)
-    return {i: rows[i][data.compared(i)] for i in first.tolist()}
+    return {i: rows[i][compared(data.groups, i)] for i in first.tolist()}
 
 
 def _amplitude_readings(data: Points) -> AmplitudeCurve | None:
@@ -246,6 +211,21 @@ def _amplitude_readings(data: Points) -> AmplitudeCurve | None:
             readings.append(at_quadrature(omega, load, motion, gain))
     rows = [reading for reading in readings if reading is not None]
     return AmplitudeCurve(*np.array(rows).T) if rows else None
+
+
+def _spectra(data: Points, residuals: Rows) -> dict[str, Spectrum]:
+    """Return the harmonic of every measured response at the frequencies of its points."""
+    spectra = {}
+    for i, label in enumerate(data.groups.labels):
+        if data.of_force[i]:
+            continue
+        where, order = compared(data.groups, i), ORDERS[int(data.position[i])]
+        point, factor = (np.asarray(x[i])[where] for x in (data.point, data.factor))
+        omega, source = (np.asarray(x)[point] for x in (data.omega, data.load))
+        values = np.asarray(data.mean[i])[where]
+        driven = source[:, 0] * (order == 1)  # higher ones are the amplifier's distortion
+        spectra[label] = of_lines(values, residuals[label], order * omega, driven, factor)
+    return spectra
 
 
 def _held(

@@ -1,7 +1,7 @@
 """What each joint would do in a candidate test: its information, its peak displacement."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from time import perf_counter
 from typing import cast
@@ -15,6 +15,7 @@ from jbw.inference.lanes import LANES, at_points, num_cores
 from jbw.measurement.records import Record, Test
 from jbw.observables.controlled import ControlledPoints
 from jbw.observables.dataset import Dataset, stacked
+from jbw.observables.groups import changed
 from jbw.observables.harmonic_groups import NUM_HARMONICS
 from jbw.observables.records import Records
 from jbw.observables.samples import band_limited, motions_at, response_to
@@ -156,9 +157,9 @@ def _sweep_design(
     units = {"input": "V", noise.response: UNIT_OF[noise.response]}
     test = Test("sweep", (Record(candidate.fs, channels, units),), name="planned")
     planned = Records.of([test], laws=laws, substeps=SUBSTEPS)
-    planned = planned.with_repeats(noise_std=jnp.full(1, noise.std))
+    groups = changed(planned.groups, noise_std=np.full(1, noise.std))
     is_measured = np.arange(len(source)) < candidate.num_samples
-    return Dataset.of([planned]), is_measured.astype(float)
+    return Dataset.of([replace(planned, groups=groups)]), is_measured.astype(float)
 
 
 def _tones_designs(

@@ -36,6 +36,7 @@ from jbw.inference.space.box import Box, bounds_by_name
 from jbw.measurement.records import Test
 from jbw.observables.dataset import Dataset
 from jbw.observables.decay import Decays
+from jbw.observables.noise import evenly
 from jbw.observables.pointwise import RecordTerms, Splits, records_of, splits_of
 from jbw.quantities import DEFAULT_LAWS, derivative_order
 from jbw.report.messages import stages
@@ -283,8 +284,8 @@ def arviz_groups(joint: JointPosterior, splits: Splits, seed: int) -> Groups:
 
 def at_large(data: Dataset) -> Dataset:
     """The data predicted at one joint for all runs: offsets are known about the fit alone."""
-    evenly = (part.evenly() for part in data.parts)
-    pairs = zip(data.parts, evenly, strict=True)
+    even = (evenly(part) for part in data.parts)
+    pairs = zip(data.parts, even, strict=True)
     parts = tuple(part if even is None else even for part, even in pairs)
     none = np.asarray(data.scatters)[:1, :0], np.asarray(data.scatter)[:0]
     scatters, scatter = jax.device_put(none)

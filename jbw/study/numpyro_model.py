@@ -103,7 +103,7 @@ def _predicted(theta: Mapping[str, Any], data: Dataset) -> dict[str, Any]:
     return {
         f"response of {label}": rows
         for part in data.parts
-        for label, rows in zip(part.labels, part.predict(of_part(every, part)), strict=True)
+        for label, rows in zip(part.groups.labels, part.predict(of_part(every, part)), strict=True)
     }
 
 

@@ -9,7 +9,7 @@ import xarray as xr
 from jbw.measurement.records import Test
 from jbw.observables.controlled import ControlledPoints
 from jbw.verification.bands import QUANTILE_AXIS, beside, errors
-from jbw.verification.groups import Group, groups_of
+from jbw.verification.groups import Group, groups_of, places_of
 from jbw.verification.predicted import Predicted, Source
 from jbw.verification.predictive_basis import count_of
 
@@ -42,7 +42,7 @@ def predict_apart(source: Source, test: Test) -> Iterator[tuple[str, Predicted]]
     basis = source.basis
     for part in ControlledPoints.reduce([test], laws=basis.laws, substeps=basis.substeps):
         peaks = np.full(count_of(source.draws), part.shown().y_peak)
-        groups = zip(part.labels, groups_of(source, test, part), strict=True)
+        groups = zip(part.groups.labels, groups_of(source, test, part), strict=True)
         for number, (label, group) in enumerate(groups):
             dataset = _dataset(test, part, number, group)
             yield label, Predicted(dataset, peaks, group.noise)
@@ -50,8 +50,8 @@ def predict_apart(source: Source, test: Test) -> Iterator[tuple[str, Predicted]]
 
 def _dataset(test: Test, part: ControlledPoints, number: int, group: Group) -> xr.Dataset:
     std = None if group.std is None else group.std * part.spread(number)
-    axis, unit_of_axis, positions = part.coordinate(number)
-    unit = part.units[number]
+    unit = part.groups.units[number]
+    (axis, unit_of_axis), positions = part.shown().axis, places_of(part)[number]
     attributes = {"units": unit, "long_name": part.rows[number].quantity}
     variables = beside("value", group.measured, group.model, std, attributes)
     variables |= {
@@ -60,7 +60,7 @@ def _dataset(test: Test, part: ControlledPoints, number: int, group: Group) -> x
     }
     coords = {
         axis: ("value", positions, {"units": unit_of_axis}),
-        "group": ("value", np.array([part.labels[number]] * len(positions), object)),
+        "group": ("value", np.array([part.groups.labels[number]] * len(positions), object)),
         "unit": ("value", np.array([unit] * len(positions), object)),
         "quantile": QUANTILE_AXIS,
     }

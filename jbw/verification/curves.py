@@ -25,6 +25,7 @@ from jbw.observables.harmonic_groups import (
     stepped_groups,
     tone_groups,
 )
+from jbw.observables.observable import alone
 from jbw.observables.steady import Points, added_motion, force_of, motion_of
 from jbw.quantities import UNIT_OF
 from jbw.report.messages import verification as messages
@@ -86,8 +87,7 @@ def _predict_alike(source: Source, curves: Sequence[Curve], residuals: str) -> l
     groups = [group for curve in curves for group in curve.groups]
     data = Points.of(groups, laws=source.basis.laws, residuals=residuals)
     # Without the names of their groups tests of one shape share compiled code.
-    none = ("",) * len(data.repeats.labels)
-    nameless = replace(data, repeats=replace(data.repeats, labels=none, runs=none))
+    nameless = alone(data)
     (model, peaks), others = source.carried(
         lambda draws, laws: _carried(replace(nameless, laws=laws), draws)
     )
@@ -98,7 +98,7 @@ def _predict_alike(source: Source, curves: Sequence[Curve], residuals: str) -> l
         order = np.argsort(fundamental.omega)
         size, variables, attrs, noises = len(order), {}, _facts(fundamental, test), []
         for i, group in enumerate(curve.groups, start=first):
-            repeated = of_repeats(data.repeats, i)
+            repeated = of_repeats(data.groups, i)
             noise = noise_of(source.basis, test, repeated, label=group.label, order=group.order)
             noises.append(noise)
             if not np.any(group.values):
@@ -110,7 +110,7 @@ def _predict_alike(source: Source, curves: Sequence[Curve], residuals: str) -> l
                 if group.order == 1 or name != "linear"
             }
             values, of_others, std = source.compared(
-                noise, model[:, i, :size], of_others, float(data.repeats.num_repeats[i])
+                noise, model[:, i, :size], of_others, float(data.groups.num_repeats[i])
             )
             harmonic, error_values = _compared(group, test, values, of_others, order, std)
             suffix = "" if group.order == 1 else f"_{group.order}"

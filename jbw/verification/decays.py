@@ -13,7 +13,7 @@ from jbw.identification.discrepancy import NOTHING
 from jbw.inference.generator import generator
 from jbw.measurement.envelopes import envelopes, filter_of
 from jbw.measurement.records import Test
-from jbw.observables.decay import Decays, begun, decay_of, num_begun
+from jbw.observables.decay import Decays, begun, counting, decay_of, num_begun
 from jbw.observables.decay_envelopes import follow
 from jbw.observables.modal_decays import ModalDecays
 from jbw.observables.observable import alone
@@ -49,7 +49,7 @@ def predict_decay(source: Source, test: Test) -> Predicted:
     if stored is not None and "record" in stored.dims:
         if in_dialect(stored.attrs.get("units", "")) == UNIT_OF[data.response]:
             noise = RepeatNoise(float(stored.mean()), ALIKE)
-    std = noise.std or SILENT * float(np.sqrt(np.mean(np.abs(data.envelope) ** 2)))
+    std = noise.std or SILENT * float(np.sqrt(np.mean(np.abs(data.mean) ** 2)))
     compared = _compared(source, test, data, np.full(len(test.records), std))
     # The strongest record begins with this displacement, at the natural frequency.
     order = derivative_order(data.response)
@@ -96,7 +96,7 @@ def verify_decays(source: Source, test: Test, num_fitted: int) -> list[xr.Datase
     # from its beginning alone: the rest is predicted, and its errors are of what comes after.
     data = _reduced(source, test)
     noise_of_label = noise_by_label(source.basis.decay)
-    noise_std = np.array([noise_of_label[label] for label in data.labels[:num_fitted]])
+    noise_std = np.array([noise_of_label[label] for label in data.groups.labels[:num_fitted]])
     record_stds = np.append(noise_std, np.full(len(test.records) - num_fitted, noise_std.mean()))
     return _compared(source, test, data, record_stds, num_fitted)
 
@@ -107,11 +107,11 @@ def _reduced(source: Source, test: Test) -> Decays:
     no_shift = NO_SHIFT * float(np.mean(source.draws["omega_n"]))
     stated = {"laws": source.basis.laws, "substeps": int(facts.get("substeps", 0)) or None}
     modes = modes_of_draws(source.draws)
-    return replace(
-        Decays.of(test, **stated) if modes is None else ModalDecays.of(test, **stated, modes=modes),
-        fraction=jnp.asarray(facts.get("worth", 1.0)),
-        shift_std=jnp.asarray(facts.get("shift_std", no_shift)),
+    data = (
+        Decays.of(test, **stated) if modes is None else ModalDecays.of(test, **stated, modes=modes)
     )
+    shift_std = jnp.asarray(facts.get("shift_std", no_shift))
+    return counting(replace(data, shift_std=shift_std), float(facts.get("worth", 1.0)))
 
 
 def _compared(
@@ -130,7 +130,7 @@ def _compared(
     for i, (sampled, noise) in enumerate(zip(envelopes(test), noise_std, strict=True)):
         measured_envelope = sampled[::stride]
         held_out = i >= num_fitted
-        size = num_begun(source.draws, data) if held_out else data.envelope.shape[1]
+        size = num_begun(source.draws, data) if held_out else data.mean.shape[1]
         seen_s = float(size * data.step_s) if held_out else 0.0
         # Names are compiled in: one for every record, so that all run through one program.
         only = replace(data.only(i, size), names=("record",))
@@ -266,7 +266,7 @@ def _entered(
 
     def entered_by(pair: tuple[Array, Array]) -> Array:
         key, decay = pair
-        initial = begun(decay, seen.envelope[0], seen.noise_std[0], seen, law_std)
+        initial = begun(decay, seen.mean[0], seen.groups.noise_std[0], seen, law_std)
         change = jnp.linalg.cholesky(initial.covariance) @ jax.random.normal(key, (3,))
         return follow(decay, initial.moved(change), steps, seen.step_s)[0]
 

@@ -8,8 +8,9 @@ import xarray as xr
 from jaxtyping import Float
 
 from jbw.measurement.records import Test
+from jbw.observables.groups import compared
+from jbw.observables.observable import Observable
 from jbw.observables.register import OBSERVABLES
-from jbw.observables.repeated import Repeated
 from jbw.verification.bands import QUANTILE_AXIS, beside, errors
 from jbw.verification.predicted import Predicted, RepeatNoise, Source, noise_of, of_repeats
 from jbw.verification.predictive_basis import count_of, seen_of
@@ -25,13 +26,9 @@ class Group(NamedTuple):
     std: float | None  # of the mean, for the bands
 
 
-def _observable(test: Test) -> type[Repeated] | None:
+def _observable(test: Test) -> type[Observable] | None:
     """What takes a test whose kind has no trait, if it measures repeatedly."""
-    taking = (
-        observable
-        for observable in OBSERVABLES
-        if test.kind in observable.kinds and issubclass(observable, Repeated)
-    )
+    taking = (kind for kind in OBSERVABLES if test.kind in kind.kinds and not kind.own_shifts)
     return next(taking, None) if test.traits.is_plain else None
 
 
@@ -47,8 +44,8 @@ def predict_groups(source: Source, test: Test) -> Predicted:
         raise TypeError(f"Tests of kind {test.kind} have no observable.")
     parts = observable.reduce([test], laws=basis.laws, substeps=basis.substeps)
     groups = [group for part in parts for group in groups_of(source, test, part)]
-    labels = [label for part in parts for label in part.labels]
-    axes = [part.coordinate(i) for part in parts for i in range(len(part.labels))]
+    labels = [label for part in parts for label in part.groups.labels]
+    positions = [places for part in parts for places in places_of(part)]
     measured = np.concatenate([group.measured for group in groups])
     model = np.concatenate([group.model for group in groups], axis=1)
     others = {
@@ -57,7 +54,7 @@ def predict_groups(source: Source, test: Test) -> Predicted:
     sizes = [group.measured.size for group in groups]
     noise_stds = [group.std for group in groups if group.std is not None]
     noise_std = np.repeat(noise_stds, sizes) if len(noise_stds) == len(groups) else None
-    (axis, unit_of_axis, _), unit = axes[0], {"units": parts[0].unit}
+    (axis, unit_of_axis), unit = parts[0].shown().axis, {"units": parts[0].groups.unit}
     variables = beside("value", measured, model, noise_std, unit)
     variables |= {
         f"{name}_response": ("value", response, unit) for name, response in others.items()
@@ -65,7 +62,7 @@ def predict_groups(source: Source, test: Test) -> Predicted:
     coords = {
         axis: (
             "value",
-            np.concatenate([positions for *_, positions in axes]),
+            np.concatenate(positions),
             {"units": unit_of_axis},
         ),
         "group": ("value", np.repeat(np.array(labels, object), sizes)),
@@ -81,16 +78,25 @@ def predict_groups(source: Source, test: Test) -> Predicted:
     return Predicted(xr.Dataset(variables, coords, attrs), peaks, groups[0].noise)
 
 
-def groups_of(source: Source, test: Test, part: Repeated) -> Iterator[Group]:
+def places_of(part: Observable) -> list[Float[np.ndarray, " value"]]:
+    """Return where the compared values of each group stand: at their numbers if it does not say."""
+    if (places := part.shown().places) is not None:
+        return list(places)
+    rows = [np.asarray(row) for row in part.mean]
+    counts = [row[compared(part.groups, i)].size for i, row in enumerate(rows)]
+    return [np.arange(1.0, count + 1.0) for count in counts]
+
+
+def groups_of(source: Source, test: Test, part: Observable) -> Iterator[Group]:
     """The groups of a part of a test, each with its predictions where these are compared."""
     predicted, others = source.observed(part)
-    plain = np.abs if part.is_complex else np.asarray
-    for i, label in enumerate(part.labels):
-        compared = part.compared(i)
-        repeat_noise, behind = of_repeats(part.repeats, i), label.removeprefix(test.name)
+    plain = np.abs if part.groups.is_complex else np.asarray
+    for i, label in enumerate(part.groups.labels):
+        where = compared(part.groups, i)
+        repeat_noise, behind = of_repeats(part.groups, i), label.removeprefix(test.name)
         noise = noise_of(source.basis, test, repeat_noise, label=label, behind=behind)
-        of_others = {name: plain(other[i][compared]) for name, other in others.items()}
+        of_others = {name: plain(other[i][where]) for name, other in others.items()}
         model, of_others, std = source.compared(
-            noise, plain(predicted[:, i][:, compared]), of_others, len(test.records)
+            noise, plain(predicted[:, i][:, where]), of_others, len(test.records)
         )
-        yield Group(plain(np.asarray(part.mean)[i][compared]), model, of_others, noise, std)
+        yield Group(plain(np.asarray(part.mean)[i][where]), model, of_others, noise, std)

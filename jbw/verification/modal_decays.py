@@ -45,7 +45,7 @@ def followed(source: Source) -> Entered:
         key: Key[Array, ""], seen: Decays, time: Float[np.ndarray, " time"], law_std: float
     ) -> tuple[Envelope, Envelopes]:
         def along(draws: Draws, laws: Laws) -> Envelope:
-            size = (count_of(draws), seen.num_own)
+            size = (count_of(draws), seen.groups.num_own)
             draws_of_start = np.asarray(jax.random.normal(key, size)) * (size[0] > 1)
             white = {OWN.format(i): column for i, column in enumerate(draws_of_start.T)}
             return carry(_follow, {**draws, **white}, replace(seen, laws=laws), len(time))
@@ -58,15 +58,15 @@ def followed(source: Source) -> Entered:
 def _follow(theta: Mapping[str, Array], seen: ModalDecays, length: int) -> Complex[Array, " time"]:
     """Envelope of one record at the samples of the model, from a draw of its start and shift."""
     structure = structure_of(theta, seen.laws)
-    record = MatchedEnvelopes(seen.envelope[0], seen.begun[0], seen.amplitude[0])
+    record = MatchedEnvelopes(seen.mean[0], seen.begun[0], seen.amplitude[0])
     matched = match(structure, record, seen)
     start = jnp.append(matched.entry.state, matched.entry.shift)
     # As of one mode: the noise of fitted records stands for that of a short beginning, and the
     # shift's own prior holds it.
-    precision = matched.precision * seen.fraction / seen.noise_std[0] ** 2
+    precision = matched.precision * seen.fraction / seen.groups.noise_std[0] ** 2
     covariance = jnp.linalg.inv(precision.at[-1, -1].add(1 / seen.shift_std**2))
     centre = -covariance[:, -1] * matched.entry.shift / seen.shift_std**2
-    off = jnp.stack([theta[OWN.format(i)] for i in range(seen.num_own)])
+    off = jnp.stack([theta[OWN.format(i)] for i in range(seen.groups.num_own)])
     start = start + centre + jnp.linalg.cholesky(covariance) @ off
     full_rate = replace(
         seen,

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from jbw.inference.lanes import at_points
 from jbw.measurement.records import Test
+from jbw.observables.groups import Groups
 from jbw.observables.harmonic_groups import harmonic_label
 from jbw.observables.observable import Observable, alone, prediction
-from jbw.observables.repeats import RepeatedGroups
 from jbw.report.messages import verification as messages
 from jbw.verification.bands import LAW, about_law, band, middle
 from jbw.verification.predictive_basis import (
@@ -205,9 +205,9 @@ def _labels(name: str, seen: CampaignTest, order: int) -> list[str]:
     return harmonics + (names if order < 2 else [])
 
 
-def of_repeats(repeats: RepeatedGroups, group: int = 0) -> RepeatNoise:
+def of_repeats(groups: Groups, group: int = 0) -> RepeatNoise:
     """What the scatter of a group's repeats tells."""
-    scatter = repeats.within, repeats.size, repeats.num_repeats
+    scatter = groups.within, groups.size, groups.num_repeats
     return of_scatter(*(float(by_group[group]) for by_group in scatter))
 
 

@@ -255,7 +255,7 @@ def basis_attrs(
 ) -> dict[str, Any]:
     """What predictions start from besides draws, as `basis_of` reads it from a result."""
     shared = [part for part in data.parts if not part.own_shifts]
-    counts = (getattr(part, "substeps", None) for part in shared)
+    counts = (part.substeps for part in shared)
     attrs: dict[str, Any] = {
         "held": json.dumps(dict(held)),
         "tests": json.dumps({test.name: seen_of(test)._asdict() for test in tests}),

@@ -21,6 +21,7 @@ from jbw.observables.dataset import (
 )
 from jbw.observables.drives import of_drive, used_by
 from jbw.observables.loops import Loops
+from jbw.observables.noise import evenly
 from jbw.observables.observable import OFFSETS, Observable
 from jbw.observables.residual_terms import bounds, neighbours_of
 from jbw.oscillator.modes.assembled import is_assembled
@@ -77,7 +78,7 @@ def references(
     y_peak = largest_displacement(data, known["omega_n"])
     terms = bounds(known["omega_n"], neighbours_of(known))
     known = {name: value for name, value in known.items() if name in {*REACH, *terms}}
-    even = [part.evenly() for part in data.parts]
+    even = [evenly(part) for part in data.parts]
     parts = [part for part in even if part is not None]
     parts = parts or [part for part in data.parts if part.own_shifts]
     if not parts:
@@ -138,8 +139,8 @@ def _fitted(
 
 def _spring(forced: Sequence[Loops], estimates: Mapping[str, float], kind: str) -> Reference:
     """Least sum_i |g F_i - omega_n^2 y_i - lambda_3 y_i^3|^2 / |g F_i|^2 over prescribed loops."""
-    y = np.concatenate([np.asarray(part.counted * part.displacement) for part in forced])
-    measured = np.concatenate([np.asarray(part.counted * part.mean) for part in forced])
+    y = np.concatenate([np.asarray(part.compared(part.displacement)) for part in forced])
+    measured = np.concatenate([np.asarray(part.compared(part.mean)) for part in forced])
     force = estimates["gain"] * measured
     scale = np.linalg.norm(force, axis=1, keepdims=True)
     reach = np.abs(y).max()

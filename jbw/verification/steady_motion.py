@@ -13,6 +13,7 @@ from jbw.measurement.channels import lines_within
 from jbw.measurement.delays import on_time
 from jbw.measurement.loops import differentiate, enclosed_area, integrate, mean_cycles
 from jbw.measurement.records import Record, Test, periods
+from jbw.observables.groups import compared
 from jbw.observables.loops import Loops
 from jbw.observables.modes import Modes
 from jbw.observables.records import Records
@@ -42,7 +43,7 @@ def predict_loop(source: Source, test: Test) -> Predicted:
             for name, reference in force.others.items()
         },
     )
-    y = np.asarray(data.displacement[0])[data.compared(0)]
+    y = np.asarray(data.displacement[0])[compared(data.groups, 0)]
     shown = slice(None, None, -(-len(y) // MOST_POINTS))
     of_record = test.records[0].units
     length = {"units": of_record.get("displacement", "m")}
@@ -72,7 +73,7 @@ def beside_load_cell(
     data: Loops, measured: Float[np.ndarray, " time"], model: Float[np.ndarray, "draw time"]
 ) -> Float[np.ndarray, "draw time"]:
     """Forces of a model with the offset and drift of the load cell that the test says it has."""
-    columns = np.asarray(data.repeats.spanned)[0][:, data.compared(0)]
+    columns = np.asarray(data.groups.spanned)[0][:, compared(data.groups, 0)]
     residual = measured - np.median(model, axis=0)
     return model + (residual @ columns.T) @ columns
 
@@ -83,7 +84,7 @@ def predict_periods(source: Source, test: Test) -> Predicted:
     data = Records.of([cut], laws=basis.laws, substeps=basis.substeps, periodic=True)
     data = replace(data, modes=Modes((), points=basis.points))
     responses, others = source.observed(data)
-    noise = noise_of(basis, test, of_repeats(data.repeats))
+    noise = noise_of(basis, test, of_repeats(data.groups))
     measured, model = np.asarray(data.mean[0]), in_band(responses[:, 0], data.lines)
     others = {name: in_band(reference[0], data.lines) for name, reference in others.items()}
     if is_measured(test):

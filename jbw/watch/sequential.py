@@ -19,7 +19,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
@@ -38,7 +37,7 @@ from jbw.inference.space.box import require_float64
 from jbw.measurement.records import Record, Test, share_clock
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
-from jbw.observables.decay import Decays
+from jbw.observables.decay import Decays, counting
 from jbw.report.messages import watch
 from jbw.study.study import Study
 
@@ -207,7 +206,7 @@ def _fitted(study: Study, campaign: Campaign) -> tuple[Dataset, Decays, Test]:
     # The run may have refined its solver, and counts as many values as it found independent.
     substeps = int(facts.get("substeps", 0)) or campaign.settings.substeps
     part = Decays.of(test, laws=data.laws, substeps=substeps)
-    part = replace(part, fraction=jnp.asarray(float(facts.get("worth", 1.0))))
+    part = counting(part, float(facts.get("worth", 1.0)))
     return replace(data, parts=(part,)), part, test
 
 
@@ -223,13 +222,13 @@ def _with_records(part: Decays, test: Test, records: Sequence[Record]) -> Decays
             )
     every = replace(test, records=(*test.records, *records))
     longer = Decays.of(every, laws=part.laws, substeps=part.substeps)
-    if longer.envelope.shape[1] < part.envelope.shape[1]:
+    if longer.mean.shape[1] < part.mean.shape[1]:
         raise DataError(
             f"`{records[-1].name}` is shorter than the records of the run.",
             why="All of them are compared over one duration.",
             remedy="Record as long, or identify the joint anew.",
         )
-    return replace(longer, fraction=part.fraction)
+    return counting(longer, float(part.fraction))
 
 
 def _density_of(

@@ -34,7 +34,7 @@ def curve(records):
 @pytest.mark.parametrize("gamma", [18.3, 32.84, 40.1])
 def test_the_series_is_the_solvers_misfit(records, curve, gamma):
     held = {name: np.asarray(value) for name, value in {**HELD, "gamma": gamma}.items()}
-    direct = float(records.squares(held)[0] - records.repeats.within[0])
+    direct = float(records.squares(held)[0] - records.groups.within[0])
     series = float(misfit(np.asarray(gamma), curve)[0])
     # The kinks of the response leave the series of 48 terms an algebraic rest: in the log
     # likelihood n / 2 ln Q below the 0.05 nats that the verdict asks for, at the mode and far off.

@@ -74,7 +74,9 @@ def test_fit_recovers_the_joint_within_its_errors(fitted):
 def test_fit_finds_the_noise_and_the_shifts(fitted):
     data = fitted.data.parts[0]
     # 2e-4 m/s of white noise through the filter: sqrt(2 sum h^2) of it in each part.
-    assert np.asarray(data.noise_std) == pytest.approx(2e-4 * np.sqrt(2 * 12 / 512), rel=0.25)
+    assert np.asarray(data.groups.noise_std) == pytest.approx(
+        2e-4 * np.sqrt(2 * 12 / 512), rel=0.25
+    )
     assert float(data.fraction) > 0.6
     found = matched(as_arrays(fitted.fit.theta, fitted.data), data)
     shifts = np.asarray(found.entry.shift) / TRUTH["omega_n"]

@@ -12,7 +12,7 @@ from jbw.identification.diagnosis import (
     turning_point,
 )
 from jbw.observables.drives import readings_of
-from jbw.observables.observable import AmplitudeCurve
+from jbw.observables.observable import AmplitudeCurve, Shown
 
 Y = np.linspace(2e-5, 1e-3, 60)
 
@@ -129,11 +129,6 @@ def test_one_way_is_no_turn():
 
 
 def test_a_damping_that_is_not_positive_is_no_reading():
-    class Part:
-        drive = ""
-
-        def amplitude_readings(self):
-            return AmplitudeCurve(np.ones(3), np.ones(3), np.array([0.01, -0.02, 0.03]))
-
-    data = SimpleNamespace(parts=(Part(), Part()))
-    np.testing.assert_array_equal(readings_of(data.parts).zeta, [0.01, 0.03, 0.01, 0.03])
+    curve = AmplitudeCurve(np.ones(3), np.ones(3), np.array([0.01, -0.02, 0.03]))
+    part = SimpleNamespace(drive="", shown=lambda: Shown(amplitude_readings=lambda: curve))
+    np.testing.assert_array_equal(readings_of((part, part)).zeta, [0.01, 0.03, 0.01, 0.03])

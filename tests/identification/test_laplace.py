@@ -1,5 +1,7 @@
 """The Gaussian about a fit, against Student's t distribution and a posterior by its definition."""
 
+from types import SimpleNamespace
+
 import jax
 import numpy as np
 import pytest
@@ -16,7 +18,7 @@ class Part:
     own_shifts = False
 
     def __init__(self, runs):
-        self.runs = self.labels = runs
+        self.groups = SimpleNamespace(runs=runs, labels=runs)
 
 
 class Data(dict):

@@ -37,7 +37,7 @@ from jbw.law_comparison.answers import (
 from jbw.law_comparison.compare import compare_laws, errors_apart, unseen
 from jbw.measurement.channels import rms
 from jbw.measurement.records import Record, Test
-from jbw.observables import dataset
+from jbw.observables import dataset, noise
 from jbw.observables.dataset import log_likelihood
 from jbw.report.messages import laws as texts
 
@@ -137,7 +137,7 @@ def test_the_likelihood_at_a_fit_bounds_the_evidence(linear):
 def test_a_run_that_is_silenced_counts_for_nothing(linear):
     data = linear.fitted.data
     theta = {name: jnp.asarray(value) for name, value in linear.fitted.fit.theta.items()}
-    silent = dataset.silenced("held at 20", data)
+    silent = noise.silenced("held at 20", data)
     moved = {**theta, "omega_n": theta["omega_n"] * 1.001}
     before, after = (np.asarray(log_likelihood(t, silent) - log_likelihood(t, data))
                      for t in (theta, moved))  # fmt: skip
@@ -150,7 +150,7 @@ def test_a_run_that_is_silenced_counts_for_nothing(linear):
 def test_terms_of_a_silenced_run_tell_what_it_says(linear):
     """As the difference of two evaluations has it: by the terms of either."""
     data, run = linear.fitted.data, "held at 20"
-    rest = dataset.silenced(run, data)
+    rest = noise.silenced(run, data)
     times = law_scores._told_by_terms(data, rest)
     theta = {name: jnp.asarray(1.001 * value) for name, value in linear.fitted.fit.theta.items()}
     whole, silent = (np.asarray(log_likelihood(theta, one)) for one in (data, rest))

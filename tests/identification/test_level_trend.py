@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from parts import part_of
 from pasted import pasted
 from scipy import stats
 
@@ -15,9 +16,7 @@ HZ = 2 * np.pi
 
 def data_of(sizes, laws=("bouc_wen",)):
     """What is asked of a dataset: labels, runs and sizes of one part."""
-    names = tuple(sizes)
-    part = SimpleNamespace(labels=names, runs=names, sizes=lambda: sizes, own_shifts=False)
-    return SimpleNamespace(parts=(part,), laws=laws)
+    return SimpleNamespace(parts=(part_of(sizes),), laws=laws)
 
 
 def shifts_of(hertz, noise=0.01, zeta=None):

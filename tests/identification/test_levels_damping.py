@@ -4,6 +4,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from parts import part_of
 
 from jbw.identification.run_effects import (
     NO_SCATTER,
@@ -26,9 +27,7 @@ def shifts_of(zeta):
 
 def data_of(sizes, runs=None):
     """What is asked of a dataset: labels, runs and sizes of one part."""
-    names = tuple(sizes)
-    part = SimpleNamespace(labels=names, runs=runs or names, sizes=lambda: sizes, own_shifts=False)
-    return SimpleNamespace(parts=(part,), laws=("bouc_wen",))
+    return SimpleNamespace(parts=(part_of(sizes, runs),), laws=("bouc_wen",))
 
 
 def sizes_of_runs(sizes):

@@ -10,8 +10,9 @@ from jbw.identification.assemble import assemble, measured
 from jbw.identification.coordinates import box_of
 from jbw.identification.first_fit import from_amplitude_curve, inside
 from jbw.inference.fit.costly_fit import costly_fit
-from jbw.observables.dataset import Dataset, stacked, with_fitted_noise
+from jbw.observables.dataset import Dataset, stacked
 from jbw.observables.drives import told_by
+from jbw.observables.noise import with_fitted_noise
 
 SETTINGS = Identify.of({"offsets": "none", "fit_repeats": 3})
 # Relative standard errors by differences of 1e-4 about the truth.

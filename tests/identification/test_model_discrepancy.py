@@ -6,6 +6,7 @@ import jax
 import numpy as np
 import pytest
 import xarray as xr
+from parts import part_of
 from scipy import stats
 
 from jbw.errors import Attempts
@@ -42,9 +43,10 @@ from jbw.identification.selection import DecaySplit
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.space.box import box
 from jbw.measurement.records import Record, Test
-from jbw.observables.dataset import Dataset, residual_by_label, stacked, with_fitted_noise
+from jbw.observables.dataset import Dataset, residual_by_label, stacked
 from jbw.observables.decay import Decays
 from jbw.observables.decay_drift import drift_of
+from jbw.observables.noise import with_fitted_noise
 from jbw.report.messages import discrepancy as messages
 from jbw.verification.decays import _with_discrepancy, drifted
 from jbw.verification.predict import Request, predict
@@ -81,22 +83,13 @@ def test_a_run_that_is_left_out_below_counts_by_its_amplitude():
     assert growth_shown(None, 1.0, 4.0) == growth_shown(5.0, 0.0, 0.0) == 1.0
 
 
-class Part:
-    """As much of a kind of data as amplitudes ask for."""
-
-    own_shifts = False
-
-    def __init__(self, y_peak, **sizes):
-        self.labels = self.runs = tuple(sizes)
-        self.y_peak, self.sizes = lambda omega_n: y_peak, lambda: sizes
-
-    def begins_at(self, omega_n):
-        return {}
-
-
 def test_every_run_has_an_amplitude_whatever_part_it_is_in():
     # Records of another length are a part of their own, and a part may not know its motion.
-    parts = (Part(0.4, low=1.0, high=4.0), Part(0.3, longer=7.0), Part(0.0, unknown=1.0))
+    parts = (
+        part_of({"low": 1.0, "high": 4.0}, y_peak=0.4),
+        part_of({"longer": 7.0}, y_peak=0.3),
+        part_of({"unknown": 1.0}),
+    )
     found = amplitudes_of_runs(type("Data", (), {"parts": parts})(), 100.0)
     assert found == pytest.approx({"low": 0.1, "high": 0.4, "longer": 0.3})
 
@@ -316,7 +309,7 @@ def learned(hardening, noisy=None):
         | {
             "noise_std": (
                 (*dims, "record"),
-                np.broadcast_to(data.parts[0].noise_std, (1, 100, len(RUNS))),
+                np.broadcast_to(data.parts[0].groups.noise_std, (1, 100, len(RUNS))),
                 {"units": "m/s"},
             )
         },

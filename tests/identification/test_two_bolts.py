@@ -259,7 +259,7 @@ def test_the_truth_leaves_little_of_free_decays_but_noise():
     campaign = replace(two_bolts.campaign(bolts=None), tests=(two_bolts.impacts(noise_ratio=1e-6),))
     data = assemble(measured_in(campaign, quietly))
     left = np.asarray(matched({**data.held, **two_bolts.truth()}, data.parts[0]).residual)
-    measured = np.asarray(data.parts[0].envelope)
+    measured = np.asarray(data.parts[0].mean)
     missed = np.linalg.norm(left, axis=1) / np.linalg.norm(measured, axis=1)
     assert np.all(missed < 2e-3)
 

@@ -5,6 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import xarray as xr
+from parts import part_of
 
 from jbw.campaign.settings import law_errors
 from jbw.identification import widening
@@ -21,10 +22,8 @@ SHARES = {"alpha", "nu_stiffness", "iwan_stiffness", "exponential_alpha"} | {
 
 def data_of(law, *peaks):
     """Data of records of displacements [m], as far as a box is concerned."""
-    part = SimpleNamespace(
-        sizes=lambda: {str(i): peak for i, peak in enumerate(peaks)}, informs={"zeta"},
-        y_peak=lambda omega_n: max(peaks, default=0.0),
-    )  # fmt: skip
+    sizes = {str(i): peak for i, peak in enumerate(peaks)}
+    part = part_of(sizes, y_peak=max(peaks, default=0.0))
     return SimpleNamespace(laws=(law,), held={}, modes=None, parts=(part,))
 
 

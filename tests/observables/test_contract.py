@@ -27,11 +27,11 @@ from jbw.observables.dataset import (
     residual,
     residual_by_label,
     stacked,
-    without,
 )
 from jbw.observables.decay import Decays, decay_of
 from jbw.observables.line_fit import LineReading
 from jbw.observables.loops import Loops
+from jbw.observables.noise import num_known, without
 from jbw.observables.observable import Observable
 from jbw.observables.records import Records
 from jbw.observables.register import OBSERVABLES, register, taking
@@ -144,11 +144,11 @@ def noise_free(kind) -> Observable:
     data = kind.reduce(made(kind, 2))[0]
     if kind is Decays:
         curve = predicted(data)
-        steps = data.envelope.shape[1]
+        steps = data.mean.shape[1]
         enters = 2 + 3 * np.arange(2)
         rows = [np.exp(np.asarray(curve)[i : i + steps] + 0.3j) for i in enters]
-        return replace(data, envelope=jnp.asarray(np.stack(rows)))
-    kept = data.counted if kind is Loops else 1.0
+        return replace(data, mean=jnp.asarray(np.stack(rows)))
+    kept = data.groups.counted if kind is Loops else 1.0
     return replace(data, mean=kept * predicted(data))
 
 
@@ -164,8 +164,8 @@ def test_nothing_is_left_of_what_the_truth_predicts(kind):
     rows, wrong = (
         dict(compared(point, alone)[0]) for point in (theta(), theta(omega_n=128.0, alpha=3000.0))
     )
-    assert tuple(rows) == data.labels
-    assert all(row.shape == (data.width,) for row in rows.values())
+    assert tuple(rows) == data.groups.labels
+    assert all(row.shape == (data.groups.width,) for row in rows.values())
     off = np.linalg.norm(np.concatenate([np.asarray(row) for row in wrong.values()]))
     # Of a wrong joint's residual: rounding, and for a decay its cubics between steps.
     for row in rows.values():
@@ -220,12 +220,12 @@ def test_the_likelihood_has_the_slope_that_differences_give(kind):
 def test_one_repeat_and_many_reduce_to_the_same_groups(kind):
     one, many = (kind.reduce(made(kind, num))[0] for num in (1, 3))
     if one.own_shifts:  # records that are no repeats of one another: a group each
-        assert len(many.labels) == 3 * len(one.labels)
+        assert len(many.groups.labels) == 3 * len(one.groups.labels)
         return
-    assert one.labels == many.labels
-    assert one.width == many.width
-    assert not one.noise_known()
-    assert set(many.noise_known()) == set(many.labels)
+    assert one.groups.labels == many.groups.labels
+    assert one.groups.width == many.groups.width
+    assert not num_known(Dataset.of([one]))
+    assert set(num_known(Dataset.of([many]))) == set(many.groups.labels)
 
 
 @every_kind

@@ -11,6 +11,7 @@ import pytest
 from jbw import rig
 from jbw.measurement.records import Record, Test
 from jbw.observables.controlled import ControlledPoints, Frequencies, beside_known
+from jbw.observables.dataset import sizes_of
 from jbw.observables.drives import told_by
 from jbw.rig.prescribed_motion import held_points, locked_points
 
@@ -65,8 +66,8 @@ def misfits(theta, data):
 def test_frequency_and_force_at_a_phase_are_those_of_the_rig(degrees):
     """Which integrates the joint along the motion by Runge and Kutta: good to 1e-6 of the force."""
     (data,) = ControlledPoints.reduce([test_of("backbone", locked(degrees))])
-    assert data.labels == ("backbone frequency", "backbone force")
-    assert data.units == ("Hz", "N")
+    assert data.groups.labels == ("backbone frequency", "backbone force")
+    assert data.groups.units == ("Hz", "N")
     found, true = np.asarray(predicted(WITH_CONSTANT, data)), locked(degrees)
     np.testing.assert_allclose(found[0], true["frequency"], rtol=1e-7)
     np.testing.assert_allclose(found[1], true["force"], rtol=5e-6)
@@ -74,7 +75,7 @@ def test_frequency_and_force_at_a_phase_are_those_of_the_rig(degrees):
 
 def test_phase_and_force_at_an_amplitude_are_those_of_the_rig():
     (data,) = ControlledPoints.reduce([test_of("curve", held())])
-    assert data.units == ("rad", "N")
+    assert data.groups.units == ("rad", "N")
     found, true = np.asarray(predicted(THETA, data)), held()
     np.testing.assert_allclose(found[0], true["phase"], atol=5e-6)
     np.testing.assert_allclose(found[1], true["force"], rtol=5e-6)
@@ -107,7 +108,12 @@ def test_forms_stand_apart_and_shorter_tests_are_filled_up():
     assert isinstance(frequencies, Frequencies)
     assert frequencies.informs == {"omega_n"}
     assert (both.is_locked, curve.is_locked) == (True, False)
-    assert both.labels == ("backbone frequency", "backbone force", "short frequency", "short force")
+    assert both.groups.labels == (
+        "backbone frequency",
+        "backbone force",
+        "short frequency",
+        "short force",
+    )
     left = np.asarray(misfits(THETA, both))
     assert np.all(left[2:, 7:] == 0)
     assert np.abs(left[2, :7]).max() < 1e-5
@@ -156,11 +162,11 @@ def test_the_noise_of_the_amplitude_is_carried_to_frequency_and_force():
     raw = np.asarray(misfits(THETA, data)) * np.asarray(data.scale)
     correlated = np.corrcoef(raw[::2].ravel(), raw[1::2].ravel())[0, 1]
     assert abs(correlated) > 0.5
-    left = dict(zip(data.labels, raw / np.asarray(data.scale), strict=True))
+    left = dict(zip(data.groups.labels, raw / np.asarray(data.scale), strict=True))
     for _ in range(2):
         data = data.with_fitted_noise(THETA, left)
-        left = dict(zip(data.labels, np.asarray(misfits(THETA, data)), strict=True))
-    rows = np.array(list(left.values())) * np.sqrt(2) / np.asarray(data.repeats.noise_std)[:, None]
+        left = dict(zip(data.groups.labels, np.asarray(misfits(THETA, data)), strict=True))
+    rows = np.array(list(left.values())) * np.sqrt(2) / np.asarray(data.groups.noise_std)[:, None]
     frequency, force = rows[::2], rows[1::2]
     assert abs(np.corrcoef(frequency.ravel(), force.ravel())[0, 1]) < 4 * 0.053
     for row in (frequency, force):
@@ -169,7 +175,7 @@ def test_the_noise_of_the_amplitude_is_carried_to_frequency_and_force():
         # Along the amplitude as well: a third of the points each.
         assert by_amplitude[:4].mean() == pytest.approx(by_amplitude[8:].mean(), abs=8 * 0.075)
     # Of a force alone: sqrt(0.2 % ^2 + (0.5 % of its slope)^2), the slope about one.
-    spread = data.spread(1) * float(data.repeats.noise_std[1]) / np.asarray(data.mean[1])
+    spread = data.spread(1) * float(data.groups.noise_std[1]) / np.asarray(data.mean[1])
     assert 0.004 < np.median(spread) < 0.007
 
 
@@ -204,9 +210,9 @@ def test_repeats_of_other_amplitudes_scatter_by_their_noise_alone():
         )
     (data,) = ControlledPoints.reduce([test_of("backbone", *repeats)])
     residual = np.asarray(data.mean) - np.asarray(predicted(WITH_CONSTANT, data))
-    left = dict(zip(data.labels, residual / np.asarray(data.scale), strict=True))
+    left = dict(zip(data.groups.labels, residual / np.asarray(data.scale), strict=True))
     ready = data.with_fitted_noise(THETA, left)
-    before, after = (np.asarray(one.repeats.within) for one in (data, ready))
+    before, after = (np.asarray(one.groups.within) for one in (data, ready))
     assert np.all(after < 0.05 * before)
     scatter = np.sqrt(after[1] / (2 * len(Y))) / float(ready.size[1])
     assert scatter == pytest.approx(1e-3, rel=0.5)  # of 24 numbers, and slopes by differences
@@ -215,11 +221,13 @@ def test_repeats_of_other_amplitudes_scatter_by_their_noise_alone():
 def test_a_law_that_misses_counts_alike_for_frequency_and_force():
     """A frequency wrong by the half width of the resonance is as wrong as a force by itself."""
     (data,) = ControlledPoints.reduce([test_of("backbone", locked())])
-    zero = {label: np.zeros(len(Y)) for label in data.labels}
+    zero = {label: np.zeros(len(Y)) for label in data.groups.labels}
     ready = data.with_fitted_noise(THETA, zero)
     zeta = locked()["force"] / MASS / (2 * (2 * np.pi * locked()["frequency"]) ** 2 * Y)
     half_width = np.mean(zeta * locked()["frequency"])
-    assert ready.sizes()["backbone frequency"] == pytest.approx(half_width * np.sqrt(12), rel=1e-6)
+    assert sizes_of(ready)["backbone frequency"] == pytest.approx(
+        half_width * np.sqrt(12), rel=1e-6
+    )
     np.testing.assert_allclose(ready.relative_to(1), locked()["force"])
 
 

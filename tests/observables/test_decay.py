@@ -24,9 +24,10 @@ from scipy.stats import chi2, kstest
 from jbw.errors import DataError
 from jbw.measurement.demodulation import band_filter, demodulate, read_decay
 from jbw.measurement.records import Record, Test
-from jbw.observables.dataset import Dataset, log_likelihood
+from jbw.observables.dataset import Dataset, halved, log_likelihood
 from jbw.observables.decay import Decays, begun, decay_of, matched
 from jbw.observables.decay_envelopes import along, match
+from jbw.observables.noise import draw_noise, fractions_counted, silenced
 
 THETA = {name: jnp.asarray(value) for name, value in TRUTH.items()}
 
@@ -93,14 +94,14 @@ def test_match_finds_where_a_record_enters():
 def test_one_decay_holds_every_record_whatever_its_initial_state():
     data = Decays.of(decay_test(noise=0.0, second=0.0), substeps=2)
     found = data.matches(THETA)
-    size = np.linalg.norm(np.asarray(data.envelope), axis=1)
+    size = np.linalg.norm(np.asarray(data.mean), axis=1)
     # Initial states at every phase and with an unstrained joint, integrated by another solver.
     # Entering one decay by place and rotation is exact but for the joint's memory of its start.
     assert np.max(np.sqrt(found.misfit) / size) < 1e-3
     assert np.max(np.abs(found.entry.shift)) / OMEGA_N < 1e-6
     decay = decay_of(THETA, data)
     amplitude = np.exp(np.asarray(along(decay, found.entry.place)[0].real))
-    np.testing.assert_allclose(amplitude, np.abs(np.asarray(data.envelope[:, 0])), rtol=1e-3)
+    np.testing.assert_allclose(amplitude, np.abs(np.asarray(data.mean[:, 0])), rtol=1e-3)
 
 
 @pytest.mark.parametrize("band", [(10.0, 40.0), (14.0, 26.0), (8.0, 22.0)])
@@ -117,7 +118,7 @@ def test_the_simulated_decay_begins_above_the_record_wherever_its_mode_lies_in_t
     data = Decays.of(Test("decay", (record,), band_hz=band), laws=("quadratic_damping",))
     match = matched({"omega_n": omega, "zeta": 3e-3, "quadratic_damping": drag}, data)
     assert float(match.entry.place[0]) > 0.0  # before its beginning nothing was simulated
-    size = np.linalg.norm(np.asarray(data.envelope))
+    size = np.linalg.norm(np.asarray(data.mean))
     # Cubics between the steps leave 2e-5 to 5e-5; a decay that begins too low left 6e-3.
     assert float(np.sqrt(match.misfit[0])) / size < 2e-4
 
@@ -147,9 +148,9 @@ def test_the_decay_of_a_structure_without_a_joint_is_exact(response, zeta):
 
 def test_steps_of_a_structure_without_a_joint_are_exact_and_not_halved():
     test = decay_test(noise=0.0, second=0.0)
-    assert Decays.of(test, laws=()).halved() is None
+    assert halved(Dataset.of([Decays.of(test, laws=())])) is None
     bare = Decays.of(test)
-    finer = bare.halved()
+    (finer,) = halved(Dataset.of([bare])).parts
     assert finer is not None
     assert finer.substeps == 2 * bare.substeps
 
@@ -181,7 +182,7 @@ def test_a_silenced_record_counts_as_if_it_were_not_there():
     test = decay_test(shifts=(3e-6, -4e-6, 1e-6, 0.0))
     data = Decays.of(test)
     rest = Decays.of(replace(test, records=test.records[1:]))
-    silent = data.silenced(data.runs[0])
+    (silent,) = silenced(data.groups.runs[0], Dataset.of([data])).parts
     # The model's decay begins at the largest amplitude of all records.
     rest = replace(rest, y_start=data.y_start, num_samples=data.num_samples)
     found = [log_likelihood(THETA, Dataset.of([one])) for one in (silent, rest)]
@@ -189,7 +190,7 @@ def test_a_silenced_record_counts_as_if_it_were_not_there():
     np.testing.assert_allclose(found[0][1:], found[1], rtol=1e-9)
     rows, _ = silent.weighted(THETA)
     assert not np.any(rows[0])
-    assert silent.fractions_counted()[data.runs[0]] == 0.0
+    assert fractions_counted(Dataset.of([silent]))[data.groups.runs[0]] < 1e-9
 
 
 def test_noise_is_drawn_from_its_exact_posterior():
@@ -197,10 +198,10 @@ def test_noise_is_drawn_from_its_exact_posterior():
     data = Decays.of(decay_test(second=0.0), laws=())
     theta = {"omega_n": 1.001 * OMEGA_N, "zeta": ZETA}
     drawn = {name: np.full((4, 1000), value) for name, value in theta.items()}
-    noise = data.draw_noise(jax.random.key(0), drawn, {}, 1)
+    noise = draw_noise(jax.random.key(0), drawn, {}, data, 1)
     squares = np.asarray(data.matches({n: jnp.asarray(v) for n, v in theta.items()}).misfit)
-    num_values = 2 * data.envelope.shape[1]
-    for label, square in zip(data.labels, squares, strict=True):
+    num_values = 2 * data.mean.shape[1]
+    for label, square in zip(data.groups.labels, squares, strict=True):
         assert noise[label].shape == (4, 1000)
         p = kstest((square / noise[label] ** 2).ravel(), chi2(num_values - 3).cdf).pvalue
         assert p > 1e-3
@@ -213,10 +214,7 @@ def test_of_a_shift_at_the_beginning_only_the_records_own_part_goes_on():
     log = jnp.asarray(-3e-3 * steps - 0.5 * np.log1p(0.01 * steps) + 0.02j * np.sqrt(1 + steps))
     inside = 41.3 + np.arange(float(size))
     motion = -3e-3 * inside - 0.5 * np.log1p(0.01 * inside) + 0.02j * np.sqrt(1 + inside)
-    data = replace(
-        Decays.of(decay_test()), shift_std=jnp.asarray(own_std), step_s=step_s,
-        fraction=jnp.asarray(1.0),
-    )  # fmt: skip
+    data = replace(Decays.of(decay_test()), shift_std=jnp.asarray(own_std), step_s=step_s)
     rng, noise, errors, phases = np.random.default_rng(5), 1e-3, [], []
     enter = jax.jit(lambda record: begun(log, record, jnp.asarray(noise), data, law_std))
     for own, of_law in rng.standard_normal((300, 2)) * [own_std, law_std]:

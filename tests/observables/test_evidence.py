@@ -34,15 +34,13 @@ from jbw.measurement.records import Record, Test
 from jbw.observables.dataset import (
     Dataset,
     best_offsets,
-    effective_fractions,
     estimates,
-    fractions_counted,
     log_likelihood,
     residual_by_label,
     stacked,
-    with_fitted_noise,
 )
 from jbw.observables.drives import told_by
+from jbw.observables.noise import effective_fractions, fractions_counted, with_fitted_noise
 from jbw.oscillator.laws.hysteresis import hysteresis_map, steady_loop
 from jbw.oscillator.oscillator import BoucWen
 
@@ -344,10 +342,10 @@ def test_misfit_shared_by_all_repeats_does_not_count_as_often():
     # One misfit in all of 16 repeats: 1/16 of them, twice that for what the likelihood adds to
     # their noise, and less for its colour.
     assert worth < 0.2
-    counted = weighed.parts[0].repeats.num_values
+    counted = weighed.parts[0].groups.num_values
     assert float(counted[0]) == pytest.approx(worth * 72 * 16)
     exact = with_weights(best, data, Identify(model_error="none"))
-    assert float(exact.parts[0].repeats.num_values[0]) == 72 * 16
+    assert float(exact.parts[0].groups.num_values[0]) == 72 * 16
 
 
 def test_leaving_a_run_out_is_a_fit_of_the_others():
@@ -400,7 +398,7 @@ def test_the_linear_look_reads_a_held_curve():
 def test_hold_out_and_fit_choose_the_tests(mixed):
     tests = [curve(5), curve(20), loop()]
     data = assemble(measured(tests, Identify(hold_out=["held at 5"], fit=["frf"]), gain=GAIN))
-    assert [part.repeats.labels for part in data.parts] == [("held at 20",)]
+    assert [part.groups.labels for part in data.parts] == [("held at 20",)]
     with pytest.raises(ConfigError, match="`hold_out` must name tests"):
         assemble(measured(tests, Identify(hold_out=["other"]), gain=GAIN))
     with pytest.raises(DataError, match="no test that the joint can be fitted to"):

@@ -8,6 +8,7 @@ from scipy.integrate import solve_ivp
 from jbw.campaign.load import load_campaign
 from jbw.errors import DataError
 from jbw.measurement.records import Record, Test, is_sampled
+from jbw.observables.groups import beside_own
 from jbw.observables.loops import Loops, blocks_of, together
 
 FS = 256.0
@@ -56,7 +57,7 @@ def test_what_settles_is_predicted_but_not_compared():
     (data,) = Loops.reduce([Test("loop", (record,), "loop", 0.01, settle=1.0)])
     left = np.asarray(data.misfit(theta()))
     assert np.abs(left).max() < 1e-8 * np.abs(force).max()
-    assert float(data.repeats.size[0]) == len(y) - 256
+    assert float(data.groups.size[0]) == len(y) - 256
 
 
 def test_tests_of_unlike_lengths_stand_side_by_side():
@@ -68,7 +69,7 @@ def test_tests_of_unlike_lengths_stand_side_by_side():
         tests.append(Test("loop", (record,), f"{seconds}", 0.01))
     (data,) = Loops.reduce(tests)
     assert np.abs(np.asarray(data.misfit(theta()))).max() < 1e-6
-    np.testing.assert_array_equal(data.repeats.size, [512, 768])
+    np.testing.assert_array_equal(data.groups.size, [512, 768])
 
 
 def test_repeats_of_unlike_lengths_are_refused():
@@ -101,13 +102,13 @@ def test_the_zero_of_a_load_cell_is_fitted_beside_the_joint(kind):
     record = Record(FS, {"displacement": y, "restoring_force": force + zero},
                     {"displacement": "m", "restoring_force": "N"})  # fmt: skip
     (data,) = Loops.reduce([Test("loop", (record,), "loop", 0.01, settle=1.0, load_cell=kind)])
-    left, _ = data.residual(theta())
+    left = beside_own(data.misfit(theta()), data.groups)
     assert np.abs(np.asarray(left)).max() < 1e-7 * np.abs(force).max()
     taken = {"exact": 0, "offset": 1, "drift": 2}[kind]
-    assert float(data.repeats.num_counted[0]) == len(y) - 256 - taken
+    assert float(data.groups.num_counted[0]) == len(y) - 256 - taken
     if kind != "exact":
         (plain,) = Loops.reduce([Test("loop", (record,), "loop", 0.01, settle=1.0)])
-        assert np.abs(np.asarray(plain.residual(theta())[0])).max() > 1.0
+        assert np.abs(np.asarray(plain.misfit(theta()))).max() > 1.0
 
 
 def test_samples_of_a_loop_need_no_time(tmp_path):
@@ -127,6 +128,6 @@ settle = 10
     assert test.records[0].fs == 1.0
     assert not is_sampled(test.records[0])
     (data,) = Loops.reduce([test])
-    assert float(data.repeats.size[0]) == len(y) - 10
+    assert float(data.groups.size[0]) == len(y) - 10
     left = np.asarray(data.misfit(theta()))
     assert np.abs(left).max() < 1e-8 * np.abs(force).max()

@@ -48,7 +48,7 @@ def tone(frequency, level, repeats=2, noise=0.0, seed=0):
 def test_tones_are_predicted_where_the_joint_is_true():
     tests = [tone(f, level) for level in (0.3, 0.9) for f in (5.0, 6.0, 18.0)]
     data = Points.of(tone_groups(tests))
-    assert data.repeats.labels == (
+    assert data.groups.labels == (
         "tones 0.3 order 1", "tones 0.3 order 3", "tones 0.9 order 1", "tones 0.9 order 3",
     )  # fmt: skip
     # Four odd orders balanced against eight: a part in 1e6 of the first, 3e-6 of the third order
@@ -163,4 +163,4 @@ def test_noise_of_a_group_is_that_of_its_repeats():
     # An amplitude from N samples has 2 sigma^2 / N in each of its two parts; 798 degrees of
     # freedom know it to 2.5 %.
     expected = 1e-4 * np.sqrt(2 / 4096)
-    np.testing.assert_allclose(data.repeats.noise_std, expected, rtol=4 * 0.025)
+    np.testing.assert_allclose(data.groups.noise_std, expected, rtol=4 * 0.025)

@@ -30,7 +30,7 @@ def test_the_average_over_amplitudes_is_rayleighs():
     """Monte Carlo over the amplitudes in place of quadrature."""
     sigma = 4e-4
     data = LineReading.of(np.ones(3), np.eye(3), sigma)
-    omega, zeta, gain = (float(x) for x in data.predict(theta()))
+    omega, zeta, gain = (float(x) for x in data.predict(theta())[0])
     y = stats.rayleigh.ppf((np.arange(20000) + 0.5) / 20000, scale=sigma)
     names = ("omega_n", "zeta", "alpha", "delta", "gamma")
     joint = BoucWen(*(TRUTH[name] for name in names))
@@ -48,7 +48,7 @@ def test_small_amplitudes_shift_by_the_series():
     r"""$\omega_{eq}^2 = \omega_n^2 - \frac{4}{3\pi}\alpha\delta\,3\sqrt{\pi/8}\,\sigma$."""
     sigma = 1e-7
     data = LineReading.of(np.ones(3), np.eye(3), sigma)
-    omega = float(data.predict(theta())[0])
+    omega = float(data.predict(theta())[0, 0])
     expected = 4 / (3 * np.pi) * 497.4 * 340.21 * 3 * np.sqrt(np.pi / 8) * sigma
     # The next term is of relative order delta sigma = 3e-5; the difference of squares has 12
     # digits less six.

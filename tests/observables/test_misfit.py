@@ -3,6 +3,8 @@
 Seeds were fixed before the first run.
 """
 
+from dataclasses import replace
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,31 +12,31 @@ import pytest
 from jaxtyping import Array, Float
 from scipy.signal import lfilter
 
+from jbw.observables.dataset import Dataset
+from jbw.observables.groups import repeated, weights
 from jbw.observables.misfit import group_residuals, independent_fractions, shared_misfit
-from jbw.observables.repeated import Repeated
-from jbw.observables.repeats import RepeatedGroups, repeats
+from jbw.observables.noise import with_discrepancy, with_effective_values, with_fitted_noise
+from jbw.observables.observable import Observable
 
 SEEDS = (0, 1, 2)
 SIZE = 600
 COVARIANCE = np.eye(1)  # of one parameter: its scale does not matter
 
 
-class Lines(Repeated):
+class Lines(Observable):
     """Groups that are a parameter times a shape of their own."""
 
-    mean: Float[Array, "group value"]
     shape: Float[Array, "group value"]
-    repeats: RepeatedGroups
 
-    def misfit(self, theta):
-        return self.mean - theta["p"] * self.shape
+    def predict(self, theta):
+        return theta["p"] * self.shape
 
 
 def lines(shapes, data):
     """The observable of data (group, repeat, value)."""
     mean = data.mean(axis=1)
     groups, count, size = data.shape
-    own = repeats(
+    own = repeated(
         within=np.sum((data - mean[:, None]) ** 2, axis=(1, 2)),
         num_repeats=np.full(groups, count),
         sizes=np.full(groups, size),
@@ -42,18 +44,19 @@ def lines(shapes, data):
         runs=[f"run {i}" for i in range(groups)],
         scale=np.sqrt(np.mean(mean**2, axis=1)),
     )
-    return Lines(laws=(), mean=jnp.asarray(mean), shape=jnp.asarray(shapes), repeats=own)
+    return Lines(laws=(), mean=jnp.asarray(mean), shape=jnp.asarray(shapes), groups=own)
 
 
 def weighed(part, p):
     """The groups with the weights that a fit of p leaves, as the joint finds them."""
     rows = np.asarray(part.misfit({"p": p}))
-    left = dict(zip(part.labels, rows, strict=True))
-    columns = [dict(zip(part.labels, -np.asarray(part.shape), strict=True))]
-    expected = part.with_discrepancy(left)
-    fractions = expected.effective_fractions(left, columns, COVARIANCE)
-    noisy = expected.with_fitted_noise({"p": p}, left)
-    return noisy.with_effective_values(fractions), left, fractions
+    left = dict(zip(part.groups.labels, rows, strict=True))
+    columns = [dict(zip(part.groups.labels, -np.asarray(part.shape), strict=True))]
+    expected = with_discrepancy(left, Dataset.of([part]))
+    (table,) = (each.groups for each in expected.parts)
+    fractions = independent_fractions(table, left, columns, COVARIANCE)
+    noisy = with_fitted_noise({"p": p}, left, expected)
+    return with_effective_values(fractions, noisy).parts[0], left, fractions
 
 
 def curvature(part, p):
@@ -84,8 +87,8 @@ def test_white_noise_counts_in_full(seed, count):
     )
     part, _, fractions = weighed(lines(shapes, data), 1.0)
     assert fractions == {}
-    np.testing.assert_array_equal(part.repeats.num_values, np.full(3, SIZE * count))
-    np.testing.assert_array_equal(part.repeats.discrepancy, np.zeros(3))
+    np.testing.assert_array_equal(part.groups.num_values, np.full(3, SIZE * count))
+    np.testing.assert_array_equal(part.groups.discrepancy, np.zeros(3))
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -96,7 +99,7 @@ def test_a_misfit_that_all_repeats_share_tells_as_much_as_one_of_them(seed):
     for count in (4, 16, 64):
         data = simulated(rng, shape, count=count, noise=0.1, misfit=0.3)
         part, left, _ = weighed(lines(shape[None], data), 1.0)
-        told = group_residuals(part.repeats, left)[0]
+        told = group_residuals(part.groups, left)[0]
         assert told.is_misfit
         # 600 values know a mean square to sqrt(2 / 600).
         assert told.misfit == pytest.approx(0.09, rel=4 * np.sqrt(2 / SIZE))
@@ -161,22 +164,9 @@ def four(rng, *, missed=None, coloured=0.8):
 
 def of_groups(part, order):
     """Repeats, sizes and residual in another order of the groups."""
-    own, place = part.repeats, np.array(order)
-    fields = {
-        name: jnp.asarray(np.asarray(getattr(own, name))[place])
-        for name in (
-            "within",
-            "num_repeats",
-            "size",
-            "num_values",
-            "noise_std",
-            "discrepancy",
-            "spanned",
-        )
-    }
-    moved = RepeatedGroups(
-        **fields,
-        directions=own.directions,
+    own, place = part.groups, np.array(order)
+    moved = replace(
+        jax.tree.map(lambda column: column[place], own),
         labels=tuple(own.labels[i] for i in order),
         runs=tuple(own.runs[i] for i in order),
     )
@@ -188,14 +178,14 @@ def test_the_order_of_groups_does_not_matter(seed):
     rng = np.random.default_rng(seed)
     shapes, data = four(rng, missed=2)
     part, left, fractions = weighed(lines(shapes, data), 1.0)
-    columns = [dict(zip(part.labels, -shapes, strict=True))]
-    assert set(fractions) == set(part.labels)
+    columns = [dict(zip(part.groups.labels, -shapes, strict=True))]
+    assert set(fractions) == set(part.groups.labels)
     for order in ((3, 1, 0, 2), (2, 3, 1, 0)):
         own, sizes = of_groups(part, order)
         shared = shared_misfit(own, sizes, left)
         # Sums in another order: rounding.
         np.testing.assert_allclose(
-            shared, np.asarray(part.repeats.discrepancy)[list(order)], rtol=1e-12
+            shared, np.asarray(part.groups.discrepancy)[list(order)], rtol=1e-12
         )
         other = independent_fractions(own, left, columns, COVARIANCE)
         assert other == pytest.approx(fractions, rel=1e-12)
@@ -210,16 +200,16 @@ def test_a_group_that_a_law_misses_keeps_its_voice(seed, missed):
     part, left, _ = weighed(lines(shapes, data), 1.0)
     # Every group's share of the response is the mean of all: a quarter of what is missed wholly,
     # the size of whose response is doubled by it.
-    shares = np.asarray(part.repeats.discrepancy) * SIZE / np.sum(np.asarray(part.mean) ** 2, 1)
+    shares = np.asarray(part.groups.discrepancy) * SIZE / np.sum(np.asarray(part.mean) ** 2, 1)
     np.testing.assert_allclose(shares, shares[0], rtol=1e-12)
-    misfits = [one.misfit for one in group_residuals(part.repeats, left)]
+    misfits = [one.misfit for one in group_residuals(part.groups, left)]
     squares = np.mean(np.asarray(part.mean) ** 2, axis=1)
     assert shares[0] == pytest.approx(np.mean(misfits / squares), rel=1e-12)
-    raised = np.asarray(part.repeats.discrepancy) / np.asarray(usual.repeats.discrepancy)
+    raised = np.asarray(part.groups.discrepancy) / np.asarray(usual.groups.discrepancy)
     assert np.all(raised > 30)  # from a thousandth to an eighth
-    fractions = np.asarray(part.repeats.num_values) / (4 * SIZE)
+    fractions = np.asarray(part.groups.num_values) / (4 * SIZE)
     assert np.all((fractions > 1.001 * 8 / SIZE) & (fractions < 1))
     # Weights by the size of the response alone, of which the missed one has lost nothing: the
     # noise is a thousandth of the misfit, and the colour is shared.
-    weight = np.asarray(part.weight) ** 2 * squares
+    weight = np.asarray(weights(part.groups)) ** 2 * squares
     np.testing.assert_allclose(weight / weight.mean(), 1.0, rtol=1e-3)

@@ -32,6 +32,7 @@ from jbw.observables.decay import matched
 from jbw.observables.drives import told_by
 from jbw.observables.modal_decays import ModalDecays
 from jbw.observables.modes import Modes
+from jbw.observables.noise import silenced
 
 MODES = Modes(HZ)
 SETTINGS = Identify.of({"offsets": "none"})
@@ -46,7 +47,7 @@ def assembled(test, structure=STATED):
 
 
 def sizes(data):
-    return np.linalg.norm(np.asarray(data.envelope), axis=1)
+    return np.linalg.norm(np.asarray(data.mean), axis=1)
 
 
 @pytest.fixture(scope="module")
@@ -147,7 +148,7 @@ def test_a_likelihood_knows_no_gain():
 
 
 def test_a_record_that_does_not_count_says_nothing(clean):
-    silent = clean.silenced(clean.names[0])
+    (silent,) = silenced(clean.groups.runs[0], Dataset.of([clean])).parts
     assert np.all(np.asarray(silent.weighted(point())[0])[0] == 0.0)
     assert float(silent.estimate(point(), 0).log_density[0]) == 0.0
 

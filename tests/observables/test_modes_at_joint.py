@@ -50,7 +50,7 @@ def test_records_of_the_rig_are_predicted_to_their_noise(data):
     # solver's steps, four a sample, leave 1e-4 of it.
     np.testing.assert_allclose(np.linalg.norm(left, axis=1) / size, 0.01 / np.sqrt(2), rtol=0.1)
     assert data.labels == ("low_2", "high_2", LABEL)
-    assert known.runs == ("low_2",)
+    assert known.groups.runs == ("low_2",)
     # Another sign of the shape is far off: the strongest sweeps have harmonics at the other mode.
     wrong = np.asarray(records.mean - records.predict(point(sign_2=1.0)))
     assert np.max(np.linalg.norm(wrong, axis=1) / size) > 0.05

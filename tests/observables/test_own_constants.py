@@ -9,6 +9,7 @@ import pytest
 from jbw import Record, Test
 from jbw.errors import DataError
 from jbw.observables.dataset import Dataset, log_likelihood, stacked
+from jbw.observables.groups import fractions_counted, with_effective_values
 from jbw.observables.records import Records
 from jbw.observables.steady import Points
 
@@ -55,9 +56,9 @@ def test_whatever_constants_are_added_change_nothing(band, laws):
     size = LENGTH
     if band is not None:
         size = 2 * np.sum((OMEGA >= 2 * np.pi * band[0]) & (OMEGA <= 2 * np.pi * band[1]))
-    assert part.repeats.num_values == REPEATS * size - 2
-    assert part.fractions_counted() == {"own": 1.0}
-    assert part.with_effective_values({"own": 0.5}).repeats.num_values == (REPEATS * size - 2) / 2
+    assert part.groups.num_values == REPEATS * size - 2
+    assert fractions_counted(part.groups) == {"own": 1.0}
+    assert with_effective_values({"own": 0.5}, part.groups).num_values == (REPEATS * size - 2) / 2
 
 
 def curve(freq, *, added, name="curve", **extra):
@@ -82,7 +83,7 @@ def test_curves_have_constants_of_their_own_each():
         data = Dataset.of(Points.reduce(tests, laws=()))
         values = {name: jnp.asarray(value) for name, value in THETA.items()}
         found.append(np.asarray(log_likelihood(values, data)))
-        assert data.parts[0].repeats.num_values.tolist() == [80.0, 48.0]
+        assert data.parts[0].groups.num_values.tolist() == [80.0, 48.0]
     np.testing.assert_allclose(found[1], found[0], rtol=0, atol=1e-10 * np.abs(found[0]).max())
 
 

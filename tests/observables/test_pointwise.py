@@ -16,6 +16,7 @@ from jbw.observables.dataset import Dataset, log_likelihood, with_directions
 from jbw.observables.decay import Decays
 from jbw.observables.line_fit import LineReading
 from jbw.observables.loops import Loops
+from jbw.observables.noise import with_effective_values
 from jbw.observables.pointwise import records_of, splits_of
 from jbw.observables.records import Records
 from jbw.observables.samples import band_limited, response_to
@@ -111,7 +112,7 @@ def test_the_noise_integrated_out_leaves_the_likelihood_that_is_sampled(made):
     data = Dataset.of(part.reduce(tests))
     labels = data.labels
     fractions = dict.fromkeys(labels, fraction)
-    data = replace(data, parts=tuple(p.with_effective_values(fractions) for p in data.parts))
+    data = with_effective_values(fractions, data)
     theta = draws()
     noise = {label: np.full(2, 1.0) for label in labels}
     parts = found(data, tests, theta, noise).parts
@@ -123,8 +124,8 @@ def test_the_noise_integrated_out_leaves_the_likelihood_that_is_sampled(made):
     for label in labels:
         own = rows[:, [g == label for g in groups]].sum(axis=1)
         i = labels.index(label)
-        counts = next(p.repeats for p in data.parts if label in p.labels)
-        g = next(p.labels.index(label) for p in data.parts if label in p.labels)
+        counts = next(p.groups for p in data.parts if label in p.groups.labels)
+        g = next(p.groups.labels.index(label) for p in data.parts if label in p.groups.labels)
         n = float(counts.num_values[g])
         squares = -2 * own - n * np.log(2 * np.pi)  # f Q
         shift = squares[0] / n

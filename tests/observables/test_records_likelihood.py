@@ -15,7 +15,9 @@ from jbw.identification.joint import draw_noise_std
 from jbw.measurement.delays import advance, on_time
 from jbw.measurement.records import Record, Test
 from jbw.observables.dataset import Dataset, log_likelihood, stacked
+from jbw.observables.noise import repeatability
 from jbw.observables.records import Records
+from jbw.observables.remembered import remembering
 from jbw.observables.samples import band_limited, response_to
 
 FS = 256.0
@@ -75,7 +77,7 @@ def test_marginal_likelihood_integrates_the_noise_out(tests):
 def test_noise_of_the_repeats(tests):
     data = Records.of(tests)
     # 2048 degrees of freedom: the estimate has a standard error of 1.6 %.
-    assert float(data.repeats.noise_std[0]) == pytest.approx(1e-3, rel=0.07)
+    assert float(data.groups.noise_std[0]) == pytest.approx(1e-3, rel=0.07)
 
 
 @pytest.mark.fault(31)
@@ -84,7 +86,7 @@ def test_what_a_fit_leaves_stands_beside_the_scatter_of_its_repeats(tests):
     velocity = np.stack([record.channels["velocity"] for record in tests[0].records])
     mean = velocity.mean(axis=0)
     scatter = np.sqrt(np.var(velocity, axis=0, ddof=1).sum()) / np.linalg.norm(mean)
-    assert data.parts[0].repeatability() == pytest.approx({"sweep": scatter}, rel=1e-12)
+    assert repeatability(data) == pytest.approx({"sweep": scatter}, rel=1e-12)
     fine = repeatability_finding({"sweep": 0.5 * scatter}, data)
     assert fine is not None
     assert (fine.status, fine.number) == ("ok", pytest.approx(0.5))
@@ -177,7 +179,7 @@ def under(u):
 @pytest.mark.slow
 def test_records_remember_as_deep_as_their_motion_asks():
     (data,) = Records.reduce([under(dying())], laws=("masing_power",), substeps=1)
-    deep = data.remembering(SLIDING)
+    deep = remembering(SLIDING, data)
     assert deep.depth > data.depth
     assert deep.statements(SLIDING) == []
 
@@ -192,7 +194,7 @@ def test_loops_deeper_than_a_law_remembers_are_told():
     assert said[0].startswith("sweep: the motion nests more loops than the law remembers")
     (data,) = Records.reduce([under(dying())])
     assert data.statements(theta()) == []
-    assert data.remembering(theta()) is data
+    assert remembering(theta(), data) is data
 
 
 def test_a_motion_that_hides_the_data_by_rounding_is_no_prediction(monkeypatch):

@@ -84,7 +84,7 @@ def alone_at(i, solved_part):
 def test_rows_are_summed_by_products_as_over_the_responses(places):
     """What single records are asked for: rows of their own, at offsets of their runs."""
     (part,), theta, rng = places(settle=0.25).parts, points(3), np.random.default_rng(0)
-    rows = rng.standard_normal((2, 4, part.width))
+    rows = rng.standard_normal((2, 4, part.groups.width))
     offset = jnp.asarray([[0.02, 1e-5], [-0.05, -2e-5]])
     written = part.solved(theta, 1, writes=True)
     summed = part.solved(theta, 1, writes=False, rows=rows)

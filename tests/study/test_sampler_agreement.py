@@ -52,9 +52,9 @@ def outside(records, held, lower, upper):
     log_p = 0.0
     for level, source in enumerate(np.asarray(records.source)):
         v = velocities(coarse, held["gain"] * source, held)
-        count = float(records.repeats.num_repeats[level])
+        count = float(records.groups.num_repeats[level])
         misfit = count * np.sum((np.asarray(records.mean[level])[:, None] - v) ** 2, axis=0)
-        total = misfit + float(records.repeats.within[level])
+        total = misfit + float(records.groups.within[level])
         log_p = log_p - count * len(source) / 2 * np.log(total)
     gamma = np.linspace(lower, upper, 20_001)
     log_p = CubicSpline(coarse, log_p)(gamma)

@@ -36,7 +36,7 @@ def answered(tmp_path_factory):
         return ask(*arguments)
 
     def counted_entry(key, motion, seen, steps, *law_std):
-        entered.append((motion.shape, seen.names, seen.envelope.shape, steps.shape))
+        entered.append((motion.shape, seen.groups.labels, seen.mean.shape, steps.shape))
         return enter(key, motion, seen, steps, *law_std)
 
     with pytest.MonkeyPatch.context() as patch:

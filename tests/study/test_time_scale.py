@@ -88,7 +88,7 @@ def test_the_start_of_a_held_out_decay_is_read_over_the_same_part_of_it(scale):
     # Whole steps of the envelope, which are a filter's length apart.
     assert seen_s * scale == pytest.approx(BEGINNING / rate, abs=data.step_s * scale)
     silent = {"omega_n": np.full(3, OMEGA * scale), "zeta": np.zeros(3)}
-    assert num_begun(silent, data) == data.envelope.shape[1] // 2
+    assert num_begun(silent, data) == data.mean.shape[1] // 2
 
 
 @pytest.mark.parametrize("scale", [*SCALES, 2.0**40])

@@ -4,7 +4,6 @@ import json
 from dataclasses import replace
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 import xarray as xr
@@ -22,7 +21,7 @@ from jbw.measurement.envelopes import filter_of
 from jbw.measurement.records import Record, Test
 from jbw.observables import dataset
 from jbw.observables.dataset import Dataset
-from jbw.observables.decay import Decays
+from jbw.observables.decay import Decays, counting
 from jbw.report.messages.watch import particles
 from jbw.rig.generator import Sweep
 from jbw.study.store import save_result
@@ -54,7 +53,7 @@ def of(*hits):
 def terms_of(x, hits, worth):
     """Terms of the likelihood at points, a value of an envelope counted for `worth` of one."""
     part = Decays.of(of(*hits), laws=("cubic",), substeps=1)
-    data = Dataset.of([replace(part, fraction=jnp.asarray(worth))], {"gain": 1.0})
+    data = Dataset.of([counting(part, worth)], {"gain": 1.0})
     return at_points(dataset.log_likelihood, dict(zip(TRUTH, x.T, strict=True)), data)
 
 
@@ -130,7 +129,7 @@ def exact_sd(hits, worth):
     chosen, omega = filter_of(of(*hits)), TRUTH["omega_n"]
     taps = np.abs(chosen.taps) / np.abs(chosen.taps.sum())
     variance, total = 2 * NOISE**2 * np.sum(taps**2), 0.0
-    steps = np.asarray(Decays.of(of(*hits), laws=("cubic",), substeps=1).envelope).shape[1]
+    steps = np.asarray(Decays.of(of(*hits), laws=("cubic",), substeps=1).mean).shape[1]
     t = SETTLE + len(taps) / (2 * FS) + chosen.step_s * np.arange(steps)
     for record in hits:
         size = np.max(np.abs(record.channels["velocity"][:30]))  # 0.3 of it and more, over a period

@@ -69,9 +69,9 @@ def opening_curve(records: Records, held: Mapping[str, float], prior: Box) -> Op
     series[0] /= 2
     return OpeningCurve(
         coefficients=(series @ values).T,
-        within=records.repeats.within,
-        num_values=records.repeats.num_values,
-        noise_std=records.repeats.noise_std,
+        within=records.groups.within,
+        num_values=records.groups.num_values,
+        noise_std=records.groups.noise_std,
         lower=prior.lower[0],
         upper=prior.upper[0],
     )
@@ -84,7 +84,7 @@ def misfits(
     """Misfit of every level by solves, gamma [1/m] after gamma."""
 
     def misfit_at(value: Float[Array, ""]) -> Float[Array, " level"]:
-        return records.squares({**held, "gamma": value}) - records.repeats.within
+        return records.squares({**held, "gamma": value}) - records.groups.within
 
     return jax.lax.map(misfit_at, gamma)
 

@@ -1,0 +1,256 @@
+"""The table of groups that every kind of test holds: names, repeats, noise, offsets of runs."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Literal
+
+import equinox as eqx
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.core import Tracer
+from jaxtyping import Array, Bool, Complex, Float, Inexact
+
+SILENT = 1e-12  # of the values of a group that counts for nothing
+SPANS = 1e-10  # of columns of size one: a direction that is none but for rounding
+
+Row = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
+Rows = Mapping[str, Row]  # by the groups' labels
+Covariance = Float[np.ndarray, "parameter parameter"]
+
+
+def concrete(values: Any) -> Any:
+    """An array as NumPy's where nothing is traced: then there is no program to compile."""
+    return values if isinstance(values, Tracer) else np.asarray(values)
+
+
+class Groups(eqx.Module):
+    """Groups of data: each has one label, one run and one noise.
+
+    Attributes:
+        within: Scatter S of the repeats about their mean, summed over repeats and values.
+        num_repeats: Repeats K.
+        size: Values N of a group: real numbers (samples, or real and imaginary parts).
+        num_values: Independent values n of all repeats, fewer where the residual is coloured.
+        noise_std: Noise of one repeat, for least squares.
+        discrepancy: Mean square that the law is expected to leave of every value, in all repeats.
+        directions: Change of the prediction by each offset of the run; no offsets, no rows.
+        spanned: Orthonormal directions of what the misfit may hold besides, integrated out: of a
+            constant of each group's own (`residuals = "own"`); zero rows where there are fewer.
+        origin: omega_n [rad/s] and zeta of each group's own run, about which its prediction is
+            linear in them; no columns where it is made at the parameters themselves.
+        counted: 1 for a value that is compared, 0 for others; None where the first `size` are.
+        reference: What the errors of a group are relative to; None for the mean's root mean square.
+        labels: Name of each group, no two alike; static as all below.
+        runs: Name of the run of each group.
+        units: Unit of the values of each group.
+        is_complex: Whether the values of a group are real parts, then imaginary parts.
+        num_own: Unknowns of each group besides its noise that its kind integrates out.
+        is_prior: Whether it is one group that was read before: no fit is judged by it.
+    """
+
+    within: Float[Array, " group"]
+    num_repeats: Float[Array, " group"]
+    size: Float[Array, " group"]
+    num_values: Float[Array, " group"]
+    noise_std: Float[Array, " group"]
+    discrepancy: Float[Array, " group"]
+    directions: Float[Array, "group own value"]
+    spanned: Float[Array, "group column value"]
+    origin: Float[Array, "group of_run"]
+    counted: Float[Array, "group value"] | None = None
+    reference: Float[Array, " group"] | None = None
+    labels: tuple[str, ...] = eqx.field(static=True, kw_only=True)
+    runs: tuple[str, ...] = eqx.field(static=True, kw_only=True)
+    units: tuple[str, ...] = eqx.field(static=True, kw_only=True)
+    is_complex: bool = eqx.field(static=True, default=False)
+    num_own: int = eqx.field(static=True, default=0)
+    is_prior: bool = eqx.field(static=True, default=False)
+
+    @property
+    def num_taken(self) -> Float[Array, " group"]:
+        """Values that the directions of each group's own take, one each."""
+        rows = concrete(self.spanned)
+        xp: Any = np if isinstance(rows, np.ndarray) else jnp
+        return xp.round(xp.sum(rows**2, axis=(1, 2)))
+
+    @property
+    def num_counted(self) -> Float[Array, " group"]:
+        """Values of all repeats of each group, less those that are taken."""
+        return concrete(self.size) * concrete(self.num_repeats) - self.num_taken
+
+    @property
+    def unit(self) -> str:
+        """Unit of the values; empty where groups differ."""
+        return self.units[0] if len(set(self.units)) == 1 else ""
+
+    @property
+    def width(self) -> int:
+        """Values of a group's row, those that fill it up included."""
+        return self.directions.shape[-1]
+
+
+def repeated(
+    within: Float[np.ndarray, " group"],
+    num_repeats: Float[np.ndarray, " group"],
+    sizes: Float[np.ndarray, " group"],
+    labels: Sequence[str],
+    runs: Sequence[str],
+    scale: Float[np.ndarray, " group"],
+    *,
+    units: Sequence[str] | str = "",
+    longest: int | None = None,
+    spanned: Float[np.ndarray, "group column value"] | None = None,
+    **columns: Any,
+) -> Groups:
+    r"""Return groups of independent values of noise $\sigma^2 = S / (N (K - 1))$.
+
+    Until a fit tells it, a single repeat's noise is guessed as one hundredth of the root mean
+    square, the `scale`. Labels that come again get a number. `units` may be one of all. `spanned`
+    are columns of each group that its misfit may hold besides, in any scale. `longest` is the
+    length of the longest group's row, where more values stand in it than count. `columns` are
+    others of `Groups`.
+    """
+    longest = int(max(sizes)) if longest is None else longest
+    degrees = sizes * (num_repeats - 1)
+    is_repeated = degrees > 0
+    noise = np.sqrt(
+        np.where(is_repeated, within / np.where(is_repeated, degrees, 1), (0.01 * scale) ** 2)
+    )
+    own_directions = (
+        np.zeros((len(labels), 0, longest)) if spanned is None else _orthonormal(spanned)
+    )
+    # Values that the directions of each group's own take, one each.
+    num_taken = np.round(np.sum(own_directions**2, axis=(1, 2)))
+    arrays = {
+        "within": np.asarray(within),
+        "num_repeats": np.asarray(num_repeats, float),
+        "size": np.asarray(sizes, float),
+        "num_values": np.asarray(sizes, float) * num_repeats - num_taken,
+        "noise_std": noise,
+        "discrepancy": np.zeros(len(labels)),
+        "directions": np.zeros((len(labels), 0, longest)),
+        "spanned": own_directions,
+        "origin": np.zeros((len(labels), 0)),
+    }
+    return Groups(
+        **jax.device_put(arrays),
+        labels=_distinct(labels),
+        runs=tuple(runs),
+        units=(units,) * len(labels) if isinstance(units, str) else tuple(units),
+        **columns,
+    )
+
+
+def read_before(label: str, run: str, size: int, num_repeats: float = 1.0) -> Groups:
+    """Return the one group of values whose covariance was known before any fit."""
+    one = np.ones(1)
+    counts, names = (num_repeats * one, size * one), ((label,), (run,))
+    return changed(repeated(0 * one, *counts, *names, one, is_prior=True), noise_std=one)
+
+
+def changed(groups: Groups, **columns: Any) -> Groups:
+    """Return the groups with other columns; those of NumPy are put on the device."""
+    # `jnp.asarray` would compile a program for every shape.
+    arrays = {n: jax.device_put(x) if isinstance(x, np.ndarray) else x for n, x in columns.items()}
+    return replace(groups, **arrays)
+
+
+def weights(groups: Groups) -> Float[Array, " group"]:
+    r"""Return one over a mean's standard error, $\sqrt{n / N} / \sigma$; n = N K if independent."""
+    size, repeats, counted, noise_std = map(
+        concrete, (groups.size, groups.num_repeats, groups.num_values, groups.noise_std)
+    )
+    return (counted / (size - groups.num_taken / repeats)) ** 0.5 / noise_std
+
+
+def beside_own(
+    rows: Float[Array, "group *own value"], groups: Groups
+) -> Float[Array, "group *own value"]:
+    """Return rows without what lies along each group's own constants, which nothing tells."""
+    columns = groups.spanned
+    if not columns.shape[1]:
+        return rows
+    along = jnp.einsum("gcv,g...v->g...c", columns, rows)
+    return rows - jnp.einsum("gcv,g...c->g...v", columns, along)
+
+
+def with_slope(groups: Groups, slope: Float[Any, "group value own"]) -> Groups:
+    """Return the groups with derivatives of their predictions by the offsets."""
+    xp: Any = np if isinstance(slope, np.ndarray) else jnp
+    return changed(groups, directions=beside_own(xp.moveaxis(slope, -1, 1), groups))
+
+
+def compared(groups: Groups, group: int) -> slice | Bool[np.ndarray, " value"]:
+    """Return which values of a group's row are compared, of complex ones which of their pairs."""
+    if groups.counted is not None:
+        return np.asarray(groups.counted)[group] > 0
+    return slice(int(np.asarray(groups.size)[group]) // (2 if groups.is_complex else 1))
+
+
+def in_units(rows: Mapping[str, Float[np.ndarray, " value"]], groups: Groups) -> dict[str, Row]:
+    """Return rows of residuals in the unit of the values, complex where the values are."""
+    weight, labelled = np.asarray(weights(groups)), {}
+    for i, label in enumerate(groups.labels):
+        row: Row = np.asarray(rows[label]) / weight[i]
+        if groups.is_complex:
+            half = len(row) // 2
+            row = row[:half] + 1j * row[half : 2 * half]
+        labelled[label] = row[compared(groups, i)]
+    return labelled
+
+
+def sizes(mean: Inexact[Any, "group value"], groups: Groups) -> Float[np.ndarray, " group"]:
+    """Return the root of the sum of squares of each group's mean, or of its reference."""
+    if groups.reference is None:
+        return np.linalg.norm(np.asarray(mean), axis=1)
+    return np.asarray(groups.reference) * np.sqrt(np.asarray(groups.size))
+
+
+def with_fitted_noise(residuals: Rows, groups: Groups) -> Groups:
+    r"""Return groups with the noise that a fit leaves, $\sigma^2 = Q / (N K - q) + \tau^2$."""
+    squares = np.array([np.sum(np.abs(residuals[label]) ** 2) for label in groups.labels])
+    total = np.asarray(groups.num_repeats) * squares + np.asarray(groups.within)
+    square = total / np.asarray(groups.num_counted) + np.asarray(groups.discrepancy)
+    return changed(groups, noise_std=np.sqrt(square))
+
+
+def with_effective_values(fractions: Mapping[str, float], groups: Groups) -> Groups:
+    """Return groups that count for as many values as are independent, all where not named."""
+    fraction = np.array([fractions.get(label, 1.0) for label in groups.labels])
+    return changed(groups, num_values=fraction * np.asarray(groups.num_counted))
+
+
+def fractions_counted(groups: Groups) -> dict[str, float]:
+    """Return the fraction of the values of each group that the likelihood counts."""
+    fraction = np.asarray(groups.num_values) / np.asarray(groups.num_counted)
+    return dict(zip(groups.labels, fraction.tolist(), strict=True))
+
+
+def silenced(run: str, groups: Groups) -> Groups:
+    """Return groups of the same shapes in which those of one run have next to no values."""
+    pairs = zip(groups.labels, groups.runs, strict=True)
+    fractions = {label: SILENT for label, name in pairs if name == run}
+    return with_effective_values({**fractions_counted(groups), **fractions}, groups)
+
+
+def _orthonormal(
+    columns: Float[np.ndarray, "group column value"],
+) -> Float[np.ndarray, "group column value"]:
+    """Orthonormal rows of the same span, and zeros for those that are not needed."""
+    size = np.linalg.norm(columns, axis=-1, keepdims=True)
+    _, weight, rows = np.linalg.svd(columns / np.where(size > 0, size, 1.0), full_matrices=False)
+    return rows * (weight > SPANS)[..., None]
+
+
+def filled(rows: Sequence[np.ndarray], mode: Literal["constant", "edge"] = "constant") -> Array:
+    """Rows side by side, zero behind their last value, or that value itself by mode edge."""
+    longest = max(map(len, rows))
+    return jnp.asarray(np.stack([np.pad(row, (0, longest - len(row)), mode) for row in rows]))
+
+
+def _distinct(labels: Sequence[str]) -> tuple[str, ...]:
+    """Labels of which no two are alike: those that come again have a number behind them."""
+    counts = [labels[: i + 1].count(label) for i, label in enumerate(labels)]
+    pairs = zip(labels, counts, strict=True)
+    return tuple(label if count == 1 else f"{label} ({count})" for label, count in pairs)

@@ -1,0 +1,182 @@
+r"""What repeats and fits tell of the noise of a dataset, and how many values each group counts.
+
+Every function reads columns of `Groups` alone: a mean of K repeats of N values, of which n are
+independent, with the scatter S of the repeats about it.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+
+import equinox as eqx
+import jax
+import numpy as np
+from jaxtyping import Array, Float, Key
+
+from jbw.inference.generator import generator
+from jbw.observables import groups as table
+from jbw.observables.dataset import Dataset, as_arrays, measured_parts, residual_by_label, sizes_of
+from jbw.observables.drives import of_part
+from jbw.observables.effective_values import correlated_fraction
+from jbw.observables.groups import Covariance, Groups, Rows, changed, sizes
+from jbw.observables.misfit import independent_fractions, shared_misfit
+from jbw.observables.observable import Observable, Theta, alone
+
+EXCLUDED = 1e6  # times its noise: a group that says nothing any more, and keeps its shape
+
+Draws = Float[np.ndarray, "chain draw"]
+Drawn = Mapping[str, Float[np.ndarray, "..."]]  # parameters by name, and what was held
+
+
+def num_known(data: Dataset) -> dict[str, float]:
+    """Return the number of values of each group whose noise is known, by repeats or before."""
+    known = {}
+    for groups in (part.groups for part in data.parts):
+        counts = np.asarray(groups.num_repeats), np.asarray(groups.size)
+        rows = zip(groups.labels, *counts, strict=True)
+        known |= {label: float(size) for label, count, size in rows if count > 1}
+    return known
+
+
+def repeatability(data: Dataset, *, of_mean: bool = False) -> dict[str, float]:
+    r"""Return the scatter of each group's repeats, or of their mean, over the size of that mean.
+
+    Of the mean of K repeats it is that of a single one over $\sqrt K$.
+    """
+    scatter: dict[str, float] = {}
+    for part in measured_parts(data):
+        count, within = (np.asarray(x) for x in (part.groups.num_repeats, part.groups.within))
+        std = np.sqrt(within / np.maximum(count - 1, 1)) / (count**0.5 if of_mean else 1.0)
+        rows = zip(sizes_of(part).items(), std.tolist(), count, strict=True)
+        scatter |= {label: x / size for (label, size), x, k in rows if k > 1}
+    return scatter
+
+
+def evenly(part: Observable) -> Observable | None:
+    """Return data whose groups count by their relative errors; None where that is meaningless."""
+    groups = part.groups
+    if groups.is_prior or part.own_shifts:
+        return None
+    size = sizes(part.mean, groups)
+    columns = {
+        "noise_std": np.where(size > 0, size, 1.0),
+        "num_values": groups.size,
+        "directions": np.asarray(groups.directions)[:, :0],
+        "origin": np.asarray(groups.origin)[:, :0],
+    }
+    return replace(part, groups=changed(groups, **columns))
+
+
+def with_discrepancy(residuals: Rows, data: Dataset) -> Dataset:
+    """Return the dataset with what the law is expected to leave, one share of each response."""
+
+    def with_share(part: Observable) -> Observable:
+        if part.groups.is_prior or part.own_shifts:
+            return part
+        share = shared_misfit(part.groups, sizes(part.mean, part.groups), residuals)
+        return replace(part, groups=changed(part.groups, discrepancy=share))
+
+    return replace(data, parts=tuple(map(with_share, data.parts)))
+
+
+def with_fitted_noise(theta: Mapping[str, float], residuals: Rows, data: Dataset) -> Dataset:
+    """Return the dataset with the noise that a fit leaves in every group."""
+    everything = as_arrays(theta, data)
+    parts = tuple(
+        p if p.groups.is_prior else p.with_fitted_noise(of_part(everything, p), residuals)
+        for p in data.parts
+    )
+    return replace(data, parts=parts)
+
+
+def effective_fractions(
+    rows: Float[np.ndarray, " values"],
+    jacobian: Float[np.ndarray, "values parameter"],
+    covariance: Covariance,
+    data: Dataset,
+    expected: Dataset | None = None,
+) -> dict[str, float]:
+    """Return the fraction of independent values of each group that is coloured, or misfitted.
+
+    `rows` and the others are of a fit to `data`, `expected` has the misfit that is expected of it.
+    """
+    residuals = residual_by_label(rows, data)
+    columns = [residual_by_label(column, data) for column in np.asarray(jacobian).T]
+    fractions: dict[str, float] = {}
+    for part in measured_parts(expected or data):
+        labels = part.groups.labels
+        if part.own_shifts:  # records of one decay are coloured alike
+            colour = correlated_fraction(np.stack([residuals[label] for label in labels]))
+            fractions |= dict.fromkeys(labels, colour)
+        else:
+            fractions |= independent_fractions(part.groups, residuals, columns, covariance)
+    return fractions
+
+
+def fractions_counted(data: Dataset) -> dict[str, float]:
+    """Return the fraction of the values of each group that the likelihood counts."""
+    of_parts = (table.fractions_counted(part.groups) for part in measured_parts(data))
+    return {label: fraction for of_part in of_parts for label, fraction in of_part.items()}
+
+
+def with_effective_values(fractions: Mapping[str, float], data: Dataset) -> Dataset:
+    """Return the dataset with as many values as are independent, all where not named."""
+    return _with_groups(partial(table.with_effective_values, fractions), data)
+
+
+def silenced(run: str, data: Dataset) -> Dataset:
+    """Return the dataset in which one run counts for nothing, in the likelihood too."""
+    return _with_groups(partial(table.silenced, run), data)
+
+
+def without(run: str, data: Dataset) -> Dataset:
+    """Return the dataset with one run's groups excluded from least squares, of the same shapes."""
+
+    def louder(groups: Groups) -> Groups:
+        loud = np.array([EXCLUDED if name == run else 1.0 for name in groups.runs])
+        return changed(groups, noise_std=np.asarray(groups.noise_std) * loud)
+
+    return _with_groups(louder, data)
+
+
+def _with_groups(change: Callable[[Groups], Groups], data: Dataset) -> Dataset:
+    return replace(data, parts=tuple(replace(x, groups=change(x.groups)) for x in data.parts))
+
+
+def draw_noise(
+    key: Key[Array, ""],
+    theta: Drawn,
+    terms: Mapping[str, Draws],
+    part: Observable,
+    num_offsets: int,
+) -> dict[str, Draws]:
+    r"""Return one exact draw of each group's noise for every draw of the parameters.
+
+    $$\sigma^2 \mid \theta \sim \frac{n}{NK}\,Q(\theta) / \chi^2_{n - q}, \qquad
+      \log p = -\tfrac n2 \log Q$$
+
+    Q, of all N K values, is read off the stored terms of the log likelihood: no other solve. Of
+    records with q unknowns of their own it is not in these, and is solved for.
+    """
+    groups, count = part.groups, np.asarray(part.groups.num_values)
+    if part.own_shifts:
+        squares, num_free = squares_at(theta, part), count - groups.num_own
+    else:
+        rows = np.stack([terms[label] for label in groups.labels], axis=-1)
+        squares, num_free = np.exp(-2 * rows / count), count - num_offsets
+    chi_square = generator(key).chisquare(num_free, squares.shape)
+    noise = np.sqrt(count / np.asarray(groups.num_counted) * squares / chi_square)
+    return {label: noise[..., i] for i, label in enumerate(groups.labels)}
+
+
+def squares_at(theta: Drawn, part: Observable) -> Float[np.ndarray, "... group"]:
+    """Return squares of the residual of every group of a part at draws of the parameters."""
+    shape = np.broadcast_shapes(*(np.shape(values) for values in theta.values()))
+    points = {name: np.ravel(np.broadcast_to(values, shape)) for name, values in theta.items()}
+    squares = _squares_at(jax.device_put(points), alone(part))
+    return np.asarray(squares).reshape(*shape, -1)
+
+
+@eqx.filter_jit
+def _squares_at(theta: Theta, part: Observable) -> Float[Array, "draw group"]:
+    return jax.lax.map(lambda drawn: part.residual_sums(drawn)[0], dict(theta), batch_size=8)

@@ -1,0 +1,24 @@
+"""As much of a kind of data as what looks at its groups alone asks for."""
+
+import jax.numpy as jnp
+import numpy as np
+
+from jbw.observables.groups import repeated
+from jbw.observables.observable import Observable, Shown
+
+
+class Sized(Observable):
+    """Groups of one value, with a largest displacement."""
+
+    y_peak: float
+
+    def shown(self, omega_n=1.0):
+        return Shown(y_peak=self.y_peak)
+
+
+def part_of(sizes, runs=None, y_peak=0.0):
+    """Groups of responses of such sizes by label, each of a run of its own unless stated."""
+    mean, names = np.array(list(sizes.values()), float), tuple(sizes)
+    one = np.ones(len(names))
+    groups = repeated(one, one, one, names, runs or names, one, longest=1)
+    return Sized(y_peak, mean=jnp.asarray(mean[:, None]), groups=groups)
