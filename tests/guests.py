@@ -76,7 +76,7 @@ class RingDown(Observable):
             within=np.array(within), num_repeats=np.array([len(row) for row in rows]),
             sizes=np.full(len(tests), size),
             labels=tuple(t.name for t in tests), runs=tuple(run_of(t) for t in tests),
-            scale=np.abs(mean).max(axis=1), units="Hz",
+            scale=np.abs(mean).max(axis=1), units=("Hz",) * len(tests),
         )  # fmt: skip
         return (
             cls(

@@ -19,7 +19,7 @@ from jaxtyping import Array, Float
 
 from jbw.observables.drives import named
 from jbw.observables.groups import read_before
-from jbw.observables.observable import OFFSETS, Laws, Reading, Theta
+from jbw.observables.observable import OFFSETS, KnownReading, Laws, Theta
 from jbw.quantities import DEFAULT_LAWS
 from jbw.report.messages import observed as messages
 
@@ -29,7 +29,7 @@ def label_of(drive: str) -> str:
     return f"shaker by {drive}"
 
 
-class Foretold(Reading):
+class Foretold(KnownReading):
     """Change of omega_n [rad/s] and zeta by the shaker of a drive, with standard deviations.
 
     Attributes:

@@ -504,7 +504,7 @@ def _groups_of(
         labels=[f"{test.name} {row.quantity}" for test, row in zip(tests, rows, strict=True)],
         runs=[run_of(test) for test in tests],
         scale=size,
-        units=[unit_by_quantity[row.quantity] for row in rows],
+        units=tuple(unit_by_quantity[row.quantity] for row in rows),
         reference=jax.device_put(size),
     )
 

@@ -136,7 +136,7 @@ def unnamed(data: Dataset) -> Dataset:
     """
     numbers = numbers_of(data.labels, data.runs)
     stated = replace(data.stated, texts=())
-    return replace(data, parts=tuple(nameless(x, numbers) for x in data.parts), stated=stated)
+    return replace(data, parts=tuple(nameless(x, *numbers) for x in data.parts), stated=stated)
 
 
 def solved(

@@ -116,7 +116,7 @@ def _groups_of(test: Test, envelope: Complex[np.ndarray, "record step"]) -> Grou
         names,
         names,
         np.sqrt(np.mean(np.abs(envelope) ** 2, axis=1)),
-        units=UNIT_OF[test.records[0].response],
+        units=(UNIT_OF[test.records[0].response],) * count,
         longest=2 * length + 1,
         is_complex=True,
         num_own=NUM_OWN,

@@ -98,7 +98,6 @@ def repeated(
     runs: Sequence[str],
     scale: Float[np.ndarray, " group"],
     *,
-    units: Sequence[str] | str = "",
     longest: int | None = None,
     spanned: Float[np.ndarray, "group column value"] | None = None,
     **columns: Any,
@@ -106,10 +105,9 @@ def repeated(
     r"""Return groups of independent values of noise $\sigma^2 = S / (N (K - 1))$.
 
     Until a fit tells it, a single repeat's noise is guessed as one hundredth of the root mean
-    square, the `scale`. Labels that come again get a number. `units` may be one of all. `spanned`
-    are columns of each group that its misfit may hold besides, in any scale. `longest` is the
-    length of the longest group's row, where more values stand in it than count. `columns` are
-    others of `Groups`.
+    square, the `scale`. Labels that come again get a number. `spanned` are columns of each group
+    that its misfit may hold besides, in any scale. `longest` is the length of the longest group's
+    row, where more values stand in it than count. `columns` are others of `Groups`, such as units.
     """
     longest = int(max(sizes)) if longest is None else longest
     degrees = sizes * (num_repeats - 1)
@@ -137,8 +135,7 @@ def repeated(
         **jax.device_put(arrays),
         labels=_distinct(labels),
         runs=tuple(runs),
-        units=(units,) * len(labels) if isinstance(units, str) else tuple(units),
-        **columns,
+        **{"units": ("",) * len(labels)} | columns,
     )
 
 

@@ -21,7 +21,7 @@ from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
 from jbw.observables.groups import read_before
-from jbw.observables.observable import Laws, Reading, Shown, Theta
+from jbw.observables.observable import KnownReading, Laws, Shown, Theta
 from jbw.observables.samples import joints_at
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.quantities import DEFAULT_LAWS
@@ -34,7 +34,7 @@ LEAST_LINES = 2  # of an oscillator: three unknowns, two numbers a line
 JUMP = 0.5  # of the response, from one point of a curve to the next: another branch
 
 
-class LineReading(Reading):
+class LineReading(KnownReading):
     """What a line fit reads in random motion of `y_rms` [m]: omega_n [rad/s], zeta [-], gain.
 
     The covariance is theirs, the gain in N/kg per unit of the input. The solution is what is read,

@@ -92,7 +92,7 @@ class Loops(Observable):
                 labels=[test.name for test in tests],
                 runs=[run_of(test) for test in tests],
                 scale=np.array([np.sqrt(np.mean(m**2)) for m in mean]),
-                units="N",
+                units=("N",) * len(tests),
                 counted=filled(counted),
                 spanned=zeros_of_load_cells([test.load_cell for test in tests], counted),
             ),

@@ -18,7 +18,7 @@ from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
 from jbw.observables.groups import read_before
-from jbw.observables.observable import Laws, Reading, Shown, Theta
+from jbw.observables.observable import KnownReading, Laws, Shown, Theta
 from jbw.oscillator.modes.assembled import OMEGA, PUSH, ZETA, numbered, seen_name
 from jbw.oscillator.modes.parameters import NAMES, SEEN, Names, structure_of
 from jbw.quantities import DEFAULT_LAWS, OSCILLATOR
@@ -184,7 +184,7 @@ def _std(name: str) -> float:
     return SHAPE_STD if name in {names.shape for names in NAMES} else COUPLING_STD
 
 
-class ModesAtJoint(Reading):
+class ModesAtJoint(KnownReading):
     """What is known before any test of the sizes of modes at the joint, as an observable.
 
     Attributes:

@@ -35,6 +35,7 @@ OFFSETS = ("omega_n", "zeta")  # of a run, where it has its own
 Theta = Mapping[str, Array]
 Weighted = tuple[Float[Array, "group value"], Float[Array, "group own value"]]
 Laws = tuple[str, ...]
+Names = Mapping[str, str]  # what programs call a group or a run, by its name
 
 
 class SteadyLines(NamedTuple):
@@ -86,13 +87,6 @@ class Shown(NamedTuple):
     axis: tuple[str, str] = ("number", "1")
     places: Sequence[Float[np.ndarray, " value"]] | None = None
     spectra: Callable[[Rows], dict[str, Spectrum]] = _no_spectra
-
-
-class Numbers(NamedTuple):
-    """Numbers that stand for the names of groups and of runs: equal ones for equal names."""
-
-    labels: Mapping[str, str]
-    runs: Mapping[str, str]
 
 
 class Observable(eqx.Module):
@@ -251,7 +245,7 @@ class Observable(eqx.Module):
         return []
 
 
-class Reading(Observable):
+class KnownReading(Observable):
     """Values that were read before, of one group and of known covariance: a prior density."""
 
     def whitened(
@@ -274,25 +268,31 @@ class Reading(Observable):
         return estimate._replace(log_density=estimate.log_density + term)
 
 
-def numbers_of(labels: Sequence[str], runs: Sequence[str]) -> Numbers:
-    """Numbers in the order in which names come, those of runs behind those of their assemblies."""
+def numbers_of(labels: Sequence[str], runs: Sequence[str]) -> tuple[Names, Names]:
+    """Return numbers by the names of groups and of runs, in the order in which names come.
+
+    Those of runs stand behind those of their assemblies.
+    """
     owners = {run: run.partition(OF)[0] for run in runs}
     number_of = {owner: f"#{i}" for i, owner in enumerate(dict.fromkeys(owners.values()))}
     by_run = {
         run: number_of[owner] + (f"{OF}{i}" if OF in run else "")
         for i, (run, owner) in enumerate(owners.items())
     }
-    return Numbers({label: f"#{i}" for i, label in enumerate(dict.fromkeys(labels))}, by_run)
+    return {label: f"#{i}" for i, label in enumerate(dict.fromkeys(labels))}, by_run
 
 
-def unnamed(data: Any, numbers: Numbers) -> Any:
+def unnamed(data: Any, labels: Names, runs: Names) -> Any:
     """Return data of one kind as programs see them: groups and runs have numbers for names.
 
     Nor has it units, words, or numbers that no program reads but is compiled for.
     """
-    labels = tuple(numbers.labels[label] for label in data.groups.labels)
-    runs = tuple(numbers.runs[run] for run in data.groups.runs)
-    groups = replace(data.groups, labels=labels, runs=runs, units=())
+    groups = replace(
+        data.groups,
+        labels=tuple(labels[label] for label in data.groups.labels),
+        runs=tuple(runs[run] for run in data.groups.runs),
+        units=(),
+    )
     modes = data.modes
     if modes is not None:
         hz = modes.hz if data.reads_hz else (0.0,) * len(modes.hz)
@@ -302,7 +302,7 @@ def unnamed(data: Any, numbers: Numbers) -> Any:
 
 def alone(data: Any) -> Any:
     """Data of one observable as programs see them, of which nothing else has the names."""
-    return unnamed(data, numbers_of(data.groups.labels, data.groups.runs))
+    return unnamed(data, *numbers_of(data.groups.labels, data.groups.runs))
 
 
 def prediction(theta: Theta, data: Observable) -> Any:

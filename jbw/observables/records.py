@@ -166,7 +166,7 @@ class Records(Observable):
                 spanned=own_columns(inputs[:, skipped:], fs, response, lines)
                 if has_own_terms
                 else None,
-                units=UNIT_OF[response],
+                units=(UNIT_OF[response],) * len(tests),
                 is_complex=lines is not None,
             ),
             depth=SIZE,

@@ -115,7 +115,7 @@ class Points(Observable):
                 labels=[group.label for group in groups],
                 runs=[group.run for group in groups],
                 scale=np.array([np.sqrt(np.mean(np.abs(g.values) ** 2) / 2) for g in groups]),
-                units=[group.unit for group in groups],
+                units=tuple(group.unit for group in groups),
                 is_complex=True,
                 spanned=spanned,
             ),

@@ -100,9 +100,9 @@ def test_decays_of_other_names_and_bands_share_a_program():
     ],
 )  # fmt: skip
 def test_numbers_tell_runs_and_assemblies_apart_as_names_do(runs):
-    numbers = numbers_of(("x", "y", "x"), runs)
-    assert numbers.labels == {"x": "#0", "y": "#1"}
-    numbered = tuple(numbers.runs[run] for run in runs)
+    labels, by_run = numbers_of(("x", "y", "x"), runs)
+    assert labels == {"x": "#0", "y": "#1"}
+    numbered = tuple(by_run[run] for run in runs)
     assert assemblies_of(numbered) == assemblies_of(runs)
     assert [numbered.index(run) for run in numbered] == [runs.index(run) for run in runs]
 
