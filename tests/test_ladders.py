@@ -38,8 +38,8 @@ SAMPLERS = {
     "quadrature",
 }
 KINDS = {"noise", "multisine", "tones", "stepped", "sweep", "decay", "frf", "loop"}
-GOALS = {"law": 40, "isinstance": 5, "kind": 15, "samplers": 1}
-LIMITS = {"law": 32, "isinstance": 4, "kind": 10, "samplers": 1}
+GOALS = {"law": 40, "isinstance": 3, "kind": 15, "samplers": 1}
+LIMITS = {"law": 32, "isinstance": 3, "kind": 10, "samplers": 1}
 
 
 def docstrings(tree):

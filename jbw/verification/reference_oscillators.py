@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from types import MappingProxyType
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
@@ -20,7 +20,6 @@ from jbw.observables.dataset import (
     with_directions,
 )
 from jbw.observables.drives import of_drive, used_by
-from jbw.observables.loops import Loops
 from jbw.observables.noise import evenly
 from jbw.observables.observable import OFFSETS, Observable
 from jbw.observables.residual_terms import bounds, neighbours_of
@@ -85,7 +84,7 @@ def references(
         return {}
     of_model = is_assembled(data.held)
     held = {name: float(value) for name, value in data.held.items() if of_model or name in REACH}
-    forced = [part for part in parts if isinstance(part, Loops)]
+    forced: list[Any] = [part for part in parts if part.is_prescribed]
     by_kind: dict[str, Reference] = {}
     for kind in kinds:
         if len(forced) == len(parts):
@@ -137,7 +136,7 @@ def _fitted(
     return Reference({**estimates, **held, **theta}, LAWS[kind], offsets)
 
 
-def _spring(forced: Sequence[Loops], estimates: Mapping[str, float], kind: str) -> Reference:
+def _spring(forced: Sequence[Any], estimates: Mapping[str, float], kind: str) -> Reference:
     """Least sum_i |g F_i - omega_n^2 y_i - lambda_3 y_i^3|^2 / |g F_i|^2 over prescribed loops."""
     y = np.concatenate([np.asarray(part.compared(part.displacement)) for part in forced])
     measured = np.concatenate([np.asarray(part.compared(part.mean)) for part in forced])
