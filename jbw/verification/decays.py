@@ -15,6 +15,7 @@ from jbw.measurement.envelopes import envelopes, filter_of
 from jbw.measurement.records import Test
 from jbw.observables.decay import Decays, begun, counting, decay_of, num_begun
 from jbw.observables.decay_envelopes import follow
+from jbw.observables.groups import changed
 from jbw.observables.modal_decays import ModalDecays
 from jbw.observables.observable import alone
 from jbw.quantities import UNIT_OF, derivative_order, in_dialect
@@ -133,8 +134,9 @@ def _compared(
         size = num_begun(source.draws, data) if held_out else data.mean.shape[1]
         seen_s = float(size * data.step_s) if held_out else 0.0
         # Names are compiled in: one for every record, so that all run through one program.
-        only = replace(data.only(i, size), names=("record",))
-        seen = replace(only, noise_std=jnp.asarray([noise]), counted=jnp.ones(1))
+        only, name = data.only(i, size), ("record",)
+        groups = changed(only.groups, labels=name, runs=name, noise_std=np.array([noise]))
+        seen = replace(only, groups=groups)
         time = np.arange(len(measured_envelope)) * stride / chosen.fs
         key_entry, key_noise = jax.random.split(jax.random.fold_in(key, i))
         carrier = np.exp(2j * np.pi * chosen.centre_hz * time)
