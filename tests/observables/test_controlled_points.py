@@ -117,7 +117,7 @@ def test_forms_stand_apart_and_shorter_tests_are_filled_up():
     left = np.asarray(misfits(THETA, both))
     assert np.all(left[2:, 7:] == 0)
     assert np.abs(left[2, :7]).max() < 1e-5
-    axis, unit, places = both.coordinate(3)
+    (axis, unit), places = both.shown().axis, both.shown().places[3]
     assert (axis, unit, len(places)) == ("displacement", "m", 7)
 
 
@@ -214,7 +214,7 @@ def test_repeats_of_other_amplitudes_scatter_by_their_noise_alone():
     ready = data.with_fitted_noise(THETA, left)
     before, after = (np.asarray(one.groups.within) for one in (data, ready))
     assert np.all(after < 0.05 * before)
-    scatter = np.sqrt(after[1] / (2 * len(Y))) / float(ready.size[1])
+    scatter = np.sqrt(after[1] / (2 * len(Y))) / float(ready.groups.reference[1])
     assert scatter == pytest.approx(1e-3, rel=0.5)  # of 24 numbers, and slopes by differences
 
 
