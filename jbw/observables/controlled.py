@@ -363,16 +363,12 @@ class ControlledPoints(Observable):
 
     def shown(self, omega_n: float = 1.0) -> Shown:
         """Return the frequency of the points of least motion, the points of measured force."""
-        lines = partial(_steady_lines, self) if self.unit_of_source else _no_lines
+        lines = partial(_steady_lines, self)
         y_peak = float(jnp.max(self.amplitude))
         amplitudes = np.asarray(self.amplitude)[[row.test for row in self.rows]]
         places = [y[compared(self.groups, i)] for i, y in enumerate(amplitudes)]
         axis = "displacement", "m"
         return Shown(partial(_first_values, self), lines, y_peak=y_peak, axis=axis, places=places)
-
-
-def _no_lines() -> None:
-    """Return None: no force was measured."""
 
 
 def _first_values(data: ControlledPoints) -> dict[str, float]:
@@ -387,8 +383,10 @@ def _first_values(data: ControlledPoints) -> dict[str, float]:
     return {"omega_n": through["omega_n"]}
 
 
-def _steady_lines(data: ControlledPoints) -> SteadyLines:
-    """Return every point; a phase that was not measured is that far from the resonance."""
+def _steady_lines(data: ControlledPoints) -> SteadyLines | None:
+    """Return points of measured force; an unknown phase is that far from the resonance."""
+    if not data.unit_of_source:
+        return None
     omega, y, load, phase = _points(data)
     limit_phase = np.where(omega < _first_values(data)["omega_n"], 0.0, -np.pi)
     phase_or_limit = np.where(np.isfinite(phase), phase, limit_phase)

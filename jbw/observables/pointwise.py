@@ -245,11 +245,8 @@ def _sums(theta: Theta, task: tuple[Key[Array, ""], Dataset, tuple[Any, ...]]) -
     order = list(dict.fromkeys(data.runs))
     parts = []
     for part, part_rows in zip(data.parts, rows, strict=True):
-        b = (
-            None
-            if offset is None
-            else offset[np.array([order.index(run) for run in part.groups.runs])]
-        )
+        numbers = np.array([order.index(run) for run in part.groups.runs])
+        b = None if offset is None else offset[numbers]
         if part_rows is None:
             parts.append(_known(of_part(everything, part), part, b))
             continue
