@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import equinox as eqx
 import jax
@@ -155,6 +156,17 @@ def noise_free(kind) -> Observable:
 # Decays of several modes have tests of their own: they need the modes that a structure states.
 KINDS_OF_DATA = (*taking(several=False), LineReading, RingDown)
 every_kind = pytest.mark.parametrize("kind", KINDS_OF_DATA, ids=lambda kind: kind.__name__)
+
+
+def test_the_methods_of_a_kind_are_few_and_documented():
+    methods = {
+        name
+        for name, value in vars(Observable).items()
+        if not name.startswith("__") and (callable(value) or isinstance(value, classmethod))
+    }
+    page = (Path(__file__).parents[2] / "docs/architecture.md").read_text(encoding="utf-8")
+    assert len(methods) == 12
+    assert {name for name in methods if f"`{name}`" not in page} == set()
 
 
 @every_kind
