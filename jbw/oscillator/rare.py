@@ -40,9 +40,7 @@ def where_rare(met: Bool[Array, ""], rare: Callable[[Any], Any], operands: Any, 
         return jax.lax.cond(met, rare, lambda _: usual, operands)
 
     # Derivatives go through the plain condition: a batching rule defines none.
-    @jax.custom_jvp
-    def condition(met: Array, operands: Any, usual: Any) -> Any:
-        return _condition(rare, 0)(met, operands, usual)
+    condition = jax.custom_jvp(_condition(rare, 0))
 
     @condition.defjvp
     def _derivative(primals: Any, tangents: Any) -> Any:

@@ -117,13 +117,13 @@ def _advanced(
     if any(law.kinked for law in laws):
         if kinks == "always":
             y_1, v_1, r, rate = barrier((y_1, v_1, r, rate))
-            end = barrier(_through_kinks(step, state, branches, push[2], y_1, v_1))
+            end = barrier(_through_kinks((step, state, branches, push[2], y_1, v_1)))
         else:
             memory_1, kinked = glided(laws, state, branches, y_1, v_1)
             smooth = end = end._replace(memory=memory_1)
             if kinks == "met":
                 operands = step, state, branches, push[2], y_1, v_1
-                end = where_rare(kinked, lambda at: _through_kinks(*at), operands, smooth)
+                end = where_rare(kinked, _through_kinks, operands, smooth)
     end = past_cusps(laws, step.dt, state, end)
     dv = 0.0
     # A force of the velocity follows v, whose prediction is an order worse than that of y: repeat.
@@ -181,14 +181,13 @@ def _acceleration(step: ExactStep, y: Scalar, v: Scalar, r: Scalar, u: Scalar) -
 
 @jax.jit  # traced once for all programs that step a law: it is the longest part of a step's trace
 def _through_kinks(
-    step: ExactStep,
-    state: State,
-    branches: tuple[Any, ...],
-    u: Scalar,
-    y_1: Scalar,
-    v_1: Scalar,
+    start: tuple[ExactStep, State, tuple[Any, ...], Scalar, Scalar, Scalar],
 ) -> End:
-    """End of a step that may hold kinks, whose kicks are less what the predictor holds of them."""
+    """End of a step that may hold kinks, whose kicks are less what the predictor holds of them.
+
+    It starts from the step, its state, branches and input u, and from y and v as predicted.
+    """
+    step, state, branches, u, y_1, v_1 = start
     y, v, _ = state
     r, _ = _remainder(step, state, branches, u)
     a = barrier(_acceleration(step, y, v, r, u))

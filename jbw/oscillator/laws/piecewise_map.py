@@ -49,15 +49,10 @@ def _polynomial(terms: list, x: Scalar) -> Scalar:
     return terms[0]
 
 
-def saturation(x: Scalar) -> Scalar:
-    """P(x) = (1 - exp(-x))/x for |x| <= 1."""
-    return _polynomial(_P, x)
-
-
 def _far_saturation(x: Scalar) -> Scalar:
     """P(x) for |x| <= 4, through P(2x) = P(x) (1 - x P(x)/2)."""
     x = 0.25 * x
-    p = barrier(saturation(x))
+    p = barrier(_polynomial(_P, x))
     p = p * (1.0 - 0.5 * x * p)
     return barrier(p * (1.0 - x * p))
 
@@ -65,7 +60,7 @@ def _far_saturation(x: Scalar) -> Scalar:
 def saturation_slope(x: Scalar) -> Scalar:
     """P'(x) for |x| <= 4, through 2 P'(2x) = P'(x) (1 - x P(x)) - P(x)^2/2."""
     x = 0.25 * x
-    p, slope = barrier((saturation(x), _polynomial(_P_SLOPE, x)))
+    p, slope = barrier((_polynomial(_P, x), _polynomial(_P_SLOPE, x)))
     slope = 0.5 * slope * (1.0 - x * p) - 0.25 * p**2
     p = p * (1.0 - 0.5 * x * p)
     return barrier(0.5 * slope * (1.0 - 2.0 * x * p) - 0.25 * p**2)
@@ -76,7 +71,7 @@ def smooth_move(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> Scalar:
 
     $$z + (\alpha - c z)\,dy\,P(c\,dy)$$
     """
-    return z + (alpha - c * z) * dy * saturation(c * dy)
+    return z + (alpha - c * z) * dy * _polynomial(_P, c * dy)
 
 
 def segment(alpha: Scalar, c: Scalar, z: Scalar, dy: Scalar) -> tuple[Scalar, Scalar]:
