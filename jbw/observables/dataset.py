@@ -338,7 +338,10 @@ def with_directions(
 ) -> Dataset:
     """The dataset with every prediction's change by its run's offsets; records about these."""
     everything = as_arrays(theta, data)
-    parts = tuple(p.linearised(of_part(everything, p), offsets or {}) for p in data.parts)
+    parts = tuple(
+        p if p.own_shifts else p.linearised(of_part(everything, p), offsets or {})
+        for p in data.parts
+    )
     return replace(data, parts=parts)
 
 

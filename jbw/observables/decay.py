@@ -47,7 +47,6 @@ class Decays(Envelopes):
     informs: ClassVar[frozenset[str]] = frozenset({"omega_n", "zeta"})
     stepped: ClassVar[bool] = True
     own_shifts: ClassVar[bool] = True
-    moved_by_runs: ClassVar[bool] = False
     most_misfit: ClassVar[float | None] = 0.05  # more is another motion than the model's
     several: ClassVar[bool | None] = False
     unread: ClassVar[Mapping[str, Any]] = {"centre_hz": 0.0}

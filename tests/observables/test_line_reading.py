@@ -1,5 +1,7 @@
 """The line fit of random motion as an observable."""
 
+from dataclasses import replace
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -7,6 +9,7 @@ from scipy import stats
 
 from jbw import rig
 from jbw.identification.linear_step import linear_step
+from jbw.observables.groups import changed
 from jbw.observables.line_fit import LineReading
 from jbw.oscillator.laws.hysteresis import steady_loop
 from jbw.oscillator.modes.parameters import NAMES
@@ -68,6 +71,14 @@ def test_readings_of_several_modes_are_left_to_the_program_around_them():
     data = LineReading.of(np.ones(3), np.eye(3), 4e-4)
     points = {name: np.full(3, value) for name, value in {**TRUTH, NAMES[0].omega: 500.0}.items()}
     assert data.solved(points, 1, writes=True) is None
+
+
+def test_where_no_offsets_are_asked_for_the_density_is_at_none():
+    """Directions that are known take nothing out of the residual."""
+    data = LineReading.of(np.array([120.0, 0.01, 15.0]), np.eye(3), 4e-4)
+    moved = replace(data, groups=changed(data.groups, directions=np.ones((1, 2, 3))))
+    plain, known = (each.estimate(theta(), 0).log_density for each in (data, moved))
+    np.testing.assert_allclose(known, plain, rtol=1e-14)
 
 
 def test_the_reading_of_the_rig_is_predicted():
