@@ -131,12 +131,9 @@ def repeated(
         "spanned": own_directions,
         "origin": np.zeros((len(labels), 0)),
     }
-    return Groups(
-        **jax.device_put(arrays),
-        labels=_distinct(labels),
-        runs=tuple(runs),
-        **{"units": ("",) * len(labels)} | columns,
-    )
+    others: dict[str, Any] = {"units": ("",) * len(labels)} | columns
+    arrays = jax.device_put(arrays)
+    return Groups(**arrays, labels=_distinct(labels), runs=tuple(runs), **others)
 
 
 def read_before(label: str, run: str, size: int, num_repeats: float = 1.0) -> Groups:
