@@ -1,4 +1,4 @@
-r"""The law of a campaign that states none, where its readings contradict Bouc-Wen.
+r"""The law of a campaign that states none, where its readings propose another one than Bouc-Wen.
 
 What changes with amplitude by which power proposes laws before anything is fitted. Of several the
 first are fitted beside Bouc-Wen to the same data with the same weights, and the one of the largest
@@ -39,7 +39,7 @@ def proposed(
     tried = list(read[:MOST_TRIED])
     margins: list[tuple[str, float]] = []
     if len(tried) > 1:  # laws of sliders, of which Bouc-Wen may be as near as any
-        sets = [*((name,) for name in tried), DEFAULT_LAWS]
+        sets = list(dict.fromkeys([*((name,) for name in tried), DEFAULT_LAWS]))
         found, _ = candidates(jax.random.key(seed), seen, sets, report)
         scores = {candidate.laws[0]: _score(candidate) for candidate in found}
         tried = sorted(scores, key=scores.__getitem__, reverse=True)

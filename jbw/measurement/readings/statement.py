@@ -266,9 +266,10 @@ def _exponent(
 def laws_with(hz: AmplitudeTrend, zeta: AmplitudeTrend) -> tuple[str, ...]:
     """Return names of laws whose frequency and damping change by such powers of the amplitude.
 
-    To first order in the amplitude; of several laws the simplest first. A law of sliders has any
-    power by the distribution of their slips. Springs change no damping; that no change of it is
-    seen rules slip out only where it would have been seen.
+    To first order in the amplitude; of several laws the simplest first, but behind others a law
+    that would have to saturate. A law of sliders has any power by the distribution of their slips.
+    Springs change no damping; that no change of it is seen rules slip out only where it would have
+    been seen.
     """
     if hz.turn is not None:
         return ("bouc_wen", "cubic")
@@ -277,8 +278,10 @@ def laws_with(hz: AmplitudeTrend, zeta: AmplitudeTrend) -> tuple[str, ...]:
     slipping: tuple[str, ...] = ()
     if hz.exponent is not None and hz.change < 0:
         low, high = hz.exponent[1:]
-        laws = _with_power(HYSTERESIS, (hz.exponent[0], low - SATURATES, high + SATURATES))
-        slipping = (*laws, *(SLIDERS if low < 1 - EQUAL or high > 1 + EQUAL else ()))
+        first = _with_power(HYSTERESIS, hz.exponent)
+        saturated = _with_power(HYSTERESIS, (hz.exponent[0], low - SATURATES, high + SATURATES))
+        sliders = SLIDERS if low < 1 - EQUAL or high > 1 + EQUAL else ()
+        slipping = (*first, *sliders, *(() if first else saturated))
     if zeta.is_seen and abs(zeta.change) >= SPRING * abs(hz.change):
         return slipping
     could_slip = zeta.change + CERTAIN * zeta.change_sd > SLIPS * abs(hz.change)
