@@ -1,7 +1,8 @@
 """Loads of `jbw predict`: response curves, random profiles, shocks, notches."""
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -76,8 +77,19 @@ def require_alike(options: Mapping[str, Any], *, loads: bool, campaign: Path | N
         raise click.UsageError(messages.BASE_NEEDS)
 
 
-def predict_loads(folder: Path, basis: "Basis", options: Mapping[str, Any], say: Any) -> None:
-    """Predict the loads that the options ask for, save them, and print the answers."""
+def predict_loads(
+    folder: Path, basis: "Basis", inputs: Mapping[str, str], options: Mapping[str, Any], say: Any
+) -> None:
+    """Predict the loads that the options ask for, save them, and print the answers.
+
+    Args:
+        folder: What predicts.
+        basis: The same as it was read.
+        inputs: File to SHA-256 of it.
+        options: Of the command.
+        say: Called with one sentence at every stage.
+    """
+    from jbw.run.files import hash_of
     from jbw.study.loads import BASE, Load
     from jbw.study.saved_loads import save_loads
     from jbw.verification.predict import warnings_of
@@ -89,11 +101,14 @@ def predict_loads(folder: Path, basis: "Basis", options: Mapping[str, Any], say:
         shape=options["shape"],
         unit=options["unit"],
     )
+    if (profile := options["psd"]) is not None and profile.is_file():
+        inputs = {**inputs, str(profile): hash_of(profile)}
     with working(say, options["out"] or folder / "predictions") as job:
         found: Found = {}
-        for name, dataset in _loads(basis, load, options):
+        parts = job.parts(inputs, say)
+        for name, make in _loads(basis, load, options):
+            found[name] = parts(name, make)
             say(f"Predicted: {name}")
-            found[name] = dataset
         warnings = [line for dataset in found.values() for line in warnings_of(dataset)]
         for sentence in dict.fromkeys(warnings):
             say(f"warning: {sentence}")
@@ -108,8 +123,8 @@ def predict_loads(folder: Path, basis: "Basis", options: Mapping[str, Any], say:
 
 def _loads(
     basis: "Basis", load: "Load", options: Mapping[str, Any]
-) -> "Iterator[tuple[str, xr.Dataset]]":
-    """Yield every prediction with its name."""
+) -> "Iterator[tuple[str, Callable[[], xr.Dataset]]]":
+    """Yield the name of every prediction, and what makes it."""
     from jbw.forced.profiles import read_profile
     from jbw.forced.shock import pulse_of
     from jbw.study.loads import measured_of
@@ -122,19 +137,19 @@ def _loads(
     if (band is not None and not levels) or (options["notch"] and not (band and levels)):
         raise click.UsageError(messages.RESPONSE_NEEDS)
     if band is not None:
-        yield "resonance", resonance_of(basis, levels, load)
+        yield "resonance", partial(resonance_of, basis, levels, load)
         for level in levels:
-            curve = response_curve_of(basis, level, band, load)
+            curve = partial(response_curve_of, basis, level, band, load)
             yield f"response at {level:.6g} {seen.source}", curve
             for quantity in options["notch"] or ():
                 limit = in_unit(quantity, seen.unit, "--notch")
-                notch = notch_of(basis, level, limit, band, load)
+                notch = partial(notch_of, basis, level, limit, band, load)
                 yield f"notch of {level:.6g} {seen.source} at {limit:.6g} {seen.unit}", notch
     if options["psd"] is not None:
         profile = read_profile(options["psd"])
-        yield "random", random_of(basis, profile, options["duration"], load)
+        yield "random", partial(random_of, basis, profile, options["duration"], load)
     if options["shock"] is not None:
-        yield "shock", shock_of(basis, pulse_of(options["shock"]), load)
+        yield "shock", partial(shock_of, basis, pulse_of(options["shock"]), load)
 
 
 def rows_of(name: str, dataset: "xr.Dataset") -> list[dict[str, Any]]:

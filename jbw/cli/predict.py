@@ -119,7 +119,7 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
         say(f"Reading {folder}")
         basis = basis_in(folder)
         if loads:
-            return predict_loads(folder, basis, options, say)
+            return predict_loads(folder, basis, basis_inputs(folder), options, say)
         # Planned tests are in the run's own unit, whatever the campaign says of its gain.
         request = predicting.Request(options["draws"], not options["without_noise"])
         requests = [(test, request) for test in _planned(basis, options)]

@@ -2,11 +2,13 @@
 
 import json
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 import xarray as xr
 
+from jbw import parts
 from jbw.cli import run
 
 OMEGA_N, ZETA, GAIN = 118.0, 0.01, 15.0
@@ -55,6 +57,23 @@ def test_curves_at_two_levels(folder, capsys):
     omega = 2 * np.pi * 17.0
     expected = omega * GAIN * 0.2 / abs(OMEGA_N**2 - omega**2 + 2j * ZETA * OMEGA_N * omega)
     assert float(first.split(",")[2]) == pytest.approx(expected, rel=1e-4)
+
+
+def test_loads_that_were_finished_before_a_full_disk_are_not_predicted_again(
+    folder, capsys, monkeypatch
+):
+    arguments = ["--shock", "1V,11ms", "--draws", "4"]
+    with monkeypatch.context() as patch:
+        full = Mock(side_effect=OSError(28, "No space left on device"))
+        patch.setattr("jbw.study.saved_loads.write_tree", full)
+        assert run(["predict", str(folder), *arguments]) == 1
+    pack = Mock(wraps=parts.pack)
+    monkeypatch.setattr(parts, "pack", pack)
+    assert run(["predict", str(folder), *arguments]) == 0
+    assert "Going on with 1 finished part" in capsys.readouterr().err
+    assert pack.call_count == 0
+    assert (folder / "predictions" / "shock_time.csv").is_file()
+    assert not list((folder / "predictions").glob(".*"))
 
 
 def test_a_moving_base_in_g(folder, capsys):
