@@ -120,6 +120,26 @@ def test_a_stiffening_spring_jumps_as_its_cubic_equation():
         assert sweep == pytest.approx(expected, rel=1e-4)
 
 
+def test_a_quadratic_drag_has_its_closed_loop_and_its_force_rises_as_that_says():
+    """A drag c |v| v loses 8 c omega^2 Y / 3 pi: its slope by frequency counts as viscous."""
+    omega_n, zeta, drag, level = 100.0, 0.01, 40.0, 2.0
+    theta = {"omega_n": omega_n, "zeta": zeta, "quadratic_damping": drag}
+    motion = equivalent_motion(oscillator_of(theta, ("quadratic_damping",)))
+    y, omega, lost = 5e-3, 103.0, 8 * drag / (3 * np.pi)
+    loops = motion.loops(np.array([[y]]), np.array([[omega]]))
+    viscous = 2 * zeta * omega_n + 2 * lost * omega * y
+    expected = omega_n**2, -lost * omega**2 * y, viscous, 0.0, -lost * omega**2, 2 * lost * omega
+    # Central differences of a product of powers below the third have roundoff over 1e-4 alone.
+    assert np.ravel(loops) == pytest.approx(expected, rel=1e-9, abs=1e-6)
+    side = np.array([[-1.0, 1.0]])
+    point = exact_points(motion, peaks(motion, np.array([[level]])), side)
+    damping = 2 * zeta * omega_n * point.omega + lost * point.omega**2 * point.y
+    squares = (omega_n**2 - point.omega**2) ** 2 + damping**2
+    assert point.y * np.sqrt(squares) == pytest.approx(level, rel=1e-9)
+    rise = 1.0 + damping * lost * point.omega**2 * point.y / squares
+    assert point.rise == pytest.approx(rise, rel=1e-9)
+
+
 def test_stability_is_that_of_the_branch_between_the_jumps():
     motion, found = resonant("bouc_wen_folded", 1)
     curve = whole_curve(motion, found.peak, (TAU * 19, TAU * 20.5))

@@ -44,6 +44,17 @@ def test_a_linear_joint_has_miles_rms():
     assert np.sqrt(absolute) == pytest.approx(golden["rms_absolute_acceleration_5_80Hz"], rel=1e-6)
 
 
+def test_a_point_on_a_moving_base_has_the_spectrum_of_its_transmissibility():
+    """A participation p and a motion s of the point: |1 + p s w^2 H|^2 of the base's density."""
+    omega_n, zeta, p, s = TAU * 20, 0.01, 2.0, 0.7
+    found = random_response(equivalent_motion(Oscillator(omega_n, zeta)), flat(0.01), p * ONE)
+    freq_hz = np.linspace(6.0, 70.0, 9)
+    omega = TAU * freq_hz
+    gain = 1 + p * s * omega**2 / (omega_n**2 - omega**2 + 2j * zeta * omega_n * omega)
+    expected = 0.01 * np.abs(gain) ** 2
+    assert found.base_spectrum(freq_hz, p, s)[0] == pytest.approx(expected, rel=1e-9)
+
+
 def test_a_spring_without_a_loop_has_its_exact_density():
     """The density of a Duffing oscillator is exp(-4 c V(y) / G)."""
     omega_n, zeta, cubic, density = 100.0, 0.01, 4e9, 0.3

@@ -65,6 +65,15 @@ def test_a_spectrum_is_that_of_scipys_oscillator(shape):
     assert found[0] == pytest.approx(largest, rel=1e-5)
 
 
+@pytest.mark.parametrize(
+    ("shape", "area"), [("half-sine", 2 / np.pi), ("sawtooth", 0.5), ("trapezoid", 0.9)]
+)
+def test_a_pulse_has_the_area_of_its_shape(shape, area):
+    pulse = classical_pulse(3.0, 0.02, "m/s^2", shape)
+    # Straight lines between 400 samples miss 5e-6 of a half-sine, a jump to zero half a sample.
+    assert np.sum(pulse.samples) / pulse.fs == pytest.approx(3.0 * 0.02 * area, rel=1e-5)
+
+
 def test_a_pulse_in_words():
     pulse = pulse_of("20g, 11 ms")
     assert pulse.unit == "m/s^2"
