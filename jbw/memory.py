@@ -3,18 +3,20 @@
 import os
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from jbw.errors import DataError, RunError
 from jbw.report.messages.reading import FEWER_SAMPLES
 
-# Measured by the peak of whole processes up to the fit, on sweeps of 0.5 to 20 million samples and
-# two channels: 0.34 GB before any record, then 250 to 330 bytes a sample of one test. Records are
-# held in float64; every test keeps its mean with its polynomials and spectra, and one record at a
-# time is filtered and transformed.
+# Measured by the peak of whole processes, on sweeps of two channels. Up to the fit, of 0.5 to 20
+# million samples: 250 to 330 bytes a sample of one test. Records are held in float64; every test
+# keeps its mean with its polynomials and spectra, and one record at a time is filtered and
+# transformed. In the fit: 0.94 GB with its compiled programs, then 16 parameter sets side by side
+# of every sample that a solver follows: 520 bytes of one mode with one joint (0.1 and 0.4 million
+# samples), 2,700 of five modes with two joints (4,096 and 65,536 samples).
 MAX_BYTES = 4 * 2**30  # of one array that is read: stops decompression bombs and slips
-PROCESS, VALUE, OF_TEST, OF_LONGEST = 0.35e9, 8, 100, 200
+PROCESS, VALUE, OF_TEST, OF_LONGEST, FOLLOWED = 0.95e9, 8, 100, 200, 330
 CONTAINER = Path("/sys/fs/cgroup/memory.max"), Path("/sys/fs/cgroup/memory/memory.limit_in_bytes")
 
 
@@ -64,34 +66,40 @@ class HeldRecords:
 
     Attributes:
         values: Samples of all channels.
-        finished: Samples of the longest record of each earlier test, in sum.
-        longest: Samples of the longest record of the present test.
         largest: Samples of the longest record of all.
+        longest: Samples of the longest record of the present test.
+        size: Modes and joints that a fit follows through every sample of the present test.
+        finished: Bytes that earlier tests keep, and that a fit takes beside them.
     """
 
     values: int = 0
-    finished: int = 0
-    longest: int = 0
     largest: int = 0
+    longest: int = 0
+    size: int = 0
+    finished: int = 0
+
+    def begun(self, size: int) -> "HeldRecords":
+        """Return the same records at the beginning of a test of so many modes and joints."""
+        return HeldRecords(self.values, self.largest, 0, size, self.of_tests)
 
     def beside(self, samples: int, channels: int) -> "HeldRecords":
         """Return these records and one more of the present test."""
-        return HeldRecords(
-            self.values + samples * channels,
-            self.finished,
-            max(self.longest, samples),
-            max(self.largest, samples),
+        return replace(
+            self,
+            values=self.values + samples * channels,
+            largest=max(self.largest, samples),
+            longest=max(self.longest, samples),
         )
 
-    def ended(self) -> "HeldRecords":
-        """Return the same records at the end of the present test."""
-        return HeldRecords(self.values, self.finished + self.longest, 0, self.largest)
+    @property
+    def of_tests(self) -> int:
+        """Bytes that all tests keep, and that a fit takes beside them."""
+        return self.finished + (OF_TEST + FOLLOWED * self.size) * self.longest
 
     @property
     def needed(self) -> float:
-        """The memory that an identification of the records takes up to its fit [bytes]."""
-        of_tests = OF_TEST * (self.finished + self.longest)
-        return PROCESS + VALUE * self.values + of_tests + OF_LONGEST * self.largest
+        """The memory that an identification of the records takes [bytes]."""
+        return PROCESS + VALUE * self.values + self.of_tests + OF_LONGEST * self.largest
 
 
 NO_RECORDS = HeldRecords()

@@ -13,13 +13,14 @@ from jbw.campaign.duplicates import held_twice, source_of
 from jbw.campaign.files import repeats_of
 from jbw.campaign.gains import Gain, force_per_unit, gain_of
 from jbw.campaign.joints import SeveralJoints, refuse_unknown_shapes, several_joints
-from jbw.campaign.schema import read_spec
+from jbw.campaign.schema import CampaignSpec, read_spec
 from jbw.campaign.settings import Identify, Structured, laws_of
 from jbw.campaign.tables import NOT_STATED, Assembly, Instruments, TestSpec
 from jbw.errors import DataError, JbwError
 from jbw.measurement.checks.faults import Fault, gathered
 from jbw.measurement.files.read import report
 from jbw.measurement.hypotheses.unlike_gains import unlike_gains
+from jbw.measurement.kinds import kind_named
 from jbw.measurement.records import Record, Test
 from jbw.memory import NO_RECORDS, HeldRecords, require_memory
 from jbw.quantities import DEFAULT_LAWS
@@ -113,11 +114,12 @@ def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
     laws = spec.laws if joints is None else joints.laws
     of_one_mode, tests, held = has_one_mode(spec), list[Test](), NO_RECORDS
     for table in spec.tests:
+        held = held.begun(_followed(table, spec, joints))
         test = load_test(
             table, folder, per_unit=per_unit, laws=laws, of_one_mode=of_one_mode,
             allow_outside=allow_outside, held=held,
         )  # fmt: skip
-        held = _beside(held, *test.records).ended()
+        held = _beside(held, *test.records)
         tests.append(test)
     sources = [
         source_of(record, named)
@@ -202,6 +204,15 @@ def load_test(
     facts["drive"] = test.drive or ""
     facts["amplitude_std"] = test.amplitude_std or 0.0
     return Test(test.kind, tuple(loaded), tones_hz=test.tones, band_hz=test.band, **facts)
+
+
+def _followed(test: TestSpec, spec: CampaignSpec, joints: SeveralJoints | None) -> int:
+    """Number of modes and joints that a fit follows through every sample of a test."""
+    if not kind_named(test.kind).is_transient:
+        return 0
+    if joints is not None:
+        return sum(joints.model.H.shape)
+    return 1 + (1 if spec.structure is None else len(spec.structure.modes))
 
 
 def _beside(held: HeldRecords, *records: Record) -> HeldRecords:

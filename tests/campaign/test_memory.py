@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 from scipy.signal import bilinear, lfilter
 
 from jbw import memory
-from jbw.campaign.load import load_campaign
+from jbw.campaign.load import _followed, load_campaign
 from jbw.cli import run
 from jbw.errors import DataError
 
@@ -34,11 +35,17 @@ import sys, warnings
 from jbw.cli.progress import prepare_process
 prepare_process()
 warnings.simplefilter("ignore")
-import jbw
+import jbw, numpy
 from jbw.identification.joint import joint_problem
+from jbw.inference.lanes import at_points
+from jbw.observables.dataset import stacked
 from jbw.study.prepared import prepare_tests
 prepared = prepare_tests(jbw.load_campaign(sys.argv[1]), lambda _: None, 0)
 problem = joint_problem(prepared.measured, {}, seed=0, report=lambda _: None)
+points = numpy.linspace(0.999, 1.001, 11 * 11)
+theta = dict(omega_n=118.0, zeta=0.01, alpha=500.0, delta=300.0, gamma=30.0)
+# A fit from eleven starts asks for a point and two differences a parameter of each at once.
+at_points(stacked, {name: value * points for name, value in theta.items()}, problem.data, lanes=16)
 print(next(x for x in open("/proc/self/status") if x.startswith("VmHWM")).split()[1])
 """
 
@@ -60,7 +67,7 @@ def swept(folder, num_samples, repeats=1):
 
 def test_records_beyond_the_memory_are_refused_as_soon_as_they_are_too_many(tmp_path, monkeypatch):
     path = swept(tmp_path, 4_096, repeats=2)
-    of_one = memory.NO_RECORDS.beside(4_096, 2).needed
+    of_one = memory.NO_RECORDS.begun(2).beside(4_096, 2).needed
     monkeypatch.setattr(memory, "most_memory", lambda: of_one + 4_096)
     with pytest.raises(DataError, match=r"up to sweep_1.h5 need about 0") as told:
         load_campaign(path)
@@ -80,8 +87,9 @@ def test_a_record_that_memory_cannot_hold_is_refused_before_it_is_read(tmp_path,
             file.create_dataset(name, (400_000_000,), "f8", chunks=(2**16,))
     monkeypatch.setattr(memory, "most_memory", lambda: 2.0**35)
     monkeypatch.setattr("jbw.measurement.files.tree.load", lambda *_: pytest.fail("read"))
-    # 400e6 x (2 channels x 8 + 100 + 200) bytes and 0.35e9 of the process
-    told = r"up to sweep_0.h5 need about 118.0 GiB, but this process may take 32.0 GiB"
+    # 400e6 x (2 channels x 8 + 100 + 200 + 330 of the mode and as much of the joint) bytes, and
+    # 0.95e9 of the process
+    told = r"up to sweep_0.h5 need about 364.5 GiB, but this process may take 32.0 GiB"
     with pytest.raises(DataError, match=told):
         load_campaign(path)
 
@@ -119,11 +127,22 @@ def test_memory_that_is_exhausted_is_no_internal_error(tmp_path, monkeypatch, ca
 
 @pytest.mark.skipif(sys.platform != "linux", reason="/proc is Linux's")
 @pytest.mark.slow
-def test_the_estimate_is_the_peak_of_a_process_up_to_the_fit(tmp_path):
+def test_the_estimate_is_the_peak_of_a_process_that_fits(tmp_path):
     """The reference is what the system counts; libraries of other versions begin at other sizes."""
-    path = swept(tmp_path, 1_000_000)
+    path = swept(tmp_path, 500_000)
     ended = subprocess.run(
         [sys.executable, "-c", PEAK, str(path)], capture_output=True, text=True, check=True
     )
     peak = 1024 * float(ended.stdout.split()[-1])
-    assert 0.65 < memory.NO_RECORDS.beside(1_000_000, 2).needed / peak < 1.5
+    assert 0.65 < memory.NO_RECORDS.begun(2).beside(500_000, 2).needed / peak < 1.5
+
+
+@pytest.mark.parametrize(
+    ("kind", "structure", "size"),
+    [("noise", (), 0), ("decay", (), 0), ("sweep", (), 2), ("sweep", (1, 2, 3), 4)],
+)
+def test_modes_and_joints_count_where_a_solver_follows_them(kind, structure, size):
+    spec = SimpleNamespace(structure=SimpleNamespace(modes=structure) if structure else None)
+    assert _followed(SimpleNamespace(kind=kind), spec, None) == size
+    joints = SimpleNamespace(model=SimpleNamespace(H=np.zeros((2, 5))))
+    assert _followed(SimpleNamespace(kind=kind), spec, joints) == (7 if size else 0)
