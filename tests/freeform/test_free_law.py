@@ -4,11 +4,12 @@ import numpy as np
 import pytest
 
 from jbw.errors import ConfigError, DataError
-from jbw.freeform.free_law import free_law
+from jbw.freeform.free_law import FreeLaw, free_law
 from jbw.freeform.posterior import posterior_of
+from jbw.freeform.prior import iwan_prior
 from jbw.freeform.rows import rows_of
-from jbw.freeform.sliders import loss_share, stiffness_share
-from jbw.freeform.tempering import temper
+from jbw.freeform.sliders import grid_for, loss_share, stiffness_share
+from jbw.freeform.tempering import _Swarm, _trajectory, temper
 from jbw.measurement.readings.statement import RecordTable
 
 HZ, ZETA, OWN = 100.0, 2e-3, 3e-5
@@ -73,6 +74,48 @@ def test_the_likelihood_is_that_of_the_whole_covariance():
     np.testing.assert_allclose(found, dense, rtol=1e-4)
 
 
+def test_rows_have_the_covariance_of_their_definition():
+    """Stiffness is (2 pi f)^2 and loss 2 zeta (2 pi f)^2, over one unit: slopes by hand."""
+    tops = tables(count=2)
+    rows = rows_of(tops)
+    picked = [[0, 3, 7, 11]] * 2
+    hz, zeta = (
+        np.concatenate([getattr(t, name)[p] for t, p in zip(tops, picked, strict=True)])
+        for name in ("hz", "zeta")
+    )
+    omega_sq = (2 * np.pi * hz) ** 2
+    assert rows.unit == pytest.approx(omega_sq.mean(), rel=1e-14)
+    assert rows.loss == pytest.approx(2 * zeta * omega_sq / rows.unit, rel=1e-14)
+    by_hz, by_zeta = 2 * omega_sq / hz / rows.unit, 2 * omega_sq / rows.unit
+    slopes = np.block([
+        [np.diag(by_hz), np.zeros((8, 8))], [np.diag(2 * zeta * by_hz), np.diag(by_zeta)]
+    ])  # fmt: skip
+    errors = (3e-3 * zeta * hz) ** 2 + (1e-6 * hz) ** 2, (0.01 * zeta) ** 2 + (3e-3 * zeta) ** 2
+    expected = slopes @ np.diag(np.concatenate(errors)) @ slopes.T
+    # Tables state the errors of the true damping, which readings of 1 % miss by 3 % at the most.
+    assert rows.covariance / rows.inflation == pytest.approx(expected, rel=0.1)
+    # A relative change of a record's frequency changes its omega^2 by twice as much.
+    assert rows.own[:8].sum(axis=1) == pytest.approx(2.0)
+
+
+def test_the_curve_of_viscous_damping_alone_has_its_ratio():
+    table = tables(count=1)[0]._replace(hz=np.full(12, HZ), zeta=np.full(12, ZETA))
+    posterior = posterior_of(rows_of([table]), "linear")
+    draw = np.array([[np.log(2 * ZETA), -20.0]])
+    hz, zeta = posterior.curves(draw, [0.1, 2.0], np.random.default_rng(0))
+    # The linear coefficient is drawn within the errors of the readings, 2e-6 of the frequency.
+    assert hz[0] == pytest.approx([HZ, HZ], rel=2e-5)
+    assert zeta[0] == pytest.approx([ZETA, ZETA], rel=2e-5)
+
+
+def test_iwans_law_ends_within_the_bin_of_its_largest_half_width():
+    grid = grid_for(0.1, 1.0)
+    cut = grid.log_d[20] + 0.25 * grid.width  # three quarters of the bin lie below
+    strengths = iwan_prior(grid, 0.0).strengths(np.array([[-3.0, 0.0, 0.0, cut, -60.0]]))
+    share = strengths.of_stiffness[0] / np.exp(-3.0)
+    assert share[18:23] == pytest.approx([1.0, 1.0, 0.75, 0.0, 0.0], abs=1e-12)
+
+
 @pytest.mark.parametrize("prior", ["free", "loose", "iwan4"])
 def test_slopes_are_those_of_the_likelihood(prior):
     posterior = posterior_of(rows_of(tables()), prior, ("cubic", "quadratic_damping"))
@@ -97,16 +140,37 @@ def test_draws_and_evidence_of_a_gaussian_are_exact():
         left = (theta[:, 0] - 1.0) / 0.1
         slopes = np.zeros_like(theta)
         slopes[:, 0] = -left / 0.1
-        return -0.5 * left**2, slopes
+        return 7.0 - 0.5 * left**2, slopes
 
     drawn = temper(likelihood, np.zeros(10), np.ones(10), np.random.default_rng(0), 1000)
     variance = 1 / (1 + 1 / 0.1**2)
-    exact = 0.5 * np.log(variance) - 0.5 / (1 + 0.1**2)
+    exact = 7.0 + 0.5 * np.log(variance) - 0.5 / (1 + 0.1**2)
     # A thousand particles: 0.04 nats, and 3 % of the standard deviation, one standard deviation.
     assert drawn.log_evidence == pytest.approx(exact, abs=0.2)
     assert drawn.theta[:, 0].mean() == pytest.approx(100 * variance, abs=0.2 * variance**0.5)
     assert drawn.theta[:, 0].std() == pytest.approx(variance**0.5, rel=0.12)
     assert drawn.theta[:, 1:].std() == pytest.approx(1.0, rel=0.05)
+
+
+def test_a_trajectory_keeps_the_energy_to_the_square_of_its_step():
+    """Leapfrog's steps are symmetric: of a Gaussian hardly a short trajectory is refused."""
+
+    def density(z):
+        return _Swarm(z, -0.5 * np.sum((2 * z) ** 2, axis=1), -4 * z)
+
+    rng = np.random.default_rng(0)
+    swarm = density(rng.standard_normal((500, 10)) / np.sqrt(5))
+    accepted = [_trajectory(swarm, density, 1.0, np.eye(10), h, rng)[1] for h in (0.1, 0.025)]
+    # A quarter of the step leaves a sixteenth of the refusals.
+    assert 1 - accepted[0] < 0.02
+    assert 1 - accepted[1] < (1 - accepted[0]) / 8
+
+
+@pytest.mark.parametrize(
+    ("nats", "rule"), [(5.0, "broken"), (4.9, "open"), (-4.9, "open"), (-5.0, "holds")]
+)
+def test_masings_rule_is_called_from_five_nats(nats, rule):
+    assert FreeLaw(rows_of(tables(count=1)), {}, nats, {}).rule == rule
 
 
 def test_bands_contain_the_truth_and_widen_where_no_readings_are(law):

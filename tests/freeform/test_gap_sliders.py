@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from jbw.errors import DataError
-from jbw.freeform.loops import gap_sliders
+from jbw.freeform.loops import GapSliders, gap_sliders
 from jbw.measurement.curves import ForcedLoop
 from jbw.measurement.readings.loop import slider_columns
 
@@ -47,6 +47,12 @@ def test_a_joint_behind_a_gap_is_found_and_predicts_a_stronger_loop():
     assert fitted.mean_gap == pytest.approx(GAP, rel=0.2)
     further = ForcedLoop(100.0, motion(1.5e-2), backlash(motion(1.5e-2)))
     assert fitted.errors(further)[0] < 0.05
+
+
+def test_the_mean_gap_is_weighed_with_the_largest_forces():
+    widths, gaps, strengths = np.array([1.0, 4.0]), np.array([1.0, 3.0]), np.array([2.0, 1.0])
+    sliders = GapSliders(widths, gaps, strengths, 0.0, 0.0, 0.0)
+    assert sliders.mean_gap == pytest.approx((2.0 * 1.0 + 4.0 * 3.0) / 6.0, rel=1e-15)
 
 
 def test_a_loop_may_have_a_force_of_its_own():

@@ -24,6 +24,14 @@ def test_the_first_harmonic_of_one_slider_is_the_closed_form():
     assert loss_share(1.0, 3.0) == 0.0
 
 
+def test_a_bin_of_equal_sliders_takes_what_each_of_them_lacks_of_its_stiffness():
+    grid = SliderGrid(np.log([1.0, 3.0]), 1e-6)
+    found = grid.softening([1.25, 0.5])
+    # The same golden share; sliders of a bin are 1e-6 apart.
+    assert found[0] == pytest.approx([1 - 0.8576215100673531, 0.0], abs=1e-6)
+    assert found[1] == pytest.approx(0.0, abs=1e-12)  # fully stuck
+
+
 def steady_cycle(samples):
     """Displacement from rest through one cycle, whose samples meet every kink."""
     up = np.linspace(0.0, PEAK, samples + 1)

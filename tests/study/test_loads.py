@@ -13,6 +13,7 @@ import jbw.study.study as module
 from jbw.errors import ConfigError, DataError, ModelError
 from jbw.forced.profiles import profile_of
 from jbw.identification.discrepancy import NO_SCATTER, Discrepancy, Missed, Scatter
+from jbw.study.loads import Load, SeenResponse, response_of
 from jbw.study.study import Study
 
 GOLDEN = json.loads((Path(__file__).parents[1] / "golden_forced.json").read_text())
@@ -80,6 +81,19 @@ def test_a_moving_base_has_the_golden_acceleration(golden_study):
     assert found["peak"].values[1, 0] == pytest.approx(largest, rel=1e-3)
     assert found["peak"].attrs["units"] == "g"
     assert found["level"].attrs["units"] == "m/s^2"
+
+
+@pytest.mark.parametrize("participation", [1.0, -0.5])
+def test_a_point_on_a_moving_base_moves_with_it_below_the_resonance(participation):
+    """The closed transmissibility 1 + p s w^2 H, far from where its terms are in quadrature."""
+    load, shape, level = Load(drive="base", participation=participation, shape=0.8), 0.8, 3.0
+    omega = OMEGA_N * np.array([[0.5, 0.9, 1.5]])
+    receptance = 1 / (OMEGA_N**2 - omega**2 + 2j * ZETA * OMEGA_N * omega)
+    y = abs(participation) * level * receptance  # over the phase of the force |p| a_b
+    seen = SeenResponse("acceleration", "mm/s^2", 1e3, "m/s^2")
+    found = response_of(None, load, seen, level, omega, y)
+    expected = 1e3 * level * (1 + participation * shape * omega**2 * receptance)
+    assert found == pytest.approx(expected, rel=1e-14)
 
 
 def test_a_limit_allows_the_level_whose_peak_it_is(golden_study):
