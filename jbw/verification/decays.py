@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Complex, Float, Key
 
-from jbw.identification.discrepancy import NOTHING
+from jbw.identification.discrepancy import NOTHING, AtAmplitude
 from jbw.inference.generator import generator
 from jbw.measurement.envelopes import envelopes, filter_of
 from jbw.measurement.records import Test
@@ -149,14 +149,13 @@ def _compared(
         at_begin, at = (
             NOTHING if missed is None else missed.at(y, of_decay=True) for y in (begin, end)
         )
-        rates = omega_n * np.array([at.damping, at.frequency])
         envelope, others = entered(key_entry, seen, time, omega_n * at_begin.frequency)
         own = at_own_frequency(measured_envelope, envelope, time - 0.5 * seen_s)
         own_error = error(*(np.real(x * carrier)[time >= seen_s] for x in (measured_envelope, own)))
         model, scatter = np.real(envelope * carrier), noise
         if missed is not None and not missed.is_nothing:
             key_missed, since = jax.random.fold_in(key_noise, MISSED_KEY), time - 0.5 * seen_s
-            model, size = _with_discrepancy(key_missed, envelope, since, rates, carrier)
+            model, size = _with_discrepancy(key_missed, envelope, since, omega_n, at, carrier)
             scatter = np.hypot(noise, missed.share_of(test.kind, at) * size)
         measured, later = np.real(measured_envelope * carrier), time >= seen_s
         model_band = band(model)
@@ -214,10 +213,12 @@ def _with_discrepancy(
     key: Key[Array, ""],
     envelope: Complex[np.ndarray, "draw time"],
     time: Float[np.ndarray, " time"],
-    rates: Float[np.ndarray, "2"],
+    omega_n: float,
+    missed: AtAmplitude,
     carrier: Complex[np.ndarray, " time"],
 ) -> tuple[Float[np.ndarray, "draw time"], Float[np.ndarray, " time"]]:
     """Motion that has `drifted`, about what the law predicts, and its rms over a period."""
+    rates = omega_n * np.array([missed.damping, missed.frequency])
     law, drifting = np.real(envelope * carrier), drifted(key, envelope, time, rates)
     size = np.median(np.abs(drifting), axis=0) / np.sqrt(2)
     return recentred(np.real(drifting * carrier), np.median(law, axis=0)), size

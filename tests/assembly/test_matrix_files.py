@@ -6,7 +6,9 @@ import pytest
 import scipy.io
 import scipy.sparse as sp
 
+from jbw.assembly.dofs import Dof
 from jbw.assembly.files.read import read_matrices
+from jbw.assembly.units import SYSTEMS, in_si
 from jbw.errors import ConfigError, DataError
 from jbw.rig.assemblies import lapped_beams
 
@@ -152,6 +154,21 @@ def test_constrained_degrees_of_abaqus_are_left_out_and_said(tmp_path):
 def test_matrices_in_memory():
     same(read_matrices({"mass": M, "stiffness": sp.csr_array(K), "dofs": NAMES}, units="SI"))
     same(read_matrices({"mass": M, "stiffness": K}, units="SI", dofs=NAMES))
+
+
+@pytest.mark.parametrize(
+    ("units", "stiffness", "damping", "mass"),
+    [
+        ("N-mm-t-s", 1e3, 1e3, 1e3),
+        ("kN-mm-kg-ms", 1e6, 1e3, 1.0),  # kN/mm, kN ms/mm and kg
+        ("lbf-in-s", 175.126835246476, 175.126835246476, 175.126835246476),  # lbf/in
+    ],
+)
+def test_a_unit_of_stiffness_damping_and_mass_in_si(units, stiffness, damping, mass):
+    found = [
+        in_si(sp.csc_array([[1.0]]), [Dof("1", "z")], SYSTEMS[units], p)[0, 0] for p in range(3)
+    ]
+    assert found == pytest.approx([stiffness, damping, mass], rel=1e-12)
 
 
 SMALL = """$ a comment

@@ -1,5 +1,7 @@
 """Modes of a structure with two bolts at an amplitude, by draws that all are the truth."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import two_bolts
@@ -8,8 +10,13 @@ from sustained import sustained
 
 import jbw
 from jbw.identification.assemble import assemble, measured_in
-from jbw.identification.joint_answers import backbones_group, joints_group, joints_words
-from jbw.identification.joint_modes import LEVELS, joint_modes
+from jbw.identification.joint_answers import (
+    _is_known,
+    backbones_group,
+    joints_group,
+    joints_words,
+)
+from jbw.identification.joint_modes import LEVELS, ModeNumbers, _with_free_shape, joint_modes
 
 CHOSEN = [1, 3, 7]  # a quarter, half and all of the largest amplitude
 
@@ -126,6 +133,32 @@ def test_draws_have_the_free_shape_of_their_own_parameters(data):
         # Linear in the logarithms: what is left is of second order, and grows with the slip.
         np.testing.assert_allclose(found.free.omega[0, :, i], curve.omega, rtol=3e-4)
         np.testing.assert_allclose(found.free.zeta[0, :, i], curve.zeta, rtol=3e-3)
+
+
+def test_losses_of_all_joints_add_the_ratio_of_a_viscous_damper():
+    """A damper c has the loss c omega, and the ratio c / (2 omega): over two joints."""
+    omega = np.full((1, 1), 200.0)
+    losses = np.array([0.3, 0.7])[:, None, None] * 4.0 * omega
+    numbers = ModeNumbers(omega, 0.0 * omega, losses, losses, losses)
+    assert numbers.added == pytest.approx(4.0 / (2 * 200.0), rel=1e-14)
+
+
+def test_a_third_harmonic_loses_three_times_as_often_in_a_cycle():
+    """By the definitions: of force r and motion x the loss is sum n Im r conj(x), over the mass."""
+    q = np.zeros((1, 1, 2), complex)  # level mode harmonic
+    q[..., 0] = 2.0
+    x, r = np.array([[[1.0, 0.5j]]]), np.array([[[0.2j, 0.3]]])
+    one = SimpleNamespace(omega=np.array([10.0]), zeta=np.zeros(1), q=q, x=x, r=r)
+    numbers = _with_free_shape([one], np.array([5.0]))
+    assert numbers.losses.item() == pytest.approx((0.2 - 3 * 0.3 * 0.5) / 4.0, rel=1e-14)
+    assert numbers.softening.item() == pytest.approx(0.0, abs=1e-14)
+
+
+@pytest.mark.parametrize(("spread", "known"), [(1.5, True), (3.0, False)])
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_share_is_identified_within_a_factor_of_two(spread, known, sign):
+    draws = sign * np.geomspace(1.0, spread, 2001)
+    assert _is_known(draws) == known
 
 
 def test_a_structure_of_one_joint_has_none():

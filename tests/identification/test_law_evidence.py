@@ -114,6 +114,22 @@ def test_scores_of_fits_alone_are_those_of_a_posterior_to_a_few_nats(linear):
         assert abs(fits.elpd[run] - score) < 2.0
 
 
+def test_rough_scores_may_be_off_by_what_fits_say_otherwise_in_either_direction(monkeypatch):
+    rough = {"a": (1.0, 0.9), "b": (-2.0, 0.8), "c": (50.0, 0.1)}
+    data = SimpleNamespace(**{"runs": tuple(rough)})
+    one = SimpleNamespace(
+        fitted=SimpleNamespace(box=SimpleNamespace(names=()), data=data, fit=None)
+    )
+    monkeypatch.setattr(law_scores, "runs_of", lambda data: data.runs)
+    monkeypatch.setattr(dataset, "silenced", lambda run, _: run)
+    monkeypatch.setattr(law_scores, "refit", lambda *_: None)
+    monkeypatch.setattr(law_scores, "_by_draws", lambda *of: rough[of[-1]])
+    monkeypatch.setattr(law_scores, "_score_of_fit", lambda *_: 0.0)
+    monkeypatch.setattr(law_scores, "_error_of", lambda *_: 0.1)
+    found = law_scores.left_out(jax.random.key(0), one, None, None)
+    assert (found.khat, found.doubt) == (0.9, 3.0)  # the third one's weights are good
+
+
 def test_draws_about_a_fit_have_its_covariance(linear):
     fit, tree = linear.fitted.fit, evidence.about_fit(jax.random.key(0), linear)
     posterior = tree["posterior"].to_dataset()
@@ -356,6 +372,8 @@ def test_wider_priors_of_a_law_are_twice_as_wide_but_for_its_share_of_the_stiffn
     wide = bounds_by_name(twice_as_wide(box(bounds), ("bouc_wen", "cubic")))
     own = {"delta": (-4.0, 40.0), "gamma": (0.0, 40.0), "cubic": (-6.0, 6.0)}
     assert wide == bounds | own
+    above = bounds_by_name(twice_as_wide(box({"gamma": (5.0, 20.0)}), ("bouc_wen",)))
+    assert above == {"gamma": (5.0, 35.0)}
 
 
 def moved_by(level):

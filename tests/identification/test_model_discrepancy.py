@@ -13,6 +13,7 @@ from jbw.errors import Attempts
 from jbw.identification import model_discrepancy as learning
 from jbw.identification.discrepancy import (
     NO_SCATTER,
+    AtAmplitude,
     Discrepancy,
     Missed,
     Scatter,
@@ -208,6 +209,15 @@ def test_a_rest_is_judged_beside_noise_and_the_errors_of_parameters():
     assert Rest(0.0, 0.0, 0.0).is_by_chance
 
 
+def test_values_that_repeat_each_other_tell_less_of_their_noise():
+    """Every number stands twice: of 200 values a half is independent, by numpy's own draws."""
+    drawn = np.repeat(np.random.default_rng(1).standard_normal((4000, 100)), 2, axis=1)
+    squares = np.sum(drawn**2, axis=1)
+    rest = _rest(drawn[0], NoiseSquares(200.0, np.inf), 0.5)
+    # A variance of 4000 draws strays by a fiftieth.
+    assert rest.variance == pytest.approx(np.var(squares), rel=0.1)
+
+
 def test_few_runs_widen_a_99_percent_band_as_student_has_it():
     # Tables of t: 3.707 with 6 degrees of freedom and 5.841 with 3, of the normal 2.576.
     assert widened(6) == pytest.approx((3.707 / 2.576) ** 2, rel=1e-3)
@@ -268,11 +278,22 @@ def test_the_size_of_a_motion_is_no_smaller_where_phases_scatter():
     time, turn = np.linspace(0.0, 3.0, 4), np.exp(0.4j)
     envelope = np.full((20000, 4), 2.0 * turn)
     motion, size = _with_discrepancy(
-        jax.random.key(0), envelope, time, np.array([0.0, 5.0]), np.ones(4, complex)
+        jax.random.key(0), envelope, time, 50.0, AtAmplitude(0.1, 0.0, 0.0), np.ones(4, complex)
     )
     np.testing.assert_allclose(size, 2.0 / np.sqrt(2), rtol=1e-12)
     # The draws lie about what the law predicts, 2 cos(0.4), whatever their phases.
     np.testing.assert_allclose(np.median(motion, axis=0), 2.0 * turn.real, rtol=1e-12)
+    # An error of the damping alone, 0.1 of omega_n = 5 1/s, makes the size log-normal instead.
+    motion, _ = _with_discrepancy(
+        jax.random.key(0),
+        envelope.real + 0j,
+        time,
+        5.0,
+        AtAmplitude(0.0, 0.1, 0.0),
+        np.ones(4, complex),
+    )
+    spread = np.quantile(motion, 0.8413, axis=0) / np.median(motion, axis=0)
+    np.testing.assert_allclose(np.log(spread), 0.5 * time, atol=0.03)
 
 
 def decays(velocities, hardening=0.0, name="decay", noisy=None):

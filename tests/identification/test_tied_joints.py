@@ -1,11 +1,15 @@
 """One law for two bolts or a law for each: names, sentences, and the evidence on the rig."""
 
+from types import SimpleNamespace
+
 import jax
 import numpy as np
 import pytest
 import two_bolts
 from tiers import represented_by
 
+from jbw.campaign.settings import Identify
+from jbw.identification import tied_joints
 from jbw.identification.assemble import assemble, measured_in
 from jbw.identification.evidence import likelihood_at
 from jbw.identification.prepare import prepare
@@ -68,6 +72,22 @@ def test_the_evidence_is_told_in_odds():
     assert "k-hat is 0.9" in sentence
     assert tied_record({"other": 1}) is None
     assert tied_sentences({}) == []
+
+
+def test_the_evidence_of_one_law_is_above_that_of_two_and_as_sure_as_the_poorer(monkeypatch):
+    own, one = (SimpleNamespace(data=None, fit=None) for _ in range(2))
+    own.data = SimpleNamespace(
+        laws=two_bolts.LAWS, modes=SimpleNamespace(meet=tied_joints.ASSEMBLED)
+    )
+    weighed = [
+        SimpleNamespace(log_evidence=-7.0, khat=0.6),
+        SimpleNamespace(log_evidence=-3.0, khat=0.2),
+    ]
+    monkeypatch.setattr(tied_joints, "tied_fit", lambda *_: one)
+    monkeypatch.setattr(tied_joints, "likelihood_at", lambda *_: -1.0)
+    monkeypatch.setattr(tied_joints, "_weighed", lambda *_: weighed.pop(0))
+    found = tied_evidence(jax.random.key(0), own, Identify())
+    assert (found.laws, found.log_ratio, found.khat, found.answer) == (TIED, 4.0, 0.6, "tied")
 
 
 def laplace(fitted):

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from jbw.errors import ConfigError, DataError
-from jbw.inference.space.box import box
+from jbw.inference.space.box import bounds_by_name, box
 from jbw.planning.beliefs import Beliefs, after, before
 from jbw.planning.description import parse
 from jbw.planning.making import combine, ordered, plan_tests, rig_of, row
@@ -85,6 +85,9 @@ def test_a_share_ties_alpha_to_the_frequency():
     del ranges["alpha"]
     beliefs = before(ranges, held={"gain": 1.0}, num_joints=4000, seed=1)
     assert beliefs.names == ("omega_n", "zeta", "alpha", "delta", "gamma")
+    low, high = RANGES["omega_n"]
+    expected_bounds = 0.02 * low**2, 0.08 * high**2
+    assert bounds_by_name(beliefs.box)["alpha"] == pytest.approx(expected_bounds, rel=1e-12)
     logs = np.log(np.stack([beliefs.joints[name] for name in beliefs.names]))
     expected = np.cov(logs)
     # Correlations of 4000 points are known to 1/sqrt(4000), four of which are admitted.

@@ -10,7 +10,7 @@ from scipy.stats import t as student
 
 from jbw.watch.change_point import Belief, run_length
 from jbw.watch.hotelling import ReferenceReadings
-from jbw.watch.statement import Trend, torque_after
+from jbw.watch.statement import Trend, change_of, torque_after
 
 NUM_REFERENCES, NUM = 6, 3
 
@@ -78,6 +78,14 @@ def enumerated(x, prior, start, hazard):
         if not any(changes):
             unchanged = log_p
     return logsumexp(terms), np.exp(unchanged - logsumexp(terms))
+
+
+def test_a_change_has_the_interval_of_students_t_of_the_references():
+    reference = ReferenceReadings(6, np.array([30.0, np.log(0.01)]), np.diag([0.02, 0.03]) ** 2)
+    behind = reference.mean + np.array([[-0.1, 0.2], [-0.3, 0.4]])
+    found = change_of(reference, behind, 1)
+    reach = student.ppf(0.995, 5) * 0.02 * np.sqrt(1 / 2 + 1 / 6)
+    assert found.frequency == pytest.approx((-0.2, -0.2 - reach, -0.2 + reach), rel=1e-12)
 
 
 def test_two_readings_behind_references_by_hand():
