@@ -22,11 +22,12 @@ from jbw.observables.dataset import Dataset
 from jbw.observables.loops import Loops
 from jbw.observables.residual_terms import has_own
 from jbw.observables.steady import Points
+from jbw.verification import controlled
 from jbw.verification.backbone import amplitude_verification
 from jbw.verification.bands import errors
 from jbw.verification.curves import curves_of, predict_curves
 from jbw.verification.own_constants import completed
-from jbw.verification.predicted import Source
+from jbw.verification.predicted import NOT_KNOWN, Predicted, Source
 from jbw.verification.predictive_basis import basis_of, scattered
 from jbw.verification.reference_oscillators import of_run, references
 from jbw.verification.steady_motion import predict_loop, predict_periods
@@ -333,3 +334,15 @@ def test_the_routes_stand_side_by_side():
 def test_a_name_with_a_slash_is_one_level_of_the_tree():
     path = place("verification/curve", "held at 5 m/s^2")
     assert path.count("/") == 3
+
+
+def test_the_error_of_groups_end_to_end_is_their_root_mean_square(monkeypatch):
+    """Of one value missed by 0.3 and three missed by 0.1 each."""
+    parts = [
+        Predicted(xr.Dataset({"x": ("value", np.zeros(n))}, attrs={"nrmse": x}), None, NOT_KNOWN)
+        for n, x in ((1, 0.3), (3, 0.1))
+    ]
+    monkeypatch.setattr(controlled, "predict_apart", lambda *_: iter([("a", p) for p in parts]))
+    found = controlled.predict_controlled(None, None).dataset
+    assert found.attrs["nrmse"] == pytest.approx(np.sqrt((0.09 + 3 * 0.01) / 4), rel=1e-14)
+    assert found.sizes["value"] == 4

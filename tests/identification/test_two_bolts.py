@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import jax.numpy as jnp
 import numpy as np
@@ -20,6 +21,7 @@ from jbw.campaign.settings import Identify
 from jbw.cli import run
 from jbw.errors import ConfigError
 from jbw.identification.assemble import assemble, measured_in
+from jbw.identification.assembled import joint_bounds
 from jbw.identification.coordinates import box_of
 from jbw.identification.joint_answers import joints_finding, joints_group
 from jbw.identification.joint_modes import joint_modes
@@ -113,6 +115,16 @@ def test_prior_bounds_reach_no_further_than_the_joint_in_full_stick():
     data = assemble(measured_in(campaign, quietly))
     with pytest.raises(ConfigError, match=r"`alpha@bolt_1` must end below 1\.5e"):
         box_of(campaign.settings, data, told_by(data.parts, data.held))
+
+
+def test_two_laws_at_a_joint_share_its_stiffness(data):
+    alone, both = (
+        joint_bounds(data.modes, SimpleNamespace(laws=laws, parts=data.parts), {}, 0.01)[
+            "alpha@bolt_1"
+        ]
+        for laws in (("bouc_wen@bolt_1",), ("bouc_wen@bolt_1", "jenkins_1@bolt_1"))
+    )
+    assert both == (alone[0], alone[1] / 2)
 
 
 def test_too_few_steps_for_the_residual_modes_are_refused_and_the_remedy_cures():

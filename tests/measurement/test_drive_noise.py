@@ -5,6 +5,7 @@ import pytest
 from scipy import signal
 
 from jbw.measurement.checks.drive_noise import noisy_drive, passed_on
+from jbw.measurement.hypotheses.unlike_gains import unlike_gains
 from jbw.measurement.records import Record
 
 FS, N, F_N, ZETA = 256.0, 4096, 18.8, 0.005
@@ -60,3 +61,18 @@ def test_the_doubt_names_the_channel_and_what_to_do():
     u, y = repeats(1e-5, 1e-3)
     quiet = [Record(FS, {"force": u[i], "velocity": y[i]}, {}) for i in range(2)]
     assert not list(noisy_drive(*quiet))
+
+
+@pytest.mark.parametrize(
+    ("gains", "named"),
+    [
+        ((1.0, 1.0, 1.4), ""),
+        ((1.0, 9.8, 1.0), "b"),  # g in place of m/s^2
+        ((1.0, 0.102, 1.0), "b"),
+        ((1.0, -1.0, 1.0), "b"),
+        ((-2.0, -2.0, np.nan), "ab"),
+    ],
+)
+def test_a_repeat_of_another_sign_or_unit_is_named(gains, named):
+    faults = unlike_gains(list(zip("abc", gains, strict=True)), "velocity", "force")
+    assert "".join(name for name, _ in faults) == named
