@@ -161,8 +161,8 @@ def _internal(error: Exception) -> int:
 def _tell(error: JbwError, arguments: Sequence[str]) -> None:
     """An error for people on stderr, and for programs on stdout where they asked for JSON."""
     following = next_command(arguments, str(error))
-    if following and isinstance(error, RunError) and arguments[0] in (*OF_CAMPAIGNS, "check"):
-        # The place is at fault, and not the campaign: the same again, when there is room.
+    if following and isinstance(error, RunError):
+        # The place is at fault, and not what was read: the same again, when there is room.
         following = f"jbw {shlex.join(arguments)}, after the change"
     click.echo(f"Error: {error}", err=True)
     if following:

@@ -66,6 +66,9 @@ def test_a_campaign_of_other_records_is_not_overwritten(tmp_path):
     kept = (tmp_path / "tap.toml").read_text()
     with pytest.raises(ConfigError, match="names other records"):
         given(second, third)
+    (tmp_path / "tap.toml").write_text(f'{kept}\n[[test]]\nkind = "decay"\nfiles = "more.csv"\n')
+    with pytest.raises(ConfigError, match="names other records"):
+        given(first, second)
     (tmp_path / "tap.toml").write_text("not a campaign")
     with pytest.raises(ConfigError, match="names other records"):
         given(first, second)
