@@ -1,5 +1,7 @@
 """The verdict is never ok by accident: every pathology has its finding."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -7,6 +9,7 @@ from pasted import lines_of, pasted
 from scipy.signal import lfilter
 from scipy.stats import truncnorm
 
+from jbw.identification import accuracy
 from jbw.identification.accuracy import OF_MISFIT, within_misfit, within_unseen
 from jbw.inference.posterior.finding import (
     ASKED_BY,
@@ -21,6 +24,16 @@ from jbw.inference.space.box import box
 from jbw.report.messages.findings import explanations
 
 BOX = box({"alpha": (1.0, 2.0), "delta": (1.0, 2.0)})
+
+
+@pytest.mark.parametrize(("change", "status"), [(0.05, "ok"), (0.2, "failed"), (None, None)])
+def test_a_solver_may_move_a_mean_by_a_tenth_of_its_deviation(monkeypatch, change, status):
+    """A change of the log likelihood of this standard deviation moves no mean by more of them."""
+    found = None if change is None else change * np.array([-1.0, 1.0])
+    monkeypatch.setattr(accuracy, "solver_change", lambda *_: found)
+    posterior = xr.Dataset({"alpha": (("chain", "draw"), np.ones((1, 40)))})
+    finding = accuracy.solver_finding(posterior, SimpleNamespace(parts=()))
+    assert (None if finding is None else finding.status) == status
 
 
 def healthy(num_chains=4, num_draws=1000, seed=0):

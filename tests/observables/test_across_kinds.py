@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import xarray as xr
 from test_evidence import GAIN, PRIOR, curve, loop
 
 from jbw.campaign.settings import Identify
+from jbw.identification import across_kinds as kinds
 from jbw.identification.across_kinds import (
     across_kinds,
     across_kinds_record,
@@ -75,6 +77,21 @@ def test_what_one_joint_cannot_make_is_an_error_of_the_other_kind():
     predicted = across_kinds(best, prior, data)
     assert predicted is not None
     assert predicted["error"].sel(kind="loops").item() == pytest.approx(0.03 / 1.03, rel=0.1)
+
+
+def test_a_parameter_is_as_much_wider_as_its_standard_deviation_without_a_kind(monkeypatch):
+    whole, rest = (
+        SimpleNamespace(covariance=np.diag(v), theta={"a": 1.0, "b": 1.0})
+        for v in ([1.0, 4.0], [9.0, 4.0])
+    )
+    monkeypatch.setattr(kinds, "kinds_of", lambda _: {"sweeps": ("s",), "loops": ("l",)})
+    monkeypatch.setattr(kinds, "errors_with_own_frequency", lambda *_: {"s": 0.1, "l": 0.1})
+    monkeypatch.setattr(kinds, "without_kind", lambda *_: None)
+    monkeypatch.setattr(kinds, "refit", lambda *_: rest)
+    found = across_kinds(
+        whole, box({"a": (0.0, 2.0), "b": (0.0, 2.0)}), SimpleNamespace(has_offsets=False)
+    )
+    assert found["wider"].values.tolist() == [[3.0, 1.0]] * 2
 
 
 def test_the_error_of_a_kind_is_the_rms_of_its_tests():
