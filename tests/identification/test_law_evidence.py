@@ -27,6 +27,7 @@ from jbw.inference.space.box import bounds_by_name, box, from_unit
 from jbw.inference.space.stated import StatedDensities
 from jbw.law_comparison import compare
 from jbw.law_comparison.answers import (
+    _behind_by_runs,
     _of_offsets,
     _of_unseen,
     compare_rows,
@@ -112,6 +113,31 @@ def test_scores_of_fits_alone_are_those_of_a_posterior_to_a_few_nats(linear):
     for run, score in weighed.elpd.items():
         # Two parameters, known from the other runs: each moves a score by half a nat or so.
         assert abs(fits.elpd[run] - score) < 2.0
+
+
+@pytest.mark.parametrize("way", ["draws", "points"])
+def test_the_score_of_a_run_is_that_of_a_conjugate_normal(way, monkeypatch):
+    """Of two values N(theta, 1) under theta ~ N(0, 1) the second is N(first / 2, 3/2) given it."""
+    first, second = 0.4, 1.1
+    times = np.array([1e6, 1.0])  # the second value is silenced, the first one kept
+    monkeypatch.setattr(law_scores, "_told_by_terms", lambda *_: times)
+    mean, variance = ((first + second) / 3, 1 / 3) if way == "draws" else (first / 2, 1 / 2)
+    theta = norm.rvs(mean, np.sqrt(variance), size=(1, 20000), random_state=0)
+    terms = np.stack([norm.logpdf(second, theta), norm.logpdf(first, theta)], axis=-1)
+    if way == "draws":
+        tree = xr.DataTree.from_dict({
+            "/posterior": xr.Dataset({"theta": (("chain", "draw"), theta)}),
+            "/log_likelihood": xr.Dataset({"terms": (("chain", "draw", "term"), terms)}),
+        })  # fmt: skip
+        score, _ = law_scores._by_draws(tree, ["theta"], None, None)
+    else:
+        weights = np.full(theta.size, 1 / theta.size)
+        points = SimpleNamespace(terms=terms[0] / times, weights=weights, khat=0.1)
+        monkeypatch.setattr(law_scores, "weighed_in", lambda *_: points)
+        one = SimpleNamespace(fitted=SimpleNamespace(box=None, data=None))
+        score, _ = law_scores._by_points(jax.random.key(0), None, one, None, None)
+    # Weights of 20,000 draws: 0.01 nats.
+    assert score == pytest.approx(norm.logpdf(second, first / 2, np.sqrt(1.5)), abs=0.03)
 
 
 def test_rough_scores_may_be_off_by_what_fits_say_otherwise_in_either_direction(monkeypatch):
@@ -290,6 +316,13 @@ def test_a_rough_score_calls_no_law_worse_and_none_the_best():
     rows = {"a": row(0.0), "b": row(-80.0) | {"khat_evidence": np.inf}, "c": row(-80.0)}
     compare_rows(rows, {})
     assert [one["answer"] for one in rows.values()] == ["best", "not judged", "worse"]
+
+
+@pytest.mark.parametrize(("doubt", "behind"), [(0.0, True), (5.0, False)])
+def test_a_law_is_no_worse_than_one_whose_own_score_may_be_off_by_as_much(doubt, behind):
+    """Ten nats behind, with a standard error of one: a rough best score is off by 3 x 5 nats."""
+    sure = {"elpd_difference": -10.0, "elpd_difference_se": 1.0, "khat": 0.1, "elpd_doubt": 0.0}
+    assert _behind_by_runs(sure, {"khat": 0.9, "elpd_doubt": doubt}) == behind
 
 
 def test_a_hopeless_law_is_worse_whatever_its_score_and_the_words_say_by_what():

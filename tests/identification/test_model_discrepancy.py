@@ -29,7 +29,9 @@ from jbw.identification.model_discrepancy import (
     LeftOutRun,
     NoiseSquares,
     Rest,
+    _over,
     _rest,
+    _share_of,
     amplitudes_of_runs,
     coefficients_of,
     correlation_of,
@@ -216,6 +218,12 @@ def test_values_that_repeat_each_other_tell_less_of_their_noise():
     rest = _rest(drawn[0], NoiseSquares(200.0, np.inf), 0.5)
     # A variance of 4000 draws strays by a fiftieth.
     assert rest.variance == pytest.approx(np.var(squares), rel=0.1)
+
+
+def test_a_share_is_that_at_the_reference_amplitude_and_over_the_response():
+    # Twice the reference's error, by what grows with the amplitude alone: squares are four times.
+    assert _share_of([Rest(4.0, 0.0, 1e-9)], [2.0], judged=False) == 1.0
+    assert _over(Rest(8.0, 4.0, 16.0, 2.0), 2.0) == Rest(4.0, 2.0, 4.0, 1.0)
 
 
 def test_few_runs_widen_a_99_percent_band_as_student_has_it():

@@ -129,3 +129,6 @@ def test_a_stronger_record_does_not_choose_the_widened_box(monkeypatch):
 
 def test_a_lower_bound_of_zero_is_no_bound_that_a_fit_reaches(monkeypatch):
     assert reached("bouc_wen", "gamma", "lower", [1e-3], monkeypatch)[1] is None
+    (low, high), (wide, _) = reached("bouc_wen_nu", "nu", "lower", [1e-3], monkeypatch)
+    assert wide[0] < low
+    assert wide[1] == high

@@ -5,6 +5,7 @@ Seeds were fixed before the first run; statistical tests hold at p = 1e-4 on all
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import jax
 import jax.numpy as jnp
@@ -20,9 +21,10 @@ from jbw.errors import ConfigError, ModelError
 from jbw.identification.paper import kernel, simulated_kernel
 from jbw.identification.paper.kernel import KernelData
 from jbw.identification.paper.step4 import log_likelihood as opening_likelihood
+from jbw.inference.calibration.record import Calibration
 from jbw.inference.calibration.replications import calibrate
 from jbw.lab import designs, models
-from jbw.lab.calibration import sbc, suited
+from jbw.lab.calibration import _numbers_of, sbc, suited
 from jbw.oscillator.oscillator import BoucWen
 from jbw.oscillator.response import simulate
 from jbw.rig import SLIDERS
@@ -125,6 +127,19 @@ def test_the_command_calibrates_step_4_and_stores_what_it_found(tmp_path, capsys
     assert ranks["rank_gamma"].shape == (200,)
     assert ranks["rank_gamma"].attrs["quantity_units"] == "1/m"
     assert (folder / "sbc.png").stat().st_size > 10_000
+
+
+def test_failed_replications_are_counted_and_once_whatever_they_failed_by():
+    rng = np.random.default_rng(0)
+    reasons = {"stuck": np.arange(40) < 3, "lost": np.arange(40) % 20 == 1}
+    verdict = SimpleNamespace(status="failed", findings=())
+    same = {"theta": 0.5}
+    found = _numbers_of(Calibration(
+        ("theta",), rng.integers(0, 100, (40, 1)), 99, np.ones((40, 1), bool), reasons, same, same,
+        {"theta": (1.0, 0.9, 1.0)}, verdict,
+    ))  # fmt: skip
+    assert found["failures"] == {"stuck": 3, "lost": 2}
+    assert (found["failed"], found["replications"]) == (4, 40)  # one failed by both
 
 
 def test_a_step_that_is_not_calibrated_is_exit_code_4(tmp_path, capsys):
