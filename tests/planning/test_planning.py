@@ -95,6 +95,16 @@ def test_a_share_ties_alpha_to_the_frequency():
     assert np.abs((np.linalg.inv(beliefs.precision) - expected) / size).max() < 0.064
 
 
+def test_a_joint_slides_at_the_length_of_its_law():
+    """Bouc-Wen's delta is one over a length, and a slip is one."""
+    by_delta = SimpleNamespace(
+        laws=("bouc_wen",), joints={"delta": np.array([200.0, 400.0, 250.0])}
+    )
+    assert displacement_for(by_delta) == 1 / 250.0
+    by_slip = SimpleNamespace(laws=("jenkins_1",), joints={"slip_1": np.array([3e-3])})
+    assert displacement_for(by_slip) == 3e-3
+
+
 def test_a_single_value_is_a_guess_known_to_a_factor():
     beliefs = before({**RANGES, "delta": (340.0, 340.0)}, held={"gain": 1.0}, num_joints=3, seed=0)
     assert set(beliefs.joints["delta"]) == {340.0}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from jbw.report.law_table import law_order
+from jbw.report.law_table import _across_kinds, law_order
 from jbw.report.laws import law_backbones, laws_sheet, render_laws
 from jbw.report.messages.laws import not_distinguished
 
@@ -116,3 +116,7 @@ def test_the_preferred_law_stands_first_whatever_the_scores_of_few_runs():
         "chosen": {**row, "elpd": 0.0, "answer": "best"},
     }
     assert law_order({"laws": laws}) == ["chosen", "high", "low"]
+
+
+def test_the_worst_kind_of_test_stands_for_all_that_others_predict():
+    assert _across_kinds({"error_across": {"sweeps": 0.04, "loops": 0.31}}) == "31"

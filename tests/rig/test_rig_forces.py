@@ -14,7 +14,7 @@ from jbw.oscillator.law import Law
 from jbw.oscillator.laws import LAWS
 from jbw.oscillator.oscillator import Oscillator
 from jbw.rig import measure
-from jbw.rig.forces import SliderForces
+from jbw.rig.forces import BoucWenForce, SliderForces, StopForce
 from jbw.rig.integrator import GRID, respond
 from jbw.rig.law_forces import FORCES
 
@@ -88,3 +88,13 @@ def test_elements_side_by_side_are_measured():
     )
     assert campaign.laws == ("iwan4", "cubic")
     assert campaign.truth["joint"]["iwan_chi"] == -0.3
+
+
+def test_a_saturated_force_grows_no_more_and_a_stop_acts_on_both_sides():
+    """Eq. (2) at nu = 1 ends at alpha / (gamma + delta); unloading from there it is stiffer."""
+    force = BoucWenForce(alpha=400.0, delta=300.0, gamma=100.0)
+    assert force.rate(2.0, 1.0) == 0.0
+    assert force.rate(-2.0, 1.0) == -2.0 * (400.0 - 300.0 + 100.0)
+    stop = StopForce(k=5.0, gap=0.1)
+    pushed = [float(stop.exerted(y, 0.0, ())) for y in (-0.3, -0.05, 0.05, 0.3)]
+    assert pushed == pytest.approx([-1.0, 0.0, 0.0, 1.0], abs=1e-12)
