@@ -1,5 +1,7 @@
 """The law without a form in a result: its group, its columns, its sentences."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -7,6 +9,7 @@ import xarray as xr
 from jbw.freeform.free_law import free_law
 from jbw.measurement.readings.statement import RecordTable
 from jbw.report.law_table import free_law_table
+from jbw.report.messages import free_law as messages
 from jbw.study.free_group import (
     free_law_groups,
     free_law_record,
@@ -28,6 +31,19 @@ def law():
         for start in (0, 2, 4)
     ]  # fmt: skip
     return free_law(tables, named=False, num_particles=100)
+
+
+def test_the_ends_of_a_group_and_the_words_of_scattered_readings():
+    """Bands go to a third of the smallest amplitude; squares of four times are twice the errors."""
+    y = np.array([0.1, 0.5])
+    law = SimpleNamespace(
+        rows=SimpleNamespace(y=y, inflation=4.0), rule="broken", masing=9.0, log_evidence={},
+        bands=lambda at: (np.ones((3, len(at))), np.ones((3, len(at)))),
+        least_damping=lambda at: np.ones(len(at)),
+    )  # fmt: skip
+    (group,) = free_law_groups(law).values()
+    assert group["amplitude"].values[[0, -1]] == pytest.approx([0.1 / 3, 1.5], rel=1e-12)
+    assert free_law_sentences(law)[-1] == messages.scattered(2.0)
 
 
 def test_the_group_has_bands_over_the_readings_and_beyond(law):
