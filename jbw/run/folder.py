@@ -162,6 +162,7 @@ def begin(folder: Path, manifest: Manifest) -> Run:
     unfinished = folder / HIDDEN / MANIFEST
     if not unfinished.exists():
         _require_empty(folder)
+        require_room(folder, ROOM if manifest.preset is None else ROOM_OF_RIG)
     with _locked(folder) as held:
         if _holds_nothing_else_than_a_first_answer(folder):
             (folder / HIDDEN / SPENT).unlink(missing_ok=True)
@@ -174,7 +175,6 @@ def begin(folder: Path, manifest: Manifest) -> Run:
                 remedy=f"Go on with it: jbw resume {folder}. Or choose another with --out.",
             )
         _require_empty(folder)  # another process may have been here before the lock
-        require_room(folder, ROOM if manifest.preset is None else ROOM_OF_RIG)
         write_manifest(unfinished, manifest)
     return Run(folder, manifest, held, fresh=True)
 

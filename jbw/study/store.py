@@ -69,6 +69,7 @@ def claim(folder: Path, asked: str = "") -> Path:
     Raises:
         RunError: The folder cannot be written, holds something, or its disk is full.
     """
+    require_room(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):
@@ -85,7 +86,6 @@ def claim(folder: Path, asked: str = "") -> Path:
             why="Results of two runs must not be mixed.",
             remedy="Choose another with --out, or empty it.",
         )
-    require_room(folder)
     return folder
 
 

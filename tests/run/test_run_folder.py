@@ -84,7 +84,8 @@ def test_a_full_disk_is_said_before_the_work(tmp_path, monkeypatch):
         folders, "require_room", lambda folder, _: require_room(folder, room=10**18)
     )
     with pytest.raises(RunError, match="MB left"):
-        begin(tmp_path, ASKED)
+        begin(tmp_path / "run", ASKED)
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.fault(45)

@@ -56,7 +56,8 @@ def test_a_full_disk_is_said_before_any_work(tmp_path, monkeypatch):
     free = type("Usage", (), {"free": files.ROOM - 1})()
     monkeypatch.setattr(files.shutil, "disk_usage", lambda _: free)
     with pytest.raises(RunError, match=r"has 50 MB left, but a run may need 50 MB"):
-        claim(tmp_path / "out")
+        claim(tmp_path / "a" / "out")
+    assert not list(tmp_path.iterdir())
 
 
 def test_work_that_fails_before_it_writes_leaves_no_folder(tmp_path):
