@@ -258,6 +258,15 @@ def test_iwans_array_of_sliders_has_the_same_force():
     np.testing.assert_allclose(forces(law, turns)[0][1::2], expected, atol=1e-6 * 3.0)
 
 
+def test_a_steady_loop_loses_what_masings_rule_makes_of_the_virgin_curve():
+    r"""The area of the loop is $8\int_0^Y F_b\,dx - 4 Y F_b(Y)$."""
+    alpha, b, peak = 500.0, 300.0, 5e-3
+    gone = -np.expm1(-b * peak) / b
+    area = alpha / b * (8 * (peak - gone) - 4 * peak * b * gone)
+    loop = MasingExponential(alpha, b).loop(peak)
+    assert loop.damping == pytest.approx(area / (np.pi * peak**2), rel=1e-12)
+
+
 def test_the_energy_of_a_minor_loop_is_its_area():
     law = law_of("iwan4_b")
     path = np.concatenate(

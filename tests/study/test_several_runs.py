@@ -43,6 +43,8 @@ def test_the_slope_of_posteriors_about_a_line_is_that_of_least_squares(tmp_path)
     assert trend["direction"] == "rises"
     assert trend["p"] > 0.5
     middle = compared.backbones["frequency"].sel(quantile=0.5).values
+    damped = {row["damping ratio"][1] for row in compared.record["readings"]}
+    assert list(damped) == pytest.approx([1.0] * len(damped), rel=1e-3)  # per cent
     # Damping of 1 % is of no account: the curve is of omega_n.
     np.testing.assert_allclose(
         middle, np.array([[29.0], [30], [31], [32]]) * np.ones(20), rtol=1e-3
