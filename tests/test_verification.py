@@ -346,3 +346,14 @@ def test_the_error_of_groups_end_to_end_is_their_root_mean_square(monkeypatch):
     found = controlled.predict_controlled(None, None).dataset
     assert found.attrs["nrmse"] == pytest.approx(np.sqrt((0.09 + 3 * 0.01) / 4), rel=1e-14)
     assert found.sizes["value"] == 4
+
+
+@pytest.mark.parametrize(
+    ("model", "size"), [(np.full((3, 4), 2.0), 2.0), (np.full((3, 4), 2j), 2**0.5)]
+)
+def test_an_error_of_the_law_is_of_real_and_imaginary_parts_apart(model, size):
+    """A tenth of a response, whose square the two parts of a complex one share."""
+    source = Source(None, {}, model_error=0.1)
+    assert source.std(NOT_KNOWN, model) == pytest.approx(0.1 * size, rel=1e-14)
+    known = NOT_KNOWN._replace(std=0.3)
+    assert source.std(known, model, 4) == pytest.approx(np.hypot(0.1 * size, 0.15), rel=1e-14)
