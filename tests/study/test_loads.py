@@ -3,6 +3,7 @@
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from jbw.errors import ConfigError, DataError, ModelError
 from jbw.forced.profiles import profile_of
 from jbw.identification.discrepancy import NO_SCATTER, Discrepancy, Missed, Scatter
 from jbw.study.loads import Load, SeenResponse, response_of
+from jbw.study.loads_in_time import _random
 from jbw.study.study import Study
 
 GOLDEN = json.loads((Path(__file__).parents[1] / "golden_forced.json").read_text())
@@ -94,6 +96,19 @@ def test_a_point_on_a_moving_base_moves_with_it_below_the_resonance(participatio
     found = response_of(None, load, seen, level, omega, y)
     expected = 1e3 * level * (1 + participation * shape * omega**2 * receptance)
     assert found == pytest.approx(expected, rel=1e-14)
+
+
+def test_a_density_is_in_the_square_of_the_unit_of_its_response():
+    """A density of one (m/s^2)^2/Hz over 4 Hz has an rms of 2 m/s^2, 2000 mm/s^2."""
+    one = np.ones(1)
+    response = SimpleNamespace(
+        spectrum=lambda freq, order=0: np.ones((1, len(freq))), largest=lambda _: 3 * one,
+        frequency_hz=one, damping=one,
+    )  # fmt: skip
+    seen = SeenResponse("acceleration", "mm/s^2", 1e3, "N")
+    found = _random(response, Load(), seen, np.linspace(10.0, 14.0, 5), 60.0)
+    assert found["rms"] == pytest.approx(2000.0, rel=1e-14)
+    assert found["psd"] == pytest.approx(1e6, rel=1e-14)
 
 
 def test_a_limit_allows_the_level_whose_peak_it_is(golden_study):
