@@ -266,7 +266,7 @@ def _exports(
                 materials=materials_of(theta, laws, UNIT_MASS, peak),
                 laws=laws,
                 linear=linear_parts(theta, laws, UNIT_MASS),
-                skeleton=_losing_at(table, 2.0 * np.pi * hz * units.time),
+                skeleton=_losing_at(table, hz, units.time),
                 products={p.name: float(p.values[0]) for p in products_of(draw, laws)},
                 mass=UNIT_MASS,
                 y_max=peak,
@@ -302,9 +302,12 @@ def _plain(
     return values, tuple(table)
 
 
-def _losing_at(skeleton: Table, omega: float) -> Table:
-    """A skeleton whose dashpot loses at a frequency what it lost at that of its own stiffness."""
-    own = np.sqrt(skeleton["stiffness_n_m"])
+def _losing_at(skeleton: Table, hz: float, time: float) -> Table:
+    """Return a skeleton whose dashpot loses at `hz` what it lost at that of its own stiffness.
+
+    Its numbers are in a system whose unit of time has `time` seconds.
+    """
+    own, omega = np.sqrt(skeleton["stiffness_n_m"]), 2.0 * np.pi * hz * time
     return {**skeleton, "damping_ns_m": skeleton["damping_ns_m"] * own / omega}
 
 

@@ -20,7 +20,8 @@ from scipy.io import loadmat
 from test_exports_elsewhere import Slave, needs_compiler
 
 import jbw
-from jbw.assembly.joint_units import joint_units
+from jbw.assembly.dofs import Dof
+from jbw.assembly.joint_units import joint_units, terms_in
 from jbw.assembly.matrices import matrix_model
 from jbw.assembly.units import SYSTEMS, in_si
 from jbw.cli import run
@@ -28,9 +29,11 @@ from jbw.errors import ConfigError, DataError
 from jbw.export.exports.fmu import compiler
 from jbw.export.files import chosen_programs_of_joints, export_of_run
 from jbw.export.one_joint import export
-from jbw.export.several_joints import export_joints
+from jbw.export.several_joints import _losing_at, _plain, export_joints
 from jbw.oscillator.laws.bouc_wen import BoucWenLaw
+from jbw.oscillator.laws.iwan import MasingPower
 from jbw.rig.assemblies import lapped_beams, portal_frame
+from jbw.study.assembly_group import ModelJoint
 
 K = 1.5e7  # of both bolts in full stick [N/m]
 TIED = ("bouc_wen@bolt_1=bolt_2",)
@@ -157,6 +160,33 @@ def test_a_loss_stated_at_a_millimetre_is_the_same_in_millimetres():
     in_units = float(joint_units("N-mm-t-s", rotates=False).value(kappa, "N/m", -q))
     force = kappa * (x / 1e-3) ** q * x
     assert in_units * (1e3 * x / 1e-3) ** q * 1e3 * x == pytest.approx(force, rel=1e-13)
+
+
+def test_a_law_whose_loss_is_stated_at_a_millimetre_loses_as_much_in_millimetres():
+    """N/mm at 2 mm are a thousandth of N/m at 2 mm, whatever the power of the amplitude."""
+    draws = {"power_loss@left": np.array([20.0]), "power_exponent@left": np.array([0.4])}
+    place = ModelJoint("left", (), 1e6)
+    losses = []
+    for system, peak in (("SI", 2e-3), ("N-mm-t-s", 2.0)):
+        units = joint_units(system, rotates=False)
+        values, _ = _plain(draws, place, ("masing_power@left",), units)
+        law = MasingPower(values["power_loss"][0], values["power_exponent"][0])
+        losses.append(float(law.loop(peak).damping))
+    assert losses[1] == pytest.approx(1e-3 * losses[0], rel=1e-12)
+
+
+def test_a_dashpot_loses_at_its_frequency_what_it_lost_at_its_own():
+    """5 Hz in milliseconds are 0.01 pi rad/ms; of a stiffness of 4 its own frequency is 2."""
+    table = {"stiffness_n_m": np.array([4.0]), "damping_ns_m": np.array([3.0])}
+    assert _losing_at(table, 5.0, 1e-3)["damping_ns_m"] == pytest.approx(3.0 * 2.0 / (0.01 * np.pi))
+
+
+def test_levers_of_rotations_are_millimetres_in_a_model_of_millimetres():
+    terms = (Dof("1", "z"), 1.0), (Dof("2", "ry"), 2.5e-3)  # m/rad
+    moved = terms_in(joint_units("N-mm-t-s", rotates=False), terms)
+    assert [weight for _, weight in moved] == pytest.approx([1.0, 2.5], rel=1e-14)
+    turned = terms_in(joint_units("N-mm-t-s", rotates=True), ((Dof("1", "z"), 40.0),))  # rad/m
+    assert turned[0][1] == pytest.approx(0.04, rel=1e-14)
 
 
 # -- other programs --------------------------------------------------------------------------------
