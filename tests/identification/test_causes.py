@@ -3,6 +3,8 @@
 The structure is linear and known, so that all that is left but noise is what was done to the data.
 """
 
+from types import SimpleNamespace
+
 import jax
 import numpy as np
 import pytest
@@ -13,7 +15,7 @@ from scipy.signal import chirp, lsim
 from jbw import Record, Test
 from jbw.campaign.settings import Identify
 from jbw.identification.assemble import measured
-from jbw.identification.causes import cause_finding, causes, causes_sentence
+from jbw.identification.causes import _swapped, cause_finding, causes, causes_sentence
 from jbw.identification.prepare import fit_joint
 
 FS, LENGTH, GAIN = 256.0, 1536, 15.0
@@ -156,3 +158,17 @@ def test_a_clock_is_told_by_its_size():
 def test_nothing_is_named_where_noise_alone_is_left():
     assert found(lambda name, u, v: (u, v)) == []
     assert cause_finding([]) is None
+
+
+def test_swapped_channels_explain_the_squares_that_they_leave_less():
+    """Of a source that the mode makes of the response but for a tenth, beside a half left now."""
+    omega = np.linspace(80.0, 120.0, 4)
+    theta = {"omega_n": 100.0, "zeta": 0.01}
+    stiffness = 100.0**2 - omega**2 + 2j * 0.01 * 100.0 * omega
+    modelled, beside = np.array([1.0, 1.0, 1.0, 1.0]) + 0j, np.array([1.0, -1.0, 1.0, -1.0]) + 0j
+    spectrum = SimpleNamespace(
+        omega=omega, factor=np.ones(4), measured=stiffness * modelled,
+        source=np.sqrt(0.99) * modelled + 0.1 * beside, residual=0.5 * beside, values=modelled,
+    )  # fmt: skip
+    (cause,) = _swapped({"sweep": spectrum}, ["sweep"], theta)
+    assert cause.explained == pytest.approx(1 - 0.1**2 / 0.5**2, rel=1e-12)

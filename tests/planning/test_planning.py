@@ -8,7 +8,9 @@ import xarray as xr
 
 from jbw.errors import ConfigError, DataError
 from jbw.inference.space.box import bounds_by_name, box
-from jbw.planning.beliefs import Beliefs, after, before
+from jbw.planning import proposals
+from jbw.planning import prospects as planning_prospects
+from jbw.planning.beliefs import Beliefs, Mode, after, before
 from jbw.planning.description import parse
 from jbw.planning.making import combine, ordered, plan_tests, rig_of, row
 from jbw.planning.plan import PlannedSweep, ResponseNoise, Wish
@@ -93,6 +95,35 @@ def test_a_share_ties_alpha_to_the_frequency():
     # Correlations of 4000 points are known to 1/sqrt(4000), four of which are admitted.
     size = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
     assert np.abs((np.linalg.inv(beliefs.precision) - expected) / size).max() < 0.064
+
+
+def test_a_mode_that_moves_the_joint_twice_as_far_is_swept_at_half_the_motion(monkeypatch):
+    modes = [Mode(np.array([100.0]), np.array([1.0])), Mode(np.array([300.0]), np.array([2.0]))]
+    monkeypatch.setattr(proposals, "modes_of", lambda _: modes)
+    monkeypatch.setattr(proposals, "_decay", lambda _: 1.0)
+    monkeypatch.setattr(proposals, "_steady_levels", lambda _, reach: [1.0] * len(reach.goals))
+    monkeypatch.setattr(proposals, "_aimed", lambda shape, level, y, beliefs: y)
+    reach = proposals.Reach(1024.0, 8e-3)
+    found = proposals._sweeps(proposals.SweepTable(), SimpleNamespace(joints={}), reach)
+    levels = [{c.level for c in found if (c.start_hz < 30.0) == first} for first in (True, False)]
+    assert sorted(levels[0]) == pytest.approx(sorted(reach.goals))
+    assert sorted(levels[1]) == pytest.approx(sorted(y / 2.0 for y in reach.goals))
+
+
+def test_information_of_a_linear_residual_is_that_of_its_slopes(monkeypatch):
+    """Of r = A theta about relative changes x of theta = t (1 + x) it is (A t)^T (A t)."""
+    slopes = np.array([[3.0, -1.0], [0.5, 2.0], [1.0, 1.0]])  # value parameter
+    joints = {"a": np.array([2.0, 4.0]), "b": np.array([-1.0, 0.5])}
+
+    def linear(_, points, __):
+        return np.stack([points["a"], points["b"]], axis=1) @ slopes.T
+
+    monkeypatch.setattr(planning_prospects, "at_points", linear)
+    scale = np.stack([joints["a"], joints["b"]], axis=1)
+    found = planning_prospects.fisher(joints, ("a", "b"), scale, None, np.array([1.0, 1.0, 0.0]))
+    for one, size in zip(found, scale, strict=True):
+        jacobian = slopes[:2] * size  # the third value only fills up the record
+        np.testing.assert_allclose(one, jacobian.T @ jacobian, rtol=1e-7)
 
 
 def test_a_joint_slides_at_the_length_of_its_law():
