@@ -161,10 +161,11 @@ def predict(folder: Path, campaign: Path | None, **options: Any) -> None:
 
 
 def basis_inputs(folder: Path) -> dict[str, str]:
-    """Return file to SHA-256 of what a folder predicts with."""
+    """Return file to SHA-256 of what a folder predicts with: pages and logs in it are no part."""
     from jbw.run.files import hash_of
 
-    return {path.name: hash_of(path) for path in sorted(folder.iterdir()) if path.is_file()}
+    files = sorted(path for path in folder.iterdir() if path.suffix in (".nc", ".json"))
+    return {path.name: hash_of(path) for path in files}
 
 
 def basis_in(folder: Path) -> "Basis":

@@ -68,6 +68,7 @@ def test_loads_that_were_finished_before_a_full_disk_are_not_predicted_again(
         full = Mock(side_effect=OSError(28, "No space left on device"))
         patch.setattr("jbw.study.saved_loads.write_tree", full)
         assert run(["predict", str(folder), *arguments]) == 1
+    (folder / "report.html").write_text("a page that was written in between")
     pack = Mock(wraps=parts.pack)
     monkeypatch.setattr(parts, "pack", pack)
     assert run(["predict", str(folder), *arguments]) == 0
