@@ -6,7 +6,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jbw.observables import controlled
 from jbw.observables.controlled import ControlledPoints
+
+
+@pytest.fixture(autouse=True)
+def _all_values_are_compared(monkeypatch):
+    monkeypatch.setattr(controlled, "compared", lambda *_: slice(None))
 
 
 def test_a_damped_neighbour_s_motion_is_taken_out_with_its_own_phase():
@@ -28,9 +34,9 @@ def test_a_damped_neighbour_s_motion_is_taken_out_with_its_own_phase():
 def test_a_frequency_has_its_own_noise_and_what_goes_with_the_force():
     """Errors s_i n_i of its own, beside m s_F n_F of the force, over the noise n_i of the group."""
     data = SimpleNamespace(
-        compared=lambda _: slice(None), _force_of_test=np.array([0, 0]),
+        _force_of_test=np.array([0, 0]),
         scale=np.array([[2.0], [3.0]]), mixed=np.array([[0.0], [0.4]]),
-        repeats=SimpleNamespace(noise_std=np.array([0.5, 0.1])),
+        groups=SimpleNamespace(noise_std=np.array([0.5, 0.1])),
     )  # fmt: skip
     own, with_force = 3.0 * 0.1, 0.4 * 2.0 * 0.5
     found = ControlledPoints.spread(data, 1)
@@ -41,8 +47,9 @@ def test_a_frequency_s_size_is_the_half_width_of_its_resonance():
     """The damping ratio g F / (2 w^2 Y) times the frequency w / 2 pi."""
     omega, y, load = (np.array([[x]]) for x in (120.0, 1e-3, 0.6))
     data = SimpleNamespace(
-        size=np.array([1.0]), rows=(SimpleNamespace(quantity="frequency", test=0),),
-        unit_of_source="N", compared=lambda _: slice(None), omega=omega, amplitude=y, load=load,
+        groups=SimpleNamespace(reference=[1.0]),
+        rows=(SimpleNamespace(quantity="frequency", test=0),),
+        unit_of_source="N", omega=omega, amplitude=y, load=load,
     )  # fmt: skip
     zeta = 0.5 * 0.6 / (2 * 120.0**2 * 1e-3)
     found = ControlledPoints._sizes(data, {"gain": 0.5})
