@@ -21,6 +21,7 @@ from jbw.observables.dataset import (
     stacked,
     with_directions,
 )
+from jbw.observables.groups import changed
 from jbw.observables.records import Records, compile_beside
 from jbw.observables.residual_terms import UPPER
 from jbw.observables.samples import band_limited, response_to
@@ -118,7 +119,7 @@ def test_slopes_by_differences_are_the_derivatives():
     (part,) = dataset_of().parts
     theta = as_arrays(TRUTH, dataset_of())
     origin = np.array([[118.2, 0.0101], [117.9, 0.0098]])
-    placed = replace(part, origin=jnp.asarray(origin))
+    placed = replace(part, groups=changed(part.groups, origin=origin))
     found = np.asarray(placed.slope_by_differences(theta))
     exact = np.asarray(records._slope_at_origin(theta, placed))
     # What the docstring says, with a margin of ten.
