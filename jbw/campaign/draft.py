@@ -369,11 +369,7 @@ def _block(
     for doubt in looked.doubts:
         assume(doubt)
     series = looked.series
-    channels = channels_by_role(series)
-    if channels.keys().isdisjoint(RESPONSES):
-        paths = {channel.path for channel in channels.values()}
-        unknown = [path for path in series if path not in paths]
-        channels = with_roles(channels, named(files[0], unknown), series)
+    channels = _channels(files[0], series, named)
     if channels.keys().isdisjoint(RESPONSES):
         matrices = _matrices(looked.leaves)
         assume(messages.matrices(matrices) if matrices else messages.NO_RESPONSE)
@@ -388,20 +384,12 @@ def _block(
     roles = {role: channel.path for role, channel in channels.items()}
     if not is_sure:
         assume(messages.guessed_kind(kind))
-    guessed = [r for r, c in channels.items() if c.guessed or "ampl" in last_name(c.path)]
-    for role in guessed:
-        assume(messages.guessed_role(role, roles[role]))
-    several = {role: _listed(c.axes) for role, c in channels.items() if c.axes}
-    for role, listed in several.items():
-        assume(messages.one_of_axes(role, listed))
-    checks = messages.check_roles(guessed) if guessed else ""
-    checks = checks or "".join(messages.check_axes(*item) for item in several.items())
     lines = [
         *(messages.doubtful(doubt) for doubt in looked.doubts),
         "[[test]]",
         f"kind = {toml(kind)}" + ("" if is_sure else messages.GUESS),
         FILES,
-        f"channels = {toml(roles)}{checks}",
+        f"channels = {toml(roles)}{_checks(channels, assume)}",
         *_units(channels, looked, assume),
         *clock.lines,
     ]
@@ -426,6 +414,29 @@ def _block(
                    *lines[at + 1 :], ""])
         for some, level in levels or [(files, [])]
     ]  # fmt: skip
+
+
+def _channels(file: Path, series: Leaves, named: Named) -> dict[str, Channel]:
+    """Return channels by role, of no known response with the roles that the user names."""
+    channels = channels_by_role(series)
+    if not channels.keys().isdisjoint(RESPONSES):
+        return channels
+    paths = {channel.path for channel in channels.values()}
+    unknown = [path for path in series if path not in paths]
+    return with_roles(channels, named(file, unknown), series)
+
+
+def _checks(channels: Mapping[str, Channel], assume: Assume) -> str:
+    """Return the comment on channels whose role or axis is a guess, and note each."""
+    guessed = [r for r, c in channels.items() if c.guessed or "ampl" in last_name(c.path)]
+    for role in guessed:
+        assume(messages.guessed_role(role, channels[role].path))
+    several = {role: _listed(c.axes) for role, c in channels.items() if c.axes}
+    for role, listed in several.items():
+        assume(messages.one_of_axes(role, listed))
+    if guessed:
+        return messages.check_roles(guessed)
+    return "".join(messages.check_axes(*item) for item in several.items())
 
 
 def _levels(
