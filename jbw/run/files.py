@@ -67,8 +67,8 @@ def _sync_folder(folder: Path) -> None:
 def require_room(folder: Path, room: int = ROOM) -> None:
     """Refuse a folder, made or not, whose disk has not so many bytes left, before any work."""
     made = next(place for place in (folder, *folder.absolute().parents) if os.path.exists(place))
-    free = shutil.disk_usage(made).free
-    if free < room:
+    total, _, free = shutil.disk_usage(made)
+    if total > 0 and free < room:  # some file systems state no size
         raise RunError(
             f"The disk of {folder} has {free / 2**20:.0f} MB left, but a run may need "
             f"{room / 2**20:.0f} MB.",

@@ -147,7 +147,7 @@ def test_rough_scores_may_be_off_by_what_fits_say_otherwise_in_either_direction(
         fitted=SimpleNamespace(box=SimpleNamespace(names=()), data=data, fit=None)
     )
     monkeypatch.setattr(law_scores, "runs_of", lambda data: data.runs)
-    monkeypatch.setattr(dataset, "silenced", lambda run, _: run)
+    monkeypatch.setattr(noise, "silenced", lambda run, _: run)
     monkeypatch.setattr(law_scores, "refit", lambda *_: None)
     monkeypatch.setattr(law_scores, "_by_draws", lambda *of: rough[of[-1]])
     monkeypatch.setattr(law_scores, "_score_of_fit", lambda *_: 0.0)
