@@ -91,6 +91,7 @@ PASTED = {
     ("report/messages/decay_faults.py", "settle"): DECAYS,
     ("report/messages/decay_faults.py", "window_s"): DECAYS,
     ("report/messages/loop_faults.py", "laws"): LOOPS,
+    ("report/messages/loop_faults.py", "delay"): LOOPS,
     ("report/messages/loop_faults.py", "load_cell"): LOOPS,
     ("report/messages/response_faults.py", "band"): CHECKS + "test_a_missing_band_is_pasted",
     ("report/messages/record_faults.py", "kind"): CHECKS

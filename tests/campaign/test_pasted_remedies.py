@@ -724,6 +724,10 @@ def drifting(y):
     return slipping(y) + 600.0 + 10.0 * LOOP_TIME
 
 
+def late(y):
+    return np.interp(LOOP_TIME - 0.41, LOOP_TIME, slipping(y))
+
+
 def hardening(y):
     return slipping(y) + 1e6 * y**3 / 3e-3**2
 
@@ -736,6 +740,8 @@ def hardening(y):
         (degrading, "span", "from the second to number 9 the force falls by 13 %"),
         # 2 mm, on a grid of gaps 0.06 mm apart, and what slips behind the contact.
         (with_a_gap, "laws", "travels freely over 1.92 of 6 mm"),
+        # Twenty samples and a half.
+        (late, "delay", "s late against the displacement"),
         (drifting, "load_cell", "begins 12.4 % of its half range away from zero and moves"),
     ],
 )

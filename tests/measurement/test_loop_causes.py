@@ -74,7 +74,7 @@ def test_sliders_leave_the_noise_of_a_sound_loop():
 )
 def test_a_fault_of_a_loop_is_named_with_its_size(spoil, what, size, remedy):
     (fault,) = loop_causes(loop(*spoil(motion())), 0.0)
-    # Straight lines between samples take 2 % of a lag of two samples and a half, noise the rest.
+    # Straight lines between samples, reaches between those tried, and the noise take some per cent.
     assert float(re.search(what, fault.what)[1]) == pytest.approx(size, rel=0.06)
     assert remedy in fault.remedy
 

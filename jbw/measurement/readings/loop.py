@@ -21,7 +21,7 @@ from scipy.optimize import nnls
 
 from jbw.measurement.channels import Reals
 
-NUM_SLIDERS, SHORTEST = 24, 0.01  # and the least half width over the largest motion
+NUM_SLIDERS, SHORTEST = 48, 0.01  # and the least half width over the largest motion
 POWERS = (1, 2, 3, 4, 5)  # of springs
 ONE_SIDED = (0.2, 0.4, 0.6, 0.8)  # gaps of contacts on one side, over the largest motion
 TWO_SIDED = (0.1, 0.3, 0.5, 0.7)
@@ -60,7 +60,7 @@ def slider_columns(y: Reals, half_widths: Reals, gaps: Reals | float = 0.0) -> C
     return columns
 
 
-def basis_of(y: Reals) -> LoopBasis:
+def basis_of(y: Reals, *, with_dashpot: bool = True) -> LoopBasis:
     """Return the columns of a motion, each over the largest of its values or so."""
     largest = float(np.max(np.abs(y - y[0])))
     sliders = slider_columns(y - y[0], largest * np.geomspace(SHORTEST, 1.0, NUM_SLIDERS)) / largest
@@ -71,8 +71,10 @@ def basis_of(y: Reals) -> LoopBasis:
         *(np.sign(u) * np.maximum(np.abs(u) - gap, 0.0) for gap in TWO_SIDED),
         np.ones_like(u), np.linspace(0.0, 1.0, len(u)),
     ]  # fmt: skip
-    rate = np.gradient(y) / np.max(np.abs(np.diff(y)))
-    return LoopBasis(np.column_stack([sliders, rate]), np.stack(springs, axis=1))
+    if with_dashpot:
+        rate = np.gradient(y) / np.max(np.abs(np.diff(y)))
+        sliders = np.column_stack([sliders, rate])
+    return LoopBasis(sliders, np.stack(springs, axis=1))
 
 
 def fit_loop(basis: LoopBasis, force: Reals, beside: Sequence[Reals] = ()) -> LoopFit:
