@@ -7,6 +7,7 @@ from jbw.measurement.readings.sweep import SweepSignal
 
 FALLS = 0.5  # of its median: a drive that falls by less does not drop off
 NOISY = 0.05  # of the drive where it is least: its noise, from which a damping is off by percents
+RANDOM = 0.3  # of its median: a drive whose size varies by more throughout is no sweep
 SMOOTHED = 0.02  # of the values, over which the drive is smooth
 
 
@@ -18,6 +19,6 @@ def drop_off(signal: SweepSignal) -> tuple[float, float] | None:
     noise = float(np.sqrt(np.mean((size - smooth)[width:-width] ** 2)))
     inner = smooth[width:-width]
     least, usual = float(inner.min()), float(np.median(inner))
-    if least > FALLS * usual or noise < NOISY * least:
+    if least > FALLS * usual or not NOISY * least <= noise <= RANDOM * usual:
         return None
     return least / usual, noise / least
