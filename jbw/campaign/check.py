@@ -476,8 +476,9 @@ def _stated(record: Record, test: TestSpec, spec: CampaignSpec) -> Iterator[Faul
     if driven and test.band is None and spec.structure is None and spec.assembled is None:
         yield from responses.several_resonances(record)
     if test.traits.is_prescribed:
-        yield from travels_freely(forced_loop(record, test.delay), spec.laws)
-        yield from off_centre(forced_loop(record, test.delay), test.load_cell)
+        loop = forced_loop(record, test.delay)
+        yield from travels_freely(loop, spec.laws)
+        yield from off_centre(loop, test.load_cell)
     if not (test.traits.is_free or test.traits.is_controlled):
         yield from responses.level_unlike(record, test.level)
 

@@ -172,6 +172,11 @@ class Cycle(NamedTuple):
     stroke: float
     force: float
 
+    @property
+    def num_samples(self) -> int:
+        """Samples of the cycle, both ends included."""
+        return self.samples.stop - self.samples.start
+
 
 class CycleReading(NamedTuple):
     """What one cycle shows.
@@ -307,10 +312,9 @@ def drift_of(loop: ForcedLoop) -> WithError:
         after = (centres[-1] - centres[middle]) / (len(centres) - 1 - middle)
         is_steady = before * after > 0 and abs(after) > STEADY * abs(before)
         half = max(0.5 * float(np.ptp(loop.force[equal_cycles[-1].samples])), TINY)
-        size = equal_cycles[-1].samples.stop - equal_cycles[-1].samples.start
         change = float(centres[-1] - centres[0]) / half
         if is_steady and abs(change) > abs(most.value):
-            most = WithError(change, noise * np.sqrt(2 / size) / half)
+            most = WithError(change, noise * np.sqrt(2 / equal_cycles[-1].num_samples) / half)
     return most
 
 

@@ -72,8 +72,8 @@ def _change_of_force(loop: ForcedLoop, first: Cycle, last: Cycle) -> WithError:
     """Relative change of the rms of the force from a cycle to another."""
     if not first.force > 0:
         return WithError(0.0, 0.0)
-    noise, size = noise_of(loop.force), first.samples.stop - first.samples.start
-    return WithError(last.force / first.force - 1, noise / first.force * np.sqrt(2 / size))
+    noise = noise_of(loop.force) * np.sqrt(2 / first.num_samples)
+    return WithError(last.force / first.force - 1, noise / first.force)
 
 
 def off_centre(loop: ForcedLoop, load_cell: str) -> Iterator[Fault]:

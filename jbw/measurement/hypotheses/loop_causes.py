@@ -53,25 +53,25 @@ def loop_causes(record: Record, delay: float) -> Iterator[Fault]:
     if len(force) < FEWEST or not np.ptp(loop.displacement) or not np.ptp(force):
         return
     noise = noise_of(force) ** 2 * len(force)
-    square = fit_loop(basis_of(loop.displacement), force).square
+    basis = basis_of(loop.displacement)
+    square = fit_loop(basis, force).square
     if square - NOISE * noise < LEFT**2 * len(force) * np.var(force):
         return
     most = noise + (1 - EXPLAINS) * (square - noise)
-    tried = _late(loop, delay), _high_passed(loop), *_slipped(loop, record, every)
+    tried = _late(loop, basis, delay), _high_passed(loop, basis), *_slipped(loop, record, every)
     causes = [cause for cause in tried if cause is not None and cause.square < most]
     if causes:
         yield min(causes, key=lambda cause: cause.square).fault
 
 
-def _late(loop: ForcedLoop, stated: float) -> Cause | None:
+def _late(loop: ForcedLoop, whole: LoopBasis, stated: float) -> Cause | None:
     """A force that lags the displacement, by the lag that leaves least of the force ahead of it."""
     if not (cycles := cycles_of(loop)):
         return None
-    longest = OF_CYCLE * float(np.median([len(loop.force[one.samples]) for one in cycles]))
+    longest = OF_CYCLE * float(np.median([one.num_samples for one in cycles]))
     known = slice(0, len(loop.force) - int(np.ceil(longest)))  # whose force is in the record
     # Beside a lag a dashpot tells nothing: of a spring it is its opposite.
-    whole = basis_of(loop.displacement, with_dashpot=False)
-    basis = LoopBasis(whole.losses[known], whole.springs[known])
+    basis = LoopBasis(whole.losses[known, :-1], whole.springs[known])
     samples = np.arange(len(loop.force))
 
     def square(lag: float) -> float:
@@ -83,11 +83,11 @@ def _late(loop: ForcedLoop, stated: float) -> Cause | None:
     return Cause(share * found.fun, doubt("restoring_force", *messages.late(lag, stated + lag)))
 
 
-def _high_passed(loop: ForcedLoop) -> Cause | None:
+def _high_passed(loop: ForcedLoop, basis: LoopBasis) -> Cause | None:
     """A force behind the high-pass of a charge amplifier."""
     mean = 0.5 * (loop.force[1:] + loop.force[:-1]) / loop.fs
     integral = np.concatenate([[0.0], np.cumsum(mean)])
-    found = fit_loop(basis_of(loop.displacement), loop.force, [-integral])
+    found = fit_loop(basis, loop.force, [-integral])
     rate = float(found.beside[0])
     if not rate > 0:
         return None

@@ -31,7 +31,7 @@ Columns = Float[np.ndarray, "sample column"]
 
 
 class LoopBasis(NamedTuple):
-    """Forces along a motion: of sliders and a dashpot, and of springs with constants."""
+    """Forces along a motion: of sliders and last a dashpot, and of springs with constants."""
 
     losses: Columns
     springs: Columns
@@ -60,7 +60,7 @@ def slider_columns(y: Reals, half_widths: Reals, gaps: Reals | float = 0.0) -> C
     return columns
 
 
-def basis_of(y: Reals, *, with_dashpot: bool = True) -> LoopBasis:
+def basis_of(y: Reals) -> LoopBasis:
     """Return the columns of a motion, each over the largest of its values or so."""
     largest = float(np.max(np.abs(y - y[0])))
     sliders = slider_columns(y - y[0], largest * np.geomspace(SHORTEST, 1.0, NUM_SLIDERS)) / largest
@@ -71,10 +71,8 @@ def basis_of(y: Reals, *, with_dashpot: bool = True) -> LoopBasis:
         *(np.sign(u) * np.maximum(np.abs(u) - gap, 0.0) for gap in TWO_SIDED),
         np.ones_like(u), np.linspace(0.0, 1.0, len(u)),
     ]  # fmt: skip
-    if with_dashpot:
-        rate = np.gradient(y) / np.max(np.abs(np.diff(y)))
-        sliders = np.column_stack([sliders, rate])
-    return LoopBasis(sliders, np.stack(springs, axis=1))
+    rate = np.gradient(y) / np.max(np.abs(np.diff(y)))
+    return LoopBasis(np.column_stack([sliders, rate]), np.stack(springs, axis=1))
 
 
 def fit_loop(basis: LoopBasis, force: Reals, beside: Sequence[Reals] = ()) -> LoopFit:
