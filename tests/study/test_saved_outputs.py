@@ -53,8 +53,8 @@ def test_a_figure_that_fails_costs_no_number(tmp_path):
 
 @pytest.mark.fault(42)
 def test_a_full_disk_is_said_before_any_work(tmp_path, monkeypatch):
-    free = type("Usage", (), {"free": files.ROOM - 1})()
-    monkeypatch.setattr(files.shutil, "disk_usage", lambda _: free)
+    total, free = 2 * files.ROOM, files.ROOM - 1
+    monkeypatch.setattr(files.shutil, "disk_usage", lambda _: (total, total - free, free))
     with pytest.raises(RunError, match=r"has 50 MB left, but a run may need 50 MB"):
         claim(tmp_path / "a" / "out")
     assert not list(tmp_path.iterdir())
