@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from jbw.campaign.asked import Named
 from jbw.campaign.content import controlled_kind, course_of, falls
 from jbw.campaign.document import commented, toml
+from jbw.campaign.draft_structure import model_files, structure_lines
 from jbw.campaign.roles import (
     MOST_SAMPLES,
     Channel,
@@ -109,8 +110,13 @@ def start_campaign(
     folder = Path(folder)
     if not folder.is_dir():
         raise DataError(f"Folder `{folder}` does not exist.", remedy="Name the folder of records.")
-    visible = sorted(measurement_files(folder) if files is None else files, key=_stem)
     there = sorted(folder.iterdir() if files is None else files)
+    model = model_files(there)
+    records_of = set(measurement_files(folder) if files is None else files)
+    visible = sorted(records_of - set(model.paths if model else ()), key=_stem)
+    if model and not visible:
+        what, why, remedy = messages.matrices_alone(str(folder), [p.name for p in model.paths])
+        raise DataError(what, why=why, remedy=remedy)
     # File and what was assumed of it.
     assumed = [(path.name, messages.to_export(EXPORTS[path.suffix.lower()]))
                for path in there if path.suffix.lower() in EXPORTS]  # fmt: skip
@@ -137,6 +143,9 @@ def start_campaign(
         blocks += file_blocks
     blocks = _bands_together(blocks, folder, assumed)
     blocks = _named(blocks, names)
+    if model:
+        assumed.append(("", messages.matrices([path.name for path in model.paths])))
+        blocks.append("\n".join([*structure_lines(model, folder), ""]))
     if not any("[[test]]" in block for block in blocks):
         raise DataError(
             f"Folder `{folder}` has no measurement file that can be read.",
@@ -371,8 +380,7 @@ def _block(
     series = looked.series
     channels = _channels(files[0], series, named)
     if channels.keys().isdisjoint(RESPONSES):
-        matrices = _matrices(looked.leaves)
-        assume(messages.matrices(matrices) if matrices else messages.NO_RESPONSE)
+        assume(messages.NO_RESPONSE)
         return [_skeleton(files, looked, channels)]
     timed = looked.fs is not None or "time" in channels or bool(_scalar_rate(looked.leaves))
     kind, is_sure = _kind_of(files[0], channels, series, is_timed=timed)
@@ -586,15 +594,6 @@ def _unit_of_times(printed: NDArray[np.number], fs: float | None) -> tuple[str, 
     """Return the unit of times that state none, and whether it is sure: by their file's rate."""
     by_rate = [(unit, True) for unit in SECONDS if _agrees(printed, unit, fs)]
     return by_rate[0] if by_rate else time_unit(printed)
-
-
-def _matrices(leaves: Leaves) -> list[str]:
-    """Return the names of square matrices of one size, as a model has; none of fewer than two."""
-    square = [
-        name for name, x in leaves.items() if len(x.shape) == 2 and x.shape[0] == x.shape[1] > 2
-    ]
-    sizes = {leaves[name].shape for name in square}
-    return square if len(square) > 1 and len(sizes) == 1 else []
 
 
 def _band(

@@ -72,7 +72,9 @@ EXAMPLES = {
         draft.mean_rate("40000.0"),
         draft.in_volts("acceleration"),
         draft.sensitivity('{ acceleration = "100 mV/g" }'),
-        draft.matrices(["M", "K"]),
+        draft.matrices(["K.mtx", "M.mtx"]),
+        *draft.matrices_alone("records", ["beams.mat"]),
+        draft.structure('"beams.mat"', ["1:z", "1:ry"], ('"1:z"', "{}", "[]")),
         draft.to_export("Save the sheet with the record as CSV."),
     ],
     "effects": [

@@ -40,6 +40,11 @@ _FIXED = 1e30  # on the diagonal of K: how Abaqus marks a constrained degree of 
 Source = str | Path | Mapping[str, Any]
 
 
+def role_of(name: str) -> str:
+    """The role of a matrix by its name: mass, stiffness or damping; empty where it says none."""
+    return next((role for role, names in _NAMES.items() if name.upper() in names), "")
+
+
 def read_matrices(source: Source, *, units: str, dofs: Any = None) -> MatrixModel:
     """Mass and stiffness of a structure, and damping where there is one, in SI.
 
@@ -181,7 +186,7 @@ def _of_source(entry: Any, role: str) -> _Matrix | None:
 def _named(file: MatrixFile, role: str, where: str, *, required: bool = True) -> _Matrix | None:
     """The matrix of a role by its name."""
     for name, matrix in file.matrices.items():
-        if name.upper() in _NAMES[role]:
+        if role_of(name) == role:
             return _Matrix(matrix, file.dofs.get(name))
     if not required:
         return None

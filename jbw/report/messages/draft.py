@@ -17,6 +17,7 @@ NO_BAND = "band must be given."
 NO_TONES = "tones must be given."
 DWELL = "dwell = 1.0  # CHECK: duration of each step [s]"
 EXAMPLE_BAND = "# band = [5.0, 40.0]  # CHECK: frequencies around the one mode [Hz]"
+EXAMPLE_PLACES = ("1:x", "2:x")
 EXAMPLE_TONES = "tones = [1.0]  # CHECK: frequencies [Hz]"
 NO_RATE = "the sampling frequency fs must be given."
 EXAMPLE_RATE = "# fs = 1024.0  # CHECK: sampling frequency [Hz], not in the file"
@@ -227,10 +228,43 @@ def sensitivity(sensors: str) -> str:
     return f"# sensitivity = {sensors}  # CHECK: of the sensor, by its certificate"
 
 
-def matrices(names: Sequence[str]) -> str:
-    """A file of matrices of a model in place of a record."""
-    listed = ", ".join(names[:6])
-    return f"{listed} are square matrices, as of a model, no record: see `matrices` of [structure]."
+def matrices(files: Sequence[str]) -> str:
+    """Files of a model's matrices beside records."""
+    return (
+        f"{', '.join(files)}: matrices of a model. To identify its joints, fill in the tables "
+        "[structure] and [[joint]], which the draft holds in a comment."
+    )
+
+
+def matrices_alone(folder: str, files: Sequence[str]) -> tuple[str, str, str]:
+    """A folder of a model's matrices, without a record."""
+    return (
+        f"Folder `{folder}` must hold a record, but holds matrices of a model alone: "
+        f"{', '.join(files)}.",
+        "Joints are identified from records; the matrices say what each joint does to each mode.",
+        "Put the records of the structure into this folder.",
+    )
+
+
+def structure(matrices: str, places: Sequence[str], written: Sequence[str]) -> str:
+    """The structure and one of its joints, with all that the files of its model tell."""
+    some = ", ".join(places[:6]) + (f", ..., {places[-1]}" if len(places) > 6 else "")
+    push, points, across = written
+    return f"""\
+Beside the records lies a model, with the places {some or "node:direction, as 17:x"}.
+CHECK: to identify its joints, fill in the lines below and remove the `# ` before each of them.
+[structure]
+matrices = {matrices}
+units = "SI"  # CHECK: or N-mm-t-s, kN-mm-kg-ms, lbf-in-s; no file states it
+to_hz = 400.0  # CHECK: modes up to this frequency are kept [Hz]
+damping = 0.004  # CHECK: ratio of every mode
+input = {push}  # CHECK: where the source pushes
+points = {points}  # CHECK: where the response is measured
+[[joint]]
+name = "bolt 1"
+across = {across}  # CHECK: its two sides
+stiffness = 1e6  # CHECK: in full stick [N/m, or N m/rad]
+"""
 
 
 def to_export(remedy: str) -> str:

@@ -1,0 +1,86 @@
+"""The model of matrices that lies beside records, as tables of a campaign file."""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import NamedTuple
+
+from jbw.assembly.files.read import READERS, read_matrices, role_of
+from jbw.campaign.document import toml
+from jbw.errors import JbwError
+from jbw.measurement.files.read import opened
+from jbw.measurement.files.tree import names
+from jbw.report.messages import draft as messages
+
+HELD_TOGETHER = (".pch", ".dmig", ".op4")  # files of all matrices, and of nothing else
+HELD_WITH_NAMES = (".mat", ".npz")  # files of all matrices, or of records
+TEXTS = (".csv", ".txt", ".dat")
+# What a line of a table tells, by a word in each of its columns.
+TABLES = {"dofs": ({"node"}, {"direction", "dof", "dir"}), "nodes": ({"node"}, {"x"}, {"y"}, {"z"})}
+BEGINNING = 256  # characters of a text that hold its header
+
+
+class ModelFiles(NamedTuple):
+    """The files of a model."""
+
+    matrices: str | dict[str, str]  # as [structure] names them
+    paths: Sequence[Path]
+
+
+def model_files(files: Sequence[Path]) -> ModelFiles | None:
+    """Return the files of one model: one with mass and stiffness, or one each; None without.
+
+    Matrices in files of their own are told by the names of these files, and the tables of degrees
+    of freedom and of nodes beside them by their columns.
+    """
+    if (whole := next(filter(_holds_model, files), None)) is not None:
+        return ModelFiles(whole.name, (whole,))
+    parts = {role: path for path in files if (role := _role_of_file(path))}
+    if not {"mass", "stiffness"} <= set(parts):
+        return None
+    return ModelFiles({role: path.name for role, path in parts.items()}, tuple(parts.values()))
+
+
+def structure_lines(model: ModelFiles, folder: Path) -> Iterator[str]:
+    """The tables [structure] and [[joint]] in a comment: a model says all but where joints are."""
+    stated = model.matrices
+    source: str | Path | Mapping[str, Path]
+    if isinstance(stated, str):
+        source = folder / stated
+    else:
+        source = {role: folder / name for role, name in stated.items()}
+    places: list[str] = []
+    with suppress(JbwError):  # for `jbw check` to say
+        places = [str(dof) for dof in read_matrices(source, units="SI").dofs]
+    first = places[0] if places else messages.EXAMPLE_PLACES[0]
+    others = (place for place in reversed(places) if place.endswith(first[first.index(":") :]))
+    last = next(others, messages.EXAMPLE_PLACES[1])
+    written = toml(first), toml({"tip": last}), toml([first, last])
+    for line in messages.structure(toml(stated), places, written).splitlines():
+        yield f"# {line}"
+
+
+def _holds_model(path: Path) -> bool:
+    """Whether a file holds mass and stiffness by their names."""
+    suffix = path.suffix.lower()
+    if suffix in HELD_TOGETHER:
+        return True
+    if suffix in HELD_WITH_NAMES:
+        with suppress(JbwError), opened(path) as contents:
+            return {"mass", "stiffness"} <= {role_of(name) for name, _ in names(contents.root)}
+    return False
+
+
+def _role_of_file(path: Path) -> str:
+    """What a file has of a model by its name, as `K.mtx` or `job_STIF1.mtx`, or by its columns."""
+    suffix = path.suffix.lower()
+    if suffix in READERS and suffix not in HELD_TOGETHER:
+        words = (word.rstrip("0123456789") for word in re.split(r"[\W_]+", path.stem))
+        return next((role for word in words if (role := role_of(word))), "")
+    if suffix not in TEXTS:
+        return ""
+    with suppress(OSError), path.open(encoding="utf-8-sig", errors="replace") as text:
+        header = set(re.split(r"[^a-z]+", text.read(BEGINNING).lower().partition("\n")[0]))
+        return next((t for t, columns in TABLES.items() if all(header & c for c in columns)), "")
+    return ""
