@@ -5,7 +5,7 @@ What is found stops nothing here: a campaign is looked at channel by channel to 
 
 import json
 import re
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -33,7 +33,7 @@ from jbw.measurement.checks.long_records import DRIFTS, long_records
 from jbw.measurement.checks.loops import degrading, off_centre, travels_freely
 from jbw.measurement.checks.plausibility import doubts, swapped
 from jbw.measurement.curves import forced_loop, response_curve
-from jbw.measurement.hypotheses.begins_late import begins_late
+from jbw.measurement.hypotheses.begins_late import begins_late, blows_seen
 from jbw.measurement.hypotheses.examine import Examined, examined_decay, examined_sweep
 from jbw.measurement.hypotheses.lag_of_noise import untimely
 from jbw.measurement.hypotheses.loop_causes import loop_causes
@@ -151,6 +151,7 @@ class _CheckedTest:
     sources: list[ResponseOrigin] = field(default_factory=list)
     levels: list[Level] = field(default_factory=list)
     gains: list[tuple[str, float]] = field(default_factory=list)  # of the mode, by the repeat
+    provenances: list[Mapping[str, str]] = field(default_factory=list)  # of all repeats
     proposed: list[str] = field(default_factory=list)
     seen: list[str] = field(default_factory=list)
 
@@ -168,6 +169,7 @@ class _CheckedTest:
         self.named += [(record.name, fault) for fault in (*faults, *stated)]
         self.gains += gain_read(record, test) if of_one and not spoilt else []
         self.sources.append(source_of(record, test))
+        self.provenances.append(record.provenance)
         self.repeats += 1
         self.held += record.num_samples * len(record.channels)
         self.small_records = [*self.small_records, record] if self.held <= MOST_SAMPLES else []
@@ -197,6 +199,7 @@ def _checked_test(
     faults = [beside_stated(fault, test) for fault in named]
     failures = checked.failures.values()
     checked.codes |= {failure.exit_code for failure in failures}
+    checked.seen += blows_seen(test.name, checked.provenances)
     if checked.small_records and worst(faults) != "error":
         checked.seen += seen_in(test, checked.small_records)
     fs = checked.first[0].fs if checked.first and is_sampled(checked.first[0]) else None

@@ -50,8 +50,14 @@ BEGINNING = 1 << 14  # bytes of a file by which it is told whether it may hold a
 BAND = "\nband = ["
 CHANNELS = "\nchannels = "
 TORQUE = re.compile(
-    r"(?i)\d+(?:[.,p]\d+)?[\s_-]?(?:N[\s_-]?m|kgf?[\s_-]?cm|(?:ft|in)[\s_-]?lbf?)(?![a-z])"
+    r"(?i)(\d+(?:[.,p]\d+)?)[\s_-]?(N[\s_-]?m|kgf?[\s_-]?cm|(?:ft|in)[\s_-]?lbf?)(?![a-z])"
 )
+NEWTON_METRES = {
+    "n": 1.0,
+    "k": 0.0980665,
+    "f": 1.3558179,
+    "i": 0.1129848,
+}  # by a unit's first letter
 SENSORS = "# sensitivity = "
 SAME_LINE = 1.25  # largest over smallest centre of bands about one line
 LEAST_HEIGHT = 0.02  # of a decay's strongest line, for another to be shown by it
@@ -138,9 +144,12 @@ def start_campaign(
         if len(torques) > 1 and (torque := _torque_of(repeats[0])):
             line = messages.assembly(toml(torque))
             file_blocks = [block.replace(CHANNELS, f"\n{line}{CHANNELS}") for block in file_blocks]
-            assumed.append((repeats[0].name, messages.TORQUES))
         names += [_name_of(repeats[0], i, len(file_blocks)) for i in range(len(file_blocks))]
         blocks += file_blocks
+    if len(torques - {""}) > 1:
+        of_torques = [_pattern(repeats) for repeats in groups if _torque_of(repeats[0])]
+        patterns = [files if isinstance(files, str) else " ".join(files) for files in of_torques]
+        assumed.append(("", messages.torques(patterns)))
     blocks = _bands_together(blocks, folder, assumed)
     blocks = _named(blocks, names)
     if model:
@@ -153,6 +162,8 @@ def start_campaign(
         )
     name = f"name = {toml(folder.resolve().name or 'campaign')}"
     head = [messages.HEAD, name, *commented(Head, ("modal_mass", "gain")), ""]
+    if len(torques) == 1 and any(torques):
+        head += [messages.of_one_torque(toml(_in_newton_metres(*torques))), ""]
     drafted = any("\nband = " in block for block in blocks)
     optional = commented(TestSpec, [key for key in OPTIONAL if not (drafted and key == "band")])
     foot = [
@@ -170,6 +181,13 @@ def _torque_of(path: Path) -> str:
     """A tightening torque in a file's name, as it is written there; empty without one."""
     found = TORQUE.search(path.stem)
     return found.group(0).strip("_ -") if found else ""
+
+
+def _in_newton_metres(torque: str) -> float:
+    """A torque as a file's name has it [N m]."""
+    (number, unit) = TORQUE.findall(torque)[0]
+    value = float(re.sub("[,pP]", ".", number)) * NEWTON_METRES[unit[0].lower()]
+    return float(f"{value:.6g}")
 
 
 def _bands_together(

@@ -13,6 +13,7 @@ from jbw.measurement.files.assemble import joined
 from jbw.measurement.files.clocks import REGULARITY
 from jbw.measurement.files.read import records
 from jbw.measurement.files.sampling import Wanted
+from jbw.measurement.hypotheses.begins_late import after_its_blow
 from jbw.measurement.records import Record
 from jbw.measurement.resampled import on_one_clock
 from jbw.memory import Admit, admit_alone
@@ -81,8 +82,10 @@ def _on_grid(record: Record, fs: float) -> Record:
 
 
 def _as_stated(record: Record, test: TestSpec) -> Record:
-    """A record with its drive, on one clock."""
-    return on_one_clock(replace(record, drive=test.drive or ""), test.clock_ppm)
+    """A record with its drive, on one clock; a decay from its blow on, where nothing is stated."""
+    record = on_one_clock(replace(record, drive=test.drive or ""), test.clock_ppm)
+    finds_blow = test.traits.is_free and "settle" not in test.model_fields_set
+    return after_its_blow(record, test.band) if finds_blow else record
 
 
 def _file_sets(test: TestSpec, folder: Path, allow_outside: bool) -> list[list[Part]]:

@@ -24,6 +24,7 @@ from jbw.measurement.channels import rms
 from jbw.measurement.curves import ForcedLoop, forced_loop
 from jbw.measurement.delays import on_time
 from jbw.measurement.envelopes import bands_of
+from jbw.measurement.hypotheses.begins_late import blows_seen
 from jbw.measurement.hypotheses.examine import examined_decay, examined_sweep
 from jbw.measurement.loops import readings_of_cycles
 from jbw.measurement.nonlinearity import coherence_at_resonance, seen_in
@@ -201,7 +202,8 @@ def _seen(test: Test) -> list[str]:
     """What a test shows of repeats, harmonics and noise, and points at a phase of the frequency."""
     if test.traits.is_locked:
         return [locked_sentence(test)]
-    return seen_in(test, test.records)
+    blows = blows_seen(test.name, [record.provenance for record in test.records])
+    return [*blows, *seen_in(test, test.records)]
 
 
 def _curves(tests: Sequence[Test]) -> dict[str, list[Test]]:

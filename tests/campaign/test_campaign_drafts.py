@@ -11,6 +11,7 @@ import scipy.io
 
 from jbw.campaign.draft import start_campaign, write_campaign
 from jbw.campaign.load import load_campaign
+from jbw.campaign.schema import read_spec
 from jbw.campaign.settings import Identify
 from jbw.identification.selection import decay_tests, sweep_tests
 
@@ -194,6 +195,18 @@ def test_torques_in_names_are_assemblies(tmp_path, names, assemblies):
     tests = tomllib.loads(draft.text)["test"]
     assert [test.get("assembly") for test in tests] == assemblies
     assert any("several torques" in line for line in draft.assumed) == (None not in assemblies)
+
+
+@pytest.mark.parametrize(
+    ("name", "torque"),
+    [("tap_05Nm", 5.0), ("tap 7,5 N m", 7.5), ("50kgcm", 4.903325), ("10 ft-lbf", 13.558179)],
+)
+def test_the_one_torque_in_all_names_is_that_of_the_assembly(tmp_path, name, torque):
+    x = np.exp(-np.arange(4096) / 512.0) * np.cos(np.pi * 60 * np.arange(4096) / 512.0)
+    for repeat in (1, 2):
+        np.savez(tmp_path / f"{name}_{repeat}.npz", acceleration=x, fs=512.0)
+    path = write_campaign(start_campaign(tmp_path), tmp_path)
+    assert read_spec(path).assembly.torque == pytest.approx(torque, rel=1e-5)  # six digits
 
 
 def test_decays_of_one_mode_are_drafted_in_one_band(tmp_path):

@@ -17,6 +17,7 @@ from jbw.campaign.schema import parse
 from jbw.errors import ConfigError, DataError
 from jbw.measurement.checks.long_records import long_records
 from jbw.measurement.envelopes import envelopes, filter_of
+from jbw.measurement.spans import start_of
 from jbw.units import decibels, quantity_of
 
 FS, HZ, RATE = 600.0, 30.0, 1.1
@@ -29,7 +30,7 @@ def decay(seconds=8.0, phase=0.3):
     return size * np.cos(2 * np.pi * HZ * (t - 0.01 * (1 - size) / RATE) + phase)
 
 
-def late(x, i):
+def with_its_trigger(x, i):
     return np.concatenate([np.zeros(round((1.0 + 0.1 * i) * FS)), x])
 
 
@@ -91,10 +92,27 @@ def pasted(path, remedies):
     path.write_text(text)
 
 
+def test_decays_are_read_from_their_own_blows_on(tmp_path):
+    path = written(tmp_path, with_its_trigger)
+    assert faults(path) == []
+    said = [line for line in check_campaign(path).seen if "before their blow" in line]
+    assert len(said) == 1
+    assert "3 of 3 records" in said[0]
+    assert "after 1 s to 1.2 s" in said[0]
+    ((test,),) = [load_campaign(path).tests]
+    for i, record in enumerate(test.records):
+        # Noise is that of the samples which the blow has moved back.
+        blow, lost = round((1.0 + 0.1 * i) * FS), round(FS / HZ)
+        whole = np.load(tmp_path / f"decay_{i}.npz")["v"]
+        kept = record.channels["velocity"]
+        assert len(whole) - len(kept) == pytest.approx(blow + lost, abs=2)
+        np.testing.assert_array_equal(kept, whole[-len(kept) :])
+        assert start_of(record) == pytest.approx((blow + lost) / FS, abs=2 / FS)
+
+
 @pytest.mark.parametrize(
     ("edit", "key"),
     [
-        (late, "settle"),
         (driven, "settle"),
         (hit_twice, "exclude"),
         (windowed, "window_s"),
@@ -106,6 +124,13 @@ def test_a_pasted_remedy_of_a_decay_cures(tmp_path, edit, key):
     (fault,) = faults(path)
     ((_, line),) = PUT.findall(fault.remedy)
     assert line.startswith(key)
+    pasted(path, [fault.remedy])
+    assert faults(path) == []
+
+
+def test_a_stated_beginning_before_the_blow_is_refused_and_its_remedy_cures(tmp_path):
+    path = written(tmp_path, with_its_trigger, band="band = [20.0, 45.0]\nsettle = 0.2")
+    (fault,) = faults(path)
     pasted(path, [fault.remedy])
     assert faults(path) == []
 

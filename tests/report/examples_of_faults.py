@@ -92,6 +92,7 @@ EXAMPLES = {
         decay_faults.few_values(9, 16, (18.0, 20.0), (3.0, 57.0), decay_faults.LONGER),
         decay_faults.put_wider_band(17.5, 20.5),
         decay_faults.late_blow(0.5, 0.0, "0.6"),
+        decay_faults.read_from_blow("impacts", "0.1 s", "0.13 s", 3, 4),
         decay_faults.still_driven(1.5, "1.6"),
         decay_faults.second_blow(2.21, 0.3, f"{KEEP_OR_EXCLUDE}.", grows=True),
         decay_faults.second_blow(2.21, 0.3, f"{KEEP_OR_EXCLUDE}.", grows=False),

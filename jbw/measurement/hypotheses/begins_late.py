@@ -1,6 +1,7 @@
 """Decays that do not begin with free motion: recorded before the blow, or still driven."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -9,7 +10,8 @@ from jbw.errors import DataError
 from jbw.measurement.channels import Reals, whole_up
 from jbw.measurement.checks.faults import Fault, refusal
 from jbw.measurement.demodulation import band_filter, demodulate
-from jbw.measurement.records import Record
+from jbw.measurement.records import Record, is_sampled
+from jbw.measurement.spans import SPAN, span_words, start_of
 from jbw.report.messages import decay_faults as messages
 
 QUIET, LOUD = 0.1, 0.5  # of the largest response, before a blow and within a period after it
@@ -32,12 +34,49 @@ class _Beginning(NamedTuple):
     centre_hz: float
 
 
+BLOW = "blow"  # in a record's provenance: when it came
+
+
+def after_its_blow(record: Record, band_hz: tuple[float, float] | None) -> Record:
+    """Return a record from one period after its blow on, where it was quiet before it.
+
+    What a trigger keeps of the time before it is no free decay. When the blow came stands in the
+    provenance, with the span that is left.
+    """
+    x = record.channels[record.response]
+    if band_hz is None or not (is_sampled(record) and np.isfinite(x).all() and np.any(x)):
+        return record
+    course = _course(record, band_hz, 0.0)
+    onset = None if course is None else late_blow(record, course)
+    if course is None or onset is None:
+        return record
+    first = whole_up((onset + 1 / course.centre_hz) * record.fs)
+    begins = start_of(record)
+    span = begins + first / record.fs, begins + record.num_samples / record.fs
+    known = {BLOW: f"{begins + onset:.3g} s", SPAN: span_words(span)}
+    channels = {role: values[first:] for role, values in record.channels.items()}
+    return replace(record, channels=channels, provenance={**record.provenance, **known})
+
+
+def blows_seen(test: str, records: Sequence[Mapping[str, str]]) -> list[str]:
+    """Return a sentence on records that were cut to what follows their blow, by provenances."""
+    blows = sorted((p[BLOW] for p in records if BLOW in p), key=lambda blow: float(blow.split()[0]))
+    if not blows:
+        return []
+    return [messages.read_from_blow(test, blows[0], blows[-1], len(blows), len(records))]
+
+
 def begins_late(record: Record, band_hz: tuple[float, float], settle_s: float) -> Iterator[Fault]:
     """Yield the refusal of a record that does not begin with its free motion."""
     course = _course(record, band_hz, settle_s)
-    if course is not None:
-        found = [*late_blow(record, course)] or [*still_driven(record, course)]
-        yield from found
+    if course is None:
+        return
+    onset = late_blow(record, course)
+    if onset is None:
+        yield from still_driven(record, course)
+        return
+    begins, settle = course.time[0] - course.half_s, _rounded_up(onset + 1 / course.centre_hz)
+    yield refusal(record.response, *messages.late_blow(onset - begins, begins, settle))
 
 
 def _course(record: Record, band_hz: tuple[float, float], settle_s: float) -> _Beginning | None:
@@ -55,22 +94,19 @@ def _course(record: Record, band_hz: tuple[float, float], settle_s: float) -> _B
     return _Beginning(np.log(size), settle_s + time, half_s, across, chosen.centre_hz)
 
 
-def late_blow(record: Record, course: _Beginning) -> Iterator[Fault]:
-    """Yield the refusal of a record that begins before its blow."""
+def late_blow(record: Record, course: _Beginning) -> float | None:
+    """Return when the blow comes of a record that begins before it [s]; None of others."""
     begins = course.time[0] - course.half_s
     onset = _onset(record.channels[record.response], record.fs, begins, course.centre_hz)
-    if onset is None:
-        size = course.size
-        peak = int(np.argmax(size))
-        # A beat of two modes rises as well, but not within a filter's length out of quiet.
-        before = size[: max(peak - course.across, 0)]
-        if len(before) <= course.across or before.max() > size[peak] + np.log(QUIET):
-            return
-        onset = float(course.time[peak])
-    yield refusal(
-        record.response,
-        *messages.late_blow(onset - begins, begins, _rounded_up(onset + 1 / course.centre_hz)),
-    )
+    if onset is not None:
+        return onset
+    size = course.size
+    peak = int(np.argmax(size))
+    # A beat of two modes rises as well, but not within a filter's length out of quiet.
+    before = size[: max(peak - course.across, 0)]
+    if len(before) <= course.across or before.max() > size[peak] + np.log(QUIET):
+        return None
+    return float(course.time[peak])
 
 
 def _onset(x: Reals, fs: float, begins: float, centre_hz: float) -> float | None:

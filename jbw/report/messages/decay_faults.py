@@ -33,6 +33,15 @@ def late_blow(blow_s: float, settle_s: float, settle: str) -> FaultText:
     )
 
 
+def read_from_blow(test: str, first: str, last: str, count: int, of: int) -> str:
+    """That records begin before their blows, and what is read of them."""
+    when = first if first == last else f"{first} to {last}"
+    return (
+        f"{test}: {count} of {of} records begin before their blow, which comes after {when}; each "
+        "is read from one period after it."
+    )
+
+
 def still_driven(steady_s: float, settle: str) -> FaultText:
     """Until when a record was driven, and a `settle` after it [s]."""
     return FaultText(

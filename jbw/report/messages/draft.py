@@ -101,16 +101,23 @@ def files(pattern: str, count: int) -> str:
     return f"files = {pattern}  # {count} file(s), one repeat each"
 
 
-TORQUES = (
-    "files of several torques are assemblies with frequencies and damping of their own. If the "
-    "joint differs with torque, put each torque into a folder of its own, with `torque` in "
-    "[assembly]."
-)
-
-
 def assembly(name: str) -> str:
     """The assembly of a test, by the torque in its files' name."""
     return f"assembly = {name}  # CHECK: by the torque in the name"
+
+
+def of_one_torque(torque: str) -> str:
+    """The table of the torque [N m] that the names of all files have."""
+    return f"[assembly]\ntorque = {torque}  # [N m] CHECK: by the names of the files"
+
+
+def torques(patterns: Sequence[str]) -> str:
+    """That records of several torques lie together, and how to identify each by itself."""
+    return (
+        "Files of several torques are assemblies with frequencies and damping of their own, and one "
+        "joint. Where the joint differs with torque, identify those of each by themselves: "
+        f"`jbw identify {patterns[0]}` and so on. `jbw diff` sets their runs side by side."
+    )
 
 
 def level(level: str, source: str) -> str:
