@@ -114,9 +114,10 @@ def of_one_torque(torque: str) -> str:
 def torques(patterns: Sequence[str]) -> str:
     """That records of several torques lie together, and how to identify each by itself."""
     return (
-        "files of several torques are drafted as assemblies of one joint, each with a frequency and "
-        "a damping of its own. Where the joint differs with torque, identify those of each torque "
-        f"by themselves: `jbw identify {patterns[0]}` and so on. `jbw diff` sets their runs side by side."
+        "files of several torques are drafted as assemblies of one joint, each with a frequency "
+        "and a damping of its own. Where the joint differs with torque, identify those of each "
+        f"torque by themselves: `jbw identify {patterns[0]}` and so on. `jbw diff` sets their runs "
+        "side by side."
     )
 
 
