@@ -1,6 +1,8 @@
 """Recipe and workflows say what `pyproject.toml` says: nothing else builds them here."""
 
 import re
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 
@@ -44,6 +46,23 @@ def test_a_package_s_page_links_to_the_repository():
     assert {one for one in PROJECT["urls"].values() if not one.startswith(address)} == {
         "https://doi.org/10.1016/j.ymssp.2020.107333"
     }
+
+
+def test_pages_of_a_release_stand_beside_those_of_others(tmp_path):
+    site, pages = tmp_path / "site", tmp_path / "pages"
+    site.mkdir()
+    pages.mkdir()
+    publish = [sys.executable, str(ROOT / "packaging/versions_of_docs.py"), str(site), str(pages)]
+    refused = subprocess.run([*publish, "1.9.0"], capture_output=True, text=True)
+    assert refused.returncode == 1
+    assert "must hold index.html" in refused.stderr
+    for version in ("1.10.0", "1.9.0"):  # a later number, published before
+        (site / "index.html").write_text(version)
+        subprocess.run([*publish, version], check=True)
+    page = (pages / "index.html").read_text()
+    assert "url=1.10.0/index.html" in page
+    assert re.findall(r'href="([\d.]+)/', page) == ["1.10.0", "1.9.0"]
+    assert (pages / "1.9.0" / "index.html").read_text() == "1.9.0"
 
 
 def test_it_says_how_it_is_cited():
