@@ -18,7 +18,7 @@ from jbw.report.cycles import motion_unit, unit_of_motion
 from jbw.report.messages import opening as messages
 from jbw.report.messages.discrepancy import not_scored
 from jbw.report.result import BACKBONE, laws_of, node
-from jbw.report.words import grades, unseen_hysteresis
+from jbw.report.words import TRUNCATED, grades, unseen_hysteresis
 
 Summary = Mapping[str, Any]
 LOW = 0.1  # of the largest displacement fitted: where the joint hardly slips
@@ -31,7 +31,7 @@ LEADS, UNREAD = ("backbone", "amplitude", "loops"), ("amplitude", "backbone", "l
 UNMEASURED = "zeta"  # what a campaign without a free or driven mode cannot know
 CAUSE = "cause"  # finding that names what was done to the data
 POORLY = 2  # the grade of what the data tell to more than 30 %, and better than the prior
-LEANING, ABSENT = "at_bound", "no_joint"  # findings that say something first
+ABSENT = "no_joint"  # finding that says something first
 
 
 def opening(summary: Summary, tree: xr.DataTree) -> list[str]:
@@ -297,7 +297,7 @@ def _unknown(summary: Summary) -> str:
     drawn = {name: grade for name, grade in graded.items() if rows[name].get("kl") is not None}
     hidden = [name for name, grade in drawn.items() if grade > 1]
     leaning = [finding["reason"] for finding in summary["verdict"]["findings"]
-               if finding["code"] == LEANING and finding["status"] != "ok"]  # fmt: skip
+               if finding["code"] == TRUNCATED and finding["status"] != "ok"]  # fmt: skip
     if hidden:
         least = _per_cent(min(abs(rows[name]["cv"]) for name in hidden))
         products = [name for name, grade in graded.items() if name not in drawn and grade <= 1]

@@ -17,6 +17,7 @@ SPELLED = {
     **{"ess_bulk": "bulk ESS", "ess_tail": "tail ESS", "r_hat": "R-hat"},
 }
 UNCOUNTED = "noise_std"
+TRUNCATED = "at_bound"  # finding of a parameter whose interval ends at a bound
 LINEAR_NAMES = frozenset(quantity.name for quantity in (*STUCK, *RESIDUAL_TERMS))
 # Laws that are called by people's names or by more than their own.
 LAWS = {"bouc_wen": "Bouc-Wen oscillator", "cubic": "cubic spring", "jenkins": "Jenkins array"}
@@ -111,18 +112,23 @@ def unseen_hysteresis(summary: Mapping[str, Any]) -> str | None:
 def grades(summary: Mapping[str, Any]) -> dict[str, int]:
     """What is known of each parameter of the main posterior, by its place in `opening.GRADES`.
 
-    Where no hysteresis is seen, its parameters are poorly known at best, whatever their intervals.
+    Where no hysteresis is seen, its parameters are poorly known at best, whatever their intervals,
+    and so is a parameter whose interval ends at a bound, with what only its products tell.
     """
     main = (summary.get("steps") or {}).get(summary.get("main")) or {}
     is_empty = unseen_hysteresis(summary) is not None
+    findings = (summary.get("verdict") or {}).get("findings") or ()
+    ended = {f.get("of") for f in findings if f["code"] == TRUNCATED and f["status"] != "ok"}
+    rows = main.get("parameters") or {}
+    ended |= {name for name in rows if any(f"{other}_{name}" in rows for other in ended)}
     graded = {}
-    for name, facts in (main.get("parameters") or {}).items():
+    for name, facts in rows.items():
         cv, kl = facts.get("cv"), facts.get("kl")
         if name.startswith(UNCOUNTED) or cv is None:
             continue
         size = abs(cv)
         grade = 0 if size <= KNOWN else 1 if size <= ROUGHLY else 2
-        if is_empty and name not in LINEAR_NAMES:
+        if name in ended or (is_empty and name not in LINEAR_NAMES):
             grade = 2
         graded[name] = 3 if kl is not None and kl < LEARNT else grade
     return graded

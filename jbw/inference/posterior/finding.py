@@ -81,9 +81,10 @@ class Finding:
         return " ".join(filter(None, (first, *(action for _, action in self.additions))))
 
     def record(self) -> dict[str, Any]:
-        """Code, status, reason, number and action, as a run's summary keeps them."""
+        """Code, status, reason, number, action and parameter, as a run's summary keeps them."""
         fields = ("code", "status", "reason", "number", "action")
-        return {name: getattr(self, name) for name in fields}
+        of = self.values.get("name") if isinstance(self.values, Mapping) else None
+        return {name: getattr(self, name) for name in fields} | ({"of": of} if of else {})
 
 
 def kept_finding(record: Mapping[str, Any]) -> Finding:

@@ -154,8 +154,8 @@ def bounds_findings(draws: Draws, box: Box, ending: Collection[str]) -> list[Fin
             line = put_bounds(name, wider(bounds[name], sides))
             finding = checked("at_bound", False, values, share, {"line": line})
         else:
-            ends_there = {"name": name}
-            finding = checked("at_bound", False, values, share, ends_there, entry="at_bound.ends")
+            remedy = {"name": name}
+            finding = Finding("at_bound", "usable", remedy, share, remedy, entry="at_bound.ends")
         findings.append(finding)
     return findings or [Finding("at_bound", "ok", {}, 0.0)]
 

@@ -40,16 +40,19 @@ MESSAGES = (
         The bound truncates the posterior: its interval is that of the prior, not of the data.
 
         Remedy: widen the bound in `[identify.prior]` if physics allows it, else doubt the model.
-        A stiffness ratio at its bound means that the data identify the products alpha*delta and
-        alpha*gamma alone.
+
+        A stiffness of the joint that may be as large as the whole stiffness ends there by itself as
+        well: its lower limit is a valid result, and the data identify the products alpha*delta and
+        alpha*gamma.
         """,
         remedy="{line} If no wider bound makes sense, doubt the model.",
         passed="No prior bound truncates a parameter.",
     ),
     Message(
         "at_bound.ends",
-        TRUNCATED,
-        remedy="The stiffness itself limits {name}: report its products, which are identified.",
+        "The data tell a lower limit of {name}: it may be as large as the stiffness itself.",
+        remedy="Report the products of {name}, which are identified, or measure at higher levels, "
+        "which tell {name} by itself.",
     ),
     Message(
         "unidentified_joints",
