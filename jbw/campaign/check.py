@@ -24,6 +24,7 @@ from jbw.campaign.together import Level, against_levels, level_of
 from jbw.campaign.trial import tried
 from jbw.errors import ConfigError, DataError, JbwError
 from jbw.inference.samplers.register import SAMPLERS
+from jbw.measurement.base_motion import MINUS_BASE
 from jbw.measurement.checks import responses
 from jbw.measurement.checks.channels import inspect
 from jbw.measurement.checks.controlled import Control, uncontrolled
@@ -41,7 +42,7 @@ from jbw.measurement.hypotheses.unlike_gains import unlike_gains
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.nonlinearity import MOST_SAMPLES, seen_in
 from jbw.measurement.readings.table import ModeReading
-from jbw.measurement.records import INPUTS, RESPONSES, Record, is_sampled, share_clock
+from jbw.measurement.records import BASE, INPUTS, RESPONSES, Record, is_sampled, share_clock
 from jbw.measurement.spans import toml_list
 from jbw.measurement.spectra import strongest_line
 from jbw.quantities import FED
@@ -237,14 +238,16 @@ def _roles(first: Sequence[Record]) -> tuple[str, str]:
 
 
 def beside_stated(fault: Fault, test: TestSpec) -> Fault:
-    """A fault whose remedy stands beside what the test states: of other roles, of further records.
+    """A fault by the roles of the file, with a remedy that stands beside what the test states.
 
     A factor multiplies one that is stated: pasted over it, the line must not lose a calibration.
     What the test leaves out already stays out.
     """
+    in_file = {MINUS_BASE: BASE} if BASE in test.channels else {}
 
     def of_roles(match: re.Match[str]) -> str:
         key, role, value = match.groups()
+        role = in_file.get(role, role)
         stated = getattr(test, key)
         if key == "scale":
             return f"scale = {toml({**stated, role: stated.get(role, 1.0) * float(value)})}"
@@ -255,7 +258,7 @@ def beside_stated(fault: Fault, test: TestSpec) -> Fault:
         return exclude(toml_list([*test.exclude, *further]))
 
     remedy = EXCLUDE.sub(of_files, OF_ONE_ROLE.sub(of_roles, fault.remedy))
-    return replace(fault, remedy=remedy)
+    return replace(fault, channel=in_file.get(fault.channel, fault.channel), remedy=remedy)
 
 
 def _with(rows: Sequence[Row], faults: Sequence[tuple[str, Fault]]) -> Iterator[Row]:

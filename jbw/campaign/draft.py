@@ -37,7 +37,16 @@ from jbw.measurement.files.read import READERS, opened, records
 from jbw.measurement.files.tree import RATE, Contents, Leaf, load, names
 from jbw.measurement.kinds import KINDS, Kind
 from jbw.measurement.recorders.facts import is_time
-from jbw.measurement.records import CLOCKS, INPUTS, RESPONSES, SENSITIVITIES, Record, si_of
+from jbw.measurement.records import (
+    BASE,
+    CLOCKS,
+    INPUTS,
+    RESPONSES,
+    SENSITIVITIES,
+    SOURCES,
+    Record,
+    si_of,
+)
 from jbw.measurement.resampled import proposed_rate
 from jbw.measurement.spectra import strongest_line
 from jbw.report.messages import draft as messages
@@ -417,6 +426,7 @@ def _block(
         FILES,
         f"channels = {toml(roles)}{_checks(channels, assume)}",
         *_units(channels, looked, assume),
+        *([messages.RELATIVE] if BASE in channels and "acceleration" not in channels else []),
         *clock.lines,
     ]
     for line in clock.assumed:
@@ -472,7 +482,7 @@ def _levels(
 
     Repeats of one level are alike; a programme doubles it, or halves it.
     """
-    source = next((role for role in INPUTS if role in roles), "")
+    source = next((role for role in SOURCES if role in roles), "")
     if not source or len(files) > MOST_LEVELLED:
         return []
     peaks: dict[Path, float] = {}
@@ -779,7 +789,7 @@ def _kind_of(
     if response and "frequency" in roles and _is_complex_in(series, roles[response].path):
         return "frf", True
     name = path.stem.lower()
-    driven = not roles.keys().isdisjoint(INPUTS)
+    driven = not roles.keys().isdisjoint(SOURCES)
     looped = "restoring_force" in roles or {"force", "displacement"} <= set(roles)
     fitting = {"decay": True, "loop": looped, "frf": False}
     for hint, kind in {**{kind: kind for kind in KINDS}, **KIND_HINTS}.items():
@@ -795,7 +805,7 @@ def _kind_of(
     if not driven:
         samples = _samples_of(series, roles[response].path) if response else None
         return "decay", samples is not None and falls(samples)
-    source = next(role for role in INPUTS if role in roles)
+    source = next(role for role in SOURCES if role in roles)
     samples = _samples_of(series, roles[source].path)
     course = None if samples is None else course_of(samples)
     return course or "sweep", course is not None

@@ -9,12 +9,13 @@ from pathlib import Path
 
 from jbw.campaign.tables import TestSpec
 from jbw.errors import ConfigError, DataError, JbwError, did_you_mean
+from jbw.measurement.base_motion import beside_base
 from jbw.measurement.files.assemble import joined
 from jbw.measurement.files.clocks import REGULARITY
 from jbw.measurement.files.read import records
 from jbw.measurement.files.sampling import Wanted
 from jbw.measurement.hypotheses.begins_late import after_its_blow
-from jbw.measurement.records import Record
+from jbw.measurement.records import BASE, Record
 from jbw.measurement.resampled import on_one_clock
 from jbw.memory import Admit, admit_alone
 from jbw.quantities import natural
@@ -84,6 +85,8 @@ def _on_grid(record: Record, fs: float) -> Record:
 def _as_stated(record: Record, test: TestSpec) -> Record:
     """A record with its drive, on one clock; a decay from its blow on, where nothing is stated."""
     record = on_one_clock(replace(record, drive=test.drive or ""), test.clock_ppm)
+    if BASE in record.channels:
+        return beside_base(record, is_relative=test.relative_to_base)
     finds_blow = test.traits.is_free and "settle" not in test.model_fields_set
     return after_its_blow(record, test.band) if finds_blow else record
 

@@ -3,26 +3,28 @@
 from collections.abc import Collection, Mapping
 from typing import Any
 
-from jbw.measurement.records import Test, drive_of
+from jbw.measurement.records import BASE, Test, drive_of
 from jbw.quantities import FED
 
 Gain = float | Mapping[str, float] | None  # one of all tests, or by drive
+WEIGHTLESS = {*FED, BASE}  # sources of whose gain a mass tells nothing
 
 
 def force_per_unit(campaign: Any) -> Gain:  # as checked, or with its records
     """Force per modal mass for one unit of the input [1/kg, or N/kg/V], when the campaign says.
 
     Where a measured force drives some tests and a shaker's feed others, by drive. A mass tells
-    nothing of a feed in volts or amperes.
+    nothing of a feed in volts or amperes, nor of a base that moves, whose gain is the
+    participation of the mode.
     """
     gain, mass = campaign.gain, campaign.modal_mass
     by_mass = None if mass is None else 1 / mass
     tests = campaign.tests
     drives = {drive_of(t) if isinstance(t, Test) else t.driven_by for t in tests}
     if differ(drives):
-        every = {"force": by_mass, **dict.fromkeys(FED, gain)}
+        every = {"force": by_mass, **dict.fromkeys(WEIGHTLESS, gain)}
         return {drive: value for drive, value in every.items() if value is not None}
-    if by_mass is None or FED.keys().isdisjoint(drives):
+    if by_mass is None or WEIGHTLESS.isdisjoint(drives):
         return gain if by_mass is None else by_mass
     return {"force": by_mass}
 

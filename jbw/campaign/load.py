@@ -21,7 +21,7 @@ from jbw.measurement.checks.faults import Fault, gathered
 from jbw.measurement.files.read import report
 from jbw.measurement.hypotheses.unlike_gains import unlike_gains
 from jbw.measurement.kinds import kind_named
-from jbw.measurement.records import Record, Test
+from jbw.measurement.records import BASE, Record, Test
 from jbw.memory import NO_RECORDS, HeldRecords, require_memory
 from jbw.quantities import DEFAULT_LAWS
 
@@ -201,7 +201,7 @@ def load_test(
         warning = f"Test {test.name}, channel `{fault.channel}`: {fault.what} {fault.remedy}"
         warnings.warn(warning.rstrip(), stacklevel=3)
     facts = {name: getattr(test, name) for name in SAME}
-    facts["drive"] = test.drive or ""
+    facts["drive"] = BASE if test.driven_by == BASE else test.drive or ""
     facts["amplitude_std"] = test.amplitude_std or 0.0
     return Test(test.kind, tuple(loaded), tones_hz=test.tones, band_hz=test.band, **facts)
 

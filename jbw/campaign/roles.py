@@ -9,7 +9,7 @@ import numpy as np
 
 from jbw.errors import ConfigError
 from jbw.measurement.files.tree import Leaf, load
-from jbw.measurement.records import INPUTS, QUANTITIES, RESPONSES, ROLES, SENSITIVITIES, si_of
+from jbw.measurement.records import BASE, INPUTS, QUANTITIES, RESPONSES, ROLES, SENSITIVITIES, si_of
 from jbw.units import TORSION, is_voltage, plain, quantity_of, si_unit
 
 Leaves = Mapping[str, Leaf]
@@ -19,6 +19,7 @@ HINTS = (
     (r"restoring|friction", "restoring_force"),
     (r"^freq|^f_?hz$|frequency|frequenz", "frequency"),
     (r"phase|^phi$", "phase"),
+    (r"(?:^|[\W_])base(?:$|[\W_])|(?:shak\w*|vib\w*)[\W_]*table|clamp|fixture", "base"),
     (r"vel|laser|vib|^v$|ldv|geschwindigkeit|mobility", "velocity"),
     (r"acc|beschl|inertance", "acceleration"),
     (
@@ -92,6 +93,10 @@ def channels_by_role(series: Leaves) -> dict[str, Channel]:
         role: (_clock_of if role == "time" else _meant)(many, series)
         for role, many in named.items()
     }
+    if BASE in roles and roles.keys().isdisjoint(RESPONSES):
+        roles["acceleration"] = roles.pop(BASE)  # alone it is the response
+    elif not roles.keys().isdisjoint(INPUTS):
+        roles.pop(BASE, None)  # of a structure that a force moves
     roles = _of_a_curve(roles, series)
     if "phase" in roles and not roles["phase"].unit:
         turned = _in_degrees(series[roles["phase"].path])

@@ -34,7 +34,7 @@ from jbw.campaign.settings import (
     structure_errors,
 )
 from jbw.campaign.tables import NOT_STATED, Assembly, Head, Instruments, TestSpec
-from jbw.campaign.together import among, at_every_point, named, of_others
+from jbw.campaign.together import among, at_every_point, named, of_others, on_a_base
 from jbw.campaign.written import CAMPAIGN
 from jbw.quantities import DEFAULT_LAWS
 from jbw.report.messages import campaign_faults
@@ -106,7 +106,7 @@ def parse(source: str, file: str = "campaign.toml") -> CampaignSpec:
     if both and not differ({test.driven_by for test in tests}):
         errors.append(campaign_faults.GAIN_OR_MASS)
     if len(tests) == len(tables):
-        errors += [*among(tests, settings), *of_others(tests, assembly)]
+        errors += [*among(tests, settings), *of_others(tests, assembly), *on_a_base(tests)]
         errors += structure_errors(structure, tests, () if assembled is None else assembled.points)
         roles = {role for test in tests for role in test.channels}
         errors += [campaign_faults.no_role(role) for role in head.gain_std if role not in roles]

@@ -10,7 +10,7 @@ from jbw.campaign import values
 from jbw.campaign.document import FileTable, key
 from jbw.measurement.kinds import KINDS
 from jbw.measurement.kinds import Kind as Traits
-from jbw.measurement.records import BY_UNIT, INPUTS, RESPONSES, si_of
+from jbw.measurement.records import BASE, BY_UNIT, INPUTS, RESPONSES, si_of
 from jbw.quantities import FED
 
 MOST_PPM = 1e4  # that a clock may be off by: more is another sampling rate
@@ -56,7 +56,9 @@ class Head(FileTable):
     @property
     def instruments(self) -> "Instruments":
         """What is stated of clock and calibration."""
-        return Instruments(self.fs_std or 0.0, dict(self.gain_std))
+        # A base is kept as the force per mass on what stands on it.
+        by_role = {"input" if role == BASE else role: x for role, x in self.gain_std.items()}
+        return Instruments(self.fs_std or 0.0, by_role)
 
 
 class Assembly(FileTable):
@@ -122,12 +124,15 @@ class TestSpec(FileTable):
         "those below too; own: both, of this test alone; auto: where the fit shows them",
         "upper",
     )
-    drive: Literal["voltage", "current", "force", "none"] | None = key(
+    drive: Literal["voltage", "current", "force", "base", "none"] | None = key(
         None,
         "what drives it, or hangs on it in a free decay: by voltage or current the shaker moves "
-        "along; by default what the unit of the input says, force where that is the source, "
-        "none of a decay",
+        "along; by default what the unit of the input says, force where that is the source, base "
+        "where the acceleration of the base is, none of a decay",
         "voltage",
+    )
+    relative_to_base: StrictBool = key(
+        False, "the response was measured relative to the base that moves", True
     )
     tones: values.Numbers = key((), "frequencies present at once, or in turn if stepped [Hz]")
     dwell: values.Positive = key(NAN, "duration of each step of a stepped test [s]")
@@ -225,6 +230,8 @@ class TestSpec(FileTable):
             return self.drive or ""
         if self.traits.is_free:
             return "none"
+        if BASE in self.channels:
+            return BASE
         if "input" in self.channels:
             return BY_UNIT.get(si_of("input", self.units.get("input", "V"))[1], "voltage")
         return "force"
@@ -253,8 +260,9 @@ def _needs(test: TestSpec) -> Iterator[str]:
         named = ", ".join(f"`{kind.name}`" for kind in linear)
         yield f"units: `{unit}` of `{ratios[0]}` is for kind {named} only."
     needs_source = traits.is_driven and not traits.is_locked  # a frequency tells of the stiffness
-    if needs_source and roles.isdisjoint(INPUTS) and not ratios:
-        yield f"channels: kind `{test.kind}` needs `input` or `force`."
+    if needs_source and roles.isdisjoint((*INPUTS, BASE)) and not ratios:
+        yield f"channels: kind `{test.kind}` needs `input`, `force` or `base`."
+    yield from _of_base(test, roles)
     if test.drive in FED and traits.is_driven and "input" not in roles:
         yield f"drive: `{test.drive}` needs the channel `input`, what the shaker was fed."
     if test.drive == "none" and traits.is_driven:
@@ -325,6 +333,30 @@ def _contradictions(test: TestSpec) -> Iterator[str]:
             f"files: as a table it must name a file for each role ({', '.join(sorted(roles))}), "
             f"but names {', '.join(sorted(test.files))}."
         )
+
+
+def _of_base(test: TestSpec, roles: set[str]) -> Iterator[str]:
+    """What a test on a moving base needs, and what it cannot have."""
+    if BASE not in roles:
+        if test.drive == BASE:
+            yield "drive: `base` needs the channel `base`, the acceleration of what is clamped to."
+        if test.relative_to_base:
+            yield "relative_to_base: for tests with the channel `base` only."
+        return
+    traits = test.traits
+    if not traits.is_driven or traits.is_curve or traits.is_prescribed:
+        kinds = [k.name for k in KINDS.values() if k.is_driven and not k.is_curve]
+        yield f"channels: `base` is for records in time of kind {', '.join(kinds)}."
+    if test.drive not in (None, BASE) or not roles.isdisjoint(INPUTS):
+        other = next((role for role in INPUTS if role in roles), f"drive = {test.drive!r}")
+        yield f"channels: `base` is what drives the test, and so is `{other}`: leave out either."
+    if not test.relative_to_base and "acceleration" not in roles:
+        yield (
+            "channels: beside `base` the response must be `acceleration`, or measured relative to "
+            "the base: `relative_to_base = true`."
+        )
+    if test.delay:
+        yield "delay: not beside `base`, from which the response must not lag."
 
 
 def _of_controlled_tests(test: TestSpec) -> Iterator[str]:

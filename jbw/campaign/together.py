@@ -9,7 +9,7 @@ import numpy as np
 from jbw.campaign.settings import Identify
 from jbw.campaign.tables import Assembly, TestSpec
 from jbw.measurement.checks.faults import Fault, doubt
-from jbw.measurement.records import INPUTS, RESPONSES, Record
+from jbw.measurement.records import BASE, INPUTS, RESPONSES, Record
 from jbw.report.messages import campaign_faults as messages
 
 APART = 1.5  # between two levels, and between two records: less is how a rig holds a level
@@ -46,6 +46,14 @@ def of_others(tests: Sequence[TestSpec], assembly: Assembly) -> Iterator[str]:
     names = {test.assembly for test in tests if test.assembly} | {assembly.name or None} - {None}
     if len(names) > 1 and list(assembly.keys()):
         yield messages.several_assemblies(len(names), sorted(map(str, names)))
+
+
+def on_a_base(tests: Sequence[TestSpec]) -> Iterator[str]:
+    """Tests on a moving base beside tests that something else drives: their gains differ."""
+    drives = sorted({test.driven_by for test in tests if test.traits.is_driven} - {""})
+    if BASE in drives and len(drives) > 1:
+        others = ", ".join(drive for drive in drives if drive != BASE)
+        yield messages.base_beside_others(others)
 
 
 def among(tests: Sequence[TestSpec], settings: Identify) -> Iterator[str]:

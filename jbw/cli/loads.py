@@ -89,8 +89,9 @@ def predict_loads(
         options: Of the command.
         say: Called with one sentence at every stage.
     """
+    from jbw.measurement.records import BASE
     from jbw.run.files import hash_of
-    from jbw.study.loads import BASE, Load
+    from jbw.study.loads import Load, load_on
     from jbw.study.saved_loads import save_loads
     from jbw.verification.predict import warnings_of
 
@@ -101,6 +102,7 @@ def predict_loads(
         shape=options["shape"],
         unit=options["unit"],
     )
+    load = load_on(basis, load)
     if (profile := options["psd"]) is not None and profile.is_file():
         inputs = {**inputs, str(profile): hash_of(profile)}
     with working(say, options["out"] or folder / "predictions") as job:

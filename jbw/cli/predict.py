@@ -55,9 +55,9 @@ class FromTo(click.ParamType):
 @click.option(
     "--participation",
     type=float,
-    default=1.0,
-    show_default=True,
-    help="Participation of the mode in the motion of the base.",
+    default=float("nan"),
+    help="Participation of the mode in the motion of the base; as identified where that was moved, "
+    "else 1.",
 )
 @click.option(
     "--shape",

@@ -28,7 +28,7 @@ from jbw.oscillator.modes.parameters import own_name
 from jbw.report.messages import modes as messages
 
 BY_CHANCE = 0.01  # probability of as much better a fit, of modes that do not move the joint
-BARE = ("", "none", "force")  # what moves a structure without its shaker
+BARE = ("", "none", "force", "base")  # what moves a structure without its shaker
 ROUGH = 1e-6  # of the cost and of the step: the other sign, which a further fit follows
 
 

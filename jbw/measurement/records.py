@@ -16,8 +16,10 @@ from jbw.units import FACTORS, decibels, factor_of, measured, plain, quantity_of
 
 RESPONSES: tuple[Motion, ...] = get_args(Motion)
 INPUTS = ("input", "force")
+BASE = "base"  # role of the acceleration of a base that moves, and the drive that it is
+SOURCES = (*INPUTS, BASE)  # roles in files of what drives
 # What moves the structure, and with that what hangs on it: by voltage or current its shaker does.
-DRIVES = ("voltage", "current", "force", "none")
+DRIVES = ("voltage", "current", "force", BASE, "none")
 BY_UNIT = {"V": "voltage", "A": "current", "N": "force", "N/kg": "force", "N m": "force"}
 # Role to what its channel measures: a source is a voltage or current, or a force per modal mass.
 QUANTITIES: dict[str, tuple[str, ...]] = {
@@ -27,6 +29,7 @@ QUANTITIES: dict[str, tuple[str, ...]] = {
     "velocity": ("velocity", "angular velocity"),
     "acceleration": ("acceleration", "angular acceleration"),
     "restoring_force": ("force", "torque"),
+    BASE: ("acceleration",),  # of the clamp on a moving table; kept as a force per mass
     "drive_point": ("acceleration",),  # where the shaker pushes: tells its attachment
     "frequency": ("frequency",),  # axis of a measured FRF, which has no sampling frequency
     "phase": ("angle",),  # of the response relative to the force, in a measured FRF
@@ -38,8 +41,9 @@ COUNTED = "none: samples of a loop without times are counted"
 CLOCKS = 1e-4
 # Of usual sensors, as examples: IEPE accelerometers, vibrometers, displacement sensors, load cells.
 SENSITIVITIES = {
-    "acceleration": "100 mV/g", "drive_point": "100 mV/g", "velocity": "200 mV/(mm/s)",
-    "displacement": "1 V/mm", "force": "10 mV/N", "restoring_force": "10 mV/N",
+    "acceleration": "100 mV/g", "drive_point": "100 mV/g", BASE: "100 mV/g",
+    "velocity": "200 mV/(mm/s)", "displacement": "1 V/mm",
+    "force": "10 mV/N", "restoring_force": "10 mV/N",
 }  # fmt: skip
 LOAD_CELLS = ("exact", "offset", "drift")
 OF = " / "  # between the name of an assembly and that of one of its runs

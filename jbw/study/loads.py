@@ -19,6 +19,7 @@ from jbw.forced.curves import peaks
 from jbw.forced.equivalent import EquivalentMotion, Values, equivalent_motion
 from jbw.identification.discrepancy import NOTHING, AtAmplitude
 from jbw.inference.thresholds import BEYOND
+from jbw.measurement.records import BASE
 from jbw.observables.residual_terms import receptance, taken
 from jbw.oscillator.modes.parameters import has_further_modes
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
@@ -33,7 +34,6 @@ FEW = 4  # draws that tell the amplitude of a load
 ONE_HARMONIC = 1e-3  # of the third harmonic over the first: up to here one harmonic has 1e-5
 MANY = 8  # harmonics elsewhere
 TAU = 2.0 * np.pi
-BASE = "base"
 Complexes = NDArray[np.complex128]
 
 
@@ -45,7 +45,8 @@ class Load:
         drive: `force` for the source of the run; `voltage` or `current` where a run has both; or
             `base` for an acceleration of the base [m/s^2].
         draws: Draws of the posterior.
-        participation: Participation of the mode in the motion of the base, phi^T M r [-].
+        participation: Participation of the mode in the motion of the base, phi^T M r [-]; NaN for
+            the one that a run identified whose base was moved, and for 1 of other runs.
         shape: Motion of the measured point in the mode [-].
         harmonics: Odd harmonics; None takes 8 where the third one is above 1e-3 of the first.
         unit: Unit of the response, such as `g`; that of the records when empty.
@@ -54,7 +55,7 @@ class Load:
 
     drive: str = "force"
     draws: int = NUM_DRAWS
-    participation: float = 1.0
+    participation: float = float("nan")
     shape: float = 1.0
     harmonics: int | None = None
     unit: str = ""
@@ -64,6 +65,25 @@ class Load:
     def is_base(self) -> bool:
         """Whether the base moves."""
         return self.drive == BASE
+
+
+def load_on(basis: Basis, load: Load) -> Load:
+    """Return a load with its participation: as stated, as the run identified it, or 1.
+
+    Raises:
+        ConfigError: The stated one is zero or infinite.
+    """
+    stated = load.participation
+    if np.isnan(stated):
+        identified = any(test.drive == BASE for test in basis.seen.values())
+        gain = float(np.mean(basis.draws(load.draws)["gain"])) if identified else 1.0
+        return replace(load, participation=gain)
+    if np.isinf(stated) or stated == 0.0:
+        raise ConfigError(
+            f"Argument `participation` must be a number other than zero, but is {stated:g}.",
+            remedy="Compute it from the matrices, phi^T M r of a mode of unit modal mass.",
+        )
+    return load
 
 
 class LoadOptions(TypedDict, total=False):
@@ -142,17 +162,11 @@ def members_of(basis: Basis, load: Load, draws: int, missed: AtAmplitude) -> lis
     """Return the draws of every law of a run, each with its harmonics.
 
     Raises:
-        ConfigError: The participation is zero or not finite, or there are too few draws.
+        ConfigError: There are too few draws.
         DataError: The run determines no gain.
         ModelError: The run has several modes or joints.
     """
     _require_one_mode(basis)
-    if load.is_base and not (np.isfinite(load.participation) and load.participation != 0.0):
-        raise ConfigError(
-            "Argument `participation` must be a number other than zero, but is "
-            f"{load.participation:g}.",
-            remedy="Compute it from the matrices, phi^T M r of a mode of unit modal mass.",
-        )
     found = []
     for count, member in basis.shared(draws):
         gain = load.participation if load.is_base else None

@@ -27,7 +27,7 @@ from jbw.report.result import node, read_result
 from jbw.run.files import hash_of
 from jbw.study.cell import page_of
 from jbw.study.frames import backbone_frame, parameter_frame, prediction_frame
-from jbw.study.loads import Load, LoadOptions, joints_of_basis
+from jbw.study.loads import Load, LoadOptions, joints_of_basis, load_on
 from jbw.study.loads_in_time import random_of, shock_of
 from jbw.study.loads_of_sines import notch_of, resonance_of, response_curve_of
 from jbw.study.store import claim, save_report, save_result
@@ -209,8 +209,8 @@ class Study:
             DataError: The run determines no gain.
             ModelError: The run has several modes, or no resonance at this level.
         """
-        load = Load(**options)
-        return response_curve_of(basis_of(self.tree), level, band, load)
+        basis = basis_of(self.tree)
+        return response_curve_of(basis, level, band, load_on(basis, Load(**options)))
 
     def resonance(self, levels: Iterable[float], **options: Unpack[LoadOptions]) -> xr.Dataset:
         """Return frequency, height, Q, half-power width and jumps of the resonance at each level.
@@ -227,7 +227,8 @@ class Study:
         Raises:
             ConfigError, DataError, ModelError: As of `response_curve`.
         """
-        return resonance_of(basis_of(self.tree), levels, Load(**options))
+        basis = basis_of(self.tree)
+        return resonance_of(basis, levels, load_on(basis, Load(**options)))
 
     def notch(
         self,
@@ -251,7 +252,8 @@ class Study:
         Raises:
             ConfigError, DataError, ModelError: As of `response_curve`.
         """
-        return notch_of(basis_of(self.tree), level, limit, band, Load(**options))
+        basis = basis_of(self.tree)
+        return notch_of(basis, level, limit, band, load_on(basis, Load(**options)))
 
     def random(
         self, profile: RandomProfile, duration: float = 60.0, **options: Unpack[LoadOptions]
@@ -273,8 +275,8 @@ class Study:
             ModelError: The profile has no power at the mode or is too narrow, the damping is above
                 5 %, or the run has several modes.
         """
-        load = Load(**options)
-        return random_of(basis_of(self.tree), profile, duration, load)
+        basis = basis_of(self.tree)
+        return random_of(basis, profile, duration, load_on(basis, Load(**options)))
 
     def shock(self, pulse: str | Pulse, **options: Unpack[LoadOptions]) -> xr.Dataset:
         """Return the motion under a shock: its band over time, its largest value, its spectrum.
@@ -290,7 +292,8 @@ class Study:
             ModelError: The run has several modes.
         """
         stated = pulse_of(pulse) if isinstance(pulse, str) else pulse
-        return shock_of(basis_of(self.tree), stated, Load(**options))
+        basis = basis_of(self.tree)
+        return shock_of(basis, stated, load_on(basis, Load(**options)))
 
     def save(self, folder: str | Path, *, figures: Sequence[str] = ()) -> None:
         """Write posterior.nc, summary.json and report.html into a new or empty folder.

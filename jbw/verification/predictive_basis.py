@@ -338,5 +338,6 @@ def seen_of(test: Test) -> CampaignTest:
             response = source
     # A free decay has no source, whatever was recorded beside it.
     unit = "" if test.traits.is_free else record.units.get(source, "")
-    stated_unit = record.provenance.get(f"unit of {response}", "")
+    # What stands behind the unit is how its samples were brought to SI.
+    stated_unit = record.provenance.get(f"unit of {response}", "").partition(",")[0]
     return CampaignTest(test.kind, unit, response, *place, stated_unit)

@@ -81,7 +81,7 @@ def test_good_file():
         ("omega_n =", "omega =", "unknown parameter; did you mean `omega_n`"),
         ('files = "sweep_*.h5"', "files = 3", "files: must be a string or a list of strings"),
         ('files = "sweep_*.h5"', "", "files: missing"),
-        ('input = "shaker", ', "", "kind `sweep` needs `input` or `force`"),
+        ('input = "shaker", ', "", "kind `sweep` needs `input`, `force` or `base`"),
         ('"sweep"', '"tones"', "tones: missing"),
         ('"sweep"', '"stepped"', "dwell: missing"),
         ('"sweep"', '"loop"', "needs `displacement` and `restoring_force`"),

@@ -21,6 +21,7 @@ from jbw.measurement.files.sampling import (
 )
 from jbw.measurement.files.tree import WHOLE, Contents, Leaf, names
 from jbw.measurement.records import (
+    BASE,
     INPUTS,
     QUANTITIES,
     RESPONSES,
@@ -38,7 +39,7 @@ from jbw.units import TORSION, decibels, factor_of, is_voltage, plain, si_unit
 
 LARGEST_GAIN = 30.0  # exponent: 1e13, beyond what any converter resolves
 TURNING = {si_unit(quantity) for quantity in TORSION}
-CENTRED = (*INPUTS, *RESPONSES, "restoring_force")  # roles whose mean may be taken out
+CENTRED = (*INPUTS, BASE, *RESPONSES, "restoring_force")  # roles whose mean may be taken out
 
 
 class _Channels(NamedTuple):

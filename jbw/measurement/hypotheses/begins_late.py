@@ -41,7 +41,7 @@ def after_its_blow(record: Record, band_hz: tuple[float, float] | None) -> Recor
     """Return a record from one period after its blow on, where it was quiet before it.
 
     What a trigger keeps of the time before it is no free decay. When the blow came stands in the
-    provenance, with the span that is left.
+    provenance, with the span that is left. Nothing is cut where no motion follows.
     """
     x = record.channels[record.response]
     if band_hz is None or not (is_sampled(record) and np.isfinite(x).all() and np.any(x)):
@@ -51,6 +51,9 @@ def after_its_blow(record: Record, band_hz: tuple[float, float] | None) -> Recor
     if course is None or onset is None:
         return record
     first = whole_up((onset + 1 / course.centre_hz) * record.fs)
+    after = np.abs(x[first : 2 * first - round(onset * record.fs)])
+    if not after.size or after.max() < QUIET * np.abs(x).max():  # a bad sample, or a hard blow
+        return record
     begins = start_of(record)
     span = begins + first / record.fs, begins + record.num_samples / record.fs
     known = {BLOW: f"{begins + onset:.3g} s", SPAN: span_words(span)}

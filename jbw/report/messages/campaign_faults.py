@@ -265,6 +265,14 @@ def no_role(role: str) -> str:
     return f"[campaign] gain_std: names role `{role}`, which no test has in its channels."
 
 
+def base_beside_others(others: str) -> str:
+    """Tests on a moving base and tests that something else drives in one campaign."""
+    return (
+        f"[[test]] channels: tests with `base` cannot stand beside tests driven by {others}, whose "
+        "gain is another; make a campaign of each."
+    )
+
+
 def joint_twice(table: str, count: int) -> str:
     """A name that several joints have."""
     return f"{table} name: must be of one joint, but {count} have it."

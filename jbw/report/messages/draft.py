@@ -15,6 +15,7 @@ NAME_RECORD = "Name a record, a campaign file, or a folder of either."
 GUESS = "  # CHECK: a guess"
 NO_BAND = "band must be given."
 NO_TONES = "tones must be given."
+RELATIVE = "relative_to_base = true  # CHECK: the response is that relative to the base"
 DWELL = "dwell = 1.0  # CHECK: duration of each step [s]"
 EXAMPLE_BAND = "# band = [5.0, 40.0]  # CHECK: frequencies around the one mode [Hz]"
 EXAMPLE_PLACES = ("1:x", "2:x")

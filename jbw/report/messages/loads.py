@@ -97,6 +97,6 @@ def contains(attrs: Mapping[str, Any]) -> str:
     if attrs["drive"] != "base":
         return said
     return (
-        f"{said} The mode has the participation {attrs['participation']:g} and the shape "
-        f"{attrs['shape']:g}, as stated by --participation and --shape."
+        f"{said} The mode has the participation {attrs['participation']:.4g} and the shape "
+        f"{attrs['shape']:g}; --participation and --shape state others."
     )
