@@ -11,7 +11,7 @@ IN_FIRST_MODE = " in the first mode"
 
 def chosen_by_reading(law: str, margins: Sequence[tuple[str, float]]) -> str:
     """Which law a campaign that states none goes on with, and by how much it fits better."""
-    others = ", ".join(f"{name} by {margin:.3g}" for name, margin in margins)
+    others = ", ".join(f"{name} by {margin:.2g}" for name, margin in margins)
     chosen = f"{law} is taken, the only one with such readings."
     if others:
         chosen = (
