@@ -108,6 +108,7 @@ def start_campaign(
     folder: str | Path,
     named: Named = lambda path, channels: {},
     files: Sequence[Path] | None = None,
+    mass: float | None = None,
 ) -> Draft:
     """Look at the measurement files of a folder and draft its campaign file.
 
@@ -118,11 +119,15 @@ def start_campaign(
         named: Called with a file and its channels where none of these is named like a response;
             returns the channel of each role.
         files: Those of the folder to draft; all measurement files in it when None.
+        mass: Modal mass to be stated [kg].
 
     Raises:
+        ConfigError: A mass that is not positive.
         DataError: No such folder, or no measurement file in it that can be read.
     """
     folder = Path(folder)
+    if mass is not None and not 0.0 < mass < float("inf"):
+        raise ConfigError(f"The modal mass must be above zero [kg], but is {mass:g}.")
     if not folder.is_dir():
         raise DataError(f"Folder `{folder}` does not exist.", remedy="Name the folder of records.")
     there = sorted(folder.iterdir() if files is None else files)
@@ -170,7 +175,9 @@ def start_campaign(
             remedy=" ".join(["Suffixes: " + ", ".join(READERS) + ".", *_once(assumed)]),
         )
     name = f"name = {toml(folder.resolve().name or 'campaign')}"
-    head = [messages.HEAD, name, *commented(Head, ("modal_mass", "gain")), ""]
+    offered = commented(Head, ("modal_mass", "gain")[mass is not None :])
+    stated = [] if mass is None else [f"modal_mass = {toml(mass)}"]
+    head = [messages.HEAD, name, *stated, *offered, ""]
     if len(torques) == 1 and any(torques):
         head += [messages.of_one_torque(toml(_in_newton_metres(*torques))), ""]
     drafted = any("\nband = " in block for block in blocks)

@@ -18,7 +18,7 @@ from jbw.report.messages import draft as messages
 Tell = Callable[[str], None]
 
 
-def campaigns_of(given: Sequence[Path], tell: Tell) -> list[Path]:
+def campaigns_of(given: Sequence[Path], tell: Tell, mass: float | None = None) -> list[Path]:
     """Return the campaign files that paths stand for, in their order.
 
     A folder stands for the campaign file in it; where it holds records alone, their campaign is
@@ -28,10 +28,12 @@ def campaigns_of(given: Sequence[Path], tell: Tell) -> list[Path]:
     Args:
         given: Campaign files, folders or records.
         tell: Called with a sentence for every file written and every guess in it.
+        mass: Modal mass that goes into what is drafted [kg].
 
     Raises:
         ConfigError: A path that does not exist or may not be read, a folder of neither campaign nor
-            records, records of several folders, or a campaign file of their name that holds others.
+            records, records of several folders, a campaign file of their name that holds others, or
+            a mass beside a campaign file.
         DataError: No record can be read.
     """
     named = [path for path in given if not (is_campaign(path) or path.is_dir())]
@@ -40,36 +42,44 @@ def campaigns_of(given: Sequence[Path], tell: Tell) -> list[Path]:
     campaigns = []
     for path in given:
         if path not in named:
-            campaigns.append(_of_folder(path, tell) if path.is_dir() else path)
+            drafted, campaign = _of_folder(path, tell, mass) if path.is_dir() else (False, path)
         elif path is named[0]:
-            campaigns.append(_of_records(named, tell))
+            drafted, campaign = _of_records(named, tell, mass)
+        else:
+            continue
+        if mass is not None and not drafted:
+            what, remedy = messages.mass_of_campaign(str(campaign), f"{mass:g}")
+            raise ConfigError(what, remedy=remedy)
+        campaigns.append(campaign)
     return campaigns
 
 
-def _of_folder(folder: Path, tell: Tell) -> Path:
+def _of_folder(folder: Path, tell: Tell, mass: float | None) -> tuple[bool, Path]:
+    """Whether a campaign was drafted, and its file."""
     if (campaign := campaign_in(folder)) is not None:
-        return campaign
+        return False, campaign
     if any(folder.glob("*.toml")) or not measurement_files(folder):
         require_file(folder, *CAMPAIGN)  # which names one of several, or the command that drafts
-    return _written(start_campaign(folder), folder / NAMED, tell)
+    return True, _written(start_campaign(folder, mass=mass), folder / NAMED, tell)
 
 
-def _of_records(records: Sequence[Path], tell: Tell) -> Path:
+def _of_records(records: Sequence[Path], tell: Tell, mass: float | None) -> tuple[bool, Path]:
+    """Whether a campaign was drafted, and its file."""
     folders = {path.resolve().parent for path in records}
     if len(folders) > 1:
         what, why, remedy = messages.several_folders(sorted(map(str, folders)))
         raise ConfigError(what, why=why, remedy=remedy)
-    draft = start_campaign(records[0].parent, files=records)
+    draft = start_campaign(records[0].parent, files=records, mass=mass)
     first, *others = records
     path = first.with_name(f"{shared_name(first) if others else first.stem}.toml")
     if not path.exists():
-        return _written(draft, path, tell)
+        return True, _written(draft, path, tell)
     require_file(path, *CAMPAIGN)
     if _files_of(path.read_text("utf-8")) != _files_of(draft.text):
         what, why, remedy = messages.other_records(str(path))
         raise ConfigError(what, why=why, remedy=remedy)
     tell(messages.drafted_before(str(path)))
-    return path
+    return False, path
 
 
 def _files_of(text: str) -> list[object]:

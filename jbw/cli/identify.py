@@ -131,6 +131,10 @@ def demo(
     "damping ratio and Q.",
 )  # fmt: skip
 @click.option(
+    "--mass", type=float, metavar="KG", help="Modal mass, which goes into the campaign that is "
+    "drafted from RECORDs: `jbw predict` then takes forces in N.",
+)  # fmt: skip
+@click.option(
     "--workers", type=click.IntRange(1), help="Processes for several campaigns; half the "
     "processors when left out.",
 )  # fmt: skip
@@ -142,8 +146,8 @@ def demo(
 @outside_option
 def identify(
     given: tuple[Path, ...], out: Path | None, quick: bool, final: bool, brief: bool,
-    workers: int | None, seed: int | None, figures: tuple[str, ...], strict: bool, json_: bool,
-    verbose: bool, allow_outside: bool,
+    mass: float | None, workers: int | None, seed: int | None, figures: tuple[str, ...],
+    strict: bool, json_: bool, verbose: bool, allow_outside: bool,
 ) -> int:  # fmt: skip
     """Identify the joint from a CAMPAIGN, or from each of several.
 
@@ -165,7 +169,7 @@ def identify(
     is finished. It ends as the first that failed, else with 4 where a verdict is neither ok nor
     usable.
     """
-    campaigns = campaigns_given(given)
+    campaigns = campaigns_given(given, mass)
     campaign, *others = campaigns
     if others:
         if final:

@@ -58,17 +58,20 @@ run_argument = click.argument(
 )
 
 
-def campaigns_given(given: Sequence[Path]) -> list[Path]:
-    """Return the campaign files that arguments stand for; what is drafted is said on stderr."""
+def campaigns_given(given: Sequence[Path], mass: float | None = None) -> list[Path]:
+    """Return the campaign files that arguments stand for; what is drafted is said on stderr.
+
+    A modal mass [kg] goes into a campaign that is drafted.
+    """
     from jbw.campaign.written import CAMPAIGN, is_campaign, require_file
 
-    if all(map(is_campaign, given)):  # nothing has to be read of a record
+    if mass is None and all(map(is_campaign, given)):  # nothing has to be read of a record
         for path in given[:1]:
             require_file(path, *CAMPAIGN)
         return list(given)
     from jbw.campaign.given import campaigns_of
 
-    return campaigns_of(given, lambda sentence: click.echo(sentence, err=True))
+    return campaigns_of(given, lambda sentence: click.echo(sentence, err=True), mass)
 
 
 def one_campaign(given: Sequence[Path]) -> Path:

@@ -154,7 +154,8 @@ def measured_of(basis: Basis, load: Load) -> SeenResponse:
     unit = load.unit or (stated[0] if is_unit else UNIT_OF[name])
     factor = 1.0 / factor_of(unit, name)
     sources = [seen.source for seen in driven if seen.source]
-    source = "m/s^2" if load.is_base else sources[0] if sources else "N/kg"
+    per_mass = "N" if "gain" in basis.held and basis.held["gain"] != 1.0 else "N/kg"
+    source = "m/s^2" if load.is_base else sources[0] if sources else per_mass
     return SeenResponse(name, unit, factor, source)
 
 

@@ -48,6 +48,18 @@ def test_one_record_has_a_campaign_of_its_own_name(tmp_path):
     assert given(first)[0] == [tmp_path / "tap_1.toml"]
 
 
+def test_a_modal_mass_goes_into_what_is_drafted_and_nowhere_else(tmp_path):
+    first, *_ = taps(tmp_path, "tap_1.csv")
+    (path,) = campaigns_of([first], print, 0.8)
+    assert load_campaign(path).modal_mass == 0.8
+    for again in (first, path, tmp_path):
+        with pytest.raises(ConfigError, match="is there already") as refused:
+            campaigns_of([again], print, 0.9)
+        assert "modal_mass = 0.9" in refused.value.remedy
+    with pytest.raises(ConfigError, match="above zero"):
+        campaigns_of(taps(tmp_path, "other.csv"), print, -1.0)
+
+
 def test_a_folder_is_its_campaign_or_is_drafted(tmp_path):
     taps(tmp_path / "a", "tap_1.csv", "tap_2.csv")
     drafted = tmp_path / "a" / "campaign.toml"

@@ -34,6 +34,7 @@ EXAMPLES = {
     ],
     "draft": [
         draft.NAME_RECORD,
+        *draft.mass_of_campaign("beam.toml", "0.8"),
         draft.drafted("tap.toml"),
         draft.drafted_before("tap.toml"),
         *draft.several_folders(["/a", "/b"]),

@@ -57,6 +57,31 @@ def test_a_gaussian_gain_has_the_band_of_its_closed_form():
     assert found.attrs["band"]
 
 
+def test_levels_are_forces_where_a_modal_mass_is_stated():
+    """Of free decays alone: half the motion of a force of the same number per kilogram."""
+    joint = {name: np.full(4, value) for name, value in GOLDEN_JOINT.items()}
+    peaks = {}
+    for gain in (1.0, 0.5):
+        study = Study(a_tree(joint, held={"gain": gain}), {})
+        found = study.resonance([0.01], draws=4)
+        peaks[found["level"].attrs["units"]] = float(found["peak"].sel(quantile=0.5).values[0])
+    per_kilogram = Study(a_tree(joint, held={"gain": 1.0}), {}).resonance([0.005], draws=4)
+    assert peaks["N"] == pytest.approx(float(per_kilogram["peak"].sel(quantile=0.5).values[0]))
+    assert peaks["N"] < peaks["N/kg"]
+
+
+def test_the_participation_is_that_which_a_run_on_a_base_identified(golden_study):
+    on_base = a_test(0.1)
+    on_base = replace(on_base, drive="base")
+    draws = {**same(GOLDEN_JOINT), "gain": np.full(4, 1.4)}
+    study = Study(a_tree(draws, seen=[on_base]), {})
+    found = study.resonance([0.1], draws=4, drive="base")
+    assert found.attrs["participation"] == pytest.approx(1.4)
+    stated = study.resonance([0.1], draws=4, drive="base", participation=1.4)
+    np.testing.assert_allclose(found["peak"].values, stated["peak"].values, rtol=1e-12)
+    assert golden_study.resonance([0.1], draws=4, drive="base").attrs["participation"] == 1.0
+
+
 def test_the_curve_has_what_sweeps_show(golden_study):
     level = GOLDEN["sine"]["bouc_wen_folded"]["level"] / 2
     found = golden_study.response_curve(level, (19.0, 20.5), draws=4)

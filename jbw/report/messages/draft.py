@@ -46,6 +46,14 @@ def other_records(path: str) -> tuple[str, str, str]:
     )
 
 
+def mass_of_campaign(path: str, mass: str) -> tuple[str, str]:
+    """That a modal mass was stated beside a campaign file, which states its own."""
+    return (
+        f"Option --mass is for campaigns that are drafted, but `{path}` is there already.",
+        f"State it in the file, under [campaign]: modal_mass = {mass}",
+    )
+
+
 def drafted(path: str) -> str:
     """That a campaign file was written."""
     return f"Drafted from the records: {path}"
