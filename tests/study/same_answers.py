@@ -47,6 +47,8 @@ UNITS = {
     **dict.fromkeys(("khat", "khat_evidence", "elpd_doubt", "weight"), (PURE, ONE)),
     **dict.fromkeys(("elpd_difference", "elpd_difference_se"), (PURE, ONE)),
     **dict.fromkeys(("log_evidence_difference", "log_evidence_error"), (PURE, ONE)),
+    # the law without a form
+    "against_masing": (PURE, ONE), **dict.fromkeys(("scatter", "inflation"), PURE),
     # an export
     "mass": "kg", "dashpot": "N s/m",
 }  # fmt: skip
@@ -69,6 +71,7 @@ NOT_COMPARED = {
 }
 # Of draws by tempering, which rounding makes others: a part of their Monte Carlo error.
 DRAWN = {"free_law": 0.1}
+DRAWN_TEXT = re.compile(r"Without a form|which no reading reaches|Masing's rule")
 PREFIX = {"n": 1e-9, "u": 1e-6, "µ": 1e-6, "m": 1e-3, "": 1.0, "k": 1e3, "M": 1e6}
 # A number, and the unit behind it, perhaps behind another number of the same: "0.05 to 3.5 mm".
 NUMBER = r"(?<![\w.])[-−]?\d+(?:\.\d+)?(?:e[-+]?\d+|×10[⁻⁰¹²³⁴⁵⁶⁷⁸⁹]+)?(?!\.?\w)"
@@ -167,11 +170,14 @@ def text_differences(found, expected, scale):
     wanted, before = _parted(expected)
     if said != wanted:
         return [f"{found!r}, not {expected!r}"]
+    drawn = DRAWN["free_law"] if DRAWN_TEXT.search(expected) else 0.0
     factors = {1.0} | {scale.of(unit.replace("²", "^2")) for unit in wanted[1]}
     for (one, digit), (other, last) in zip(now, before, strict=True):
         # Both are rounded to their last digit.
         if not any(
-            abs(one - factor * other) <= 0.51 * (digit + abs(factor) * last) for factor in factors
+            abs(one - factor * other)
+            <= 0.51 * (digit + abs(factor) * last) + drawn * abs(factor * other)
+            for factor in factors
         ):
             return [f"{one:g}, not {other:g} in {found!r}, not {expected!r}"]
     return []
