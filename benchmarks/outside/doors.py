@@ -42,6 +42,9 @@ class Row(NamedTuple):
     zeta_sd: float
 
 
+CUT = "before their blow"  # in a sentence on records of which the beginning is not read
+
+
 @dataclass
 class Said:
     """Everything that jbw says of a campaign file."""
@@ -78,7 +81,8 @@ def ask(path: Path) -> Said:
     loaded = _through(said, "load", lambda: load_campaign(path))
     looked = loaded and _through(said, "look", lambda: look(loaded, report=lambda _: None))
     if looked is not None:
-        said.statements = list(looked.record["statements"])
+        cut = [sentence for sentence in looked.record["seen"] if CUT in sentence]
+        said.statements = [*looked.record["statements"], *cut]
         said.rows = list(_rows(looked.readings))
         said.loops = looked.record["loops"]
     return said

@@ -36,7 +36,7 @@ from .campaigns import (
     sound_campaign,
     stretched,
 )
-from .doors import Finding, Said, ask, draft, paste, quick
+from .doors import CUT, Finding, Said, ask, draft, paste, quick
 from .faults import FAULTS, mishandled
 from .files import TIMES, truth_of_record, write_campaign
 from .outcomes import NEUTRAL, tables
@@ -145,9 +145,14 @@ def _judged(job: Job, options: Options, made: Campaign, folder: Path) -> dict[st
         "accused": bool(accusing or said.errors), "nonlinear": said.nonlinear,
         "read": bool(said.rows or said.loops),
     }  # fmt: skip
-    # What is only said of a short record names an early end, and what could not be read may.
+    # What is only said of a short record names an early end, what could not be read may, and what
+    # was cut before a blow is told.
     texts = [f"{one.what} {one.remedy}" for one in said.findings] + said.errors
-    texts += [sentence for sentence in said.statements if sentence.startswith("Not read")]
+    texts += [
+        sentence
+        for sentence in said.statements
+        if sentence.startswith("Not read") or CUT in sentence
+    ]
     row["named"] = bool(made.fault) and any(named.search(text) for text in texts)
     row |= _errors(made, said)
     if made.fault:

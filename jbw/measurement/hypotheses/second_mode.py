@@ -42,12 +42,13 @@ class SecondMode:
 
     def matters(self, values: Reals, fits: Fits) -> bool:
         """Return whether a sweep passes it; of a decay, whether it beats and has 2 % of it."""
+        low, high = DAMPINGS
         if isinstance(fits, SweepFits):
             rate = fits.signal.rate
             second = 2 * np.pi * _first_hz(fits) + float(values[1]) * _rate(fits)
+            passed = low < abs(values[0]) < high and rate.min() < second < rate.max()
             # Nearer, it is the first one turned by a lag.
-            return abs(float(values[1])) > NEAREST and bool(rate.min() < second < rate.max())
-        low, high = DAMPINGS
+            return bool(passed and abs(float(values[1])) > NEAREST)
         # Nearer than both damping rates together, one of them has decayed before they beat.
         beats = abs(float(values[2])) > 1.0 + abs(float(values[3]))
         return beats and low < abs(values[3]) < high and float(np.hypot(*values[:2])) > LEAST
