@@ -24,12 +24,13 @@ from jbw.report.messages import effects as messages
 
 FEWEST = 5  # readings that an exponent is read off
 EXPONENTS = (0.1, 4.0)
-RESAMPLED = 400  # times that the readings are drawn again, for the bands
+DRAWN = 400  # times that readings are drawn within their errors, for the bands
 SEED = 0
 TURNS = 3.5  # standard deviations by which a frequency falls and then rises, or the other way
 LEAST_TURN = 1e-4  # of the frequency, to either side
 CURVES = 15  # readings that count one by one; more come along decays
 GROUPS, FEWEST_TURNING = 8, 6  # of many readings in the order of their amplitude; readings at least
+Values = Float[np.ndarray, " point"]
 CLOSE = 0.1  # of the ratio: what the next order in the amplitude moves it by, near macroslip say
 
 
@@ -69,17 +70,19 @@ class Diagnosis(NamedTuple):
 
 
 def diagnose(curve: AmplitudeCurve) -> Diagnosis | None:
-    """Exponents, their ratio and what it means; None with too few readings.
+    """Return exponents, their ratio and what it means; None with too few readings.
 
-    Bands by drawing the readings again (Efron 1979). A reading counts by its amplitude: the noise
-    of a frequency and of a damping falls as the motion grows.
+    Bands are those of readings drawn within their errors. A reading counts by its amplitude: the
+    noise of a frequency and of a damping falls as the motion grows.
     """
     if len(np.unique(curve.y)) < FEWEST:
         return None
     rng = np.random.default_rng(SEED)
-    picks = [np.arange(len(curve.y)), *rng.integers(0, len(curve.y), (RESAMPLED, len(curve.y)))]
-    rows = [_read(AmplitudeCurve(*(x[pick] for x in curve)), curve.y.max()) for pick in picks
-            if len(np.unique(curve.y[pick])) >= FEWEST - 1]  # fmt: skip
+    omega, zeta = (
+        np.vstack([values, rng.multivariate_normal(values, spread, DRAWN, method="eigh")])
+        for values, spread in zip(curve[1:3], curve[3:], strict=True)
+    )
+    rows = [_read(curve.y, *drawn) for drawn in zip(omega, zeta, strict=True)]
     bands = [tuple(np.quantile(column, QUANTILES).tolist()) for column in np.array(rows).T]
     reach = float(curve.y.min()), float(curve.y.max())
     return Diagnosis(len(curve.y), reach, *bands, turn=turning_point(curve))
@@ -88,39 +91,34 @@ def diagnose(curve: AmplitudeCurve) -> Diagnosis | None:
 def turning_point(curve: AmplitudeCurve) -> tuple[float, float, float] | None:
     """Where the frequency turns round, as `Diagnosis.turn`; None where it goes one way.
 
-    It falls and rises, or rises and falls, by more than 3.5 standard deviations each, as
-    neighbours in the order of the amplitude show them. Many readings are taken together in groups.
+    It falls and rises, or rises and falls, by more than 3.5 standard deviations each. Many readings
+    are taken together in groups.
     """
     if len(curve.y) < FEWEST_TURNING:
         return None
     order = np.argsort(curve.y)
-    y, omega = curve.y[order], curve.omega[order]
-    # What a reading differs by from the line through its neighbours has 3/2 of its variance; the
-    # median keeps clear of the bend itself.
-    bend = omega[1:-1] - 0.5 * (omega[:-2] + omega[2:])
-    std = np.full(len(y), 1.4826 * np.median(np.abs(bend)) / np.sqrt(1.5))
-    if len(y) > CURVES:
-        pieces = np.array_split(np.arange(len(y)), min(GROUPS, len(y) // 4))
-        # The noise falls as the motion grows: each group has its own.
-        inside = [np.clip(piece - 1, 0, len(bend) - 1) for piece in pieces]
-        scatter = [1.4826 * np.median(np.abs(bend[at])) / np.sqrt(1.5) for at in inside]
-        std = np.array(scatter) / np.sqrt([len(piece) for piece in pieces])
-        y, omega = (np.array([x[piece].mean() for piece in pieces]) for x in (y, omega))
+    num = min(GROUPS, len(order) // 4) if len(order) > CURVES else len(order)
+    means = np.zeros((num, len(order)))
+    for row, group in zip(means, np.array_split(order, num), strict=True):
+        row[group] = 1 / len(group)
+    y, omega = means @ curve.y, means @ curve.omega
+    spread = means @ curve.omega_covariance @ means.T
     for at in (int(np.argmin(omega)), int(np.argmax(omega))):
-        ends = np.abs(omega[[0, -1]] - omega[at])
-        least = np.maximum(TURNS * np.hypot(std[[0, -1]], std[at]), LEAST_TURN * omega[at])
-        if np.all(ends > least):
+        away = np.eye(num)[[0, -1]] - np.eye(num)[at]
+        least = TURNS * np.sqrt(np.diag(away @ spread @ away.T))
+        if np.all(np.abs(away @ omega) > np.maximum(least, LEAST_TURN * omega[at])):
             turn_hz, end_hz = (omega[[at, -1]] / (2 * np.pi)).tolist()
             return float(y[at]), turn_hz, end_hz
     return None
 
 
-def _read(curve: AmplitudeCurve, y_max: float) -> Sequence[float]:
-    """The numbers of `Diagnosis` in their order, of one set of readings."""
-    x = curve.y / y_max
+def _read(y: Values, omega: Values, zeta: Values) -> Sequence[float]:
+    """Return the numbers of `Diagnosis` in their order, of one set of readings."""
+    y_max = float(y.max())
+    x = y / y_max
     share = x**2 / np.sum(x**2)  # of the squares: a reading counts by its amplitude
 
-    def line(values: Float[np.ndarray, " point"], exponent: float) -> tuple[np.ndarray, float]:
+    def line(values: Values, exponent: float) -> tuple[np.ndarray, float]:
         """Value at rest and change at the largest amplitude, and the squares that they leave."""
         power = x**exponent
         middle, centre = share @ power, share @ values
@@ -129,20 +127,20 @@ def _read(curve: AmplitudeCurve, y_max: float) -> Sequence[float]:
         residual = along - change * across
         return np.array([centre - change * middle, change]), float(np.sum((x * residual) ** 2))
 
-    def exponent(values: Float[np.ndarray, " point"]) -> float:
+    def exponent(values: Values) -> float:
         minimum: Any = minimize_scalar(
             lambda e: line(values, e)[1], bounds=EXPONENTS, method="bounded"
         )
         return float(minimum.x)
 
-    q, p = exponent(curve.omega), exponent(curve.zeta)
-    (omega, lost), _ = line(curve.omega, q)
-    (_, added), _ = line(curve.zeta, q)
-    softening, masing = -lost / omega, masing_ratio(q)
+    q, p = exponent(omega), exponent(zeta)
+    (at_rest, lost), _ = line(omega, q)
+    (_, added), _ = line(zeta, q)
+    softening, masing = -lost / at_rest, masing_ratio(q)
     ratio = added / softening if softening else np.inf
     integral = 0.5 * np.sqrt(np.pi) * np.exp(gammaln((q + 3) / 2) - gammaln(q / 2 + 2))
     opening = ratio * (q + 2) * integral / (q + 1)
-    smooth = _smooth_pair(line(curve.omega, 1.0)[0], line(curve.zeta, 1.0)[0], y_max)
+    smooth = _smooth_pair(line(omega, 1.0)[0], line(zeta, 1.0)[0], y_max)
     return softening, q, added, p, ratio, masing, 1 - ratio / masing, opening, *smooth
 
 

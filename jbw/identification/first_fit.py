@@ -47,7 +47,7 @@ CLOSE = (
 )
 # Of the fit to frequency and damping against amplitude, which costs nothing.
 BESIDE_CURVE = {"gain", *(quantity.name for quantity in MODAL)}  # of the first mode, driven or not
-CURVE_STARTS, MOST_CURVE_POINTS, FREQUENCY_STD, DAMPING_STD = 8, 200, 1e-4, 0.03  # std: relative
+CURVE_STARTS, FREQUENCY_STD, DAMPING_STD = 8, 1e-4, 0.03  # std: relative
 
 
 def first_fit(
@@ -95,12 +95,9 @@ def from_amplitude_curve(
     of_model = is_assembled(data.held)  # several joints, of which one mode tells the sum alone
     if part is None or curve is None or "zeta" not in prior.names or of_model:
         return {}
-    indices = np.unique(np.linspace(0, len(curve.y) - 1, MOST_CURVE_POINTS).astype(int))
-    thin = AmplitudeCurve(*(values[indices] for values in curve))
-
     part_bounds = of_part(bounds_by_name(prior), part)
     bounds = {n: x for n, x in part_bounds.items() if n not in BESIDE_CURVE and n == plain(n)}
-    best = fit(CurveMisfit(data.laws), box(bounds), thin, starts=CURVE_STARTS, key=key)
+    best = fit(CurveMisfit(data.laws), box(bounds), curve, starts=CURVE_STARTS, key=key)
     return {name: value for name, value in best.theta.items() if name not in known}
 
 

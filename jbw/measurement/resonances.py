@@ -10,14 +10,14 @@ none. Points of a controlled test are read one by one. What a joint does shows a
 change with the amplitude.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from jaxtyping import Bool, Complex, Float, Int
 
 from jbw.errors import DataError
-from jbw.measurement.channels import lines_within
+from jbw.measurement.channels import OF_NORMAL, lines_within
 from jbw.measurement.curves import ControlledCurve, controlled_curve
 from jbw.measurement.records import Record, Test
 from jbw.quantities import derivative_order
@@ -36,11 +36,37 @@ NEAR_LINES = 9  # whose mean tells whether they are driven, for single lines of 
 
 
 class AmplitudeCurve(NamedTuple):
-    """Equivalent frequency [rad/s] and damping against the amplitude y [m], as read off data."""
+    """Equivalent frequency [rad/s] and damping against the amplitude y [m], with covariances."""
 
     y: Float[np.ndarray, " point"]
     omega: Float[np.ndarray, " point"]
     zeta: Float[np.ndarray, " point"]
+    omega_covariance: Float[np.ndarray, "point point"]
+    zeta_covariance: Float[np.ndarray, "point point"]
+
+    def at(self, places: Bool[np.ndarray, " point"]) -> "AmplitudeCurve":
+        """Return the points at places alone."""
+        square = np.ix_(places, places)
+        values, covariances = self[:3], self[3:]
+        return AmplitudeCurve(*(x[places] for x in values), *(x[square] for x in covariances))
+
+
+def curve_of_points(points: Sequence[tuple[float, float, float]]) -> AmplitudeCurve:
+    """Return points of amplitude, frequency and damping with errors estimated from neighbours.
+
+    A value differs from the line through its neighbours with 3/2 of its variance; the median keeps
+    clear of a bend.
+    """
+    y, omega, zeta = np.array(points).T
+    order = np.argsort(y)
+
+    def covariance(values: Float[np.ndarray, " point"]) -> Float[np.ndarray, "point point"]:
+        x = values[order]
+        bend = np.abs(x[1:-1] - 0.5 * (x[:-2] + x[2:]))
+        variance = (np.median(bend) / OF_NORMAL) ** 2 / 1.5 if len(bend) else 0.0
+        return float(variance) * np.eye(len(x))
+
+    return AmplitudeCurve(y, omega, zeta, covariance(omega), covariance(zeta))
 
 
 class Reading(NamedTuple):

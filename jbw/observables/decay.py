@@ -15,9 +15,8 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Complex, Float
 
-from jbw.errors import DataError
 from jbw.inference.groups.offsets import Estimate
-from jbw.measurement.demodulation import read_decay
+from jbw.measurement.readings.statement import curve_of
 from jbw.measurement.resonances import AmplitudeCurve
 from jbw.observables.decay_drift import LeftOutDecay, left_out_decay
 from jbw.observables.decay_envelopes import (
@@ -34,7 +33,6 @@ from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.oscillator.response import simulate
 from jbw.quantities import LETTER_OF, derivative_order
 from jbw.report.messages import observed as messages
-from jbw.report.messages.reading import none_decays
 
 BEGINNING = 0.3  # 1 / (zeta omega_n): of a record, from which its initial state is read
 LEAST_BEGUN = 8  # values of the envelope for that
@@ -49,7 +47,7 @@ class Decays(Envelopes):
     own_shifts: ClassVar[bool] = True
     most_misfit: ClassVar[float | None] = 0.05  # more is another motion than the model's
     several: ClassVar[bool | None] = False
-    unread: ClassVar[Mapping[str, Any]] = {"centre_hz": 0.0}
+    unread: ClassVar[Mapping[str, Any]] = {"centre_hz": 0.0, "readings": None}
 
     @property
     def fraction(self) -> Float[Array, ""]:
@@ -173,16 +171,7 @@ def first_values(data: Decays) -> dict[str, float]:
 
 def amplitude_curve(data: Decays) -> AmplitudeCurve:
     """Return frequency and damping along every record."""
-    rows = np.asarray(data.mean)
-    read = [read_decay(row, data.step_s, data.centre_hz) for row in rows]
-    readings = [reading for reading in read if len(reading.amplitude)]
-    if not readings:
-        what, why, remedy = none_decays(", ".join(data.groups.labels))
-        raise DataError(what, why=why, remedy=remedy)
-    omega = 2 * np.pi * np.concatenate([reading.frequency_hz for reading in readings])
-    size = np.concatenate([reading.amplitude for reading in readings])
-    y = size / omega ** derivative_order(data.response)
-    return AmplitudeCurve(y, omega, np.concatenate([reading.damping for reading in readings]))
+    return curve_of([reading.table() for reading in data.readings() if reading is not None])
 
 
 def counting[Data: Decays](data: Data, fraction: float) -> Data:
@@ -193,7 +182,7 @@ def counting[Data: Decays](data: Data, fraction: float) -> Data:
 
 def at_rest(curve: AmplitudeCurve) -> tuple[float, float]:
     """Frequency [rad/s] and damping at no amplitude, by straight lines."""
-    y, omega, zeta = curve
+    y, omega, zeta = curve[:3]
     most = float(np.abs(zeta.max()))
     least = np.clip(np.polyfit(y, zeta, 1)[1], 0.1 * most, most)
     return float(np.polyfit(y, omega, 1)[1]), float(least)

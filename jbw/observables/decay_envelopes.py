@@ -5,7 +5,8 @@ enters later. So the model is simulated once, from above the strongest record, a
 initial state is the place at which it enters (its amplitude) and a rotation (its phase).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from typing import ClassVar, NamedTuple, Self
 
 import equinox as eqx
@@ -17,6 +18,8 @@ from jaxtyping import Array, Complex, Float
 from jbw.errors import DataError
 from jbw.measurement.demodulation import BandFilter
 from jbw.measurement.envelopes import envelopes, filter_of
+from jbw.measurement.hypotheses.examine import read_decays
+from jbw.measurement.readings.table import ModeReading
 from jbw.measurement.records import Test
 from jbw.observables.groups import Groups, repeated
 from jbw.observables.observable import Laws, Observable
@@ -47,6 +50,7 @@ class Envelopes(Observable):
         stride: Samples of the model between two values.
         fs: Sampling frequency of the model [Hz], for `num_samples`.
         response: displacement, velocity or acceleration.
+        readings: Frequency and damping along each record; None of one that cannot be read.
     """
 
     kinds: ClassVar[tuple[str, ...]] = ("decay",)
@@ -61,6 +65,7 @@ class Envelopes(Observable):
     num_samples: int = eqx.field(static=True)
     response: str = eqx.field(static=True)
     centre_hz: float = eqx.field(static=True)
+    readings: Callable[[], Sequence[ModeReading | None]] = eqx.field(static=True)
 
     @classmethod
     def reduce(
@@ -102,6 +107,7 @@ class Envelopes(Observable):
             response=test.records[0].response,
             substeps=substeps or substeps_for(chosen.centre_hz, chosen.fs / chosen.stride, 1),
             centre_hz=chosen.centre_hz,
+            readings=partial(read_decays, test),
         )
 
 

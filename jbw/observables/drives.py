@@ -14,6 +14,7 @@ from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from jbw.measurement.resonances import AmplitudeCurve
 from jbw.observables.line_fit import LEAST_LINES, oscillator_through
@@ -67,9 +68,12 @@ def readings_of(parts: Sequence[Observable]) -> AmplitudeCurve | None:
     curves = [readings for readings in of_parts if readings is not None]
     if not curves:
         return None
-    curve = AmplitudeCurve(*map(np.concatenate, zip(*curves, strict=True)))
+    columns = [*zip(*curves, strict=True)]
+    curve = AmplitudeCurve(
+        *map(np.concatenate, columns[:3]), *(np.asarray(block_diag(*x)) for x in columns[3:])
+    )
     takes_in = curve.zeta > 0  # a joint cannot give energy out: such a reading is none
-    return AmplitudeCurve(*(values[takes_in] for values in curve)) if takes_in.any() else None
+    return curve.at(takes_in) if takes_in.any() else None
 
 
 def used_by(parts: Sequence[Observable], known: Collection[str]) -> list[str]:

@@ -81,7 +81,7 @@ class ModalDecays(Decays):
     """
 
     several: ClassVar[bool | None] = True
-    unread: ClassVar[Mapping[str, Any]] = {"centre_hz": 0.0, "alone": (), "bands_hz": ()}
+    unread: ClassVar[Mapping[str, Any]] = {**Decays.unread, "alone": (), "bands_hz": ()}
 
     begun: Float[Array, "record own"]
     amplitude: Float[Array, "record mode"]

@@ -17,7 +17,7 @@ from jaxtyping import Array, Complex, Float, Inexact, Int
 
 from jbw.errors import DataError
 from jbw.measurement.records import Test
-from jbw.measurement.resonances import AmplitudeCurve
+from jbw.measurement.resonances import AmplitudeCurve, curve_of_points
 from jbw.observables.groups import Rows, changed, compared, filled, repeated
 from jbw.observables.harmonic_groups import (
     NUM_HARMONICS,
@@ -210,7 +210,7 @@ def _amplitude_readings(data: Points) -> AmplitudeCurve | None:
         else:
             readings.append(at_quadrature(omega, load, motion, gain))
     rows = [reading for reading in readings if reading is not None]
-    return AmplitudeCurve(*np.array(rows).T) if rows else None
+    return curve_of_points(rows) if rows else None
 
 
 def _spectra(data: Points, residuals: Rows) -> dict[str, Spectrum]:

@@ -25,7 +25,7 @@ from jbw.measurement.curves import ForcedLoop, forced_loop
 from jbw.measurement.delays import on_time
 from jbw.measurement.envelopes import bands_of
 from jbw.measurement.hypotheses.begins_late import blows_seen
-from jbw.measurement.hypotheses.examine import examined_decay, examined_sweep
+from jbw.measurement.hypotheses.examine import examined_sweep, read_decays
 from jbw.measurement.loops import readings_of_cycles
 from jbw.measurement.nonlinearity import coherence_at_resonance, seen_in
 from jbw.measurement.readings.statement import (
@@ -260,10 +260,7 @@ def _of_rows(rows: Sequence[Reading]) -> RecordRead:
 
 def _of_reading(read: ModeReading) -> RecordRead:
     """The table of a decay or a sweep, from the smallest amplitude on."""
-    table = RecordTable(
-        read.y[::-1], read.hz[::-1], read.zeta[::-1], read.hz_covariance[::-1, ::-1],
-        read.zeta_covariance[::-1, ::-1], read.chance,
-    )  # fmt: skip
+    table = read.table()
     sds = (np.sqrt(np.diag(x)) for x in (table.hz_covariance, table.zeta_covariance))
     columns = table.y, table.hz, table.zeta, *sds
     rows = tuple(
@@ -275,13 +272,7 @@ def _of_reading(read: ModeReading) -> RecordRead:
 
 def _of_decays(test: Test) -> Iterator[RecordRead]:
     """Every record of a test, in its band or in one about its strongest line."""
-    found = [examined_decay(record, test.band_hz, test.settle) for record in test.records]
-    read = [one.reading for one in found if one.reading is not None]
-    if not read:
-        faults = [fault.what for one in found for fault in one.faults]
-        why = faults[0] if faults else messages.TOO_SHORT
-        raise DataError(f"Test {test.name} shows no free decay of one mode. {why}")
-    yield from map(_of_reading, read)
+    yield from (_of_reading(read) for read in read_decays(test) if read is not None)
 
 
 def _of_sweep(record: Record, test: Test) -> RecordRead | None:

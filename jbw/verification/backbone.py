@@ -8,15 +8,13 @@ import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 
-from jbw.errors import DataError
 from jbw.measurement.envelopes import filter_of
-from jbw.measurement.hypotheses.examine import examined_decay
+from jbw.measurement.hypotheses.examine import read_decays
 from jbw.measurement.records import Test
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.oscillator.steady.backbone import backbone
 from jbw.quantities import UNIT_OF, derivative_order
 from jbw.report.messages import verification as messages
-from jbw.report.messages.reading import none_decays
 from jbw.verification.bands import QUANTILE_AXIS, band
 from jbw.verification.predicted import carry
 from jbw.verification.predictive_basis import Draws, Laws, parameter_names
@@ -96,12 +94,9 @@ def amplitude_verification(test: Test, num_fitted: int, draws: Draws, laws: Laws
     Raises:
         DataError: No record can be read as the decay of one mode in its band.
     """
-    low, high = filter_of(test).band_hz
-    tables = [examined_decay(r, (low, high), test.settle).reading for r in test.records]
+    centre_hz = filter_of(test).centre_hz
+    tables = read_decays(test)
     read = [table for table in tables if table is not None]
-    if not read:
-        what, why, remedy = none_decays(test.name)
-        raise DataError(what, why=why, remedy=remedy)
     none = np.full(min(len(table.amplitude) for table in read), np.nan)
     sizes, frequencies, ratios, *errors = (
         np.stack([none if x is None else getattr(x, name)[: len(none)] for x in tables])
@@ -109,7 +104,7 @@ def amplitude_verification(test: Test, num_fitted: int, draws: Draws, laws: Laws
     )
     amplitude = np.linspace(0.0, 1.05 * np.nanmax(sizes), NUM_OF_DECAYS + 1)[1:]
     response = test.records[0].response
-    centre, order = 2 * np.pi * filter_of(test).centre_hz, derivative_order(response)
+    centre, order = 2 * np.pi * centre_hz, derivative_order(response)
     frequency, damping, _ = carry(
         curves_of_response, draws, jnp.asarray(amplitude), centre, order, laws
     )

@@ -1,26 +1,27 @@
 r"""Frequency and damping of a free decay at a fixed amplitude: what is comparable between records.
 
-Parameters of fits to whole records scatter with how hard the hammer hit, for no law is quite the
-structure's. Read at one amplitude A, from a window of amplitudes about it that every record passes,
-$$f(A),\quad \zeta(A) = -\frac{d\ln|X|/dt}{2\pi f}$$
-of the envelope X(t) do not: parabolas through its logarithm in the window, whatever the law. How
-they go with torque, $dy/d\ln T$ at fixed amplitudes, a fleet says.
+Parameters of laws fitted to whole records scatter with how hard the hammer hit, for no law is quite
+the structure's. Frequency and damping of the record's table at one amplitude A that every record
+passes do not. How they go with torque, $dy/d\ln T$ at fixed amplitudes, a fleet says.
 """
 
 import json
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
-from jaxtyping import Complex, Float
+from jaxtyping import Float
 
 from jbw.errors import DataError
 from jbw.measurement.channels import lines_within
-from jbw.measurement.demodulation import BandFilter, band_filter, demodulate
+from jbw.measurement.demodulation import band_filter, demodulate
 from jbw.measurement.envelopes import filter_of
-from jbw.measurement.records import Record, Test, share_clock
+from jbw.measurement.hypotheses.examine import read_decays
+from jbw.measurement.readings.table import ModeReading
+from jbw.measurement.records import Record, Test
 from jbw.population.coordinates import unit_names
 from jbw.population.population import Population, population_of, require_torque
 from jbw.population.prediction import new_units
@@ -31,10 +32,10 @@ from jbw.verification.backbone import curves_of_response
 from jbw.verification.predicted import carry
 from jbw.watch.statement import Trend
 
-WIDTH = np.sqrt(1.4)  # of a window: from A over it to A times it
-LEAST_VALUES = 8  # independent values of an envelope within a window
-OTHER_MODES = 0.02  # of the mode's amplitude: as much as other modes may have in a window
-SPARE = 1.05  # between an amplitude of the records and the end of a window that is chosen
+WIDTH = np.sqrt(1.4)  # times an amplitude: from there on other modes are looked for
+FEWEST = 64  # samples that they are looked for in
+OTHER_MODES = 0.02  # of the mode's amplitude: as much as other modes may have
+SPARE = 1.05  # between an amplitude of the records and one that is chosen
 PER_AMPLITUDE = 2  # values: frequency and logarithm of the damping
 RAISED = 1.1  # times the torque, over which a slope is taken
 
@@ -44,8 +45,8 @@ class RecordReading(NamedTuple):
 
     Attributes:
         values: f(A1) [Hz], ln zeta(A1); then for each other amplitude f(A) - f(A1), ln zeta(A).
-        covariance: Of these, by what the parabolas leave.
-        other_modes: Largest amplitude outside the band over that of the mode, in any window.
+        covariance: Of these, by the record's own table.
+        other_modes: Largest amplitude outside the band over that of the mode, at any amplitude.
     """
 
     values: Float[np.ndarray, " p"]
@@ -61,19 +62,18 @@ def names_of(amplitudes: Sequence[float], unit: str) -> list[str]:
 
 
 def common_amplitude(test: Test) -> float:
-    """The lowest amplitude whose window every record of a test passes, where other modes are gone.
+    """Return the lowest amplitude that every record of a test passes, where other modes are gone.
 
     Raises:
-        DataError: The records share no window.
+        DataError: The records share no amplitude.
     """
-    chosen = filter_of(test)
-    sizes = [np.abs(_envelope(record, test, chosen)[1]) for record in test.records]
-    lowest = max(size[-chosen.step :].mean() for size in sizes)
-    highest = min(size.max() for size in sizes)
+    tables = [_table(record, test) for record in test.records]
+    lowest = max(table.amplitude.min() for table in tables)
+    highest = min(table.amplitude.max() for table in tables)
     amplitude = SPARE * WIDTH * lowest
     if SPARE * amplitude * WIDTH > highest:
         raise DataError(
-            f"The records of test `{test.name}` pass no common window of amplitudes: one ends at "
+            f"The records of test `{test.name}` pass no common amplitude: one ends at "
             f"{lowest:.3g}, another begins at {highest:.3g}.",
             why="Readings can be compared at one and the same amplitude only.",
             remedy="Leave the weakest hit or the shortest record out with `exclude`, or record "
@@ -83,11 +83,11 @@ def common_amplitude(test: Test) -> float:
 
 
 def reading(record: Record, test: Test, amplitudes: Sequence[float]) -> RecordReading:
-    """A record of a test's kind, band and settling, read at peak amplitudes of its response.
+    """Read a record of a test's kind, band and settling at peak amplitudes of its response.
 
     Raises:
-        DataError: A record that cannot be compared: of another response, outside a window, too few
-            values in it, not decaying, or with other modes in it.
+        DataError: A record that cannot be compared: of another response, beyond the amplitudes, not
+            decaying, or with other modes in it.
     """
     if not test.traits.is_free:
         raise DataError(
@@ -96,89 +96,71 @@ def reading(record: Record, test: Test, amplitudes: Sequence[float]) -> RecordRe
             why="Frequency and damping are read at fixed amplitudes along a decay.",
             remedy="Watch a run of kind `decay`.",
         )
-    chosen = filter_of(test)
-    times, envelope = _envelope(record, test, chosen)
-    parts, shares = [], []
+    table, unit = _table(record, test), record.units.get(record.response, "")
+    highest, lowest = table.amplitude[[0, -1]]
     for amplitude in amplitudes:
-        inside = _window(np.abs(envelope), amplitude, chosen, record, test)
-        shares.append(_other_modes(record, times[inside], chosen, test))
-        if shares[-1] > OTHER_MODES:
+        if not lowest <= amplitude <= highest:
             raise DataError(
-                f"`{record.name}` has other modes of {shares[-1]:.1%} of its displacement at "
-                f"{amplitude:g} {_unit(record)}; at most {OTHER_MODES:.0%} are admitted.",
+                f"`{record.name}` is read from {highest:.3g} to {lowest:.3g} {unit}, but not at "
+                f"{amplitude:g} {unit}.",
+                why="Readings can be compared at one and the same amplitude only.",
+                remedy="Hit harder, shorten `settle` or record longer, or begin a watch at another "
+                "--amplitude.",
+            )
+    read = table.at(np.array(amplitudes))
+    other_modes = [
+        _other_modes(record, test, *row) for row in zip(amplitudes, read.hz, read.zeta, strict=True)
+    ]
+    for amplitude, share in zip(amplitudes, other_modes, strict=True):
+        if share > OTHER_MODES:
+            raise DataError(
+                f"`{record.name}` has other modes of {share:.1%} of its displacement at "
+                f"{amplitude:g} {unit}; at most {OTHER_MODES:.0%} are admitted.",
                 why="The joint then moves by more than its own mode, and dissipates more.",
                 remedy="Read at a lower amplitude, where other modes have died.",
             )
-        samples = slice(inside.start, inside.stop, chosen.step)
-        parts.append(_at(times[samples], envelope[samples], amplitude, chosen, record))
-    return _joined(parts, max(shares))
+    return RecordReading(*_compared(read), max(other_modes))
 
 
-def _envelope(
-    record: Record, test: Test, chosen: BandFilter
-) -> tuple[Float[np.ndarray, " time"], Complex[np.ndarray, " time"]]:
-    """Times since the record's start [s] and envelope in the band, after the settling time."""
+def _table(record: Record, test: Test) -> ModeReading:
+    """Frequency and damping along a record by the test's response, band and settling time."""
     response = test.records[0].response
     if response not in record.channels:
         raise DataError(
             f"`{record.name}` has no {response}, in which test `{test.name}` is read.",
             remedy="Give a record of the same channels.",
         )
-    if not share_clock(record.fs, chosen.fs):
-        raise DataError(
-            f"`{record.name}` is sampled at {record.fs:g} Hz, test `{test.name}` at {chosen.fs:g}.",
-            why="The band's filter is of one rate, and readings through two are not comparable.",
-            remedy="Resample it, or watch another run.",
-        )
-    chosen = chosen if record.fs == chosen.fs else band_filter(chosen.band_hz, record.fs)
-    skipped = round(test.settle * record.fs)
-    times, envelope = demodulate(record.channels[response][skipped:], chosen)
-    return times + skipped / record.fs, envelope
+    filter_of(test)  # which refuses a test without a band
+    alone = replace(test, records=(record,), name=record.name)
+    (table,) = (read for read in read_decays(alone) if read is not None)  # else it is refused
+    return table
 
 
-def _window(
-    size: Float[np.ndarray, " time"],
-    amplitude: float,
-    chosen: BandFilter,
-    record: Record,
-    test: Test,
-) -> slice:
-    """Where the envelope falls from the upper end of a window to the lower one."""
-    high, low, unit = amplitude * WIDTH, amplitude / WIDTH, _unit(record)
-    peak = int(np.argmax(size))
-    below = np.flatnonzero(size[peak:] <= high)
-    ended = np.flatnonzero(size[peak:] <= low)
-    if size[peak] < high or not ended.size:
-        raise DataError(
-            f"`{record.name}` falls from {size[peak]:.3g} to {size[-1]:.3g} {unit} and does not "
-            f"pass the window from {high:.3g} to {low:.3g} {unit} about {amplitude:g}.",
-            why="Readings can be compared at one and the same amplitude only.",
-            remedy="Hit harder, shorten `settle` or record longer, or begin a watch at another "
-            "--amplitude.",
-        )
-    start, stop = peak + int(below[0]), peak + int(ended[0])
-    if stop - start < LEAST_VALUES * chosen.step:
-        raise DataError(
-            f"`{record.name}` passes the window about {amplitude:g} {unit} in "
-            f"{(stop - start) / chosen.fs:.3g} s; at least {LEAST_VALUES * chosen.step_s:.3g} s "
-            f"are needed, for {LEAST_VALUES} independent values in the band.",
-            remedy="Widen `band`, or read at an amplitude where the decay is slower.",
-        )
-    return slice(start, stop)
+def _compared(read: ModeReading) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"]]:
+    """Frequencies, those beyond the first by their difference, and ln zeta, with covariance."""
+    size = len(read.hz)
+    values = np.stack([read.hz, np.log(read.zeta)], axis=1).ravel()
+    values[2::2] -= values[0]
+    by_hz, by_zeta = np.zeros((2, 2 * size, size))
+    by_hz[::2], by_zeta[1::2] = np.eye(size), np.diag(1 / read.zeta)
+    by_hz[2::2, 0] -= 1.0
+    covariance = by_hz @ read.hz_covariance @ by_hz.T + by_zeta @ read.zeta_covariance @ by_zeta.T
+    return values, covariance
 
 
-def _other_modes(
-    record: Record, times: Float[np.ndarray, " time"], chosen: BandFilter, test: Test
-) -> float:
-    """Largest spectral line outside the band over that within, in the first half of a window.
+def _other_modes(record: Record, test: Test, amplitude: float, hz: float, zeta: float) -> float:
+    """Return the largest spectral line outside the band over that within, from an amplitude on.
 
-    Of the displacement, by which the joint slips.
+    Of the displacement, by which the joint slips, over the time in which it falls by a sixth.
     """
-    start = round(times[0] * record.fs)
-    x = record.channels[test.records[0].response][start : start + len(times) // 2]
+    x = record.channels[record.response][round(test.settle * record.fs) :]
+    chosen = band_filter(filter_of(test).band_hz, record.fs)
+    above = np.flatnonzero(np.abs(demodulate(x, chosen)[1]) >= amplitude * WIDTH)
+    start = chosen.half + (int(above[-1]) if len(above) else 0)
+    x = x[start : start + max(round(np.log(WIDTH) / (2 * np.pi * hz * zeta) * record.fs), FEWEST)]
     spectrum = np.abs(np.fft.rfft((x - x.mean()) * np.hanning(len(x))))
     freq = np.fft.rfftfreq(len(x), 1 / record.fs)
-    spectrum[1:] /= freq[1:] ** derivative_order(test.records[0].response)
+    spectrum[1:] /= freq[1:] ** derivative_order(record.response)
     (low, high), half = chosen.band_hz, (chosen.band_hz[1] - chosen.band_hz[0]) / 2
     within = lines_within(freq, (low, high))
     # A Hann window smears a line, and a mean that is taken out, over four lines.
@@ -187,68 +169,6 @@ def _other_modes(
     if not (within.any() and outside.any()):
         return 0.0
     return float(spectrum[outside].max() / spectrum[within].max())
-
-
-def _at(
-    times: Float[np.ndarray, " step"],
-    envelope: Complex[np.ndarray, " step"],
-    amplitude: float,
-    chosen: BandFilter,
-    record: Record,
-) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, "2 2"]]:
-    """Frequency and ln zeta at an amplitude, with their covariance, from parabolas through ln X."""
-    middle, half = (times[0] + times[-1]) / 2, (times[-1] - times[0]) / 2
-    design = np.vander((times - middle) / half, 3, increasing=True)
-    log = np.stack([np.log(np.abs(envelope)), np.unwrap(np.angle(envelope))], axis=-1)
-    coefficients, *_ = np.linalg.lstsq(design, log, rcond=None)
-    residual = log - design @ coefficients
-    spread = np.linalg.inv(design.T @ design)
-    noise = np.sum(residual**2, axis=0) / (len(times) - 3)
-    place = _crossing(coefficients[:, 0], np.log(amplitude))
-    value, slope = np.array([1, place, place**2]), np.array([0, 1, 2 * place])
-    (fall, turn), bends = slope @ coefficients, 2 * coefficients[2]
-    if not fall < 0:
-        raise DataError(
-            f"`{record.name}` does not decay at {amplitude:g} {_unit(record)}.",
-            remedy="Look at it with: jbw check CAMPAIGN --figures DIR.",
-        )
-    frequency = chosen.centre_hz + turn / half / (2 * np.pi)
-    # By the coefficients of size and of phase: what moves the size moves the place, too, and both
-    # slopes along their bends.
-    place_by_size = -value / fall
-    fall_by = np.concatenate([slope + bends[0] * place_by_size, np.zeros(3)])
-    turn_by = np.concatenate([bends[1] * place_by_size, slope])
-    frequency_by = turn_by / half / (2 * np.pi)
-    jacobian = np.stack([frequency_by, fall_by / fall - frequency_by / frequency])
-    values = np.array([frequency, np.log(-fall / half / (2 * np.pi * frequency))])
-    return values, jacobian @ np.kron(np.diag(noise), spread) @ jacobian.T
-
-
-def _crossing(parabola: Float[np.ndarray, " 3"], level: float) -> float:
-    """Where a parabola over [-1, 1] that falls meets a level, by Newton's steps from its middle."""
-    place = 0.0
-    for _ in range(50):
-        value = parabola @ [1, place, place**2] - level
-        place -= value / (parabola[1] + 2 * parabola[2] * place)
-        place = float(np.clip(place, -1.5, 1.5))
-    return place
-
-
-def _joined(
-    parts: Sequence[tuple[Float[np.ndarray, " 2"], Float[np.ndarray, "2 2"]]], share: float
-) -> RecordReading:
-    """Readings at several amplitudes as one; frequencies beyond the first by their difference."""
-    values = np.concatenate([part for part, _ in parts])
-    covariance = np.zeros((len(values), len(values)))
-    for i, (_, part_covariance) in enumerate(parts):
-        covariance[2 * i : 2 * i + 2, 2 * i : 2 * i + 2] = part_covariance
-    change = np.eye(len(values))
-    change[2::2, 0] = -1.0
-    return RecordReading(change @ values, change @ covariance @ change.T, share)
-
-
-def _unit(record: Record) -> str:
-    return record.units.get(record.response, "")
 
 
 def trend_of(

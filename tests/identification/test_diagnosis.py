@@ -21,8 +21,10 @@ def readings(q, ratio, softening=0.01, noise=0.0, seed=0):
     """Of a joint whose loss of frequency and added damping grow by the power q."""
     rng = np.random.default_rng(seed)
     part = softening * (Y / Y[-1]) ** q
-    scatter = noise * softening / (Y / Y[-1]) * rng.normal(size=(2, Y.size))
-    return AmplitudeCurve(Y, 500.0 * (1 - part + scatter[0]), 0.003 + ratio * part + scatter[1])
+    sd = noise * softening / (Y / Y[-1])
+    scatter = sd * rng.normal(size=(2, Y.size))
+    frequency, damping = 500.0 * (1 - part + scatter[0]), 0.003 + ratio * part + scatter[1]
+    return AmplitudeCurve(Y, frequency, damping, np.diag((500.0 * sd) ** 2), np.diag(sd**2))
 
 
 # Closed forms of Segalman's and Iwan's arrays, worked out by hand for these exponents.
@@ -73,7 +75,7 @@ def test_a_smooth_pair_is_told_where_straight_lines_are_seen():
     spring, damper, omega = -5e5, 0.9, 500.0
     kappa = 8 * spring * Y / (3 * np.pi)
     frequency = np.sqrt(omega**2 + kappa)
-    found = diagnose(AmplitudeCurve(Y, frequency, 0.003 + 8 / (3 * np.pi) * damper * Y / 2))
+    found = diagnose(exactly(Y, frequency, 0.003 + 8 / (3 * np.pi) * damper * Y / 2))
     # First order in a softening of 0.1 %.
     np.testing.assert_allclose(found.spring, spring, rtol=2e-3)
     np.testing.assert_allclose(found.damper, damper, rtol=1e-3)
@@ -85,22 +87,32 @@ def test_a_smooth_pair_is_told_where_straight_lines_are_seen():
 def test_damping_without_softening_is_told():
     rng = np.random.default_rng(0)
     still = 500.0 * (1 + 1e-6 * rng.normal(size=Y.size) / Y * Y[-1])
-    grows = diagnosis_sentences(diagnose(AmplitudeCurve(Y, still, 0.003 + 1e-3 * Y / Y[-1])))
+    sd = np.diag((5e-4 / Y * Y[-1]) ** 2)
+    none = np.zeros_like(sd)
+    growing = AmplitudeCurve(Y, still, 0.003 + 1e-3 * Y / Y[-1], sd, none)
+    grows = diagnosis_sentences(diagnose(growing))
     assert grows[1].endswith("as with Dahl's law or a damper.")
     noise = 1e-5 * rng.normal(size=Y.size)
-    stuck = diagnosis_sentences(diagnose(AmplitudeCurve(Y, still, 0.003 + noise)))
+    constant = AmplitudeCurve(Y, still, 0.003 + noise, sd, none + 1e-10 * np.eye(len(Y)))
+    stuck = diagnosis_sentences(diagnose(constant))
     assert stuck[1].endswith("as of sliders in full stick.")
 
 
+def exactly(*columns):
+    none = np.zeros((len(columns[0]), len(columns[0])))
+    return AmplitudeCurve(*columns, none, none)
+
+
 def test_few_readings_say_nothing():
-    assert diagnose(AmplitudeCurve(*(x[:4] for x in readings(1.0, 0.3)))) is None
+    assert diagnose(readings(1.0, 0.3).at(np.arange(len(Y)) < 4)) is None
 
 
 def turned(y, noise, seed):
     """Readings whose frequency falls to 98.75 % of 100 Hz where 3 y^2 = 0.01 y^0.5, then rises."""
     rng = np.random.default_rng(seed)
     hz = 100 * (1 - 0.02 * y**0.5 + 0.03 * y**2) + noise * rng.standard_normal(len(y))
-    return AmplitudeCurve(1e-3 * y, 2 * np.pi * hz, 0.01 + 0.002 * y)
+    spread = np.eye(len(y)) * (2 * np.pi * noise) ** 2
+    return AmplitudeCurve(1e-3 * y, 2 * np.pi * hz, 0.01 + 0.002 * y, spread, 0.0 * spread)
 
 
 @pytest.mark.parametrize("count", [8, 12, 60])
@@ -124,11 +136,13 @@ def test_one_way_is_no_turn():
         noise = 0.02 * np.random.default_rng(seed).standard_normal(len(y))
         for power, change in ((0.5, -1.0), (1.0, 1.0), (2.0, -1.0), (1.0, 0.0)):
             hz = 100 + change * y**power + noise
-            wrong += turning_point(AmplitudeCurve(y, 2 * np.pi * hz, y)) is not None
+            spread = np.eye(len(y)) * (2 * np.pi * 0.02) ** 2
+            curve = AmplitudeCurve(y, 2 * np.pi * hz, y, spread, spread)
+            wrong += turning_point(curve) is not None
     assert wrong <= 4  # 2 % of 200
 
 
 def test_a_damping_that_is_not_positive_is_no_reading():
-    curve = AmplitudeCurve(np.ones(3), np.ones(3), np.array([0.01, -0.02, 0.03]))
+    curve = exactly(np.ones(3), np.ones(3), np.array([0.01, -0.02, 0.03]))
     part = SimpleNamespace(drive="", shown=lambda: Shown(amplitude_readings=lambda: curve))
     np.testing.assert_array_equal(readings_of((part, part)).zeta, [0.01, 0.03, 0.01, 0.03])

@@ -22,7 +22,7 @@ from scipy.linalg import expm
 from scipy.stats import chi2, kstest
 
 from jbw.errors import DataError
-from jbw.measurement.demodulation import band_filter, demodulate, read_decay
+from jbw.measurement.demodulation import band_filter, demodulate
 from jbw.measurement.records import Record, Test
 from jbw.observables.dataset import Dataset, halved, log_likelihood
 from jbw.observables.decay import Decays, begun, decay_of, matched
@@ -45,9 +45,6 @@ def test_envelope_is_that_of_a_decaying_cosine():
     expected *= np.exp(-2j * np.pi * chosen.centre_hz * time)
     # The other half of the cosine is 80 dB down, and further out at least a factor of ten more.
     assert np.max(np.abs(envelope - expected)) < 2e-5
-    read = read_decay(envelope[:: chosen.step], chosen.step_s, chosen.centre_hz, 0.5)
-    np.testing.assert_allclose(read.frequency_hz, 20.4, rtol=1e-5)
-    np.testing.assert_allclose(read.damping, rate / omega, rtol=1e-3)
 
 
 def test_noise_leaves_independent_values_of_its_own_density():

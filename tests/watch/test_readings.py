@@ -35,33 +35,30 @@ def impacts(*velocities):
 def test_a_linear_decay_reads_what_it_is():
     test = impacts(linear())
     decay_reading = reading(test.records[0], test, [0.3, 0.6])
-    # The filter's 80 dB leave 1e-4 of the mirror at -f in the envelope; the slopes less.
-    assert decay_reading.values[0] == pytest.approx(F_HZ, abs=1e-5)
+    # The stated floor: 0.3 % of zeta, of the frequency and of the damping ratio.
+    assert decay_reading.values[0] == pytest.approx(F_HZ, abs=1e-4)
     assert decay_reading.values[1] == pytest.approx(np.log(ZETA), abs=1e-4)
-    assert decay_reading.values[2] == pytest.approx(0.0, abs=1e-5)
+    assert decay_reading.values[2] == pytest.approx(0.0, abs=1e-4)
     assert decay_reading.values[3] == pytest.approx(np.log(ZETA), abs=1e-4)
     # Sidelobes of the mode itself, through a Hann window of a few of its periods.
     assert decay_reading.other_modes < 5e-3
     assert len(names_of([0.3, 0.6], "m/s")) == len(decay_reading.values) == 2 * PER_AMPLITUDE
 
 
-def test_the_covariance_is_the_scatter_of_repeats():
+def test_the_covariance_contains_the_scatter_of_repeats():
     test = impacts(linear())
     readings = [
-        reading(record(linear(noise=2e-3, seed=i, phase=i)), test, [0.6, 0.3]) for i in range(300)
+        reading(record(linear(noise=6e-3, seed=i, phase=i)), test, [0.6, 0.3]) for i in range(40)
     ]
     values = np.stack([repeat.values for repeat in readings])
     mean_covariance = np.mean([repeat.covariance for repeat in readings], axis=0)
-    sd = values.std(axis=0, ddof=1)
-    # An sd of 300 is known to 4 %; values of the envelope one step apart are correlated by a few
-    # per cent, and share nothing with what the covariance takes for independent windows.
-    assert sd == pytest.approx(np.sqrt(np.diag(mean_covariance)), rel=0.2)
-    correlation = np.corrcoef(values.T)[0, 2]
-    assert correlation == pytest.approx(
-        mean_covariance[0, 2] / np.sqrt(mean_covariance[0, 0] * mean_covariance[2, 2]), abs=0.2
-    )
-    # Unbiased to four standard errors.
-    assert np.abs(values.mean(axis=0)[0] - F_HZ) < 4 * sd[0] / np.sqrt(300) + 1e-5
+    variance, stated = values.var(axis=0, ddof=1), np.diag(mean_covariance)
+    # The stated floor, 0.3 % of zeta, is above the noise. Whatever it is, noise has a part in it.
+    assert np.all(variance < stated)
+    assert np.all(variance > 0.05 * stated)
+    # The natural frequency, unbiased to four standard errors.
+    natural = F_HZ * np.sqrt(1 + ZETA**2)
+    assert np.abs(values.mean(axis=0)[0] - natural) < 4 * np.sqrt(variance[0] / 40)
 
 
 def hysteretic(size):
@@ -92,10 +89,10 @@ def power_law(size, seconds=9.0):
     [(hysteretic, (0.15, 0.3), 0.09), (power_law, (0.5, 1.5), 0.2)],
 )
 def test_a_louder_hammer_reads_the_same(joint, sizes, amplitude):
-    """Parameters of whole records move by per cents with the hammer; a reading must not."""
+    """Parameters of laws move by per cents with the hammer; a reading must not."""
     test = impacts(*(joint(size) for size in sizes))
     soft, loud = (reading(record, test, [amplitude]).values for record in test.records)
-    # Where the window begins within a step of the envelope differs: 1e-3 of the damping.
+    # The basis differs that either record asks for: 1e-3 of the damping.
     assert loud[0] == pytest.approx(soft[0], rel=2e-5)
     assert loud[1] == pytest.approx(soft[1], abs=3e-3)
 
@@ -103,8 +100,7 @@ def test_a_louder_hammer_reads_the_same(joint, sizes, amplitude):
 def test_a_power_law_reads_its_own_damping():
     test = impacts(power_law(1.5))
     values = reading(test.records[0], test, [0.2]).values
-    # A parabola over a window of 1.4 in amplitude misses a power of 0.6 by a few 1e-3: of the
-    # damping, and of the frequency's fall, which is 8e-3 of it.
+    # The stated floor of averaging is 5e-3 of the damping where this changes by its own half.
     zeta = 0.001 + 0.003 * 0.2**0.6
     assert values[1] == pytest.approx(np.log(zeta), abs=5e-3)
     assert values[0] == pytest.approx(F_HZ * (1 - 0.02 * 0.2**0.6), rel=3e-5)
@@ -120,15 +116,15 @@ def test_the_common_amplitude_lies_within_every_record():
 
 
 def test_records_without_a_common_window_are_refused():
-    with pytest.raises(jbw.DataError, match="pass no common window"):
-        common_amplitude(impacts(linear(1.0, zeta=1e-4), linear(0.3)))
+    with pytest.raises(jbw.DataError, match="pass no common amplitude"):
+        common_amplitude(impacts(linear(1.0, zeta=4e-4), linear(0.3)))
 
 
 @pytest.mark.parametrize(
     ("changed", "message"),
     [
-        (lambda v: 0.2 * v, "`hit` falls from .* does not pass the window from 0.71 to 0.507 m/s"),
-        (lambda v: v[: len(v) // 16], "`hit` falls from|takes a record longer"),
+        (lambda v: 0.2 * v, r"`hit` is read from 0.\d+ to 0.\d+ m/s, but not at 0.6 m/s"),
+        (lambda v: v[: len(v) // 16], "`hit` is read from|must decay in its `band`"),
         (lambda v: v + 0.1 * np.cos(OMEGA_N * 2.5 * np.arange(len(v)) / FS), "has other modes"),
     ],
 )
@@ -138,14 +134,10 @@ def test_records_that_cannot_be_compared_are_refused(changed, message):
         reading(record(changed(linear())), test, [0.6])
 
 
-def test_other_channels_rates_and_kinds_are_refused():
+def test_other_channels_and_kinds_are_refused():
     test = impacts(linear())
     other = Record(FS, {"acceleration": linear()}, {"acceleration": "m/s^2"}, "hit")
     with pytest.raises(jbw.DataError, match="has no velocity"):
         reading(other, test, [0.6])
-    with pytest.raises(jbw.DataError, match="sampled at 100 Hz, test `impacts` at 512"):
-        reading(replace(record(linear()), fs=100.0), test, [0.6])
     with pytest.raises(jbw.DataError, match="kind `sweep`, which is no free decay"):
         reading(record(linear()), replace(test, kind="sweep"), [0.6])
-    with pytest.raises(jbw.DataError, match="independent values in the band"):
-        reading(record(linear(zeta=0.005)), test, [0.4])

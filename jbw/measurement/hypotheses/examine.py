@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import platformdirs
 
-from jbw.errors import JbwError
+from jbw.errors import DataError, JbwError
 from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.checks.responses import about_peak, undecaying
 from jbw.measurement.hypotheses.begins_late import begins_late
@@ -23,9 +23,10 @@ from jbw.measurement.hypotheses.hypothesis import Facts, Fits
 from jbw.measurement.hypotheses.window import window_constant
 from jbw.measurement.readings.read import decay_fits, sweep_fits
 from jbw.measurement.readings.table import MeasuredChange, ModeReading, read_fits
-from jbw.measurement.records import Record
+from jbw.measurement.records import Record, Test
 from jbw.measurement.spans import start_of
 from jbw.report.messages import decay_faults as messages
+from jbw.report.messages.reading import none_decays
 from jbw.sources import sources_of
 
 Band = tuple[float, float]
@@ -65,6 +66,23 @@ def examined_decay(record: Record, band_hz: Band | None, settle_s: float) -> Exa
     key = _key(record, "decay", (*band, settle_s))
     with np.errstate(all="ignore"):  # of searches that run away
         return _kept(key, lambda: _read_or(band, lambda: _decay(record, band, settle_s)))
+
+
+def read_decays(test: Test) -> list[ModeReading | None]:
+    """Read every record of a test of decays; None of a record that cannot be read.
+
+    Raises:
+        DataError: No record can be read.
+    """
+    found = [examined_decay(record, test.band_hz, test.settle) for record in test.records]
+    readings = [one.reading for one in found]
+    if all(reading is None for reading in readings):
+        faults = [fault for one in found for fault in one.faults]
+        what, why, remedy = none_decays(test.name)
+        if faults:
+            why, remedy = faults[0].what, faults[0].remedy or remedy
+        raise DataError(what, why=why, remedy=remedy)
+    return readings
 
 
 def examined_sweep(record: Record, band_hz: Band | None, delay_s: float) -> Examined:

@@ -17,9 +17,11 @@ from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.linalg import block_diag
 from scipy.special import chdtrc, erfc, fdtrc
 
 from jbw.measurement.channels import Reals
+from jbw.measurement.resonances import AmplitudeCurve
 
 ROWS = 4  # of a record: its table is that smooth
 EXPONENTS = np.round(np.concatenate([np.arange(-1.2, 0.0, 0.1), np.arange(0.1, 4.01, 0.05)]), 3)
@@ -56,6 +58,22 @@ class RecordTable(NamedTuple):
     hz_covariance: Float[np.ndarray, "row row"]
     zeta_covariance: Float[np.ndarray, "row row"]
     chance: float = 0.0
+
+
+def curve_of(tables: Sequence[RecordTable]) -> AmplitudeCurve:
+    """Return the rows of all records as one curve; its covariances contain how records differ."""
+
+    def covariance(quantity: str, unit: float) -> Float[np.ndarray, "row row"]:
+        mean = np.mean(np.concatenate([getattr(table, quantity) for table in tables]))
+        spread = trend(tables, quantity).scatter * mean
+        blocks = [getattr(table, f"{quantity}_covariance") + spread**2 for table in tables]
+        return unit**2 * np.asarray(block_diag(*blocks))
+
+    y, hz, zeta = (
+        np.concatenate([getattr(table, name) for table in tables]) for name in ("y", "hz", "zeta")
+    )
+    radians = 2 * np.pi
+    return AmplitudeCurve(y, radians * hz, zeta, covariance("hz", radians), covariance("zeta", 1.0))
 
 
 class AmplitudeTrend(NamedTuple):

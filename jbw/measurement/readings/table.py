@@ -14,11 +14,12 @@ $$(c + \zeta)\,\Delta f + \Delta f^2 / f + f \zeta \Delta\zeta, \qquad
 and 0.3 % of zeta (1.5 % in a sweep, for the frequency), which the documentation states.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
+from scipy.interpolate import CubicSpline
 from scipy.special import fdtrc
 
 from jbw.measurement.channels import Reals
@@ -30,6 +31,7 @@ from jbw.measurement.readings.slow_flow import (
     covariance,
     independent_share,
 )
+from jbw.measurement.readings.statement import RecordTable
 from jbw.measurement.readings.sweep import SweepFits
 
 POINTS = 12  # amplitudes of a table
@@ -109,6 +111,24 @@ class ModeReading:
     def y(self) -> Reals:
         """Amplitude of the displacement [m]."""
         return self.amplitude / (2 * np.pi * self.hz) ** self.order
+
+    def at(self, amplitudes: Reals) -> "ModeReading":
+        """Return the reading at other amplitudes of its range, by cubics through its rows."""
+        rows = np.eye(len(self.amplitude))[::-1]
+        weights = CubicSpline(np.log(self.amplitude[::-1]), rows)(np.log(amplitudes))
+        return replace(
+            self, amplitude=amplitudes, hz=weights @ self.hz, zeta=weights @ self.zeta,
+            hz_covariance=weights @ self.hz_covariance @ weights.T,
+            zeta_covariance=weights @ self.zeta_covariance @ weights.T,
+        )  # fmt: skip
+
+    def table(self) -> RecordTable:
+        """Return the rows as statements take them, from the smallest amplitude on."""
+        back = slice(None, None, -1)
+        return RecordTable(
+            self.y[back], self.hz[back], self.zeta[back], self.hz_covariance[back, back],
+            self.zeta_covariance[back, back], self.chance,
+        )  # fmt: skip
 
     @property
     def is_nonlinear(self) -> bool:

@@ -43,9 +43,6 @@ def worn(test: str, cycle: int, change: float) -> str:
     )
 
 
-TOO_SHORT = "Its records hold too few values in `band`."
-
-
 def not_read(tests: Sequence[str], why: str) -> str:
     """Tests of which frequency and damping could not be read."""
     return f"Not read: {', '.join(tests)}. {why}"
