@@ -31,7 +31,7 @@ from jbw.measurement.checks.controlled import Control, uncontrolled
 from jbw.measurement.checks.drive_noise import noisy_drive
 from jbw.measurement.checks.faults import Fault, doubt, gathered, refusal, worst
 from jbw.measurement.checks.long_records import DRIFTS, long_records
-from jbw.measurement.checks.loops import degrading, off_centre, travels_freely
+from jbw.measurement.checks.loops import one_sided, travels_freely
 from jbw.measurement.checks.plausibility import doubts, swapped
 from jbw.measurement.curves import forced_loop, response_curve
 from jbw.measurement.hypotheses.begins_late import begins_late, blows_seen
@@ -484,7 +484,7 @@ def _stated(record: Record, test: TestSpec, spec: CampaignSpec) -> Iterator[Faul
     if test.traits.is_prescribed:
         loop = forced_loop(record, test.delay)
         yield from travels_freely(loop, spec.laws)
-        yield from off_centre(loop, test.load_cell)
+        yield from one_sided(loop)
     if not (test.traits.is_free or test.traits.is_controlled):
         yield from responses.level_unlike(record, test.level)
 
@@ -523,5 +523,4 @@ def _believable(
     elif traits.is_prescribed:
         loop = forced_loop(record, test.delay)
         turned = list(responses.gives_energy(loop))
-        yield from turned or loop_causes(record, test.delay)
-        yield from degrading(loop, laws)
+        yield from turned or loop_causes(record, test.delay, test.load_cell, laws)

@@ -26,7 +26,7 @@ from jbw.measurement.steady_lines import without_lines
 from jbw.report.messages import remedies
 
 LINE = re.compile(r"`((\w+) = [^`]+)`")
-STATED = {"settle", "band", "delay"}  # keys that a record is looked at with, as it is
+STATED = {"settle", "band", "delay", "load_cell"}  # keys that a record is looked at with, as it is
 OR = ", or "  # between the parts of a remedy
 # Between the damping ratios of two modes over one, and their frequencies over a half-power width:
 # cures of drawn faults leave less than 0.13, lines that are accepted and wrong 0.18 and more.

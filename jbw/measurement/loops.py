@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import signal
 
 from jbw.errors import ConfigError, DataError
-from jbw.measurement.channels import Reals, channel, noise_of, passband, same_length, sampling
+from jbw.measurement.channels import Reals, channel, passband, same_length, sampling
 from jbw.measurement.curves import ForcedLoop
 from jbw.measurement.harmonics import Tones, check_tones, sine_fit
 
@@ -30,8 +30,6 @@ TURN = 0.1  # of the whole stroke: what goes back by less is no reversal
 ALIKE = 0.02  # of their stroke: cycles of one amplitude
 FEWEST = 3  # cycles of one amplitude, of which the first still remembers what was before
 AT_REST = 0.02  # of the whole stroke: a loop that begins closer to y = 0 begins there
-STEADY = 0.5  # of what a centre moves in a cycle of the first half of its course, later on
-SURE = 3.0  # standard deviations that a statement on noisy samples is beyond chance
 TINY = 1e-300
 
 
@@ -154,17 +152,6 @@ def _burg(x: Reals, order: int) -> Reals:
     return a
 
 
-class WithError(NamedTuple):
-    """A number read off a loop, and its standard deviation by the noise of single samples."""
-
-    value: float
-    sd: float
-
-    def exceeds(self, least: float) -> bool:
-        """Whether it is surely farther from zero."""
-        return abs(self.value) > least + SURE * self.sd
-
-
 class Cycle(NamedTuple):
     """Samples from one largest displacement to the next, its stroke and the rms of its force."""
 
@@ -279,53 +266,16 @@ def _amplitudes(cycles: Sequence[Cycle]) -> list[int]:
     return numbers
 
 
-def start_of(loop: ForcedLoop) -> WithError | None:
-    """Force at the start of a loop that begins at y = 0, over its half range; None of others.
-
-    A joint that nothing has loaded exerts none there, whatever its law.
-    """
-    y, force = loop.displacement, loop.force
-    reach = float(np.ptp(y))
-    if not np.ptp(force) or abs(y[0]) > AT_REST * reach:
-        return None
-    away = np.abs(y - y[0]) > AT_REST * reach
-    first = y[: max(int(np.argmax(away)), 2)]  # until it has left its start
-    slope = 0.0 if np.ptp(first) == 0 else float(np.polyfit(first, force[: len(first)], 1)[0])
-    half = 0.5 * float(np.ptp(force))
-    # Of a straight line at the end of its samples, twice that of their mean.
-    noise = 2 * np.hypot(noise_of(force), slope * noise_of(y)) / np.sqrt(len(first))
-    return WithError(float(np.mean(force[: len(first)] - slope * first)) / half, noise / half)
-
-
-def drift_of(loop: ForcedLoop) -> WithError:
-    """How far the mean forces of equal cycles move in their course, over their half range.
-
-    Zero where that is no steady course: a joint that forgets its start slows down.
-    """
-    most, noise = WithError(0.0, 0.0), noise_of(loop.force)
-    for equal_cycles in of_one_amplitude(cycles_of(loop)):
-        centres = np.array([np.mean(loop.force[cycle.samples]) for cycle in equal_cycles[1:]])
-        middle = len(centres) // 2
-        if not 0 < middle < len(centres) - 1:
-            continue
-        before = (centres[middle] - centres[0]) / middle
-        after = (centres[-1] - centres[middle]) / (len(centres) - 1 - middle)
-        is_steady = before * after > 0 and abs(after) > STEADY * abs(before)
-        half = max(0.5 * float(np.ptp(loop.force[equal_cycles[-1].samples])), TINY)
-        change = float(centres[-1] - centres[0]) / half
-        if is_steady and abs(change) > abs(most.value):
-            most = WithError(change, noise * np.sqrt(2 / equal_cycles[-1].num_samples) / half)
-    return most
-
-
 def lopsided(loop: ForcedLoop) -> float:
-    r"""Median of $(F^+ - F^-) / (F^+ + F^-)$ of the forces at the turning points of all cycles."""
-    centres = np.array([_centre(loop, cycle) for cycle in cycles_of(loop)])
-    if not len(centres):
+    r"""Return the median of $(F^+ - F^-) / (F^+ + F^-)$ at the turning points of all cycles.
+
+    Forces are about that of a loop that begins at y = 0, which no joint exerts there.
+    """
+    y, sides = loop.displacement, [_centre(loop, cycle) for cycle in cycles_of(loop)]
+    if not sides:
         return 0.0
-    centre, half = centres.T
-    start = start_of(loop)
-    offset = start.value * np.max(half) if start else 0.0
+    centre, half = np.transpose(sides)
+    offset = loop.force[0] if abs(y[0]) <= AT_REST * np.ptp(y) else 0.0
     return float(np.median((centre - offset) / np.maximum(half, TINY)))
 
 

@@ -767,7 +767,11 @@ def hardening(y):
         (with_a_gap, "laws", "travels freely over 1.92 of 6 mm"),
         # Twenty samples and a half.
         (late, "delay", "s late against the displacement"),
-        (drifting, "load_cell", "begins 12.4 % of its half range away from zero and moves"),
+        (
+            drifting,
+            "load_cell",
+            "begins 12.4 % of its half range away from zero and moves by 16.5 %",
+        ),
     ],
 )
 def test_a_pasted_remedy_of_a_loop_cures(tmp_path, made, key, said):

@@ -81,3 +81,60 @@ def test_a_fault_of_a_loop_is_named_with_its_size(spoil, what, size, remedy):
 
 def test_a_stated_delay_leaves_nothing():
     assert list(loop_causes(loop(*late(motion())), 0.05)) == []
+
+
+def test_a_slip_is_placed_in_the_record_though_a_delay_leaves_out_its_beginning():
+    y, force = slipped(motion())
+    time = np.arange(len(y)) / FS
+    early = loop(y, np.interp(time + 0.06, time, force))
+    (fault,) = loop_causes(early, -0.06)
+    assert "m at 10 s while" in fault.what  # sample 500 of the file
+    begin, end = map(float, re.search(r"span = \[(.*?), (.*?)\]", fault.remedy).groups())
+    assert end <= 10.0 or begin >= 10.0
+    assert max(10.0 - begin, end - 10.0) > 5.0  # the part is no shorter than it must be
+
+
+def zero_off(y):
+    return y, sliders(y) + 40.0 + 30.0 * np.arange(len(y)) / len(y)
+
+
+def worn(y):
+    return y, sliders(y) * (1 - 0.15 * np.arange(len(y)) / len(y))
+
+
+LONGER = 1e-3 * np.sin(2 * np.pi * np.arange(6 * CYCLE) / CYCLE)
+
+
+def test_a_zero_that_is_off_and_drifts_is_named_with_its_size():
+    record = loop(*zero_off(LONGER))
+    (fault,) = loop_causes(record, 0.0)
+    half = 0.5 * np.ptp(record.channels["restoring_force"])
+    offset, drift = map(float, re.findall(r"([\d.]+) %", fault.what))
+    # The half range contains the drift and the noise, 3 %, and the printed digits are three.
+    assert offset == pytest.approx(100 * 40.0 / half, rel=0.05)
+    assert drift == pytest.approx(100 * 30.0 / half, rel=0.05)
+    assert list(loop_causes(record, 0.0, "drift")) == []
+    (left,) = loop_causes(record, 0.0, "offset")
+    assert "begins 0.0 %" in left.what
+
+
+def test_a_force_before_any_motion_is_a_zero_that_is_off_whatever_the_law():
+    y = np.append(np.zeros(80), LONGER)
+    play = np.sign(y) * np.maximum(np.abs(y) - 3e-4, 0.0)  # backlash, which no slider has
+    record = loop(y, sliders(play) + 30.0)
+    (fault,) = loop_causes(record, 0.0)
+    half = 0.5 * np.ptp(record.channels["restoring_force"])
+    assert float(re.search(r"begins ([\d.]+) %", fault.what)[1]) == pytest.approx(
+        100 * 30.0 / half, rel=0.03
+    )
+    assert list(loop_causes(loop(y, sliders(play)), 0.0)) == []
+
+
+def test_a_joint_that_wears_is_named_unless_its_law_does():
+    record = loop(*worn(LONGER))
+    (fault,) = loop_causes(record, 0.0)
+    # From the middle of the second of five cycles to that of the last, of six turns.
+    falls = 1 - (1 - 0.15 * 4.75 / 6) / (1 - 0.15 * 1.75 / 6)
+    assert float(re.search(r"falls by (\d+) %", fault.what)[1]) == pytest.approx(100 * falls, abs=1)
+    assert "`span = [" in fault.remedy
+    assert list(loop_causes(record, 0.0, laws=("bwbn",))) == []

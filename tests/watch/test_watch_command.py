@@ -159,11 +159,11 @@ def test_a_tighter_joint_is_told_apart(call):
     assert answer["added"][0]["change"]["direction"] == "tighter, or another temperature"
 
 
-def test_a_record_below_the_window_is_refused_and_noted(call, watched):
+def test_a_record_below_the_amplitude_is_refused_and_noted(call, watched):
     code, answer, stderr = call("softer")
     assert code == 3
     assert answer["added"][0]["kind"] == "refused"
-    assert "does not pass the window" in stderr
+    assert "m/s, but not at" in stderr
     assert lines(watched)[-1]["reason"] == answer["added"][0]["reason"]
     code, answer, _ = call("same")
     assert (code, answer["added"][0]["number"]) == (0, NUM + 1)

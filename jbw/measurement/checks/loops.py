@@ -1,7 +1,6 @@
 r"""What force loops under a prescribed displacement show that a law may not have.
 
-Cycles of one amplitude that differ: compared by the rms of their forces about the mean, which no
-offset and hardly a drift of a load cell changes. Free travel: each stroke becomes stiffer to its
+A joint that is stronger to one side. Free travel: each stroke becomes stiffer to its
 end, where slip alone makes it softer, and the mean of both strokes at each displacement has kinks,
 by the better of
 
@@ -13,27 +12,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from jbw.measurement.channels import Reals, noise_of
+from jbw.measurement.channels import Reals
 from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.curves import ForcedLoop
-from jbw.measurement.loops import (
-    FEWEST,
-    Cycle,
-    WithError,
-    cycles_of,
-    drift_of,
-    lopsided,
-    of_one_amplitude,
-    start_of,
-)
-from jbw.measurement.spans import span_line
+from jbw.measurement.loops import cycles_of, lopsided
 from jbw.report.messages import loop_faults as messages
 
-OFF = 0.02  # of the half range: a zero of the load cell that is off by more
 LOPSIDED = 0.25  # difference of the forces of both sides over their sum
-DEGRADES = 0.05  # change of the rms of the force from the second of them to the last
-SEEN = 0.1  # of the largest rms of a cycle's force: what is less may be noise
-WEARING = ("bwbn", "bwbn_pinching")  # laws under which every cycle changes the joint
 FREE = ("gap_series", "stop")  # laws that have contacts
 POINTS = 40  # of the mean of both strokes
 END = POINTS // 8  # of a stroke's values, over which a slope is read
@@ -43,55 +28,12 @@ GAPS = np.linspace(0.04, 0.9, 44)  # half the free travel over the amplitude
 BETTER = 0.4  # of the squares that a smooth spring leaves
 
 
-def degrading(loop: ForcedLoop, laws: Sequence[str] = ()) -> Iterator[Fault]:
-    """The doubt that cycles of one amplitude differ, which they do under few laws."""
-    if set(laws) & set(WEARING):
-        return
-    cycles = cycles_of(loop)
-    felt = SEEN * max((cycle.force for cycle in cycles), default=0.0)
-    for repeats in of_one_amplitude([cycle for cycle in cycles if cycle.force > felt]):
-        _, second, *_, last = repeats
-        change = _change_of_force(loop, second, last)
-        if len(repeats) < FEWEST or not change.exceeds(DEGRADES):
-            continue
-        first, end = (repeats[-2].samples.start / loop.fs, last.samples.stop / loop.fs)
-        yield doubt(
-            "restoring_force",
-            *messages.degrading(
-                0.5 * last.stroke,
-                len(repeats),
-                abs(change.value),
-                span_line(first, end, loop.begins),
-                falls=change.value < 0,
-            ),
-        )
-        return
-
-
-def _change_of_force(loop: ForcedLoop, first: Cycle, last: Cycle) -> WithError:
-    """Relative change of the rms of the force from a cycle to another."""
-    if not first.force > 0:
-        return WithError(0.0, 0.0)
-    noise = noise_of(loop.force) * np.sqrt(2 / first.num_samples)
-    return WithError(last.force / first.force - 1, noise / first.force)
-
-
-def off_centre(loop: ForcedLoop, load_cell: str) -> Iterator[Fault]:
-    """The doubt that the zero of the load cell is off or drifts, or that the joint is lopsided."""
+def one_sided(loop: ForcedLoop) -> Iterator[Fault]:
+    """Yield the doubt that a joint is stronger to one side than to the other."""
     side = lopsided(loop)
     if abs(side) > LOPSIDED:
-        yield doubt(
-            "restoring_force",
-            *messages.lopsided((1 + abs(side)) / (1 - abs(side)), positive=side > 0),
-        )
-        return
-    start, drift = start_of(loop), drift_of(loop)
-    is_off, is_moving = start is not None and start.exceeds(OFF), drift.exceeds(OFF)
-    if load_cell == "drift" or not (is_moving or (is_off and load_cell != "offset")):
-        return
-    offset = messages.begins_away(start.value) if start and is_off else ""
-    moves = messages.drifts(drift.value) if is_moving else ""
-    yield doubt("restoring_force", *messages.off_centre(offset, moves))
+        ratio = (1 + abs(side)) / (1 - abs(side))
+        yield doubt("restoring_force", *messages.lopsided(ratio, positive=side > 0))
 
 
 def travels_freely(loop: ForcedLoop, laws: Sequence[str]) -> Iterator[Fault]:

@@ -1,24 +1,27 @@
 r"""Faults of a force loop as hypotheses on what sliders and springs leave of it.
 
-A force that is late fits where it is read later; one behind a charge amplifier of time constant T
-leaves $-\frac1T \int F\,\mathrm{d}t$; behind a gauge that slips once the motion is another. A
-cause is named where sliders leave more than 1 % of the rms of the force beyond noise, and it takes
-85 % of the squares of that. Of 390 sound loops of `benchmarks/outside` none is accused so.
+A load cell whose zero is off and drifts adds $c_0 + c_1 t$. A joint that wears along its path s
+has the force $F = F_0 + (w_1 s + w_2 s^2) F$, with $F_0$ the force of the unworn joint. A force
+that is late fits where it is read later; one behind a charge amplifier of time constant T leaves
+$-\frac1T \int F\,\mathrm{d}t$; behind a gauge that slips once the motion is another. A cause is
+named where sliders leave more than 1 % of the rms of the force beyond noise, and it takes 85 % of
+the squares of that. What a campaign states, a zero that drifts or a law that wears, stands beside
+the sliders from the beginning.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import minimize_scalar
 
-from jbw.measurement.channels import noise_of
+from jbw.measurement.channels import Reals, noise_of
 from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.curves import ForcedLoop, forced_loop
-from jbw.measurement.loops import cycles_of
-from jbw.measurement.readings.loop import MOST_SAMPLES, LoopBasis, basis_of, fit_loop
-from jbw.measurement.records import Record
-from jbw.measurement.spans import kept_part
+from jbw.measurement.loops import AT_REST, cycles_of, of_one_amplitude
+from jbw.measurement.readings.loop import MOST_SAMPLES, Columns, LoopBasis, basis_of, fit_loop
+from jbw.measurement.records import LOAD_CELLS, Record
+from jbw.measurement.spans import kept_part, span_line, start_of
 from jbw.report.messages import loop_faults as messages
 
 LEFT = 0.01  # of the rms of the force, beyond noise: what no sound loop leaves
@@ -28,6 +31,8 @@ OF_CYCLE = 0.125  # longest lag that is tried
 SLIPS = 3  # places at which a gauge may have slipped
 NEIGHBOURS = 2  # steps of a motion to either side, whose median is the usual one
 FEWEST = 64  # samples
+STILL = 1e-3  # of the whole stroke: a joint that has moved by less rests
+WEARING = ("bwbn", "bwbn_pinching")  # laws under which every cycle changes the joint
 
 
 class Cause(NamedTuple):
@@ -37,12 +42,16 @@ class Cause(NamedTuple):
     fault: Fault
 
 
-def loop_causes(record: Record, delay: float) -> Iterator[Fault]:
-    """Yield the one cause of what sliders and springs leave of a loop, if any.
+def loop_causes(
+    record: Record, delay: float, load_cell: str = "exact", laws: Sequence[str] = ()
+) -> Iterator[Fault]:
+    """Yield the zero of the load cell, and the one cause of what else sliders leave of a loop.
 
     Args:
         record: Of kind `loop`.
         delay: Stated lag of its force [s].
+        load_cell: What the zero of the load cell is stated to do.
+        laws: Stated laws of the joint.
     """
     whole = forced_loop(record, delay)
     every = -(-len(whole.force) // MOST_SAMPLES)
@@ -52,16 +61,96 @@ def loop_causes(record: Record, delay: float) -> Iterator[Fault]:
     force = loop.force
     if len(force) < FEWEST or not np.ptp(loop.displacement) or not np.ptp(force):
         return
-    noise = noise_of(force) ** 2 * len(force)
-    basis = basis_of(loop.displacement)
-    square = fit_loop(basis, force).square
-    if square - NOISE * noise < LEFT**2 * len(force) * np.var(force):
+    bare, zero = _bases(loop, load_cell, laws)
+    basis = LoopBasis(bare.losses, np.column_stack([bare.springs, zero]))
+    found = [*_named(force, force, fit_loop(bare, force).square, _off_zero(loop, bare, zero))]
+    if not found and load_cell == "exact":
+        rest = _at_rest(whole)
+        found = [*_named(whole.force, rest, float(rest @ rest), _loaded(rest, whole.force))]
+    yield from found
+
+    def others() -> Iterator[Cause | None]:
+        yield _late(loop, basis, delay)
+        yield _high_passed(loop, basis)
+        yield _worn(loop, basis)
+        yield from _slipped(loop, record, every)
+
+    yield from _named(force, force, fit_loop(basis, force).square, others())
+
+
+def _named(
+    force: Reals, part: Reals, square: float, tried: Iterable[Cause | None]
+) -> Iterator[Fault]:
+    """Yield the best of the causes of what is left of a part of a force, if it takes enough."""
+    noise = noise_of(force) ** 2 * len(part)
+    if square - NOISE * noise < LEFT**2 * len(part) * np.var(force) or len(part) < FEWEST:
         return
     most = noise + (1 - EXPLAINS) * (square - noise)
-    tried = _late(loop, basis, delay), _high_passed(loop, basis), *_slipped(loop, record, every)
     causes = [cause for cause in tried if cause is not None and cause.square < most]
     if causes:
         yield min(causes, key=lambda cause: cause.square).fault
+
+
+def _bases(loop: ForcedLoop, load_cell: str, laws: Sequence[str]) -> tuple[LoopBasis, Columns]:
+    """The columns of what is stated, and those of the zero of the load cell that is not."""
+    y, basis = loop.displacement, basis_of(loop.displacement)
+    known = LOAD_CELLS.index(load_cell)
+    if abs(y[0]) > AT_REST * np.ptp(y):
+        known = max(known, 1)  # sliders that are stuck there have a constant of their own
+    springs, zero = np.split(basis.springs, [basis.springs.shape[1] - 2 + known], axis=1)
+    if set(laws) & set(WEARING):
+        springs = np.column_stack([springs, *(_path_of(loop) * loop.force)])
+    return LoopBasis(basis.losses, springs), zero
+
+
+def _at_rest(loop: ForcedLoop) -> Reals:
+    """Return the force before the motion, which is none of a joint, whatever its law."""
+    y = loop.displacement
+    if abs(y[0]) > AT_REST * np.ptp(y):
+        return loop.force[:0]
+    return loop.force[: int(np.argmax(np.abs(y - y[0]) > STILL * np.ptp(y)))]
+
+
+def _loaded(rest: Reals, force: Reals) -> Iterator[Cause]:
+    """A load cell whose zero is off, by the force before the motion."""
+    text = messages.off_centre(float(np.mean(rest) / (0.5 * np.ptp(force))), 0.0)
+    yield Cause(len(rest) * float(np.var(rest)), doubt("restoring_force", *text))
+
+
+def _off_zero(loop: ForcedLoop, basis: LoopBasis, zero: Columns) -> Iterator[Cause]:
+    """A load cell whose zero is off, and drifts: constant and ramp beside sliders and springs."""
+    if not zero.shape[1]:
+        return
+    found = fit_loop(basis, loop.force, [*zero.T])
+    offset, drift = np.pad(found.beside, (2 - len(found.beside), 0)) / (0.5 * np.ptp(loop.force))
+    text = messages.off_centre(float(offset), float(drift))
+    yield Cause(found.square, doubt("restoring_force", *text))
+
+
+def _path_of(loop: ForcedLoop) -> Columns:
+    """Return the path of the motion over the whole of it, and its square, a row each."""
+    path = np.append(0.0, np.cumsum(np.abs(np.diff(loop.displacement))))
+    return np.stack([path / path[-1], (path / path[-1]) ** 2])
+
+
+def _worn(loop: ForcedLoop, basis: LoopBasis) -> Cause | None:
+    """A joint whose force falls or rises along its path, by cycles of one amplitude."""
+    if not (groups := of_one_amplitude(cycles_of(loop))):
+        return None
+    path = _path_of(loop)
+    found = fit_loop(basis, loop.force, [*(path * loop.force)])
+    strength = 1 / (1 - found.beside @ path)
+    changes = [
+        float(np.median(strength[last.samples]) / np.median(strength[second.samples]) - 1)
+        for _, second, *_, last in groups
+    ]
+    change, cycles = max(zip(changes, groups, strict=True), key=lambda pair: abs(pair[0]))
+    ends = cycles[-2].samples.start / loop.fs, cycles[-1].samples.stop / loop.fs
+    keep = span_line(*ends, loop.begins)
+    text = messages.degrading(
+        0.5 * cycles[-1].stroke, len(cycles), abs(change), keep, falls=change < 0
+    )
+    return Cause(found.square, doubt("restoring_force", *text))
 
 
 def _late(loop: ForcedLoop, whole: LoopBasis, stated: float) -> Cause | None:
@@ -99,12 +188,16 @@ def _slipped(loop: ForcedLoop, record: Record, every: int) -> Iterator[Cause]:
     steps = np.diff(loop.displacement)
     around = np.lib.stride_tricks.sliding_window_view(steps, 2 * NEIGHBOURS + 1)
     unlike = steps[NEIGHBOURS:-NEIGHBOURS] - np.median(around, axis=1)
+    before = loop.begins - start_of(record)  # a stated delay may leave out the first samples
+    skipped = round(before * record.fs) if before else 0
     for place in np.argsort(np.abs(unlike))[-SLIPS:].tolist():
         first = place + NEIGHBOURS + 1  # sample behind the slip
         motion = loop.displacement.copy()
         motion[first:] -= unlike[place]
         found = fit_loop(basis_of(motion), loop.force)
         spoilt = np.zeros(len(record.channels["displacement"]), bool)
-        spoilt[first * every] = True
-        text = messages.slipped(float(unlike[place]), first / loop.fs, kept_part(record, spoilt))
+        last = skipped + first * every
+        spoilt[last - every + 1 : last + 1] = True
+        at = before + first / loop.fs
+        text = messages.slipped(float(unlike[place]), at, kept_part(record, spoilt))
         yield Cause(found.square, doubt("displacement", *text))

@@ -63,7 +63,9 @@ def slider_columns(y: Reals, half_widths: Reals, gaps: Reals | float = 0.0) -> C
 def basis_of(y: Reals) -> LoopBasis:
     """Return the columns of a motion, each over the largest of its values or so."""
     largest = float(np.max(np.abs(y - y[0])))
-    sliders = slider_columns(y - y[0], largest * np.geomspace(SHORTEST, 1.0, NUM_SLIDERS)) / largest
+    # A slider as wide as the motion never slips: it is a spring.
+    half_widths = largest * np.geomspace(SHORTEST, 1.0, NUM_SLIDERS + 1)[:-1]
+    sliders = slider_columns(y - y[0], half_widths) / largest
     u = y / max(float(np.max(np.abs(y))), largest)
     springs = [
         *(u**power for power in POWERS),

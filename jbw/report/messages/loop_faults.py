@@ -25,20 +25,11 @@ def lopsided(ratio: float, *, positive: bool) -> FaultText:
     )
 
 
-def begins_away(start: float) -> str:
-    """Where a force begins over its half range."""
-    return f"begins {percent(start, '.1f')} of its half range away from zero"
-
-
-def drifts(drift: float) -> str:
-    """By how much a force drifts over its half range."""
-    return f"moves by {percent(drift, '.1f')} of it over equal cycles"
-
-
-def off_centre(offset: str, moves: str) -> FaultText:
-    """Where a force begins, and how it drifts."""
+def off_centre(offset: float, drift: float) -> FaultText:
+    """State where a force begins and by how much it drifts, over its half range."""
     return FaultText(
-        f"The force {' and '.join(filter(None, (offset, moves)))}.",
+        f"The force begins {percent(offset, '.1f')} of its half range away from zero and moves by "
+        f"{percent(drift, '.1f')} of it along the record.",
         "The zero of the load cell is off, or drifts; a law takes it for a force of the joint.",
         'Put under [[test]]: `load_cell = "drift"`; "offset" where it cannot drift.',
     )
