@@ -116,7 +116,9 @@ def test_silverbox_has_no_offset(campaign_file):
 
 @pytest.mark.filterwarnings("ignore:.*clipped")  # the actuator rests at its stop for 5 ms
 def test_friction_damper_loops_lose_energy(campaign_file):
-    tests = loaded(campaign_file, "friction_damper").tests
+    # Before it moves the damper of the last loop exerts 4.8 % of half the range of its force.
+    with pytest.warns(UserWarning, match=r"30 lb, 1.5 in.* begins 4.8 % of its half range"):
+        tests = loaded(campaign_file, "friction_damper").tests
     assert len(tests) == 3
     for test in tests:
         loop = forced_loop(test.records[0])

@@ -18,10 +18,11 @@ from jbw.errors import DataError, JbwError
 from jbw.measurement.checks.faults import Fault, doubt
 from jbw.measurement.checks.responses import about_peak, undecaying
 from jbw.measurement.hypotheses.begins_late import begins_late
+from jbw.measurement.hypotheses.drop_off import RANDOM, drive_course
 from jbw.measurement.hypotheses.faults import explained
 from jbw.measurement.hypotheses.hypothesis import Facts, Fits
 from jbw.measurement.hypotheses.window import window_constant
-from jbw.measurement.readings.read import decay_fits, sweep_fits
+from jbw.measurement.readings.read import decay_fits, sweep_fits, swept_signal
 from jbw.measurement.readings.table import MeasuredChange, ModeReading, read_fits
 from jbw.measurement.records import Record, Test
 from jbw.measurement.spans import start_of
@@ -129,10 +130,13 @@ def _decay(record: Record, band: Band, settle_s: float) -> Examined:
 
 
 def _sweep(record: Record, band_hz: Band | None, delay_s: float) -> Examined:
-    found = sweep_fits(record, band_hz, delay_s)
+    found = swept_signal(record, band_hz, delay_s)
     if found is None:
         return Examined(None, (), band_hz or (0.0, record.fs / 2))
-    fits, band = found
+    signal, band = found
+    _, varies = drive_course(signal)
+    if varies > RANDOM or (fits := sweep_fits(signal)) is None:
+        return Examined(None, (), band)
     facts = Facts(record, 0.0, delay_s, band)
     faults = tuple(fault for _, fault in explained(fits, facts))
     return Examined(_read_fits(fits), faults, band)

@@ -25,6 +25,7 @@ from jbw.measurement.spans import kept_part, span_line, start_of
 from jbw.report.messages import loop_faults as messages
 
 LEFT = 0.01  # of the rms of the force, beyond noise: what no sound loop leaves
+OFF = 0.02  # of the rms of the force: what is read before the motion, at the most
 NOISE = 1.2  # times its square: what sliders leave of it by chance
 EXPLAINS = 0.85  # of what is left beyond noise, by a cause
 OF_CYCLE = 0.125  # longest lag that is tried
@@ -66,7 +67,8 @@ def loop_causes(
     found = [*_named(force, force, fit_loop(bare, force).square, _off_zero(loop, bare, zero))]
     if not found and load_cell == "exact":
         rest = _at_rest(whole)
-        found = [*_named(whole.force, rest, float(rest @ rest), _loaded(rest, whole.force))]
+        loaded = _loaded(rest, whole.force)
+        found = [*_named(whole.force, rest, float(rest @ rest), loaded, OFF)]
     yield from found
 
     def others() -> Iterator[Cause | None]:
@@ -79,11 +81,11 @@ def loop_causes(
 
 
 def _named(
-    force: Reals, part: Reals, square: float, tried: Iterable[Cause | None]
+    force: Reals, part: Reals, square: float, tried: Iterable[Cause | None], least: float = LEFT
 ) -> Iterator[Fault]:
     """Yield the best of the causes of what is left of a part of a force, if it takes enough."""
     noise = noise_of(force) ** 2 * len(part)
-    if square - NOISE * noise < LEFT**2 * len(part) * np.var(force) or len(part) < FEWEST:
+    if square - NOISE * noise < least**2 * len(part) * np.var(force) or len(part) < FEWEST:
         return
     most = noise + (1 - EXPLAINS) * (square - noise)
     causes = [cause for cause in tried if cause is not None and cause.square < most]

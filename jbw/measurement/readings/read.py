@@ -5,7 +5,6 @@ from typing import Any
 
 import numpy as np
 
-from jbw.errors import JbwError
 from jbw.measurement.channels import Reals
 from jbw.measurement.readings import decay, sweep
 from jbw.measurement.readings.decay import DecayFits
@@ -40,10 +39,10 @@ def decay_fits(record: Record, band_hz: tuple[float, float], settle_s: float) ->
     return decay.fit_bases(signal)
 
 
-def sweep_fits(
+def swept_signal(
     record: Record, band_hz: tuple[float, float] | None, lag_s: float
-) -> tuple[SweepFits, tuple[float, float]] | None:
-    """Fit one mode to a record of a sweep, and the band that was read; None where that is none."""
+) -> tuple[SweepSignal, tuple[float, float]] | None:
+    """Filter a record of a sweep; return it with the band that is read, None where that is none."""
     u, y = (record.channels[role] for role in (record.source, record.response))
     u, y = u - np.mean(u), y - np.mean(y)
     band = swept_band(u, record.fs, band_hz)
@@ -53,17 +52,18 @@ def sweep_fits(
     units = [float(np.max(np.abs(samples))) for samples in (u, y)]
     u, y = u / units[0], y / units[1]
     facts: Any = {"lag_s": lag_s, "is_force": record.source == "force"}
-    try:
+    signal = sweep.sweep_signal(u, y, record.fs, band, order, **facts)
+    if (near := near_resonance(signal, band)) is not None:
+        band = near
         signal = sweep.sweep_signal(u, y, record.fs, band, order, **facts)
-        if (near := near_resonance(signal, band)) is not None:
-            band = near
-            signal = sweep.sweep_signal(u, y, record.fs, band, order, **facts)
-        if not FEWEST < len(signal.time) < MOST_VALUES or np.any(signal.rate <= 0):
-            return None
-        signal = replace(signal, unit=units[1], drive_unit=units[0])
-        return sweep.fit_bases(signal), band
-    except (ValueError, np.linalg.LinAlgError, JbwError):
+    return replace(signal, unit=units[1], drive_unit=units[0]), band
+
+
+def sweep_fits(signal: SweepSignal) -> SweepFits | None:
+    """Fit one mode to a sweep; None of too few or too many values, or of one that stands still."""
+    if not FEWEST < len(signal.time) < MOST_VALUES or np.any(signal.rate <= 0):
         return None
+    return sweep.fit_bases(signal)
 
 
 def swept_band(
