@@ -4,6 +4,9 @@ A response that comes late by $\tau(t)$ turns by $e^{-i\dot\phi\tau}$ in the fra
 constant lag is a delay, one that grows the clocks of two recorders, one that jumps a block of
 samples that one of them lost. Lags are in mean periods of the sweep. A lag of half a period is the
 other sign of a channel.
+
+A lag of channels is the same at every amplitude; a joint bends the phase where it moves. So a
+delay must be that of the beginning, before the motion is loud.
 """
 
 from collections.abc import Callable, Iterator
@@ -24,6 +27,9 @@ LEAST_DELAY, LEAST_DRIFT, LEAST_STEP = 0.01, 0.04, 0.05  # of a period; the drif
 LEAST_LOST = 1.6  # samples
 PLACES = np.linspace(0.03, 0.97, 16)  # shares of what the motion tells before a step
 SCANNED = 12  # places between two of these
+QUIET = 0.4  # of the largest motion: what comes before it tells a lag without the joint
+FEWEST, FAINT = 24, 1e-6  # values of that part; weight of the others
+ALIKE = 0.5  # of a delay, between that part and the whole record: true ones differ by 0.06
 MILLION = 1e6
 
 
@@ -66,8 +72,20 @@ class Delay(_Lag):
         return np.full(len(signal.time), values[0])
 
     def matters(self, values: Reals, fits: Any) -> bool:
-        """Return whether it is 1 % of a period and not the other sign."""
-        return LEAST_DELAY <= abs(values[0]) <= OTHER_SIGN
+        """Return whether it is 1 % of a period, not the other sign, and that of the beginning."""
+        if not LEAST_DELAY <= abs(values[0]) <= OTHER_SIGN:
+            return False
+        signal = fits.signal
+        count = int(np.argmax(signal.amplitude > QUIET * signal.amplitude.max()))
+        if count < FEWEST:
+            return True
+        is_quiet = np.arange(len(signal.time)) < count
+        quiet = fits._replace(weight=np.where(is_quiet, fits.weight, FAINT * fits.weight))
+        cause = next(self.causes(fits, "linear"))
+        starts = (cause._replace(start=np.array([lag])) for lag in (0.0, values[0]))
+        ends = [end for start in starts if (end := joint_fit(quiet, "linear", start)) is not None]
+        own = min(ends, key=lambda end: end.squares).theta[-1] if ends else values[0]
+        return bool(abs(own - values[0]) <= ALIKE * abs(values[0]))
 
     def fault(self, values: Reals, fits: Any, facts: Facts) -> Fault:
         """Name lag and stated delay."""
