@@ -52,6 +52,8 @@ PASTED = {
     + "test_joints_that_k_does_not_hold_are_refused_and_the_remedy_cures",
     ("campaign/joints.py", "holds_joints"): JOINTS
     + "test_joints_of_measured_modes_are_refused_and_the_modes_as_matrices_are_taken",
+    ("campaign/tables.py", "relative_to_base"): "measurement/test_base_motion.py::"
+    "test_the_remedy_of_a_velocity_on_a_base_is_taken",
     ("report/messages/campaign_faults.py", "delay"): DRIVEN,
     ("report/messages/campaign_faults.py", "same_as"): JOINTS
     + "test_label_switching_is_refused_and_the_remedy_cures",

@@ -1,5 +1,7 @@
 """Records on a moving base: read as those of the same structure under a force per mass."""
 
+import re
+
 import numpy as np
 import pytest
 from scipy.signal import chirp, lsim
@@ -84,6 +86,13 @@ def test_a_mode_on_a_moving_base_is_read_as_it_is(tmp_path, role, unit, more):
 def test_what_a_test_on_a_base_cannot_have_is_named(tmp_path, options, said):
     with pytest.raises(ConfigError, match=said):
         load_campaign(written(tmp_path, **options))
+
+
+def test_the_remedy_of_a_velocity_on_a_base_is_taken(tmp_path):
+    with pytest.raises(ConfigError) as refused:
+        load_campaign(written(tmp_path, "velocity", "m/s"))
+    (line,) = re.findall(r"`(\w+ = [^`]+)`", str(refused.value))
+    load_campaign(written(tmp_path, "velocity", "m/s", more=line, is_relative=True))
 
 
 def test_a_force_beside_a_base_is_refused(tmp_path):
