@@ -352,8 +352,8 @@ def _of_base(test: TestSpec, roles: set[str]) -> Iterator[str]:
         yield f"channels: `base` is what drives the test, and so is `{other}`: leave out either."
     if not test.relative_to_base and "acceleration" not in roles:
         yield (
-            "channels: beside `base` the response must be `acceleration`, or measured relative to "
-            "the base: `relative_to_base = true`."
+            "channels: beside `base` the response must be `acceleration`, unless it was measured "
+            "relative to the base. Put under [[test]]: `relative_to_base = true`."
         )
     if test.delay:
         yield "delay: not beside `base`, from which the response must not lag."
