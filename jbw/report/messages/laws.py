@@ -12,14 +12,11 @@ IN_FIRST_MODE = " in the first mode"
 def chosen_by_reading(law: str, margins: Sequence[tuple[str, float]]) -> str:
     """Which law a campaign that states none goes on with, and by how much it fits better."""
     others = ", ".join(f"{name} by {margin:.2g}" for name, margin in margins)
-    chosen = f"{law} is taken, the only one with such readings."
-    if others:
-        chosen = (
-            f"{law} fits best of those with such readings (before {others} in 2 ln L - k ln n)."
-        )
+    best = f"{law} fits the records best, before {others} (in 2 ln L - k ln n)"
     return (
-        "The campaign states no law, and how its readings change with amplitude contradicts "
-        f'bouc_wen: {chosen} Put under [joint]: `laws = ["{law}"]` to state it.'
+        "The campaign states no law. How its readings change with amplitude speaks for "
+        f"{f'several laws: {best}' if others else law}. "
+        f'Put under [joint]: `laws = ["{law}"]` to state it.'
     )
 
 
