@@ -67,11 +67,10 @@ EXAMPLES = {
     ],
     "clock_faults": [
         clock_faults.response_jumps(0.01, "behind"),
-        clock_faults.phase_jumps(0.3),
         clock_faults.drop_off(0.3, 0.08),
         clock_faults.other_sign("force"),
         clock_faults.other_gain(9.81, "force"),
-        clock_faults.lost_block(2.0, clock_faults.phase_jumps(0.3), KEEP_OR_EXCLUDE),
+        clock_faults.lost_block(2.0, clock_faults.response_jumps(0.3, "behind"), KEEP_OR_EXCLUDE),
         clock_faults.another_clock(81.2, "slow", 0.001, -81.2),
         clock_faults.another_delay("lags behind", 0.001, 0.0, 0.001),
     ],

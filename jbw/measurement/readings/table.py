@@ -130,11 +130,6 @@ class ModeReading:
             self.zeta_covariance[back, back], self.chance,
         )  # fmt: skip
 
-    @property
-    def is_nonlinear(self) -> bool:
-        """Whether frequency or damping change with the amplitude."""
-        return self.chance < ODDS
-
 
 def read_fits(fits: DecayFits | SweepFits) -> ModeReading:
     """Choose the basis of a record and read frequency and damping from it, with errors."""

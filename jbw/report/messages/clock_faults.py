@@ -8,14 +8,6 @@ def response_jumps(jump: float, ahead: str) -> str:
     return f"the response jumps by {jump:.3g} s {ahead} the drive: one of them"
 
 
-def phase_jumps(turns: float) -> str:
-    """By how much a phase jumps, in turns."""
-    return (
-        f"the phase of the response jumps by {turns:.2g} of a turn, and the drive goes on: the "
-        "response"
-    )
-
-
 def lost_block(at_s: float, sign: str, keep: str) -> FaultText:
     """That a block is missing, what shows it, and how to keep what comes before it."""
     return FaultText(
