@@ -69,14 +69,10 @@ class RingDown(Observable):
     def reduce(cls, tests, *, laws=("bouc_wen",), substeps=None):
         rows = [np.stack([r.channels["frequency"] for r in t.records]) for t in tests]
         mean = np.stack([row.mean(axis=0) for row in rows])
-        within = [np.sum((row - m) ** 2) for row, m in zip(rows, mean, strict=True)]
-        size = mean.shape[1]
         amplitude = [t.records[0].channels["displacement"] for t in tests]
         of_groups = repeated(
-            within=np.array(within), num_repeats=np.array([len(row) for row in rows]),
-            sizes=np.full(len(tests), size),
-            labels=tuple(t.name for t in tests), runs=tuple(run_of(t) for t in tests),
-            scale=np.abs(mean).max(axis=1), units=("Hz",) * len(tests),
+            rows, np.full(len(tests), mean.shape[1]), [t.name for t in tests],
+            [run_of(t) for t in tests], units=("Hz",) * len(tests),
         )  # fmt: skip
         return (
             cls(

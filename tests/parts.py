@@ -19,6 +19,5 @@ class Sized(Observable):
 def part_of(sizes, runs=None, y_peak=0.0):
     """Groups of responses of such sizes by label, each of a run of its own unless stated."""
     mean, names = np.array(list(sizes.values()), float), tuple(sizes)
-    one = np.ones(len(names))
-    groups = repeated(one, one, one, names, runs or names, one, longest=1)
+    groups = repeated(list(mean[:, None, None]), np.ones(len(names)), names, runs or names)
     return Sized(y_peak, mean=jnp.asarray(mean[:, None]), groups=groups)

@@ -1,7 +1,6 @@
 """From the tests of a campaign to the dataset of the joint posterior, by the register of kinds."""
 
 import logging
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -12,7 +11,7 @@ from jbw.campaign.gains import Gain, force_per_unit, gain_of
 from jbw.campaign.joints import SeveralJoints
 from jbw.campaign.load import Campaign
 from jbw.campaign.settings import Identify, Structured, laws_of, never_steady
-from jbw.errors import ConfigError, DataError, JbwError
+from jbw.errors import ConfigError, DataError
 from jbw.identification import selection
 from jbw.identification.assembled import assembled_modes, known_gain, with_steps
 from jbw.identification.attachments import foretold, require_one_unit
@@ -223,25 +222,6 @@ def fitted_repeats(seen: Measured) -> dict[str, list[int]]:
         ]
         for test in seen.tests
     }
-
-
-def single_records(seen: Measured) -> list[list[Observable]]:
-    """What is fitted, reduced from every test's first record alone, its second, and so on.
-
-    Tests without so many are left out, and so is a number of which no test can be reduced.
-    """
-    usable, by_record = _reducible(seen), []
-    for i in range(max((len(test.records) for test in usable), default=0)):
-        single = [
-            replace(test, records=(test.records[i],)) for test in usable if len(test.records) > i
-        ]
-        try:
-            with warnings.catch_warnings():  # of one repeat alone, and told of all together
-                warnings.simplefilter("ignore")
-                by_record.append(_reduced(single, seen))
-        except JbwError:  # an average needs more, or a record is too short by itself
-            by_record.append([])
-    return by_record
 
 
 def _reduced(tests: Sequence[Test], seen: Measured) -> list[Observable]:

@@ -202,7 +202,10 @@ def run_of(test: Test) -> str:
 
 
 def periods(test: Test) -> Test | None:
-    """The steady periods of a multisine as repeats; None where its period is not known."""
+    """Return the steady periods of a multisine as repeats; None where its period is not known.
+
+    The key `periods` of what is returned is the number of those that are left of each record.
+    """
     # `settle` seconds are left out at the start, rounded up to whole periods.
     if test.periods < 2:
         return None
@@ -211,7 +214,8 @@ def periods(test: Test) -> Test | None:
         for record, size in (_steady(record, test) for record in test.records)
         for start in range(0, record.num_samples, size)
     ]
-    return replace(test, records=tuple(records), settle=0.0)
+    left = len(records) // len(test.records)
+    return replace(test, records=tuple(records), periods=left, settle=0.0)
 
 
 def steady(test: Test) -> tuple[Test, int] | None:

@@ -489,19 +489,15 @@ def _groups_of(
 ) -> Groups:
     """The repeats (repeat, point) of every group, whose scatter is over the scale of each point."""
     means = [of_repeats.mean(axis=0) for of_repeats in values]
-    within = [
-        np.sum(((of_repeats - mean) / scale) ** 2)
-        for of_repeats, mean, scale in zip(values, means, scales, strict=True)
-    ]
     size = np.array([_size(row, mean) for row, mean in zip(rows, means, strict=True)])
     unit_by_quantity = {"frequency": "Hz", "phase": "rad", "force": unit_of_source}
     return repeated(
-        within=np.array(within),
-        num_repeats=np.array([len(of_repeats) for of_repeats in values]),
-        sizes=np.array([len(mean) for mean in means], float),
-        labels=[f"{test.name} {row.quantity}" for test, row in zip(tests, rows, strict=True)],
-        runs=[run_of(test) for test in tests],
+        values,
+        np.array([len(mean) for mean in means], float),
+        [f"{test.name} {row.quantity}" for test, row in zip(tests, rows, strict=True)],
+        [run_of(test) for test in tests],
         scale=size,
+        course=scales,
         units=tuple(unit_by_quantity[row.quantity] for row in rows),
         reference=jax.device_put(size),
     )

@@ -114,14 +114,13 @@ class Envelopes(Observable):
 def _groups_of(test: Test, envelope: Complex[np.ndarray, "record step"]) -> Groups:
     """Return every record as a group and a run; behind its values stands its shift."""
     count, length = envelope.shape
-    one, names = np.ones(count), [f"{test.name} {i + 1}" for i in range(count)]
+    names = [f"{test.name} {i + 1}" for i in range(count)]
     return repeated(
-        0.0 * one,
-        one,
-        2.0 * length * one,
+        [row[None] for row in envelope],
+        np.full(count, 2.0 * length),
         names,
         names,
-        np.sqrt(np.mean(np.abs(envelope) ** 2, axis=1)),
+        scale=np.sqrt(np.mean(np.abs(envelope) ** 2, axis=1)),
         units=(UNIT_OF[test.records[0].response],) * count,
         longest=2 * length + 1,
         is_complex=True,

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import equinox as eqx
 import jax
@@ -24,6 +24,20 @@ def concrete(values: Any) -> Any:
     return values if isinstance(values, Tracer) else np.asarray(values)
 
 
+class SingleRecords(NamedTuple):
+    """The records of every group one by one; zero after a group's last.
+
+    Attributes:
+        mean: Mean of the repeats of each record, in the form of `Observable.mean`.
+        num_repeats: Repeats of each record: the periods of a multisine, else one.
+        within: Scatter of these repeats about their mean.
+    """
+
+    mean: Inexact[np.ndarray, "group record value"]
+    num_repeats: Float[np.ndarray, "group record"]
+    within: Float[np.ndarray, "group record"]
+
+
 class Groups(eqx.Module):
     """Groups of data: each has one label, one run and one noise.
 
@@ -41,6 +55,7 @@ class Groups(eqx.Module):
             linear in them; no columns where it is made at the parameters themselves.
         counted: 1 for a value that is compared, 0 for others; None where the first `size` are.
         reference: What the errors of a group are relative to; None for the mean's root mean square.
+        single: The records one by one; None where every group is of one. No program reads them.
         labels: Name of each group, no two alike; static as all below.
         runs: Name of the run of each group.
         units: Unit of the values of each group.
@@ -60,6 +75,7 @@ class Groups(eqx.Module):
     origin: Float[Array, "group of_run"]
     counted: Float[Array, "group value"] | None = None
     reference: Float[Array, " group"] | None = None
+    single: SingleRecords | None = None
     labels: tuple[str, ...] = eqx.field(static=True, kw_only=True)
     runs: tuple[str, ...] = eqx.field(static=True, kw_only=True)
     units: tuple[str, ...] = eqx.field(static=True, kw_only=True)
@@ -91,25 +107,43 @@ class Groups(eqx.Module):
 
 
 def repeated(
-    within: Float[np.ndarray, " group"],
-    num_repeats: Float[np.ndarray, " group"],
+    values: Sequence[Inexact[np.ndarray, "_repeat _value"]],
     sizes: Float[np.ndarray, " group"],
     labels: Sequence[str],
     runs: Sequence[str],
-    scale: Float[np.ndarray, " group"],
     *,
+    scale: Float[np.ndarray, " group"] | None = None,
+    course: Sequence[Float[np.ndarray, " _value"] | float] | None = None,
+    repeats_of_record: Sequence[int] | None = None,
     longest: int | None = None,
     spanned: Float[np.ndarray, "group column value"] | None = None,
     **columns: Any,
 ) -> Groups:
     r"""Return groups of independent values of noise $\sigma^2 = S / (N (K - 1))$.
 
-    Until a fit tells it, a single repeat's noise is guessed as one hundredth of the root mean
-    square, the `scale`. Labels that come again get a number. `spanned` are columns of each group
-    that its misfit may hold besides, in any scale. `longest` is the length of the longest group's
-    row, where more values stand in it than count. `columns` are others of `Groups`, such as units.
+    Labels that come again get a number.
+
+    Args:
+        values: Every repeat of each group, zero where it is not compared.
+        sizes: Values N of each group that are compared.
+        labels: Name of each group.
+        runs: Name of the run of each group.
+        scale: Size of each group, of which one hundredth is the first guess of the noise of a
+            single repeat; None for the root mean square.
+        course: Noise of every value over that of its group; None for one.
+        repeats_of_record: How many repeats in a row each record has; None for one.
+        longest: Length of the longest row, where more values stand in it than count.
+        spanned: Columns of each group that its misfit may hold besides, in any scale.
+        columns: Other columns of `Groups`, such as units.
     """
     longest = int(max(sizes)) if longest is None else longest
+    means = [rows.mean(axis=0) for rows in values]
+    weights = [1.0] * len(values) if course is None else course
+    rows_of_groups = zip(values, means, weights, strict=True)
+    within = np.array([np.sum(np.abs((x - mean) / c) ** 2) for x, mean, c in rows_of_groups])
+    num_repeats = np.array([float(len(rows)) for rows in values])
+    if scale is None:
+        scale = np.sqrt(np.array([np.sum(np.abs(mean) ** 2) for mean in means]) / sizes)
     degrees = sizes * (num_repeats - 1)
     is_repeated = degrees > 0
     noise = np.sqrt(
@@ -121,8 +155,8 @@ def repeated(
     # Values that the directions of each group's own take, one each.
     num_taken = np.round(np.sum(own_directions**2, axis=(1, 2)))
     arrays = {
-        "within": np.asarray(within),
-        "num_repeats": np.asarray(num_repeats, float),
+        "within": within,
+        "num_repeats": num_repeats,
         "size": np.asarray(sizes, float),
         "num_values": np.asarray(sizes, float) * num_repeats - num_taken,
         "noise_std": noise,
@@ -133,14 +167,33 @@ def repeated(
     }
     others: dict[str, Any] = {"units": ("",) * len(labels)} | columns
     arrays = jax.device_put(arrays)
-    return Groups(**arrays, labels=_distinct(labels), runs=tuple(runs), **others)
+    single = _single(values, repeats_of_record or [1] * len(values))
+    return Groups(**arrays, single=single, labels=_distinct(labels), runs=tuple(runs), **others)
 
 
-def read_before(label: str, run: str, size: int, num_repeats: float = 1.0) -> Groups:
+def _single(
+    values: Sequence[Inexact[np.ndarray, "_repeat _value"]], repeats_of_record: Sequence[int]
+) -> SingleRecords | None:
+    pairs = zip(values, repeats_of_record, strict=True)
+    records = [rows.reshape(-1, count, rows.shape[1]) for rows, count in pairs]
+    shape = len(records), max(map(len, records))
+    if shape[1] == 1:
+        return None
+    mean = np.zeros((*shape, max(rows.shape[2] for rows in records)), values[0].dtype)
+    num_repeats, within = np.zeros(shape), np.zeros(shape)
+    for i, rows in enumerate(records):
+        own = rows.mean(axis=1)
+        mean[i, : len(own), : own.shape[1]] = own
+        num_repeats[i, : len(own)] = rows.shape[1]
+        within[i, : len(own)] = np.sum(np.abs(rows - own[:, None]) ** 2, axis=(1, 2))
+    return SingleRecords(mean, num_repeats, within)
+
+
+def read_before(label: str, run: str, size: int, num_repeats: int = 1) -> Groups:
     """Return the one group of values whose covariance was known before any fit."""
-    one = np.ones(1)
-    counts, names = (num_repeats * one, size * one), ((label,), (run,))
-    return changed(repeated(0 * one, *counts, *names, one, is_prior=True), noise_std=one)
+    values, sizes = [np.zeros((num_repeats, size))], np.array([float(size)])
+    groups = repeated(values, sizes, (label,), (run,), is_prior=True)
+    return changed(groups, noise_std=np.ones(1))
 
 
 def changed(groups: Groups, **columns: Any) -> Groups:

@@ -29,9 +29,9 @@ class MeasuredHarmonic(NamedTuple):
         omega: Frequencies [rad/s].
         load: Odd harmonics of the source, phases counted from its first [unit of the source].
         motion: Odd harmonics of the displacement, zero where not measured [m].
-        order: Order of the values, means over repeats: of the response, or the force `of_force`.
+        order: Order of the values: of the response, or the force `of_force`.
+        repeats: Values of every repeat.
         factor: From metres, or N/kg, to the unit of the values.
-        within: Scatter of the repeats about their mean, summed.
         unit: Of the values.
     """
 
@@ -41,12 +41,15 @@ class MeasuredHarmonic(NamedTuple):
     load: Complex[np.ndarray, "value harmonic"]
     motion: Complex[np.ndarray, "value harmonic"]
     order: int
-    values: Complex[np.ndarray, " value"]
+    repeats: Complex[np.ndarray, "repeat value"]
     factor: Complex[np.ndarray, " value"]
-    within: float
-    num_repeats: int
     of_force: bool = False
     unit: str = ""
+
+    @property
+    def values(self) -> Complex[np.ndarray, " value"]:
+        """Mean of the repeats."""
+        return self.repeats.mean(axis=0)
 
 
 def groups_of(tests: Sequence[Test]) -> list[MeasuredHarmonic]:
@@ -58,7 +61,7 @@ def groups_of(tests: Sequence[Test]) -> list[MeasuredHarmonic]:
             groups += stepped_groups(test)
         elif test.kind == "frf":
             groups.append(curve_group(test))
-    lone = [group.label for group in groups if group.num_repeats * len(group.omega) < 2]
+    lone = [group.label for group in groups if group.repeats.size < 2]
     if lone:
         warnings.warn(
             f"Not fitted, for one frequency and one repeat tell nothing of their noise: "
@@ -125,8 +128,6 @@ def _groups(
     groups = []
     for order in ORDERS:
         factor = (1j * order * omega) ** power
-        values = factor[:, None] * motion[:, :, order // 2]
-        mean = values.mean(axis=1)
         groups.append(
             MeasuredHarmonic(
                 label=harmonic_label(label, order),
@@ -135,10 +136,8 @@ def _groups(
                 load=source.mean(axis=1),
                 motion=motion.mean(axis=1),
                 order=order,
-                values=mean,
+                repeats=factor * motion[:, :, order // 2].T,
                 factor=factor,
-                within=float(np.sum(np.abs(values - mean[:, None]) ** 2)),
-                num_repeats=values.shape[1],
                 unit=UNIT_OF[spans[0][0][0].response],
             )
         )
@@ -197,7 +196,6 @@ def curve_group(test: Test) -> MeasuredHarmonic:
         factor = (1j * omega) ** derivative_order(curves[0].response_kind) / size
         values = factor * motion
     first = np.arange(NUM_HARMONICS) == 0
-    mean = values.mean(axis=0)
     return MeasuredHarmonic(
         label=test.name,
         run=run_of(test),
@@ -205,10 +203,8 @@ def curve_group(test: Test) -> MeasuredHarmonic:
         load=source.mean(axis=0)[:, None] * first.astype(complex),
         motion=motion.mean(axis=0)[:, None] * first,
         order=1,
-        values=mean,
+        repeats=values,
         factor=factor,
-        within=float(np.sum(np.abs(values - mean) ** 2)),
-        num_repeats=len(curves),
         of_force=held,
         unit=_unit_of(curves[0], test.records[0].units[curves[0].source_kind], held=held),
     )

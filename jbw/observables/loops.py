@@ -75,23 +75,18 @@ class Loops(Observable):
         ]
         displacement = [blocks_of(y, size) for y, size in zip(displacement, blocks, strict=True)]
         force = [blocks_of(rows, size) for rows, size in zip(force, blocks, strict=True)]
-        mean = [rows.mean(axis=0) * keep for rows, keep in zip(force, counted, strict=True)]
-        within = [
-            np.sum((rows * keep - m) ** 2)
-            for rows, keep, m in zip(force, counted, mean, strict=True)
-        ]
+        force = [rows * keep for rows, keep in zip(force, counted, strict=True)]
+        mean = [rows.mean(axis=0) for rows in force]
         data = cls(
             laws=laws,
             displacement=filled(displacement, "edge"),
             mean=filled(mean),
             groups=repeated(
-                within=np.array(within),
-                num_repeats=np.array([len(test_loops) for test_loops in loops_by_test]),
-                sizes=np.array([keep.sum() for keep in counted]),
+                force,
+                np.array([keep.sum() for keep in counted]),
+                [test.name for test in tests],
+                [run_of(test) for test in tests],
                 longest=max(map(len, mean)),
-                labels=[test.name for test in tests],
-                runs=[run_of(test) for test in tests],
-                scale=np.array([np.sqrt(np.mean(m**2)) for m in mean]),
                 units=("N",) * len(tests),
                 counted=filled(counted),
                 spanned=zeros_of_load_cells([test.load_cell for test in tests], counted),

@@ -292,6 +292,7 @@ def unnamed(data: Any, labels: Names, runs: Names) -> Any:
         labels=tuple(labels[label] for label in data.groups.labels),
         runs=tuple(runs[run] for run in data.groups.runs),
         units=(),
+        single=None,
     )
     modes = data.modes
     if modes is not None:

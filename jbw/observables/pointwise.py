@@ -11,43 +11,41 @@ of a multisine; else one, and none). This is what leaving out one record asks fo
 group share one prediction m, so that one solve a draw is enough for all of them.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
-import equinox as eqx
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, Key
-from numpy.typing import NDArray
 
 from jbw.inference.generator import generator, parts_of
 from jbw.inference.groups.scatter import draw_offsets
-from jbw.inference.lanes import Solved, at_points, num_cores, seeing, solved_first
-from jbw.observables.dataset import Dataset, as_arrays, estimates, solved, unnamed
+from jbw.inference.lanes import Solved, at_points, seeing, solved_first
+from jbw.observables.dataset import Dataset, estimates, solved, unnamed
 from jbw.observables.drives import of_part
-from jbw.observables.groups import beside_own, fractions_counted
-from jbw.observables.observable import Observable, Theta, alone
+from jbw.observables.groups import SingleRecords, beside_own, fractions_counted
+from jbw.observables.observable import Observable, Theta
 
 SEED = "seed of the draw"  # beside the parameters, of which none is called so
 
 
-class Split(NamedTuple):
-    """Records of one part, rows of values as its misfit has them.
+class RecordRows(NamedTuple):
+    """Records of one part as its misfit has them, group by group.
 
-    Records that cannot be had alone stand together, as their group.
+    Attributes:
+        group: Number of the group of each record within the part.
+        place: Number of each record within its group, from 1.
+        num_repeats: Repeats of each record.
+        within: Scatter of these about their mean.
+        rows: Of every group its mean, then what its records deviate from it; zero after the last.
     """
 
-    group: Int[np.ndarray, " record"]  # number of its group within the part
-    repeat: Int[np.ndarray, " record"]  # from 1; 0 for a whole group
-    deviation: Float[np.ndarray, "record value"]  # its mean less that of the group
+    group: Int[np.ndarray, " record"]
+    place: Int[np.ndarray, " record"]
     num_repeats: Float[np.ndarray, " record"]
-    within: Float[np.ndarray, " record"]  # scatter about its own mean
-    measured: Float[np.ndarray, "group value"]  # mean of every group
-
-
-Splits = tuple[Split | None, ...]  # None for a part that is a prior, read off a record before
+    within: Float[np.ndarray, " record"]
+    rows: Float[np.ndarray, "group row value"]
 
 
 class OfPart(NamedTuple):
@@ -76,7 +74,6 @@ def records_of(
     theta: Mapping[str, Float[np.ndarray, " draw"]],
     noise: Mapping[str, Float[np.ndarray, " draw"]],
     data: Dataset,
-    splits: Splits,
 ) -> RecordTerms:
     """All records at every draw.
 
@@ -85,124 +82,36 @@ def records_of(
         theta: Draws of the parameters by name.
         noise: Draws of every group's noise by its label, in the unit of its values.
         data: What the posterior was made from.
-        splits: From `splits_of`.
     """
-    rows = tuple(None if split is None else _factors(split) for split in splits)
+    rows = tuple(None if part.groups.is_prior else record_rows(part) for part in data.parts)
     count = len(next(iter(theta.values())))
     keys = parts_of(key, 2)
     sums = at_points(_sums, {**theta, SEED: np.arange(float(count))}, (keys[0], data, rows))
-    split_parts, densities = [], {}
-    for i, (part, split, part_sums) in enumerate(
-        zip(data.parts, splits, sums["parts"], strict=True)
+    parts, densities = [], {}
+    for i, (part, records, part_sums) in enumerate(
+        zip(data.parts, rows, sums["parts"], strict=True)
     ):
-        if split is None:
+        if records is None:
             densities |= {label: part_sums[:, g] for g, label in enumerate(part.groups.labels)}
         else:
-            split_parts.append(
-                _of_part(jax.random.fold_in(keys[1], i), part, split, part_sums, noise)
-            )
-    return RecordTerms(tuple(split_parts), densities, sums.get("offsets"))
+            key_part = jax.random.fold_in(keys[1], i)
+            parts.append(_of_part(key_part, part, records, part_sums, noise))
+    return RecordTerms(tuple(parts), densities, sums.get("offsets"))
 
 
-def splits_of(
-    theta: Mapping[str, float], data: Dataset, alone: Sequence[Sequence[Observable]]
-) -> Splits:
-    """The records of every part, by the same tests reduced from their first records, second, ...
-
-    Misfits are linear in the means: any point `theta` where the model can be solved will do.
-    """
-    everything = as_arrays(theta, data)
-    return tuple(_split(part, of_part(everything, part), alone) for part in data.parts)
-
-
-def _split(part: Any, theta: Theta, repeat_parts: Sequence[Sequence[Any]]) -> Split | None:
-    if part.groups.is_prior:
-        return None
-    groups, measured = part.groups, np.asarray(part.compared(part.mean))
-    if not np.any(np.asarray(groups.num_repeats) > 1):  # every group is one record
-        group, one = np.arange(len(measured)), np.ones(len(measured))
-        same, within = np.zeros_like(measured), np.asarray(groups.within)
-        return Split(group, 0 * group, same, one, within, measured)
-    part = _solved_at(theta, part)
-    centre = np.asarray(_left(theta, alone(part)))
-    splits_by_group: list[list[tuple[int, NDArray[np.float64], float, float]]] = [
-        [] for _ in groups.labels
-    ]
-    for j, parts in enumerate(repeat_parts, start=1):
-        mean, singles = np.array(part.mean), {}
-        for g, label in enumerate(groups.labels):
-            if (single := _single(label, float(groups.size[g]), part, parts)) is not None:
-                row, singles[g] = single
-                mean[g] = np.pad(row, (0, mean.shape[1] - len(row)))
-        if singles:
-            elsewhere = replace(part, mean=jax.device_put(mean))
-            moved = np.asarray(_left(theta, alone(elsewhere))) - centre
-            for g, numbers in singles.items():
-                splits_by_group[g].append((j, moved[g], *numbers))
-    rows = []
-    for g, group_splits in enumerate(splits_by_group):
-        total = float(groups.num_repeats[g])
-        if len(group_splits) > 1 and sum(record_split[2] for record_split in group_splits) == total:
-            rows += [(g, *record_split) for record_split in group_splits]
-        else:  # a single record, or one that cannot be split
-            rows.append((g, 0, np.zeros(measured.shape[1]), total, float(groups.within[g])))
-    group, repeat, deviation, num_repeats, within = (
-        np.asarray(column) for column in zip(*rows, strict=True)
-    )
-    return Split(group, repeat, deviation, num_repeats, within, measured)
-
-
-def _solved_at(theta: Theta, part: Any) -> Any:
-    """A part with its responses at one point, whatever its means are; or as it is."""
-    point = {name: np.array([float(x)]) for name, x in theta.items()}
-    if (solved_part := part.solved(point, num_cores(), writes=True)) is None:
-        return part
-    return replace(
-        solved_part,
-        solution=jax.tree.map(lambda x: jax.device_put(np.asarray(x)[0]), solved_part.solution),
-    )
-
-
-@eqx.filter_jit
-def _left(theta: Theta, part: Observable) -> Float[Array, "group value"]:
-    return beside_own(part.misfit(theta), part.groups)
-
-
-def _single(
-    label: str, size: float, part: Any, parts: Sequence[Any]
-) -> tuple[NDArray[Any], tuple[float, float]] | None:
-    """Mean, repeats and scatter of a group's record alone; None where it has other values."""
-    for candidate in parts:
-        groups = candidate.groups
-        if type(candidate) is type(part) and label in groups.labels:
-            i, row = groups.labels.index(label), np.asarray(candidate.mean)
-            if row.shape[1] <= part.mean.shape[1] and float(groups.size[i]) == size:
-                numbers = groups.num_repeats[i], groups.within[i]
-                return row[i], (float(numbers[0]), float(numbers[1]))
-    return None
-
-
-class DeviationRows(NamedTuple):
-    """What the misfits of a part's groups are multiplied with.
-
-    Attributes:
-        group: Number of each record's group.
-        place: Where the record's own deviation stands among the rows of its group.
-        rows: Of every group its mean, then the deviations of its records; zero behind the last.
-    """
-
-    group: Int[np.ndarray, " record"]
-    place: Int[np.ndarray, " record"]
-    rows: Float[np.ndarray, "group row value"]
-
-
-def _factors(split: Split) -> DeviationRows:
-    """A split's rows, group by group."""
-    place = np.array([np.sum(split.group[:i] == g) + 1 for i, g in enumerate(split.group)])
-    rows = np.zeros((len(split.measured), 1 + int(np.max(place)), split.measured.shape[1]))
-    rows[:, 0] = split.measured
-    rows[split.group, place] = split.deviation
-    return DeviationRows(split.group, place, rows)
+def record_rows(part: Observable) -> RecordRows:
+    """Return the records of a part, which were kept when it was reduced."""
+    groups, mean = part.groups, np.asarray(part.mean)[:, None]
+    if (single := groups.single) is None:  # every group is of one
+        counts = (np.asarray(x)[:, None] for x in (groups.num_repeats, groups.within))
+        single = SingleRecords(mean, *counts)
+    is_record = single.num_repeats > 0
+    deviation = np.where(is_record[..., None], single.mean - mean, 0.0)
+    compared = jax.vmap(part.compared, 1, 1)(np.concatenate([mean, deviation], axis=1))
+    rows = np.concatenate([compared[:, :1], beside_own(compared[:, 1:], groups)], axis=1)
+    group, place = np.nonzero(is_record)
+    numbers = (np.asarray(x)[is_record] for x in (single.num_repeats, single.within))
+    return RecordRows(group, place + 1, *numbers, rows)
 
 
 def _solved(
@@ -275,34 +184,35 @@ def _known(theta: Theta, part: Observable, offset: Array | None) -> Float[Array,
 def _of_part(
     key: Key[Array, ""],
     part: Observable,
-    split: Split,
+    records: RecordRows,
     sums: Mapping[str, Float[np.ndarray, "draw record"]],
     noise: Mapping[str, Float[np.ndarray, " draw"]],
 ) -> OfPart:
     """Records of a part from what it was asked at the draws."""
-    groups, group, count = part.groups, split.group, split.num_repeats
+    groups, group, count = part.groups, records.group, records.num_repeats
+    measured, deviation = records.rows[:, 0], records.rows[group, records.place]
     size, discrepancy = (np.asarray(x)[group] for x in (groups.size, groups.discrepancy))
     counted = fractions_counted(groups)
     fraction = np.array([counted[groups.labels[g]] for g in group])
     std = np.stack([noise[groups.labels[g]] for g in group], axis=-1)
-    spread = np.sum(split.deviation**2, axis=1)
-    squares = count * (sums["square"] + 2 * sums["cross"] + spread) + split.within
+    spread = np.sum(deviation**2, axis=1)
+    squares = count * (sums["square"] + 2 * sums["cross"] + spread) + records.within
     squares += size * count * discrepancy
     log_likelihood = -fraction * (
         size * count / 2 * np.log(2 * np.pi * std**2) + squares / (2 * std**2)
     )
-    norm = np.sum(split.measured**2, axis=1)
+    norm = np.sum(measured**2, axis=1)
     # What no model knows, at the scatter of the repeats: a density has a unit, and a ratio none.
     # Alone, a record has no scatter: its size stands in.
     num_repeats, within = (np.asarray(x)[group] for x in (groups.num_repeats, groups.within))
     within = np.where(num_repeats > 1, within, norm[group])
     total = np.maximum(num_repeats - 1, 1)
     variance = within / (size * total)
-    square_sum = count * spread + split.within
+    square_sum = count * spread + records.within
     reference = -fraction * (
         size * count / 2 * np.log(2 * np.pi * variance) + square_sum / (2 * variance)
     )
-    own_norm = np.sum((split.measured[group] + split.deviation) ** 2, axis=1)
+    own_norm = np.sum((measured[group] + deviation) ** 2, axis=1)
     observed = np.sqrt(own_norm / norm[group])
     # Noise along the prediction and across it: N - 1 directions more.
     model = np.maximum(norm[group] - 2 * sums["along"] + sums["square"], 0.0)
@@ -311,7 +221,7 @@ def _of_part(
     across = rng.chisquare(np.maximum(size - 1, 1), model.shape)
     predicted = np.sqrt((ahead**2 + mean_std**2 * across) / norm[group])
     labels = [groups.labels[g] for g in group]
-    repeat = split.repeat.tolist()
+    repeat = np.where(np.bincount(group)[group] > 1, records.place, 0).tolist()
     names = [label if j == 0 else f"{label}, {j}" for label, j in zip(labels, repeat, strict=True)]
     runs = [groups.runs[g] for g in group]
     return OfPart(names, labels, runs, repeat, log_likelihood, reference, observed, predicted)

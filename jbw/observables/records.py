@@ -148,21 +148,18 @@ class Records(Observable):
         responses = [np.stack([r.channels[response] for r in t.records]) for t in tests]
         responses = [in_band(r[:, skipped:], lines) for r in responses]
         means = np.stack([r.mean(axis=0) for r in responses])
-        # In a band, the scatter over time is that over its lines.
-        within = [np.sum((r - m) ** 2) for r, m in zip(responses, means, strict=True)]
         size = means.shape[1] if lines is None else 2 * (lines[1] - lines[0])
         has_own_terms = residuals == "own"
         return cls(
             laws=laws,
             held=band_limited(inputs, periodic=periodic),
             mean=jax.device_put(means),
-            groups=repeated(
-                within=np.array(within),
-                num_repeats=np.array([len(r) for r in responses]),
-                sizes=np.full(len(tests), size),
-                labels=[test.name for test in tests],
-                runs=[run_of(test) for test in tests],
-                scale=np.sqrt(np.sum(means**2, axis=1) / size),
+            groups=repeated(  # in a band, the scatter over time is that over its lines
+                responses,
+                np.full(len(tests), size),
+                [test.name for test in tests],
+                [run_of(test) for test in tests],
+                repeats_of_record=[max(test.periods, 1) if periodic else 1 for test in tests],
                 spanned=own_columns(inputs[:, skipped:], fs, response, lines)
                 if has_own_terms
                 else None,

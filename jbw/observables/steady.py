@@ -95,7 +95,6 @@ class Points(Observable):
                 load.append(group.load)
                 motion.append(group.motion)
             first.append(tests[key])
-        sizes = np.array([2 * len(group.values) for group in groups])
         spanned = _own_columns(groups) if residuals == "own" else None
         return cls(
             laws=laws,
@@ -109,12 +108,10 @@ class Points(Observable):
             position=jnp.asarray([group.order // 2 for group in groups]),
             factor=filled([group.factor for group in groups]),
             groups=repeated(
-                within=np.array([group.within for group in groups]),
-                num_repeats=np.array([group.num_repeats for group in groups]),
-                sizes=sizes,
-                labels=[group.label for group in groups],
-                runs=[group.run for group in groups],
-                scale=np.array([np.sqrt(np.mean(np.abs(g.values) ** 2) / 2) for g in groups]),
+                [group.repeats for group in groups],
+                np.array([2.0 * len(group.omega) for group in groups]),
+                [group.label for group in groups],
+                [group.run for group in groups],
                 units=tuple(group.unit for group in groups),
                 is_complex=True,
                 spanned=spanned,
@@ -146,7 +143,7 @@ class Points(Observable):
             values = factor * motion[:, order // 2]
             group_fields = harmonic_label("planned", order), "planned", omega, load, motion, order
             groups.append(
-                MeasuredHarmonic(*group_fields, values, factor, 0.0, 1, unit=UNIT_OF[response])
+                MeasuredHarmonic(*group_fields, values[None], factor, unit=UNIT_OF[response])
             )
         std = noise_std * np.sqrt(2 / num_samples)
         data = cls.of(groups, laws=laws)

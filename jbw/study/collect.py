@@ -19,7 +19,7 @@ import xarray as xr
 from jaxtyping import Array, Float, Key
 
 from jbw.errors import Attempts
-from jbw.identification.assemble import Measured, single_records
+from jbw.identification.assemble import Measured
 from jbw.identification.joint import JointPosterior, law_variables
 from jbw.identification.joint_answers import JOINTS
 from jbw.identification.linear_step import LinearStep, linear_dataset, modes_dataset
@@ -34,10 +34,10 @@ from jbw.inference.lanes import in_background
 from jbw.inference.posterior.summary import running_mean
 from jbw.inference.space.box import Box, bounds_by_name
 from jbw.measurement.records import Test
-from jbw.observables.dataset import Dataset
+from jbw.observables.dataset import Dataset, measured_parts
 from jbw.observables.decay import Decays
 from jbw.observables.noise import evenly
-from jbw.observables.pointwise import RecordTerms, Splits, records_of, splits_of
+from jbw.observables.pointwise import RecordTerms, records_of
 from jbw.quantities import DEFAULT_LAWS, derivative_order
 from jbw.report.messages import stages
 from jbw.report.messages import study as messages
@@ -86,10 +86,9 @@ def collect(
     if sweeps is not None:
         groups |= attempts.make(stages.ENERGY, lambda: _conv_of_velocity(steps, sweeps), {})
     basis = basis_of(xr.DataTree.from_dict(groups))
-    splits: Splits = ()
-    if not posteriors.checks.sees_no_joint:  # single records say nothing of a linear structure
-        splits = attempts.make(stages.RECORD_LIKELIHOOD, lambda: splits_in(measured, joint), ())
-    with in_background(lambda: arviz_groups(joint, splits, seed)) as by_record:
+    # Single records say nothing of a linear structure.
+    has_records = not posteriors.checks.sees_no_joint and measured_parts(joint.fitted.data)
+    with in_background(lambda: arviz_groups(joint, seed) if has_records else {}) as by_record:
         groups |= attempts.make(
             stages.TESTS, lambda: verify(measured, posteriors, basis, seed, attempts), {}
         )
@@ -98,7 +97,7 @@ def collect(
             lambda: backbone_group(basis.thinned(NUM_DRAWS), basis.y_peak, basis.laws),
             None,
         )
-        if splits:
+        if has_records:
             attempts.report(stages.SINGLE_RECORDS)
         record_groups = attempts.make(stages.RECORD_LIKELIHOOD, by_record.result, {})
     if curve is not None:
@@ -244,28 +243,21 @@ def _conv_of_velocity(steps: Mapping[str, Step], sweeps: Sweeps) -> Groups:
     }
 
 
-def splits_in(seen: Measured, joint: JointPosterior) -> Splits:
-    """The single records of a campaign, by which `arviz_groups` are made."""
-    return splits_of(joint.fitted.fit.theta, joint.fitted.data, single_records(seen))
-
-
-def arviz_groups(joint: JointPosterior, splits: Splits, seed: int) -> Groups:
-    """All of ArviZ's groups of the joint posterior, by path."""
-    if all(split is None for split in splits):  # nothing but what was read off a record before
-        return {}
+def arviz_groups(joint: JointPosterior, seed: int) -> Groups:
+    """Return all of ArviZ's groups of the joint posterior, by path."""
     posterior, data, box = joint.draws, joint.fitted.data, joint.fitted.box
     shape = posterior.sizes["chain"], posterior.sizes["draw"]
     keys = parts_of(jax.random.fold_in(jax.random.key(seed), KEY), 3)
     theta = {name: posterior[name].values.ravel() for name in box.names}
     noise = noise_of(posterior)
     flat = {label: values.ravel() for label, values in noise.items()}
-    records = records_of(keys[0], theta, flat, data, splits)
+    records = records_of(keys[0], theta, flat, data)
     meaning = {str(name): values.attrs for name, values in posterior.data_vars.items()}
     prior = prior_draws(keys[1], box, data, meaning)
     some = {name: prior[name].values[0, :NUM_PREDICTED] for name in box.names}
     silent = {label: np.full(NUM_PREDICTED, SILENCE) for label in noise}
     with np.errstate(invalid="ignore", over="ignore"):  # where the motion cannot be solved
-        before = records_of(keys[2], some, silent, at_large(data), splits)
+        before = records_of(keys[2], some, silent, at_large(data))
     before = _joined(before, "predicted")
     before = before[np.all(np.isfinite(before), axis=1)]
     coords = coordinates(records)

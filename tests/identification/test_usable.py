@@ -8,7 +8,7 @@ import pytest
 
 from jbw.campaign.settings import Identify
 from jbw.errors import DataError
-from jbw.identification.assemble import assemble, measured, single_records
+from jbw.identification.assemble import assemble, measured
 from jbw.identification.usable import usable
 from jbw.measurement.records import Record, Test
 
@@ -103,10 +103,3 @@ def test_tones_of_three_days_that_tell_no_noise_are_named_in_one_warning():
         assemble(measured(kept, Identify(), gain=1.0))
     (told,) = [str(one.message) for one in caught if "Not fitted" in str(one.message)]
     assert all(f"tone day {i} order 1" in told for i in (1, 2, 3))
-
-
-def test_a_repeat_by_itself_warns_of_nothing():
-    seen = measured([tones("day 1", repeats=2)], Identify(), gain=1.0)
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        single_records(seen)

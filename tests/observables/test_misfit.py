@@ -35,14 +35,12 @@ class Lines(Observable):
 def lines(shapes, data):
     """The observable of data (group, repeat, value)."""
     mean = data.mean(axis=1)
-    groups, count, size = data.shape
+    groups, _, size = data.shape
     own = repeated(
-        within=np.sum((data - mean[:, None]) ** 2, axis=(1, 2)),
-        num_repeats=np.full(groups, count),
-        sizes=np.full(groups, size),
-        labels=[f"group {i}" for i in range(groups)],
-        runs=[f"run {i}" for i in range(groups)],
-        scale=np.sqrt(np.mean(mean**2, axis=1)),
+        list(data),
+        np.full(groups, size),
+        [f"group {i}" for i in range(groups)],
+        [f"run {i}" for i in range(groups)],
     )
     return Lines(laws=(), mean=jnp.asarray(mean), shape=jnp.asarray(shapes), groups=own)
 

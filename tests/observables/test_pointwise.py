@@ -17,7 +17,7 @@ from jbw.observables.decay import Decays
 from jbw.observables.line_fit import LineReading
 from jbw.observables.loops import Loops
 from jbw.observables.noise import with_effective_values
-from jbw.observables.pointwise import records_of, splits_of
+from jbw.observables.pointwise import records_of
 from jbw.observables.records import Records
 from jbw.observables.samples import band_limited, response_to
 from jbw.observables.steady import Points
@@ -60,23 +60,16 @@ def swept(count, seed=1, name="test", **changes):
     return a_test("sweep", {"input": U, "velocity": clean}, count, seed, name)
 
 
-def found(data, tests, theta, noise):
-    """What is asked of the tests' records by the parts' own reduction, of one record at a time."""
-    part = type(data.parts[-1])
-    most = max(len(test.records) for test in tests)
-    single = [
-        [replace(one, records=(one.records[i],)) for one in tests if len(one.records) > i]
-        for i in range(most)
-    ]
-    splits = splits_of(TRUTH, data, [part.reduce(some) for some in single])
-    return records_of(jax.random.key(0), theta, noise, data, splits)
+def found(data, theta, noise):
+    """What is asked of the records of a dataset."""
+    return records_of(jax.random.key(0), theta, noise, data)
 
 
 def test_every_record_has_its_own_density_given_the_noise():
     test = swept(3)
     data, theta = Dataset.of(Records.reduce([test])), draws()
     noise = np.array([NOISE, 1.3 * NOISE])
-    (part,) = found(data, [test], theta, {"test": noise}).parts
+    (part,) = found(data, theta, {"test": noise}).parts
     assert part.name == ["test, 1", "test, 2", "test, 3"]
     assert part.repeat == [1, 2, 3]
     for d in range(2):
@@ -86,6 +79,21 @@ def test_every_record_has_its_own_density_given_the_noise():
             exact = norm.logpdf(record.channels["velocity"], model, noise[d]).sum()
             # Of 512 squares over sigma squared: rounding.
             assert part.log_likelihood[d, j] == pytest.approx(exact, rel=1e-10)
+
+
+def test_all_periods_of_a_record_of_a_multisine_count():
+    clean = np.sin(2 * np.pi * 18 * T[:128])  # a period of 9 cycles, the first of them transient
+    channels = {"input": np.tile(clean, 4), "velocity": 0.02 * np.tile(clean, 4)}
+    test = a_test("multisine", channels, 3, periods=4, settle=0.5)
+    data, theta = Dataset.of(Records.reduce([test])), draws()
+    (part,) = found(data, theta, {"test": np.full(2, NOISE)}).parts
+    assert part.repeat == [1, 2, 3]
+    for d in range(2):
+        point = {name: jnp.asarray(values[d]) for name, values in theta.items()}
+        model = np.tile(np.asarray(data.parts[0].predict(point))[0], 3)
+        for j, record in enumerate(test.records):
+            exact = norm.logpdf(record.channels["velocity"][128:], model, NOISE).sum()
+            assert part.log_likelihood[d, j] == pytest.approx(exact, rel=1e-10)  # rounding
 
 
 def tone(count):
@@ -115,7 +123,7 @@ def test_the_noise_integrated_out_leaves_the_likelihood_that_is_sampled(made):
     data = with_effective_values(fractions, data)
     theta = draws()
     noise = {label: np.full(2, 1.0) for label in labels}
-    parts = found(data, tests, theta, noise).parts
+    parts = found(data, theta, noise).parts
     groups = [label for one in parts for label in one.group]
     assert sorted(set(groups)) == sorted(labels)
     assert all(groups.count(label) == 3 for label in labels)
@@ -146,7 +154,7 @@ def test_sizes_are_predicted_as_the_noise_makes_them():
     data = Dataset.of(Records.reduce([test]))
     loud = 0.05  # beside a response of 0.02 rms
     theta = {name: np.full(4000, value) for name, value in TRUTH.items()}
-    (part,) = found(data, [test], theta, {"test": np.full(4000, loud)}).parts
+    (part,) = found(data, theta, {"test": np.full(4000, loud)}).parts
     rows = np.stack([record.channels["velocity"] for record in test.records])
     size = np.sqrt(np.sum(rows.mean(axis=0) ** 2))
     exact = np.sqrt(np.sum(rows**2, axis=1)) / size
@@ -175,10 +183,10 @@ def test_runs_are_predicted_at_their_own_offsets():
     )
     theta = draws(omega_n=118.0, gain=15.0)
     noise = {name: np.full(2, NOISE) for name in ("low", "high")}
-    every = found(own, tests, theta, noise)
-    apart = found(data, tests, theta, noise)
+    every = found(own, theta, noise)
+    apart = found(data, theta, noise)
     for name, rest in (("low", -off), ("high", off)):
-        there = found(data, tests, {**theta, "omega_n": theta["omega_n"] + rest}, noise)
+        there = found(data, {**theta, "omega_n": theta["omega_n"] + rest}, noise)
         pick = [g == name for g in every.parts[0].group]
         drawn, fixed, wrong = (x.parts[0].log_likelihood[:, pick] for x in (every, there, apart))
         # A draw of two offsets strays by chi-square of two degrees of freedom, over two records.
@@ -192,9 +200,7 @@ def test_a_line_fit_is_known_beforehand_and_a_decay_is_one_record():
     mean = np.array([TRUTH[name] for name in ("omega_n", "zeta", "gain")])
     line = LineReading.of(mean, np.diag((1e-2 * mean) ** 2), 1e-12, "noise")
     test = swept(2)
-    both = found(
-        Dataset.of([line, *Records.reduce([test])]), [test], draws(), {"test": np.full(2, 1.0)}
-    )
+    both = found(Dataset.of([line, *Records.reduce([test])]), draws(), {"test": np.full(2, 1.0)})
     density = both.known["line fit of noise"]
     left = (mean - [118.02, 0.01, 15.01]) / (1e-2 * mean)
     # At no amplitude the joint sticks: what was read is the parameters.
@@ -202,7 +208,7 @@ def test_a_line_fit_is_known_beforehand_and_a_decay_is_one_record():
     impacts = decay_test()
     data = Dataset.of(Decays.reduce([impacts]))
     noise = {label: np.full(2, 1e-4) for label in data.labels}
-    (part,) = found(data, [impacts], draws(), noise).parts
+    (part,) = found(data, draws(), noise).parts
     assert part.name == list(data.labels)
     assert part.observed == pytest.approx(np.ones(len(data.labels)))
     assert np.all(np.isfinite(part.log_likelihood))
