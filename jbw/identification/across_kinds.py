@@ -9,27 +9,22 @@ Parameters that the other tests do not identify are named: a large error then sa
 tests as of the law.
 """
 
-import logging
-from dataclasses import replace
-from functools import reduce
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from jbw.identification.held_out import held_out
 from jbw.identification.leaving_out import identified_alone
-from jbw.identification.prepare import refit
 from jbw.identification.run_effects import errors_with_own_frequency
 from jbw.inference.fit.fitting import Fit
 from jbw.inference.space.box import Box
 from jbw.measurement.channels import rms
 from jbw.observables.dataset import Dataset, measured_parts
-from jbw.observables.groups import silenced
 from jbw.observables.observable import Observable
 from jbw.report.messages import residuals as messages
 from jbw.report.messages import stages
 
-under_way = logging.getLogger("jbw.progress")
 WORDS = {
     "sweep": "sweeps and multisines", "tones": "tones and curves", "loop": "loops",
     "decay": "decays",
@@ -48,18 +43,6 @@ def _kind_of(part: Observable) -> str:
     return WORDS.get(part.kinds[0], part.kinds[0])
 
 
-def without_kind(kind: str, data: Dataset) -> Dataset:
-    """The dataset in which the tests of one kind count for nothing, of the same shapes."""
-
-    def silent(part: Observable) -> Observable:
-        if part.groups.is_prior or _kind_of(part) != kind:
-            return part
-        groups = reduce(lambda rest, run: silenced(run, rest), part.groups.runs, part.groups)
-        return replace(part, groups=groups)
-
-    return replace(data, parts=tuple(map(silent, data.parts)))
-
-
 def across_kinds(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
     """Error of every kind of test as the others predict it; None of fewer than two kinds."""
     kinds = kinds_of(data)
@@ -67,14 +50,11 @@ def across_kinds(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
         return None
     as_fitted = errors_with_own_frequency(best, prior, data)
     error, fitted, wider = [], [], []
-    for number, (kind, labels) in enumerate(kinds.items(), start=1):
-        under_way.info(stages.WITHOUT_KIND, number, len(kinds))
-        rest = without_kind(kind, data)
-        fit = refit(best, prior, rest)
-        predicted = errors_with_own_frequency(fit, prior, data)
-        error.append(rms([predicted[label] for label in labels]))
-        fitted.append(rms([as_fitted[label] for label in labels]))
-        wider.append(np.sqrt(np.diag(fit.covariance) / np.diag(best.covariance)))
+    for piece in held_out(kinds, best, prior, data, stages.WITHOUT_KIND).values():
+        predicted = errors_with_own_frequency(piece.fit, prior, data)
+        error.append(rms([predicted[label] for label in piece.labels]))
+        fitted.append(rms([as_fitted[label] for label in piece.labels]))
+        wider.append(np.sqrt(np.diag(piece.fit.covariance) / np.diag(best.covariance)))
     return xr.Dataset(
         {
             "error": ("kind", error, {"units": "1", "long_name": messages.ERROR_FROM_REST}),

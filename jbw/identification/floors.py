@@ -4,7 +4,7 @@ A law within a fifth of what the mean of the repeats scatters by needs no succes
 oscillator fitted to each run alone knows its level and its day; what it leaves bends within a run.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 
 from jbw.inference.fit.costly_fit import costly_fit
@@ -46,25 +46,22 @@ def own_lines(data: Dataset, known: Mapping[str, float]) -> dict[str, float]:
     of_model = is_assembled(data.held)
     held = {name: float(value) for name, value in data.held.items() if of_model or name in REACH}
     linear = Dataset.of(parts, held)
-    runs = tuple(dict.fromkeys(linear.runs))
-    return {run: _own_line(run, runs, linear, within, known) for run in runs}
+    runs = dict.fromkeys(linear.runs)
+    return {run: _own_line(run, linear, within, known) for run in runs}
 
 
 def _own_line(
     run: str,
-    runs: Sequence[str],
     data: Dataset,
     bounds: Mapping[str, tuple[float, float]],
     estimates: Mapping[str, float],
 ) -> float:
     used = used_by([part for part in data.parts if run in part.groups.runs], bounds)
     within = box({name: bounds[name] for name in bounds if name in used})
-    single = data
-    for other in runs:
-        single = single if other == run else noise.without(other, single)
+    pairs = list(zip(data.labels, data.runs, strict=True))
+    single = noise.silenced([label for label, name in pairs if name != run], data)
     start = {name: estimates[name] for name in within.names}
     best = costly_fit(dataset.stacked, within, single, starts=start, **CLOSE)
     residuals = dataset.residual_by_label(best.residual, single)
     error = dataset.error_by_label(residuals, single)
-    pairs = zip(data.labels, data.runs, strict=True)
     return rms([error[label] for label, name in pairs if name == run and label in error])

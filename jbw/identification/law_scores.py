@@ -21,9 +21,8 @@ from jaxtyping import Array, Float, Key
 from scipy.special import logsumexp
 
 from jbw.identification.evidence import Candidate, likelihood_at, place_of
-from jbw.identification.prepare import refit
+from jbw.identification.held_out import HeldOut, held_out, labels_by_run
 from jbw.identification.run_effects import errors_with_own_frequency
-from jbw.inference.fit.fitting import Fit
 from jbw.inference.lanes import at_points
 from jbw.inference.posterior.verdict import GOOD_KHAT
 from jbw.inference.samplers import amis
@@ -59,11 +58,13 @@ class LeftOut:
     doubt: float = 0.0
 
 
-def runs_of(data: Dataset) -> tuple[str, ...]:
-    """Runs that can be left out: those whose values count, each once."""
+def each_run(one: Candidate) -> dict[str, HeldOut]:
+    """Return the fits of a law without each run whose values count."""
+    best, prior, data = one.fitted.fit, one.fitted.box, one.fitted.data
     counted = noise.fractions_counted(data)
-    pairs = zip(data.labels, data.runs, strict=True)
-    return tuple(dict.fromkeys(run for label, run in pairs if label in counted))
+    runs = labels_by_run(data).items()
+    pieces = {run: labels for run, labels in runs if any(label in counted for label in labels)}
+    return held_out(pieces, best, prior, data)
 
 
 def left_out(
@@ -76,17 +77,15 @@ def left_out(
     """
     prior, data = one.fitted.box, one.fitted.data
     elpd, error, worst, doubt = {}, {}, -np.inf, 0.0
-    for i, run in enumerate(runs_of(data)):
-        rest = noise.silenced(run, data)
-        best = refit(one.fitted.fit, prior, rest)
-        score = _by_draws(draws, prior.names, data, rest)
+    for i, (run, piece) in enumerate(each_run(one).items()):
+        score = _by_draws(draws, prior.names, data, piece.rest)
         if score is None:
-            score = _by_points(jax.random.fold_in(key, i), best, one, rest, about)
+            score = _by_points(jax.random.fold_in(key, i), one, piece, about)
         elpd[run], khat = score
-        error[run] = _error_of(run, best, one)
+        error[run] = _error_of(piece, one)
         worst = max(worst, khat)
         if not khat < GOOD_KHAT:
-            doubt += abs(elpd[run] - _score_of_fit(best, data, rest))
+            doubt += abs(elpd[run] - _score_of_fit(piece, data))
     return LeftOut(elpd, error, float(worst), doubt)
 
 
@@ -95,19 +94,14 @@ def left_out_of_fits(one: Candidate) -> LeftOut:
 
     What the width of a posterior adds is a few nats: nothing where a law is hopeless.
     """
-    prior, data = one.fitted.box, one.fitted.data
-    elpd, error = {}, {}
-    for run in runs_of(data):
-        rest = noise.silenced(run, data)
-        best = refit(one.fitted.fit, prior, rest)
-        elpd[run] = _score_of_fit(best, data, rest)
-        error[run] = _error_of(run, best, one)
-    return LeftOut(elpd, error, None)
+    table = each_run(one)
+    elpd = {run: _score_of_fit(piece, one.fitted.data) for run, piece in table.items()}
+    return LeftOut(elpd, {run: _error_of(piece, one) for run, piece in table.items()}, None)
 
 
-def _score_of_fit(best: Fit, data: Dataset, rest: Dataset) -> float:
-    """Log density of what `rest` lacks at a fit to the rest [nats]."""
-    return likelihood_at(best, data) - likelihood_at(best, rest)
+def _score_of_fit(piece: HeldOut, data: Dataset) -> float:
+    """Return the log density of a piece at the fit to the rest [nats]."""
+    return likelihood_at(piece.fit, data) - likelihood_at(piece.fit, piece.rest)
 
 
 def _told_by_terms(data: Dataset, rest: Dataset) -> Float[np.ndarray, " term"] | None:
@@ -144,15 +138,14 @@ def _by_draws(
 
 def _by_points(
     key: Key[Array, ""],
-    best: Fit,
     candidate: Candidate,
-    rest: Dataset,
+    piece: HeldOut,
     about_all: Reparametrisation,
 ) -> tuple[float, float]:
     """The same by points about the fit without it, or about all draws if worth more."""
-    parametrisations = {"fit": lambda: place_of(best, candidate), "draws": lambda: about_all}
-    points = weighed_in(key, candidate.fitted.box, rest, parametrisations)
-    times = _told_by_terms(candidate.fitted.data, rest)
+    parametrisations = {"fit": lambda: place_of(piece.fit, candidate), "draws": lambda: about_all}
+    points = weighed_in(key, candidate.fitted.box, piece.rest, parametrisations)
+    times = _told_by_terms(candidate.fitted.data, piece.rest)
     if times is None:
         log_terms = at_points(dataset.log_likelihood, points.theta, candidate.fitted.data)
         gained = log_terms.reshape(len(points.weights), -1).sum(axis=1) - points.terms.sum(axis=1)
@@ -171,12 +164,11 @@ def weighed_in(key: Key[Array, ""], prior: Box, data: Dataset, places: Places) -
     return amis.points(drawing, problem, size=SIZE, least=WORTH, most_rounds=ROUNDS[data.stepped])
 
 
-def _error_of(run: str, best: Fit, candidate: Candidate) -> float:
-    """Error of a run over its response at a fit that does not know it, but for its frequency."""
-    data = candidate.fitted.data
-    errors = errors_with_own_frequency(best, candidate.fitted.box, data)
-    pairs = zip(data.labels, data.runs, strict=True)
-    return rms([errors[label] for label, name in pairs if name == run and label in errors])
+def _error_of(piece: HeldOut, candidate: Candidate) -> float:
+    """Return the error of a piece over its response; its runs have their own frequency."""
+    fitted = candidate.fitted
+    errors = errors_with_own_frequency(piece.fit, fitted.box, fitted.data)
+    return rms([errors[label] for label in piece.labels if label in errors])
 
 
 def twice_as_wide(prior: Box, laws: tuple[str, ...], stated: Collection[str] = ()) -> Box:

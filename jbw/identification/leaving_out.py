@@ -25,9 +25,7 @@ One scalar joint has one softening and one loss for all modes, up to a factor a 
 joint of its own follows clearly better, alone and with the others filtered out, does not obey it.
 """
 
-import logging
 from collections.abc import Mapping, Sequence
-from functools import reduce
 from typing import Any
 
 import numpy as np
@@ -41,8 +39,8 @@ from jbw.campaign.settings import Identify
 from jbw.identification.accuracy import another_law
 from jbw.identification.coordinates import box_of
 from jbw.identification.first_fit import from_amplitude_curve, middle_but, rough
-from jbw.identification.prepare import refit
-from jbw.identification.run_effects import own_frequency_alone
+from jbw.identification.held_out import HeldOut, held_out, labels_by_run
+from jbw.identification.run_effects import errors_with_own_frequency
 from jbw.inference.fit.costly_fit import residual_at
 from jbw.inference.fit.fitting import Fit, to_first_order
 from jbw.inference.posterior.finding import Finding, checked
@@ -60,14 +58,13 @@ from jbw.observables.decay_envelopes import NUM_OWN
 from jbw.observables.drives import of_part
 from jbw.observables.effective_values import correlated_fraction
 from jbw.observables.modal_decays import errors_by_mode
-from jbw.observables.noise import fractions_counted, silenced, without
+from jbw.observables.noise import fractions_counted
 from jbw.oscillator.laws import laws_named
 from jbw.quantities import are_at_joints
 from jbw.report.messages import modes, stages
 from jbw.report.messages import residuals as messages
 
-under_way = logging.getLogger("jbw.progress")
-FitsWithout = Mapping[tuple[str, ...], Fit]  # by the runs that are left out
+FitsWithout = Mapping[tuple[str, ...], HeldOut]  # by the runs that are held out
 MOVES = 4.0  # standard deviations of the change: beyond, the runs contradict each other
 # Times its standard deviation by all tests: a parameter that rests on what is left out.
 WIDER = 5.0
@@ -91,13 +88,9 @@ def fits_without_each_run(best: Fit, prior: Box, data: Dataset) -> FitsWithout:
     groups = _thirds(data) if decays_alone else [(run,) for run in runs]
     if len(groups) < 2:
         return {}
-    excluded = silenced if decays_alone else without
-    fits: dict[tuple[str, ...], Fit] = {}
-    for place, group in enumerate(groups, start=1):
-        under_way.info(stages.WITHOUT_RUN, place, len(groups))
-        rest = reduce(lambda remaining, run: excluded(run, remaining), group, data)
-        fits[group] = refit(best, prior, rest)
-    return fits
+    labels = labels_by_run(data)
+    pieces = {group: [label for run in group for label in labels[run]] for group in groups}
+    return held_out(pieces, best, prior, data, stages.WITHOUT_RUN)
 
 
 def _thirds(data: Dataset) -> list[tuple[str, ...]]:
@@ -120,10 +113,9 @@ def leave_one_out(
     decays_alone = all(part.own_shifts for part in data.parts)
     if decays_alone or len(without_each) < 2 or len(set(data.runs)) < 3:
         return None
-    runs, fits = [run for (run,) in without_each], list(without_each.values())
-    others = [without(run, data) for run in runs]
-    pairs = zip(fits, others, strict=True)
-    growth = np.array([_gained(best, fit, prior, rest) for fit, rest in pairs])
+    runs, pieces = [run for (run,) in without_each], list(without_each.values())
+    fits = [piece.fit for piece in pieces]
+    growth = np.array([_gained(best, piece, prior) for piece in pieces])
     estimate = np.array([list(fit.theta.values()) for fit in fits])
     std = np.array([np.sqrt(np.diag(fit.covariance)) for fit in fits])
     variance = np.diag(best.covariance)
@@ -132,8 +124,10 @@ def leave_one_out(
     change = estimate - np.array(list(best.theta.values()))
     most = np.sqrt(growth)[:, None] * std
     z = np.clip(change, -most, most) / np.sqrt(np.where(is_gained, gained, np.nan))
-    error = [_error(run, fit, prior, data) for run, fit in zip(runs, fits, strict=True)]
-    fitted = [_error(run, best, prior, data) for run in runs]
+    sizes, as_fitted = size_by_label(data), errors_with_own_frequency(best, prior, data)
+    predicted = [errors_with_own_frequency(fit, prior, data) for fit in fits]
+    error = [_error(x.labels, row, sizes) for x, row in zip(pieces, predicted, strict=True)]
+    fitted = [_error(piece.labels, as_fitted, sizes) for piece in pieces]
     dims = ("run", "parameter")
     return xr.Dataset(
         {
@@ -160,24 +154,18 @@ def leave_one_out(
     )
 
 
-def _gained(best: Fit, without_it: Fit, prior: Box, rest: Dataset) -> float:
-    """Chi-square that the other runs gain by their own fit."""
-    before = float(np.sum(residual_at(stacked, best.x, prior, rest) ** 2))
-    return max(before - 2 * without_it.cost, 0.0)
+def _gained(best: Fit, piece: HeldOut, prior: Box) -> float:
+    """Return the chi-square that the other runs gain by their own fit."""
+    before = float(np.sum(residual_at(stacked, best.x, prior, piece.rest) ** 2))
+    return max(before - 2 * piece.fit.cost, 0.0)
 
 
-def _error(run: str, without_it: Fit, prior: Box, data: Dataset) -> float:
-    """Error of a run at a fit that does not know it; its natural frequency is its own.
-
-    Its damping ratio is not, which the law has to tell.
-    """
-    scored = own_frequency_alone(data)
-    residuals = residual_by_label(residual_at(stacked, without_it.x, prior, scored), scored)
-    sizes = size_by_label(data)
-    labels = [label for label, name in zip(data.labels, data.runs, strict=True) if name == run]
-    sized = [label for label in labels if label in sizes]  # a line fit of the run has no size
-    missed = np.linalg.norm(np.concatenate([residuals[label] for label in sized]))
-    return float(missed / np.linalg.norm([sizes[label] for label in sized]))
+def _error(labels: Sequence[str], errors: Mapping[str, float], sizes: Mapping[str, float]) -> float:
+    """Return the error of groups together over the size of all; a line fit has none."""
+    sized = [label for label in labels if label in sizes]
+    size = np.array([sizes[label] for label in sized])
+    missed = size * [errors[label] for label in sized]
+    return float(np.linalg.norm(missed) / np.linalg.norm(size))
 
 
 def left_out_sentence(left_out: xr.Dataset) -> str:
@@ -225,7 +213,9 @@ def between_records(best: Fit, prior: Box, data: Dataset) -> xr.Dataset | None:
     if not (decays_alone and data.laws and len(records) >= FEWEST):
         return None
     together, error = _known(best, data)
-    fits = {record: refit(best, prior, _only(record, data)) for record in records}
+    others = {label: [x for x in data.labels if x != label] for label in data.labels}
+    alone = held_out(others, best, prior, data)
+    fits = {label: piece.fit for label, piece in alone.items()}
     by_record = [_known(fitted, data) for fitted in fits.values()]
     names = list(together)
     size = np.abs(np.array([together[name] for name in names]))
@@ -268,14 +258,6 @@ def _own_errors(fits: Mapping[str, Fit], data: Dataset) -> NDArray[np.float64]:
         variance = float(np.sum(np.abs(values) ** 2)) / degrees
         ratios.append(variance / noise[record] ** 2 * fraction_of_all[record] / fraction)
     return np.sqrt(ratios)
-
-
-def _only(record: str, data: Dataset) -> Dataset:
-    """The dataset in which one record counts alone, of the same shapes."""
-    for other in data.runs:
-        if other != record:
-            data = silenced(other, data)
-    return data
 
 
 def _known(fitted: Fit, data: Dataset) -> tuple[dict[str, float], dict[str, float]]:

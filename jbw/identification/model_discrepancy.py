@@ -388,7 +388,7 @@ def model_discrepancy(best: Fit, prior: Box, data: Dataset, fits: FitsWithout) -
     fits_with_decays = {tuple(sorted(stay_in)): best} if stay_in else {}  # decays among other tests
     shown = {
         run: _placed(_shown_by(run, fit, slopes, prior, noise, natural), run, group, amplitudes)
-        for group, fit in {**fits_with_decays, **fits}.items()
+        for group, fit in (fits_with_decays | {g: x.fit for g, x in fits.items()}).items()
         for run in group
     }
     as_fitted = _rests({label: residuals[label] for label in repeated}, repeated, data)

@@ -1,6 +1,6 @@
 """The table of groups that every kind of test holds: names, repeats, noise, offsets of runs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 
@@ -274,11 +274,10 @@ def fractions_counted(groups: Groups) -> dict[str, float]:
     return dict(zip(groups.labels, fraction.tolist(), strict=True))
 
 
-def silenced(run: str, groups: Groups) -> Groups:
-    """Return groups of the same shapes in which those of one run have next to no values."""
-    pairs = zip(groups.labels, groups.runs, strict=True)
-    fractions = {label: SILENT for label, name in pairs if name == run}
-    return with_effective_values({**fractions_counted(groups), **fractions}, groups)
+def silenced(labels: Iterable[str], groups: Groups) -> Groups:
+    """Return groups of the same shapes, of which some have next to no values."""
+    fractions = fractions_counted(groups) | dict.fromkeys(labels, SILENT)
+    return with_effective_values(fractions, groups)
 
 
 def _orthonormal(

@@ -4,7 +4,7 @@ Every function reads columns of `Groups` alone: a mean of K repeats of N values,
 independent, with the scatter S of the repeats about it.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from functools import partial
 
@@ -21,8 +21,6 @@ from jbw.observables.effective_values import correlated_fraction
 from jbw.observables.groups import Covariance, Groups, Rows, changed, sizes
 from jbw.observables.misfit import independent_fractions, shared_misfit
 from jbw.observables.observable import Observable, Theta, alone
-
-EXCLUDED = 1e6  # times its noise: a group that says nothing any more, and keeps its shape
 
 Draws = Float[np.ndarray, "chain draw"]
 Drawn = Mapping[str, Float[np.ndarray, "..."]]  # parameters by name, and what was held
@@ -124,19 +122,9 @@ def with_effective_values(fractions: Mapping[str, float], data: Dataset) -> Data
     return _with_groups(partial(table.with_effective_values, fractions), data)
 
 
-def silenced(run: str, data: Dataset) -> Dataset:
-    """Return the dataset in which one run counts for nothing, in the likelihood too."""
-    return _with_groups(partial(table.silenced, run), data)
-
-
-def without(run: str, data: Dataset) -> Dataset:
-    """Return the dataset with one run's groups excluded from least squares, of the same shapes."""
-
-    def louder(groups: Groups) -> Groups:
-        loud = np.array([EXCLUDED if name == run else 1.0 for name in groups.runs])
-        return changed(groups, noise_std=np.asarray(groups.noise_std) * loud)
-
-    return _with_groups(louder, data)
+def silenced(labels: Collection[str], data: Dataset) -> Dataset:
+    """Return the dataset of the same shapes in which some groups count for nothing."""
+    return _with_groups(partial(table.silenced, labels), data)
 
 
 def _with_groups(change: Callable[[Groups], Groups], data: Dataset) -> Dataset:

@@ -110,8 +110,8 @@ def record_rows(part: Observable) -> RecordRows:
     compared = jax.vmap(part.compared, 1, 1)(np.concatenate([mean, deviation], axis=1))
     rows = np.concatenate([compared[:, :1], beside_own(compared[:, 1:], groups)], axis=1)
     group, place = np.nonzero(is_record)
-    numbers = (np.asarray(x)[is_record] for x in (single.num_repeats, single.within))
-    return RecordRows(group, place + 1, *numbers, rows)
+    num_repeats, within = (x[is_record] for x in (single.num_repeats, single.within))
+    return RecordRows(group, place + 1, num_repeats, within, rows)
 
 
 def _solved(

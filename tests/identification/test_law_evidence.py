@@ -20,6 +20,7 @@ from jbw.identification import evidence, law_scores
 from jbw.identification.assemble import assemble, measured
 from jbw.identification.evidence import offset_changes, without_offsets
 from jbw.identification.floors import own_lines, scatter_of_means
+from jbw.identification.held_out import HeldOut
 from jbw.identification.law_scores import log_evidence_wide, twice_as_wide
 from jbw.identification.prepare import Fitted
 from jbw.inference.posterior.verdict import GOOD_KHAT
@@ -135,20 +136,19 @@ def test_the_score_of_a_run_is_that_of_a_conjugate_normal(way, monkeypatch):
         points = SimpleNamespace(terms=terms[0] / times, weights=weights, khat=0.1)
         monkeypatch.setattr(law_scores, "weighed_in", lambda *_: points)
         one = SimpleNamespace(fitted=SimpleNamespace(box=None, data=None))
-        score, _ = law_scores._by_points(jax.random.key(0), None, one, None, None)
+        piece = HeldOut((), None, None)
+        score, _ = law_scores._by_points(jax.random.key(0), one, piece, None)
     # Weights of 20,000 draws: 0.01 nats.
     assert score == pytest.approx(norm.logpdf(second, first / 2, np.sqrt(1.5)), abs=0.03)
 
 
 def test_rough_scores_may_be_off_by_what_fits_say_otherwise_in_either_direction(monkeypatch):
     rough = {"a": (1.0, 0.9), "b": (-2.0, 0.8), "c": (50.0, 0.1)}
-    data = SimpleNamespace(**{"runs": tuple(rough)})
     one = SimpleNamespace(
-        fitted=SimpleNamespace(box=SimpleNamespace(names=()), data=data, fit=None)
+        fitted=SimpleNamespace(box=SimpleNamespace(names=()), data=None, fit=None)
     )
-    monkeypatch.setattr(law_scores, "runs_of", lambda data: data.runs)
-    monkeypatch.setattr(noise, "silenced", lambda run, _: run)
-    monkeypatch.setattr(law_scores, "refit", lambda *_: None)
+    table = {run: HeldOut((run,), run, None) for run in rough}
+    monkeypatch.setattr(law_scores, "each_run", lambda _: table)
     monkeypatch.setattr(law_scores, "_by_draws", lambda *of: rough[of[-1]])
     monkeypatch.setattr(law_scores, "_score_of_fit", lambda *_: 0.0)
     monkeypatch.setattr(law_scores, "_error_of", lambda *_: 0.1)
@@ -179,7 +179,7 @@ def test_the_likelihood_at_a_fit_bounds_the_evidence(linear):
 def test_a_run_that_is_silenced_counts_for_nothing(linear):
     data = linear.fitted.data
     theta = {name: jnp.asarray(value) for name, value in linear.fitted.fit.theta.items()}
-    silent = noise.silenced("held at 20", data)
+    silent = noise.silenced(["held at 20"], data)
     moved = {**theta, "omega_n": theta["omega_n"] * 1.001}
     before, after = (np.asarray(log_likelihood(t, silent) - log_likelihood(t, data))
                      for t in (theta, moved))  # fmt: skip
@@ -192,7 +192,7 @@ def test_a_run_that_is_silenced_counts_for_nothing(linear):
 def test_terms_of_a_silenced_run_tell_what_it_says(linear):
     """As the difference of two evaluations has it: by the terms of either."""
     data, run = linear.fitted.data, "held at 20"
-    rest = noise.silenced(run, data)
+    rest = noise.silenced([run], data)
     times = law_scores._told_by_terms(data, rest)
     theta = {name: jnp.asarray(1.001 * value) for name, value in linear.fitted.fit.theta.items()}
     whole, silent = (np.asarray(log_likelihood(theta, one)) for one in (data, rest))

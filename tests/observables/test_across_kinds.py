@@ -16,14 +16,15 @@ from jbw.identification.across_kinds import (
     across_kinds_record,
     across_kinds_sentence,
     kinds_of,
-    without_kind,
 )
 from jbw.identification.assemble import assemble, measured
+from jbw.identification.held_out import HeldOut
 from jbw.identification.leaving_out import identified_alone
 from jbw.identification.prepare import with_weights
 from jbw.inference.fit.costly_fit import costly_fit
 from jbw.inference.space.box import box
 from jbw.observables.dataset import as_arrays, error_by_label, residual_by_label, stacked
+from jbw.observables.noise import silenced
 from jbw.report.messages.residuals import identified_by
 
 LEVELS = (5, 20, 60)
@@ -86,8 +87,8 @@ def test_a_parameter_is_as_much_wider_as_its_standard_deviation_without_a_kind(m
     )
     monkeypatch.setattr(kinds, "kinds_of", lambda _: {"sweeps": ("s",), "loops": ("l",)})
     monkeypatch.setattr(kinds, "errors_with_own_frequency", lambda *_: {"s": 0.1, "l": 0.1})
-    monkeypatch.setattr(kinds, "without_kind", lambda *_: None)
-    monkeypatch.setattr(kinds, "refit", lambda *_: rest)
+    table = {"sweeps": HeldOut(("s",), None, rest), "loops": HeldOut(("l",), None, rest)}
+    monkeypatch.setattr(kinds, "held_out", lambda *_: table)
     found = across_kinds(
         whole, box({"a": (0.0, 2.0), "b": (0.0, 2.0)}), SimpleNamespace(has_offsets=False)
     )
@@ -99,7 +100,7 @@ def test_the_error_of_a_kind_is_the_rms_of_its_tests():
     best, prior, data = fitted(LEVELS, 1.03)
     predicted = across_kinds(best, prior, data)
     assert predicted is not None
-    rest = without_kind("tones and curves", data)
+    rest = silenced(kinds_of(data)["tones and curves"], data)
     theta = as_arrays(costly_fit(stacked, prior, rest, starts=best.theta).theta, data)
     residual = residual_by_label(np.asarray(stacked(theta, data)), data)
     errors = error_by_label(residual, data)
@@ -117,7 +118,7 @@ def test_a_kind_left_out_says_nothing():
     best, _, data = fitted(LEVELS, 1.0)
     changed = {**best.theta, "delta": 1.2 * best.theta["delta"]}
     theta = {name: np.asarray(value) for name, value in changed.items()}
-    rest = without_kind("loops", data)
+    rest = silenced(["loop"], data)
     whole, without = (np.asarray(stacked(theta, each)) for each in (data, rest))
     labels = list(data.layout)
     ends = np.cumsum(list(data.layout.values()))

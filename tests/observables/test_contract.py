@@ -32,7 +32,7 @@ from jbw.observables.dataset import (
 from jbw.observables.decay import Decays, decay_of
 from jbw.observables.line_fit import LineReading
 from jbw.observables.loops import Loops
-from jbw.observables.noise import num_known, without
+from jbw.observables.noise import num_known, silenced
 from jbw.observables.observable import Observable
 from jbw.observables.records import Records
 from jbw.observables.register import OBSERVABLES, register, taking
@@ -241,11 +241,11 @@ def test_one_repeat_and_many_reduce_to_the_same_groups(kind):
 
 
 @every_kind
-def test_an_excluded_run_says_nothing(kind):
+def test_silenced_groups_say_nothing(kind):
     data = Dataset.of([noise_free(kind)])
     if data.parts[0].own_shifts:
         return
-    out = without(data.runs[0], data)
+    out = silenced(data.labels, data)
     wrong = theta(omega_n=128.0)
     of_rest, of_all = (np.sum(np.square(compared(wrong, part)[1])) for part in (out, data))
     assert of_rest < 1e-6 * of_all

@@ -179,7 +179,7 @@ def test_a_silenced_record_counts_as_if_it_were_not_there():
     test = decay_test(shifts=(3e-6, -4e-6, 1e-6, 0.0))
     data = Decays.of(test)
     rest = Decays.of(replace(test, records=test.records[1:]))
-    (silent,) = silenced(data.groups.runs[0], Dataset.of([data])).parts
+    (silent,) = silenced(data.groups.labels[:1], Dataset.of([data])).parts
     # The model's decay begins at the largest amplitude of all records.
     rest = replace(rest, y_start=data.y_start, num_samples=data.num_samples)
     found = [log_likelihood(THETA, Dataset.of([one])) for one in (silent, rest)]

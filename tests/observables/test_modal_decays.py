@@ -148,7 +148,7 @@ def test_a_likelihood_knows_no_gain():
 
 
 def test_a_record_that_does_not_count_says_nothing(clean):
-    (silent,) = silenced(clean.groups.runs[0], Dataset.of([clean])).parts
+    (silent,) = silenced(clean.groups.labels[:1], Dataset.of([clean])).parts
     assert np.all(np.asarray(silent.weighted(point())[0])[0] == 0.0)
     assert float(silent.estimate(point(), 0).log_density[0]) == 0.0
 

@@ -1,0 +1,60 @@
+"""Pieces of a dataset that a fit has not seen: one table of fits for all that asks for them."""
+
+import logging
+from collections.abc import Collection, Hashable, Mapping
+from typing import NamedTuple
+
+from jbw.identification.prepare import refit
+from jbw.inference.fit.fitting import Fit
+from jbw.inference.space.box import Box
+from jbw.observables.dataset import Dataset
+from jbw.observables.noise import silenced
+
+under_way = logging.getLogger("jbw.progress")
+
+
+class HeldOut(NamedTuple):
+    """Groups that were held out, and what was fitted to the others.
+
+    Attributes:
+        labels: Names of the groups.
+        rest: The dataset of the same shapes in which they count for nothing.
+        fit: The fit to the rest.
+    """
+
+    labels: tuple[str, ...]
+    rest: Dataset
+    fit: Fit
+
+
+def held_out[Piece: Hashable](
+    pieces: Mapping[Piece, Collection[str]],
+    best: Fit,
+    prior: Box,
+    data: Dataset,
+    stage: str = "",
+) -> dict[Piece, HeldOut]:
+    """Fit again without each piece in turn, from the fit of all.
+
+    Args:
+        pieces: Labels of the groups of each piece.
+        best: The fit of all.
+        prior: Bounds of the parameters.
+        data: All that was fitted.
+        stage: Progress message, of the number of a piece and the number of pieces; empty for none.
+    """
+    table: dict[Piece, HeldOut] = {}
+    for place, (piece, labels) in enumerate(pieces.items(), start=1):
+        if stage:
+            under_way.info(stage, place, len(pieces))
+        rest = silenced(labels, data)
+        table[piece] = HeldOut(tuple(labels), rest, refit(best, prior, rest))
+    return table
+
+
+def labels_by_run(data: Dataset) -> dict[str, list[str]]:
+    """Return the labels of the groups of each run."""
+    labels: dict[str, list[str]] = {}
+    for label, run in zip(data.labels, data.runs, strict=True):
+        labels.setdefault(run, []).append(label)
+    return labels
