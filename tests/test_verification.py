@@ -22,7 +22,7 @@ from jbw.observables.dataset import Dataset
 from jbw.observables.loops import Loops
 from jbw.observables.residual_terms import has_own
 from jbw.observables.steady import Points
-from jbw.verification import controlled
+from jbw.verification import groups
 from jbw.verification.backbone import amplitude_verification
 from jbw.verification.bands import errors
 from jbw.verification.curves import curves_of, predict_curves
@@ -342,8 +342,8 @@ def test_the_error_of_groups_end_to_end_is_their_root_mean_square(monkeypatch):
         Predicted(xr.Dataset({"x": ("value", np.zeros(n))}, attrs={"nrmse": x}), None, NOT_KNOWN)
         for n, x in ((1, 0.3), (3, 0.1))
     ]
-    monkeypatch.setattr(controlled, "predict_apart", lambda *_: iter([("a", p) for p in parts]))
-    found = controlled.predict_controlled(None, None).dataset
+    monkeypatch.setattr(groups, "predict_apart", lambda *_: iter([("a", p) for p in parts]))
+    found = groups.predict_groups(None, None).dataset
     assert found.attrs["nrmse"] == pytest.approx(np.sqrt((0.09 + 3 * 0.01) / 4), rel=1e-14)
     assert found.sizes["value"] == 4
 

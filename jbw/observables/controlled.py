@@ -367,8 +367,16 @@ class ControlledPoints(Observable):
         y_peak = float(jnp.max(self.amplitude))
         amplitudes = np.asarray(self.amplitude)[[row.test for row in self.rows]]
         places = [y[compared(self.groups, i)] for i, y in enumerate(amplitudes)]
-        axis = "displacement", "m"
-        return Shown(partial(_first_values, self), lines, y_peak=y_peak, axis=axis, places=places)
+        of_groups = range(len(self.rows))
+        return Shown(
+            partial(_first_values, self),
+            lines,
+            y_peak=y_peak,
+            axis=("displacement", "m"),
+            places=places,
+            spreads=[self.spread(i) for i in of_groups],
+            references=[self.relative_to(i) for i in of_groups],
+        )
 
 
 def _first_values(data: ControlledPoints) -> dict[str, float]:

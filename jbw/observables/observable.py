@@ -72,6 +72,9 @@ class Shown(NamedTuple):
         peaks_of_modes: Largest displacement [m] about each of several modes, where measured.
         axis: Name and unit of what values stand over in figures.
         places: Where the compared values of each group stand on it; None for their numbers.
+        spreads: Noise of every compared value over that of its group; None for one.
+        references: What the errors of every compared value are relative to, in its unit; None for
+            the root mean square of its group.
         spectra: What residuals by label are tried against usual causes by; a spectrum a label.
     """
 
@@ -86,6 +89,8 @@ class Shown(NamedTuple):
     peaks_of_modes: tuple[float, ...] = ()
     axis: tuple[str, str] = ("number", "1")
     places: Sequence[Float[np.ndarray, " value"]] | None = None
+    spreads: Sequence[Float[np.ndarray, " value"]] | None = None
+    references: Sequence[Float[np.ndarray, " value"]] | None = None
     spectra: Callable[[Rows], dict[str, Spectrum]] = _no_spectra
 
 

@@ -15,9 +15,8 @@ from jbw.identification.discrepancy import NOTHING, AtAmplitude
 from jbw.identification.selection import Sweeps, loop_tests
 from jbw.measurement.records import Test, drive_of
 from jbw.report.messages import verification as messages
-from jbw.verification.controlled import PLACE, predict_apart
 from jbw.verification.curves import Curve, curves_of, predict_curves
-from jbw.verification.groups import has_groups_alone
+from jbw.verification.groups import has_groups_alone, predict_apart
 from jbw.verification.in_time import (
     NEAR,
     Motion,
@@ -158,7 +157,7 @@ class ForcedTests:
     def points(self, test: Test) -> Placed:
         """The points of a controlled test."""
         for name, predicted in predict_apart(self.beside(test), test):
-            yield self.marked(PLACE, name, test, predicted)
+            yield self.marked("controlled", name, test, predicted)
 
     def loop(self, test: Test) -> Placed:
         """A held tone at the resonance, by its loop: the paper's validation."""
@@ -195,10 +194,10 @@ def verify_forced(
         build = partial(forced.curves, named, discrepancy)
         groups |= forced.attempted(first, build, "curve of ")
     for test in measured.tests:
-        if test.traits.is_prescribed or test.is_cyclic or has_groups_alone(test):
-            groups |= forced.attempted(test, partial(forced.whole, test))
-        elif test.traits.is_controlled:
+        if test.traits.is_controlled:
             groups |= forced.attempted(test, partial(forced.points, test))
+        elif test.traits.is_prescribed or test.is_cyclic or has_groups_alone(test):
+            groups |= forced.attempted(test, partial(forced.whole, test))
     for test in loops:
         groups |= forced.attempted(test, partial(forced.loop, test), "loop of ")
     return groups

@@ -1,4 +1,7 @@
-"""A test beside the model by its observable alone, where its kind has no trait that says more."""
+"""Groups of a test beside the model, each over its own coordinate, by its observable alone.
+
+Tests of kinds that have no trait are predicted so, and points of controlled tests.
+"""
 
 from collections.abc import Iterator
 from typing import Any, NamedTuple
@@ -19,6 +22,7 @@ from jbw.verification.predictive_basis import count_of, seen_of
 class Group(NamedTuple):
     """One group of a test with its predictions, of complex values the magnitudes."""
 
+    label: str
     measured: Float[np.ndarray, " value"]  # mean of the repeats
     model: Float[np.ndarray, "draw value"]
     others: dict[str, Float[np.ndarray, " value"]]  # by other oscillators
@@ -27,64 +31,86 @@ class Group(NamedTuple):
 
 
 def _observable(test: Test) -> type[Observable] | None:
-    """What takes a test whose kind has no trait, if it measures repeatedly."""
+    """Return what takes a test whose values stand over a coordinate of their own; else None."""
     taking = (kind for kind in OBSERVABLES if test.kind in kind.kinds and not kind.own_shifts)
-    return next(taking, None) if test.traits.is_plain else None
+    return next(taking, None) if test.traits.is_plain or test.traits.is_controlled else None
 
 
 def has_groups_alone(test: Test) -> bool:
-    """Whether nothing but the observable of its kind says how a test is predicted."""
+    """Return whether nothing but the observable of its kind says how a test is predicted."""
     return _observable(test) is not None
 
 
 def predict_groups(source: Source, test: Test) -> Predicted:
-    """Every group of a test of a kind without traits, end to end, beside the model's bands."""
+    """Return every group of a test, end to end, each in its `unit` and beside its bands.
+
+    Its error is the root mean square over the values of those of the groups.
+    """
+    predictions = [prediction for _, prediction in predict_apart(source, test)]
+    datasets = [prediction.dataset for prediction in predictions]
+    sizes = np.array([dataset.sizes["value"] for dataset in datasets], float)
+    attrs = dict(datasets[-1].attrs)  # of a controlled test those of the force
+    for name in [str(name) for name in attrs if str(name).startswith("nrmse")]:
+        squares = np.array([dataset.attrs[name] ** 2 for dataset in datasets])
+        attrs[name] = float(np.sqrt(np.average(squares, weights=sizes)))
+    if all("coverage" in dataset.attrs for dataset in datasets):
+        inside = [dataset.attrs["coverage"] for dataset in datasets]
+        attrs |= {"coverage": float(np.average(inside, weights=sizes)), "num_values": sizes.sum()}
+    together = xr.concat(datasets, "value", combine_attrs="drop").assign_attrs(attrs)
+    return predictions[-1]._replace(dataset=together)
+
+
+def predict_apart(source: Source, test: Test) -> Iterator[tuple[str, Predicted]]:
+    """Return the groups of a test one by one, by their labels."""
     observable, basis = _observable(test), source.basis
     if observable is None:
         raise TypeError(f"Tests of kind {test.kind} have no observable.")
-    parts = observable.reduce([test], laws=basis.laws, substeps=basis.substeps)
-    groups = [group for part in parts for group in groups_of(source, test, part)]
-    labels = [label for part in parts for label in part.groups.labels]
-    positions = [places for part in parts for places in places_of(part)]
-    measured = np.concatenate([group.measured for group in groups])
-    model = np.concatenate([group.model for group in groups], axis=1)
-    others = {
-        name: np.concatenate([group.others[name] for group in groups]) for name in source.references
-    }
-    sizes = [group.measured.size for group in groups]
-    noise_stds = [group.std for group in groups if group.std is not None]
-    noise_std = np.repeat(noise_stds, sizes) if len(noise_stds) == len(groups) else None
-    (axis, unit_of_axis), unit = parts[0].shown().axis, {"units": parts[0].groups.unit}
-    variables = beside("value", measured, model, noise_std, unit)
+    omega_n = float(np.mean(source.draws["omega_n"]))
+    for part in observable.reduce([test], laws=basis.laws, substeps=basis.substeps):
+        peak = part.shown(omega_n).y_peak
+        peaks = np.full(count_of(source.draws), peak) if peak > 0 else None
+        for number, group in enumerate(groups_of(source, test, part)):
+            yield group.label, Predicted(_dataset(test, part, number, group), peaks, group.noise)
+
+
+def _dataset(test: Test, part: Observable, number: int, group: Group) -> xr.Dataset:
+    """Return one group over its coordinate; its errors are relative to what the part states."""
+    shown, unit = part.shown(), part.groups.units[number]
+    (axis, unit_of_axis), size = shown.axis, group.measured.size
+    positions = np.arange(1.0, size + 1) if shown.places is None else shown.places[number]
+    std = group.std
+    if std is not None and shown.spreads is not None:
+        std = std * shown.spreads[number]
+    reference = np.sqrt(np.mean(group.measured**2)) * np.ones(size)
+    if shown.references is not None:
+        reference = shown.references[number]
+    quantity = group.label.removeprefix(test.name).strip()
+    attributes = {"units": unit} | ({"long_name": quantity} if quantity else {})
+    variables = beside("value", group.measured, group.model, std, attributes)
     variables |= {
-        f"{name}_response": ("value", response, unit) for name, response in others.items()
+        f"{name}_response": ("value", response, attributes)
+        for name, response in group.others.items()
     }
     coords = {
-        axis: (
-            "value",
-            np.concatenate(positions),
-            {"units": unit_of_axis},
-        ),
-        "group": ("value", np.repeat(np.array(labels, object), sizes)),
+        axis: ("value", positions, {"units": unit_of_axis}),
+        "group": ("value", np.array([group.label] * size, object)),
+        "unit": ("value", np.array([unit] * size, object)),
         "quantile": QUANTILE_AXIS,
     }
     attrs: dict[str, Any] = {"kind": test.kind, "axis": axis}
+    attrs |= {"quantity": quantity} if quantity else {}
     if np.isfinite(test.level):
-        attrs |= {"level": test.level, "level_unit": seen_of(test).source}
-    attrs |= errors(measured, model, others, noise_std)
-    omega_n = float(np.mean(source.draws["omega_n"]))
-    peak = max(part.shown(omega_n).y_peak for part in parts)
-    peaks = np.full(count_of(source.draws), peak) if peak > 0 else None
-    return Predicted(xr.Dataset(variables, coords, attrs), peaks, groups[0].noise)
+        level_unit = "m" if test.traits.is_controlled else seen_of(test).source
+        attrs |= {"level": test.level, "level_unit": level_unit}
 
+    def relative(values: np.ndarray) -> np.ndarray:
+        """Values as 1 and the error of the prediction, in what errors are relative to."""
+        return 1.0 + (values - group.measured) / reference
 
-def places_of(part: Observable) -> list[Float[np.ndarray, " value"]]:
-    """Return where the compared values of each group stand: at their numbers if it does not say."""
-    if (places := part.shown().places) is not None:
-        return list(places)
-    rows = [np.asarray(row) for row in part.mean]
-    counts = [row[compared(part.groups, i)].size for i, row in enumerate(rows)]
-    return [np.arange(1.0, count + 1.0) for count in counts]
+    others = {name: relative(values) for name, values in group.others.items()}
+    noise = None if std is None else std / reference
+    attrs |= errors(np.ones(size), relative(group.model), others, noise)
+    return xr.Dataset(variables, coords, attrs)
 
 
 def groups_of(source: Source, test: Test, part: Observable) -> Iterator[Group]:
@@ -99,4 +125,4 @@ def groups_of(source: Source, test: Test, part: Observable) -> Iterator[Group]:
         model, of_others, std = source.compared(
             noise, plain(predicted[:, i][:, where]), of_others, len(test.records)
         )
-        yield Group(plain(np.asarray(part.mean)[i][where]), model, of_others, noise, std)
+        yield Group(label, plain(np.asarray(part.mean)[i][where]), model, of_others, noise, std)

@@ -17,7 +17,6 @@ from jbw.observables.residual_terms import TAKEN
 from jbw.oscillator.modes.parameters import has_further_modes
 from jbw.report.messages import verification as messages
 from jbw.verification.bands import QUANTILES, band
-from jbw.verification.controlled import predict_controlled
 from jbw.verification.curves import predict_curve
 from jbw.verification.decays import predict_decay
 from jbw.verification.groups import has_groups_alone, predict_groups
@@ -117,8 +116,6 @@ def route_of(test: Test) -> Callable[[Source, Test], Predicted]:
     traits = test.traits
     if has_groups_alone(test):
         return predict_groups
-    if traits.is_controlled:
-        return predict_controlled
     if traits.is_free:
         return predict_decay
     if traits.is_prescribed:
