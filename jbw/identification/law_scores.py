@@ -58,13 +58,16 @@ class LeftOut:
     doubt: float = 0.0
 
 
+def runs_of(data: Dataset) -> dict[str, list[str]]:
+    """Return the labels of the runs that can be held out: those whose values count."""
+    counted, runs = noise.fractions_counted(data), labels_by_run(data).items()
+    return {run: labels for run, labels in runs if any(label in counted for label in labels)}
+
+
 def each_run(one: Candidate) -> dict[str, HeldOut]:
-    """Return the fits of a law without each run whose values count."""
-    best, prior, data = one.fitted.fit, one.fitted.box, one.fitted.data
-    counted = noise.fractions_counted(data)
-    runs = labels_by_run(data).items()
-    pieces = {run: labels for run, labels in runs if any(label in counted for label in labels)}
-    return held_out(pieces, best, prior, data)
+    """Return the fits of a law without each run."""
+    fitted = one.fitted
+    return held_out(runs_of(fitted.data), fitted.fit, fitted.box, fitted.data)
 
 
 def left_out(

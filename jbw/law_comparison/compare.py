@@ -156,7 +156,7 @@ def compare_laws(
     candidates, unfitted = evidence.candidates(keys[0], seen, trials.sets, report, parts)
     weighed, unweighed = weigh(keys[1:], candidates, report, parts)
     first = candidates[0].fitted
-    highest = _highest(campaign, runs_of(first.data))
+    highest = _highest(campaign, list(runs_of(first.data)))
     rows = _rows(weighed, highest)
     (best,) = (name for name, row in rows.items() if row["answer"] == "best")
     named = {name: law.candidate for name, law in weighed.items()}
