@@ -26,6 +26,7 @@ from jbw.verification import groups
 from jbw.verification.backbone import amplitude_verification
 from jbw.verification.bands import errors
 from jbw.verification.curves import curves_of, predict_curves
+from jbw.verification.in_time import reduced
 from jbw.verification.own_constants import completed
 from jbw.verification.predicted import NOT_KNOWN, Predicted, Source
 from jbw.verification.predictive_basis import basis_of, scattered
@@ -227,24 +228,24 @@ def test_own_constants_are_those_that_another_mode_adds(start):
     other = rng.standard_normal(size)  # what the model says of the rest
     units = {"force": "N", "acceleration": "m/s^2"}
     record = Record(fs, {"force": u, "acceleration": moved + other}, units)
-    test = Test("sweep", (record,), "wide", level=1.0, band_hz=(10.0, 45.0), residuals="own")
-    model = other + np.array([[-1.0], [0.0], [1.0]])
-    basis, alone = source(DRAWS).basis, {"linear": other - 2.0}
-    found, others = completed(basis, test, moved + other, model, alone, start)
-    error = (found[1] - moved - other)[start:]
+    facts = {"band_hz": (10.0, 45.0), "settle": start / fs, "residuals": "own"}
+    test = Test("sweep", (record,), "wide", level=1.0, **facts)
+    model = (other + np.array([[-1.0], [0.0], [1.0]]))[:, start:]
+    basis, alone = source(DRAWS).basis, {"linear": (other - 2.0)[start:]}
+    data = reduced(basis, test)
+    found, others = completed(basis, data, model, alone)
+    error = found[1] - (moved + other)[start:]
     # From a later sample on, what is driven leaks beyond its lines.
     assert np.linalg.norm(error) < (1e-6 if start == 0 else 0.05) * np.linalg.norm(moved)
     np.testing.assert_allclose(np.diff(found, axis=0), 1.0)  # all draws by the same
-    np.testing.assert_array_equal(found[:, :start], model[:, :start])
     np.testing.assert_allclose(others["linear"], found[1] - 2.0, atol=1e-9)  # 0 Hz is no line
     for none in ("auto", "none", "upper"):
-        same = completed(basis, replace(test, residuals=none), moved + other, model, alone, start)
+        same = completed(basis, replace(data, residuals=none), model, alone)
         assert same[0] is model
         assert same[1] is alone
     two = replace(basis, posterior=basis.posterior.assign(omega_2=3 * basis.posterior["omega_n"]))
     for residuals, own in (("auto", True), ("own", True), ("none", False), ("upper", False)):
-        stated = replace(test, residuals=residuals)
-        several, _ = completed(two, stated, moved + other, model, alone, start)
+        several, _ = completed(two, replace(data, residuals=residuals), model, alone)
         np.testing.assert_array_equal(several, found if own else model)
 
 

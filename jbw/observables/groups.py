@@ -196,6 +196,14 @@ def read_before(label: str, run: str, size: int, num_repeats: int = 1) -> Groups
     return changed(groups, noise_std=np.ones(1))
 
 
+def single_records(mean: Inexact[np.ndarray, "group value"], groups: Groups) -> SingleRecords:
+    """Return the records of every group one by one, which were kept when it was reduced."""
+    if groups.single is not None:
+        return groups.single
+    counts = (np.asarray(x)[:, None] for x in (groups.num_repeats, groups.within))
+    return SingleRecords(mean[:, None], *counts)
+
+
 def changed(groups: Groups, **columns: Any) -> Groups:
     """Return the groups with other columns; those of NumPy are put on the device."""
     # `jnp.asarray` would compile a program for every shape.

@@ -24,7 +24,7 @@ from jbw.inference.groups.scatter import draw_offsets
 from jbw.inference.lanes import Solved, at_points, seeing, solved_first
 from jbw.observables.dataset import Dataset, estimates, solved, unnamed
 from jbw.observables.drives import of_part
-from jbw.observables.groups import SingleRecords, beside_own, fractions_counted
+from jbw.observables.groups import beside_own, fractions_counted, single_records
 from jbw.observables.observable import Observable, Theta
 
 SEED = "seed of the draw"  # beside the parameters, of which none is called so
@@ -100,11 +100,9 @@ def records_of(
 
 
 def record_rows(part: Observable) -> RecordRows:
-    """Return the records of a part, which were kept when it was reduced."""
+    """Return the records of a part as its misfit has them."""
     groups, mean = part.groups, np.asarray(part.mean)[:, None]
-    if (single := groups.single) is None:  # every group is of one
-        counts = (np.asarray(x)[:, None] for x in (groups.num_repeats, groups.within))
-        single = SingleRecords(mean, *counts)
+    single = single_records(mean[:, 0], groups)
     is_record = single.num_repeats > 0
     deviation = np.where(is_record[..., None], single.mean - mean, 0.0)
     compared = jax.vmap(part.compared, 1, 1)(np.concatenate([mean, deviation], axis=1))

@@ -73,6 +73,7 @@ class Solution(eqx.Module):
         square: Squares of the misfit of every level.
         along: Its products with the directions.
         peak: Largest response.
+        y_peak: Largest displacement [m].
         products: Of the response with rows that were given; None where none were.
     """
 
@@ -80,6 +81,7 @@ class Solution(eqx.Module):
     square: Float[Array, "*point level"]
     along: Float[Array, "*point level own"]
     peak: Float[Array, "*point level"]
+    y_peak: Float[Array, "*point level"]
     products: Float[Array, "*point level row"] | None = None
 
 
@@ -341,6 +343,7 @@ class Records(Observable):
             jax.device_put(np.stack([x.square for x in motions], axis=1)),
             jax.device_put(np.stack([x.along[:, :num_directions] for x in motions], axis=1)),
             jax.device_put(np.stack([x.peak for x in motions], axis=1)),
+            jax.device_put(np.stack([x.y_peak for x in motions], axis=1)),
             None if products is None else jax.device_put(products),
         )
         return replace(self, laws=(), substeps=SUBSTEPS, depth=SIZE, solution=solution)
@@ -377,6 +380,10 @@ class Records(Observable):
             self.fs, self.substeps, derivative_order(self.response), known=known, writes=writes,
         )  # fmt: skip
 
+    def is_marched(self, theta: Mapping[str, Float[np.ndarray, " point"]]) -> bool:
+        """Return whether points are `solved` for these records."""
+        return self._joints_at(theta, 0) is not None
+
     def _joints_at(
         self, theta: Mapping[str, Float[np.ndarray, " point"]], number: int
     ) -> Oscillator | None:
@@ -398,7 +405,7 @@ class Records(Observable):
             for name, values in zip(OFFSETS, origin.T, strict=False)  # none without offsets
         }
         joints = joints_at(every, self.laws, residuals=self.residuals, depth=self.depth)
-        if joints is None:
+        if joints is None or (self.depth is None and any(law.depth for law in joints.laws)):
             return None
         rows = jax.tree.map(lambda x: np.asarray(x).reshape(count, lanes, *x.shape[1:]), joints)
         return [jax.tree.map(lambda x, level=level: x[level], rows) for level in range(count)]
@@ -446,7 +453,7 @@ class Records(Observable):
         away = np.kron(np.diag(steps), np.array([[1.0], [-1.0], [2.0], [-2.0]]))
         points = {name: np.full(len(away), value) for name, value in middle.items()}
         origin = np.asarray(self.groups.origin)[:, None] + away  # of every level and point
-        if self._joints_at(points, 0) is None:
+        if not self.is_marched(points):
             return None
         rows, none = [], np.asarray(self.groups.origin)[:, :0]
         unmoved = replace(self, groups=changed(self.groups, origin=none))

@@ -1,7 +1,6 @@
 """Samples that are compared: brought to one time and into a band, and predicted from the joint."""
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import equinox as eqx
@@ -11,10 +10,9 @@ import numpy as np
 from jaxtyping import Array, Float
 
 from jbw.errors import DataError
-from jbw.inference.lanes import num_cores
 from jbw.measurement.channels import whole_down, whole_up
 from jbw.observables.residual_terms import added_response, taken
-from jbw.oscillator.batch import LANES, filled_up, march, record_of
+from jbw.oscillator.batch import filled_up
 from jbw.oscillator.deepening import with_depth
 from jbw.oscillator.hold import HeldInput, held
 from jbw.oscillator.modes.parameters import (
@@ -28,7 +26,7 @@ from jbw.oscillator.modes.parameters import (
 from jbw.oscillator.modes.structure import Structure
 from jbw.oscillator.oscillator import Oscillator, oscillator_of
 from jbw.oscillator.response import simulate, simulate_apart
-from jbw.quantities import DEFAULT_LAWS, LETTER_OF, derivative_order
+from jbw.quantities import DEFAULT_LAWS, LETTER_OF
 
 STEPS_A_PERIOD = 50.0  # until a fit shows what data take
 Lines = tuple[int, int]  # the first line of a spectrum that counts, and the one after the last
@@ -116,43 +114,6 @@ def joints_at(
         return None
     joints = _joints(jax.device_put(filled_up(dict(theta))), laws, depth)
     return joints if all(law.stepped for law in joints.laws) else None
-
-
-def motions_at(
-    theta: Mapping[str, Float[np.ndarray, " point"]],
-    source: HeldInput,
-    fs: float,
-    *,
-    laws: tuple[str, ...] = DEFAULT_LAWS,
-    substeps: int = 2,
-    response: str = "velocity",
-    residuals: str = "none",
-) -> tuple[Float[np.ndarray, "point time"], Float[np.ndarray, " point"]] | None:
-    """`response_to` one input and the largest displacement [m], at any number of points.
-
-    None where `joints_at` has none, and for laws that ask for as much memory as a motion takes.
-    """
-    record, count = record_of(source), len(theta["gain"])
-    lots = [slice(first, first + LANES) for first in range(0, count, LANES)]
-    joints = [
-        joints_at({name: x[lot] for name, x in theta.items()}, laws, residuals=residuals)
-        for lot in lots
-    ]
-    usable = [
-        joint for joint in joints if joint is not None and not any(x.depth for x in joint.laws)
-    ]
-    if len(usable) < len(lots):
-        return None
-    gain, order = theta["gain"] * float(source.gain), derivative_order(response)
-    with ThreadPoolExecutor(num_cores()) as threads:
-        motions = list(
-            threads.map(
-                lambda pair: march(pair[0], gain[pair[1]], record, fs, substeps, order),
-                zip(usable, lots, strict=True),
-            )
-        )
-    rows = np.concatenate([motion.response for motion in motions])
-    return rows, np.concatenate([motion.y_peak for motion in motions])
 
 
 def motion_under(

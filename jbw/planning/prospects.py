@@ -18,10 +18,8 @@ from jbw.observables.dataset import Dataset, stacked
 from jbw.observables.groups import changed
 from jbw.observables.harmonic_groups import NUM_HARMONICS
 from jbw.observables.records import Records
-from jbw.observables.samples import band_limited, motions_at, response_to
 from jbw.observables.steady import Points
 from jbw.oscillator.excitation import sampled, sweep
-from jbw.oscillator.hold import HeldInput
 from jbw.oscillator.oscillator import oscillator_of
 from jbw.oscillator.steady.cycle import steady_state
 from jbw.oscillator.steady.waveform import synthesis
@@ -30,6 +28,7 @@ from jbw.planning.beliefs import Beliefs
 from jbw.planning.plan import Candidate, PlannedBackbone, PlannedSweep, PlannedTones, ResponseNoise
 from jbw.quantities import UNIT_OF, Motion
 from jbw.report.messages import planning
+from jbw.verification.in_time import responses_at
 
 # A test as the identification would reduce it, and 1 for each of its values that is measured.
 Design = tuple[Dataset, Float[np.ndarray, " value"]]
@@ -136,29 +135,34 @@ def peak_displacements(
     candidate: PlannedSweep, beliefs: Beliefs, longest: int = 0
 ) -> Float[np.ndarray, " joint"]:
     """Peak displacement of every joint under a sweep [m]; not finite where it diverges."""
-    source = band_limited(_source(candidate, longest))
     joints = {name: np.asarray(values, float) for name, values in beliefs.joints.items()}
-    marched = motions_at(joints, source, candidate.fs, laws=beliefs.laws, substeps=SUBSTEPS)
-    if marched is not None:
-        return marched[1]
-    displacements = [
-        _displacement(theta, source, candidate.fs, beliefs.laws)
-        for theta in beliefs.joint_by_joint()
-    ]
-    return np.max(np.abs(np.array(displacements)), axis=1)
+    data = _planned_sweep(candidate, beliefs.laws, "displacement", longest)
+    return responses_at(joints, replace(data, depth=None, residuals="none"))[1]
+
+
+def _planned_sweep(
+    candidate: PlannedSweep, laws: tuple[str, ...], response: str, longest: int
+) -> Records:
+    """A sweep's record without a response, which is left at zero."""
+    played = sweep(
+        candidate.level, candidate.start_hz, candidate.stop_hz, candidate.burst,
+        fade=candidate.fade,
+    )  # fmt: skip
+    # There is silence after the sweep up to the longest one.
+    source = np.asarray(sampled(played, candidate.fs, max(candidate.num_samples, longest)))
+    channels = {"input": source, response: np.zeros_like(source)}
+    units = {"input": "V", response: UNIT_OF[response]}
+    test = Test("sweep", (Record(candidate.fs, channels, units),), name="planned")
+    return Records.of([test], laws=laws, substeps=SUBSTEPS)
 
 
 def _sweep_design(
     candidate: PlannedSweep, laws: tuple[str, ...], noise: ResponseNoise, longest: int
 ) -> Design:
-    """A sweep's record; its information does not depend on the response, which is left at zero."""
-    source = _source(candidate, longest)
-    channels = {"input": source, noise.response: np.zeros_like(source)}
-    units = {"input": "V", noise.response: UNIT_OF[noise.response]}
-    test = Test("sweep", (Record(candidate.fs, channels, units),), name="planned")
-    planned = Records.of([test], laws=laws, substeps=SUBSTEPS)
+    """A sweep's record, whose information does not depend on the response."""
+    planned = _planned_sweep(candidate, laws, noise.response, longest)
     groups = changed(planned.groups, noise_std=np.full(1, noise.std))
-    is_measured = np.arange(len(source)) < candidate.num_samples
+    is_measured = np.arange(planned.mean.shape[1]) < candidate.num_samples
     return Dataset.of([replace(planned, groups=groups)]), is_measured.astype(float)
 
 
@@ -194,12 +198,6 @@ def _backbone_designs(
         )  # fmt: skip
         designs.append((Dataset.of([planned]), np.ones(2 * amplitudes.size)))
     return np.full(beliefs.num_joints, amplitudes.max()), designs
-
-
-def _source(test: PlannedSweep, longest: int) -> Float[np.ndarray, " time"]:
-    """Samples of the input, with silence behind them up to so many."""
-    played = sweep(test.level, test.start_hz, test.stop_hz, test.burst, fade=test.fade)
-    return np.asarray(sampled(played, test.fs, max(test.num_samples, longest)))
 
 
 def fisher(
@@ -241,13 +239,6 @@ def fisher(
         slope = (ahead - behind) / (2 * RELATIVE_STEP)
         information.append(slope @ np.swapaxes(slope, 1, 2))
     return np.concatenate(information)
-
-
-@partial(jax.jit, static_argnames=("fs", "laws"))
-def _displacement(
-    theta: Mapping[str, Array], source: HeldInput, fs: float, laws: tuple[str, ...]
-) -> Float[Array, " time"]:
-    return response_to(theta, source, fs, laws=laws, response="displacement", substeps=SUBSTEPS)
 
 
 @partial(jax.jit, static_argnames="laws")

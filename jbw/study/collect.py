@@ -38,13 +38,14 @@ from jbw.observables.dataset import Dataset, measured_parts
 from jbw.observables.decay import Decays
 from jbw.observables.noise import evenly
 from jbw.observables.pointwise import RecordTerms, records_of
+from jbw.observables.records import SUBSTEPS, Records
 from jbw.quantities import DEFAULT_LAWS, derivative_order
 from jbw.report.messages import stages
 from jbw.report.messages import study as messages
 from jbw.study.order import Order
 from jbw.verification.backbone import backbone_group
 from jbw.verification.bands import QUANTILE_AXIS, polar
-from jbw.verification.in_time import predict_motion
+from jbw.verification.in_time import responses_at
 from jbw.verification.places import safe
 from jbw.verification.predictive_basis import NUM_DRAWS, basis_attrs, basis_of, decay_attrs
 from jbw.verification.verify import Groups, verify
@@ -229,10 +230,12 @@ def _with_conv(step: Step, energy: np.ndarray, unit: str) -> xr.Dataset:
 
 def _conv_of_velocity(steps: Mapping[str, Step], sweeps: Sweeps) -> Groups:
     """conv(n) of the velocity for gamma alone: its energy is a smooth function of gamma."""
-    record = sweeps.fitted[-1].records[0]
+    test = sweeps.fitted[-1]
+    whole = replace(test, records=test.records[:1], settle=0.0, band_hz=None)
+    data = Records.of([whole], laws=DEFAULT_LAWS, substeps=SUBSTEPS)
 
     def energy(draws: dict[str, np.ndarray]) -> np.ndarray:
-        return np.sum(predict_motion(draws, record, DEFAULT_LAWS)[0] ** 2, axis=-1) / record.fs
+        return np.sum(responses_at(draws, data)[0] ** 2, axis=-1) / data.fs
 
     return {
         f"/steps/{name}/sample_stats": _with_conv(

@@ -4,42 +4,45 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import xarray as xr
 from jaxtyping import Array, Float
 from numpy.typing import NDArray
 
+from jbw.inference.lanes import LANES, at_points, seeing, solved_first
 from jbw.measurement.channels import lines_within
 from jbw.measurement.delays import on_time
 from jbw.measurement.records import Record, Test
 from jbw.measurement.spectra import DEFAULT_SEGMENTS, frf
+from jbw.observables.dataset import Dataset, solved, unnamed
+from jbw.observables.groups import single_records
+from jbw.observables.modes import Modes
+from jbw.observables.records import Records
 from jbw.observables.samples import (
     band_limited,
     in_band,
-    lines_of,
     motion_under,
-    motions_at,
     noise_share,
     response_of,
 )
-from jbw.oscillator.hold import HeldInput
-from jbw.quantities import derivative_order, per
+from jbw.quantities import UNIT_OF, derivative_order, per
 from jbw.verification.bands import QUANTILE_AXIS, about_law, band, beside, error, errors, polar
 from jbw.verification.own_constants import completed
 from jbw.verification.places import repeats_named
+from jbw.verification.predicted import LANES as SIDE_BY_SIDE
 from jbw.verification.predicted import (
     Predicted,
     RepeatNoise,
     Source,
-    carry,
     is_measured,
     noise_of,
-    of_scatter,
+    of_repeats,
 )
-from jbw.verification.predictive_basis import Draws, Laws, natural_hz
+from jbw.verification.predictive_basis import Basis, Draws, count_of, natural_hz
 
 NEAR = (0.75, 1.25)  # of the natural frequency: the band around the mode
 OUTSIDE = 0.005  # of the power of an input: left out below its band, and above it
@@ -49,113 +52,104 @@ SEGMENTS = (DEFAULT_SEGMENTS + 1) / 2  # of which half overlaps the next: their 
 
 
 class Motion(NamedTuple):
-    """A test on time beside its simulated responses."""
+    """A test on time beside its simulated responses, from the first sample that is compared.
 
-    test: Test  # its responses advanced by their delay, or the model's median if not measured
-    measured: Float[np.ndarray, "repeat time"]  # of the first record's input
+    Attributes:
+        test: The test; its response is the median of the model if it is not measured.
+        data: Its repeats of one input.
+        model: Responses of the draws.
+        peak: Largest displacement of every draw [m].
+        others: Responses of the oscillators compared with.
+        noise: Noise of one repeat.
+        repeats: Names of the repeats.
+        unsettled: Samples of the model during which an unknown start dies out.
+    """
+
+    test: Test
+    data: Records
     model: Float[np.ndarray, "draw time"]
-    peak: Float[np.ndarray, " draw"]  # displacement [m]
-    others: dict[str, Float[np.ndarray, " time"]]  # of the oscillators compared with
-    noise: RepeatNoise  # of one repeat
-    start: int = 0  # samples that are not compared
-    repeats: tuple[str, ...] = ("1",)  # names of the measured
-    settled: int = 0  # samples until an unknown start has died out, half of the record at most
+    peak: Float[np.ndarray, " draw"]
+    others: dict[str, Float[np.ndarray, " time"]]
+    noise: RepeatNoise
+    repeats: Sequence[str] = ("1",)
+    unsettled: int = 0
 
 
-def predict_motion(
-    draws: Draws,
-    record: Record,
-    laws: Laws,
-    *,
-    substeps: int = 2,
-    residuals: str = "auto",
-    point: int = 0,
-    source: HeldInput | None = None,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Response (draw, time) to the measured input of a record, from rest; peak displacement [m].
+def responses_at(
+    draws: Draws, data: Records
+) -> tuple[Float[np.ndarray, "draw time"], Float[np.ndarray, " draw"]]:
+    """Return responses to the input of a record, and the largest displacements [m].
 
     The peak is of the joint's own mode, without what residual terms add to the response, at the
-    first point of several, also where the response is at a further one. The `source` is the
-    record's input by `band_limited`, for several predictions under it.
+    first point of several, also where the response is at a further one.
     """
-    if source is None:
-        source = band_limited(record.channels[record.source])
-    if not point:
-        motions = motions_at(
-            draws, source, record.fs, laws=laws, residuals=residuals, substeps=substeps,
-            response=record.response,
-        )  # fmt: skip
-        if motions is not None:
-            return motions
-    how = _Carried(record.response, laws, substeps, residuals, point)
-    return carry(_response, draws, source, record.fs, how)
+    lanes = min(LANES if data.is_marched(draws) else SIDE_BY_SIDE, count_of(draws))
+    return at_points(_response, draws, Dataset.of([data]), lanes=lanes)
 
 
-class _Carried(NamedTuple):
-    """What of a motion is predicted, and how; known as it compiles."""
-
-    response: str
-    laws: Laws
-    substeps: int
-    residuals: str
-    point: int
-
-
+@seeing(unnamed)
+@solved_first(partial(solved, writes=True))
 def _response(
-    theta: Mapping[str, Array], source: HeldInput, fs: float, how: _Carried
+    theta: Mapping[str, Array], dataset: Dataset
 ) -> tuple[Float[Array, " time"], Float[Array, ""]]:
-    motion = motion_under(
-        theta, source, fs, laws=how.laws, substeps=how.substeps, every_point=how.point > 0
-    )
-    responses = response_of(
-        motion, theta, source, fs, response=how.response, residuals=how.residuals
-    )
-    if how.point:
-        return responses[how.point], jnp.max(jnp.abs(motion.y[0]))
-    return responses, jnp.max(jnp.abs(motion.y))
+    data: Any = dataset.parts[0]
+    if data.solution is not None:
+        return data.solution.response[0], data.solution.y_peak[0]
+    source, (point,) = jax.tree.map(lambda x: x[0], data.held), data.points
+    motion = motion_under(theta, source, data.fs, every_point=bool(point), **data.solving)
+    how = {"response": data.response, "residuals": data.residuals}
+    seen = response_of(motion, theta, source, data.fs, **how)[..., data.skipped :]
+    if point:
+        return seen[1 + data.modes.points.index(point)], jnp.max(jnp.abs(motion.y[0]))
+    return seen, jnp.max(jnp.abs(motion.y))
+
+
+def reduced(basis: Basis, test: Test, substeps: int | None = None, **how: Any) -> Records:
+    """Return the records of a test as a run predicts them, with as much memory as they take."""
+    steps = substeps or basis.substeps
+    data = Records.of([test], laws=basis.laws, substeps=steps, **how)
+    return replace(data, modes=Modes((), points=basis.points), depth=None)
 
 
 def motion_of(source: Source, test: Test, *, substeps: int | None = None) -> Motion:
     """Carry the input of a test's first record through the model, by the run's steps when None."""
     test = on_time(test)
-    record, steps = test.records[0], substeps or source.basis.substeps
-    predict = partial(
-        predict_motion,
-        record=record,
-        substeps=steps,
-        residuals=test.residuals,
-        point=("", *source.basis.points).index(test.point),
-        source=band_limited(record.channels[record.source]),
-    )
-    (model, peak), others = source.carried(lambda draws, laws: predict(draws, laws=laws))
-    reference_responses = {name: response for name, (response, _) in others.items()}
-    start = round(_settling(test, source.draws) * record.fs)
-    if not is_measured(test):
-        stand_in = {**record.channels, record.response: np.median(model, axis=0)}
-        test = replace(test, records=(replace(record, channels=stand_in),))
-        measured = stand_in[record.response][None]
-        noise = noise_of(source.basis, test)
-        return Motion(test, measured, model, peak, reference_responses, noise, settled=start)
+    record = test.records[0]
     # Repeats of the first record's input; noise of the input channel is far below a tenth of it.
     u = record.channels[record.source]
-    repeated = {
-        name: repeat.channels[repeat.response]
+    repeats = {
+        name: repeat
         for name, repeat in zip(repeats_named(test.records), test.records, strict=True)
         if repeat.num_samples == record.num_samples
         and np.linalg.norm(repeat.channels[repeat.source] - u) <= 0.1 * np.linalg.norm(u)
     }
-    measured = np.stack(list(repeated.values()))
-    lines = lines_of(test.band_hz or (), measured.shape[1], record.fs)
-    size = measured.shape[1] if lines is None else 2 * (lines[1] - lines[0])
-    model, reference_responses = completed(
-        source.basis, test, measured.mean(axis=0), model, reference_responses, start
+    settling = _settling(test, source.draws)
+    compared = replace(
+        test, records=tuple(repeats.values()), settle=settling if is_measured(test) else 0.0
     )
-    compared = in_band(measured, lines)
-    within = float(np.sum((compared - compared.mean(axis=0)) ** 2))
-    noise = noise_of(source.basis, test, of_scatter(within, size, len(measured)))
-    return Motion(
-        test, measured, model, peak, reference_responses, noise, start, tuple(repeated), start
+    data = replace(reduced(source.basis, compared, substeps), held=band_limited(u[None]))
+    if is_measured(test):
+        return followed(source, test, data)._replace(repeats=tuple(repeats))
+    motion = followed(source, test, data)
+    median = np.median(motion.model, axis=0)
+    stand_in = replace(record, channels={**record.channels, record.response: median})
+    return motion._replace(
+        test=replace(test, records=(stand_in,)),
+        data=replace(data, mean=in_band(median, data.lines)[None]),
+        unsettled=round(settling * record.fs),
     )
+
+
+def followed(source: Source, test: Test, data: Records) -> Motion:
+    """Return a test beside the responses of the model to the input of its data."""
+    (model, peak), others = source.carried(
+        lambda draws, laws: responses_at(draws, replace(data, laws=laws))
+    )
+    responses = {name: response for name, (response, _) in others.items()}
+    if is_measured(test):
+        model, responses = completed(source.basis, data, model, responses)
+    noise = noise_of(source.basis, test, of_repeats(data.groups))
+    return Motion(test, data, model, peak, responses, noise)
 
 
 def predict_records(source: Source, test: Test) -> Predicted:
@@ -176,45 +170,47 @@ def predict_records(source: Source, test: Test) -> Predicted:
 
 def compare_records(source: Source, motion: Motion) -> xr.Dataset:
     """Repeats of one input beside the model's responses, in a band where the test has one."""
-    test, record = motion.test, motion.test.records[0]
-    fs, response, size = record.fs, record.response, motion.measured.shape[1] - motion.start
-    lines = lines_of(test.band_hz or (), size, fs)
-
-    def compared(samples: NDArray[np.float64]) -> NDArray[np.float64]:
-        return in_band(samples[..., motion.start :], lines)
-
-    measured, model = compared(motion.measured), compared(motion.model)
-    others = {name: compared(values) for name, values in motion.others.items()}
-    model, others, std = source.compared(
-        motion.noise, model, others, share=noise_share(lines, size)
-    )
-    noise_std = std or 0.0
-    mean, unit = measured.mean(axis=0), {"units": record.units[response]}
+    test, data, record = motion.test, motion.data, motion.test.records[0]
+    measured = single_records(np.asarray(data.mean), data.groups).mean[0]
+    model, others, std = source.compared(motion.noise, *in_band_of(motion), share=share_of(data))
+    noise_std, mean, unit = std or 0.0, np.asarray(data.mean[0]), {"units": UNIT_OF[data.response]}
     variables = beside("time", mean, model, noise_std, unit)
-    variables["measured"] = ("time", mean, {**unit, "long_name": f"mean measured {response}"})
+    variables["measured"] = ("time", mean, {**unit, "long_name": f"mean measured {data.response}"})
     nrmse = [error(repeat, np.median(model, axis=0)) for repeat in measured]
     variables["nrmse_of_repeat"] = ("repeat", nrmse, {"units": "1", "long_name": "error over rms"})
+    time = (data.skipped + np.arange(len(mean))) / data.fs
     return xr.Dataset(
         {**variables, "measured_band": (("quantile", "time"), band(measured), unit)},
         {
-            "time": ("time", np.arange(size) / fs + motion.start / fs, {"units": "s"}),
+            "time": ("time", time, {"units": "s"}),
             "quantile": QUANTILE_AXIS,
             "repeat": ("repeat", list(motion.repeats)),
         },
         {
             "level": test.level,
             "level_unit": record.units[record.source],
-            "response": response,
+            "response": data.response,
             "num_repeats": len(measured),
             **errors(mean, model, others, noise_std, measured),
         },
     )
 
 
+def in_band_of(motion: Motion) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
+    """Return what the model and the references respond in the band that is compared."""
+    lines = motion.data.lines
+    others = {name: in_band(values, lines) for name, values in motion.others.items()}
+    return in_band(motion.model, lines), others
+
+
+def share_of(data: Records) -> float:
+    """Return the share of white noise in the band that is compared, as a standard deviation."""
+    return noise_share(data.lines, data.mean.shape[1])
+
+
 def _resolves(motion: Motion, band_hz: tuple[float, float]) -> bool:
     """Whether the segments of a settled broadband record have enough lines in a band."""
-    record = motion.test.records[0]
-    segment_s = (record.num_samples - motion.settled) / (SEGMENTS * record.fs)
+    segment_s = (motion.model.shape[1] - motion.unsettled) / (SEGMENTS * motion.data.fs)
     lines = (band_hz[1] - band_hz[0]) * segment_s
     return motion.test.traits.is_broadband and lines >= LEAST_LINES
 
@@ -222,13 +218,15 @@ def _resolves(motion: Motion, band_hz: tuple[float, float]) -> bool:
 def compare_frfs(motion: Motion, band_hz: tuple[float, float]) -> xr.Dataset:
     """FRF of every repeat, and of every draw under the first one's input, by the same estimator."""
     test, record = motion.test, motion.test.records[0]
-    from_rest = test.traits.is_transient and not test.settle
-    estimate = partial(_frf, band_hz=band_hz, skip=None if from_rest else motion.settled)
+    whole = test.traits.is_transient and not test.settle
+    unsettled = 0 if whole else motion.unsettled
+    first = motion.data.skipped + unsettled
+    estimate = partial(_frf, band_hz=band_hz, whole=whole)
     unit = record.units[record.source]
-    measured = [estimate(r, r.channels[r.response]) for r in test.records]
+    measured = [estimate(r, r.channels[r.response][first:]) for r in test.records]
     h = np.stack([receptance for _, receptance in measured])
     model, _ = about_law(motion.model, motion.others)
-    simulated = np.stack([estimate(record, response)[1] for response in model])
+    simulated = np.stack([estimate(record, response[unsettled:])[1] for response in model])
     how = np.angle(h.mean(axis=0)), {"units": per("m", unit), "long_name": "receptance"}
     phase = {"units": "rad"}
     return xr.Dataset(
@@ -246,17 +244,14 @@ def compare_frfs(motion: Motion, band_hz: tuple[float, float]) -> xr.Dataset:
 
 
 def _frf(
-    record: Record, y: NDArray[np.float64], band_hz: tuple[float, float], *, skip: int | None
+    record: Record, y: NDArray[np.float64], band_hz: tuple[float, float], *, whole: bool
 ) -> tuple[NDArray[np.float64], NDArray[np.complex128]]:
-    r"""Receptance in a band; of a whole sweep the ratio of spectra, $H = Y(\omega) / U(\omega)$.
-
-    `skip` are samples that are left out at the start of other records; None of a whole sweep.
-    """
-    u = record.channels[record.source]
-    if skip is not None:
+    r"""Receptance in a band by the last samples; of a whole sweep $H = Y(\omega) / U(\omega)$."""
+    u = record.channels[record.source][-len(y) :]
+    if not whole:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # the window does the same to both sides
-            estimate = frf(u[skip:], y[skip:], record.fs, response=record.response, band=band_hz)
+            estimate = frf(u, y, record.fs, response=record.response, band=band_hz)
         return estimate.freq, estimate.h
     freq = np.fft.rfftfreq(len(u), 1 / record.fs)
     keep = lines_within(freq, band_hz)

@@ -15,15 +15,13 @@ from jbw.measurement.loops import differentiate, enclosed_area, integrate, mean_
 from jbw.measurement.records import Record, Test, periods
 from jbw.observables.groups import compared
 from jbw.observables.loops import Loops
-from jbw.observables.modes import Modes
-from jbw.observables.records import Records
-from jbw.observables.samples import band_limited, in_band, motion_under, noise_share
+from jbw.observables.samples import band_limited, motion_under
 from jbw.oscillator.hold import HeldInput
 from jbw.quantities import UNIT_OF, derivative_order
 from jbw.verification.bands import QUANTILE_AXIS, band, beside, errors, gaussian_band
 from jbw.verification.groups import groups_of
-from jbw.verification.own_constants import completed
-from jbw.verification.predicted import Predicted, Source, carry, is_measured, noise_of, of_repeats
+from jbw.verification.in_time import followed, in_band_of, reduced, share_of
+from jbw.verification.predicted import Predicted, Source, carry
 from jbw.verification.predictive_basis import Draws, Laws, count_of
 
 MOST_POINTS = 2048  # of a loop, kept for drawing
@@ -80,21 +78,16 @@ def beside_load_cell(
 
 def predict_periods(source: Source, test: Test) -> Predicted:
     """Steady response over a period of a multisine, and amplitude spectra in the test's band."""
-    cut, basis = periods(test) or test, source.basis
-    data = Records.of([cut], laws=basis.laws, substeps=basis.substeps, periodic=True)
-    data = replace(data, modes=Modes((), points=basis.points))
-    responses, others = source.observed(data)
-    noise = noise_of(basis, test, of_repeats(data.groups))
-    measured, model = np.asarray(data.mean[0]), in_band(responses[:, 0], data.lines)
-    others = {name: in_band(reference[0], data.lines) for name, reference in others.items()}
-    if is_measured(test):
-        model, others = completed(basis, cut, measured, model, others)
-    size, record = len(measured), cut.records[0]
+    cut = periods(test) or test
+    data = reduced(source.basis, cut, periodic=True)
+    motion = followed(source, cut, data)
+    measured, record = np.asarray(data.mean[0]), cut.records[0]
     model, others, noise_std = source.compared(
-        noise, model, others, len(cut.records), noise_share(data.lines, size)
+        motion.noise, *in_band_of(motion), len(cut.records), share_of(data)
     )
     unit = {"units": UNIT_OF[data.response], "long_name": data.response}
     variables = beside("time", measured, model, noise_std, unit)
+    size = len(measured)
     freq = np.fft.rfftfreq(size, 1 / data.fs)
     keep = lines_within(freq, cut.band_hz or (freq[1], freq[-1]))
     median = np.median(model, axis=0)
@@ -115,13 +108,7 @@ def predict_periods(source: Source, test: Test) -> Predicted:
         "response": data.response,
         **errors(measured, model, others, noise_std),
     }
-    # One period of a steady motion is integrated line by line.
-    omega = 2 * np.pi * freq[1:]
-    lines = np.fft.rfft(responses[:, 0])[:, 1:] / (1j * omega) ** derivative_order(data.response)
-    y = np.fft.irfft(np.pad(lines, ((0, 0), (1, 0))), size)
-    # What was fitted is known at the first point, and so is how far a motion reaches beyond it.
-    peak = None if test.point else np.abs(y).max(axis=-1)
-    return Predicted(xr.Dataset(variables, coords, attrs), peak, noise)
+    return Predicted(xr.Dataset(variables, coords, attrs), motion.peak, motion.noise)
 
 
 def loop_validation(test: Test, draws: Draws, laws: Laws) -> xr.Dataset:

@@ -17,6 +17,7 @@ from jbw.identification.run_effects import tells_apart
 from jbw.measurement.channels import lines_within, whole_down, whole_up
 from jbw.measurement.records import Record, Test
 from jbw.observables.decay import BEGINNING, Decays, num_begun
+from jbw.observables.records import Records
 from jbw.verification.in_time import Motion, _resolves, _settling, compare_frfs
 from jbw.verification.predicted import NOT_KNOWN
 from jbw.verification.reference_oscillators import references
@@ -44,9 +45,9 @@ def draws(scale):
 def motion(scale, seconds):
     record = noise_record(scale, seconds)
     test = Test("noise", (record,), name="noise")
-    settled = round(_settling(test, draws(scale)) * record.fs)
-    y = record.channels["displacement"]
-    return Motion(test, y[None], np.stack([y, y]), np.ones(2), {}, NOT_KNOWN, settled=settled)
+    data = Records.of([replace(test, settle=_settling(test, draws(scale)))])
+    y = record.channels["displacement"][data.skipped :]
+    return Motion(test, data, np.stack([y, y]), np.ones(2), {}, NOT_KNOWN)
 
 
 @pytest.mark.parametrize("scale", SCALES)
