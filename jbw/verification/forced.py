@@ -28,7 +28,7 @@ from jbw.verification.in_time import (
 )
 from jbw.verification.places import place
 from jbw.verification.predict import missed_in, route_of
-from jbw.verification.predicted import Predicted, Source
+from jbw.verification.predicted import Predicted, Source, source_of
 from jbw.verification.predictive_basis import NUM_DRAWS, Basis
 from jbw.verification.reference_oscillators import Reference, of_run
 from jbw.verification.steady_motion import loop_validation
@@ -45,7 +45,8 @@ class ForcedTests:
     """What the comparisons of tests have in common.
 
     Attributes:
-        source: Draws of a further run, and what they predict with.
+        basis: What predictions start from.
+        seed: Of everything random.
         simpler: Oscillators without hysteresis, by kind.
         fitted: Names of the tests that the fit has seen, and of which no repeat is left.
         unseen: Sweeps of which no repeat was fitted.
@@ -53,17 +54,13 @@ class ForcedTests:
         attempts: What is said of a comparison that cannot be made.
     """
 
-    source: Source
+    basis: Basis
+    seed: int
     simpler: Mapping[str, Reference]
     fitted: set[str]
     unseen: tuple[Test, ...]
     bands_hz: list[tuple[float, float]]
     attempts: Attempts
-
-    @property
-    def basis(self) -> Basis:
-        """What predictions start from."""
-        return self.source.basis
 
     def attempted(
         self, test: Test, build: Callable[[], Placed], what: str = ""
@@ -79,22 +76,16 @@ class ForcedTests:
         """The model discrepancy in a test's bands; the noise of what was fitted includes it."""
         if test.name in self.fitted:
             return NOTHING
-        return missed_in(self.basis, test, seed=self.source.seed)
+        return missed_in(self.basis, test, seed=self.seed)
 
     def beside(
         self, test: Test, num_draws: int = NUM_DRAWS, discrepancy: AtAmplitude | None = None
     ) -> Source:
         """What a test is compared with: all of its own run, where that was fitted."""
-        basis, seed = self.basis, self.source.seed
         missed = self.missed(test) if discrepancy is None else discrepancy
-        drawn = partial(basis.draws_for, test, num_draws, seed=seed)
-        return replace(
-            self.source,
-            draws=drawn(missed=missed),
-            undisturbed=() if missed == NOTHING else ((drawn(), basis.laws),),
-            references=of_run(self.simpler, basis.run_of(test), drive_of(test)),
-            model_error=basis.model_error(test, missed),
-        )
+        references = of_run(self.simpler, self.basis.run_of(test), drive_of(test))
+        how = {"seed": self.seed, "references": references}
+        return source_of(self.basis, test, num_draws, missed, **how)
 
     def marks(self, test: Test) -> dict[str, Any]:
         """Whether a test was fitted, and what its bands have in them."""
@@ -180,7 +171,7 @@ def verify_forced(
     fitted, sweeps = _compared_sweeps(entries, measured.sweeps)
     unseen = () if measured.sweeps is None else tuple(measured.sweeps.held_out)
     bands = [(NEAR[0] * natural_hz, NEAR[1] * natural_hz), *bands_of_modes(source.draws)[1:]]
-    forced = ForcedTests(source, simpler, fitted, unseen, bands, attempts)
+    forced = ForcedTests(source.basis, source.seed, simpler, fitted, unseen, bands, attempts)
     groups: dict[str, xr.Dataset] = {}
     for test in sweeps:
         groups |= forced.attempted(test, partial(forced.sweep, test))

@@ -12,7 +12,6 @@ from jbw.errors import ConfigError, DataError
 from jbw.identification.discrepancy import NOTHING, AtAmplitude
 from jbw.inference.thresholds import BEYOND
 from jbw.measurement.records import Test, drive_of
-from jbw.observables.drives import of_drive
 from jbw.observables.residual_terms import TAKEN
 from jbw.oscillator.modes.parameters import has_further_modes
 from jbw.report.messages import verification as messages
@@ -22,8 +21,8 @@ from jbw.verification.decays import predict_decay
 from jbw.verification.groups import has_groups_alone, predict_groups
 from jbw.verification.in_time import predict_records
 from jbw.verification.planned import predict_planned
-from jbw.verification.predicted import LANES, LEFT_OUT, Predicted, Source, is_measured
-from jbw.verification.predictive_basis import NUM_DRAWS, Basis, Draws, Laws, seen_of
+from jbw.verification.predicted import LANES, LEFT_OUT, Predicted, Source, is_measured, source_of
+from jbw.verification.predictive_basis import NUM_DRAWS, Basis, seen_of
 from jbw.verification.steady_motion import predict_loop, predict_periods
 from jbw.verification.withheld import OF_BAND, is_withheld, without_band
 
@@ -154,22 +153,8 @@ def _source(basis: Basis, test: Test, request: Request) -> Source:
     if route in (predict_records, predict_periods, predict_groups):
         most = min(most, max(FEWEST, MOST_SAMPLES // test.records[0].num_samples))
     missed = NOTHING if basis.has_fitted(test) else missed_in(basis, test, gain, request.seed)
-
-    def drawn(count: int, law_basis: Basis, missed: AtAmplitude) -> Draws:
-        if route is predict_decay:
-            return dict(of_drive(law_basis.thinned(count, law_basis.decay), drive_of(test)))
-        return law_basis.draws_for(test, count, gain, request.seed, missed=missed)
-
-    def of_every_law(missed: AtAmplitude) -> tuple[tuple[Draws, Laws], ...]:
-        shares = basis.shared(most)
-        return tuple((drawn(count, of_law, missed), of_law.laws) for count, of_law in shares)
-
-    first, *others = of_every_law(missed)
-    return Source(
-        basis, first[0], noise=request.noise, bare=0.0, seed=request.seed, beside=tuple(others),
-        undisturbed=() if missed == NOTHING else of_every_law(NOTHING),
-        model_error=basis.model_error(test, missed),
-    )  # fmt: skip
+    how = {"gain": gain, "seed": request.seed, "noise": request.noise, "bare": 0.0}
+    return source_of(basis, test, most, missed, **how)
 
 
 def basis_for(basis: Basis, test: Test, request: Request) -> Basis:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -10,6 +11,7 @@ import xarray as xr
 from jaxtyping import Array, PyTree
 from numpy.typing import NDArray
 
+from jbw.identification.discrepancy import NOTHING, AtAmplitude
 from jbw.inference.lanes import at_points
 from jbw.measurement.records import Test
 from jbw.observables.groups import Groups
@@ -142,6 +144,33 @@ class Source:
         """The same of reduced data, by (theta, data) to what is predicted."""
         seen = alone(data)
         return self.carried(lambda draws, laws: carry(predict, draws, replace(seen, laws=laws)))
+
+
+def source_of(
+    basis: Basis, test: Test, num_draws: int, missed: AtAmplitude, gain: Any = None, **how: Any
+) -> Source:
+    """Return the draws that a test is predicted with, of every law of a run.
+
+    Args:
+        basis: What the run predicts with.
+        test: The test.
+        num_draws: Draws of all laws at most.
+        missed: The model discrepancy in its bands.
+        gain: Gain [N/kg per unit of the source] for its own source; None for that of the run.
+        how: Other fields of `Source`, the seed among them.
+    """
+
+    def of_every_law(missed: AtAmplitude) -> tuple[tuple[Draws, Laws], ...]:
+        drawn = partial(Basis.draws_for, missed=missed, gain=gain, seed=how.get("seed", 0))
+        shares = basis.shared(num_draws)
+        return tuple((drawn(of_law, test, count), of_law.laws) for count, of_law in shares)
+
+    (draws, _), *others = of_every_law(missed)
+    undisturbed = () if missed == NOTHING else of_every_law(NOTHING)
+    error = basis.model_error(test, missed)
+    return Source(
+        basis, draws, beside=tuple(others), undisturbed=undisturbed, model_error=error, **how
+    )
 
 
 def is_measured(test: Test) -> bool:

@@ -137,8 +137,13 @@ class Basis:
         *,
         missed: AtAmplitude = NOTHING,
     ) -> Draws:
-        """The same with omega_n and zeta of the test's own run, where that was fitted."""
+        """The same with omega_n and zeta of the test's own run, where that was fitted.
+
+        Free decays have draws of their own posterior, and involve no gain.
+        """
         name, drive = self.run_of(test), drive_of(test)
+        if test.traits.is_free:
+            return dict(of_drive(self.thinned(num_draws, self.decay), drive))
         if self.runs is None or name is None:
             return self.draws(num_draws, gain, seed, drive, missed=missed)
         run = self.runs.sel(run=name)

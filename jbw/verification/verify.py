@@ -21,10 +21,8 @@ from jbw.identification.selection import DecaySplit
 from jbw.inference.posterior.finding import Finding, amended, checked
 from jbw.inference.posterior.remedies import put
 from jbw.inference.posterior.summary import QUANTILES
-from jbw.measurement.records import drive_of
 from jbw.observables.dataset import Dataset
 from jbw.observables.decay import Decays
-from jbw.observables.drives import of_drive
 from jbw.quantities import MODES, derivative_order
 from jbw.report.messages import discrepancy as withholding
 from jbw.report.messages import verification as messages
@@ -84,7 +82,7 @@ def _verify_free(
     """Every free decay beside the model's, and frequency and damping against amplitude."""
     groups: Groups = {}
     together, num_fitted = decays.together, len(decays.fitted.records)
-    draws = dict(of_drive(basis.thinned(NUM_DRAWS, basis.decay), drive_of(together)))
+    draws = basis.draws_for(together, NUM_DRAWS)
 
     def compared() -> list[xr.Dataset]:
         others = simpler(draws, *_freely(draws, reduced))
