@@ -56,8 +56,8 @@ def predict_groups(source: Source, test: Test) -> Predicted:
     if all("coverage" in dataset.attrs for dataset in datasets):
         inside = [dataset.attrs["coverage"] for dataset in datasets]
         attrs |= {"coverage": float(np.average(inside, weights=sizes)), "num_values": sizes.sum()}
-    together = xr.concat(datasets, "value", combine_attrs="drop").assign_attrs(attrs)
-    return predictions[-1]._replace(dataset=together)
+    together = xr.concat(datasets, "value", combine_attrs="drop_conflicts")
+    return predictions[-1]._replace(dataset=together.assign_attrs(attrs))
 
 
 def predict_apart(source: Source, test: Test) -> Iterator[tuple[str, Predicted]]:
