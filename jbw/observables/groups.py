@@ -1,6 +1,6 @@
 """The table of groups that every kind of test holds: names, repeats, noise, offsets of runs."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, Literal, NamedTuple
 
@@ -11,7 +11,6 @@ import numpy as np
 from jax.core import Tracer
 from jaxtyping import Array, Bool, Complex, Float, Inexact
 
-SILENT = 1e-12  # of the values of a group that counts for nothing
 SPANS = 1e-10  # of columns of size one: a direction that is none but for rounding
 
 Row = Float[np.ndarray, " n"] | Complex[np.ndarray, " n"]
@@ -280,12 +279,6 @@ def fractions_counted(groups: Groups) -> dict[str, float]:
     """Return the fraction of the values of each group that the likelihood counts."""
     fraction = np.asarray(groups.num_values) / np.asarray(groups.num_counted)
     return dict(zip(groups.labels, fraction.tolist(), strict=True))
-
-
-def silenced(labels: Iterable[str], groups: Groups) -> Groups:
-    """Return groups of the same shapes, of which some have next to no values."""
-    fractions = fractions_counted(groups) | dict.fromkeys(labels, SILENT)
-    return with_effective_values(fractions, groups)
 
 
 def _orthonormal(

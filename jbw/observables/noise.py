@@ -4,9 +4,8 @@ Every function reads columns of `Groups` alone: a mean of K repeats of N values,
 independent, with the scatter S of the repeats about it.
 """
 
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import replace
-from functools import partial
 
 import equinox as eqx
 import jax
@@ -18,9 +17,11 @@ from jbw.observables import groups as table
 from jbw.observables.dataset import Dataset, as_arrays, measured_parts, residual_by_label, sizes_of
 from jbw.observables.drives import of_part
 from jbw.observables.effective_values import correlated_fraction
-from jbw.observables.groups import Covariance, Groups, Rows, changed, sizes
+from jbw.observables.groups import Covariance, Rows, changed, sizes
 from jbw.observables.misfit import independent_fractions, shared_misfit
 from jbw.observables.observable import Observable, Theta, alone
+
+SILENT = 1e-12  # of the values of a group that counts for nothing
 
 Draws = Float[np.ndarray, "chain draw"]
 Drawn = Mapping[str, Float[np.ndarray, "..."]]  # parameters by name, and what was held
@@ -119,16 +120,14 @@ def fractions_counted(data: Dataset) -> dict[str, float]:
 
 def with_effective_values(fractions: Mapping[str, float], data: Dataset) -> Dataset:
     """Return the dataset with as many values as are independent, all where not named."""
-    return _with_groups(partial(table.with_effective_values, fractions), data)
+    groups = (table.with_effective_values(fractions, part.groups) for part in data.parts)
+    pairs = zip(data.parts, groups, strict=True)
+    return replace(data, parts=tuple(replace(part, groups=own) for part, own in pairs))
 
 
 def silenced(labels: Collection[str], data: Dataset) -> Dataset:
     """Return the dataset of the same shapes in which some groups count for nothing."""
-    return _with_groups(partial(table.silenced, labels), data)
-
-
-def _with_groups(change: Callable[[Groups], Groups], data: Dataset) -> Dataset:
-    return replace(data, parts=tuple(replace(x, groups=change(x.groups)) for x in data.parts))
+    return with_effective_values(fractions_counted(data) | dict.fromkeys(labels, SILENT), data)
 
 
 def draw_noise(

@@ -7,7 +7,7 @@ lost where it bends over, and a point costs two steps of Newton's iteration and 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import equinox as eqx
 import jax
@@ -32,6 +32,7 @@ from jbw.observables.residual_terms import receptance, taken
 from jbw.observables.spectra import Spectrum, of_lines
 from jbw.oscillator.oscillator import Joint, as_oscillator, oscillator_of
 from jbw.oscillator.steady.balance import refined
+from jbw.oscillator.steady.cycle import steady_state
 from jbw.quantities import DEFAULT_LAWS, UNIT_OF, derivative_order
 
 NUM_NODES = 16
@@ -259,6 +260,25 @@ def motion_of(theta: Mapping[str, Array], data: Points) -> Complex[Array, "point
     return jax.vmap(lambda omega, guess, load: refined(joint, omega, guess, load))(
         data.omega, data.motion, theta["gain"] * data.load
     )
+
+
+def planned_motion(
+    theta: Mapping[str, Array], omega: Any, level: Any, laws: Laws
+) -> Complex[Array, "*point harmonic"]:
+    """Return the odd harmonics of the displacement [m] under tones that nobody measured.
+
+    They are not a number where no steady motion was found.
+
+    Args:
+        theta: The parameters; those of several joints as columns.
+        omega: Frequencies of the tones [rad/s].
+        level: Amplitude of their source.
+        laws: Names of the laws.
+    """
+    gain, joint = theta["gain"], oscillator_of(theta, laws)
+    motion = steady_state(joint, omega, jnp.abs(gain) * level, NUM_HARMONICS)
+    # A turned channel moves half a period later: odd harmonics change their sign.
+    return jnp.sign(gain)[..., None] * motion
 
 
 def added_motion(theta: Mapping[str, Array], data: Points) -> Complex[Array, "point harmonic"]:

@@ -9,19 +9,16 @@ from typing import cast
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Complex, Float
+from jaxtyping import Float
 
 from jbw.inference.lanes import LANES, at_points, num_cores
 from jbw.measurement.records import Record, Test
 from jbw.observables.controlled import ControlledPoints
 from jbw.observables.dataset import Dataset, stacked
 from jbw.observables.groups import changed
-from jbw.observables.harmonic_groups import NUM_HARMONICS
 from jbw.observables.records import Records
-from jbw.observables.steady import Points
+from jbw.observables.steady import Points, planned_motion
 from jbw.oscillator.excitation import sampled, sweep
-from jbw.oscillator.oscillator import oscillator_of
-from jbw.oscillator.steady.cycle import steady_state
 from jbw.oscillator.steady.waveform import synthesis
 from jbw.parts import Parts, unkept
 from jbw.planning.beliefs import Beliefs
@@ -241,14 +238,4 @@ def fisher(
     return np.concatenate(information)
 
 
-@partial(jax.jit, static_argnames="laws")
-def _steady(
-    theta: Mapping[str, Array],
-    omega: Float[Array, " tone"],
-    level: Float[Array, ""],
-    laws: tuple[str, ...],
-) -> Complex[Array, "tone harmonic"]:
-    """Harmonics of the steady motion, NaN where they were not found."""
-    gain = theta["gain"]  # below zero where a channel is turned, and odd harmonics with it
-    joint, amplitude = oscillator_of(theta, laws), jnp.abs(gain) * level
-    return jnp.sign(gain) * steady_state(joint, omega, amplitude, NUM_HARMONICS)
+_steady = jax.jit(planned_motion, static_argnames="laws")

@@ -9,9 +9,8 @@ import xarray as xr
 from jbw.errors import ConfigError
 from jbw.measurement.records import Record, Test
 from jbw.observables.harmonic_groups import ORDERS
+from jbw.observables.steady import planned_motion
 from jbw.oscillator.excitation import sampled, sweep
-from jbw.oscillator.oscillator import oscillator_of
-from jbw.oscillator.steady.cycle import steady_state
 from jbw.quantities import UNIT_OF, derivative_order
 from jbw.report.messages import verification as messages
 from jbw.verification.bands import QUANTILE_AXIS, gaussian_band, polar
@@ -19,7 +18,6 @@ from jbw.verification.predicted import Predicted, Source, noise_of
 from jbw.verification.predictive_basis import Basis, Draws, Laws
 
 FADE = 0.02  # of a sweep's duration, at its end
-NUM_HARMONICS = 4  # balanced
 
 
 def planned_sweep(
@@ -61,10 +59,7 @@ def predict_planned(source: Source, test: Test) -> Predicted:
 
     def steady(draws: Draws, laws: Laws) -> np.ndarray:
         columns = {name: jnp.asarray(values)[:, None] for name, values in draws.items()}
-        gain, joint = columns["gain"], oscillator_of(columns, laws)
-        motion = steady_state(joint, omega, jnp.abs(gain) * test.level, NUM_HARMONICS)
-        # A turned channel moves half a period later: odd harmonics change their sign.
-        return np.asarray(jnp.sign(gain)[..., None] * motion)
+        return np.asarray(planned_motion(columns, omega, test.level, laws))
 
     motion, others = source.carried(steady)
     magnitude = {"units": UNIT_OF[record.response], "long_name": record.response}

@@ -235,13 +235,9 @@ def _labels(name: str, seen: CampaignTest, order: int) -> list[str]:
 
 
 def of_repeats(groups: Groups, group: int = 0) -> RepeatNoise:
-    """What the scatter of a group's repeats tells."""
-    scatter = groups.within, groups.size, groups.num_repeats
-    return of_scatter(*(float(by_group[group]) for by_group in scatter))
-
-
-def of_scatter(within: float, size: float, count: float) -> RepeatNoise:
-    """Noise by the sum of squares that so many repeats of so many values leave about their mean."""
+    """Return what the scatter of a group's repeats about their mean tells of its noise."""
+    columns = groups.within, groups.size, groups.num_repeats
+    within, size, count = (float(column[group]) for column in columns)
     if count < 2:
         return NOT_KNOWN
     return RepeatNoise(float(np.sqrt(within / (size * (count - 1)))), REPEATS)
