@@ -168,44 +168,54 @@ def predict_records(source: Source, test: Test) -> Predicted:
     return Predicted(dataset, motion.peak, motion.noise)
 
 
-def compare_records(source: Source, motion: Motion) -> xr.Dataset:
-    """Repeats of one input beside the model's responses, in a band where the test has one."""
-    test, data, record = motion.test, motion.data, motion.test.records[0]
-    measured = single_records(np.asarray(data.mean), data.groups).mean[0]
-    model, others, std = source.compared(motion.noise, *in_band_of(motion), share=share_of(data))
-    noise_std, mean, unit = std or 0.0, np.asarray(data.mean[0]), {"units": UNIT_OF[data.response]}
-    variables = beside("time", mean, model, noise_std, unit)
-    variables["measured"] = ("time", mean, {**unit, "long_name": f"mean measured {data.response}"})
-    nrmse = [error(repeat, np.median(model, axis=0)) for repeat in measured]
-    variables["nrmse_of_repeat"] = ("repeat", nrmse, {"units": "1", "long_name": "error over rms"})
-    time = (data.skipped + np.arange(len(mean))) / data.fs
-    return xr.Dataset(
-        {**variables, "measured_band": (("quantile", "time"), band(measured), unit)},
+def compare_in_time(
+    source: Source,
+    motion: Motion,
+    repeats: Float[np.ndarray, "repeat time"] | None = None,
+    num_repeats: float = 1.0,
+) -> tuple[xr.Dataset, Float[np.ndarray, "draw time"], dict[str, Float[np.ndarray, " time"]]]:
+    """Return the mean of a test beside its bands in time, the draws and the references.
+
+    Bands are those of a mean of `num_repeats`. Where `repeats` are given, these are counted in it,
+    and it is that of the parameters alone where no noise is known.
+    """
+    data, lines, record = motion.data, motion.data.lines, motion.test.records[0]
+    mean = np.asarray(data.mean[0])
+    others = {name: in_band(values, lines) for name, values in motion.others.items()}
+    model, share = in_band(motion.model, lines), noise_share(lines, len(mean))
+    model, others, std = source.compared(motion.noise, model, others, num_repeats, share)
+    std = std if repeats is None else std or 0.0
+    unit = {"units": UNIT_OF[data.response], "long_name": data.response}
+    dataset = xr.Dataset(
+        beside("time", mean, model, std, unit),
         {
-            "time": ("time", time, {"units": "s"}),
+            "time": ("time", (data.skipped + np.arange(len(mean))) / data.fs, {"units": "s"}),
             "quantile": QUANTILE_AXIS,
-            "repeat": ("repeat", list(motion.repeats)),
         },
         {
-            "level": test.level,
+            "level": motion.test.level,
             "level_unit": record.units[record.source],
             "response": data.response,
-            "num_repeats": len(measured),
-            **errors(mean, model, others, noise_std, measured),
+            **errors(mean, model, others, std, repeats),
         },
     )
+    return dataset, model, others
 
 
-def in_band_of(motion: Motion) -> tuple[NDArray[np.float64], dict[str, NDArray[np.float64]]]:
-    """Return what the model and the references respond in the band that is compared."""
-    lines = motion.data.lines
-    others = {name: in_band(values, lines) for name, values in motion.others.items()}
-    return in_band(motion.model, lines), others
-
-
-def share_of(data: Records) -> float:
-    """Return the share of white noise in the band that is compared, as a standard deviation."""
-    return noise_share(data.lines, data.mean.shape[1])
+def compare_records(source: Source, motion: Motion) -> xr.Dataset:
+    """Repeats of one input beside the model's responses, in a band where the test has one."""
+    data = motion.data
+    measured = single_records(np.asarray(data.mean), data.groups).mean[0]
+    dataset, model, _ = compare_in_time(source, motion, measured)
+    nrmse = [error(repeat, np.median(model, axis=0)) for repeat in measured]
+    unit = dataset["measured"].attrs
+    variables = {
+        "measured_band": (("quantile", "time"), band(measured), unit),
+        "nrmse_of_repeat": ("repeat", nrmse, {"units": "1", "long_name": "error over rms"}),
+    }
+    repeats = {"repeat": ("repeat", list(motion.repeats))}
+    dataset["measured"].attrs = {**unit, "long_name": f"mean measured {data.response}"}
+    return dataset.assign(variables).assign_coords(repeats).assign_attrs(num_repeats=len(measured))
 
 
 def _resolves(motion: Motion, band_hz: tuple[float, float]) -> bool:

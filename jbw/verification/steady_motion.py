@@ -17,10 +17,10 @@ from jbw.observables.groups import compared
 from jbw.observables.loops import Loops
 from jbw.observables.samples import band_limited, motion_under
 from jbw.oscillator.hold import HeldInput
-from jbw.quantities import UNIT_OF, derivative_order
-from jbw.verification.bands import QUANTILE_AXIS, band, beside, errors, gaussian_band
+from jbw.quantities import derivative_order
+from jbw.verification.bands import QUANTILE_AXIS, band, errors, gaussian_band
 from jbw.verification.groups import groups_of
-from jbw.verification.in_time import followed, in_band_of, reduced, share_of
+from jbw.verification.in_time import compare_in_time, followed, reduced
 from jbw.verification.predicted import Predicted, Source, carry
 from jbw.verification.predictive_basis import Draws, Laws, count_of
 
@@ -81,34 +81,20 @@ def predict_periods(source: Source, test: Test) -> Predicted:
     cut = periods(test) or test
     data = reduced(source.basis, cut, periodic=True)
     motion = followed(source, cut, data)
-    measured, record = np.asarray(data.mean[0]), cut.records[0]
-    model, others, noise_std = source.compared(
-        motion.noise, *in_band_of(motion), len(cut.records), share_of(data)
-    )
-    unit = {"units": UNIT_OF[data.response], "long_name": data.response}
-    variables = beside("time", measured, model, noise_std, unit)
-    size = len(measured)
-    freq = np.fft.rfftfreq(size, 1 / data.fs)
+    dataset, model, others = compare_in_time(source, motion, num_repeats=len(cut.records))
+    measured, unit = dataset["measured"].values, dataset["measured"].attrs
+    freq = np.fft.rfftfreq(len(measured), 1 / data.fs)
     keep = lines_within(freq, cut.band_hz or (freq[1], freq[-1]))
     median = np.median(model, axis=0)
     spectra = {"measured": measured, "model": median, "error": measured - median}
     spectra |= {f"{name}_error": measured - reference for name, reference in others.items()}
-    for name, x in spectra.items():
-        amplitudes = 2 * np.abs(np.fft.rfft(x)) / size
-        variables[f"{name}_spectrum"] = ("freq", amplitudes[keep], unit)
-    coords = {
-        "time": ("time", np.arange(size) / data.fs, {"units": "s"}),
-        "freq": ("freq", freq[keep], {"units": "Hz"}),
-        "quantile": QUANTILE_AXIS,
+    variables = {
+        f"{name}_spectrum": ("freq", (2 * np.abs(np.fft.rfft(x)) / len(x))[keep], unit)
+        for name, x in spectra.items()
     }
-    attrs = {
-        "level": cut.level,
-        "level_unit": record.units[record.source],
-        "kind": cut.kind,
-        "response": data.response,
-        **errors(measured, model, others, noise_std),
-    }
-    return Predicted(xr.Dataset(variables, coords, attrs), motion.peak, motion.noise)
+    in_frequency = xr.Dataset(variables, {"freq": ("freq", freq[keep], {"units": "Hz"})})
+    dataset = dataset.assign(in_frequency).assign_attrs(kind=cut.kind)
+    return Predicted(dataset, motion.peak, motion.noise)
 
 
 def loop_validation(test: Test, draws: Draws, laws: Laws) -> xr.Dataset:
