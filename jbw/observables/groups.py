@@ -106,14 +106,13 @@ class Groups(eqx.Module):
 
 
 def repeated(
-    values: Sequence[Inexact[np.ndarray, "_repeat _value"]],
+    values: Sequence[Inexact[np.ndarray, "_record ... _value"]],
     sizes: Float[np.ndarray, " group"],
     labels: Sequence[str],
     runs: Sequence[str],
     *,
     scale: Float[np.ndarray, " group"] | None = None,
     course: Sequence[Float[np.ndarray, " _value"] | float] | None = None,
-    repeats_of_record: Sequence[int] | None = None,
     longest: int | None = None,
     spanned: Float[np.ndarray, "group column value"] | None = None,
     **columns: Any,
@@ -123,24 +122,25 @@ def repeated(
     Labels that come again get a number.
 
     Args:
-        values: Every repeat of each group, zero where it is not compared.
+        values: Every record of each group, or every repeat of each record; zero where it is not
+            compared.
         sizes: Values N of each group that are compared.
         labels: Name of each group.
         runs: Name of the run of each group.
         scale: Size of each group, of which one hundredth is the first guess of the noise of a
             single repeat; None for the root mean square.
         course: Noise of every value over that of its group; None for one.
-        repeats_of_record: How many repeats in a row each record has; None for one.
         longest: Length of the longest row, where more values stand in it than count.
         spanned: Columns of each group that its misfit may hold besides, in any scale.
         columns: Other columns of `Groups`, such as units.
     """
     longest = int(max(sizes)) if longest is None else longest
-    means = [rows.mean(axis=0) for rows in values]
+    records = [rows.reshape(len(rows), -1, rows.shape[-1]) for rows in values]
+    means = [rows.mean(axis=(0, 1)) for rows in records]
     weights = [1.0] * len(values) if course is None else course
-    rows_of_groups = zip(values, means, weights, strict=True)
+    rows_of_groups = zip(records, means, weights, strict=True)
     within = np.array([np.sum(np.abs((x - mean) / c) ** 2) for x, mean, c in rows_of_groups])
-    num_repeats = np.array([float(len(rows)) for rows in values])
+    num_repeats = np.array([float(rows.shape[0] * rows.shape[1]) for rows in records])
     if scale is None:
         scale = np.sqrt(np.array([np.sum(np.abs(mean) ** 2) for mean in means]) / sizes)
     degrees = sizes * (num_repeats - 1)
@@ -166,19 +166,18 @@ def repeated(
     }
     others: dict[str, Any] = {"units": ("",) * len(labels)} | columns
     arrays = jax.device_put(arrays)
-    single = _single(values, repeats_of_record or [1] * len(values))
-    return Groups(**arrays, single=single, labels=_distinct(labels), runs=tuple(runs), **others)
+    return Groups(
+        **arrays, single=_single(records), labels=_distinct(labels), runs=tuple(runs), **others
+    )
 
 
 def _single(
-    values: Sequence[Inexact[np.ndarray, "_repeat _value"]], repeats_of_record: Sequence[int]
+    records: Sequence[Inexact[np.ndarray, "_record _repeat _value"]],
 ) -> SingleRecords | None:
-    pairs = zip(values, repeats_of_record, strict=True)
-    records = [rows.reshape(-1, count, rows.shape[1]) for rows, count in pairs]
     shape = len(records), max(map(len, records))
     if shape[1] == 1:
         return None
-    mean = np.zeros((*shape, max(rows.shape[2] for rows in records)), values[0].dtype)
+    mean = np.zeros((*shape, max(rows.shape[2] for rows in records)), records[0].dtype)
     num_repeats, within = np.zeros(shape), np.zeros(shape)
     for i, rows in enumerate(records):
         own = rows.mean(axis=1)

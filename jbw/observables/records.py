@@ -150,6 +150,10 @@ class Records(Observable):
         responses = [np.stack([r.channels[response] for r in t.records]) for t in tests]
         responses = [in_band(r[:, skipped:], lines) for r in responses]
         means = np.stack([r.mean(axis=0) for r in responses])
+        periods_of = [max(test.periods, 1) if periodic else 1 for test in tests]
+        of_records = [
+            r.reshape(-1, n, r.shape[1]) for r, n in zip(responses, periods_of, strict=True)
+        ]
         size = means.shape[1] if lines is None else 2 * (lines[1] - lines[0])
         has_own_terms = residuals == "own"
         return cls(
@@ -157,11 +161,10 @@ class Records(Observable):
             held=band_limited(inputs, periodic=periodic),
             mean=jax.device_put(means),
             groups=repeated(  # in a band, the scatter over time is that over its lines
-                responses,
+                of_records,
                 np.full(len(tests), size),
                 [test.name for test in tests],
                 [run_of(test) for test in tests],
-                repeats_of_record=[max(test.periods, 1) if periodic else 1 for test in tests],
                 spanned=own_columns(inputs[:, skipped:], fs, response, lines)
                 if has_own_terms
                 else None,
