@@ -241,7 +241,7 @@ def test_one_repeat_and_many_reduce_to_the_same_groups(kind):
 
 
 @every_kind
-def test_silenced_groups_say_nothing(kind):
+def test_an_excluded_run_says_nothing(kind):
     data = Dataset.of([noise_free(kind)])
     if data.parts[0].own_shifts:
         return
