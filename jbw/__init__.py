@@ -203,7 +203,15 @@ __all__ = [*_HOME, *_ROOMS, "citation", "enable_x64"]  # pyright: ignore[reportU
 
 
 def enable_x64() -> None:
-    """Switch JAX to float64 for this process; jbw never does it by itself."""
+    """Switch JAX to float64 for this process; jbw never does it by itself.
+
+    Examples:
+        >>> import jbw
+        >>> import jax.numpy as jnp
+        >>> jbw.enable_x64()
+        >>> print(jnp.ones(1).dtype)
+        float64
+    """
     import jax
 
     jax.config.update("jax_enable_x64", True)

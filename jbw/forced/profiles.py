@@ -27,6 +27,15 @@ class RandomProfile:
         freq_hz: Breakpoints in rising order [Hz].
         density: Density there, in `unit`.
         unit: Its unit, such as `g^2/Hz`.
+
+    Examples:
+        A flat density of 0.04 g^2/Hz over 100 Hz has the rms sqrt(0.04 * 100):
+
+        >>> import jbw
+        >>> import numpy as np
+        >>> flat = jbw.RandomProfile(np.array([20.0, 120.0]), np.array([0.04, 0.04]), "g^2/Hz")
+        >>> print(f"{flat.rms:.2f} g")
+        2.00 g
     """
 
     freq_hz: Values
@@ -82,6 +91,15 @@ def profile_of(rows: Iterable[tuple[str, str]], unit: str) -> RandomProfile:
 
     Raises:
         ConfigError: A row cannot be read, or the densities do not follow from the rows.
+
+    Examples:
+        A slope of +3 dB/oct over two octaves raises the density by a factor of about four:
+
+        >>> import jbw
+        >>> rows = [("20-80", "+3 dB/oct"), ("80-350", "0.04"), ("350-2000", "-3 dB/oct")]
+        >>> profile = jbw.profile_of(rows, "g^2/Hz")
+        >>> print(profile.freq_hz, profile.density.round(4), f"{profile.rms:.2f} g")
+        [  20.   80.  350. 2000.] [0.01  0.04  0.04  0.007] 6.06 g
     """
     known: dict[float, float] = {}
     slopes: list[tuple[float, float, float]] = []
@@ -133,6 +151,17 @@ def read_profile(path: str | Path, unit: str = "") -> RandomProfile:
     Raises:
         ConfigError: A row cannot be read, or no unit is stated.
         DataError: The file cannot be opened.
+
+    Examples:
+        A flat density of 0.01 g^2/Hz over 100 Hz has the rms sqrt(0.01 * 100):
+
+        >>> import jbw
+        >>> import numpy as np
+        >>> title = "frequency [Hz], density [g^2/Hz]"
+        >>> rows = np.array([[20.0, 0.01], [120.0, 0.01]])
+        >>> np.savetxt("psd.csv", rows, delimiter=",", header=title, comments="")
+        >>> print(f"{jbw.read_profile('psd.csv').rms:.1f} g")
+        1.0 g
     """
     try:
         text = Path(path).read_text(encoding="utf-8-sig")

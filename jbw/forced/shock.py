@@ -32,6 +32,16 @@ class Pulse:
         samples: Values in `unit`, the first at t = 0.
         fs: Sampling rate [Hz].
         unit: Unit of the samples, such as `m/s^2`.
+
+    Examples:
+        A half-sine of 20 g and 11 ms changes the velocity by 2 / pi * peak * duration:
+
+        >>> import jbw
+        >>> import numpy as np
+        >>> half_sine = 196.2 * np.sin(np.pi * np.linspace(0.0, 1.0, 111))
+        >>> pulse = jbw.Pulse(half_sine, fs=1e4, unit="m/s^2")
+        >>> print(f"{1e3 * pulse.duration:.0f} ms, {pulse.samples.sum() / pulse.fs:.3f} m/s")
+        11 ms, 1.374 m/s
     """
 
     samples: Values
@@ -181,6 +191,16 @@ def shock_spectrum(
 
     Reference:
         ISO 18431-4:2007, 5.2, absolute acceleration.
+
+    Examples:
+        A half-sine of 1 m/s^2 moves an undamped oscillator by at most 1.77 m/s^2:
+
+        >>> import jbw
+        >>> import numpy as np
+        >>> half_sine = np.sin(np.pi * np.linspace(0.0, 1.0, 1001))
+        >>> hz = np.linspace(10.0, 500.0, 99)
+        >>> print(f"{jbw.shock_spectrum(half_sine, 1e5, hz, quality=np.inf).max():.2f}")
+        1.77
     """
     freq_hz = np.asarray(freq_hz, float)
     if np.any(freq_hz <= 0) or np.any(freq_hz >= 0.5 * fs) or not quality > 0.5:

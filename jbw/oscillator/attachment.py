@@ -23,7 +23,17 @@ Modal = Float[np.ndarray, " mode"]
 
 
 class Attachment(NamedTuple):
-    """A linear attachment at one point."""
+    """A linear attachment at one point.
+
+    Examples:
+        A mass of 1 kg tied to a mode of 4 kg lowers its frequency by the factor 1 / sqrt(1 + 1/4):
+
+        >>> import jbw
+        >>> armature = jbw.Attachment(mass=1.0, damping=0.0, stiffness=0.0)
+        >>> omega, zeta = jbw.attached([100.0], [0.01], [0.5], armature)
+        >>> print(omega.round(2))
+        [89.44]
+    """
 
     mass: float  # m_a [kg]; negative where a suspension's stiffness falls over the band
     damping: float  # c_a [N s/m]
@@ -49,6 +59,15 @@ def attached(
 
     Raises:
         ModelError: Modes that are no oscillators, or that the attachment makes unstable.
+
+    Examples:
+        A spring of 8400 N/m tied to a mode of 4 kg raises 100 rad/s to sqrt(100^2 + 8400 / 4):
+
+        >>> import jbw
+        >>> suspension = jbw.Attachment(mass=0.0, damping=0.0, stiffness=8400.0)
+        >>> omega, zeta = jbw.attached([100.0], [0.01], [0.5], suspension)  # shape 1 / sqrt(4 kg)
+        >>> print(omega.round(2), zeta.round(5))  # the damping ratio falls by 100 / 110
+        [110.] [0.00909]
     """
     w, z, phi = (np.atleast_1d(np.asarray(x, float)) for x in (omega, zeta, shape))
     if not (w.shape == z.shape == phi.shape and w.ndim == 1):

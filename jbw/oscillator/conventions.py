@@ -1,6 +1,15 @@
 """The joint in the parameters of Baber and Noori, of OpenSees and of the hysteretic benchmark.
 
 Public as `jbw.conventions`: `to_...` converts our parameters to theirs, `from_...` theirs to ours.
+
+Examples:
+    The stiffness is m omega_n^2, and the ratio of stiffness after slip 1 - alpha / omega_n^2:
+
+    >>> import jbw; jbw.enable_x64()
+    >>> joint = jbw.BoucWen(omega_n=100.0, zeta=0.01, alpha=500.0, delta=340.0, gamma=33.0)
+    >>> other = jbw.conventions.to_baber_noori(joint, mass=2.0)
+    >>> print(f"{other.stiffness:.0f} N/m, {other.ratio:.2f}")
+    20000 N/m, 0.95
 """
 
 from jbw.oscillator.laws.conversions import BaberNoori as BaberNoori

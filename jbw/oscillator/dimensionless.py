@@ -74,6 +74,15 @@ def dimensionless(joint: BoucWen, omega: Scalar, amplitude: Scalar) -> Dimension
 
     Reference:
         Eq. (1), as printed, divided by its own scales.
+
+    Examples:
+        The frequency becomes omega / omega_n and the unit of length A / omega_n^2:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> joint = jbw.BoucWen(omega_n=100.0, zeta=0.01, alpha=500.0, delta=340.0, gamma=33.0)
+        >>> scaled = jbw.dimensionless(joint, omega=90.0, amplitude=2.0)
+        >>> print(f"{scaled.frequency:.2f}, {scaled.length:.4f} m, alpha {scaled.joint.alpha:.3f}")
+        0.90, 0.0002 m, alpha 0.050
     """
     require_closed_form(joint)
     require_finite(joint, omega=omega, amplitude=amplitude)

@@ -2,6 +2,15 @@
 
 Functions of time come from `tone`, `multisine` and `sweep`; `sampled` makes a record of one. Random
 inputs take a key first and are one period of a periodic signal.
+
+Examples:
+    A sweep of 16 s from 10 to 25 Hz is followed by 4 s of rest:
+
+    >>> import jbw; jbw.enable_x64()
+    >>> sweep = jbw.excitation.sweep(0.2, start_hz=10.0, end_hz=25.0, duration=16.0, fade=1.0)
+    >>> u = jbw.excitation.sampled(sweep, fs=1024.0, num_samples=20 * 1024)
+    >>> print(f"{abs(u).max():.2f} N/kg, {abs(u[16 * 1024:]).max():.2f} N/kg")
+    0.20 N/kg, 0.00 N/kg
 """
 
 from collections.abc import Callable

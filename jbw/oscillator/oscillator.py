@@ -34,6 +34,16 @@ class Oscillator(eqx.Module):
 
     Reference:
         Eqs. (1), (39).
+
+    Examples:
+        The resonance [rad/s] of two parallel laws begins at omega_n and falls as the joint slips:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> import numpy as np
+        >>> law = jbw.laws.BoucWenLaw(alpha=500.0, delta=340.0, gamma=33.0)
+        >>> joint = jbw.Oscillator(omega_n=100.0, zeta=0.01, laws=(law, jbw.Cubic(1e6)))
+        >>> print(jbw.backbone(joint, np.array([0.0, 1e-3])).omega.round(2))
+        [100.    99.67]
     """
 
     omega_n: Scalar
@@ -146,6 +156,15 @@ class BoucWen(eqx.Module):
 
     Reference:
         Eqs. (1), (2), (39).
+
+    Examples:
+        A joint that slips fully carries alpha / (delta + gamma):
+
+        >>> import jbw; jbw.enable_x64()
+        >>> joint = jbw.BoucWen(omega_n=118.12, zeta=0.00444, alpha=497.4, delta=340.2, gamma=32.8)
+        >>> loop = jbw.steady_loop(joint, y_peak=0.05)
+        >>> print(f"{loop.z_max:.4f} N/kg")
+        1.3335 N/kg
     """
 
     omega_n: Scalar

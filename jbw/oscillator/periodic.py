@@ -221,6 +221,16 @@ def shooting(
 
     Reference:
         Eqs. (1), (2), as printed.
+
+    Examples:
+        Integration in time and harmonic balance give the same first harmonic:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> joint = jbw.BoucWen(omega_n=118.12, zeta=0.00444, alpha=497.4, delta=340.2, gamma=32.8)
+        >>> orbit = jbw.shooting(joint, omega=37.7, amplitude=5.0)
+        >>> y = jbw.steady_state(joint, omega=37.7, amplitude=5.0)
+        >>> print(f"{1e3 * abs(orbit.harmonics[0]):.4f} mm, {1e3 * abs(y[0]):.4f} mm")
+        0.3999 mm, 0.3999 mm
     """
     require_periodic(joint)
     require_finite(joint, omega=omega, amplitude=amplitude)

@@ -1,16 +1,20 @@
 """The mathematics of the paper, Eqs. (1)-(42), one function an equation.
 
-    import jbw
-    from jbw import paper
-
-    jbw.enable_x64()
-    joint = jbw.BoucWen(118.12, 0.00444, 497.4, 340.21, 32.84)
-    polynomial = paper.smoothing(joint, 0.8e-3)
-
 Functions are pure, work under `jit`, `vmap` and `grad`, and say in their docstring under
 `Reference` which equation they are and whether the print holds; `variant="printed"` is the print
 where it is wrong. `equations()` lists them all. Names load on first use, and `import jbw` does not
 load this module.
+
+Examples:
+    The cubic stiffness of a joint, and the function of the first equation:
+
+    >>> import jbw; jbw.enable_x64()
+    >>> from jbw import paper
+    >>> joint = jbw.BoucWen(omega_n=118.12, zeta=0.00444, alpha=497.4, delta=340.2, gamma=32.8)
+    >>> print(f"{paper.smoothing(joint, 0.8e-3).lambda_3:.3g} 1/(m^2 s^2)")
+    -6.8e+07 1/(m^2 s^2)
+    >>> print(paper.equations()[0].function)
+    jbw.BoucWen
 """
 
 from importlib import import_module

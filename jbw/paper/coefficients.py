@@ -157,6 +157,15 @@ def smoothing(
         Eq. (13), corrected: with alpha gamma^2/6, and the plus sign that the print lost.
         Eq. (24), corrected: less 5 alpha delta Y/32.
         Eq. (25), corrected: with alpha gamma^2/6; lambda_3 stays negative where the force softens.
+
+    Examples:
+        Without gamma the paper's cubic stiffness is alpha (delta^2 / 6 - 35 delta / (96 Y)):
+
+        >>> import jbw; jbw.enable_x64()
+        >>> joint = jbw.BoucWen(omega_n=118.12, zeta=0.00444, alpha=497.4, delta=340.2, gamma=0.0)
+        >>> found = jbw.smoothing(joint, y_peak=0.8e-3, variant="printed_closed")
+        >>> print(f"{found.lambda_3:.4g} 1/(m^2 s^2)")
+        -6.752e+07 1/(m^2 s^2)
     """
     if variant not in get_args(Variant):
         variants = ", ".join(f'"{name}"' for name in get_args(Variant))

@@ -37,6 +37,13 @@ def h1(omega: Real, omega_n: Real, zeta: Real) -> Kernel:
 
     Reference:
         Eq. (23), as printed: omega_n stands for omega_0, which lambda_1 lowers a little.
+
+    Examples:
+        The receptance at resonance is 1 / (2j zeta omega_n^2):
+
+        >>> import jbw; jbw.enable_x64()
+        >>> print(f"{jbw.h1(omega=100.0, omega_n=100.0, zeta=0.01).imag:.4f} s^2")
+        -0.0050 s^2
     """
     require_no_pole(jnp.square(omega_n), zeta, omega)
     return 1.0 / (jnp.square(omega_n) - jnp.square(omega) + 2j * zeta * omega_n * omega)
@@ -96,6 +103,17 @@ def h3(
     Reference:
         Eqs. (25), (31), corrected: lambda_3 keeps gamma; printed by variant="printed". The error
         is 12 % and 8 degrees with either lambda_3.
+
+    Examples:
+        The printed lambda_3 is alpha (delta^2 / 6 - 35 delta / (96 Y)), and the kernel divided by
+        H_1(omega)^3 H_1(3 omega) is -lambda_3:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> joint = jbw.BoucWen(omega_n=118.12, zeta=0.00444, alpha=497.4, delta=340.2, gamma=32.8)
+        >>> kernel = jbw.h3(joint, omega=37.7, y_peak=0.8e-3, variant="printed")
+        >>> h_1, h_1_of_3 = (jbw.h1(order * 37.7, joint.omega_n, joint.zeta) for order in (1, 3))
+        >>> print(f"{(kernel / (h_1**3 * h_1_of_3)).real:.4g} 1/(m^2 s^2)")
+        6.752e+07 1/(m^2 s^2)
     """
     require_none(joint, "h3")
     closed: Variant = "printed_closed" if variant == "printed" else variant
@@ -128,6 +146,16 @@ def third_harmonic(
 
     Reference:
         Eq. (29), replaced: the third harmonic of the loop itself, which knows gamma.
+
+    Examples:
+        The formula agrees with harmonic balance away from a third of the resonance:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> joint = jbw.BoucWen(omega_n=118.12, zeta=0.00444, alpha=497.4, delta=340.2, gamma=32.8)
+        >>> y = jbw.steady_state(joint, omega=30.0, amplitude=5.0)
+        >>> estimate = jbw.third_harmonic(joint, omega=30.0, y_1=y[0])
+        >>> print(f"{1e6 * abs(estimate):.2f} um, {1e6 * abs(y[1]):.2f} um")
+        0.34 um, 0.34 um
     """
     require_none(joint, "third_harmonic")
     y_peak = jnp.abs(y_1)

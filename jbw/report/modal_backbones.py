@@ -72,6 +72,19 @@ def draw_backbones(
 
     Reference:
         Krack (2015), Computers and Structures 154, 59.
+
+    Examples:
+        Frequency, damping and shape of two modes are drawn in three rows and two columns:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> import numpy as np
+        >>> one, law = np.ones(2), jbw.laws.BoucWenLaw(alpha=497.4, delta=340.2, gamma=32.8)
+        >>> omega_n, h = np.array([118.1, 360.0]), np.array([1.0, -1.7])
+        >>> modes = jbw.Structure(omega_n, 0.004 * one, h, b=one, c=one, laws=(law,))
+        >>> axes = jbw.draw_backbones(modes, np.linspace(0.0, 1e-3, 5))
+        >>> axes[0, 0].figure.savefig("backbones.png")
+        >>> print(axes.shape)
+        (3, 2)
     """
     levels = np.atleast_1d(np.asarray(x_peak, float))
     if levels.ndim != 1 or len(levels) < 2 or not np.all(np.diff(levels) > 0):

@@ -2,6 +2,15 @@
 
 A law that is defined elsewhere, in a test or a notebook, joins by `register` and is then known by
 its name wherever a campaign or a command names laws.
+
+Examples:
+    A law is built from the parameters that its name has:
+
+    >>> import jbw
+    >>> print([quantity.name for quantity in jbw.laws.quantities_of(["jenkins_1"])])
+    ['stiffness_1', 'slip_1']
+    >>> print(jbw.laws.law_named("jenkins_1").build({"stiffness_1": 200.0, "slip_1": 1e-3}))
+    Jenkins1(alpha=(200.0,), phi=(0.001,))
 """
 
 import re

@@ -72,6 +72,16 @@ def hysteresis_rate(
 
     Reference:
         Eq. (2).
+
+    Examples:
+        The rate is (alpha - (delta + gamma) z) v in loading and (alpha - (delta - gamma) z) v in
+        unloading:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> joint = jbw.BoucWen(omega_n=118.12, zeta=0.00444, alpha=500.0, delta=350.0, gamma=50.0)
+        >>> loading, unloading = (jbw.hysteresis_rate(joint, v=v, z=0.5) for v in (0.1, -0.1))
+        >>> print(f"{loading:.1f}, {unloading:.1f} N/kg/s")
+        30.0, -35.0 N/kg/s
     """
     if not joint.nu > 0.0:
         raise ModelError(f"Parameter `nu` must be greater than 0, but nu = {joint.nu:g}.")
@@ -109,6 +119,14 @@ def hysteresis_map(
 
     Reference:
         Eq. (2) in closed form; each part is one of Eqs. (3)-(6).
+
+    Examples:
+        The force of a stuck joint becomes alpha (1 - exp(-c dy)) / c with c = delta + gamma:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> joint = jbw.BoucWen(omega_n=118.12, zeta=0.00444, alpha=500.0, delta=350.0, gamma=50.0)
+        >>> print(f"{jbw.hysteresis_map(joint, z=0.0, dy=1e-3):.4f} N/kg")
+        0.4121 N/kg
     """
     require_closed_form(joint)
     require_finite(joint, z=z, dy=dy)
@@ -162,6 +180,15 @@ def steady_loop(joint: Hysteresis, y_peak: Real[ArrayLike, "..."]) -> SteadyLoop
 
     Reference:
         Closes Eqs. (3)-(6), which leave the threshold y_0 open.
+
+    Examples:
+        The energy lost per cycle is near 4/3 alpha gamma Y^3 while delta Y is small:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> joint = jbw.BoucWen(omega_n=118.12, zeta=0.00444, alpha=497.4, delta=340.2, gamma=32.8)
+        >>> loop = jbw.steady_loop(joint, y_peak=0.01e-3)
+        >>> print(f"{1e12 * loop.energy:.1f} pJ/kg")
+        21.8 pJ/kg
     """
     require_closed_form(joint)
     require_finite(joint, y_peak=y_peak)

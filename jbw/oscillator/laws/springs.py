@@ -103,6 +103,14 @@ class Cubic(Spring):
 
     Attributes:
         lambda_3: Cubic stiffness, positive where it stiffens [1/(m^2 s^2)].
+
+    Examples:
+        The resonance of a Duffing oscillator lies at sqrt(omega_n^2 + 3/4 lambda_3 Y^2):
+
+        >>> import jbw; jbw.enable_x64()
+        >>> duffing = jbw.Oscillator(omega_n=100.0, zeta=0.01, laws=(jbw.Cubic(2.8e9),))
+        >>> print(f"{jbw.backbone(duffing, 1e-3).omega:.2f} rad/s")
+        110.00 rad/s
     """
 
     name: ClassVar[str] = "cubic"
@@ -208,6 +216,15 @@ class Polynomial(Spring):
     Attributes:
         coefficients: c_2, c_3, c_4, ... [1/(m^(n-1) s^2)]; None for a power that is not there.
             The periodic responses, being of odd orders, need None (or a plain 0) for even powers.
+
+    Examples:
+        The resonance lies at sqrt(omega_n^2 + 3/4 c_3 Y^2 + 5/8 c_5 Y^4):
+
+        >>> import jbw; jbw.enable_x64()
+        >>> spring = jbw.Polynomial((None, 2e9, None, 9.6e14))  # c_3 and c_5
+        >>> joint = jbw.Oscillator(omega_n=100.0, zeta=0.01, laws=(spring,))
+        >>> print(f"{jbw.backbone(joint, 1e-3).omega:.2f} rad/s")
+        110.00 rad/s
     """
 
     name: ClassVar[str] = "polynomial"

@@ -65,6 +65,16 @@ def structure_of(theta: Mapping[str, Any], laws: tuple[str, ...]) -> Structure:
     """The structure of a dictionary of parameters; b is over the first mode's gain, c is one.
 
     Of several joints, b and c are those of the reduced model (`jbw.oscillator.modes.assembled`).
+
+    Examples:
+        A second mode without `shape_2` is a linear neighbour, whose h is 0:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> theta = {"omega_n": 118.1, "zeta": 0.004, "alpha": 497.4, "delta": 340.2, "gamma": 32.8}
+        >>> theta |= {"omega_2": 360.0, "zeta_2": 0.006, "gain_ratio_2": 0.7}
+        >>> structure = jbw.structure_of(theta, ("bouc_wen",))
+        >>> print(structure.omega_n, structure.b, structure.h)
+        [118.1 360. ] [1.  0.7] [1. 0.]
     """
     if is_assembled(theta):
         return assembled_structure(theta, laws, DRIVEN)

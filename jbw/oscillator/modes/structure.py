@@ -61,6 +61,18 @@ class Structure(eqx.Module):
         b: What the input does to each mode [-].
         c: What each output sees of the modes [-]; one output, or outputs along the first axis.
         laws: The forces across the joint, or a tuple of them for every joint.
+
+    Examples:
+        Two modes share one joint. Weak motion at the first resonance is amplified by 1 / (2 zeta):
+
+        >>> import jbw; jbw.enable_x64()
+        >>> import numpy as np
+        >>> one, law = np.ones(2), jbw.laws.BoucWenLaw(alpha=497.4, delta=340.2, gamma=32.8)
+        >>> omega_n, h = np.array([118.1, 360.0]), np.array([1.0, -1.7])
+        >>> modes = jbw.Structure(omega_n, 0.004 * one, h, b=one, c=one, laws=(law,))
+        >>> y = jbw.steady_state(modes, omega=118.1, amplitude=1e-6).y[0]
+        >>> print(f"{abs(y) * 118.1**2 / 1e-6:.1f}")
+        125.0
     """
 
     omega_n: Scalar
@@ -333,6 +345,17 @@ def internal_resonances(
 
     Raises:
         ConfigError: The frequencies are traced, or as for every door that takes a `Structure`.
+
+    Examples:
+        A mode at 57.0 Hz lies 1.1 % above three times 18.8 Hz:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> import numpy as np
+        >>> omega_n, one = 2 * np.pi * np.array([18.8, 57.0]), np.ones(2)
+        >>> modes = jbw.Structure(omega_n, 0.004 * one, h=np.array([1.0, -1.7]), b=one, c=one)
+        >>> (found,) = jbw.internal_resonances(modes)
+        >>> print(found.mode, found.other, found.order, f"{found.detuning:.1%}")
+        0 1 3 1.1%
     """
     if not is_concrete(structure.omega_n, within):
         raise ConfigError(

@@ -122,6 +122,19 @@ def response_curve(  # pyright: ignore[reportInconsistentOverload]
         ModelError: The first point does not converge, the step has shrunk to nothing, the points
             do not reach `omega_stop`, or as for `steady_state`.
         ConfigError: It is being traced, or as for `steady_state`.
+
+    Examples:
+        The curve of a Duffing oscillator folds back, so that a sweep jumps there. Its peak is near
+        A / (2 zeta omega_n omega):
+
+        >>> import jbw; jbw.enable_x64()
+        >>> import numpy as np
+        >>> duffing = jbw.Oscillator(omega_n=100.0, zeta=0.01, laws=(jbw.Cubic(2.8e8),))
+        >>> curve = jbw.response_curve(duffing, omega_start=90.0, omega_stop=115.0, amplitude=0.5)
+        >>> print(f"{1e3 * abs(curve.harmonics[:, 0]).max():.2f} mm")
+        2.36 mm
+        >>> print(np.any(np.diff(curve.omega) < 0))
+        True
     """
     require_concrete("response_curve", joint, omega_start, omega_stop, amplitude)
     stated_joint = joint

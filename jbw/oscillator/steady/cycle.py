@@ -96,6 +96,15 @@ def steady_state(  # pyright: ignore[reportInconsistentOverload]
 
     Reference:
         In place of Eqs. (19)-(31), which hold for weak nonlinearity.
+
+    Examples:
+        The amplitude of a linear oscillator at resonance is A / (2 zeta omega_n^2):
+
+        >>> import jbw; jbw.enable_x64()
+        >>> linear = jbw.Oscillator(omega_n=100.0, zeta=0.01)
+        >>> y = jbw.steady_state(linear, omega=100.0, amplitude=1.0)
+        >>> print(f"{1e3 * abs(y[0]):.3f} mm")
+        5.000 mm
     """
     if isinstance(joint, Structure):
         return modal_tones(joint, omega, amplitude, num_harmonics, max_turns, swept=False)
@@ -147,6 +156,16 @@ def steady_cycle(
 
     Raises:
         ModelError: nu is not 1, or a spring has an even part.
+
+    Examples:
+        A linear oscillator far below resonance follows the force, y = A / omega_n^2:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> linear = jbw.Oscillator(omega_n=100.0, zeta=0.01)
+        >>> y = jbw.steady_state(linear, omega=1.0, amplitude=2.0)
+        >>> cycle = jbw.steady_cycle(linear, y, omega=1.0)
+        >>> print(f"{1e3 * cycle.y.max():.3f} mm, {1e3 * cycle.v.max():.3f} mm/s")
+        0.200 mm, 0.200 mm/s
     """
     joint = as_oscillator(joint)
     require_periodic(joint)
