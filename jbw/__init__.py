@@ -223,6 +223,13 @@ def citation() -> str:
     Returns:
         The text of `CITATION.cff`, in the Citation File Format that Zenodo, Zotero and most forges
         of software read.
+
+    Examples:
+        The second line is the title:
+
+        >>> import jbw
+        >>> print(jbw.citation().splitlines()[1])
+        title: "jbw: Bayesian identification of bolted joints from vibration measurements"
     """
     from pathlib import Path
 

@@ -16,6 +16,20 @@ class JbwError(Exception):
         what: The field, file, channel or sample, what must hold and what was found.
         why: Why it matters, when that is not plain.
         remedy: What the caller can do about it.
+
+    Examples:
+        An error says what is wrong and what to do, and has the exit code of the command:
+
+        >>> import jbw
+        >>> try:
+        ...     jbw.load_campaign("campaign.toml")
+        ... except jbw.JbwError as error:
+        ...     print(error.what)
+        ...     print(error.remedy)
+        ...     print(error.exit_code)
+        Campaign file `campaign.toml` does not exist.
+        Write one with: jbw init FOLDER
+        2
     """
 
     exit_code = 1
@@ -36,25 +50,70 @@ def printable(text: str) -> str:
 
 
 class ConfigError(JbwError, ValueError):
-    """A campaign file, an option or a prior that cannot be meant as written."""
+    """A campaign file, an option or a prior that cannot be meant as written.
+
+    Examples:
+        An option that cannot be meant is refused with what must hold and what was found:
+
+        >>> import jbw
+        >>> jbw.rig.measure(repeats=0)
+        Traceback (most recent call last):
+            ...
+        jbw.errors.ConfigError: Argument `repeats` must be at least 1, but is 0.
+    """
 
     exit_code = 2
 
 
 class DataError(JbwError, ValueError):
-    """A file, channel or record that cannot be used as it is."""
+    """A file, channel or record that cannot be used as it is.
+
+    Examples:
+        A missing file is refused with what its folder holds:
+
+        >>> import jbw
+        >>> jbw.read("hit_1.csv")
+        Traceback (most recent call last):
+            ...
+        jbw.errors.DataError: File `hit_1.csv` does not exist.
+        The folder `.` has no files.
+    """
 
     exit_code = 3
 
 
 class ModelError(JbwError, ValueError):
-    """Parameters or a model that the theory does not admit."""
+    """Parameters or a model that the theory does not admit.
+
+    Examples:
+        The exponent of a Bouc-Wen law must be positive:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> joint = jbw.BoucWen(118.0, 0.004, alpha=500.0, delta=340.0, gamma=33.0, nu=0.0)
+        >>> jbw.hysteresis_rate(joint, v=0.1, z=0.5)
+        Traceback (most recent call last):
+            ...
+        jbw.errors.ModelError: Parameter `nu` must be greater than 0, but nu = 0.
+    """
 
     exit_code = 2
 
 
 class RunError(JbwError, RuntimeError):
-    """A run's folder, disk or lock that prevents the work."""
+    """A run's folder, disk or lock that prevents the work.
+
+    Examples:
+        Results are never mixed with what a folder holds:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> campaign = jbw.rig.measure(tests=["sweep_0p05V"], repeats=1)
+        >>> path = jbw.rig.write(campaign, "beam")
+        >>> jbw.rig.write(campaign, "beam")
+        Traceback (most recent call last):
+            ...
+        jbw.errors.RunError: Folder beam must be new or empty, but holds a campaign.
+        Choose another folder, or remove this one.
+    """
 
     exit_code = 1
 

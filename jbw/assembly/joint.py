@@ -31,6 +31,14 @@ class Joint:
     Raises:
         ConfigError: Both `weights` and `across` are given, or neither.
         ModelError: The stiffness is not positive, or the laws take more than all of it.
+
+    Examples:
+        The displacement of a joint across two degrees of freedom is the second less the first:
+
+        >>> import jbw
+        >>> bolt = jbw.Joint("bolt", across=("1:x", "2:x"), stiffness=1e4)
+        >>> print(bolt.weights)
+        {'1:x': -1.0, '2:x': 1.0}
     """
 
     name: str

@@ -47,6 +47,16 @@ class MatrixModel:
         units: System in which the matrices were given.
         notes: What was changed or assumed, a sentence each.
         positions: Where nodes lie [m]; None where that is not known.
+
+    Examples:
+        Matrices in N, mm, t and s are kept in SI, so that 0.001 t is 1 kg and 10 N/mm is 1e4 N/m:
+
+        >>> import jbw
+        >>> import numpy as np
+        >>> K = np.array([[20.0, -10.0], [-10.0, 10.0]])
+        >>> model = jbw.matrix_model(1e-3 * np.eye(2), K, units="N-mm-t-s", dofs=["1:x", "2:x"])
+        >>> print(model.mass.toarray()[0], model.stiffness.toarray()[0])
+        [1. 0.] [ 20000. -10000.]
     """
 
     mass: Sparse
@@ -97,6 +107,16 @@ def matrix_model(
         ConfigError: The system of units is unknown, or needs a table of degrees of freedom.
         DataError: Shapes differ, a number is not finite, a matrix is not symmetric, or M is
             indefinite.
+
+    Examples:
+        Two masses of 1 kg on springs of 1e4 N/m, with one degree of freedom each:
+
+        >>> import jbw
+        >>> import numpy as np
+        >>> K = np.array([[2e4, -1e4], [-1e4, 1e4]])
+        >>> model = jbw.matrix_model(np.eye(2), K, units="SI", dofs=["1:x", "2:x"])
+        >>> print(model.dofs[1].node, model.dofs[1].direction, model.damping)
+        2 x None
     """
     system = system_named(units)
     raw = {"M": mass, "K": stiffness} | ({} if damping is None else {"C": damping})

@@ -64,6 +64,17 @@ class ReducedModel:
         holds_joints: Whether its K holds the joints in full stick.
         dashpots: Coefficient of a dashpot across each joint, whose part on the diagonal is in
             `zeta` and whose coupling of modes `structure` has besides [N s/m].
+
+    Examples:
+        The virtual lapped beams have two joints; five modes lie below 1000 Hz:
+
+        >>> import jbw
+        >>> import numpy as np
+        >>> reduced = jbw.rig.lapped_beams().reduced()
+        >>> print([joint.name for joint in reduced.joints], reduced.num_kept)
+        ['bolt 1', 'bolt 2'] 5
+        >>> print((reduced.omega[:2] / (2 * np.pi)).round(1), "Hz")
+        [32.2 90.5] Hz
     """
 
     omega: Float[np.ndarray, " mode"]
@@ -152,6 +163,18 @@ def reduce(
         ConfigError: A place is not in the model, a joint does not move, two joints are at the same
             place, or damping is not stated.
         ModelError: K is indefinite, or does not hold the joints although it should.
+
+    Examples:
+        Oscillators of 1 kg and 2e4 N/m, joined by 1e4 N/m, have modes at sqrt(2e4) and sqrt(4e4):
+
+        >>> import jbw
+        >>> import numpy as np
+        >>> model = jbw.matrix_model(np.eye(2), 2e4 * np.eye(2), units="SI", dofs=["1:x", "2:x"])
+        >>> bolt = jbw.Joint("bolt", across=("1:x", "2:x"), stiffness=1e4)
+        >>> place = {"input": "1:x", "outputs": {"tip": "2:x"}}
+        >>> reduced = jbw.reduce(model, [bolt], to_hz=100.0, zeta=0.004, **place)
+        >>> print(reduced.omega.round(2))
+        [141.42 200.  ]
     """
     _require_names(joints, to_hz)
     across = np.column_stack(

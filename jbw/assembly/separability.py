@@ -103,6 +103,19 @@ def energy_shares(model: ReducedModel) -> Float[np.ndarray, "joint kept"]:
 
     It does not depend on how modes and laws are scaled; over all joints it adds up to at most 1.
     Rigid-body modes have none.
+
+    Examples:
+        A bolt of 1e4 N/m between two oscillators of 2e4 N/m holds no energy where they move alike,
+        and half of it where they move against each other:
+
+        >>> import jbw
+        >>> import numpy as np
+        >>> model = jbw.matrix_model(np.eye(2), 2e4 * np.eye(2), units="SI", dofs=["1:x", "2:x"])
+        >>> bolt = jbw.Joint("bolt", across=("1:x", "2:x"), stiffness=1e4)
+        >>> place = {"input": "1:x", "outputs": {"tip": "2:x"}}
+        >>> reduced = jbw.reduce(model, [bolt], to_hz=100.0, zeta=0.004, **place)
+        >>> print(jbw.energy_shares(reduced).round(3))
+        [[0.  0.5]]
     """
     omega = model.omega[: model.num_kept]
     energy = model.stiffness[:, None] * model.H[:, : model.num_kept] ** 2
@@ -128,6 +141,16 @@ def joint_separability(
 
     Raises:
         ConfigError: A mode is not among those of the model, or moves no joint.
+
+    Examples:
+        Two modes of the virtual lapped beams separate the bolts: bolt 1 hardly moves in mode 2.
+
+        >>> import jbw
+        >>> reduced = jbw.rig.lapped_beams().reduced()
+        >>> print(jbw.joint_separability(reduced, modes=[0, 1]))
+        JointSeparability: condition number 2.47
+          mode 1: bolt 1 0.97, bolt 2 1
+          mode 2: bolt 1 0.0032, bolt 2 1
     """
     if isinstance(model, ReducedModel):
         H, names = model.H[:, : model.num_kept], tuple(joint.name for joint in model.joints)

@@ -63,6 +63,17 @@ def joint_starts(
     Raises:
         ConfigError: Shapes differ, there are fewer modes than joints, or the covariance is not
             positive definite.
+
+    Examples:
+        Readings of two modes, each known to 5 %, give back the numbers of the two joints:
+
+        >>> import jbw
+        >>> import numpy as np
+        >>> found = jbw.joint_separability(np.array([[1.0, 0.5], [0.2, 2.0]]))  # (joint, mode)
+        >>> readings = found.participation @ np.array([1e5, 2e5])
+        >>> starts = jbw.joint_starts(found, readings, np.diag((0.05 * readings) ** 2))
+        >>> print(starts.estimate.round(), starts.standard_error.round(-2))
+        [100000. 200000.] [ 5100. 10100.]
     """
     B = separability.participation
     num_modes, num_joints = B.shape

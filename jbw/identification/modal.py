@@ -276,6 +276,19 @@ def fit_modes(
 
     Reference:
         Eqs. (23), (38), (39), of several modes.
+
+    Examples:
+        Two modes are read back from one record:
+
+        >>> import jbw
+        >>> import numpy as np
+        >>> u = np.random.default_rng(0).standard_normal(8192)
+        >>> s = 2j * np.pi * np.fft.rfftfreq(8192, 1 / 512.0)
+        >>> H = 1 / (s**2 + 2.0 * s + 118.0**2) + 0.5 / (s**2 + 6.0 * s + 360.0**2)
+        >>> frf = jbw.record_frf(u, np.fft.irfft(H * np.fft.rfft(u)), 512.0, band=(10.0, 80.0))
+        >>> modes = jbw.fit_modes(frf, modes=[18.8, 57.3], band=(10.0, 80.0))
+        >>> print(modes.omega.round(2), modes.zeta.round(5), modes.residues.ravel().round(3))
+        [118. 360.] [0.00847 0.00833] [1.  0.5]
     """
     outputs = _same_lines([frfs] if isinstance(frfs, FRF) else list(frfs))
     smear = checked_smear(outputs[0], residuals, smear)

@@ -82,6 +82,17 @@ def harmonics(
         DataError: NaN, a record shorter than two periods or than the fit's unknowns, a harmonic
             above the Nyquist frequency.
         ConfigError: An option that cannot be meant.
+
+    Examples:
+        The fit reads a tone of 1 mm and its third harmonic of 20 um, which lie on no Fourier line:
+
+        >>> import jbw
+        >>> import numpy as np
+        >>> t = np.arange(4096) / 1024.0
+        >>> y = 1e-3 * np.cos(100.0 * t) + 2e-5 * np.cos(300.0 * t)
+        >>> found = jbw.harmonics(y, fs=1024.0, omega=100.0, num_harmonics=3)
+        >>> print((1e6 * abs(found.amplitudes)).round(2), "um")
+        [1000.    0.   20.] um
     """
     y, fs, order = channel(y, "y"), sampling(fs), derivative_order(response)
     tones = Tones(omega, num_harmonics, tuple(also))

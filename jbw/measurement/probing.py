@@ -82,6 +82,17 @@ def third_order_kernel(
 
     Reference:
         Eqs. (29), (30).
+
+    Examples:
+        A third harmonic of 4 um under a tone of 2 N/kg gives the kernel 4 * 4e-6 / 2^3:
+
+        >>> import jbw
+        >>> import numpy as np
+        >>> t = np.arange(8192) / 1024.0
+        >>> u, y = 2.0 * np.cos(40.0 * t), 1e-3 * np.cos(40.0 * t) + 4e-6 * np.cos(120.0 * t)
+        >>> kernel = jbw.third_order_kernel(u, y, fs=1024.0, omega=40.0)
+        >>> print(f"{kernel.mean.real:.3g}")
+        2e-06
     """
     y = np.atleast_2d(channel(y, "y"))
     num_harmonics = max(3, min(num_harmonics, int(0.999 * np.pi * sampling(fs) / omega)))

@@ -64,6 +64,17 @@ class Record:
         name: What to call it in messages: the file, and the row where a file holds several.
         provenance: Path, sha256, reader and what was converted or snapped at the door.
         drive: What its test says that drives it, which chooses between `input` and `force`.
+
+    Examples:
+        Every channel has its role and its SI unit:
+
+        >>> import jbw
+        >>> import numpy as np
+        >>> t = np.arange(1024) / 512.0
+        >>> channels = {"force": np.sin(118.0 * t), "velocity": 0.1 * np.sin(118.0 * t)}
+        >>> record = jbw.Record(512.0, channels, {"force": "N", "velocity": "m/s"}, name="tone")
+        >>> print(record.name, record.num_samples, sorted(record.channels))
+        tone 1024 ['force', 'velocity']
     """
 
     fs: float
@@ -122,6 +133,18 @@ class Test:
             first.
         locked_phase: Phase of the displacement to the force that a controller held [deg].
         amplitude_std: Relative standard deviation of the amplitudes of a controlled test.
+
+    Examples:
+        Two impacts are the repeats of one test, whose first 0.1 s are not compared:
+
+        >>> import jbw
+        >>> import numpy as np
+        >>> t = np.arange(2048) / 512.0
+        >>> decays = [{"velocity": v * np.exp(-t) * np.cos(118.0 * t)} for v in (0.1, 0.2)]
+        >>> impacts = tuple(jbw.Record(512.0, decay, {"velocity": "m/s"}) for decay in decays)
+        >>> test = jbw.Test("decay", impacts, name="hammer", settle=0.1)
+        >>> print(test.name, len(test.records))
+        hammer 2
     """
 
     __test__ = False  # not a pytest class

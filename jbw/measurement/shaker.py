@@ -68,6 +68,20 @@ def fit_attachment(
 
     Raises:
         DataError: NaN, unequal lengths, fewer values than unknowns, a dead voltage.
+
+    Examples:
+        A shaker of 5 N/V with an armature of 0.2 kg on a spring of 2000 N/m drives two modes:
+
+        >>> import jbw
+        >>> import numpy as np
+        >>> voltage = np.random.default_rng(0).standard_normal(4096)
+        >>> V, s = np.fft.rfft(voltage), 2j * np.pi * np.fft.rfftfreq(4096, 1 / 1024.0)
+        >>> H = 1 / (s**2 + s + 118.0**2) + 1 / (s**2 + 3 * s + 360.0**2)
+        >>> F = 5.0 * V / (1 + H * (0.2 * s**2 + 2000.0))
+        >>> force, y = np.fft.irfft(F), np.fft.irfft(H * F)
+        >>> found = jbw.fit_attachment(voltage, force, y, 1024.0, (10.0, 80.0), kind="displacement")
+        >>> print(f"{found.gain:.2f} N/V, {found.mass:.3f} kg, {found.stiffness:.0f} N/m")
+        5.00 N/V, 0.200 kg, 2000 N/m
     """
     v, f, x = (channel(samples, name) for samples, name in (
         (voltage, "voltage"), (force, "force"), (response, "response")))  # fmt: skip

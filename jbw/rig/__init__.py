@@ -7,6 +7,15 @@ The rig shares no solver, no hold and no noise model with the identification: it
 analog force on a specimen (`integrator`), which a generator plays (`generator`) as planned
 (`presets`), or takes the joint alone through a displacement (`prescribed_motion`), and records
 what the sensors make of it (`record_test`, `conditions`).
+
+Examples:
+    Two sweeps of the virtual cantilever are written as a laboratory would leave them:
+
+    >>> import jbw; jbw.enable_x64()
+    >>> campaign = jbw.rig.measure(tests=["sweep_0p20V"], repeats=2, noise_std=1e-3)
+    >>> path = jbw.rig.write(campaign, "beam")
+    >>> print(path.as_posix(), sorted(file.name for file in path.parent.glob("*.h5")))
+    beam/campaign.toml ['sweep_0p20V_01.h5', 'sweep_0p20V_02.h5']
 """
 
 from jbw.rig.acquisition import RigCampaign, measure, write

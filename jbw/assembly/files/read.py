@@ -72,6 +72,17 @@ def read_matrices(source: Source, *, units: str, dofs: Any = None) -> MatrixMode
     Raises:
         ConfigError: The system of units or a key of `source` is unknown.
         DataError: A file or matrix is missing, damaged, or fails a check.
+
+    Examples:
+        The file that a finite-element program wrote holds mass, stiffness and degrees of freedom:
+
+        >>> import jbw
+        >>> import numpy as np
+        >>> K = np.array([[2e4, -1e4], [-1e4, 1e4]])
+        >>> np.savez("beam.npz", M=np.eye(2), K=K, dofs=["1:x", "2:x"])
+        >>> model = jbw.read_matrices("beam.npz", units="SI")
+        >>> print(model.dofs[1].node, model.dofs[1].direction, model.units)
+        2 x SI
     """
     return _without_fixed(_in_one_order(_parts(source, dofs)), units)
 

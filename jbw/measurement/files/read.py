@@ -82,6 +82,17 @@ def read(
     Raises:
         DataError: Missing file or channel, damaged file, or a channel that fails a check.
         ConfigError: Unknown role or unit, or one that is missing.
+
+    Examples:
+        A laser in mm/s is read in m/s, with the sampling frequency that the file has:
+
+        >>> import jbw
+        >>> import numpy as np
+        >>> v = 20.0 * np.cos(118.0 * np.arange(2048) / 512.0)
+        >>> np.savez("hit.npz", laser=v, rate=512.0)
+        >>> (record,) = jbw.read("hit.npz", {"velocity": "laser"}, {"velocity": "mm/s"}, fs="rate")
+        >>> print(record.fs, record.channels["velocity"][0], record.units["velocity"])
+        512.0 0.02 m/s
     """
     if repeats not in ("files", "rows"):
         raise ConfigError(f"Argument `repeats` must be 'files' or 'rows', but is {repeats!r}.")

@@ -30,6 +30,17 @@ def from_sep005(
     """A record, in SI and checked, of SEP-005 series that were sampled together.
 
     Without `channels`, role to series, it takes series named like a role, or whose `quantity` is.
+
+    Examples:
+        A series in mm/s becomes a channel in m/s:
+
+        >>> import jbw
+        >>> import numpy as np
+        >>> v = 20.0 * np.cos(118.0 * np.arange(1024) / 512.0)
+        >>> series = {"name": "laser", "quantity": "v", "data": v, "fs": 512.0, "unit_str": "mm/s"}
+        >>> record = jbw.from_sep005([series])
+        >>> print(record.channels["velocity"][0], record.units["velocity"])
+        0.02 m/s
     """
     leaves = [_leaf(signal, i) for i, signal in enumerate(series)]
     names = [str(signal["name"]) for signal in series]
@@ -55,7 +66,18 @@ def from_sep005(
 
 
 def to_sep005(record: Record, names: Mapping[str, str] | None = None) -> list[dict[str, Any]]:
-    """The channels of a record in time as SEP-005 dictionaries, in SI, `names` by role."""
+    """The channels of a record in time as SEP-005 dictionaries, in SI, `names` by role.
+
+    Examples:
+        A channel becomes a series under the name that the other tool knows:
+
+        >>> import jbw
+        >>> import numpy as np
+        >>> record = jbw.Record(512.0, {"velocity": np.zeros(1024)}, {"velocity": "m/s"})
+        >>> (series,) = jbw.to_sep005(record, names={"velocity": "laser"})
+        >>> print(series["name"], series["quantity"], series["unit_str"], series["fs"])
+        laser v m/s 512.0
+    """
     if np.isnan(record.fs):
         raise DataError(f"{record.name}: SEP-005 holds time series, but this is a response curve.")
     signals = []

@@ -166,6 +166,17 @@ def write_uff(path: str | Path, record: Record) -> None:
     Raises:
         DataError: A response curve, a sample that is not finite, or a file that reads otherwise.
         ConfigError: The file exists, cannot be written, or has another ending.
+
+    Examples:
+        A file is read by the roles of its channels:
+
+        >>> import jbw
+        >>> import numpy as np
+        >>> v = 0.02 * np.cos(118.0 * np.arange(2048) / 512.0)
+        >>> jbw.write_uff("hit_1.uff", jbw.Record(512.0, {"velocity": v}, {"velocity": "m/s"}))
+        >>> (record,) = jbw.read("hit_1.uff")
+        >>> print(record.fs, record.channels["velocity"][0], record.units["velocity"])
+        512.0 0.02 m/s
     """
     path = Path(path)
     if np.isnan(record.fs):
