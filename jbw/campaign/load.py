@@ -47,7 +47,21 @@ SHOWN, LINE = 10, 100  # tests and characters of a campaign in a cell
 
 @dataclass(frozen=True, repr=False)
 class Campaign:
-    """Everything that was measured on one joint, in SI."""
+    """Everything that was measured on one joint, in SI.
+
+    Examples:
+        A campaign is built in memory from one impact and a known modal mass:
+
+        >>> import jbw
+        >>> import numpy as np
+        >>> t = np.arange(2048) / 512.0
+        >>> decay = {"velocity": 0.1 * np.exp(-t) * np.cos(118.0 * t)}
+        >>> impact = jbw.Record(512.0, decay, {"velocity": "m/s"})
+        >>> test = jbw.Test("decay", (impact,), name="hammer")
+        >>> campaign = jbw.Campaign("beam", None, (test,), modal_mass=1.9)
+        >>> print(campaign.name, campaign.laws, [test.name for test in campaign.tests])
+        beam ('bouc_wen',) ['hammer']
+    """
 
     name: str
     folder: Path | None  # of the campaign file; None of a campaign in memory
@@ -103,6 +117,15 @@ def load_campaign(path: str | Path, *, allow_outside: bool = False) -> Campaign:
     Raises:
         ConfigError: The campaign file is against the schema; all its errors at once.
         DataError: A file or channel is missing, damaged, or fails a check.
+
+    Examples:
+        Records and campaign file are those of the virtual rig:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> path = jbw.rig.write(jbw.rig.measure(tests=["sweep_0p20V"], repeats=2), "beam")
+        >>> campaign = jbw.load_campaign(path)
+        >>> print(campaign.name, [(test.name, len(test.records)) for test in campaign.tests])
+        virtual rig, laboratory [('sweep_0p20V', 2)]
     """
     path = Path(path)
     spec = read_spec(path)

@@ -101,6 +101,21 @@ def sbc(
 
     Reference:
         Talts et al. (2018), arXiv:1804.06788; Modrak et al. (2023), Bayesian Analysis 20, 461.
+
+    Examples:
+        The ranks of normal truths in posteriors of measurements with unit noise are uniform:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> import jax
+        >>> import numpyro.distributions as dist
+        >>> def simulate(key, theta):
+        ...     return theta["x"] + jax.random.normal(key)
+        >>> def log_likelihood(theta, y):
+        ...     return -0.5 * (y - theta["x"]) ** 2
+        >>> own = {"simulate": simulate, "log_likelihood": log_likelihood}
+        >>> found = jbw.sbc(**own, prior={"x": dist.Normal(0.0, 1.0)}, num_replications=50)
+        >>> print(found.record["failed"], found.record["verdict"]["status"])
+        0 ok
     """
     require_float64()
     if campaign is not None:

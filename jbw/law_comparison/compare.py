@@ -147,6 +147,15 @@ def compare_laws(
     Raises:
         ConfigError: An unknown law, or none that can be fitted.
         DataError: A campaign with nothing to fit.
+
+    Examples:
+        Two sweeps reject a linear structure, for the joint slips:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> campaign = jbw.rig.measure(tests=["sweep_0p20V"], repeats=2, fs=256.0, noise_ratio=0.02)
+        >>> found = jbw.compare_laws(campaign, ["bouc_wen", "linear"])
+        >>> print(found.record["statements"][1])
+        Significantly worse: linear.
     """
     require_float64()
     trials = _trials(campaign, laws)

@@ -65,6 +65,27 @@ def plan_tests(
             does not tell the noise, which the description leaves out too, nothing wanted that is
             inferred, or a gain beside a run that inferred it.
         DataError: The run's posterior lacks a parameter of the joint.
+
+    Examples:
+        Plan the repeats that determine alpha, delta and gamma to 10 %:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> from pathlib import Path
+        >>> size = Path("plan.toml").write_text('''
+        ... [plan]
+        ... natural_hz = 18.8
+        ... delta = [270.0, 410.0]
+        ... noise = 5e-5
+        ... gain = 15.0
+        ... cv = 0.1
+        ... joints = 2
+        ... [tones]
+        ... levels = [0.6]
+        ... frequencies = [5.5, 6.5]
+        ... ''')
+        >>> (row,) = jbw.plan_tests("plan.toml").rows
+        >>> print(row.test, row.repeats, row.status)
+        tones 5.5 6.5 Hz, 19 s each 357 ok
     """
     if isinstance(description, str | Path):
         description = read_description(Path(description), of_run=tree is not None)

@@ -1,10 +1,17 @@
 """Figures of results, public as `jbw.plots`: of a run, of laws, of a population, of a prediction.
 
-    jbw.plots.draw(study.tree, "backbone")           # any figure of the report, by its name
-    jbw.plots.laws(comparison.tree)
-    jbw.plots.prediction("sweep at 0.1 V", study.predict(test))
+`draw` draws a figure of a run's report by its name, `laws` the tree of `jbw.compare_laws` and
+`prediction` the bands of `Study.predict`. A notebook shows the figure that is returned.
 
-A notebook shows the figure that is returned.
+Examples:
+    The first figure of a report is drawn by its name:
+
+    >>> import jbw; jbw.enable_x64()
+    >>> campaign = jbw.rig.measure(tests=["sweep_0p20V"], repeats=2, fs=256.0, noise_ratio=0.02)
+    >>> study = jbw.identify(campaign, quick=True)
+    >>> jbw.plots.draw(study.tree, "backbone").savefig("backbone.png")
+    >>> print([name for name in jbw.plots.names() if name.startswith("b")])
+    ['backbone']
 """
 
 import xarray as xr

@@ -118,6 +118,15 @@ def identifiability(
     Raises:
         ConfigError: A float32 session, or settings that do not fit the tests.
         DataError: Tests that the joint cannot be fitted to.
+
+    Examples:
+        Two strong sweeps determine every direction of the parameters:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> campaign = jbw.rig.measure(tests=["sweep_0p20V"], repeats=2, fs=256.0, noise_ratio=0.02)
+        >>> found = jbw.identifiability(campaign)
+        >>> print(found.statements[0])
+        The data constrain 6 of 6 directions of the parameters more than the prior.
     """
     require_float64()
     seen = measured_in(campaign, report)

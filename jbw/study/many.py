@@ -110,6 +110,18 @@ def identify_many(
     Raises:
         ConfigError: No campaign, two that would write to one folder, one without a file, or an
             unknown format.
+
+    Examples:
+        Each campaign becomes a run of its own, and the same call goes on after an interruption:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> from concurrent.futures import ThreadPoolExecutor
+        >>> campaign = jbw.rig.measure(tests=["sweep_0p20V"], repeats=2, fs=256.0, noise_ratio=0.02)
+        >>> path = jbw.rig.write(campaign, "beam_1")
+        >>> with ThreadPoolExecutor(1) as executor:
+        ...     outcomes = jbw.identify_many([path], "runs", executor=executor, quick=True)
+        >>> print([(outcome.status, outcome.verdict) for outcome in outcomes])
+        [('done', 'not assessed')]
     """
     if executor is not None and workers is not None:
         raise ConfigError(

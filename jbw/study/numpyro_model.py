@@ -58,6 +58,16 @@ def numpyro_model(
         ConfigError: A float32 session, a prior that is none, or one of a parameter that the laws
             lack.
         DataError: Tests that the joint cannot be fitted to.
+
+    Examples:
+        A calibration of the gain to 1 % is stated as its prior:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> import numpyro.distributions as dist
+        >>> campaign = jbw.rig.measure(tests=["sweep_0p20V"], repeats=2, fs=256.0, noise_ratio=0.02)
+        >>> model = jbw.numpyro_model(campaign, prior={"gain": dist.Normal(15.0, 0.15)})
+        >>> print(model)
+        NumpyroModel(omega_n, zeta, alpha, delta, gamma, gain)
     """
     require_float64()
     require_one_joint(campaign.joints, "A NumPyro model")

@@ -52,6 +52,16 @@ class Study:
         record: What `summary.json` holds.
         campaign: What was identified; None where its file is no longer at hand.
         identification: Every step with its fit and verdict; None for a run that was saved.
+
+    Examples:
+        The fit predicts the mean of two repeats to their noise, 2 % / sqrt(2):
+
+        >>> import jbw; jbw.enable_x64()
+        >>> campaign = jbw.rig.measure(tests=["sweep_0p20V"], repeats=2, fs=256.0, noise_ratio=0.02)
+        >>> study = jbw.identify(campaign, quick=True)
+        >>> print(f"{study.predict('sweep_0p20V', num_draws=20).attrs['nrmse']:.1%}")
+        1.4%
+        >>> study.backbone().to_csv("backbone.csv")  # frequency and damping at each amplitude
     """
 
     tree: xr.DataTree
@@ -323,6 +333,16 @@ def load_study(folder: str | Path, campaign: Campaign | None = None) -> Study:
 
     Raises:
         DataError: The folder holds no finished run, or one that cannot be read.
+
+    Examples:
+        A saved run is loaded with its campaign:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> campaign = jbw.rig.measure(tests=["sweep_0p20V"], repeats=2, fs=256.0, noise_ratio=0.02)
+        >>> jbw.identify(campaign, quick=True).save("run")
+        >>> study = jbw.load_study("run", campaign)
+        >>> print(f"{study.table()['mean']['omega_n']:.2f} rad/s,", study.verdict.status)
+        118.12 rad/s, not assessed
     """
     record, tree = read_result(Path(folder))
     if "posterior" in tree.children:

@@ -211,7 +211,19 @@ def _gain_for(basis: Basis, test: Test, request: Request) -> float | None:
 
 
 def warnings_of(dataset: xr.Dataset) -> list[str]:
-    """Return what must be known before a prediction is trusted, one sentence each."""
+    """Return what must be known before a prediction is trusted, one sentence each.
+
+    Examples:
+        A sweep at twice the fitted level moves the joint beyond the fitted displacements:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> campaign = jbw.rig.measure(tests=["sweep_0p20V"], repeats=2, fs=256.0, noise_ratio=0.02)
+        >>> study = jbw.identify(campaign, quick=True)
+        >>> sweep = study.planned_sweep((12.0, 26.0), level=0.4, duration=8.0, fs=256.0)
+        >>> (sentence,) = jbw.warnings_of(study.predict(sweep, num_draws=20))
+        >>> print(sentence.partition(",")[0])
+        Test `sweep 12 to 26 Hz at 0.4` is predicted to reach 0.0148 m
+    """
     attrs = dataset.attrs
     sentences = str(attrs.get("warnings", "")).splitlines()
     if attrs.get("extrapolation", 0.0) > BEYOND:

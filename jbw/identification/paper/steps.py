@@ -1,13 +1,21 @@
 """Steps of the identification, one call each: what the notebooks take apart, public as `jbw.steps`.
 
-    import jbw
+`linear_step` is Step 2, `fit_kernel` the fit and the prior box of Step 3, `third_order_steps` its
+posterior. `jbw.identify` takes all of them in their order; a single step is for looking at what it
+does.
 
-    jbw.enable_x64()
-    linear = jbw.steps.linear_step(noise_test).pooled               # Step 2: omega_n, zeta, gain
-    step = jbw.steps.fit_kernel(key, tone_tests, linear, settings)  # Step 3: fit and prior box
-    drawn = jbw.steps.third_order_steps(key, step, settings)        # its posterior, by name
+Examples:
+    Step 2 pools the line fits of three records; Step 3 reads the kernel (31) of each probing tone:
 
-`jbw.identify` takes all of them in their order; a single step is for looking at what it does.
+    >>> import jbw; jbw.enable_x64()
+    >>> tests = ["noise_0p005V", "tone_5p50Hz", "tone_6p50Hz"]
+    >>> noise, *tones = jbw.rig.measure(tests=tests, repeats=3).tests
+    >>> linear = jbw.steps.linear_step(noise).pooled
+    >>> print(f"{linear.omega_n:.2f} rad/s, {linear.zeta:.2%}")
+    118.12 rad/s, 0.44%
+    >>> kernels = jbw.steps.measured_kernels(tones, linear)
+    >>> print([f"{abs(kernel.mean):.2g}" for kernel in kernels])
+    ['1.1e-08', '3.3e-08']
 """
 
 from jbw.identification.linear_step import linear_step
