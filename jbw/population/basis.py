@@ -122,6 +122,20 @@ def new_prediction(
     Raises:
         ConfigError: A torque that is not positive, or too few draws.
         DataError: A torque where no trend with it is known, or a source that no gain is known for.
+
+    Examples:
+        The band of a new unit contains the noise test of a measured one:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> from dataclasses import replace
+        >>> asked = {"tests": ["noise_0p005V"], "repeats": 2, "fs": 128.0}
+        >>> units = jbw.rig.measure_fleet("laboratory", torques=[8.0], assemblies=3, **asked)
+        >>> studies = [jbw.identify(replace(unit, laws=()), quick=True) for unit in units]
+        >>> fleet = jbw.fleet_of(studies)
+        >>> population = jbw.population_of(fleet)
+        >>> bands = jbw.new_prediction(population, fleet, units[0].tests[0], num_draws=20)
+        >>> print(f"{bands.attrs['test']}: {bands.attrs['coverage']:.0%}")
+        noise_0p005V: 100%
     """
     basis = basis_of(new_unit(population, fleet, torque, seed=seed, num=max(num_draws, 2)))
     return predict(basis, test, Request(num_draws, noise, gain, seed))

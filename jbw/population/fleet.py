@@ -101,6 +101,16 @@ def fleet_of(
         ConfigError: Covariates of a run that is not there, or that are none.
         DataError: Fewer than two runs; runs of different laws, units or versions, or of the same
             records; one that is not finished; a torque that some runs state and others do not.
+
+    Examples:
+        The finished runs of two torques make a fleet:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> asked = {"tests": ["noise_0p005V"], "repeats": 2, "fs": 128.0}
+        >>> units = jbw.rig.measure_fleet("laboratory", torques=[4.0, 8.0], assemblies=1, **asked)
+        >>> fleet = jbw.fleet_of(jbw.identify(unit, quick=True) for unit in units)
+        >>> print(sorted(fleet["torque"].values.tolist()), fleet["assembly"].values.tolist())
+        [4.0, 8.0] ['assembly 1', 'assembly 1']
     """
     units = units_of(list(runs))
     if len(units) < FEWEST:
@@ -120,6 +130,17 @@ def read_fleet(path: str | Path) -> xr.DataTree:
 
     Raises:
         DataError: No such file, or one that holds no fleet of this format.
+
+    Examples:
+        The torques of a fleet are read from its file:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> asked = {"tests": ["noise_0p005V"], "repeats": 2, "fs": 128.0}
+        >>> units = jbw.rig.measure_fleet("laboratory", torques=[4.0, 8.0], assemblies=1, **asked)
+        >>> fleet = jbw.fleet_of(jbw.identify(unit, quick=True) for unit in units)
+        >>> jbw.write_fleet("fleet.nc", fleet)
+        >>> print(sorted(jbw.read_fleet("fleet.nc")["torque"].values.tolist()))
+        [4.0, 8.0]
     """
     path, remedy = Path(path), messages.WRITE_FLEET
     try:
@@ -132,7 +153,19 @@ def read_fleet(path: str | Path) -> xr.DataTree:
 
 
 def write_fleet(path: str | Path, fleet: xr.DataTree) -> None:
-    """Write a fleet to one NetCDF file, whole or not at all."""
+    """Write a fleet to one NetCDF file, whole or not at all.
+
+    Examples:
+        A fleet is kept in one file:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> asked = {"tests": ["noise_0p005V"], "repeats": 2, "fs": 128.0}
+        >>> units = jbw.rig.measure_fleet("laboratory", torques=[4.0, 8.0], assemblies=1, **asked)
+        >>> fleet = jbw.fleet_of(jbw.identify(unit, quick=True) for unit in units)
+        >>> jbw.write_fleet("fleet.nc", fleet)
+        >>> print(jbw.read_fleet("fleet.nc").identical(fleet))
+        True
+    """
     path = Path(path)
     try:
         write_tree(path, fleet)

@@ -79,6 +79,19 @@ def one_stage(
     Raises:
         ConfigError: Not as many studies as the population has units.
         DataError: A unit without a joint posterior, or with draws that have no logarithm.
+
+    Examples:
+        A thousand draws of the standard deviation between units come from all records at once:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> from dataclasses import replace
+        >>> asked = {"tests": ["noise_0p005V"], "repeats": 2, "fs": 128.0}
+        >>> units = jbw.rig.measure_fleet("laboratory", torques=[8.0], assemblies=3, **asked)
+        >>> studies = [jbw.identify(replace(unit, laws=()), quick=True) for unit in units]
+        >>> population = jbw.population_of(jbw.fleet_of(studies))
+        >>> draws = jbw.one_stage(studies, population)
+        >>> print(population.pooled.names, draws["tau"].shape)
+        ('omega_n', 'zeta') (1, 1000, 2)
     """
     units = measured_units(studies, population)
     report(messages.one_stage(len(units), NUM_SAMPLES))

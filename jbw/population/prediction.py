@@ -61,6 +61,19 @@ def new_units(
     Raises:
         ConfigError: A torque that is not positive.
         DataError: A torque where no trend with it is known.
+
+    Examples:
+        The frequency of new units scatters as that of the measured ones, about 118.1 rad/s:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> from dataclasses import replace
+        >>> asked = {"tests": ["noise_0p005V"], "repeats": 2, "fs": 128.0}
+        >>> units = jbw.rig.measure_fleet("laboratory", torques=[8.0], assemblies=3, **asked)
+        >>> studies = [jbw.identify(replace(unit, laws=()), quick=True) for unit in units]
+        >>> fleet = jbw.fleet_of(studies)
+        >>> new = jbw.new_units(jbw.population_of(fleet), fleet)
+        >>> print(sorted(new), f"{new['omega_n'].mean():.0f} rad/s")
+        ['gain', 'omega_n', 'zeta'] 118 rad/s
     """
     rng = np.random.default_rng(seed)
     target = new_coordinates(population, torque, rng, num)
@@ -104,6 +117,19 @@ def new_backbone(
     """99 % bands of a further unit's frequency and damping, to what every unit was driven to.
 
     Arguments and errors as of `jbw.new_units`.
+
+    Examples:
+        The median frequency of a new unit is near the 18.8 Hz of the virtual rig:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> from dataclasses import replace
+        >>> asked = {"tests": ["noise_0p005V"], "repeats": 2, "fs": 128.0}
+        >>> units = jbw.rig.measure_fleet("laboratory", torques=[8.0], assemblies=3, **asked)
+        >>> studies = [jbw.identify(replace(unit, laws=()), quick=True) for unit in units]
+        >>> fleet = jbw.fleet_of(studies)
+        >>> bands = jbw.new_backbone(jbw.population_of(fleet), fleet)
+        >>> print(f"{bands['frequency'].sel(quantile=0.5).values[0]:.1f} Hz")
+        18.8 Hz
     """
     y_peak = y_peak_of(fleet)
     y_peak = y_peak if np.isfinite(y_peak) else 1e-3

@@ -153,6 +153,22 @@ def updated(
         ConfigError: A float32 session, no record, or a run without its campaign.
         DataError: A run of other tests than free decays, or whose likelihood cannot be had again;
             a record of other channels, or shorter than those of the run.
+
+    Examples:
+        A fourth impact updates the posterior of three, whose damping ratio is 0.5 / 127.5:
+
+        >>> import jbw; jbw.enable_x64()
+        >>> import numpy as np
+        >>> t, rng = np.arange(1024) / 256.0, np.random.default_rng(0)
+        >>> decay, units = np.exp(-0.5 * t) * np.cos(127.5 * t), {"velocity": "m/s"}
+        >>> noisy = [decay + 3e-3 * rng.standard_normal(1024) for _ in range(4)]
+        >>> hits = [jbw.Record(256.0, {"velocity": v}, units, "hit") for v in noisy]
+        >>> test = jbw.Test("decay", tuple(hits[:3]), "hammer", band_hz=(15.0, 26.0))
+        >>> settings = {"sampler": "importance", "num_chains": 2, "num_samples": 200}
+        >>> study = jbw.identify(jbw.Campaign("beam", None, (test,), settings=settings, laws=()))
+        >>> tree = jbw.updated(study, hits[3:], num_particles=100, report=lambda sentence: None)
+        >>> print(f"{tree['posterior']['zeta'].mean().item():.2%}")
+        0.39%
     """
     require_float64()
     if study.campaign is None or not records:
