@@ -103,7 +103,7 @@ def sbc(
         Talts et al. (2018), arXiv:1804.06788; Modrak et al. (2023), Bayesian Analysis 20, 461.
 
     Examples:
-        The ranks of normal truths in posteriors of measurements with unit noise are uniform:
+        Truths of a standard normal prior, measured with unit noise, have uniform ranks:
 
         >>> import jbw; jbw.enable_x64()
         >>> import jax

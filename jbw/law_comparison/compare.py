@@ -149,10 +149,11 @@ def compare_laws(
         DataError: A campaign with nothing to fit.
 
     Examples:
-        Two sweeps reject a linear structure, for the joint slips:
+        The force loop of the virtual rig rejects a linear spring, for the joint slips:
 
         >>> import jbw; jbw.enable_x64()
-        >>> campaign = jbw.rig.measure(tests=["sweep_0p20V"], repeats=2, fs=256.0, noise_ratio=0.02)
+        >>> rig = jbw.rig.measure("mixed", tests=["pull_4p00mm"], repeats=2, fs=256.0)
+        >>> campaign = jbw.Campaign("joint", None, rig.tests)
         >>> found = jbw.compare_laws(campaign, ["bouc_wen", "linear"])
         >>> print(found.record["statements"][1])
         Significantly worse: linear.

@@ -6,7 +6,7 @@ where it is wrong. `equations()` lists them all. Names load on first use, and `i
 load this module.
 
 Examples:
-    The cubic stiffness of a joint, and the function of the first equation:
+    The cubic stiffness of a joint is a function of the paper, and a table lists all functions:
 
     >>> import jbw; jbw.enable_x64()
     >>> from jbw import paper

@@ -133,7 +133,7 @@ def population_of(
             that some units state and others do not.
 
     Examples:
-        Three assemblies of the virtual rig, which scatter about 118.1 rad/s, are pooled:
+        Three assemblies of the virtual rig, whose frequencies vary about 118.1 rad/s, are pooled:
 
         >>> import jbw; jbw.enable_x64()
         >>> from dataclasses import replace

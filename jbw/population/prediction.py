@@ -63,7 +63,7 @@ def new_units(
         DataError: A torque where no trend with it is known.
 
     Examples:
-        The frequency of new units scatters as that of the measured ones, about 118.1 rad/s:
+        The frequency of new units varies as that of the measured ones, about 118.1 rad/s:
 
         >>> import jbw; jbw.enable_x64()
         >>> from dataclasses import replace

@@ -155,17 +155,18 @@ def updated(
             a record of other channels, or shorter than those of the run.
 
     Examples:
-        A fourth impact updates the posterior of three, whose damping ratio is 0.5 / 127.5:
+        A fourth impact updates what three determine, a damping ratio of 0.5 / 127.5:
 
         >>> import jbw; jbw.enable_x64()
         >>> import numpy as np
-        >>> t, rng = np.arange(1024) / 256.0, np.random.default_rng(0)
+        >>> t, rng = np.arange(512) / 128.0, np.random.default_rng(0)
         >>> decay, units = np.exp(-0.5 * t) * np.cos(127.5 * t), {"velocity": "m/s"}
-        >>> noisy = [decay + 3e-3 * rng.standard_normal(1024) for _ in range(4)]
-        >>> hits = [jbw.Record(256.0, {"velocity": v}, units, "hit") for v in noisy]
+        >>> noisy = [decay + 3e-3 * rng.standard_normal(512) for _ in range(4)]
+        >>> hits = [jbw.Record(128.0, {"velocity": v}, units, "hit") for v in noisy]
         >>> test = jbw.Test("decay", tuple(hits[:3]), "hammer", band_hz=(15.0, 26.0))
-        >>> settings = {"sampler": "importance", "num_chains": 2, "num_samples": 200}
-        >>> study = jbw.identify(jbw.Campaign("beam", None, (test,), settings=settings, laws=()))
+        >>> exact = {"model_error": "none"}
+        >>> campaign = jbw.Campaign("beam", None, (test,), settings=exact, laws=())
+        >>> study = jbw.identify(campaign, quick=True)
         >>> tree = jbw.updated(study, hits[3:], num_particles=100, report=lambda sentence: None)
         >>> print(f"{tree['posterior']['zeta'].mean().item():.2%}")
         0.39%
