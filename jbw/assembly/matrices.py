@@ -109,7 +109,7 @@ def matrix_model(
             indefinite.
 
     Examples:
-        Two masses of 1 kg on springs of 1e4 N/m, with one degree of freedom each:
+        Two masses of 1 kg hang on springs of 1e4 N/m, with one degree of freedom each:
 
         >>> import jbw
         >>> import numpy as np

@@ -124,7 +124,7 @@ def new_prediction(
         DataError: A torque where no trend with it is known, or a source that no gain is known for.
 
     Examples:
-        The band of a new unit contains the noise test of a measured one:
+        The band of a new unit contains the noise test of a measured unit:
 
         >>> import jbw; jbw.enable_x64()
         >>> from dataclasses import replace
